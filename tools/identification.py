@@ -23,12 +23,14 @@ import pinocchio as pin
 
 import armgpi
 from armgpi.arrays import Array
-from armgpi.errors import ParameterError
+from armgpi.errors import ParameterError, UnfitLog
+from armgpi.gpi.two_mass import Gears, free_modes
 from armgpi.health.zoo import fingers
 from armgpi.identification.arm import Identified, identify
 from armgpi.identification.estimate import expect
 from armgpi.identification.excitation import FIRST_SHARE, excite
 from armgpi.identification.logs import Log
+from armgpi.identification.resonance import shake
 from armgpi.identification.weak_form import BODY, COLUMNS, COULOMB, ROTOR, VISCOUS, inverse_rows
 from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.plants import noise
@@ -289,6 +291,63 @@ def measure_first(name: str, count: int, seed: int) -> dict[str, Any]:
     }
 
 
+def measure_resonance(name: str, count: int, seed: int) -> dict[str, Any]:
+    """Return how well the first mode is found, of 3 to 30 Hz, encoders at motors and links in turn.
+
+    The arm is moved by ``excite --first`` and identified, and shaken under the law for what was found; both
+    logs end where a joint is off by 0.2. Shorter than the turn of a joint, a log counts as lost.
+    """
+    robot, off, inside, lost, sides = armgpi.Robot.load(name, lock=fingers(name)), [], 0, [], 0
+    for i in range(count):
+        arm, rng, side = (
+            truth(robot, seed + i),
+            np.random.default_rng((seed + i, 5)),
+            ("link", "motor")[i % 2],
+        )
+        mode = float(3.0 * 10.0 ** rng.uniform())
+        links = arm.mass_matrix(arm.middle()) - np.diag(arm.armature)
+        stiffness = arm.armature * np.exp(rng.uniform(-0.5, 0.5, arm.n))
+        stiffness *= (mode / free_modes(links, Gears(arm.armature, stiffness))[0]) ** 2
+        plant: Any = armgpi.ElasticPlant(
+            arm, gear_stiffness=stiffness, friction=arm.friction, encoder_side=side
+        )
+        plant = TorqueNoise(plant, std=0.005 * scales(robot).effort, seed=seed + i)
+        plant = armgpi.Delayed(armgpi.Encoder(armgpi.Saturated(plant, robot.limits.effort), 16), 1)
+        try:
+            first = follow(robot, plant, excite(robot, 20.0, FIRST_SHARE, 1).reference)
+            found = identify(first, robot, check_first=False)
+            gears = found.with_resonance(follow(found.robot, plant, shake(found.robot).reference)).gears
+        except UnfitLog:
+            lost.append(f"{side} {mode:.3g} Hz")
+            continue
+        assert gears is not None
+        off.append(abs(gears.mode[0] / mode - 1.0))
+        inside += int(gears.mode[1] <= mode <= gears.mode[2])
+        sides += gears.side == side
+    return {
+        "arm": name,
+        "case": "resonance",
+        "truths": count,
+        "not_held": ", ".join(lost) or "none",
+        "mode_median": float(np.median(off)),
+        "mode_largest": max(off),
+        "within_10": int((np.array(off) < 0.1).sum()),
+        "intervals_hold": inside,
+        "sides_found": sides,
+    }
+
+
+def follow(known: armgpi.Robot, plant: Any, reference: Any) -> Log:
+    """Return the log of an elastic arm under the law for what is known, until a joint is off by 0.2."""
+    law = armgpi.GPI.untuned(armgpi.believe_drives(known), DT, delay=DT, bits=16)
+    run = armgpi.simulate(plant, law, reference, reference.t_end, progress=False, backend="compiled")
+    q, tau = run["q_measured"].values, run["tau_command"].values
+    there = (np.abs(q - run["q_ref"].values) < 0.2).all(axis=1)
+    end = len(q) if there.all() else int(np.argmin(there))
+    limit = known.limits.effort
+    return Log(run["time"].values[:end], q[:end], np.clip(tau[:end], -limit, limit), "truth")
+
+
 def summary(name: str, case: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Return medians, tails and coverage over truths."""
 
@@ -322,7 +381,7 @@ def summary(name: str, case: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
 def main() -> None:
     """Measure and print, one line for each arm and case."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("cases", nargs="+", choices=[*sorted(CASES), "load", "first"])
+    parser.add_argument("cases", nargs="+", choices=[*sorted(CASES), "load", "first", "resonance"])
     parser.add_argument("--arms", nargs="+", default=["panda", "ur5", "anthropomorphic3"])
     parser.add_argument("--count", type=int, default=20)
     parser.add_argument("--seed", type=int, default=100)
@@ -332,7 +391,7 @@ def main() -> None:
     found = []
     for name in given.arms:
         for case in given.cases:
-            own = {"load": measure_load, "first": measure_first}
+            own = {"load": measure_load, "first": measure_first, "resonance": measure_resonance}
             row = (
                 own[case](name, given.count, given.seed)
                 if case in own

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import warnings
-from contextlib import suppress
 from itertools import islice, product
 from typing import Any, NamedTuple
 
@@ -21,7 +20,6 @@ import numpy as np
 import armgpi
 from armgpi import config
 from armgpi.arrays import Array
-from armgpi.errors import ParameterError
 from armgpi.health import reality as health
 from armgpi.identification.arm import identify, mean_inertia
 from armgpi.identification.excitation import FIRST_SHARE, excite
@@ -61,19 +59,10 @@ def run(draw: Draw, nominal: armgpi.Robot, reference: Any, t_final: float) -> An
     return armgpi.simulate(every.plant, law, reference, t_final, progress=False, backend="compiled")
 
 
-def move(nominal: armgpi.Robot, share: float, seed: int) -> Any:
-    """Return a motion with that share of the limits, or with the least one that holds the arm."""
-    for each in sorted({share, 0.5, 0.7, 1.0}):
-        with suppress(ParameterError):
-            if each >= share:
-                return excite(nominal, SECONDS, each, seed).reference
-    raise ParameterError("share", 1.0, "motors that hold the arm")
-
-
 def record(draw: Draw, nominal: armgpi.Robot, share: float, seed: int) -> Log:
     """Return the log of a motion until a joint is off by :data:`CUT`; without the draw's disturbance."""
     still = draw._replace(torque_step=0.0 * draw.torque_step)
-    motion = move(nominal, share, seed)
+    motion = excite(nominal, SECONDS, share, seed).reference
     rollout = run(still, nominal, motion, SECONDS)
     q, tau = rollout["q_measured"].values, rollout["tau_command"].values
     off = ~(np.abs(q - rollout["q_ref"].values) < CUT).all(axis=1)

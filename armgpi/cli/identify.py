@@ -12,12 +12,13 @@ from armgpi.cli import options as opt
 from armgpi.cli.certify import load_arm
 from armgpi.cli.parsing import is_experiment, per_joint, stoppable
 from armgpi.cli.terminal import console, natural_width, say
+from armgpi.errors import ParameterError
 
 _Logs = Annotated[
     list[Path],
     typer.Argument(
         metavar="LOG...",
-        help="Logs of one arm: .armlog, CSV with time, q_JOINT and tau_JOINT, or a rollout (NetCDF).",
+        help="Logs of one arm: .armlog, CSV with time, q_JOINT and tau_JOINT, MCAP, or a rollout (NetCDF).",
         show_default=False,
     ),
 ]
@@ -41,13 +42,40 @@ _Current = Annotated[
         help="Torque constants at the joints [N m/A], for logs with currents as tau, such as 'j1=10,j2=12'.",
     ),
 ]
+_Resonance = Annotated[
+    Path | None,
+    typer.Option(metavar="LOG", help="A log of excite --resonance: stiffness of the gears, first mode."),
+]
+_Load = Annotated[
+    Path | None, typer.Option(metavar="LOG", help="A log of the same arm with a load at its tip: what it is.")
+]
+_Columns = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAMES",
+        help="What columns of CSV files are called: 'time=t,q=pos_JOINT,tau=i_NUMBER' (from 1).",
+    ),
+]
+_Shake = Annotated[
+    bool,
+    typer.Option(
+        "--resonance", metavar=opt.FLAG, help="Joint by joint, 2 to 60 Hz, in a few degrees: shows the gears."
+    ),
+]
+_Box = Annotated[
+    str | None,
+    typer.Option(metavar="NUMBERS", help="Two corners of a box that links stay out of: x,y,z,x,y,z [m]."),
+]
 _Anyway = Annotated[
     bool, typer.Option("--anyway", metavar=opt.FLAG, help="Fit although the check before it fails.")
 ]
 _Seconds = Annotated[float, typer.Option(metavar="SECONDS", help="How long the motion is.")]
 _Share = Annotated[
     float | None,
-    typer.Option(metavar="NUMBER", help="Share of the limits of speed and torque; 0.7, or 0.25 for --first."),
+    typer.Option(
+        metavar="NUMBER",
+        help="Share of the limits of speed and torque; 0.7, 0.25 for --first, 0.3 for --resonance.",
+    ),
 ]
 _First = Annotated[
     bool,
@@ -71,6 +99,9 @@ def identify(
     validate: _Validate = None,
     no_gravity: _NoGravity = False,
     current: _Current = None,
+    columns: _Columns = None,
+    resonance: _Resonance = None,
+    load: _Load = None,
     anyway: _Anyway = False,
     lock: opt.Lock = None,
     keep: opt.Keep = None,
@@ -90,21 +121,31 @@ def identify(
     from rich.table import Table
 
     from armgpi.identification.arm import identify as identified
-    from armgpi.identification.text import lines, tabulate
+    from armgpi.identification.text import lines, say_load, tabulate
     from armgpi.identification.writing import write_identified
 
     arm = load_arm(robot, {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair}, None, None)
     constants = None if current is None else per_joint(current, "--current")
-    found = identified(logs, arm, gravity=not no_gravity, check_first=not anyway, current=constants)
+    found = identified(
+        logs,
+        arm,
+        gravity=not no_gravity,
+        check_first=not anyway,
+        current=constants,
+        columns=_names(columns),
+    )
+    carried = None if load is None else found.load(load, check_first=not anyway)
+    if resonance is not None:
+        found = found.with_resonance(resonance)
     validation = None if validate is None else found.validate(validate)
-    written = write_identified(found, out, validation)
+    written = write_identified(found, out, validation, carried)
     texts = {path.name: path.read_text(encoding="utf-8") for path in written}
     if report is not None:
         files.write(report, texts["report.html"])
     if as_json:
         say(texts["identification.json"], lines=True)
     else:
-        say(lines(found, validation), lines=True)
+        say(lines(found, validation, [] if carried is None else [say_load(carried)]), lines=True)
         head, rows = tabulate(found, validation)
         table = Table(*head)
         for row in rows:
@@ -115,13 +156,39 @@ def identify(
     say(f"wrote {', '.join(path.name for path in written)} in {out}", err=True)
 
 
+def _names(text: str | None) -> dict[str, str]:
+    """Return what columns are called."""
+    pairs = [each.partition("=") for each in (text or "").split(",") if each]
+    wanted = ("time", "q", "tau")
+    if any(key.strip() not in wanted or not name.strip() for key, _, name in pairs):
+        raise ParameterError(
+            "--columns", text, "time, q and tau with names, such as 'time=t,q=pos_JOINT,tau=i_NUMBER'"
+        )
+    return {key.strip(): name.strip() for key, _, name in pairs}
+
+
+def _corners(text: str | None) -> list[list[float]] | None:
+    """Return the corners of a box."""
+    if text is None:
+        return None
+    try:
+        numbers = [float(each) for each in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 6:
+        raise ParameterError("--box", text, "two corners in the base's frame [m]: x,y,z,x,y,z")
+    return [numbers[:3], numbers[3:]]
+
+
 @stoppable
 def excite(
     robot: opt.Arm,
     seconds: _Seconds = 20.0,
     share: _Share = None,
     first: _First = False,
+    resonance: _Shake = False,
     floor: _Floor = None,
+    box: _Box = None,
     seed: _Seed = 0,
     lock: opt.Lock = None,
     keep: opt.Keep = None,
@@ -139,12 +206,16 @@ def excite(
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.identification.excitation import FIRST_SHARE
     from armgpi.identification.excitation import excite as excited
+    from armgpi.identification.resonance import SHAKEN, shake
     from armgpi.identification.writing import experiment_files
 
     how: dict[str, Any] = {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair}
     arm = load_arm(robot, how, None, drives)
-    given = share if share is not None else (FIRST_SHARE if first else 0.7)
-    motion = excited(arm, seconds, given, seed, floor)
+    usual = SHAKEN if resonance else FIRST_SHARE if first else 0.7
+    given = usual if share is None else share
+    motion = (
+        shake(arm, given, seed) if resonance else excited(arm, seconds, given, seed, floor, _corners(box))
+    )
     folder = files.make_folder(out)
     source = str(arm.provenance["source"]) if is_experiment(robot) else robot
     if is_experiment(robot):
@@ -158,7 +229,7 @@ def excite(
     say(f"torque over its limit, for rotors up to four times the believed ones [%]: {efforts}")
     say(
         "It knows no obstacles"
-        + ("." if floor is None else " but the floor.")
+        + ("." if floor is None and box is None else " but the floor." if box is None else " but the box.")
         + " Look at it before it runs."
     )
     say(f"wrote {', '.join(path.name for path in written)} in {out}", err=True)

@@ -16,11 +16,13 @@ from armgpi.identification.check import Finding, check, check_fit, refuse
 from armgpi.identification.estimate import Block, Fit, Prior
 from armgpi.identification.logs import Grid, Log, read_log, resample
 from armgpi.identification.posterior import Posterior, with_parameters
+from armgpi.identification.resonance import Gears, find_gears
 from armgpi.identification.weak_form import (
     BODY,
     COLUMNS,
     COULOMB,
     OFFSET,
+    ROTOR,
     VISCOUS,
     WeakForm,
     inverse_rows,
@@ -46,6 +48,9 @@ _SEEN = 5e-3
 #: share, and one of that of Coulomb friction.
 FRICTIONS: Mapping[str, float] = {"load": 0.2, "stribeck": 0.5}
 _STRIBECK = 0.05
+#: A motor that turns with its neighbour's joint, as those of wrists do, is taken where it explains so much of
+#: what is left of either joint; what it has then, each beside its own.
+_COUPLED, MOTOR = 0.3, ("rotor", "viscous", "coulomb")
 #: What is estimated of drives -> its name there; and the share learned from which it is measured.
 _DRIVES, _DECIDED = {"rotor": "rotor_inertia", "coulomb": "coulomb", "viscous": "viscous"}, 0.5
 #: Half width of a 95 % interval in standard deviations.
@@ -108,6 +113,8 @@ class Validation(NamedTuple):
         identified: residual over torque of the identified arm, (n,) [-].
         file: the same of the file's arm.
         times: of the moments [s], (k,).
+        position: of the joints then [rad or m], (k, n).
+        velocity: likewise [rad/s or m/s], (k, n).
         torque: measured mean torques, gravity and all [N m or N], (k, n).
         predicted: what the identified arm predicts, (k, n).
     """
@@ -116,6 +123,8 @@ class Validation(NamedTuple):
     identified: Array
     file: Array
     times: Array
+    position: Array
+    velocity: Array
     torque: Array
     predicted: Array
 
@@ -132,10 +141,20 @@ class Identified:
         findings: what the check before the fit remarked.
         residuals: residual over torque on the logs themselves, (n,) [-].
         sources: where the logs came from.
+        dt: sample time of the first log [s].
+        gears: their stiffness and the first mode, where a log of a multisine was given; else None.
     """
 
-    def __init__(self, data: _Data, fitted: Fit, prior: Prior, findings: Sequence[Finding]) -> None:
+    def __init__(
+        self,
+        data: _Data,
+        fitted: Fit,
+        prior: Prior,
+        findings: Sequence[Finding],
+        gears: Gears | None = None,
+    ) -> None:
         """Take over a regression; users call :func:`identify`."""
+        self.gears = gears
         self._data, self._fit, self._prior = data, fitted, prior
         self.file, self.findings = data.robot, tuple(findings)
         self.theta = prior.mean + prior.std * fitted.physical
@@ -145,6 +164,7 @@ class Identified:
         self.lag_std = frozen(np.broadcast_to(self._std[-data.lags :], data.robot.n))
         self.width = frozen(data.width)
         self.sources = tuple(data.sources)
+        self.dt = data.grids[0].dt
         self.robot = data.robot
         self.robot = with_parameters(data.robot, self.theta[:joints]).with_drives(self.drives)
         self.residuals = frozen(_shares(fitted.residuals, data.torques(self.lag)))
@@ -157,20 +177,33 @@ class Identified:
 
     @property
     def drives(self) -> Drives:
-        """Rotor inertia and friction with their intervals: "measured" where the log decided them."""
+        """Rotors, friction and gears with their intervals: "measured" where the logs decided them."""
         drives = self.file.drives
         for row in self.table():
             if name := _DRIVES.get(row.quantity):
                 source = "measured" if row.learned > _DECIDED else "believed"
                 value, low, high = ({row.joint: x} for x in (row.value, row.lower, row.upper))
                 drives = drives.with_value(name, value, low, high, source)
-        return drives
+        return drives if self.gears is None else self.gears.add_to(drives)
+
+    def with_resonance(self, log: Any) -> Identified:
+        """Return the same with the gears that a log of ``armgpi excite --resonance`` shows.
+
+        Args:
+            log: of the same arm, see :func:`identify`.
+
+        Raises:
+            UnfitLog: when it shows no joint's multisine.
+        """
+        gears = find_gears(self.robot, self._data.read(log), self.lag, self._data.gravity)
+        return Identified(self._data, self._fit, self._prior, self.findings, gears)
 
     def table(self, bodies: bool = False) -> list[Estimate]:
         """Return the estimates of every joint: drives, offset and lag, and those of its body if asked for.
 
-        Friction that grows with the load ("load", a share of the gravity torque) or towards rest ("stribeck")
-        is there where the data ask for it.
+        Where the data ask for it there are friction that grows with the load ("load", a share of the gravity
+        torque) or towards rest ("stribeck"), and what a motor has that turns with another joint as well
+        ("rotor with wrist_1", ...).
         """
         names = self.robot.joint_names
         rows = []
@@ -181,6 +214,13 @@ class Identified:
             for k, (kind, asked) in enumerate(self._data.frictions.items()):
                 if asked[i]:
                     rows.append(self._estimate(joint, kind, (len(COLUMNS) + k) * len(names) + i))
+            for k, (one, other, _) in enumerate(self._data.coupled):
+                place = (len(COLUMNS) + len(self._data.frictions)) * len(names) + k * len(MOTOR)
+                rows += [
+                    self._estimate(joint, f"{kind} with {names[one]}", place + m)
+                    for m, kind in enumerate(MOTOR)
+                    if other == i
+                ]
             place = len(self.theta) - self._data.lags + min(i, self._data.lags - 1)
             rows.append(self._estimate(joint, "lag", place))
         return rows
@@ -258,8 +298,16 @@ class Identified:
 
     def validate(self, log: Any) -> Validation:
         """Return how well the arm predicts the torques of a log that it has not seen."""
-        data = self._data.with_logs([log])
-        (block,) = data.blocks(self.lag)
+        return self._judge(self._data.with_logs([log]))
+
+    @property
+    def replayed(self) -> Validation:
+        """How well it predicts the torques of the first log that it was fitted to."""
+        return self._judge(self._data)
+
+    def _judge(self, data: _Data) -> Validation:
+        """Return how well the arm predicts the torques of the first of some logs."""
+        block, form = data.blocks(self.lag)[0], data.forms[0]
         weight = block.rows[0, 0, OFFSET]
         moments = block.torque - block.rows[..., -data.lags :] @ self.theta[-data.lags :]
         torque = np.where(block.valid, moments, np.nan)
@@ -267,9 +315,10 @@ class Identified:
             block.rows[..., : -data.lags] @ x[: -data.lags] for x in (self.theta, self._prior.mean)
         )
         shares = [_shares([torque - x], [torque]) for x in (predicted, expected)]
-        times = data.forms[0].times
-        own, file = shares
-        return Validation(data.sources[0], own, file, times, torque / weight, predicted / weight)
+        middle = np.rint(form.times / data.grids[0].dt).astype(np.intp)
+        motion = form.times, form.position[middle], form.velocity[middle]
+        identified, file = shares
+        return Validation(data.sources[0], identified, file, *motion, torque / weight, predicted / weight)
 
     def _estimate(self, joint: str, quantity: str, place: int) -> Estimate:
         """Return one unknown; what cannot be negative has an interval that is not."""
@@ -298,6 +347,7 @@ def identify(
     gravity: bool = True,
     check_first: bool = True,
     current: PerJointInput | None = None,
+    columns: Mapping[str, str] | None = None,
 ) -> Identified:
     """Return the arm that made a log of measured positions and commanded torques.
 
@@ -314,6 +364,7 @@ def identify(
         check_first: whether a log that fails a check, before the fit or of it, is refused.
         current: torque at the joint for a unit of what is logged [N m/A or N/A], where that is currents: a
             number, (n,), or joint -> number. A wrong one is not seen: it makes a heavier or lighter arm.
+        columns: what the columns of CSV files are called, see :func:`~armgpi.identification.logs.read_log`.
 
     Raises:
         UnfitLog: when a log does not pass the check; it says what the arm must do.
@@ -326,7 +377,7 @@ def identify(
     check_type(check_first, "check_first", bool, "True or False")
     several = isinstance(logs, (list, tuple)) and not isinstance(logs, Log)
     scale = 1.0 if current is None else quantity(current, "current", robot.joint_names)
-    data = _Data(robot, gravity, scale).with_logs(list(logs) if several else [logs])
+    data = _Data(robot, gravity, scale, columns).with_logs(list(logs) if several else [logs])
     if not data.forms:
         raise ParameterError("logs", logs, "at least one log")
     findings = data.findings(len(data.grids))
@@ -335,6 +386,7 @@ def identify(
     lag = _settle(data, np.zeros(robot.n))
     data.width = _choose_widths(data, lag)
     _choose_frictions(data, lag)
+    _choose_couplings(data, lag)
     lag = _settle(data, lag)
     fitted, prior = _with_lags(data, lag)
     found = Identified(data, fitted, prior, findings)
@@ -346,7 +398,13 @@ def identify(
 class _Data:
     """The moments of some logs of one arm."""
 
-    def __init__(self, robot: Robot, gravity: bool, scale: Array | float = 1.0) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        gravity: bool,
+        scale: Array | float = 1.0,
+        columns: Mapping[str, str] | None = None,
+    ) -> None:
         """Begin without logs.
 
         Raises:
@@ -355,12 +413,14 @@ class _Data:
         if robot.coupling is not None:
             raise ParameterError("robot", robot, "a robot whose joints follow no others (mimic='lock')")
         self.robot, self.gravity, self.scale, self.lags = robot, gravity, scale, 1
+        self.columns = columns
         self.model = robot.pinocchio_model()
         if not gravity:
             self.model.gravity = pin.Motion.Zero()
         self.expected = estimate.expect(robot)
         self.width = np.full(robot.n, _FIRST_WIDTH)
         self.frictions: dict[str, npt.NDArray[np.bool_]] = {}
+        self.coupled: list[tuple[int, int, float]] = []  # joints, and which way the motor of the second turns
         self.heavy = robot  # whose gravity is the load of the gears
         self.grids: list[Grid] = []
         self.forms: list[WeakForm] = []
@@ -373,12 +433,12 @@ class _Data:
         Raises:
             UnfitLog: for one that is too short for a single moment.
         """
-        other = _Data(self.robot, self.gravity, self.scale)
+        other = _Data(self.robot, self.gravity, self.scale, self.columns)
         other.width, other.lags, other.frictions = self.width, self.lags, self.frictions
-        other.heavy = self.heavy
+        other.heavy, other.coupled = self.heavy, self.coupled
         for each in logs:
-            log = read_log(each, self.robot)
-            grid = resample(log._replace(tau=self.scale * log.tau))
+            log = self.read(each)
+            grid = resample(log)
             other.grids.append(grid)
             other.forms.append(WeakForm(self.model, grid))
             if not len(other.forms[-1].starts):
@@ -386,6 +446,11 @@ class _Data:
             other.phases.append(_phases(grid, other.forms[-1]))
             other.sources.append(log.source)
         return other
+
+    def read(self, log: Any) -> Log:
+        """Return a log with torques."""
+        there = read_log(log, self.robot, columns=self.columns)
+        return there._replace(tau=self.scale * there.tau)
 
     def join(self, logs: Sequence[Any]) -> _Data:
         """Return the same with more logs."""
@@ -422,6 +487,8 @@ class _Data:
         coulomb = self.expected.std.reshape(self.robot.n, -1)[:, COULOMB]
         sizes = {"load": np.ones(self.robot.n), "stribeck": coulomb}
         stds = [FRICTIONS[name] * sizes[name] for name in self.frictions]
+        own = self.expected.std.reshape(self.robot.n, -1)[:, [ROTOR, VISCOUS, COULOMB]]
+        stds += [own[j] for _, j, _ in self.coupled]
         return estimate.extend(self.expected, np.concatenate([*stds, estimate.lag_std(self.lags)]))
 
     def blocks(self, lag: Array, width: Array | None = None) -> list[Block]:
@@ -439,10 +506,22 @@ class _Data:
                 np.eye(n) * (asked * self._friction(form, name, width))[:, None]
                 for name, asked in self.frictions.items()
             ]
+            more += [self._coupling(form, width, *each) for each in self.coupled]
             whole = np.concatenate([rows.reshape(len(torque), n, -1), *more, lagged], axis=-1)
             valid = form.moving(_STILL)
             found.append(Block(whole, torque - slope * lag, valid, phase))
         return found
+
+    def _coupling(self, form: WeakForm, width: Array, one: int, other: int, sign: float) -> Array:
+        """Return the moments of a motor that turns with two joints, beside its own: (k, n, 3)."""
+        rows = np.zeros((len(form.starts), self.robot.n, len(MOTOR)))
+        for i, j in ((one, other), (other, one)):
+            rows[:, i, :2] = sign * form.rows[:, j, j][:, [ROTOR, VISCOUS]]
+        both = form.signs(
+            np.full(1, width[other]), 1.0, form.velocity[:, [other]] + sign * form.velocity[:, [one]]
+        )
+        rows[:, [one, other], 2] = both * np.array([sign, 1.0])
+        return rows
 
     def _friction(self, form: WeakForm, name: str, width: Array) -> Array:
         """Return the moments of a friction that is there where the data ask for it, (k, n)."""
@@ -490,6 +569,23 @@ def _choose_frictions(data: _Data, lag: Array) -> None:
             del data.frictions[name]
         else:
             left = _power(estimate.fit(data.blocks(lag), data.prior, physical=False))
+
+
+def _choose_couplings(data: _Data, lag: Array) -> None:
+    """Find motors that turn with the joint before theirs as well, the one that explains most first."""
+    fitted = estimate.fit(data.blocks(lag), data.prior, physical=False)
+    left, seen = _power(fitted), _shares(fitted.residuals, data.torques(lag)) > _SEEN
+    known = list(data.coupled)
+    tried: dict[tuple[int, int, float], Array] = {}
+    for i in range(data.robot.n - 1):
+        for sign in (1.0, -1.0) if seen[i : i + 2].any() else ():
+            data.coupled = [*known, (i, i + 1, sign)]
+            less = _power(estimate.fit(data.blocks(lag), data.prior, physical=False))
+            tried[i, i + 1, sign] = (less / left)[i : i + 2]
+    best = min(tried, key=lambda each: float(tried[each].min()), default=None)
+    data.coupled = known
+    if best is not None and tried[best].min() < 1.0 - _COUPLED:
+        data.coupled = [*known, best]
 
 
 def _with_lags(data: _Data, lag: Array) -> tuple[Fit, Prior]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,6 +14,7 @@ import numpy.typing as npt
 from armgpi.arrays import Array, as_sized_array, check_path, check_type
 from armgpi.errors import ArrayError, NameNotFound, ParameterError, UnreadableTrajectory
 from armgpi.loop.log import ENDING, ArmLog, read
+from armgpi.references.recorded import joint_states
 from armgpi.robot.robot import Robot
 
 #: A log's times may differ from a uniform grid by this share of a sample before it is interpolated.
@@ -21,8 +23,37 @@ _JITTER = 0.01
 _GAP, _LEAST_GAP = 5.0, 0.02
 #: Fewest samples of a log.
 _FEWEST = 20
-#: Columns of a CSV file: a prefix and the joint's name.
-_PREFIXES = {"q": "q_", "tau": "tau_"}
+#: What columns of a CSV file are called; JOINT is its name, and NUMBER its number, from 1.
+_COLUMNS = {
+    "time": ("time", "t", "timestamp", "stamp"),
+    "q": (
+        "q_JOINT",
+        "position_JOINT",
+        "pos_JOINT",
+        "JOINT_position",
+        "JOINT_pos",
+        "JOINT.position",
+        "JOINT/position",
+    ),
+    "tau": (
+        "tau_JOINT",
+        "torque_JOINT",
+        "effort_JOINT",
+        "JOINT_torque",
+        "JOINT_effort",
+        "JOINT.effort",
+        "JOINT/effort",
+        "current_JOINT",
+    ),
+}
+#: Units that may follow a column's name in brackets, in SI units.
+_UNITS = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9},
+    "q": {"rad": 1.0, "deg": np.pi / 180.0, "°": np.pi / 180.0, "m": 1.0, "mm": 1e-3},
+    "tau": {"Nm": 1.0, "N": 1.0, "A": 1.0, "kNm": 1e3, "kN": 1e3, "mNm": 1e-3, "Nmm": 1e-3, "mA": 1e-3},
+}
+#: Topics of an MCAP file that are looked at in turn: those of armgpi's own, and ROS's.
+_TOPICS = ("measured", "/joint_states", "joint_states")
 #: Larger files are no logs [bytes].
 _MOST_BYTES = 1 << 30
 
@@ -61,15 +92,18 @@ class Grid(NamedTuple):
     bad: npt.NDArray[np.bool_]
 
 
-def read_log(log: Any, robot: Robot, rollout: int = 0) -> Log:
+def read_log(log: Any, robot: Robot, rollout: int = 0, columns: Mapping[str, str] | None = None) -> Log:
     """Return a checked log of an arm.
 
     Args:
         log: a :class:`Log`; a rollout, whose measured positions and commanded torques are taken until it
-            ends; a log of an arm (:mod:`armgpi.loop.log`) or its path; or the path of a CSV file with the
-            columns ``time`` [s], ``q_<joint>`` and ``tau_<joint>``, or of a NetCDF file with a rollout.
+            ends; a log of an arm (:mod:`armgpi.loop.log`) or its path; or the path of a NetCDF file with a
+            rollout, of an MCAP file with positions and efforts of joint states, or of a CSV file with the
+            columns ``time`` [s], ``q_<joint>`` and ``tau_<joint>``, or others with units such as ``[deg]``.
         robot: whose joints they are.
         rollout: which one of several.
+        columns: "time", "q" and "tau" -> what columns of a CSV file are called: JOINT is a joint's name, and
+            NUMBER its number from 1.
 
     Raises:
         ArrayError: for other shapes, numbers that are not finite, or times that do not increase.
@@ -79,13 +113,13 @@ def read_log(log: Any, robot: Robot, rollout: int = 0) -> Log:
     """
     check_type(robot, "robot", Robot, "a Robot")
     if isinstance(log, (str, Path)):
-        log = _read_file(check_path(log, "log"), robot, rollout)
+        log = _read_file(check_path(log, "log"), robot, rollout, columns)
     if isinstance(log, ArmLog):
         log = _of_arm_log(log, robot)
     if hasattr(log, "data_vars"):
         log = _of_rollout(log, robot, rollout)
     if not isinstance(log, Log):
-        raise ParameterError("log", log, "a Log, a rollout or the path of a CSV or NetCDF file")
+        raise ParameterError("log", log, "a Log, a rollout or the path of a CSV, NetCDF or MCAP file")
     t, q, tau = (as_sized_array(getattr(log, name), f"{log.source}: {name}") for name in ("t", "q", "tau"))
     if t.ndim != 1 or len(t) < _FEWEST or not (np.diff(t) > 0.0).all():
         raise ArrayError(f"{log.source}: t", f"expected at least {_FEWEST} increasing times [s]")
@@ -144,7 +178,7 @@ def _of_arm_log(there: ArmLog, robot: Robot) -> Log:
     return Log(there.t[good], rows["q_measured"][good], tau[good], there.source)
 
 
-def _read_file(path: Path, robot: Robot, rollout: int) -> Any:
+def _read_file(path: Path, robot: Robot, rollout: int, columns: Mapping[str, str] | None) -> Any:
     """Return the log, or the rollout, in a file."""
     try:
         if path.stat().st_size > _MOST_BYTES:
@@ -155,6 +189,8 @@ def _read_file(path: Path, robot: Robot, rollout: int) -> Any:
             from armgpi.loop.rollout import load
 
             return _of_rollout(load(path), robot, rollout)._replace(source=str(path))
+        if path.suffix.lower() == ".mcap":
+            return _of_states(path, robot)
         with path.open(encoding="utf-8-sig") as file:
             head = [name.strip() for name in file.readline().split(",")]
             with warnings.catch_warnings():  # of no rows, which is said below
@@ -174,16 +210,52 @@ def _read_file(path: Path, robot: Robot, rollout: int) -> Any:
         raise UnreadableTrajectory(
             path, f"line {line + 2}: {head[column]} is no finite number; cut the log there"
         )
-    arrays = {key: _columns(path, head, table, prefix, robot) for key, prefix in _PREFIXES.items()}
-    times = _columns(path, head, table, "", ("time",))[:, 0]
-    return Log(times, arrays["q"], arrays["tau"], str(path))
+    arrays = {key: _columns(path, head, table, key, robot, columns or {}) for key in _COLUMNS}
+    return Log(arrays["time"][:, 0], arrays["q"], arrays["tau"], str(path))
 
 
-def _columns(path: Path, head: list[str], table: Array, prefix: str, robot: Robot | Sequence[str]) -> Array:
-    """Return the columns of joints, or of other names, in their order."""
-    names = [prefix + name for name in (robot.joint_names if isinstance(robot, Robot) else robot)]
-    for name in names:
-        if name not in head:
-            raise NameNotFound(f"column in {path}", name, head)
-    columns: Array = table[:, [head.index(name) for name in names]]
-    return columns
+def _columns(
+    path: Path, head: list[str], table: Array, key: str, robot: Robot, columns: Mapping[str, str]
+) -> Array:
+    """Return the columns of the joints, or of time, in SI units and in their order."""
+    parts = [re.fullmatch(r"(.*?)\s*(?:\[(.*)\])?", name) for name in head]
+    names = [part[1] if part else "" for part in parts]
+    units = [(part[2] if part else "") or "" for part in parts]
+    joints = ["time"] if key == "time" else robot.joint_names
+    given = [columns[key]] if key in columns else _COLUMNS[key]
+    forms = [
+        [form.replace("NUMBER", str(i + 1)).replace("JOINT", x) for i, x in enumerate(joints)]
+        for form in given
+    ]
+    # Of several the one that most joints have; where none has all, the message names the first.
+    wanted = max(forms, key=lambda each: sum(name in names for name in each))
+    factors = []
+    for name in wanted:
+        if name not in names:
+            raise NameNotFound(f"column in {path} (or say what it is called by columns)", name, names)
+        unit = re.sub(r"[\s·*]", "", units[names.index(name)])
+        if unit and unit not in _UNITS[key]:
+            raise UnreadableTrajectory(path, f"{name} is in {unit!r}, expected {', '.join(_UNITS[key])}")
+        factors.append(_UNITS[key].get(unit, 1.0))
+    found: Array = table[:, [names.index(name) for name in wanted]] * np.array(factors)
+    return found
+
+
+def _of_states(path: Path, robot: Robot) -> Log:
+    """Return positions and efforts of the joint states of an MCAP file."""
+    failed: UnreadableTrajectory | None = None
+    for topic in _TOPICS:
+        try:
+            states = joint_states(path, topic, ("position", "effort"))
+        except UnreadableTrajectory as error:
+            failed = failed or error if "no message" in str(error) else error
+            continue
+        for name in robot.joint_names:
+            if name not in states["position"]:
+                raise NameNotFound(f"joint in {path}", name, [x for x in states["position"] if x])
+        q, tau = (np.stack([each[name] for name in robot.joint_names], axis=-1) for each in states.values())
+        good = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
+        times = states["position"][""]
+        return Log(times[good] - times[:1], q[good], tau[good], str(path))
+    assert failed is not None
+    raise failed

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.identification.arm import Estimate, Identified, Validation
+from armgpi.errors import ArmgpiError
+from armgpi.gpi.law import GPI
+from armgpi.gpi.untuned import BITS, verdict
+from armgpi.identification.arm import Estimate, Identified, Load, Validation
 from armgpi.identification.estimate import is_supposed
 from armgpi.robot.robot import Robot
+from armgpi.robot.rotors import believe_gears
 
 #: Residual over torque up to which a model is good enough to control by, and from which it explains little.
 _GOOD, _POOR = 0.1, 0.25
@@ -20,12 +24,30 @@ _FRICTIONS = {
     "load": "grows with its load, by {} of the gravity torque",
     "stribeck": "is {} larger near rest",
 }
+#: What is said of a motor that turns with another joint, too.
+_COUPLED = "its motor turns with {} as well (rotor {}); simulated plants do not have it"
+#: Draws of the arm for what the logs leave open, and slowest sampling that a law is made for [s].
+_DRAWS, _SLOWEST = 16, 5e-3
+#: Bins of a residual over something, and the share of its power that their means have to explain before
+#: that is named as its cause.
+_BINS, _CAUSE = 12, 0.3
+#: Share of the moments that are the slowest, and of the power that has to be in them where a joint sticks.
+_SLOW, _STICKS = 0.2, 0.5
+#: What a residual may follow, and what that says.
+_CAUSES = {
+    "position": "it goes with its position: ripple, a cable, or a body of another shape",
+    "speed": "it goes with its speed: friction is more than Coulomb and viscous",
+    "torque": "it goes with its torque: friction grows with the load, or the torque has another scale",
+    "time": "it goes with time: it warms up, or something changed",
+}
 #: Share learned from which the log has decided a number.
 _DECIDED = 0.5
 
 
-def say_residuals(robot: Robot, residuals: Array, held_out: bool) -> list[str]:
-    """Return the verdict: how much of the torques the model leaves unexplained, worst joints by name."""
+def say_residuals(
+    robot: Robot, residuals: Array, held_out: bool, causes: Mapping[str, str] | None = None
+) -> list[str]:
+    """Return the verdict: how much of the torques the model leaves unexplained, worst joints and causes."""
     seen = "a log that was not fitted" if held_out else "the fitted log"
     if not np.isfinite(residuals).any():
         return [f"No joint moved in {seen}: nothing can be said of the model."]
@@ -35,15 +57,57 @@ def say_residuals(robot: Robot, residuals: Array, held_out: bool) -> list[str]:
         if np.isnan(share):
             lines.append(f"{name} did not move in it.")
         elif share > _POOR:
-            lines.append(
-                f"{name}: {100 * share:.2g} % is unexplained: its friction is more than Coulomb and viscous, "
-                "or it turns with another motor."
-            )
+            unknown = "its friction is more than Coulomb and viscous, or it turns with another motor"
+            cause = (causes or {}).get(name, unknown)
+            lines.append(f"{name}: {100 * share:.2g} % is unexplained: {cause}.")
         elif share > _GOOD:
-            lines.append(f"{name}: {100 * share:.2g} % is unexplained.")
+            cause = (causes or {}).get(name, "")
+            lines.append(f"{name}: {100 * share:.2g} % is unexplained{cause and ': '}{cause}.")
     if not held_out:
         lines.append("No other log was given: this says nothing of motions that are not in this one.")
     return lines
+
+
+def say_causes(robot: Robot, judged: Validation) -> dict[str, str]:
+    """Return joint -> what its residual follows, where it follows something."""
+    found = {}
+    left = judged.torque - judged.predicted
+    for j, name in enumerate(robot.joint_names):
+        own = np.isfinite(left[:, j])
+        rest = left[own, j]
+        power = float(rest @ rest)
+        if len(rest) < 3 * _BINS or not power:
+            continue
+        speed = np.abs(judged.velocity[own, j])
+        slow = speed <= np.quantile(speed, _SLOW)
+        axes = followed(judged, j)
+        shares = {key: _explain(values[own], rest) for key, values in axes.items()}
+        best = max(shares, key=lambda key: shares[key])
+        if float(rest[slow] @ rest[slow]) > _STICKS * power:
+            found[name] = "it sticks: most of that is near rest"
+        elif shares[best] > _CAUSE:
+            found[name] = _CAUSES[best]
+    return found
+
+
+def followed(judged: Validation, joint: int) -> dict[str, Array]:
+    """Return what a residual is drawn over."""
+    return {
+        "time": judged.times,
+        "position": judged.position[:, joint],
+        "speed": judged.velocity[:, joint],
+        "torque": judged.predicted[:, joint],
+    }
+
+
+def _explain(values: Array, rest: Array) -> float:
+    """Return the share of a residual's power that its means over bins explain beyond what chance does."""
+    ends = np.quantile(values, np.linspace(0.0, 1.0, _BINS + 1)[1:-1])
+    bins = np.searchsorted(ends, values)
+    counts = np.maximum(np.bincount(bins, minlength=_BINS), 1)
+    explained = float((np.bincount(bins, rest, _BINS) ** 2 / counts).sum()) / float(rest @ rest)
+    chance = _BINS / len(rest)
+    return (explained - chance) / (1.0 - chance)
 
 
 def say_lag(found: Identified) -> str:
@@ -53,6 +117,25 @@ def say_lag(found: Identified) -> str:
         return f"measured positions lag {1e3 * lag[0]:.3g} ms (± {1.96e3 * std[0]:.1g}) behind the torques"
     each = ", ".join(f"{name} {1e3 * x:.3g}" for name, x in zip(found.robot.joint_names, lag, strict=True))
     return f"measured positions lag behind the torques, joint by joint [ms]: {each}"
+
+
+def say_gears(found: Identified) -> list[str]:
+    """Return the first mode, and the joints whose gears the multisine did not decide."""
+    gears = found.gears
+    if gears is None:
+        return []
+    value, low, high = gears.mode
+    said = f"first mode {value:.3g} Hz [{low:.3g}, {high:.3g}], motors free, in the middle"
+    said += f"; encoders at the {gears.side}"
+    names = [name for name, own in zip(found.robot.joint_names, gears.measured, strict=True) if not own]
+    return [
+        said,
+        *(
+            [f"gears as stiff as believed, or stiffer than the log shows: {', '.join(names)}"]
+            if names
+            else []
+        ),
+    ]
 
 
 def say_drift(found: Identified, validation: Validation | None) -> list[str]:
@@ -76,6 +159,8 @@ def say_findings(found: Identified) -> list[str]:
         if row.quantity in _FRICTIONS:
             said = _FRICTIONS[row.quantity].format(_interval(row))
             lines.append(f"{row.joint}: its friction {said}; simulated plants do not have it")
+        elif row.quantity.startswith("rotor with "):
+            lines.append(f"{row.joint}: {_COUPLED.format(row.quantity[11:], _interval(row))}")
     together = {row.joint: row for row in found.sums()}
     for row in found.table():
         if row.quantity == "rotor" and row.learned < _DECIDED:
@@ -85,6 +170,46 @@ def say_findings(found: Identified) -> list[str]:
                 f"{both.value:.3g} [{both.lower:.3g}, {both.upper:.3g}]"
             )
     return lines
+
+
+def say_notes(found: Identified, validation: Validation | None) -> list[str]:
+    """Return what else there is to know."""
+    parts = (
+        say_drift(found, validation),
+        [say_lag(found)],
+        say_gears(found),
+        say_law(found),
+        say_findings(found),
+    )
+    return [line for part in parts for line in part]
+
+
+def say_load(load: Load) -> str:
+    """Return a load in words, with 95 % intervals."""
+    place = ", ".join(f"{1e3 * x:.3g} ± {1960 * s:.1g}" for x, s in zip(load.com, load.com_std, strict=True))
+    inertia = ", ".join(f"{x:.2g}" for x in np.diag(load.inertia))
+    return (
+        f"load: {load.mass:.4g} ± {1.96 * load.mass_std:.1g} kg, centre at {place} mm in {load.frame}, "
+        f"inertia {inertia} kg m² about it"
+    )
+
+
+def say_law(found: Identified) -> list[str]:
+    """Return how fast the law for untuned arms is by what is known now, and what it leaves to spare."""
+    dt = min(found.dt, _SLOWEST)
+    delay = max(round(float(found.lag.max()) / dt), 0) * dt
+    try:
+        robot = believe_gears(found.robot)
+        law = GPI.untuned(robot, dt, delay=delay, bits=BITS)
+    except ArmgpiError as error:
+        return [f"no law for it: {error}"]
+    omega = np.asarray(law.gains.nominal().omega_c)
+    low, high = found.delta(count=_DRAWS)
+    said = f"bandwidth {omega.min():.3g} to {omega.max():.3g} rad/s, {verdict(law, robot, BITS).describe()}"
+    return [
+        f"the law for untuned arms: {said}; the logs leave inertia "
+        f"{low:.2f} to {high:.2f} times the identified one"
+    ]
 
 
 def tabulate(found: Identified, validation: Validation | None) -> tuple[list[str], list[list[str]]]:
@@ -124,6 +249,7 @@ def _percent(share: float) -> str:
 def lines(found: Identified, validation: Validation | None, rows: Sequence[str] = ()) -> str:
     """Return everything as text for a terminal: verdict, notes."""
     residuals = found.residuals if validation is None else validation.identified
-    verdict = say_residuals(found.robot, residuals, held_out=validation is not None)
-    notes = [*say_drift(found, validation), say_lag(found), *say_findings(found)]
+    causes = say_causes(found.robot, validation or found.replayed)
+    verdict = say_residuals(found.robot, residuals, validation is not None, causes)
+    notes = say_notes(found, validation)
     return "\n".join([*verdict, *notes, *rows]) + "\n"

@@ -116,15 +116,16 @@ class WeakForm:
         """Positions, filtered [rad or m], shape (samples, n)."""
         return np.asarray(self._q)
 
-    def signs(self, width: Array, factor: Array | float = 1.0) -> Array:
+    def signs(self, width: Array, factor: Array | float = 1.0, velocity: Array | None = None) -> Array:
         """Return the moments of sign(v), smoothed over a width [rad/s or m/s] (n,); shape (k, n).
 
         Args:
             width: of the sign.
             factor: of each sample and joint, (samples, n).
+            velocity: others than those of the joints, likewise.
         """
-        u = np.arange(self._count + 1) / self._count
-        return self._moments(factor * self._v / np.sqrt(self._v**2 + width**2), bump(u) * self._grid.dt)
+        u, v = np.arange(self._count + 1) / self._count, self._v if velocity is None else velocity
+        return self._moments(factor * v / np.sqrt(v**2 + width**2), bump(u) * self._grid.dt)
 
     def moving(self, speed: float) -> npt.NDArray[np.bool_]:
         """Return which moments are of joints faster than a speed, (k, n): at rest friction has no sign."""

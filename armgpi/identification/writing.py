@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,10 +18,10 @@ import pinocchio as pin
 from armgpi import files
 from armgpi.arrays import check_path
 from armgpi.errors import UrdfError
-from armgpi.identification.arm import Identified, Validation
+from armgpi.identification.arm import Identified, Load, Validation
 from armgpi.identification.estimate import expect
 from armgpi.identification.excitation import Excitation
-from armgpi.identification.text import say_drift, say_findings, say_lag, say_residuals, tabulate
+from armgpi.identification.text import say_causes, say_notes, say_residuals, tabulate
 from armgpi.identification.weak_form import COLUMNS, ROTOR
 from armgpi.robot.identified import FORMAT, NAME
 from armgpi.robot.robot import Robot
@@ -47,7 +48,10 @@ class Edited(NamedTuple):
 
 
 def write_identified(
-    found: Identified, folder: str | PathLike[str], validation: Validation | None = None
+    found: Identified,
+    folder: str | PathLike[str],
+    validation: Validation | None = None,
+    load: Load | None = None,
 ) -> list[Path]:
     """Write what was identified: a folder that :meth:`armgpi.Robot.load` and every command take.
 
@@ -57,6 +61,7 @@ def write_identified(
         found: what was identified.
         folder: where; made where there is none.
         validation: on a log that was not fitted.
+        load: what the arm carried in another log.
 
     Returns:
         What was written.
@@ -77,6 +82,8 @@ def write_identified(
         "drives": ("drives.yaml", drives.encode()),
     }
     data = plain(found, edited.emptied, validation)
+    if load is not None:
+        data["load"] = {key: np.asarray(x).tolist() for key, x in load._asdict().items()}
     data["arm"] = {key: _name_and_hash(*each) for key, each in arm.items()} | _loading(found.robot)
     contents: Mapping[str, str | bytes] = {
         **dict(arm.values()),
@@ -309,6 +316,9 @@ def plain(found: Identified, emptied: Sequence[str], validation: Validation | No
         "emptied_links": list(emptied),
         "findings": [str(each) for each in found.findings],
     }
+    if found.gears is not None:
+        value, low, high = found.gears.mode.tolist()
+        data["first_mode"] = {"value": value, "low": low, "high": high, "encoder_side": found.gears.side}
     if validation is not None:
         data["validation"] = {
             "log": validation.source,
@@ -321,16 +331,24 @@ def plain(found: Identified, emptied: Sequence[str], validation: Validation | No
 def write_page(found: Identified, emptied: Sequence[str], validation: Validation | None) -> str:
     """Return the report as a page, verdict first."""
     residuals = found.residuals if validation is None else validation.identified
-    verdict = say_residuals(found.robot, residuals, held_out=validation is not None)
+    judged = validation or found.replayed
+    causes = say_causes(found.robot, judged)
+    verdict = say_residuals(found.robot, residuals, validation is not None, causes)
     sections = {}
     head, rows = tabulate(found, validation)
     sections["Joint by joint"] = page.table(head, rows, label="joint by joint")
-    notes = [*say_drift(found, validation), say_lag(found), *say_findings(found)]
+    notes = say_notes(found, validation)
     if emptied:
         notes.append(
             f"the identified bodies leave no room for what the file says of {', '.join(emptied)}, which are "
             "fixed to others: their mass is in the link that carries them"
         )
     sections["What to know"] = page.bullets(notes)
+    seen = "the log that was not fitted" if validation else "the first fitted log"
+    with suppress(ImportError):  # without Matplotlib there are words alone
+        from armgpi.identification.pictures import draw
+
+        shown = f"torque of each joint on {seen}, and what is left over position, speed and torque"
+        sections["Torques"] = f"<p>On {seen}.</p>{page.picture(draw(found.robot, judged), shown)}"
     summary = "".join(f"<p>{page.text(line)}</p>" for line in verdict)
     return str(page.document(f"Identified: {found.robot.name}", summary, sections))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import csv
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -208,7 +208,9 @@ def _columns(source: Path, variable: str | None, rollout: int) -> dict[str, Arra
     kind = source.suffix.lower()
     if kind in (".nc", ".nc4", ".h5"):
         return _netcdf(source, variable or "q", rollout)
-    return _mcap(source, variable or "/joint_states") if kind == ".mcap" else _csv(source)
+    if kind == ".mcap":
+        return joint_states(source, variable or "/joint_states", ("position",))["position"]
+    return _csv(source)
 
 
 def _csv(source: Path) -> dict[str, Array]:
@@ -245,38 +247,46 @@ def _netcdf(source: Path, variable: str, rollout: int) -> dict[str, Array]:
         raise UnreadableTrajectory(source, said) from None
 
 
-def _mcap(source: Path, topic: str) -> dict[str, Array]:
-    """Return the same of the joint states on a topic of an MCAP file: JSON, or ROS 2's own encoding."""
+def joint_states(source: Path, topic: str, fields: Sequence[str]) -> dict[str, dict[str, Array]]:
+    """Return fields of the joint states on a topic of an MCAP file: JSON, or ROS 2's own encoding.
+
+    Returns:
+        Of each field the columns by the joints' names, times [s] under an empty one.
+    """
+    rows: dict[str, dict[str, list[float]]] = {field: {} for field in fields}
+    try:
+        for time, state in _messages(source, topic, ("name", *fields)):
+            for field in fields:
+                for name, value in zip(["", *state["name"]], [time, *state[field]], strict=True):
+                    rows[field].setdefault(name, []).append(float(value))
+    except (OSError, MissingPackage):
+        raise
+    except Exception as error:  # the libraries have no one kind of error for a damaged file
+        said = " ".join(str(error).split())[:200] or type(error).__name__
+        raise UnreadableTrajectory(source, f"cannot be read as joint states on {topic!r}: {said}") from None
+    if not rows[fields[0]]:
+        raise UnreadableTrajectory(source, f"has no message on the topic {topic!r}")
+    if len({len(values) for field in fields for values in rows[field].values()}) > 1:
+        raise UnreadableTrajectory(source, f"has messages of different joints on {topic!r}")
+    return {field: {name: np.array(x) for name, x in rows[field].items()} for field in fields}
+
+
+def _messages(source: Path, topic: str, fields: Sequence[str]) -> Iterator[tuple[float, dict[str, Any]]]:
+    """Return time [s] and fields of the messages on a topic."""
     try:
         from mcap.reader import make_reader
         from mcap_ros2.decoder import DecoderFactory
     except ImportError:
         raise MissingPackage("mcap", "mcap") from None
-    rows: dict[str, list[float]] = {}
-    try:
-        with source.open("rb") as file:
-            reader, ros = make_reader(file), DecoderFactory()
-            for schema, channel, message in reader.iter_messages(topics=[topic]):
-                if channel.message_encoding == "json":
-                    state = json.loads(message.data)
-                    names, positions = state["name"], state["position"]
-                else:
-                    decode = ros.decoder_for(channel.message_encoding, schema)
-                    if decode is None:
-                        raise ValueError(
-                            f"messages are {channel.message_encoding!r}, not JSON or ROS 2's CDR"
-                        )
-                    decoded = decode(message.data)
-                    names, positions = decoded.name, decoded.position
-                for name, value in zip(["", *names], [message.log_time * 1e-9, *positions], strict=True):
-                    rows.setdefault(name, []).append(float(value))
-    except OSError:
-        raise
-    except Exception as error:  # the libraries have no one kind of error for a damaged file
-        said = " ".join(str(error).split())[:200] or type(error).__name__
-        raise UnreadableTrajectory(source, f"cannot be read as joint states on {topic!r}: {said}") from None
-    if not rows:
-        raise UnreadableTrajectory(source, f"has no message on the topic {topic!r}")
-    if len({len(values) for values in rows.values()}) > 1:
-        raise UnreadableTrajectory(source, f"has messages of different joints on {topic!r}")
-    return {name: np.array(values) for name, values in rows.items()}
+    with source.open("rb") as file:
+        ros = DecoderFactory()
+        for schema, channel, message in make_reader(file).iter_messages(topics=[topic]):
+            time = message.log_time * 1e-9
+            if channel.message_encoding == "json":
+                yield time, json.loads(message.data)
+                continue
+            decode = ros.decoder_for(channel.message_encoding, schema)
+            if decode is None:
+                raise ValueError(f"messages are {channel.message_encoding!r}, not JSON or ROS 2's CDR")
+            decoded = decode(message.data)
+            yield time, {field: getattr(decoded, field) for field in fields}

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from commands import Answer
 
@@ -20,14 +21,17 @@ import armgpi
 from armgpi import config
 from armgpi.config.experiment import portable
 from armgpi.errors import ArmgpiError, UnfitLog
-from armgpi.identification.arm import Identified, identify
+from armgpi.gpi.two_mass import Gears, damping_at_one, free_modes, gravity_stiffness
+from armgpi.identification.arm import Identified, Validation, identify
 from armgpi.identification.estimate import Block, Prior, expect, fit
 from armgpi.identification.excitation import excite
-from armgpi.identification.logs import Log, resample
+from armgpi.identification.logs import Log, read_log, resample
 from armgpi.identification.posterior import read_posterior, with_parameters
-from armgpi.identification.text import say_drift, say_findings
+from armgpi.identification.resonance import LINES, TURN, find_gears
+from armgpi.identification.text import say_causes, say_drift, say_findings, say_residuals
 from armgpi.identification.weak_form import COLUMNS, ROTOR, bump
 from armgpi.identification.writing import edit_urdf, write_identified
+from armgpi.loop import logs
 from armgpi.plants.plant import inside
 from armgpi.robot import identified, robots, rotors
 from armgpi.robot.drives import Drives
@@ -527,3 +531,147 @@ def test_the_reader_of_public_logs_takes_their_columns(tmp_path: Path) -> None:
     assert read.tau == pytest.approx(currents[start : start + len(read.q)], abs=1e-5)
     with pytest.raises(SystemExit, match="clone github"):
         tool["find"](tmp_path, "other.csv")
+
+
+@cache
+def shaken(side: str, stiffness: float) -> tuple[Log, float]:
+    """Return an answer to the multisine in closed form, one sample late, and the lowest mode [Hz]."""
+    other, n, dt, rng = arm(), 3, 2e-3, np.random.default_rng(0)
+    t, s = np.arange(0.0, 3 * TURN, dt), 2j * np.pi * LINES[:, None, None]
+    K = stiffness * other.armature
+    drives = Gears(other.armature, K)
+    links = other.mass_matrix(other.middle()) - np.diag(other.armature)
+    gear = np.diag(K) + s * np.diag(0.04 * damping_at_one(links, drives))
+    stiff = links * s**2 + gravity_stiffness(other, other.middle()) + gear
+    whole = np.block([[stiff, -gear], [-gear, np.diag(other.armature) * s**2 + 0.3 * s * np.eye(n) + gear]])
+    answers = np.linalg.inv(whole)[:, n * (side == "motor") :, n:][:, :n]
+    q, tau = np.tile(other.middle(), (len(t), 1)), np.tile(other.gravity(other.middle()), (len(t), 1))
+    for j in range(n):
+        own = (t >= j * TURN) & (t < (j + 1) * TURN)
+        torque = 3.0 * np.exp(2j * np.pi * rng.uniform(size=len(LINES)))
+        waves = np.exp(2j * np.pi * LINES * t[own, None])
+        tau[own, j] += (waves * np.exp(1j * np.pi * LINES * dt) @ torque).real
+        q[own] += (waves * np.exp(-2j * np.pi * LINES * dt) @ (answers[..., j] * torque[:, None])).real
+    count = 2.0 * np.pi / 2**18
+    return Log(t, np.round(q / count) * count, tau), float(free_modes(links, drives)[0])
+
+
+@pytest.mark.parametrize(("side", "stiffness"), [("motor", 3e3), ("link", 8e3)])
+def test_the_first_mode_is_found_from_a_multisine(side: str, stiffness: float) -> None:
+    given, mode = shaken(side, stiffness)
+    gears = find_gears(arm(), given, np.full(3, 2e-3))
+    assert gears.side == side
+    assert gears.mode[0] == pytest.approx(mode, rel=0.02)
+    assert gears.mode[1] < mode < gears.mode[2]
+    # A log that begins after the turn of the first joint says nothing of its gear.
+    late = given.t > TURN
+    part = find_gears(arm(), Log(*(x[late] for x in given[:3])), np.full(3, 2e-3))
+    assert part.measured.tolist() == [False, True, True]
+    assert part.stiffness[1:] == pytest.approx(stiffness * arm().armature[1:], rel=0.1)
+
+
+def test_a_log_without_a_multisine_says_what_is_expected() -> None:
+    with pytest.raises(UnfitLog, match="excite --resonance"):
+        found().with_resonance(Log(*(x[:1400] for x in log()[:3])))
+
+
+def table(names: str, q_factor: float = 1.0) -> str:
+    """Return a log as CSV under some names."""
+    rows = np.column_stack([log().t, q_factor * log().q, log().tau])[::2]
+    return "\n".join([names, *(",".join(f"{x:.9g}" for x in row) for row in rows)])
+
+
+@pytest.mark.parametrize(
+    ("names", "factor", "columns"),
+    [
+        (
+            "time [s],q_q1 [deg],q_q2 [deg],q_q3 [deg],tau_q1 [N m],tau_q2 [N·m],tau_q3 [Nm]",
+            np.rad2deg(1.0),
+            None,
+        ),
+        ("t,position_q1,position_q2,position_q3,effort_q1,effort_q2,effort_q3", 1.0, None),
+        ("clock,a1,a2,a3,m_q1,m_q2,m_q3", 1.0, {"time": "clock", "q": "aNUMBER", "tau": "m_JOINT"}),
+    ],
+)
+def test_columns_have_names_and_units(
+    names: str, factor: float, columns: dict[str, str] | None, tmp_path: Path
+) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(table(names, factor), encoding="utf-8")
+    read = read_log(path, file(), columns=columns)
+    assert read.q == pytest.approx(log().q[::2], abs=1e-7)
+    assert read.tau == pytest.approx(log().tau[::2], abs=1e-6)
+
+
+def test_joint_states_are_a_log(tmp_path: Path) -> None:
+    rollout = armgpi.simulate(
+        armgpi.RigidBodyPlant(file()),
+        armgpi.GPI(file(), 2e-3),
+        armgpi.Hold(file().middle()),
+        0.1,
+        progress=False,
+    )
+    logs.write(rollout, tmp_path / "log.mcap")
+    read, same = read_log(tmp_path / "log.mcap", file()), read_log(rollout, file())
+    assert read.q == pytest.approx(same.q)
+    assert read.tau == pytest.approx(same.tau)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_motor_that_turns_with_two_joints_is_found(sign: float) -> None:
+    given, motion = log(), excite(file(), 12.0, 0.6, seed=3).reference
+    z = motion.at(given.t + 1e-3)
+    v, a = (x[:, 2] + sign * x[:, 1] for x in (z.v, z.a))
+
+    def torque(v: Any, a: Any) -> Any:
+        return 0.1 * a + 0.2 * v + 0.3 * v / np.sqrt(v**2 + 1e-6)
+
+    tau = given.tau.copy()
+    tau[:, 1] += sign * torque(v, a)
+    tau[:, 2] += torque(v, a) - torque(z.v[:, 2], z.a[:, 2])
+    result = identify(given._replace(tau=tau), file())
+    rows = {row.quantity: row.value for row in result.table() if " with q2" in row.quantity}
+    assert rows == pytest.approx(
+        {"rotor with q2": 0.1, "viscous with q2": 0.2, "coulomb with q2": 0.3}, rel=0.15
+    )
+    assert any("its motor turns with q2" in line for line in say_findings(result))
+
+
+def test_an_excitation_keeps_out_of_a_box() -> None:
+    robot = armgpi.Robot.load("ur5")
+    box = [[0.1, -1.0, -1.0], [1.0, 1.0, 1.0]]
+    motion = excite(robot, 5.0, 0.3, box=box).reference
+    model = robot.pinocchio_model()
+    data, tip = model.createData(), model.getFrameId(robot.tip)
+    for q in motion.q[::20]:
+        pin.framesForwardKinematics(model, data, q)
+        assert not (np.array(box)[0] < data.oMf[tip].translation).all() or data.oMf[tip].translation[2] > 1.0
+    with pytest.raises(ArmgpiError, match="box"):
+        excite(robot, 4.0, 0.3, box=[[-2.0] * 3, [2.0] * 3])
+    with pytest.raises(ArmgpiError, match="two opposite corners"):
+        excite(robot, 4.0, box=[0.0, 1.0])
+
+
+def test_an_arm_that_needs_more_than_the_share_to_hold_itself_gets_more() -> None:
+    assert (
+        excite(
+            armgpi.Robot.load("panda", lock=["panda_finger_joint1", "panda_finger_joint2"]), 4.0, 0.12
+        ).share.max()
+        < 0.13
+    )
+
+
+def test_a_residual_is_named_by_what_it_follows() -> None:
+    times, rng = np.arange(0.0, 20.0, 0.1), np.random.default_rng(0)
+    q = np.stack([np.sin(times), np.sin(1.3 * times), rng.normal(size=200)], axis=-1)
+    v = np.stack([np.cos(times), 1.3 * np.cos(1.3 * times), rng.normal(size=200)], axis=-1)
+    tau = rng.normal(size=(200, 3))
+    rest = np.stack([np.sin(9.0 * q[:, 0]), np.exp(-((v[:, 1] / 0.1) ** 2)), rng.normal(size=200)], axis=-1)
+    judged = Validation("log", np.full(3, 0.2), np.full(3, 0.5), times, q, v, tau + rest, tau)
+    causes = say_causes(file(), judged)
+    assert "position" in causes["q1"]
+    assert "it sticks" in causes["q2"]
+    assert "q3" not in causes
+    assert "q2: 20 % is unexplained: it sticks" in " ".join(
+        say_residuals(file(), judged.identified, True, causes)
+    )

@@ -1,0 +1,371 @@
+"""The gears of an arm from its answer to a multisine: stiffness, damping, rotors, and the first mode."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import optimize
+
+from armgpi.arrays import Array, check_number, check_type, check_whole
+from armgpi.errors import ParameterError, UnfitLog
+from armgpi.gpi.two_mass import Gears as Modes
+from armgpi.gpi.two_mass import damping_at_one, free_modes, gravity_stiffness
+from armgpi.identification.estimate import expect
+from armgpi.identification.excitation import Excitation, ranges
+from armgpi.identification.logs import Grid, Log, resample
+from armgpi.identification.weak_form import COLUMNS, ROTOR
+from armgpi.references.recorded import Recorded
+from armgpi.robot.drives import Drives
+from armgpi.robot.robot import Robot
+from armgpi.robot.rotors import believe_gears
+
+#: Period of the multisine [s], lines from 2 to 60 Hz, and series of phases of which the flattest is taken.
+PERIOD = 2.0
+LINES = np.unique(np.round(PERIOD * np.geomspace(2.0, 60.0, 40))) / PERIOD
+_SERIES = 50
+#: Each joint's turn: time to settle, periods that count, time to rest [s], and of the ramps.
+_SETTLE, PERIODS, _REST, _RAMP = 2.0, 4, 0.5, 0.5
+TURN = _SETTLE + PERIODS * PERIOD + _REST
+#: Share of the range and of the speed that a joint may take, and sampling of the motion [s].
+_RANGE, _SPEED, _SAMPLE = 0.03, 0.5, 0.002
+#: Share of the torque that gravity leaves: with less, Coulomb friction bends the answer.
+SHAKEN = 0.3
+#: Step in which the beginning of the motion is looked for in a log [s].
+_LOOK = 0.25
+#: Widths of what is expected: logarithms of stiffness, damping, friction, links, of a rotor where it is
+#: believed and at least, and of both together, which is known; time between torque and position [s].
+_STIFF, _DAMPED, _RUBBED, _LINKS, _ROTOR, _LEAST_ROTOR, _TOTAL = 1.5, 1.0, 3.0, 0.3, 0.5, 0.05, 0.05
+_LATE, _UNKNOWNS = 3e-3, 6
+#: Damping ratio that is expected, and error of the linear model as a share of the torque: friction.
+_RATIO, _LINEAR = 0.03, 0.05
+#: Factor on standard deviations for what friction bends and no period shows: chosen on ur5 and panda
+#: (tools/identification.py resonance, seed 300).
+_UNSEEN = 2.0
+#: Weight of lines that do not fit, and stiffnesses over the believed ones that the fit begins with; so many
+#: weighings, and steps of each.
+_ROBUST, _STARTS, _WEIGHINGS, _STEPS = 0.1, (0.025, 0.1, 0.4, 1.6, 6.0), 4, 25
+#: Share that a log has to tell of a stiffness before it counts as measured; 95 % in standard deviations.
+_DECIDED, _95 = 0.5, 1.96
+
+
+class Gears(NamedTuple):
+    """The gears of an arm; of joints that the log did not move, what was believed.
+
+    Attributes:
+        stiffness: [N m/rad or N/m], (n,).
+        damping: [N m s/rad or N s/m], (n,).
+        rotor: inertia of the rotors [kg m^2 or kg], (n,).
+        std: standard deviations of the logarithms of these three, (3, n).
+        measured: which stiffnesses the log decided, (n,).
+        side: where the encoders sit: "motor" or "link".
+        mode: the lowest mode with free motors, in the middle of the ranges, and its 95 % interval [Hz], (3,).
+        misfit: what the two-mass model leaves of the torque at the lines of each joint, (n,); NaN of others.
+    """
+
+    stiffness: Array
+    damping: Array
+    rotor: Array
+    std: Array
+    measured: Array
+    side: str
+    mode: Array
+    misfit: Array
+
+    def add_to(self, drives: Drives) -> Drives:
+        """Return drives with these gears."""
+        for row, (name, values) in enumerate((("stiffness", self.stiffness), ("damping", self.damping))):
+            spread = np.exp(_95 * self.std[row])
+            value, low, high = (
+                {
+                    joint: float(x)
+                    for joint, x, own in zip(drives.joint_names, each, self.measured, strict=True)
+                    if own
+                }
+                for each in (values, values / spread, values * spread)
+            )
+            drives = drives.with_value(name, value, low, high, "measured")
+        return (
+            drives.with_value("encoder_side", self.side, source="measured") if self.measured.any() else drives
+        )
+
+
+class _Turn(NamedTuple):
+    """The answer to a joint's multisine, at the lines.
+
+    Attributes:
+        joint: its number.
+        q: mean configuration [rad or m], (n,).
+        tau: torque of the joint, of each period, (periods, lines).
+        answer: positions of all joints, likewise, (periods, lines, n).
+    """
+
+    joint: int
+    q: Array
+    tau: Array
+    answer: Array
+
+
+def shake(robot: Robot, share: float = SHAKEN, seed: int = 0) -> Excitation:
+    """Return a motion that shows the gears: joint by joint, accelerations at lines from 2 to 60 Hz.
+
+    A law that feeds forward answers with torques at these lines. The arm stays where it is, within a few
+    degrees.
+
+    Args:
+        robot: the arm.
+        share: of the torque that gravity leaves.
+        seed: the same seed gives the same motion.
+
+    Raises:
+        ParameterError: for an argument that cannot be, or an arm that cannot hold itself there.
+    """
+    check_type(robot, "robot", Robot, "a Robot")
+    share = check_number(share, "share", "in (0, 1]", 0.0, 1.0, open_=True)
+    rng = np.random.default_rng(check_whole(seed, "seed", 0))
+    centre, (lower, upper, speed) = robot.middle(), ranges(robot)
+    spare = robot.limits.effort - np.abs(robot.gravity(centre))
+    if not (spare > 0.0).all():
+        name = robot.joint_names[int(spare.argmin())]
+        raise ParameterError("robot", robot.name, f"an arm that {name} holds in the middle of its range")
+    rotor = expect(robot).mean.reshape(robot.n, len(COLUMNS))[:, ROTOR]
+    inertia = np.diag(robot.mass_matrix(centre)) - robot.armature + rotor
+    times = np.arange(0.0, robot.n * TURN + 0.5 * _SAMPLE, _SAMPLE)
+    q = np.tile(centre, (len(times), 1))
+    for j in range(robot.n):
+        t = times - j * TURN
+        own = (t >= 0.0) & (t <= TURN)
+        ramp = np.clip(np.minimum(t[own], TURN - t[own]) / _RAMP, 0.0, 1.0)
+        series = _flattest(rng, t[own])
+        limits = np.array([share * spare[j] / inertia[j], _SPEED * speed[j], _RANGE * (upper[j] - lower[j])])
+        scale = (limits / np.abs(series).max(axis=1)).min()
+        q[own, j] += scale * series[2] * ramp**3 * (10.0 - 15.0 * ramp + 6.0 * ramp**2)
+    reference = Recorded(times, q, source=f"multisine of {robot.name}, seed {seed}")
+    target = reference.at(times)
+    torque = np.abs(robot.gravity(centre) + inertia * target.a).max(axis=0)
+    return Excitation(reference, np.abs(target.v).max(axis=0) / speed, torque / robot.limits.effort)
+
+
+def _flattest(rng: np.random.Generator, t: Array) -> Array:
+    """Return acceleration, speed and position of a multisine of unit lines at times (k,), (3, k)."""
+    best, w = np.empty(0), 2.0 * math.pi * LINES
+    for _ in range(_SERIES):
+        angle = w * t[:: max(1, len(t) // 2000), None] + rng.uniform(0.0, 2.0 * math.pi, len(LINES))
+        crest = np.abs(np.cos(angle).sum(axis=1)).max()
+        if not len(best) or crest < best[0]:
+            best = np.append(crest, angle[0])
+    angle = w * t[:, None] + best[1:] - w * t[0]
+    return np.stack(
+        [np.cos(angle).sum(axis=1), (np.sin(angle) / w).sum(axis=1), -(np.cos(angle) / w**2).sum(axis=1)]
+    )
+
+
+def find_gears(robot: Robot, log: Log, lag: Array, gravity: bool = True) -> Gears:
+    """Return the gears that a log of :func:`shake` shows.
+
+    Args:
+        robot: the arm as it was identified, rotors and all.
+        log: with torques.
+        lag: time by which measured positions lag behind torques [s], (n,).
+        gravity: whether the torques carry the arm's weight.
+
+    Raises:
+        UnfitLog: when the log shows no joint's multisine.
+    """
+    grid = resample(log)
+    turns = list(_turns(grid))
+    if not turns:
+        wanted = f"expected the motion of armgpi excite --resonance, {TURN:g} s for each joint"
+        raise UnfitLog([f"shows no joint's multisine: {wanted} ({log.source})"])
+    soft = believe_gears(robot)
+    side = set(robot.drives.value("encoder_side").tolist())
+    sides = tuple(side) if len(side) == 1 and "" not in side else ("motor", "link")
+    found = [_Fit(soft, turns, each, lag + 0.5 * grid.dt, gravity) for each in sides]
+    return min(found, key=lambda each: each.cost).gears()
+
+
+def _turns(grid: Grid) -> Iterator[_Turn]:
+    """Find the joints' turns in a log, and their answers at the lines."""
+    n, size = grid.q.shape[1], max(2, round(_LOOK / grid.dt))
+    count = len(grid.q) // size
+    blocks = grid.q[: count * size].reshape(count, size, n)
+    moves = np.abs(np.diff(blocks, axis=1)).sum(axis=1)
+    moves /= np.maximum(moves.max(axis=0), 1e-300)
+    turn, first = round(TURN / _LOOK), round(_SETTLE / _LOOK)
+    if count < turn - 2:
+        return
+    middle = [[np.arange(j * turn + first, (j + 1) * turn - 2)] for j in range(n)]
+
+    def matches(begin: int) -> float:
+        """Return how far each joint moves in its own turn beyond what it does in others."""
+        inside = 0.0
+        for j in range(n):
+            at = middle[j][0] + begin
+            at = at[(at >= 0) & (at < count)]
+            inside += float(moves[at, j].sum())
+        return inside
+
+    begin = max(range(-(n - 1) * turn - first, max(count - turn + 3, 1)), key=matches)
+    length, periods = round(PERIOD / grid.dt), PERIODS
+    t = np.arange(length) * grid.dt
+    waves = np.exp(2j * math.pi * LINES * t[:, None])
+    basis = np.hstack([waves.real, waves.imag, np.ones((length, 1)), t[:, None]])
+    inverse = np.linalg.pinv(basis)
+    for j in range(n):
+        start = round((begin * size) + (j * TURN + _SETTLE) / grid.dt)
+        there = [start + k * length for k in range(periods)]
+        there = [
+            k for k in there if k >= 0 and k + length <= len(grid.q) and not grid.bad[k : k + length].any()
+        ]
+        if len(there) < 2:
+            continue
+        lines = [
+            _lines(inverse @ np.hstack([grid.q[k : k + length], grid.tau[k : k + length, j : j + 1]]))
+            for k in there
+        ]
+        both = np.array(lines)
+        q = np.mean([grid.q[k : k + length].mean(axis=0) for k in there], axis=0)
+        yield _Turn(j, q, both[..., n], both[..., :n])
+
+
+def _lines(factors: Array) -> Array:
+    """Return complex amplitudes of cosines and sines, (lines, ...)."""
+    m = len(LINES)
+    return np.asarray(factors[:m] - 1j * factors[m : 2 * m])
+
+
+class _Fit:
+    """The two-mass model of an arm beside the answers at the lines, for encoders at one side.
+
+    Unknown of each joint are the logarithms of stiffness, damping, rotor, friction and of the share of its
+    links, and the time between torque and position, in units of what is expected. The diagonal of D(q), links
+    and rotor together, is known; which of them it is need not be. Of a turn, the torque of its joint alone is
+    explained: others may rest in their friction.
+    """
+
+    def __init__(self, robot: Robot, turns: Sequence[_Turn], side: str, lag: Array, gravity: bool) -> None:
+        """Find the gears that explain the torques best."""
+        self.robot, self.turns, self.side, n = robot, turns, side, robot.n
+        self.links = [robot.mass_matrix(turn.q) - np.diag(robot.armature) for turn in turns]
+        self.steep = [gravity_stiffness(robot, turn.q) * float(gravity) for turn in turns]
+        self.s = 2j * math.pi * LINES
+        rotor, stiffness = robot.armature, robot.drives.value("stiffness")
+        low, high = robot.drives.interval("rotor_inertia")
+        told = np.log(np.maximum(high, rotor) / np.maximum(low, 1e-3 * rotor)) / (2.0 * _95)
+        width = np.clip(np.where(np.isfinite(told), told, _ROTOR), _LEAST_ROTOR, _ROTOR)
+        links = np.diag(robot.mass_matrix(robot.middle())) - rotor
+        at_one = damping_at_one(np.diag(links), Modes(rotor, stiffness))
+        known = np.log([stiffness, _RATIO * at_one, rotor, 0.1 * at_one])
+        self.mean = np.concatenate([*known, 0.0 * lag, lag])
+        stds = [np.full(n, each) for each in (_STIFF, _DAMPED, 1.0, _RUBBED, _LINKS, _LATE)]
+        self.std = np.concatenate([*stds[:2], width, *stds[3:]])
+        best = []
+        for factor in _STARTS:  # a spectrum has more than one valley
+            x = np.zeros(_UNKNOWNS * n)
+            x[:n] = math.log(factor) / _STIFF
+            for _ in range(_WEIGHINGS):
+                self.noise = [self._noise(x, i) for i in range(len(turns))]
+                x = optimize.least_squares(self._residuals, x, self._slopes, max_nfev=_STEPS).x
+            best.append((self._cost(x), x))
+        self.cost, self.x = min(best, key=lambda each: each[0])
+        self.noise = [self._noise(self.x, i) for i in range(len(turns))]
+
+    def _cost(self, x: Array) -> float:
+        """Return how badly gears explain the torques, with lines that do not fit at all counting less."""
+        relative = [
+            np.abs(self._left(x, i)[0]) / np.abs(turn.tau.mean(axis=0)) for i, turn in enumerate(self.turns)
+        ]
+        return float(np.log(np.concatenate(relative) + 1e-3).sum() + 0.5 * x @ x)
+
+    def _noise(self, x: Array, index: int) -> Array:
+        """Return the noise of the residual at each line: from period to period, and what friction bends."""
+        turn = self.turns[index]
+        each = np.stack([self._left(x, index, k)[0] for k in range(len(turn.tau))])
+        spread = (np.abs(each - each.mean(axis=0)) ** 2).sum(axis=0) / (len(each) * (len(each) - 1))
+        left, torque = np.abs(each.mean(axis=0)), np.abs(turn.tau.mean(axis=0))
+        return np.asarray(np.sqrt(0.5 * spread + (_LINEAR * torque) ** 2 + _ROBUST * left * torque))
+
+    def _residuals(self, x: Array) -> Array:
+        """Return what is left of the torques in units of its noise, and of what is expected."""
+        left = np.concatenate([self._left(x, i)[0] / noise for i, noise in enumerate(self.noise)])
+        return np.concatenate([left.real, left.imag, self._sum(x)[0], x])
+
+    def _slopes(self, x: Array) -> Array:
+        """Return the derivative of that."""
+        rows = np.concatenate([self._left(x, i)[1] / noise[:, None] for i, noise in enumerate(self.noise)])
+        return np.concatenate([rows.real, rows.imag, self._sum(x)[1], np.eye(len(x))])
+
+    def _sum(self, x: Array) -> tuple[Array, Array]:
+        """Return how far each joint's inertia is off in the middle, over its width, and the derivative."""
+        n, middle = self.robot.n, self.robot.middle()
+        values, rotor = (self.mean + self.std * x).reshape(_UNKNOWNS, n), self.robot.armature
+        links = np.diag(self.robot.mass_matrix(middle)) - rotor
+        both = np.stack([np.exp(values[2]), np.exp(2.0 * values[4]) * links])
+        slope = np.zeros((n, _UNKNOWNS, n))
+        j, total = np.arange(n), both.sum(axis=0)
+        slope[j, 2, j], slope[j, 4, j] = both * np.array([[1.0], [2.0]]) / total
+        off = np.log(total / (links + rotor))
+        return off / _TOTAL, slope.reshape(n, -1) * self.std / _TOTAL
+
+    def _left(self, x: Array, index: int, period: int | None = None) -> tuple[Array, Array]:
+        """Return what is left of the torque of a turn, (lines,), and its derivative, (lines, 5 n)."""
+        turn, s, n = self.turns[index], self.s, self.robot.n
+        at: Any = slice(None) if period is None else slice(period, period + 1)
+        answer, tau = turn.answer[at].mean(axis=0), turn.tau[at].mean(axis=0)
+        values = self.mean + self.std * x
+        K, B, J, f, share = np.exp(np.clip(values[: 5 * n], -60.0, 60.0)).reshape(5, n)
+        j, links, gear = turn.joint, np.outer(share, share) * self.links[index], K + B * s[:, None]
+        late, own = np.exp(-s * values[5 * n + j]) * tau, J[j] * s**2 + f[j] * s
+        slope = np.zeros((len(s), _UNKNOWNS, n), dtype=complex)
+        dynamic = links * s[:, None, None] ** 2 + self.steep[index]
+        if self.side == "motor":
+            right = np.stack([gear * answer, np.broadcast_to(np.eye(n)[j], answer.shape)], axis=-1)
+            link, unit = np.moveaxis(np.linalg.solve(dynamic + gear[:, :, None] * np.eye(n), right), -1, 0)
+            motor, twist = answer[:, j], answer - link
+            left = late - own * motor - gear[:, j] * twist[:, j]
+            of_gear = gear[:, j, None] * unit * twist
+            of_gear[:, j] -= twist[:, j]
+            bent = unit * (link @ links) + (unit @ links) * link
+            slope[:, 4] = -gear[:, j, None] * (s**2)[:, None] * bent
+        else:
+            spring = np.einsum("li,li->l", dynamic[:, j], answer)
+            motor = answer[:, j] + spring / gear[:, j]
+            left = late - spring - own * motor
+            of_gear = np.zeros((len(s), n), dtype=complex)
+            of_gear[:, j] = own * spring / gear[:, j] ** 2
+            bent = answer * links[j]
+            bent[:, j] += answer @ links[j]
+            slope[:, 4] = -((s**2) * (1.0 + own / gear[:, j]))[:, None] * bent
+        slope[:, 0], slope[:, 1] = of_gear * K, of_gear * B * s[:, None]
+        slope[:, 2, j] -= s**2 * motor * J[j]
+        slope[:, 3, j], slope[:, 5, j] = -s * motor * f[j], -s * late
+        return left, slope.reshape(len(s), -1) * self.std
+
+    def gears(self) -> Gears:
+        """Return the gears, with intervals."""
+        n, x = self.robot.n, self.x
+        fun, jac = self._residuals(x)[: -len(x)], self._slopes(x)[: -len(x)]
+        inverse = np.linalg.inv(jac.T @ jac / max(1.0, float((fun**2).mean())) + np.eye(len(x)))
+        inverse *= _UNSEEN**2
+        std = np.minimum(self.std * np.sqrt(np.diag(inverse)), self.std)
+        K, B, J = np.exp((self.mean + self.std * x)[: 3 * n]).reshape(3, n)
+        measured = np.zeros(n, dtype=bool)
+        measured[[turn.joint for turn in self.turns]] = True
+        measured &= std[:n] < (1.0 - _DECIDED) * self.std[:n]
+        slope, mode, step = np.zeros(len(x)), self._mode(x), 1e-4
+        for i in range(5 * n):
+            slope[i] = (self._mode(x + step * np.eye(len(x))[i]) - mode) / step
+        wide = _95 * math.sqrt(float(slope @ inverse @ slope))
+        misfit = np.full(n, np.nan)
+        for i, turn in enumerate(self.turns):
+            misfit[turn.joint] = np.linalg.norm(self._left(x, i)[0]) / np.linalg.norm(turn.tau.mean(axis=0))
+        ends = np.array([mode, mode * math.exp(-wide / mode), mode * math.exp(wide / mode)])
+        return Gears(K, B, J, std[: 3 * n].reshape(3, n), measured, self.side, ends, misfit)
+
+    def _mode(self, x: Array) -> float:
+        """Return the lowest mode in the middle of the ranges [Hz]."""
+        K, _, J, _, share = np.exp((self.mean + self.std * x)[: -self.robot.n]).reshape(5, -1)
+        links = self.robot.mass_matrix(self.robot.middle()) - np.diag(self.robot.armature)
+        return float(free_modes(np.outer(share, share) * links, Modes(J, K))[0])
