@@ -321,13 +321,14 @@ def _summary(rollout: xr.Dataset) -> str:
 
 def _verdict(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
     """Return of every rollout how it ended, its worst joint, and what its controller measures and knows."""
-    unit = POSITION.symbol(bool(units.prismatic(rollout).all()))
+    linear = np.broadcast_to(units.prismatic(rollout), rollout.sizes["joint"])
     lines = []
     for record, color in zip(records[:_MOST_VERDICTS], _colors(rollout), strict=False):
         peaks = [math.inf if x is None else x for x in record["metrics"]["peak_error"]]
         worst = int(np.argmax(peaks))
         said = [record["end"]]
         if math.isfinite(peaks[worst]):
+            unit = POSITION.symbol(bool(linear[worst]))
             said.append(f"error at most {metrics.short(peaks[worst], 3)} {unit} ({record['joints'][worst]})")
         said.append(f"measures {rollouts.describe_measurement(record['measurement'], record['knows'])}")
         kind = "good" if record["status"] == "finished" else "bad"
@@ -370,7 +371,7 @@ def _tables(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _health(robot: Robot) -> tuple[list[str], list[str]]:
-    """Return what :func:`armgpi.health.inspect` finds in the robot's URDF: what is wrong, and mere notes."""
+    """Return what :func:`armgpi.health.inspect` finds of the robot and its URDF: what is wrong, and notes."""
     made_from = robot.provenance
     source = Path(str(made_from["source"]))
     if not source.is_file():
@@ -378,7 +379,12 @@ def _health(robot: Robot) -> tuple[list[str], list[str]]:
     mimic: Literal["lock", "follow"] = "follow" if made_from.get("mimic") == "follow" else "lock"
     try:
         found = health.inspect(
-            source, lock=made_from["locked"], mimic=mimic, repair=made_in(made_from)
+            source,
+            lock=made_from["locked"],
+            mimic=mimic,
+            repair=made_in(made_from),
+            effort=robot.limits.effort,
+            drives=robot.drives,
         ).findings
     except ArmgpiError as error:  # it has changed since
         return [str(error)], []
@@ -455,12 +461,16 @@ def _plain(value: Any) -> str:
     """Return a value of the provenance as text."""
     if isinstance(value, list | tuple):
         return f"({', '.join(map(_plain, value))})"
+    if isinstance(value, Mapping) and "value" in value:  # what is known of a drive
+        return f"{_plain(value['value'])} ({value.get('source', 'told')})"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} {_plain(each)}" for key, each in value.items())
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _download(content: bytes, every: int) -> str:
     """Return the part with the data."""
-    thinned = "" if every == 1 else f" Every {every}th sample, so that this file stays small."
+    thinned = "" if every == 1 else f" One sample in {every}, so that this file stays small."
     return (
         f"<p><button type=button id=download class=download>Download rollout.nc</button> "
         f"NetCDF, {len(content) / 1e6:.2g} MB; read it with <code>armgpi.load</code> or xarray.{thinned}</p>"

@@ -347,10 +347,24 @@ def test_the_report_says_what_inspect_finds() -> None:
         assert page.text(finding) in html
 
 
+def test_the_report_inspects_the_robot_that_ran_and_names_the_unit_of_the_worst_joint(tmp_path: Path) -> None:
+    text = robots.locate("anthropomorphic3")[0].read_text(encoding="utf-8")
+    text = re.sub('effort="[^"]*"', 'effort="0"', text).replace(
+        'name="q2" type="revolute"', 'name="q2" type="prismatic"'
+    )
+    (tmp_path / "arm.urdf").write_text(text, encoding="utf-8")
+    robot = armgpi.Robot.load(tmp_path / "arm.urdf").with_limits(effort=300.0)
+    rollout = moving(robot)
+    rollout["q"] = rollout["q"] + np.array([0.0, 0.9, 0.0])
+    html = report.build(rollout, robot)
+    assert "has effort limit 0" not in html
+    assert re.search(r"error at most [\d.]+ m \(q2\)", html)
+
+
 def test_data_are_thinned_to_the_budget(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(report, "DATA_BYTES", 60_000)
     html = report.build(run(ARM, t_final=2.0), ARM)
-    assert re.search(r"Every \d+th sample", html)
+    assert re.search(r"One sample in \d+,", html)
     (content,) = re.findall(r'<script id="armgpi-file" type="text/plain">([^<]*)</script>', html)
     assert len(base64.b64decode(content)) <= 60_000
 
