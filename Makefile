@@ -95,9 +95,9 @@ search: $(FOR_ALL) ## What holds for every robot and file: new random examples, 
 	$(BIN)/python tools/fuzz.py yaml --count 3000 --seed $(SEED)
 	$(BIN)/python tools/fuzz.py rollout --count 2500 --seed $(SEED)
 	$(BIN)/python tools/fuzz.py arguments --count 400 --seed $(SEED)
-	for what in weights trajectory log task certificate; do \
+	for what in weights trajectory log armlog identification task certificate; do \
 		$(BIN)/python tools/fuzz.py $$what --count 1000 --seed $(SEED) || exit 1; done
-	for what in tune contend sweep rare; do \
+	for what in tune contend zoo sweep rare; do \
 		$(BIN)/python tools/fuzz.py $$what --count 300 --seed $(SEED) || exit 1; done
 
 mutants: $(FOR_ALL) ## Planted bugs that the tests of their modules do not find

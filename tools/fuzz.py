@@ -6,8 +6,8 @@
     python tools/fuzz.py tune --count 1000
 
 Files that are read back are damaged at random places: rollouts, weights, trajectories, logs, certificates,
-tasks, what was identified, and what a study keeps (tune, contend, sweep, rare), whose commands then end with
-exit code 2 and one line, or with what an unbroken study leaves.
+tasks, what was identified, and what a study keeps (tune, contend, zoo, sweep, rare), whose commands then end
+with exit code 2 and one line, or with what an unbroken study leaves.
 
 A case may take 60 s of processor time, and all of them 2 GB of memory; the most that was taken is printed.
 
@@ -53,11 +53,13 @@ from armgpi.certification.certificate import Certificate, certify
 from armgpi.cli import main as command
 from armgpi.errors import ArmgpiError
 from armgpi.gpi.weights import Weights
+from armgpi.hardware.realtime import run
 from armgpi.identification.arm import identify
 from armgpi.identification.excitation import excite
 from armgpi.identification.logs import Log, read_log
 from armgpi.identification.posterior import read_posterior
 from armgpi.identification.writing import write_identified
+from armgpi.loop import log
 from armgpi.robot import identified
 from armgpi.studies import contend
 
@@ -232,6 +234,12 @@ def write_rollout(path: Path) -> None:
     save(simulate(plant, GPI(plant.robot, 1e-3), hold, 0.02), path)
 
 
+def write_armlog(path: Path) -> None:
+    """Write the log of a short loop."""
+    done = run(RigidBodyPlant(arm()), GPI(arm(), 1e-3), Hold([0.0, 0.1, 0.0]), 0.02, clock="simulated")
+    log.write(done.log, path)  # type: ignore[arg-type]
+
+
 def write_identification(path: Path) -> None:
     """Write what was identified from a short log, with the files that it names beside it."""
     t = np.arange(0.0, 6.0, 4e-3)
@@ -359,6 +367,7 @@ CASES: dict[str, Case] = {
     "log": read_again(
         ".log.csv", lambda path: write_table(path, "q_", "tau_"), lambda path: read_log(path, arm())
     ),
+    "armlog": read_again(".armlog", write_armlog, lambda path: log.to_rollout(log.read(path), arm())),
     "identification": read_again(".identified.json", write_identification, read_identification),
     "task": read_again(
         ".yaml",
@@ -368,6 +377,7 @@ CASES: dict[str, Case] = {
     "certificate": read_again(".json", lambda path: certify(arm(), speed=0.2).save(path), check_file),
     "tune": study_case(TUNE, "tune", "FILE", "--backend", "numpy"),
     "contend": study_case("", "contend", ARM, "--quick", "--law", "GPI, roll-off"),
+    "zoo": study_case("", "zoo", ARM),
     "sweep": study_case(SWEEP, "sweep", "FILE", "--rollouts", "40"),
     "rare": study_case(SWEEP, "sweep", "FILE", "--rollouts", "100", "--rare"),
 }

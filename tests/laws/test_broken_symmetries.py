@@ -13,9 +13,10 @@ from scipy.integrate import trapezoid
 
 from armgpi import GPI, Hold, Reality, RigidBodyPlant, Robot, files
 from armgpi.certification import check_certificate
+from armgpi.errors import ParameterError
 from armgpi.loop import metrics
 from armgpi.loop.prepared import prepare
-from armgpi.robot.kinematics import TrackingInverse, _nearest_turns
+from armgpi.robot.kinematics import TrackingInverse, _nearest_turns, _wide
 from armgpi.robot.rotors import believable
 
 UR5 = Robot.load("ur5")
@@ -167,6 +168,20 @@ def test_an_angle_is_moved_by_the_full_turns_that_bring_it_nearest_inside_its_li
     expected = np.take_along_axis(every, far.argmin(axis=0)[None], axis=0)[0]
     found = _nearest_turns(arm, q, home)
     np.testing.assert_allclose(found, expected, atol=1e-9)
+    # A limit belongs to the range: an angle a turn above it goes there; one turn holds every angle.
+    for way in (-1.0, 1.0):
+        end = np.where(way < 0, arm.limits.lower, arm.limits.upper)
+        np.testing.assert_allclose(_nearest_turns(arm, end - 2.0 * np.pi * way, end), end, atol=1e-12)
+    lower, upper = _wide(UR5.with_limits(lower=[-np.pi] * 6, upper=[3.1, *[np.pi] * 5]))
+    assert np.isinf([lower, upper]).tolist() == [[False, *[True] * 5]] * 2
+
+
+def test_bodies_are_those_of_the_joints_that_move_them() -> None:
+    own = np.array([body.toDynamicParameters() for body in UR5._model.inertias[1:]])
+    np.testing.assert_allclose(UR5.with_bodies(own).gravity(Q), UR5.gravity(Q), rtol=1e-12, atol=1e-12)
+    own[2, 0] = 0.0
+    with pytest.raises(ParameterError, match=f"mass of {UR5.joint_names[2]}"):
+        UR5.with_bodies(own)
 
 
 def test_moves_begin_to_either_side_of_the_middle() -> None:

@@ -84,6 +84,12 @@ def test_what_is_no_gripper_is_none(design: str) -> None:
     assert grippers.find(urdf.parse(text(*NONE[design]), design)) == ()
 
 
+def test_an_arm_of_two_joints_has_a_gripper_and_one_joint_with_two_on_it_none() -> None:
+    for arm in (1, 2):
+        found = grippers.find(urdf.parse(text(*DESIGNS["two sliding fingers"], arm=arm), "short"))
+        assert [each.joints for each in found] == [("x", "y")][: arm - 1]
+
+
 def test_two_arms_on_a_body_are_arms() -> None:
     # A torso of two joints that branches into arms of three is no hand with fingers.
     arms = [J(f"{side}{k}", "tip" if k == 1 else f"L_{side}{k - 1}") for side in "lr" for k in (1, 2, 3)]

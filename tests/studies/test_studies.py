@@ -651,7 +651,11 @@ def fuzz(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int], dict[
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize(
-    "kind", ["weights", "trajectory", "log", "identification", "task", "certificate", "tune", "rare"]
+    "kind",
+    [
+        *("weights", "trajectory", "log", "armlog", "identification", "task", "certificate"),
+        *("tune", "zoo", "rare"),
+    ],
 )
 def test_a_damaged_file_that_is_read_back_ends_in_one_line(
     fuzz: Callable[[str, int], dict[str, int]], kind: str
