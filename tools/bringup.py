@@ -1,13 +1,14 @@
 """Bring up simulated robots that are wrong: at which stage of `armgpi bringup` each mistake is found.
 
 Usage:
-    python tools/bringup.py [--target NAME] [--only TEXT] [--last STAGE] [--zero]
+    python tools/bringup.py [--target NAME] [--only TEXT] [--last STAGE]
 
 Each mistake is planted into a robot as libfranka's (Panda, which echoes torques), one as UR's (UR5), and one
 behind ros2_control (Z1, 1 kHz, gravity by the controller, which is told no torque); see tools/targets.py. All
 have friction of 2 % of the torque that their joints are moved with. Stages are run one after another until a
 log is judged wrong. Travel is how far a joint was from where the stage wanted it, or, after a stop, from
-where it was stopped if that is less; brakes grip 50 ms after a fault. With --zero the arm has no torque then.
+where it was stopped if that is less; brakes grip 50 ms after a fault. ros2_control has no torque after FAULT,
+as its package is deactivated then.
 """
 
 from __future__ import annotations
@@ -30,8 +31,9 @@ from armgpi.loop import log as logs
 
 FRICTION, BRAKES, BITS = 0.02, 0.05, 18
 TARGETS = ("fci", "ur", "ros2_control")
-#: Targets whose robots echo the torque that they were given, and that report what their joints carry.
-ECHO, REPORTS = ("fci",), ("fci", "ur")
+#: Targets whose robots echo the torque that they were given, and that report what their joints carry; and
+#: those without a torque after FAULT.
+ECHO, REPORTS, ENDS = ("fci",), ("fci", "ur"), ("ros2_control",)
 
 
 class Mistake(NamedTuple):
@@ -212,7 +214,15 @@ def drive(end: ControllerEnd, arm: WrongArm, experiment: Any) -> float:
     """Run a stage to its end, or until brakes hold the arm; return the travel [rad]."""
     travel, stopped, since = 0.0, None, 0
     while arm.k * arm.dt < experiment.t_final:
-        arm.advance(end.receive(arm.sample()))
+        answer = end.receive(arm.sample())
+        if (
+            answer is not None
+            and end.fault is not None
+            and end.fault.status == "fault"
+            and arm.target in ENDS
+        ):
+            answer = answer._replace(values=0.0 * answer.values)
+        arm.advance(answer)
         wanted = experiment.reference.at(arm.k * arm.dt).q
         if arm.guide is None and stopped is None and end.fault is not None and end.fault.reason != "none":
             stopped, since = arm.q, arm.k
@@ -227,10 +237,9 @@ def drive(end: ControllerEnd, arm: WrongArm, experiment: Any) -> float:
 class Bench:
     """A target's stages, with their experiments and exported controllers made once."""
 
-    def __init__(self, target: str, folder: Path, zero: bool = False) -> None:
-        """Write the stages, whose faults may be without torque."""
+    def __init__(self, target: str, folder: Path) -> None:
+        """Write the stages."""
         data = targets.described(target, next(iter(targets.ARMS[target])), BITS)
-        data["supervisor"] |= {"on_fault": "zero"} if zero else {}
         loaded = config.Loaded(config.check(data, config.Origin(target)), config.Origin(target))
         self.target = target
         self.folder = stages.write(loaded, config.build(*loaded), folder)
@@ -289,11 +298,10 @@ def main() -> None:
     parser.add_argument("--target", choices=TARGETS)
     parser.add_argument("--only", default="")
     parser.add_argument("--last", default="slow")
-    parser.add_argument("--zero", action="store_true")
     given = parser.parse_args()
     for target in [given.target] if given.target else TARGETS:
         with tempfile.TemporaryDirectory() as folder:
-            bench = Bench(target, Path(folder), given.zero)
+            bench = Bench(target, Path(folder))
             for mistake in MISTAKES:
                 if given.only not in mistake.name:
                     continue

@@ -29,6 +29,9 @@ _BITS = 16
 _SIGMAS = 6.0
 #: Share of the torque's rate by which the deceleration of a stop builds up and goes: the law has the rest.
 _STOP_RATE = 0.5
+#: Time in which it builds up, and goes, where a gear may twist [s]: a period of the slowest resonance that is
+#: reckoned with, 10 Hz, as a force that grows so slowly leaves least of it (tools/faults.py).
+_STOP_RISE = 0.1
 #: A measurement that does not change for so long [s], while it should, is frozen. Set by hand; healthy draws
 #: that it stops are counted by tools/alarms.py.
 _FROZEN_TIME = 0.05
@@ -198,7 +201,7 @@ class Bounds(NamedTuple):
         following: largest distance from the reference [rad or m].
         travel: of the reference, which asks a position to change [rad or m].
         slowing: change of velocity in a sample of a stop [rad or m per sample].
-        jerk: change of that from sample to sample, as the torque's rate allows it [rad or m per sample].
+        jerk: change of that from sample to sample, as the torque's rate and gears allow [rad or m].
         stop_velocity: at which a stop begins, at most [rad or m per sample].
         rate: change of torque in a sample, at most [N m or N].
         speed: largest velocity, smoothed [rad or m per sample].
@@ -262,7 +265,10 @@ def bounds_of(law: Controller, given: Supervisor) -> Bounds:
         following=joints("following"),
         travel=COUNTS * count,
         slowing=slowing,
-        jerk=np.minimum(_STOP_RATE * dt**3 * joints("torque_rate", LARGEST) / heaviest(law), slowing),
+        jerk=np.minimum(
+            _STOP_RATE * dt**3 * joints("torque_rate", LARGEST) / heaviest(law),
+            slowing * np.where(model_of(law).armature > 0.0, min(dt / _STOP_RISE, 1.0), 1.0),
+        ),
         stop_velocity=dt * joints("stop_velocity", known),
         rate=dt * joints("torque_rate", LARGEST),
         speed=np.minimum(np.broadcast_to(most, shape), LARGEST),

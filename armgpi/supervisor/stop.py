@@ -56,6 +56,7 @@ class Stop:
         self.soft = np.asarray(np.where(geared, min(rate, _SOFT_DAMPING), rate) * one)
         slow, fast = smoothing(law.dt, _SOFT_SMOOTHING), smoothing(law.dt, SMOOTHING)
         self.smoothing = np.where(geared, slow, fast)
+        self._lag = np.where(geared, _SOFT_SMOOTHING, 0.0)
         self.rest = law.dt * _REST + 2.0 * fast * (bounds.travel / COUNTS)
         self.rested, self._longest = (float(math.ceil(x / law.dt)) for x in (_RESTED, _SWINGING))
 
@@ -103,7 +104,7 @@ class Stop:
     def _deceleration(self, v: Array, watch: Watch) -> Array:
         """Return by how much a stop slows down in a sample, at most [rad or m per sample].
 
-        Where torques have a rate it builds up and goes no faster than they can.
+        Where torques have a rate, or gears may twist, it builds up and goes no faster than they can.
         """
         jerk = self.bounds.jerk
         if not self._rated:
@@ -148,5 +149,6 @@ class Stop:
             rests = damped & any_joint(turned)
             aim = Target(np.where(damped, seen.q, aim.q), *(np.where(rests, 0.0, x) for x in aim[1:]))
             damping = np.where(accused, self.damping, self.soft)
-            torque = np.where(damped, damping * (aim.v - v * (1.0 / self._dt)), 0.0)
+            late = aim.v - self._lag * aim.a  # as what is smoothed
+            torque = np.where(damped, damping * (late - v * (1.0 / self._dt)), 0.0)
         return torque, (on, *aim)

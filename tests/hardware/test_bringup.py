@@ -130,7 +130,7 @@ def test_the_readme_of_an_exported_stage_says_how_it_is_run(folder: Folder) -> N
         experiment = folder.experiment(stage)
         supervised = Supervised(next(iter(experiment.controllers.values())), experiment.supervisor)
         text = _readme(generate(supervised, "double"), 0, 0, None)
-        assert ("bringup check" in text) == (stage.kind == "pulse")
+        assert ("**This is a stage of a bring-up**" in text) == (stage.kind == "pulse")
 
 
 def test_a_dry_run_tells_positions_and_never_what_only_a_torque_tells(folder: Folder) -> None:

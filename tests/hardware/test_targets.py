@@ -13,11 +13,22 @@ import numpy as np
 import pytest
 from test_grippers import J, text
 
-from armgpi import GPI, PIDInversion, Robot, Supervised, Supervisor, export_controller
+from armgpi import (
+    GPI,
+    PIDInversion,
+    RigidBodyPlant,
+    Robot,
+    Supervised,
+    Supervisor,
+    Waypoints,
+    export_controller,
+)
 from armgpi.errors import ParameterError
 from armgpi.loop import log as logs
+from armgpi.robot.rotors import believe
 
 pytest.importorskip("casadi", reason="casadi writes the C")
+from armgpi.hardware.export.files import record
 from armgpi.hardware.export.interfaces import table
 from armgpi.hardware.export.targets import _tests
 
@@ -250,10 +261,10 @@ sys.modules["rtde_control"] = Made(RTDEControlInterface=Arm)
 sys.modules["rtde_receive"] = Made(RTDEReceiveInterface=Arm)
 said = struct.pack(">HB4I", 19, 118, *map(int, version or ("5", "23")), 0, 0)
 socket.create_connection = lambda address, timeout: Wire(said)
-sys.argv = [kind, "127.0.0.1", *([goal] if goal != "-" else [])]
+sys.argv = [kind, "127.0.0.1", *(goal.split() if goal != "-" else [])]
 runpy.run_path(kind + ".py", run_name="__main__")
 truth = plant.true_state(state)
-away = np.abs(truth.q - np.array([float(x) for x in goal.split(",")])).max() if goal != "-" else 0.0
+away = np.abs(truth.q - np.array([float(x) for x in goal.split(",")])).max() if goal[0] != "-" else 0.0
 print("away", away, "speed", np.abs(truth.v).max(), "rate", rate)
 """
 
@@ -352,6 +363,69 @@ def test_the_recommended_law_moves_a_simulated_arm_to_its_goal(target: str, tmp_
     assert found["speed"] < 0.01
     if target == "fci":
         assert found["rate"] <= 1000.0 * (1.0 + 1e-9)
+
+
+#: Prints the reference of a motion at times, with the C++ of an export.
+FOLLOWED = """
+#include "armgpi_controller.hpp"
+#include <cstdio>
+int main() {
+  const armgpi_controller::Motion motion("motion.csv");
+  for (const double t : {-1.0, 0.0, 0.333, 0.5, motion.length(), 9.0}) {
+    const armgpi_controller::Reference to = motion(t);
+    std::printf("%.17g %.17g %.17g %.17g\\n", t, to.q[1], to.v[1], to.a[1]);
+  }
+}
+"""
+
+
+@compiled
+@pytest.mark.parametrize("target", ["fci", "ur"])
+def test_a_package_follows_the_motion_of_its_log(target: str, tmp_path: Path) -> None:
+    robot, dt = (panda(), 1e-3) if target == "fci" else (ur5(), 2e-3)
+    rate = Supervisor(torque_rate=1000.0) if target == "fci" else Supervisor()
+    controller = Supervised(GPI.untuned(believe(robot), dt, bits=18), rate)
+    q = robot.middle()
+    motion = Waypoints([q, q + 0.1, q], [0.5, 0.5])
+    export_controller(
+        *(controller, tmp_path, record(RigidBodyPlant(robot), controller, motion, 1.1)),
+        measure=False,
+        target=target,
+    )
+    load, rotors = ".with_gravity((0, 0, 0))\n", "robot = armgpi.robot.rotors.believe(robot)\n"
+    script = LOOP.replace(load, load + rotors).replace("import armgpi\n", "import armgpi.robot.rotors\n")
+    (tmp_path / "loop.py").write_text(script)
+    said = run(
+        sys.executable, "loop.py", target, "--motion motion.csv --log 20-pulse.armlog", 0, folder=tmp_path
+    )
+    assert said.startswith("run none")
+    log = logs.read(tmp_path / "20-pulse.armlog")
+    rows = log.samples
+    assert np.ptp(rows["q_ref"][:, 1]) == pytest.approx(0.1, abs=1e-6)
+    begun = log.t[np.argmax(rows["q_ref"][:, 1] > motion.at(0.25).q[1] - 1e-9)] - 0.25
+    at = motion.at(log.t - begun)
+    during = (log.t >= begun) & (log.t <= begun + 1.0)
+    for name, wanted, near in zip(("q_ref", "v_ref", "a_ref"), at, (1e-7, 1e-6, 1e-4), strict=True):
+        np.testing.assert_allclose(rows[name][during], wanted[during], atol=near)
+    if target == "ur":
+        (tmp_path / "followed.cpp").write_text(FOLLOWED)
+        run(need("g++"), "-std=c++17", *WARNINGS, "-I.", "-c", "followed.cpp", folder=tmp_path)
+        run("cc", "-std=c99", "-c", "armgpi_log.c", "armgpi_controller.c", "armgpi_move.c", folder=tmp_path)
+        run(
+            "g++",
+            *(f"{x}.o" for x in ("followed", *(f"armgpi_{y}" for y in PARTS))),
+            "-o",
+            "f",
+            folder=tmp_path,
+        )
+        lines = np.array(
+            [[float(x) for x in line.split()] for line in run("./f", folder=tmp_path).splitlines()]
+        )
+        script = "import armgpi_controller as a\nm = a.Motion('motion.csv')\n"
+        script += f"for t in {lines[:, 0].tolist()}: print(*(x[1] for x in m.at(t)))\n"
+        said = run(sys.executable, "-c", script, folder=tmp_path)
+        same = np.array([[float(x) for x in line.split()] for line in said.splitlines()])
+        np.testing.assert_allclose(lines[:, 1:], same, atol=1e-12)
 
 
 @compiled

@@ -28,7 +28,7 @@ from armgpi.loop.rollout import Recording
 from armgpi.loop.runner import DIVERGENCE, NumPyRun, drive, in_control
 from armgpi.plants.plant import Plant
 from armgpi.references.reference import Reference, Target
-from armgpi.supervisor import FARTHEST, SIGNALS, Supervised, Supervisor
+from armgpi.supervisor import FARTHEST, SIGNALS, Supervised, Supervisor, reasons
 from armgpi.version import VERSION
 
 #: Samples of a log at most.
@@ -43,6 +43,8 @@ _LOOSE = 1e-9
 _FAR = 0.8
 #: How long the replay times steps [s].
 _TIMING = 0.2
+#: Time between the rows of motion.csv [s].
+_ROWS = 0.01
 #: How long it may take in all [s].
 _PATIENCE = 120.0
 #: As the Makefile has them.
@@ -175,7 +177,7 @@ def export_controller(
     code = code._replace(header=rename(code.header, name), source=rename(code.source, name))
     texts = {rename(file, name): rename(text, name) for file, text in texts.items()}
     prepare(folder)
-    measured, logged = None, {"log.armlog": pack(_for(code, log))}
+    measured, logged = None, {"log.armlog": pack(_for(code, log)), "motion.csv": _motion(log)}
     if measure:
         with suppress(BackendError):  # there is no compiler
             measured = _run_replay(texts | logged, build.compiler())
@@ -211,6 +213,16 @@ def _for(code: Code, log: ArmLog) -> ArmLog:
     for name in rows.dtype.names or ():
         rows[name] = log.rows[name]
     return ArmLog({**log.header, **_log_header(code), "made_by": log.header["made_by"]}, rows, log.source)
+
+
+def _motion(log: ArmLog) -> str:
+    """Return the motion of a log as CSV: a time, and the reference with its rates, in each row."""
+    rates, joints = ("q_ref", "v_ref", "a_ref"), [plain(name) for name in log.header["joints"]]
+    asked = np.concatenate([log.t[:, None], *(log.samples[name] for name in rates)], axis=1)
+    step = max(1, min(round(_ROWS / float(log.header["dt"])), len(asked) - 1))
+    rows = [",".join(["time", *joints, *(f"{name} {rate}" for rate in "va" for name in joints)])]
+    rows += [",".join(f"{x:.12g}" for x in row) for row in asked[::step]]
+    return "\n".join(rows) + "\n"
 
 
 def _log_header(code: Code) -> dict[str, Any]:
@@ -370,6 +382,7 @@ def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | Non
             joints="\n".join(joints),
             start=f"{start} " if start else "",
             **_faults(controller),
+            causes=reasons.table(),
             real=code.real,
             state_bytes=state_bytes,
             layout=f"{code.layout:08X}",
@@ -416,11 +429,12 @@ def _faults(controller: Supervised) -> dict[str, str]:
     rate = ""
     if given.torque_rate is not None:
         rate = f" It changes by at most {_few(bounds.rate)} N m or N from sample to sample, in every state."
-        rate += " The deceleration of a stop builds up and goes at half of that."
+    rise = np.max(bounds.slowing / bounds.jerk) * controller.dt
+    built = f", which builds up and goes in {rise:.2g} s" if rise > controller.dt else ""
     return {
         "action": action,
         "rate": rate,
-        "deceleration": _few(bounds.slowing / controller.dt**2),
+        "deceleration": f"{_few(bounds.slowing / controller.dt**2)} rad/s^2 or m/s^2{built}",
         "missed": str(given.missed),
         "jump": _jump_text(bounds.jump if given.jump else None, robot),
         "step": _jump_text(bounds.step if given.reference_jump else None, robot),
@@ -450,10 +464,9 @@ def _faults(controller: Supervised) -> dict[str, str]:
 _STAGE = """
 
 **This is a stage of a bring-up**, with its caps compiled in: no torque is beyond CAP below, and a joint
-beyond SPEED is a fault. Every stage is an export of its own. In the order of `stages.yaml`: run it between
-the points of its `reference`, save the log as STAGE.armlog beside its file, and `armgpi bringup check` all
-logs so far: it says what is wrong, what nothing has tested yet, and which stage is next. The last one has no
-caps."""
+beyond SPEED is a fault. Every stage is an export of its own. In the order of `stages.yaml`: let it follow
+`motion.csv`, save the log as STAGE.armlog beside its file, and `armgpi bringup check` all logs so far: it
+says what is wrong, what nothing has tested yet, and which stage is next. The last one has no caps."""
 _FLOAT = """\
 In single precision the integrators round at 6e-8 of what they hold. In a replay, where no loop is closed
 around them, that adds up with time, as the difference above shows. In a closed loop the feedback takes it

@@ -2,6 +2,7 @@
 //
 //   armgpi_controller::Fci arm;
 //   arm.move_to(goal);       // before `control`, or from another thread; or give Fci a function of time
+//   Fci arm(Motion("motion.csv"));   // or a motion from a file, from where it begins
 //   arm.finish();            // end the motion when all goals are reached and the arm rests
 //   robot.control(arm, false, franka::kMaxCutoffFrequency);   // franka::Robot::control of a torque callback
 //   if (arm.controller().reason() != ARMGPI_REASON_NONE) { ... }

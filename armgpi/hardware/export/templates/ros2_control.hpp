@@ -5,6 +5,7 @@
 //   armgpi_move_limits times `share`, which begins when the last one is over;
 // - chained: joint_trajectory_controller writes its references <name>/<joint>/position, velocity and acceleration
 //   (command_joints: [<name>/<joint>, ...]). It stands until the first of them comes; what is not written is zero.
+// Or it follows a file: its parameter `motion`, as motion.csv is, from a move to where that begins.
 // The service ~/stop (std_srvs/Trigger) stops the arm under control, as a fault of the reference does: go on by
 // deactivating and activating. Status, reason and joint are on ~/status (std_msgs/String) when they change, and a fault is
 // logged. `update` allocates nothing. Compiled against stub headers (ros2_stubs.hpp) where it was exported, which proves
@@ -49,6 +50,8 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
     auto_declare<double>("log_seconds", $log_seconds);
     // Dry run: it claims no effort and sends nothing; law and supervisor look on beside the controller that moves the arm.
     auto_declare<bool>("dry_run", false);
+    // A motion to follow when it is activated, as motion.csv is; "" for none.
+    auto_declare<std::string>("motion", "");
     return CallbackReturn::SUCCESS;
   }
 
@@ -65,6 +68,13 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
     dry_ = get_node()->get_parameter("dry_run").as_bool();
     const double share = get_node()->get_parameter("share").as_double();
     log_path_ = get_node()->get_parameter("log").as_string();
+    try {
+      const std::string motion = get_node()->get_parameter("motion").as_string();
+      motion_ = motion.empty() ? std::nullopt : std::make_optional<Motion>(motion);
+    } catch (const std::runtime_error& error) {
+      RCLCPP_ERROR(get_node()->get_logger(), "%s", error.what());
+      return CallbackReturn::ERROR;
+    }
     log_ = std::make_unique<Log>(log_path_.empty() ? 0.0 : get_node()->get_parameter("log_seconds").as_double());
     goals_ = get_node()->create_subscription<Goal>("~/goal", 1, [this, share](const std::shared_ptr<const Goal> goal) {
       Vector q{};
@@ -110,13 +120,17 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
     before_ = q_;
     std::fill(reference_interfaces_.begin(), reference_interfaces_.end(), std::numeric_limits<double>::quiet_NaN());
     moves_.stand(q_);
+    played_ = 0.0;
+    if (motion_) {
+      moves_.move_to((*motion_)(0.0).q);
+    }
     to_ = moves_.next(0U);
     return start() == ARMGPI_STATUS_FAULT ? CallbackReturn::ERROR : CallbackReturn::SUCCESS;
   }
 
   CallbackReturn on_deactivate(const rclcpp_lifecycle::State&) override {
     if (controller_.reason() != ARMGPI_REASON_NONE) {
-      RCLCPP_ERROR(get_node()->get_logger(), "fault: %s of joint %s", reason_name(controller_.reason()),
+      RCLCPP_ERROR(get_node()->get_logger(), "fault: %s of joint %s (README.md: what to do)", reason_name(controller_.reason()),
                    controller_.fault_joint());
     }
     if (moves_.refused()) {
@@ -155,6 +169,10 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
   controller_interface::return_type update_reference_from_subscribers(const rclcpp::Time&,
                                                                       const rclcpp::Duration& period) override {
     to_ = moves_.next(samples(period));
+    if (motion_ && !moves_.moving() && !moves_.refused()) {
+      played_ += samples(period) * Controller::dt;
+      to_ = (*motion_)(played_);
+    }
     return controller_interface::return_type::OK;
   }
 
@@ -277,6 +295,8 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
   bool dry_{false};
   Vector q_{};
   Moves moves_{};
+  std::optional<Motion> motion_;
+  double played_{0.0};
   Reference to_{};
   Vector before_{};
   bool moving_{false};
