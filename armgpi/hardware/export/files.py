@@ -177,7 +177,8 @@ def export_controller(
     code = code._replace(header=rename(code.header, name), source=rename(code.source, name))
     texts = {rename(file, name): rename(text, name) for file, text in texts.items()}
     prepare(folder)
-    measured, logged = None, {"log.armlog": pack(_for(code, log)), "motion.csv": _motion(log)}
+    measured = None
+    logged: dict[str, str | bytes] = {"log.armlog": pack(_for(code, log)), "motion.csv": _motion(log)}
     if measure:
         with suppress(BackendError):  # there is no compiler
             measured = _run_replay(texts | logged, build.compiler())
