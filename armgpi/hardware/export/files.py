@@ -177,8 +177,7 @@ def export_controller(
     code = code._replace(header=rename(code.header, name), source=rename(code.source, name))
     texts = {rename(file, name): rename(text, name) for file, text in texts.items()}
     prepare(folder)
-    measured = None
-    logged: dict[str, str | bytes] = {"log.armlog": pack(_for(code, log)), "motion.csv": _motion(log)}
+    measured, logged = None, {"log.armlog": pack(_for(code, log)), "motion.csv": _motion(log).encode()}
     if measure:
         with suppress(BackendError):  # there is no compiler
             measured = _run_replay(texts | logged, build.compiler())

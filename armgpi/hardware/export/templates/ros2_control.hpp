@@ -83,8 +83,9 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
         std::transform(goal->data.begin(), goal->data.end(), q.begin(),
                        [](double x) { return static_cast<armgpi_real_t>(x); });
       }
-      if (!fits || !moves_.move_to(q, share)) {
-        RCLCPP_WARN(get_node()->get_logger(), "goal refused: it has not %u positions, or another waits", ARMGPI_N);
+      if (!fits || motion_ || !moves_.move_to(q, share)) {
+        RCLCPP_WARN(get_node()->get_logger(), "goal refused: it has not %u positions, another waits, or a motion is followed",
+                    ARMGPI_N);
       }
     });
     const std::string last = get_node()->get_parameter("last_torque").as_string();
