@@ -84,6 +84,8 @@ def main() -> int:
     parser.add_argument("--arms", nargs="+", default=list(ARMS))
     parser.add_argument("--rotors", nargs="+", type=float, default=[0.1, 0.3, 0.5])
     parser.add_argument("--torque", type=float, default=0.5)
+    parser.add_argument("--share", type=float, default=0.0, help="of the efforts, added to it as torque")
+    parser.add_argument("--speed", type=float, default=SPEED, help="of the fastest joint [rad/s]")
     parser.add_argument(
         "--friction", type=float, default=0.0, help="Coulomb friction as a share of the effort"
     )
@@ -119,7 +121,7 @@ def row(name: str, rotors: float, law: str, given: Any) -> None:
     else:
         controller = armgpi.GPI(robot, 1e-3, gains=FixedGains(30.0), feedforward=law, **options)
     start = robot.middle()
-    duration = WAY * PEAK_VELOCITY / SPEED
+    duration = WAY * PEAK_VELOCITY / given.speed
     reference = armgpi.Bezier(start, start + WAY, duration=duration, t_start=BEGIN)
     end = BEGIN + duration
     begun = time.process_time()
@@ -127,7 +129,7 @@ def row(name: str, rotors: float, law: str, given: Any) -> None:
         controller,
         reference,
         end + 0.5,
-        torque=given.torque,
+        torque=given.torque + given.share * robot.limits.effort,
         arms=None if law == "untuned" and not given.friction else arms,
         friction=bool(given.friction),
         bits=16,
@@ -137,7 +139,7 @@ def row(name: str, rotors: float, law: str, given: Any) -> None:
     if not made.holds:
         print(f"{head} - | - | - | - | - | - | {took:.1f} | {'; '.join(made.reasons)}", flush=True)
         return
-    moments = np.linspace(1.2, end, given.moments)
+    moments = np.linspace(min(1.2, 0.4 * end), end, given.moments)
     worst = np.max([attack(made, round(t / controller.dt)) for t in moments], axis=0)
     ratio = made.error / worst
     print(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,6 +40,7 @@ class Asked(NamedTuple):
         jump: whether the load may jump from one end of its range to the other.
         bits: of the encoders; None for exact measurements.
         start: one of :data:`STARTS`.
+        others: more arms that are possible, against which the numbers are held.
         rule: bandwidths that the rule for untuned arms gives the joints [rad/s], shape (n,); None where it is
             not asked.
     """
@@ -55,6 +56,7 @@ class Asked(NamedTuple):
     bits: int | None
     start: str
     rule: Array | None = None
+    others: tuple[Robot, ...] = ()
 
     @property
     def loads(self) -> tuple[float, float]:
@@ -79,6 +81,8 @@ def ask(
     delay: int = 0,
     start: str = STARTS[0],
     controller: str = "gpi",
+    arms: Sequence[Robot] = (),
+    others: Sequence[Robot] = (),
     **options: Any,
 ) -> Asked:
     """Return what :func:`armgpi.certify` is asked for, checked; it has the same arguments."""
@@ -101,24 +105,35 @@ def ask(
             raise ParameterError(name, value, "positive" if above else "zero or positive")
         return array
 
-    arms: tuple[Robot, ...] = (robot,)
-    if law.payload is not None:
-        loads = law.payload
-        arms = (robot.with_payload(loads.frame, loads.lightest, loads.com), loads.nominal)
+    if jump and arms:
+        raise ParameterError("jump", jump, "False where the arm is not exact")
+    loads = law.payload
+    own = (robot,) if loads is None else (*_loaded((robot,), loads)[:1], loads.nominal)
+    ends = (*_loaded(arms, loads), *own)  # the controller's is the last
     where, fastest, away = box_of(robot, box), each(speed, "speed", True), each(radius, "radius", True)
     # A gradient is taken between configurations that are a few samples of motion apart as well.
     count = 0.0 * fastest if bits is None else 0.5 * robot.encoder_count(bits)
     near = away + (delay + 1) * law.dt * fastest + count
-    nominal = arms[-1]  # the controller's
+    nominal = ends[-1]
     moves = 0.0 * fastest, 0.0 * fastest
     if acceleration is not None:
         moves = fastest, each(acceleration, "acceleration")
-    viscous, coulomb = (float(friction) * x for x in robot.friction)
+    viscous, coulomb = float(friction) * np.max([arm.friction for arm in arms or (robot,)], axis=0)
     known: Any = law.bias_robot
     ahead, zone = law.feedforward, law.rest_dead_zone
     inputs = each(torque, "torque"), viscous * moves[0] + coulomb, *moves, count, viscous, zone
-    setting = Setting(arms, nominal, known, *where, near, fastest, ahead, *inputs)
-    return Asked(robot, law, where, setting, away, delay, friction, jump, bits, start, rule)
+    setting = Setting(ends, nominal, known, *where, near, fastest, ahead, *inputs)
+    return Asked(
+        robot, law, where, setting, away, delay, friction, jump, bits, start, rule, _loaded(others, loads)
+    )
+
+
+def _loaded(arms: Sequence[Robot], loads: Any) -> tuple[Robot, ...]:
+    """Return arms with the lightest load of a range, and with the heaviest; as they are without one."""
+    if loads is None:
+        return tuple(arms)
+    ends = (loads.lightest, loads.heaviest)
+    return tuple(arm.with_payload(loads.frame, load, loads.com) for load in ends for arm in arms)
 
 
 def _untuned_law(

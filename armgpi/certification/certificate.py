@@ -21,10 +21,10 @@ from armgpi.arrays import Array, check_choice, check_number, check_path, check_t
 from armgpi.certification import check_certificate
 from armgpi.certification.asked import NOTHING, Asked, ask, inputs_of, law_of, numbers_of, shares_of
 from armgpi.certification.proofs import prove_numbers
-from armgpi.certification.quantities import PER_JOINT, Numbers, Progress, search_numbers
+from armgpi.certification.quantities import PER_JOINT, Numbers, Progress, count_outside, search_numbers
 from armgpi.certification.reasons import beyond, explain_unsolved
 from armgpi.certification.solve import Solution, merge_facts, solvable, solve
-from armgpi.certification.words import table
+from armgpi.certification.words import share_covered, table
 from armgpi.errors import ConfigError, ParameterError
 from armgpi.escape import html_text
 from armgpi.gpi.gains import FixedGains
@@ -192,6 +192,8 @@ def certify(
             `radius` (how far the arm may be from its reference [rad or m]), `acceleration` (of a reference
             that moves), `torque` (of disturbances [N m or N]), `friction` (whether that of the robot acts),
             `jump` (whether the load may jump between its ends), `bits` of the encoders, `delay` [samples],
+            `arms` (such that the true one is in their hull; the controller's `robot` is in it) and `others`
+            (more that are possible, against which the numbers are held),
             and what :class:`armgpi.GPI` takes: `gains`, `integrators`, `rolloff`, `rolloff_ratio`,
             `second_ratio`, `second_zeta`, `feedforward`.
 
@@ -208,6 +210,8 @@ def certify(
         check_choice(rate, "rate", ("auto",))
     asked = ask(robot, dt, **options)
     law_of(asked)  # before what takes long
+    if prove and len(asked.others):
+        raise ParameterError("prove", prove, "False where the arm is not exact: arms are drawn")
     if prove:
         numbers = prove_numbers(asked.setting, budget=budget, progress=progress)
     else:
@@ -251,6 +255,11 @@ def certificate(asked: Asked, found: Numbers) -> Certificate:
         "solutions": known.solutions,
     }
     data["seal"] = seal(data)
+    outside = count_outside(asked.setting, found, asked.others) if known.solutions else 0
+    if outside:
+        known.said.append(
+            f"some of {_tried(asked)} other arms that are possible exceed its numbers: a longer log would do"
+        )
     return Certificate(data, tuple(known.said))
 
 
@@ -382,7 +391,13 @@ def _robot(asked: Asked) -> dict[str, Any]:
         "start": asked.start,
         "rule": None if asked.rule is None else [repr(float(x)) for x in asked.rule],
         "dead_zone": [repr(float(x)) for x in asked.setting.zone],
+        "tried": _tried(asked),
     }
+
+
+def _tried(asked: Asked) -> int:
+    """Return how many other arms the numbers are held against, each with all its loads."""
+    return len(asked.others) // (1 if asked.controller.payload is None else 2)
 
 
 def limits_of(asked: Asked) -> dict[str, list[str]]:
@@ -409,9 +424,14 @@ def _assumptions(asked: Asked) -> list[str]:
     moves = "its gains do not change"
     if not isinstance(asked.controller.gains, FixedGains):
         moves = "all joints have one omega of the list given here, which goes one step in a sample at most"
+    arm = "The arm is the rigid body model of the URDF with the rotor inertia given here, and a point mass "
+    if tried := _tried(asked):
+        arm = (
+            f"The arm is in the hull of arms that are possible, as with 95 % confidence "
+            f"{100.0 * share_covered(tried):.0f} % of them are: {tried} more are. It has a point mass "
+        )
     return [
-        "The arm is the rigid body model of the URDF with the rotor inertia given here, and a point mass "
-        "between the loads given; its joints follow the torque at once and exactly.",
+        f"{arm}between the loads given; its joints follow the torque at once and exactly.",
         f"The controller is GPI with the law given here and {ahead[asked.setting.feedforward]}; its model "
         f"has the heaviest load, {moves}, and its arithmetic is exact.",
         "The reference stays in the box, within its speed and acceleration. That the arm stays within radius "

@@ -14,6 +14,8 @@ from armgpi.gpi.realisation import Bumpless, Resting
 
 #: Samples of a response at most, and norm of the loop's power at which its tail is a geometric series.
 _LONGEST, _SMALL = 200_000, 1e-6
+#: Share of a response that comes after its memory.
+_FORGOTTEN = 0.01
 
 
 class Channel(NamedTuple):
@@ -25,6 +27,11 @@ class Channel(NamedTuple):
         shift: per unit by which what holds the arm changes in each sample [s^2, s, -], shape (3, n).
         zone: per unit of an error that is not integrated [-, 1/s, 1/s^2], shape (3, n).
         start: per unit of an acceleration by which the first torque is wrong [s^2, s, -], shape (3, n).
+        course: what `rest` is the sum of: per unit of an acceleration in one sample, so many samples later,
+            (samples, 3, n).
+        shared: what is asked for per unit of `rest`, within the memory, by the mean of all joints' loops [-].
+        own: what a joint's loop asks for besides, or later [-], shape (n,).
+        memory: for how long [s].
     """
 
     rest: Array
@@ -32,6 +39,10 @@ class Channel(NamedTuple):
     shift: Array
     zone: Array
     start: Array
+    course: Array
+    shared: float
+    own: Array
+    memory: float
 
 
 class Loops(NamedTuple):
@@ -114,14 +125,28 @@ def channel(controller: GPI, delay: int, gain: Array) -> Channel | None:
     measured = loops.measured + push * loops.direct[:, None]
     inputs = np.concatenate([units, np.stack([measured, loops.held, loops.integrated], axis=1)], axis=1)
     outputs = np.concatenate([units, loops.asks[:, None]], axis=1)
-    pushed, sums, peaks = _responses(A, inputs.swapaxes(1, 2), outputs, controller.dt)
+    h = controller.dt
+    pushed, sums, peaks, later = _responses(A, inputs.swapaxes(1, 2), outputs, h)
     count = sums[..., 2]
     count[:, 2] += np.abs(loops.direct)  # what is hidden now reaches the torque at once
-    return Channel(*(np.moveaxis(x, 1, 0) for x in (pushed, count, sums[..., 3], sums[..., 4], peaks)))
+    each = [np.moveaxis(x, 1, 0) for x in (pushed, count, sums[..., 3], sums[..., 4], peaks)]
+    # Where all joints ask alike, the torques of a disturbance do not pass through D^ and D^-1.
+    course = _swept(later[..., 0], later[..., 1], h)
+    asked = later[:, 2]
+    mean = asked.mean(axis=1, keepdims=True)
+    alike, apart = (_swept(x[..., 0], x[..., 1], h) for x in (mean, asked - mean))
+    passed = np.cumsum(course[:, 2], axis=0)
+    last = int(np.argmax((passed >= (1.0 - _FORGOTTEN) * passed[-1]).all(axis=1)))
+    own = apart[: last + 1].sum(axis=0) + pushed[:, 2] - passed[last]
+    rest, seen, shift, zone, start = each
+    shared = float(alike[: last + 1].sum())
+    return Channel(rest, seen, shift, zone, start, course, shared, own, h * (last + 1.0))
 
 
-def _responses(A: Array, inputs: Array, outputs: Array, h: float) -> tuple[Array, Array, Array]:
+def _responses(A: Array, inputs: Array, outputs: Array, h: float) -> tuple[Array, Array, Array, Array]:
     """Return sums and peaks of impulse responses: for accelerations, for inputs 2 to 4, peaks of input 3.
+
+    And the outputs in each sample after a change of position and of speed, (samples, 3, n, 2).
 
     An acceleration z(t) in a sample, s before its end, moves the position by s and the speed by 1. So each
     later output moves by at most the integral of ``|a s + b|`` over the sample for ``|z| <= 1``.
@@ -131,9 +156,11 @@ def _responses(A: Array, inputs: Array, outputs: Array, h: float) -> tuple[Array
     pushed, sums, peaks = np.zeros((n, 3)), np.zeros((n, 3, inputs.shape[2])), np.zeros((n, 3))
     power = np.broadcast_to(np.eye(size), (n, size, size))
     weights, rows = np.zeros((n, 3, size)), outputs.copy()
+    every = []
     for k in range(_LONGEST):
         y = outputs @ x
         pushed += _swept(y[..., 0], y[..., 1], h)
+        every.append(y[..., :2])
         sums += np.abs(y)
         peaks = np.maximum(peaks, np.abs(y[..., 3]))
         weights += np.abs(rows)
@@ -146,7 +173,8 @@ def _responses(A: Array, inputs: Array, outputs: Array, h: float) -> tuple[Array
                 tail = weights.sum(axis=2)[..., None] * (norm / (1.0 - norm))[:, None, None]
                 ends = np.abs(inputs).max(axis=1)[:, None, :]
                 later = tail * ends
-                return pushed + h * (later[..., 0] + later[..., 1]), sums + later, peaks
+                all_later = np.array(every).swapaxes(1, 2)
+                return pushed + h * (later[..., 0] + later[..., 1]), sums + later, peaks, all_later
     raise ParameterError("controller", "its loop", "a loop of each joint that forgets within 200,000 samples")
 
 

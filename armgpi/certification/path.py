@@ -15,8 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array, check_choice, check_number, check_type, check_whole, not_negative, quantity
-from armgpi.certification.channels import channel
+from armgpi.certification.channels import Channel, channel
 from armgpi.certification.quantities import MARGIN, christoffel, slopes
+from armgpi.certification.words import share_covered
 from armgpi.control.controller import Measurement
 from armgpi.errors import ParameterError
 from armgpi.gpi.gains import FixedGains
@@ -46,34 +47,39 @@ _HALVINGS = 40
 _AT_REST = 1e-6
 #: Share of an error below which its part is not told.
 _TOLD = 0.05
+#: What makes an error -> what makes it smaller.
+_ADVICE = {
+    "torques": "a faster law, or less torque and friction",
+    "force at the tool": "a faster law, or less force",
+    "motion of the reference": "a slower path, or feedforward: model",
+    "encoders and lateness": "finer encoders, or less delay",
+    "inertia that is wrong": "identify the arm, or state fewer loads",
+    "gravity": "feedforward: model, or a faster law",
+    "Coriolis and viscous torques": "a slower path, or a faster law",
+}
 _LESS = "less that disturbs, a slower path, or feedforward would do"
+#: Speed beyond that of the error from which a reference says which way friction points: ten times that at
+#: which a plant smooths it, and that of the feedforward [rad/s or m/s].
+_SMOOTH = 1e-2
 #: How a run may start: see :data:`armgpi.certification.asked.STARTS`.
 STARTS = ("wrong-load", "held")
 
 
-class Along(NamedTuple):
-    """Numbers of an arm along a path, each the largest found and :data:`MARGIN` more; rows are joints.
+class Rest(NamedTuple):
+    """What the rest is made of: as accelerations, or as torques of a law that makes up for it.
 
     Attributes:
-        gain: the loop's gain g that is taken for each joint [-], (n,).
         mismatch: of D^-1 D^ - g, element by element [-], (n, n).
         stiffness: of gravity beside what holds the arm at the reference [1/s^2], (n, n).
         turning: how D^ v* changes with the position [1/s^2], (n, n).
         rate: of Coriolis and viscous torques per speed of the error [1/s], (n, n).
         square: of Coriolis torques per product of two speeds of the error, (n, n, n).
-        torque: what the stated torques accelerate [rad/s^2 or m/s^2], (n,).
-        spread: what 1 N m or N on all joints at once accelerates, (n,).
-        force: what a force of 1 N at the tool accelerates, (n,).
+        torque: of the stated torques and friction [rad/s^2 or m/s^2], (n,).
+        spread: of 1 N m or N on all joints at once, (n,).
+        force: of a force of 1 N at the tool, (n,).
         motion: what the reference's motion leaves beside the feedforward [rad/s^2 or m/s^2], (n,).
-        shift: by how much what holds the arm changes in a sample [rad/s^2 or m/s^2], (n,).
-        start: by how much the first torque is wrong [rad/s^2 or m/s^2], (n,).
-        speed: of the reference [rad/s or m/s], (n,).
-        hold: torque that is asked for beside u [N m or N], (n,).
-        reach: torque per unit of u, (n, n).
-        jacobian: of the tool's position, (3, n).
     """
 
-    gain: Array
     mismatch: Array
     stiffness: Array
     turning: Array
@@ -83,12 +89,36 @@ class Along(NamedTuple):
     spread: Array
     force: Array
     motion: Array
+
+
+class Along(NamedTuple):
+    """Numbers of an arm along a path, each the largest found and :data:`MARGIN` more; rows are joints.
+
+    Attributes:
+        gain: the loop's gain g that is taken for each joint [-], (n,).
+        rest: as accelerations.
+        answer: as torques, of the law's model a memory of the loop later at most.
+        shift: by how much what holds the arm changes in a sample [rad/s^2 or m/s^2], (n,).
+        start: by how much the first torque is wrong [rad/s^2 or m/s^2], (n,).
+        speed: of the reference [rad/s or m/s], (n,).
+        hold: torque that is asked for beside u [N m or N], (n,).
+        reach: torque per unit of u, (n, n).
+        jacobian: of the tool's position, (3, n).
+        jerk: by how much its acceleration changes at each sample while torques are late, (samples, n).
+        loop: what the joints' loops make of bounded inputs; None where one is unstable.
+    """
+
+    gain: Array
+    rest: Rest
+    answer: Rest
     shift: Array
     start: Array
     speed: Array
     hold: Array
     reach: Array
     jacobian: Array
+    jerk: Array
+    loop: Channel | None
 
 
 class Solution(NamedTuple):
@@ -162,6 +192,7 @@ class PathBound(NamedTuple):
         bears: torque on all joints at once that could act as well [N m or N].
         bears_force: force at the tool that could act instead [N].
         reasons: why there is no tube, a sentence each; empty where there is one.
+        tried: other arms that are possible, all within it.
     """
 
     wish: Wish
@@ -172,6 +203,7 @@ class PathBound(NamedTuple):
     bears: float
     bears_force: float
     reasons: tuple[str, ...] = ()
+    tried: int = 0
 
     @property
     def holds(self) -> bool:
@@ -211,6 +243,7 @@ def bound_path(
     t_final: float,
     *,
     arms: Robot | Sequence[Robot] | None = None,
+    others: Sequence[Robot] = (),
     torque: Any = 0.0,
     force: float = 0.0,
     friction: bool = False,
@@ -230,6 +263,8 @@ def bound_path(
         t_final: until when [s].
         arms: what the true arm may be: one, or several of which each is possible, such as
             ``identified.sample(64).robots``; the controller's own, with all its loads, when not given.
+        others: more arms that are possible; where one has a larger bound there is none. Of 59 drawn as the
+            truth is, none with a larger one says with 95 % confidence that it holds for 95 % of such arms.
         torque: disturbance torques of any course at most, all at once [N m or N].
         force: at the tool, of any direction and course [N].
         friction: whether the arms have their friction; what the controller feeds forward of it is taken off.
@@ -261,18 +296,30 @@ def bound_path(
     )
     check_choice(start, "start", STARTS)
     check_type(friction, "friction", bool, "True or False")
+    return bound_wish(wish, _arms(controller, others) if others else ())
+
+
+def bound_wish(wish: Wish, others: Sequence[Robot] = (), room: Sequence[float] = _ROOM) -> PathBound:
+    """Return what :func:`bound_path` does, of a wish; what it bears is the most in tubes of widths `room`."""
     _check_path(wish)
-    thin = _Tube(wish, np.full(robot.n, _THIN), controller.gains.nominal().omega_c * np.full(robot.n, _THIN))
-    first = thin.solve(thin.known.torque, force)
+    thinnest = np.full(wish.controller.robot.n, _THIN)
+    thin = _Tube(wish, thinnest, wish.controller.gains.nominal().omega_c * thinnest)
+    first = thin.solve()
     if first is None:
         return _none(wish, [thin.blame()])
     tubes = [
-        _Tube(wish, np.maximum(x * first.error, _THIN), np.maximum(x * first.speed, _THIN)) for x in _ROOM
+        _Tube(wish, np.maximum(x * first.error, _THIN), np.maximum(x * first.speed, _THIN)) for x in room
     ]
-    reasons = [tube.reasons(tube.known.torque, force) for tube in tubes]
+    reasons = [tube.reasons() for tube in tubes]
     if all(reasons):
         return _none(wish, min(reasons, key=len))
-    return tubes[reasons.index([])].path_bound(tubes)
+    best = tubes[reasons.index([])]
+    made = best.path_bound(tubes)
+    own = made.error - wish.delay * wish.controller.dt * best.known.speed
+    if outside := sum(not best.covers(arm, own, made.torque) for arm in others):
+        said = f"{outside} of {len(others)} other arms that are possible have a larger one: {_LESS}"
+        return _none(wish, [said])
+    return made._replace(tried=len(others))
 
 
 def _none(wish: Wish, reasons: Sequence[str]) -> PathBound:
@@ -291,7 +338,6 @@ class _Around(NamedTuple):
         y: what is measured of it.
         between: anywhere between the target and them.
         v: what the law asks for where it holds the arm at the target.
-        inverse: D^-1 at q, (400, n, n).
         coriolis: C(q, late.v), (400, n, n).
     """
 
@@ -301,7 +347,6 @@ class _Around(NamedTuple):
     y: Array
     between: Array
     v: Array
-    inverse: Array
     coriolis: Array
 
 
@@ -313,8 +358,8 @@ def numbers_along(wish: Wish, radius: Array, fastest: Array) -> Along:
         radius: how far the arm is from the path at most [rad or m], (n,).
         fastest: how fast the error is at most [rad/s or m/s], (n,).
     """
-    controller, n = wish.controller, len(radius)
-    passed = (wish.delay + 1) * controller.dt
+    controller: Any = wish.controller
+    n, passed = len(radius), (wish.delay + 1) * controller.dt
     rng = np.random.default_rng(wish.seed)
     every = wish.reference.at(wish.samples)
     speed = np.abs(every.v).max(axis=0)
@@ -328,35 +373,61 @@ def numbers_along(wish: Wish, radius: Array, fastest: Array) -> Along:
         return np.where(rng.random((_TIMES, n)) < 0.5, np.sign(share), share) * size
 
     found: dict[str, Array] = {"start": np.zeros(n)}
-    products = []
+    rest: dict[str, Array] = {}
+    answer: dict[str, Array] = {}
+    arms = []
     for arm in wish.arms:
         q = late.q + around(radius)
         y, between = q + around(moved), target.q + around(radius + moved)
-        inverse: Array = np.asarray(np.linalg.inv(arm.mass_matrix(q)), float)
         slope = slopes(arm.mass_matrix, q)
         coriolis = christoffel(slope, late.v[:, None])[:, 0]
-        at = _Around(target, late, q, y, between, _holds(wish, arm, target.q), inverse, coriolis)
-        products.append(inverse @ controller.robot.mass_matrix(y))
-        square = np.einsum("kij,kcja->kica", inverse, christoffel(slope, np.eye(n)))
+        at = _Around(target, late, q, y, between, _holds(wish, arm, target.q), coriolis)
+        true, model = arm.mass_matrix(q), controller.robot.mass_matrix(y)
+        inverse = np.asarray(np.linalg.inv(true), float)
+        arms.append((at, inverse, true, model, _torques(wish, arm, at, slope, every, fastest)))
         shift = _holds(wish, arm, wish.reference.at(times + controller.dt).q) - at.v
+        ahead = controller.ahead(y, target)
         values = {
-            "square": square,
             "shift": shift,
-            **_rates(wish, arm, at),
-            **_inputs(wish, arm, at, fastest),
+            "hold": controller.robot.inertia_times(y, at.v) + ahead,
+            "reach": model,
+            "jacobian": arm.frame_jacobian(arm.tip, between)[:, :3],
         }
         if wish.start == "wrong-load":
             values["start"] = _start(wish, at, rng)
-        for name, value in values.items():
-            found[name] = np.maximum(found.get(name, 0.0), np.abs(value).max(axis=0))
-    diagonals = np.concatenate([np.diagonal(x, axis1=1, axis2=2) for x in products])
+        _keep_largest(found, values)
+    diagonals = np.concatenate([np.diagonal(x[1] @ x[3], axis1=1, axis2=2) for x in arms])
     gain = 0.5 * (diagonals.min(axis=0) + diagonals.max(axis=0))
-    found["mismatch"] = np.abs(np.concatenate(products) - np.diag(gain)).max(axis=0)
-    return Along(gain=gain, speed=speed, **{name: (1.0 + MARGIN) * x for name, x in found.items()})
+    loop = channel(controller, wish.delay, gain)
+    for _, inverse, true, model, torques in arms:
+        torques["mismatch"] = model - true * gain
+        later = times + (0.0 if loop is None else loop.memory * rng.random(_TIMES))
+        seen = wish.reference.at(np.minimum(later, wish.t_final)).q + around(radius + wish.hidden)
+        _keep_largest(rest, _through(inverse, torques))
+        _keep_largest(answer, _through(controller.robot.mass_matrix(seen) @ inverse, torques))
+
+    jerk = 0.0 * every.a
+    for away in range(1, wish.delay + 2):
+        jerk[:-away] = np.maximum(jerk[:-away], np.abs(every.a[away:] - every.a[:-away]))
+
+    def enlarged(values: dict[str, Array]) -> dict[str, Array]:
+        return {name: (1.0 + MARGIN) * x for name, x in values.items()}
+
+    found["jerk"] = jerk
+    others: Any = enlarged(found)
+    return Along(gain, Rest(**enlarged(rest)), Rest(**enlarged(answer)), speed=speed, loop=loop, **others)
 
 
-def _rates(wish: Wish, arm: Robot, at: _Around) -> dict[str, Array]:
-    """Return what grows with the error and its speed."""
+def _keep_largest(found: dict[str, Array], values: Mapping[str, Array]) -> None:
+    """Keep the largest sizes of some more values, the first axis being configurations."""
+    for name, value in values.items():
+        found[name] = np.maximum(found.get(name, 0.0), np.abs(value).max(axis=0))
+
+
+def _torques(
+    wish: Wish, arm: Robot, at: _Around, slope: Array, every: Target, fastest: Array
+) -> dict[str, Array]:
+    """Return what makes the rest, as torques at configurations; the first axis is these."""
     controller: Any = wish.controller
     v, star = (np.repeat(x, 4 * arm.n, axis=0) for x in (at.v, at.target.q))  # of each step of a slope
 
@@ -366,36 +437,48 @@ def _rates(wish: Wish, arm: Robot, at: _Around) -> dict[str, Array]:
     turning = slopes(torque, at.between).swapaxes(1, 2)
     gravity = slopes(arm.gravity, at.between).swapaxes(1, 2)
     viscous = wish.friction * np.broadcast_to(arm.friction.viscous, (arm.n,))
+    fed = controller.add_friction(0.0 * at.q, at.target.v) if controller.friction_feedforward else 0.0
+    given = controller.ahead(at.y, at.target) - controller.ahead(at.y, _at_rest(at.target.q)) - fed
+    needed = np.einsum("kij,kj->ki", at.coriolis, at.late.v) + arm.inertia_times(at.q, at.target.a)
     return {
-        "stiffness": at.inverse @ (turning - gravity),
-        "turning": at.inverse @ turning,
-        "rate": at.inverse @ (2.0 * at.coriolis + np.diag(viscous)),
+        "stiffness": turning - gravity,
+        "turning": turning,
+        "rate": 2.0 * at.coriolis + np.diag(viscous),
+        "square": christoffel(slope, np.eye(arm.n)),
+        "torque": wish.torque + _rubbing(wish, arm, every, fastest),
+        "force": arm.frame_jacobian(arm.tip, at.q)[:, :3].swapaxes(1, 2),
+        "motion": given - needed,
     }
 
 
-def _inputs(wish: Wish, arm: Robot, at: _Around, fastest: Array) -> dict[str, Array]:
-    """Return what disturbs, and what turns it into torques and the tool's distance."""
+def _rubbing(wish: Wish, arm: Robot, every: Target, fastest: Array) -> Array:
+    """Return how large friction is at most beside what is fed forward of it [N m or N], (n,)."""
     controller: Any = wish.controller
-    nominal, v, fed = controller.robot, at.late.v, np.zeros_like(at.q)
-    if controller.friction_feedforward:
-        fed = controller.add_friction(fed, at.target.v)
-    ahead = controller.ahead(at.y, at.target)
-    given = ahead - controller.ahead(at.y, _at_rest(at.target.q)) - fed  # for motion
     viscous, coulomb = (wish.friction * np.broadcast_to(x, (arm.n,)) for x in arm.friction)
-    # Which way Coulomb friction points is known where the reference is faster than the error.
-    off, sure = fed - viscous * v, np.abs(v) > fastest
-    either = np.maximum(np.abs(off - coulomb), np.abs(off + coulomb))
-    bounds = wish.torque + np.where(sure, np.abs(off - coulomb * np.sign(v)), either)
-    pushes = arm.frame_jacobian(arm.tip, at.q)[:, :3].swapaxes(1, 2)
-    needed = np.einsum("kij,kj->ki", at.coriolis, v)
+    fed = 0.0 * every.v
+    if controller.friction_feedforward:
+        fed = controller.add_friction(fed, every.v)
+    found = 0.0 * coulomb
+    for late in range(wish.delay + 2):  # samples since what is fed forward was asked for
+        v = every.v[late:]
+        off = fed[: len(v)] - viscous * v
+        # Which way Coulomb friction points is known where the reference is clearly faster than the error.
+        either = np.maximum(np.abs(off - coulomb), np.abs(off + coulomb))
+        most = np.where(np.abs(v) > fastest + _SMOOTH, np.abs(off - coulomb * np.sign(v)), either)
+        found = np.maximum(found, most.max(axis=0))
+    return np.asarray(found)
+
+
+def _through(left: Array, torques: Mapping[str, Array]) -> dict[str, Array]:
+    """Return what matrices (400, n, n) make of torques: of each the number of :class:`Rest`."""
+    sizes = np.abs(left)
     return {
-        "torque": (np.abs(at.inverse) @ bounds[..., None])[..., 0],
-        "spread": np.abs(at.inverse).sum(axis=2),
-        "force": np.linalg.norm(at.inverse @ pushes, axis=2),
-        "motion": np.einsum("kij,kj->ki", at.inverse, given - needed) - at.late.a,
-        "hold": nominal.inertia_times(at.y, at.v) + ahead,
-        "reach": nominal.mass_matrix(at.y),
-        "jacobian": arm.frame_jacobian(arm.tip, at.between)[:, :3],
+        **{name: left @ torques[name] for name in ("mismatch", "stiffness", "turning", "rate")},
+        "square": np.einsum("kij,kcja->kica", left, torques["square"]),
+        "torque": sizes @ torques["torque"],
+        "spread": sizes.sum(axis=2),
+        "force": np.linalg.norm(left @ torques["force"], axis=2),
+        "motion": np.einsum("kij,kj->ki", left, torques["motion"]),
     }
 
 
@@ -452,47 +535,52 @@ class _Tube:
         fastest: how fast the error is at most there [rad/s or m/s], (n,).
         known: the numbers.
         loop: what the joints' loops make of bounded inputs.
+        fixed: what they make of those that do not grow with the error, (3, n).
     """
 
     def __init__(self, wish: Wish, radius: Array, fastest: Array, known: Along | None = None) -> None:
         self.wish, self.radius, self.fastest = wish, radius, fastest
         self.known = numbers_along(wish, radius, fastest) if known is None else known
-        self.loop = channel(wish.controller, wish.delay, self.known.gain)
-        self.effort = np.broadcast_to(wish.controller.effort, radius.shape)
+        self.loop = loop = self.known.loop
+        if loop is not None:
+            self.fixed = loop.measured * wish.hidden + loop.shift * self.known.shift + loop.zone * wish.zone
+            self.fixed = self.fixed + loop.start * self.known.start + _convolved(loop, self.known.jerk)
 
-    def parts(
-        self, error: Array, speed: Array, asked: Array, torque: Array, force: float
-    ) -> dict[str, Array]:
+    def parts(self, rest: Rest, old: Solution, torque: float, force: float) -> dict[str, Array]:
         """Return what the rest is made of, by what it comes from, for errors within bounds."""
         known, wish = self.known, self.wish
         late = (wish.delay + 1) * wish.controller.dt
         return {
-            "torques": torque,
-            "force at the tool": force * known.force,
-            "motion of the reference": known.motion + known.stiffness @ (late * known.speed),
-            "encoders and lateness": known.turning @ (late * (known.speed + speed) + wish.hidden),
-            "inertia that is wrong": known.mismatch @ asked,
-            "gravity": known.stiffness @ error,
-            "Coriolis and viscous torques": known.rate @ speed
-            + np.einsum("ica,c,a->i", known.square, speed, speed),
+            "torques": rest.torque + torque * rest.spread,
+            "force at the tool": force * rest.force,
+            "motion of the reference": rest.motion + rest.stiffness @ (late * known.speed),
+            "encoders and lateness": rest.turning @ (late * (known.speed + old.speed) + wish.hidden),
+            "inertia that is wrong": rest.mismatch @ old.asked,
+            "gravity": rest.stiffness @ old.error,
+            "Coriolis and viscous torques": rest.rate @ old.speed
+            + np.einsum("ica,c,a->i", rest.square, old.speed, old.speed),
         }
 
-    def step(self, old: Solution, torque: Array, force: float) -> Solution:
+    def step(self, old: Solution, torque: float, force: float) -> Solution:
         """Return the bounds that follow from bounds."""
-        wish, loop = self.wish, self.loop
+        loop, h = self.loop, self.wish.controller.dt
         assert loop is not None
-        h = wish.controller.dt
-        parts = self.parts(old.error, old.speed, old.asked, torque, force)
+        parts = self.parts(self.known.rest, old, torque, force)
         rest = np.sum(list(parts.values()), axis=0)
-        fixed = loop.measured * wish.hidden + loop.shift * self.known.shift + loop.zone * wish.zone
-        error, speed, asked = loop.rest * rest + fixed + loop.start * self.known.start
-        most = self.known.gain * asked + rest
+        error, speed, asked = loop.rest * rest + self.fixed
+        most = self.known.gain * asked + rest + self.known.jerk.max(axis=0)
         return Solution(error + h * speed + 0.5 * h * h * most, speed + h * most, asked, rest, parts)
 
-    def solve(self, torque: Array, force: float) -> Solution | None:
-        """Return the least solution, a little raised, wherever it leads; None where there is none."""
+    def solve(self, torque: float = 0.0, force: float | None = None) -> Solution | None:
+        """Return the least solution, a little raised, wherever it leads; None where there is none.
+
+        Args:
+            torque: on all joints at once, beside what is stated [N m or N].
+            force: at the tool [N]; what is stated when not given.
+        """
         if self.loop is None:
             return None
+        force = self.wish.force if force is None else force
         zero = np.zeros_like(self.radius)
         found = Solution(zero, zero, zero, zero, {})
         for _ in range(_STEPS):
@@ -515,19 +603,25 @@ class _Tube:
         """Tell whether bounds are within what the numbers were taken over."""
         return bool((found.error <= self.radius).all() and (found.speed <= self.fastest).all())
 
-    def torques(self, found: Solution) -> Array:
-        """Return the torques that are asked for at most [N m or N], (n,)."""
-        return np.asarray(self.known.hold + self.known.reach @ found.asked)
+    def torques(self, found: Solution, torque: float, force: float) -> Array:
+        """Return the torques that are asked for at most [N m or N], (n,); see :meth:`solve`."""
+        known, loop = self.known, self.loop
+        assert loop is not None
+        answer = loop.shared * np.sum(list(self.parts(known.answer, found, torque, force).values()), axis=0)
+        answer = answer + known.reach @ (loop.own * found.rest + self.fixed[2])
+        return np.asarray(known.hold + np.minimum(answer, known.reach @ found.asked))
 
-    def reasons(self, torque: Array, force: float) -> list[str]:
-        """Return why there is no bound in this tube; none where there is one."""
+    def reasons(self, torque: float = 0.0, force: float | None = None) -> list[str]:
+        """Return why there is no bound in this tube; none where there is one. See :meth:`solve`."""
+        force = self.wish.force if force is None else force
         found = self.solve(torque, force)
         if found is None or not self.holds(found):
             return [f"the error may leave {float(self.radius.max()):.3g} rad or m: {_LESS}"]
-        names, torques = self.wish.controller.robot.joint_names, self.torques(found)
+        names, torques = self.wish.controller.robot.joint_names, self.torques(found, torque, force)
+        effort = np.broadcast_to(self.wish.controller.effort, torques.shape)
         return [
             f"joint {name!r} may need {most:.3g} and its effort is {limit:.3g}: {_LESS}"
-            for name, most, limit in zip(names, torques, self.effort, strict=True)
+            for name, most, limit in zip(names, torques, effort, strict=True)
             if most > limit
         ]
 
@@ -535,51 +629,66 @@ class _Tube:
         """Return what grows with the error faster than the loops reject it."""
         if self.loop is None:
             return "with the inertia of these arms a joint's own loop is unstable: the model is too far off"
-        nothing = 0.0 * self.radius
-        quiet = {"motion": nothing, "shift": nothing, "start": nothing, "speed": nothing}
-        if self._with(**quiet).solve(nothing, 0.0) is not None:
+        if self._without().solve(0.0, 0.0) is not None:
             return f"the error may leave {_WIDEST:g} rad or m: {_LESS}"
         grown = {
             "mismatch": "inertia that is wrong",
             "stiffness": "gravity",
             "rate": "Coriolis and viscous torques",
         }
-        blamed = [
-            what
-            for name, what in grown.items()
-            if self._with(**quiet, **{name: 0.0 * getattr(self.known, name)}).solve(nothing, 0.0) is not None
-        ]
+        blamed = [what for name, what in grown.items() if self._without(name).solve(0.0, 0.0) is not None]
         said = " or ".join(blamed) or "several terms together"
         return f"the joints disturb each other more than their loops reject; in the way: {said}"
 
-    def _with(self, **numbers: Any) -> _Tube:
-        """Return the tube of other numbers."""
-        return _Tube(self.wish, self.radius, self.fastest, self.known._replace(**numbers))
+    def _without(self, *names: str) -> _Tube:
+        """Return the tube without what disturbs from the start, nor some of what grows with the error."""
+        known, nothing = self.known, 0.0 * self.radius
+        rest = {name: 0.0 * getattr(known.rest, name) for name in ("torque", "motion", *names)}
+        still: Any = dict.fromkeys(("shift", "start", "speed"), nothing)
+        quiet = known._replace(rest=known.rest._replace(**rest), jerk=0.0 * known.jerk, **still)
+        return _Tube(self.wish, self.radius, self.fastest, quiet)
+
+    def covers(self, arm: Robot, within: Array, torques: Array) -> bool:
+        """Tell whether another arm has errors and torques within some sizes."""
+        own = _Tube(self.wish._replace(arms=(arm,)), self.radius, self.fastest)
+        found = own.solve()
+        if found is None or not own.holds(found) or (found.error > within).any():
+            return False
+        return bool((own.torques(found, 0.0, self.wish.force) <= torques).all())
 
     def path_bound(self, tubes: Sequence[_Tube]) -> PathBound:
         """Return the bound, and what is borne in any of several tubes."""
         wish, known, loop = self.wish, self.known, self.loop
-        found = self.solve(known.torque, wish.force)
+        found = self.solve()
         assert found is not None
         assert loop is not None
         size = np.maximum(found.error, 1e-300)
         parts = {name: loop.rest[0] * x / size for name, x in found.parts.items()}
         fixed = loop.measured[0] * wish.hidden + loop.shift[0] * known.shift
         parts["encoders and lateness"] = parts["encoders and lateness"] + fixed / size
+        jerks = _convolved(loop, known.jerk)[0]
+        parts["motion of the reference"] = parts["motion of the reference"] + jerks / size
         own = found.error + wish.delay * wish.controller.dt * known.speed
-
-        def bears(tube: _Tube, torque: float, force: float) -> bool:
-            return not tube.reasons(tube.known.torque + torque * tube.known.spread, wish.force + force)
-
         return PathBound(
             wish=wish,
             error=own,
             tool=float(np.linalg.norm(known.jacobian @ own)),
-            torque=self.torques(found),
+            torque=self.torques(found, 0.0, wish.force),
             parts=parts,
-            bears=max(_most(lambda x, each=each: bears(each, x, 0.0)) for each in tubes),
-            bears_force=max(_most(lambda x, each=each: bears(each, 0.0, x)) for each in tubes),
+            bears=max(_most(lambda x, each=each: not each.reasons(x)) for each in tubes),
+            bears_force=max(
+                _most(lambda x, each=each: not each.reasons(0.0, wish.force + x)) for each in tubes
+            ),
         )
+
+
+def _convolved(loop: Channel, course: Array) -> Array:
+    """Return what loops make of accelerations whose sizes are known at each sample, at most; (3, n)."""
+    later = loop.rest - loop.course.sum(axis=0)  # beyond the samples that were looked at
+    found = later * course.max(axis=0)
+    length = len(loop.course) + len(course)
+    both = np.fft.rfft(loop.course, length, axis=0) * np.fft.rfft(course, length, axis=0)[:, None]
+    return np.asarray(found + np.maximum(np.fft.irfft(both, length, axis=0).max(axis=0), 0.0))
 
 
 def _most(fits: Any) -> float:
@@ -606,11 +715,18 @@ def describe(found: PathBound) -> list[str]:
         f"  besides what is stated it bears {found.bears:.2g} N m or N of any course on all joints at once, "
         f"or {found.bears_force:.2g} N at the tool",
     ]
+    if found.tried:
+        lines.append(
+            f"  with 95 % confidence it holds for {100.0 * share_covered(found.tried):.0f} % of the arms "
+            f"that are possible: {found.tried} more are within it"
+        )
     if names := found.weaker_than_friction():
         lines.append(
             f"  that is less than the Coulomb friction of {', '.join(names)}, which is not in it: state it "
             "as friction, or feed it forward"
         )
+    most = max(found.parts, key=lambda what: float(found.parts[what] @ found.error))
+    lines.append(f"  most of it is {most}; what would do first: {_ADVICE[most]}")
     width = max(len(name) for name in robot.joint_names)
     for j, name in enumerate(robot.joint_names):
         shares = sorted(((x[j], what) for what, x in found.parts.items()), reverse=True)

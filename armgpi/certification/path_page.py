@@ -38,8 +38,8 @@ def write_page(found: PathBound, run: Any) -> str:
     if not found.holds:
         sections = {"What is in the way, and what would do": page.bullets(found.reasons)}
         return page.document("Bound along a path", summary, sections)
-    summary += f"<p>{page.text(rest[0].strip())}</p>"
     robot: Any = found.wish.controller.robot
+    summary += "".join(f"<p>{page.text(line.strip())}</p>" for line in rest[: -robot.n])
     rows = []
     told = [what for what, x in found.parts.items() if x.max() >= _TOLD]
     for j, name in enumerate(robot.joint_names):

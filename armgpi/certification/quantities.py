@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,7 +46,8 @@ class Setting(NamedTuple):
     """What the numbers are taken over.
 
     Attributes:
-        arms: the true arm with the lightest and with the heaviest load; one where they are the same.
+        arms: the true arm with the lightest and with the heaviest load, one where they are the same; or arms
+            in whose hull it is, the last of them the controller's.
         nominal: the controller's model.
         known: the model of its feedforward.
         lower: lower end of the reference's configurations [rad or m], shape (n,).
@@ -190,18 +191,34 @@ def at_ends(setting: Setting, seed: int = 0, progress: Progress = lambda _: None
 def between_ends(setting: Setting, found: Numbers) -> Numbers:
     """Return numbers that hold for loads between the ends as well.
 
-    Velocities of length 1 in the metric of a load between are at most as long as the root of delta in that of
-    the heaviest one: what is linear in them is larger there at most by that.
+    Velocities of length 1 in the metric of an arm between are at most as long as the root of the ratio of
+    the deltas in that of an end: what is linear in them is larger there at most by that. No metric is longer
+    than the controller's by more than the root of 1 over the least delta.
     """
     if setting.arms[0] is setting.arms[-1]:
         return found
-    longer = math.sqrt(found.delta_high.value)
-    proven = found.delta_high.status == "proved"
+    low, high = min(1.0, found.delta_low.value), found.delta_high
+    factors = dict.fromkeys(("sigma_error", "kappa_error"), math.sqrt(high.value / low))
     changed: dict[str, Any] = {}
-    for name in ("sigma_error", "kappa_error"):
+    for name, longer in {**factors, "shift": math.sqrt(1.0 / low)}.items():
         each = getattr(found, name)
+        proven = name == "shift" or high.status == "proved"
         changed[name] = Number(longer * each.value, each.status if proven else "searched")
     return found._replace(**changed)
+
+
+def count_outside(setting: Setting, found: Numbers, others: Sequence[Robot], seed: int = 1) -> int:
+    """Return how many other arms exceed a number where that of the controller's own is the largest."""
+    own, outside = setting._replace(arms=setting.arms[-1:]), np.zeros(len(others), bool)
+    for name, function in functions(setting).items():
+        z, values = _search(own, function, seed)
+        at = points(setting, z[np.argsort(-values)[:_BEST]])
+        group, _, joint = name.lstrip("-").partition(".")
+        number = getattr(found, group)
+        most = (number[int(joint)] if joint else number).value
+        most = -most if name.startswith("-") else most
+        outside |= [bool(function(setting, arm, at).max() > most + TINY) for arm in others]
+    return int(outside.sum())
 
 
 def functions(setting: Setting) -> dict[str, _Function]:
@@ -239,6 +256,11 @@ def largest(setting: Setting, function: _Function, seed: int = 0) -> float:
         function: (setting, arm, points) -> values (k,).
         seed: of the points that are drawn.
     """
+    return float(_search(setting, function, seed)[1].max())
+
+
+def _search(setting: Setting, function: _Function, seed: int) -> tuple[Array, Array]:
+    """Return coordinates of points and values there, the largest that are found among them."""
     rng = np.random.default_rng(seed)
     n = setting.nominal.n
     low, width = ranges(setting)
@@ -261,7 +283,7 @@ def largest(setting: Setting, function: _Function, seed: int = 0) -> float:
         near = np.clip(near, low, low + width)
         z = np.concatenate([z, near])
         found = np.concatenate([found, values(near)])
-    return float(found.max())
+    return z, found
 
 
 def motion(robot: Robot, count: int = 64) -> dict[str, float]:
@@ -446,8 +468,9 @@ def _reach(joint: int) -> _Function:
 
 
 def _jump(setting: Setting, arm: Robot, at: Points) -> Array:
-    """Return the length of the change of v* between the two loads."""
-    light, heavy = (resting(setting, each, at.star) for each in (setting.arms[0], setting.arms[-1]))
+    """Return the length of the change of v* between an arm, or the first, and the controller's."""
+    other = setting.arms[0] if arm is setting.arms[-1] else arm
+    light, heavy = (resting(setting, each, at.star) for each in (other, setting.arms[-1]))
     return _length(setting, arm, at, (heavy - light)[:, None])[:, 0]
 
 

@@ -10,7 +10,14 @@ from typing import Annotated, Any
 import typer
 
 from armgpi.cli import options as opt
-from armgpi.cli.certify import joint_numbers, load_ends, note_believed
+from armgpi.cli.certify import (
+    Identified,
+    joint_numbers,
+    load_ends,
+    note_believed,
+    note_gears,
+    possible_arms,
+)
 from armgpi.cli.derive import write
 from armgpi.cli.parsing import FAILED, OK, is_experiment, refusal, stoppable
 from armgpi.cli.pictures import check_file
@@ -54,6 +61,10 @@ _Controller = Annotated[
         help="gpi or untuned. Default: the file's, else gpi, or untuned with an encoder or delay.",
     ),
 ]
+_ToolSpeed = Annotated[
+    float | None,
+    typer.Option(metavar="NUMBER", help="How far the supervisor's stop takes from this tool speed [m/s]."),
+]
 _Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the bound (JSON).")]
 
 
@@ -66,6 +77,8 @@ def bound(
     friction_within: _Within = None,
     payload: _Payload = None,
     start: _Start = "wrong-load",
+    tool_speed: _ToolSpeed = None,
+    identified: Identified = None,
     controller: _Controller = None,
     rotor_inertia: opt.RotorInertia = None,
     drives: opt.Drives = None,
@@ -79,6 +92,8 @@ def bound(
     armgpi bound ur5.yaml --torque 0.5 --force 5
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.certification.path import bound_path
+    from armgpi.certification.stopping import bound_stop
+    from armgpi.plants.plant import inside
 
     if report is not None:
         check_file(report, "--report")
@@ -87,12 +102,14 @@ def bound(
     experiment = _experiment(robot, opt.drives_given(rotor_inertia, drives), controller)
     note_believed(experiment.robot)
     law: Any = next(iter(experiment.controllers.values()))
-    settings = experiment.config.plant
+    settings, loads = experiment.config.plant, load_ends(payload)
+    drawn = possible_arms(identified, experiment.robot)
     found = bound_path(
         law,
         experiment.reference,
         experiment.t_final,
-        arms=_arms(experiment, load_ends(payload), friction_within),
+        arms=_arms(drawn["arms"] or [inside(experiment.plant).robot], loads, friction_within),
+        others=_arms(drawn["others"], loads, friction_within),
         torque=joint_numbers(experiment.robot, torque, "--torque"),
         force=force,
         friction=friction or friction_within is not None or settings.friction == "urdf",
@@ -100,12 +117,19 @@ def bound(
         delay=getattr(settings, "delay", None) or 0,
         start=start,
     )
-    data = json_data(found.plain())
+    if found.tried:  # each with all its loads
+        found = found._replace(tried=len(drawn["others"]))
+    stop = None
+    if found.holds and tool_speed is not None:
+        stop = bound_stop(found, tool_speed, experiment.supervisor)
+    data = json_data({**found.plain(), "stop": None if stop is None else stop._asdict()})
     if out is not None:
         write(out, json.dumps(data, indent=1) + "\n", "--out")
     if report is not None:
         write(report, _page(found, experiment), "--report")
-    say(json.dumps(data) if as_json else f"{found}{_gears(found)}", lines=True)
+    unseen = experiment.supervisor is not None and stop is None
+    notes = [str(stop or ""), "a stop by the supervisor is not in it" if unseen else "", _gears(found)]
+    say(json.dumps(data) if as_json else "\n  ".join([str(found), *filter(None, notes)]), lines=True)
     sys.exit(OK if found.holds else FAILED)
 
 
@@ -115,6 +139,8 @@ def _experiment(name: str, drives: dict[str, Any], controller: str | None) -> An
     Raises:
         ConfigError: when something in it is not as it should be.
     """
+    import numpy as np
+
     from armgpi import config
     from armgpi.gpi.law import GPI
     from armgpi.plants.actuators import Saturated
@@ -137,24 +163,28 @@ def _experiment(name: str, drives: dict[str, Any], controller: str | None) -> An
         raise origin.error(
             ("controllers", 0, "type"), f"a bound is for gpi or untuned, got {type(law).__name__}"
         )
+    for name in ("torque_rate", "torque_cap"):
+        if getattr(experiment.supervisor, name, None) is not None:
+            raise origin.error(("supervisor", name), "a bound takes torques that nothing but effort limits")
     if experiment.config.plant.loads:
         raise origin.error(
             ("plant", "loads"), "a bound takes disturbances by --torque and --force, not from here"
         )
+    effort = law.effort
     while isinstance(plant, Encoder | Delayed | Saturated):
+        effort = np.minimum(effort, plant.effort) if isinstance(plant, Saturated) else effort
         plant = plant.plant
     if type(plant) is not RigidBodyPlant:
         kind = getattr(type(plant), "config_name", None) or type(plant).__name__
         raise origin.error(("plant",), f"a bound is for rigid arms with encoders and delay, got {kind!r}")
-    return experiment
+    # A motor may give less than its law believes.
+    return experiment._replace(controllers={name: law.with_values(effort=effort)})
 
 
-def _arms(experiment: Any, loads: tuple[float, float] | None, within: float | None) -> list[Any]:
-    """Return what the true arm may be: that of the plant, with loads and friction of their ranges."""
+def _arms(arms: list[Any], loads: tuple[float, float] | None, within: float | None) -> list[Any]:
+    """Return what the true arm may be: each of some arms, with loads and friction of their ranges."""
     from armgpi.certification.path import with_loads
-    from armgpi.plants.plant import inside
 
-    arms: list[Any] = [inside(experiment.plant).robot]
     if loads is not None:
         arms = [loaded for arm in arms for loaded in with_loads(arm, *loads, arm.tip)]
     if within is not None:
@@ -179,11 +209,5 @@ def _gears(found: Any) -> str:
 
     law = found.wish.controller
     if not found.holds and geared.is_believed(law.bias_robot):
-        return "\n  the law is slow, for gears that twist; --drives believed: that for stiff gears"
-    if not (found.holds and law.bias_robot.armature.any()):
-        return ""
-    lowest, usual = geared.borne(law, law.bias_robot, found.wish.delay)
-    return (
-        f"\n  gears are taken as rigid: below {lowest:.3g} Hz of lowest resonance the law may lose the arm, "
-        f"and this is void (searched); such motors have some {usual:.2g} Hz"
-    )
+        return "the law is slow, for gears that twist; --drives believed: that for stiff gears"
+    return note_gears(law, found.wish.delay) if found.holds else ""

@@ -105,6 +105,17 @@ _Prove = Annotated[
 _Budget = Annotated[
     float, typer.Option(metavar="SECONDS", help="Processor time for the proof of each number of the arm.")
 ]
+Identified = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="identification.json: the arm is one of those that it leaves possible, with 95 % confidence.",
+    ),
+]
+#: Arms drawn in whose hull the true one is taken to be, so many times as far from the estimate as drawn; and
+#: more that are held against what follows: none of 59 outside says with 95 % confidence that 95 % are inside
+#: (0.95^59 < 0.05).
+_DRAWN, _FARTHER, _TRIED = 12, 2.5, 59
 _Out = Annotated[
     Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the certificate file (JSON).")
 ]
@@ -156,12 +167,12 @@ def certify(
     out: _Out = None,
     report: opt.Report = None,
     refute: _Refute = None,
+    identified: Identified = None,
     as_json: opt.Json = False,
 ) -> None:
     """Bound the whole arm's error under GPI, so that another program can check it exactly.
 
     \b
-    armgpi certify ur5 --payload 0:3 --speed 0.2
     armgpi certify ur5 --payload 0:3 --start held --box task.yaml --out ur5.json
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.certification.box import read_box
@@ -172,8 +183,7 @@ def certify(
     how = {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair, "effort": effort}
     arm = load_arm(robot, how, rotor_inertia, drives)
     dt, delay, controller = _loop_of(robot, dt, delay, controller)
-    if refute is not None:
-        _refute_file(refute, arm)
+    _refute_file(refute, arm)
     note_believed(arm)
     texts = {"speed": speed, "acceleration": acceleration, "torque": torque, "radius": radius}
     vectors = {key: joint_numbers(arm, text, f"--{key}") for key, text in texts.items() if text is not None}
@@ -181,11 +191,27 @@ def certify(
     named = {**law, "feedforward": feedforward, "controller": controller}
     stated = {"bits": encoder_bits, "friction": friction, "jump": jump, "start": start}
     proof: Any = {"prove": prove, "budget": budget, "rate": "auto" if rate == "auto" else None}
-    proof |= {"payload": load_ends(payload), "box": None if box is None else read_box(box)}
+    proof |= {"payload": load_ends(payload), "box": box and read_box(box), **possible_arms(identified, arm)}
     options = {**vectors, **_chosen_parts(named), **stated, **proof, "gains": _gains(omega, zeta, pole, rate)}
     with progress() as told:
         found = certified(arm, dt, progress=told, **options)
     sys.exit(_publish(found, arm, out, report, as_json))
+
+
+def possible_arms(file: Path | None, arm: Any) -> dict[str, list[Any]]:
+    """Return `arms` and `others` that an identification leaves possible; none of either without one."""
+    if file is None:
+        return {"arms": [], "others": []}
+    import numpy as np
+
+    from armgpi.identification.posterior import read_posterior, with_parameters
+    from armgpi.robot.identified import NAME
+
+    posterior = read_posterior(file / NAME if file.is_dir() else file, arm)
+    normal = np.random.default_rng(0).normal(size=(_DRAWN + _TRIED, len(posterior.mean)))
+    normal[:_DRAWN] *= _FARTHER
+    drawn = [with_parameters(arm, theta) for theta in posterior.unknowns(normal)]
+    return {"arms": drawn[:_DRAWN], "others": drawn[_DRAWN:]}
 
 
 def note_believed(arm: Any) -> None:
@@ -211,21 +237,41 @@ def note_believed(arm: Any) -> None:
         )
 
 
+def note_gears(law: Any, delay: int) -> str:
+    """Return below which resonance of its gears a claim of a rigid arm is void; empty without rotors."""
+    from armgpi.gpi import geared
+    from armgpi.gpi.gains import FixedGains
+
+    if not (law.bias_robot.armature.any() and isinstance(law.gains, FixedGains)):
+        return ""
+    lowest, usual = geared.borne(law, law.bias_robot, delay)
+    return (
+        f"gears are taken as rigid: below {lowest:.3g} Hz of lowest resonance the law may lose the arm, "
+        f"and this is void (searched); such motors have some {usual:.2g} Hz"
+    )
+
+
 def _publish(found: Certificate, arm: Any, out: Path | None, report: Path | None, as_json: bool) -> int:
     """Write and print a certificate, and return the exit code."""
+    from armgpi.certification.refute import again
+    from armgpi.certification.report import html
+
     if out is not None:
         write(out, found.text, "--out")
     if report is not None:
-        from armgpi.certification.refute import again
-        from armgpi.certification.report import html
-
         write(report, html(again(found, arm), found), "--report")
-    say(json.dumps(_plain(found)) if as_json else str(found), lines=True)
+    said = str(found)
+    if found.certified and not as_json:
+        asked = again(found, arm)
+        said = "\n".join(filter(None, [said, note_gears(asked.controller, asked.delay)]))
+    say(json.dumps(_plain(found)) if as_json else said, lines=True)
     return OK if found.certified else FAILED
 
 
-def _refute_file(file: Path, arm: Any) -> None:
-    """Say which numbers of a certificate drawn configurations exceed, and end."""
+def _refute_file(file: Path | None, arm: Any) -> None:
+    """Say which numbers of a certificate drawn configurations exceed, and end; do nothing without one."""
+    if file is None:
+        return
     from armgpi.certification.certificate import Certificate
     from armgpi.certification.refute import refute
     from armgpi.certification.solve import checker

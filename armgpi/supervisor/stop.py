@@ -23,7 +23,7 @@ from armgpi.supervisor.state import Sample, State, Watch
 
 #: A stop begins at the reference where the joint is as near to it as this [rad or m], else at the joint.
 #: Set by hand: a tenth of what FOLLOWING allows.
-_NEAR = 0.05
+NEAR = 0.05
 #: Rate at which FAULT damps a joint that still measures well, alone [1/s]; and its largest product with dt.
 #: Set by hand: damping of one joint by its last velocity is stable up to 2.
 _DAMPING, _DAMPED_AT_ONCE = 60.0, 0.3
@@ -86,7 +86,7 @@ class Stop:
         """
         # Where the joint did not follow, or nobody looked, the stop begins where it is, and as fast as it is.
         late = (watch.late > 0.0) & ~seen.lost
-        apart = entering & ((np.abs(seen.e) > _NEAR) | late)
+        apart = entering & ((np.abs(seen.e) > NEAR) | late)
         # After a gap as fast as if it had changed its velocity evenly there.
         gap = 2.0 / (1.0 + np.maximum(watch.bad[..., :1], 0.0))
         own = np.where(late, (seen.q - watch.q) * gap - watch.v, watch.v)

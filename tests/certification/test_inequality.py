@@ -37,17 +37,33 @@ class Drawn(NamedTuple):
 
 
 def draw(
-    robot: Robot, load: float, share: float, seed: int, feedforward: str = "gravity", box: Any = (-1.0, 1.0)
+    robot: Robot,
+    load: float,
+    share: float,
+    seed: int,
+    feedforward: str = "gravity",
+    box: Any = (-1.0, 1.0),
+    uncertain: bool = False,
 ) -> Drawn:
     """Return what a claim allows: corners of the speeds are as likely as what is between."""
     rng, n = np.random.default_rng(seed), robot.n
     heavy, arm = (robot.with_payload(robot.tip, x) for x in (load, share * load))
+    arms: tuple[Robot, ...] = (robot, heavy)
+    if uncertain:  # of all bodies and rotors, the controller's in the middle
+        scale, rotors = np.array([0.7, 1.4]), np.array([0.3, 0.05])
+
+        def mixed(x: float) -> Robot:
+            weights = np.array([1.0 - x, x])
+            return robot.scaled_inertia(float(weights @ scale)).with_armature(float(weights @ rotors))
+
+        heavy, arm = mixed(0.5), mixed(share)
+        arms = (mixed(0.0), mixed(1.0), heavy)
     star = rng.uniform(*box, n)
     q = star + 0.02 * rng.uniform(-1.0, 1.0, n)
     speed, viscous = rng.uniform(0.1, 1.0, n), rng.uniform(0.0, 5.0, n)
     rest = np.zeros(n)
     setting = Setting(
-        (robot, heavy), heavy, robot, star, star, rest + 0.02, speed, feedforward, viscous=viscous
+        arms, heavy, robot, star, star, rest + 0.02, speed, feedforward, viscous=viscous
     )._replace(velocity=speed, torque=speed, friction=rest, acceleration=rest, encoder=rest, zone=rest)
     between = star + np.linspace(0.0, 1.0, 5)[:, None] * (q - star)
     at = Points(np.repeat(star[None], 5, 0), np.repeat(q[None], 5, 0), between)
@@ -57,9 +73,11 @@ def draw(
         for name, function in functions.items()
     }
     found = {name: quantities.Number(0.0) for name in quantities.Numbers._fields}
-    found.update({name: quantities.Number(x) for name, x in numbers.items() if name in found})
+    found.update(
+        {name.lstrip("-"): quantities.Number(abs(x)) for name, x in numbers.items() if "." not in name}
+    )
     raised: Any = quantities.between_ends(setting, quantities.Numbers(**found))
-    numbers.update({name: getattr(raised, name).value for name in ("sigma_error", "kappa_error")})
+    numbers.update({name: getattr(raised, name).value for name in ("sigma_error", "kappa_error", "shift")})
     r = speed * np.clip(rng.uniform(-2.0, 2.0, n), -1.0, 1.0)
     return Drawn(numbers, setting, arm, star, q, r, rng.standard_normal(n))
 
@@ -113,6 +131,12 @@ def check(case: Drawn) -> None:
 @given(robots(max_joints=5), st.floats(0.0, 3.0), st.floats(0.0, 1.0), SEEDS)
 def test_no_term_of_any_arm_exceeds_its_bound(robot: Robot, load: float, share: float, seed: int) -> None:
     check(draw(robot, load, share, seed))
+
+
+@settings(max_examples=15)
+@given(robots(max_joints=4), st.floats(0.0, 1.0), SEEDS)
+def test_nor_of_one_between_others(robot: Robot, share: float, seed: int) -> None:
+    check(draw(robot, 0.0, share, seed, uncertain=True))
 
 
 @settings(max_examples=2)

@@ -18,8 +18,10 @@ from armgpi import GPI, Bezier, Encoder, FixedGains, Robot, bound_path
 from armgpi.certification.channels import channel, sampled_loops
 from armgpi.certification.path import PathBound
 from armgpi.certification.path_page import write_page
+from armgpi.certification.stopping import Retimed, bound_stop
 from armgpi.errors import ParameterError
 from armgpi.gpi.gains import Tuning, betas
+from armgpi.loop.rollout import describe_end
 
 ARM = Robot.load("anthropomorphic3").with_armature(0.1)
 GOAL = np.array([0.4, 0.6, -0.1])
@@ -267,3 +269,38 @@ def test_a_law_for_gears_that_twist_is_bounded_on_a_rigid_arm(cli: Any) -> None:
 def test_loads_that_are_no_range_are_refused(cli: Any, payload: str) -> None:
     answer = cli("bound", "anthropomorphic3", f"--payload={payload}")
     assert (answer.code, "the lighter first" in answer.err) == (2, True)
+
+
+class Leaping(armgpi.Reference):
+    """A reference that is sent far away at a time."""
+
+    def __init__(self, path: Any, begin: float) -> None:
+        self.path, self.begin = path, begin
+
+    def at(self, t: Any) -> armgpi.Target:
+        q, v, a = self.path.at(t)
+        return armgpi.Target(q + 1.0 * (np.asarray(t)[..., None] > self.begin + 5e-4), v, a)
+
+
+def test_a_stop_of_the_supervisor_ends_within_its_way_and_error() -> None:
+    law = GPI(ARM, 1e-3, FixedGains(20.0), feedforward="model")
+    made = bound_path(law, PATH, 2.6, torque=0.1)
+    stop = bound_stop(made, 0.25)
+    assert not stop.reasons
+    q, v, _ = PATH.at(np.linspace(0.2, 2.2, 400))
+    speeds = np.linalg.norm(np.einsum("kij,kj->ki", ARM.frame_jacobian(ARM.tip, q)[:, :3], v), axis=1)
+    path = Retimed(PATH, 0.25 / speeds.max(), 2e-3)
+    begin = round(2e-3 + 1.2 / path.pace, 3)
+    course = 0.1 * np.sign(np.sin(30.0 * np.arange(3000) * 1e-3))[:, None] * np.ones(3)
+    plant = armgpi.RigidBodyPlant(ARM, loads=[Course(course, 1e-3)])
+    supervisor = armgpi.Supervisor()
+    run = armgpi.simulate(
+        plant, law, Leaping(path, begin), begin + 0.5, supervisor=supervisor, progress=False
+    )
+    assert "REFERENCE" in describe_end(run)[0]
+    tip = ARM.frame_pose(ARM.tip, run["q"].values).translation
+    meant = ARM.frame_pose(ARM.tip, path.at(begin).q).translation
+    away = np.linalg.norm(tip - meant, axis=1)[round(begin / 1e-3) :]
+    assert 0.3 * stop.distance < away.max() <= stop.distance + stop.error
+    rest = run["q"].values[round((begin + stop.time) / 1e-3) + 2 :]
+    assert (np.abs(rest - rest[-1]) <= 2.0 * made.error).all()
