@@ -93,6 +93,7 @@ def bound(
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.certification.path import bound_path
     from armgpi.certification.stopping import bound_stop
+    from armgpi.config.building import has_friction
     from armgpi.plants.plant import inside
 
     if report is not None:
@@ -112,7 +113,7 @@ def bound(
         others=_arms(drawn["others"], loads, friction_within),
         torque=joint_numbers(experiment.robot, torque, "--torque"),
         force=force,
-        friction=friction or friction_within is not None or settings.friction == "urdf",
+        friction=friction or friction_within is not None or has_friction(settings),
         bits=getattr(settings, "encoder_bits", None),
         delay=getattr(settings, "delay", None) or 0,
         start=start,

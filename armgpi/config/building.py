@@ -16,6 +16,7 @@ from armgpi.config.reading import Origin, check
 from armgpi.config.schema import (
     ARM_KEYS,
     KINDS,
+    PLANT_CHANGES,
     ExperimentConfig,
     PlantSection,
     ReferenceSection,
@@ -39,7 +40,7 @@ from armgpi.references.reference import Reference
 from armgpi.references.waypoints import Waypoints
 from armgpi.registry import Context, classes_of, subclasses
 from armgpi.robot import chains, robots, rotors
-from armgpi.robot.changes import change
+from armgpi.robot.changes import CHANGES, change
 from armgpi.robot.drives import Drives
 from armgpi.robot.kinematics import TrackingInverse, inverse_kinematics, random_configurations
 from armgpi.robot.repairs import made_in
@@ -367,7 +368,10 @@ def _with_changes(
     known = robot if known is None else known
     now = {"effort": known.limits.effort, "rotor_inertia": known.armature, **known.friction._asdict()}
     given = {name: value for name in names if (value := getattr(section, name)) is not None}
-    values = {name: _per_joint(value, robot, place.at(name), now[name]) for name, value in given.items()}
+    values = {
+        name: _value(CHANGES[name], value, robot, place.at(name), now.get(name))
+        for name, value in given.items()
+    }
     with place.at(names[0]).error_context():
         return change(robot, values)
 
@@ -466,12 +470,20 @@ def real_arm(section: PlantSection, robot: Robot, place: _Place | None = None) -
                     raise NameNotFound("joint", joint, table)
                 table[joint] = np.array(numbers)
             real = robot.with_bodies([*table.values()])
+    real = _with_changes(real, section, place, ("inertia_scale",))
     if section.payload is not None:
         with place.at("payload").error_context():
             load = section.payload
             real = change(real, {"payload": load.mass, "frame": load.frame, "com": load.com})
     real = _with_drives(real, section.drives, place.at("drives"))
-    return _with_changes(real, section, place, ("rotor_inertia",), robot)
+    if has_friction(section) and section.friction == "none":  # what is not given is none
+        real = change(real, dict.fromkeys(("viscous", "coulomb"), np.zeros(real.n)))
+    return _with_changes(real, section, place, PLANT_CHANGES[1:], robot)
+
+
+def has_friction(section: PlantSection) -> bool:
+    """Tell whether a plant's joints rub."""
+    return section.friction == "urdf" or (section.viscous, section.coulomb) != (None, None)
 
 
 def _arm(
@@ -486,7 +498,7 @@ def _arm(
         if section.engine == engine and key not in keys and getattr(section, key) != others.key.default:
             both = ", or both" if set(others.engines) & {*ENGINES} else ""
             raise place.at(key).error(f"requires engine: {' or '.join(others.engines)}{both}")
-    friction = "urdf" if section.friction == "urdf" else None
+    friction = "urdf" if has_friction(section) else None
     values = _given_values(section, own, context.robot, place)
     for name, each in own.items():
         if each.default is REQUIRED and name not in values:

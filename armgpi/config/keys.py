@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
+from armgpi.config.section import Section
+from armgpi.parameter import Parameter
+from armgpi.robot.drives import QUANTITIES
+
+#: Kinds of parameters that are no numbers.
+_WORDS = ("flag", "text", "choice")
 #: A way to a key: names of sections, and places in lists.
 Path = Sequence[str | int]
 
@@ -14,27 +21,57 @@ def path_of(name: str) -> tuple[str | int, ...]:
     return tuple(int(step) if step.isdigit() else step for step in name.split("."))
 
 
-def put(data: Any, path: Path, value: Any, known: bool = False) -> None:
+def find(config: Section, name: str) -> tuple[Parameter, Any]:
+    """Return what is known of a number of an experiment, by its name, and what it is; None where nothing is.
+
+    Args:
+        config: the experiment; `controller` is its first one.
+        name: with dots, such as robot.effort, plant.noise.position or reference.path.radius.
+
+    Raises:
+        LookupError: when it has no such number.
+    """
+    here: Any = config
+    declared = Parameter("", name=name)
+    for step in path_of(name.replace("controller.", "controllers.0.", 1)):
+        if isinstance(here, Section) or (isinstance(here, type) and issubclass(here, Section)):
+            key = here.keys[str(step)]
+            # Of a section that is not there its class says what it may have.
+            here = vars(here).get(str(step)) if isinstance(here, Section) else None
+            here = getattr(key.form, "__self__", None) if here is None else here
+            declared = key.declared or declared
+        elif isinstance(here, list):
+            here, declared = here[int(step)], replace(declared, kind="number", per_joint=False)
+        elif isinstance(here, Mapping):
+            here, declared = here[step], QUANTITIES.get(str(step), replace(declared, per_joint=False))
+        else:
+            raise LookupError(name)
+    if isinstance(here, Mapping) and declared.per_joint:
+        here = [*here.values()]
+    single = isinstance(here, list) and not declared.per_joint and declared.kind in ("number", "integer")
+    if single or isinstance(here, type | Section | str | bool | Mapping) or declared.kind in _WORDS:
+        raise LookupError(name)
+    return declared, here
+
+
+def put(data: Any, path: Path, value: Any) -> None:
     """Put a value at a key; a section that is not there, or null, is made.
 
     Args:
         data: the experiment, or a section of it, as plain data; it is changed.
         path: the way to the key.
         value: what is put there; a whole number stays one where there is one already.
-        known: whether the key has to be there, as it is where every default is filled in.
 
     Raises:
-        LookupError: when there is no such place in a list, or no such key where it has to be.
+        LookupError: when there is no such place in a list.
         TypeError: when a number or text on the way has no keys.
     """
-    *way, end = path
-    last: Any = end
+    *way, last = path
     for step in way:
         if isinstance(data, dict) and isinstance(step, str) and data.get(step) is None:
             data[step] = {}
         data = data[step]
-    if known and isinstance(data, dict) and last not in data:
-        raise KeyError(last)
-    if known and type(data[last]) is int and isinstance(value, float) and value.is_integer():
+    before = data.get(last) if isinstance(data, dict) else data[last]
+    if type(before) is int and isinstance(value, float) and value.is_integer():
         value = int(value)
     data[last] = value

@@ -167,12 +167,20 @@ def _arm_keys() -> dict[str, ArmKey]:
 ARM_KEYS = _arm_keys()
 
 
+#: What a plant may have otherwise than the arm of the file, besides a load.
+PLANT_CHANGES = ("inertia_scale", "rotor_inertia", "viscous", "coulomb", "gravity")
+
+
 class PlantSection(Section):
     """What differs from the nominal model; sensors and actuators come to it from their declarations.
 
     Attributes:
         payload: a load that the controller does not know.
+        inertia_scale: factor of the masses and inertias that it really has.
         rotor_inertia: the one that it really has, which the controller does not know [kg m^2 or kg].
+        viscous: likewise its viscous friction, in place of the robot's [N m s/rad or N s/m].
+        coulomb: likewise its Coulomb friction [N m or N].
+        gravity: likewise the acceleration of free fall where it stands [m/s^2].
         drives: what its drives really are, where the controller believes others.
         bodies: joint -> what it really moves, up to the next joint: mass, first moments, and second moments
             about the joint's frame (xx, xy, yy, xz, yz, zz).
@@ -185,7 +193,7 @@ class PlantSection(Section):
 
     keys: ClassVar[Mapping[str, Key]] = {
         "payload": Key(PayloadSection.read, None, optional=True),
-        "rotor_inertia": _change("rotor_inertia"),
+        **{name: _change(name) for name in PLANT_CHANGES},
         "drives": Key(mapping(anything), None, optional=True),
         "bodies": Key(mapping(listing(plain_number, 10, 10)), None, optional=True),
         "friction": _choice("none", "urdf", "none"),

@@ -60,7 +60,9 @@ class Section:
 
     keys: ClassVar[Mapping[str, Key]] = {}
     #: Keys that are not written where they are null.
-    quiet: ClassVar[frozenset[str]] = frozenset({"drives", "nominal", "bodies", "posterior"})
+    quiet: ClassVar[frozenset[str]] = frozenset(
+        {"drives", "nominal", "bodies", "posterior", "inertia_scale", "viscous", "coulomb", "gravity"}
+    )
     given: frozenset[str]
 
     def __init__(self, **data: Any) -> None:

@@ -22,6 +22,8 @@ KINDS = ("uniform", "log_uniform", "normal", "choices")
 SAMPLINGS = ("random", "sobol")
 #: A normal distribution ends so many standard deviations from its mean: beyond are 6 in 100,000.
 _TAILS = 4.0
+#: Widest range of which all whole numbers are taken.
+_MOST_WHOLE = 1000
 #: SciPy has Sobol points of no more dimensions.
 _MOST_DIMENSIONS = 21201
 
@@ -75,11 +77,15 @@ def distribution(name: str, given: Any, declared: Parameter, joints: int, value:
         ParameterError: when it is none, or leaves the parameter's bounds.
     """
     known = {kind: tuple(x) for kind in KINDS if (x := getattr(given, kind)) is not None}
-    if not known and (ends := declared.range(value)) is not None:
+    if not known:
+        if (ends := declared.range(value)) is None:
+            raise ParameterError(name, value, "told from where to where it goes, as in {uniform: [1, 2]}")
         known = {"log_uniform" if declared.log and ends[0] > 0.0 else "uniform": ends}
     if len(known) != 1:
-        raise ParameterError(name, ", ".join(known) or None, f"one of {', '.join(KINDS)}")
+        raise ParameterError(name, ", ".join(known), f"one of {', '.join(KINDS)}")
     ((kind, numbers),) = known.items()
+    if declared.kind == "integer" and kind == "uniform" and 0.0 <= numbers[-1] - numbers[0] <= _MOST_WHOLE:
+        kind, numbers = "choices", tuple(range(math.ceil(numbers[0]), math.floor(numbers[-1]) + 1))
     if kind != "choices" and len(numbers) != 2:
         raise ParameterError(name, numbers, "two numbers")
     if kind in ("uniform", "log_uniform") and numbers[0] > numbers[1]:
@@ -101,7 +107,7 @@ def _check_bounds(name: str, found: Distribution, declared: Parameter) -> None:
     # Bounds alone: whole numbers are a matter of the choices.
     inside = declared.inside(values)
     if declared.kind == "integer" and found.kind != "choices":
-        raise ParameterError(name, found.kind, "choices: it is a whole number")
+        raise ParameterError(name, found.kind, "choices, or a range of at most 1000: it is a whole number")
     if not inside.all():
         wrong = float(values[~inside][0])
         tails = f" ({_TAILS:g} standard deviations from the mean)" if found.kind == "normal" else ""

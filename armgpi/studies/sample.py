@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.config import Experiment, ExperimentConfig, Origin, build, keys, read
+from armgpi.config import Experiment, ExperimentConfig, Origin, build, check, keys, read
 from armgpi.config.building import IDENTIFICATION, real_arm
-from armgpi.errors import ArmgpiWarning, BackendError, NameNotFound, ParameterError
+from armgpi.errors import ArmgpiWarning, BackendError, ConfigError, NameNotFound, ParameterError
 from armgpi.health.reality import in_rows, prepare_draws
 from armgpi.identification.posterior import Posterior, parts, read_posterior
 from armgpi.identification.weak_form import COLUMNS
@@ -43,6 +43,8 @@ _KEPT: Mapping[str, Any] = {"record": "metrics", "backend": "compiled"}
 #: What goes with a load that varies, and what an identification draws of a plant.
 _LOAD = ("plant.payload.mass", "plant.payload.frame", "plant.payload.com")
 _IDENTIFIED = ("plant.rotor_inertia", "plant.viscous", "plant.coulomb")
+#: What each rollout has of its own already; and most prepared loops that are kept.
+_KEPT_AS_IT_IS, _MOST_LOOPS = ("seed", "record_every"), 32
 #: The files of a study in its folder.
 EXPERIMENT, CHUNKS = "experiment.yaml", "chunks"
 #: What is told of a draw of a reality.
@@ -70,6 +72,7 @@ class Sweep:
         failure: metric -> largest value of any joint in a rollout that has not failed.
         sampling: "random" or "sobol".
         size: rollouts of a chunk.
+        apart: what of it a loop cannot be given anew: for each value there is one of its own.
         identity: all of this, with the bytes of every file that it names and the code that runs it.
     """
 
@@ -79,8 +82,9 @@ class Sweep:
     varied: Mapping[str, Distribution]
     failure: Mapping[str, float]
     sampling: str
-    size: int
-    identity: Identity
+    size: int = 0
+    apart: tuple[str, ...] = ()
+    identity: Identity = field(init=False)
 
     @classmethod
     def of(cls, config: ExperimentConfig, origin: Origin | None = None, sampling: str = "random") -> Sweep:
@@ -107,33 +111,50 @@ class Sweep:
         if unknown:
             reason = str(NameNotFound("metric", unknown[0], metrics.declared()))
             raise origin.error(("failure", unknown[0]), reason)
+        asked = {"method": "sweep", "sampling": sampling, "failure": failure}
+        made = cls(config, experiment, label, {}, failure, sampling)
+        varied, apart = made._distributions(origin)
         steps = experiment.t_final / config.sample_time
         drawn = config.reality is not None or IDENTIFICATION in config.vary
-        most = _MOST_DRAWS if drawn else _MOST
+        each = (varied[name] for name in apart)
+        forms = math.prod(len(x.numbers) if x.kind == "choices" and x.joints == 1 else math.inf for x in each)
+        most = _FEWEST if forms > _MOST_LOOPS else _MOST_DRAWS if drawn else _MOST
         size = (
             min(most, max(_FEWEST, 1 << math.floor(math.log2(_WORK / steps)))) if steps < _WORK else _FEWEST
         )
-        asked = {"method": "sweep", "sampling": sampling, "size": size, "failure": failure}
-        found = cls(config, experiment, label, {}, failure, sampling, size, identify(config, asked))
-        if config.reality is not None:
-            return found
-        loop, varied = found._loop(), {}
-        for name, section in config.vary.items():
+        found = replace(made, varied=varied, apart=apart, size=size)
+        object.__setattr__(found, "identity", identify(config, {**asked, "size": size}))
+        return found
+
+    def _distributions(self, origin: Origin) -> tuple[dict[str, Distribution], tuple[str, ...]]:
+        """Return what each number that varies is drawn from, and which of them need loops of their own.
+
+        Raises:
+            ConfigError: for one that cannot vary, or cannot be what is drawn; it names the key.
+        """
+        varied: dict[str, Distribution] = {}
+        apart: list[str] = []
+        for name, section in self.config.vary.items():
             try:
                 if name == IDENTIFICATION:
-                    varied[name] = found._arms_left(section)
+                    varied[name] = self._arms_left(section)
                     continue
-                if IDENTIFICATION in config.vary and name in _IDENTIFIED:
+                if IDENTIFICATION in self.config.vary and name in _IDENTIFIED:
                     raise ParameterError(name, "varied", f"left to {IDENTIFICATION}, which draws it as well")
-                variable = _find_variable(loop.parameters, name, config.plant.keys)
-                known = (variable.declared, experiment.robot.n, variable.value)
-                varied[name] = distribution(name, section, *known)
-                # Its worst cases are written to a file, which needs a key for it.
-                _put(experiment.config.plain(), name, 1.0, found)
+                variable, quick = self._find_variable(name)
+                varied[name] = distribution(name, section, variable.declared, self.robot.n, variable.value)
+                if quick:
+                    continue
+                apart.append(name)
+                middle = float(varied[name].of(np.array([0.5]))[0])
+                row = dict.fromkeys(self._columns_of(name, varied[name]), middle)
+                replace(self, varied=dict(varied))._loop(row)
+            except ConfigError as error:
+                said = f"{error.key}: {str(error).removeprefix(f'{error.source}: {error.key}: ')}"
+                raise origin.error(("vary", name), f"at {middle:g}, {said}") from None
             except (ParameterError, NameNotFound) as error:
                 raise origin.error(("vary", name), str(error).removeprefix(f"{name}: ")) from None
-        object.__setattr__(found, "varied", varied)
-        return found
+        return varied, tuple(apart)
 
     def enter(self, folder: Path, accept_code: bool = False) -> Study:
         """Make a folder that of this sweep, or find that it is; see :meth:`Study.enter`."""
@@ -150,7 +171,7 @@ class Sweep:
         joints = self.robot.joint_names
         drawn = [*_DRAWN] if self.config.reality is not None else []
         for name, each in self.varied.items():
-            drawn += [name] if each.joints == 1 else self._names_of(name)
+            drawn += self._columns_of(name, each)
         return [*drawn, *(f"{name}[{joint}]" for name in self.metrics for joint in joints), *self.ends]
 
     @property
@@ -168,8 +189,10 @@ class Sweep:
         """Names of the metrics that are kept."""
         return [name for name, each in metrics.declared().items() if not each.of_rollout]
 
-    def _names_of(self, name: str) -> list[str]:
-        """Return the names of the numbers of what is drawn several times for a rollout."""
+    def _columns_of(self, name: str, drawn: Distribution) -> list[str]:
+        """Return the names of the numbers of what is drawn, once for a rollout or several times."""
+        if drawn.joints == 1:
+            return [name]
         of_joint = [f".{quantity}" for quantity in COLUMNS] if name == IDENTIFICATION else [""]
         return [f"{name}[{joint}{each}]" for joint in self.robot.joint_names for each in of_joint]
 
@@ -218,25 +241,41 @@ class Sweep:
         return np.allclose(table[:, : self.width], self.numbers(chunk, len(table)), rtol=1e-9, atol=0.0)
 
     def table(self, drawn: Array, seeds: Any) -> dict[str, Array]:
-        """Return metrics (rows, joints) and `status` of rollouts with these numbers and seeds."""
-        found = self._run_rollouts(drawn, seeds)
-        return {name: found[name].values for name in (*self.metrics, "status")}
+        """Return metrics (rows, joints) and ends of rollouts with these numbers and seeds."""
+        return self._run_rollouts(drawn, seeds)
 
     def values(self, drawn: Array) -> dict[str, Any]:
         """Return what was drawn, (rows, width), as a prepared loop takes it."""
         values, place = dict(self._fixed_values()), 0
         for name, each in self.varied.items():
             part = drawn[:, place : place + each.joints]
-            values[name] = part if each.joints > 1 else part[:, 0]
+            if name not in self.apart:
+                values[name] = part if each.joints > 1 else part[:, 0]
             place += each.joints
         if IDENTIFICATION in values:  # whose arms have their load
             values = {name: value for name, value in values.items() if name not in (IDENTIFICATION, *_LOAD)}
         return values
 
-    def _run_rollouts(self, drawn: Array, seeds: Any) -> Any:
-        """Return rollouts with these numbers, (rows, width), and seeds."""
-        loop = self._loop_of(drawn) if IDENTIFICATION in self.varied else self._loop()
-        return _run_compiled(loop, self.values(drawn), seeds)
+    def _run_rollouts(self, drawn: Array, seeds: Any) -> dict[str, Array]:
+        """Return metrics and ends of rollouts with these numbers, (rows, width), and seeds."""
+        names = self.drawn_names
+        own = [j for j, name in enumerate(names) if name.split("[")[0] in self.apart]
+        groups: dict[tuple[float, ...], list[int]] = {}
+        for i, row in enumerate(drawn[:, own].tolist()):
+            groups.setdefault(tuple(row), []).append(i)
+        found: dict[str, Array] = {}
+        for values, rows in groups.items():
+            part = drawn[rows]
+            if IDENTIFICATION in self.varied:
+                loop = self._loop_of(part)
+            else:
+                loop = self._loop(dict(zip([names[j] for j in own], values, strict=True)))
+            result = in_rows(_run_compiled(loop, self.values(part), seeds[rows]))
+            for name in (*self.metrics, *self.ends):
+                values_of = result[name].values
+                whole = found.setdefault(name, np.empty((len(drawn), *values_of.shape[1:]), values_of.dtype))
+                whole[rows] = values_of  # one row for all, where nothing differs
+        return found
 
     def config_of(
         self, row: Mapping[str, float], index: int = 0, seed: int | None = None
@@ -250,16 +289,20 @@ class Sweep:
         """
         if self.config.reality is not None:
             return self.config.replace(reality=self.config.reality.replace(index=index), failure={})
+        return self._config_with(row, self.config.seed + index if seed is None else seed)
+
+    def _config_with(self, row: Mapping[str, float], seed: int) -> ExperimentConfig:
+        """Return the experiment with numbers that were drawn, all of them or some."""
         # With every default filled in, as that of what varies must not change those.
-        data = self.experiment.config.replace(vary={}, failure={}).plain()
+        data = self.experiment.config.replace(vary={}, failure={}, seed=seed).plain()
         if (supervisor := self.experiment.supervisor) is not None:  # as it suits the sensors of the file
             data["supervisor"]["resolution"] = np.asarray(supervisor.resolution).tolist()
             data["supervisor"]["frozen"] = supervisor.frozen_samples
         for name, each in self.varied.items():
-            value: Any = [row[key] for key in self._names_of(name)] if each.joints > 1 else row[name]
-            _put(data, name, value, self)
-        data["seed"] = self.config.seed + index if seed is None else seed
-        return ExperimentConfig.read(data)
+            values = [row[key] for key in self._columns_of(name, each) if key in row]
+            if values:
+                _put(data, name, values if each.joints > 1 else values[0], self)
+        return check(data, Origin("a rollout"))
 
     def fails(self, table: Mapping[str, Array]) -> Any:
         """Tell which rollouts have failed, from their metrics (rollouts, joints) and `status`."""
@@ -268,18 +311,52 @@ class Sweep:
             failed |= ~(np.asarray(table[name]).max(axis=1) <= most)
         return failed
 
-    def _loop(self) -> PreparedLoop:
-        """Return the loop, prepared once."""
-        if (known := _loops.get(self.identity.digest)) is None:
+    def _find_variable(self, name: str) -> tuple[Variable, bool]:
+        """Return a number that may vary, and whether a loop can be given it anew.
+
+        Raises:
+            NameNotFound: when neither the loop nor the file has it.
+            ParameterError: when it cannot vary.
+        """
+        known = self._loop().parameters
+        found, value = known.get(name), None
+        quick = found is not None and not found.fixed
+        try:
+            declared, value = keys.find(self.experiment.config, name)
+        except LookupError:
+            if found is None:
+                raise NameNotFound("number of this experiment", name, tuple(known)) from None
+            if found.fixed:
+                raise ParameterError(name, found.value, f"left as it is: {found.fixed}") from None
+            declared = found.declared
+        if name in _KEPT_AS_IT_IS or declared.kind not in ("number", "integer", "box", "times"):
+            said = "a number that differs by rollout; of three vary one, as in plant.payload.com.0"
+            raise ParameterError(name, value, said)
+        if quick and found is not None:
+            if name.startswith("plant.loads."):
+                _check_entries(name, value, self)
+            declared, value = found.declared, found.value if value is None else value
+        return Variable(name, declared, value), quick
+
+    def _loop(self, apart: Mapping[str, float] | None = None) -> PreparedLoop:
+        """Return the loop with some values of what a loop cannot be given anew; each is prepared once."""
+        key = tuple((apart or {}).items())
+        loops: dict[Any, PreparedLoop] = vars(self).setdefault("_loops", {})
+        if key not in loops:
             experiment = self.experiment
-            if "plant.payload.mass" in self.config.vary and self.config.plant.payload is not None:
-                experiment = build(self.config.replace(plant=self.config.plant.replace(payload=None)))
+            config = self._config_with(apart, self.config.seed) if apart else self.config
+            if "plant.payload.mass" in self.config.vary and config.plant.payload is not None:
+                config = config.replace(plant=config.plant.replace(payload=None))
+            if config is not self.config:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore", ArmgpiWarning)
+                    experiment = build(config)
             law = experiment.controllers[self.label]
             parts = (experiment.plant, law, experiment.reference, experiment.t_final)
-            known = prepare(*parts, **_KEPT, supervisor=experiment.supervisor)
-            _loops.clear()
-            _loops[self.identity.digest] = known
-        return known
+            if len(loops) >= _MOST_LOOPS:
+                loops.clear()
+            loops[key] = prepare(*parts, **_KEPT, supervisor=experiment.supervisor)
+        return loops[key]
 
     def _loop_of(self, drawn: Array) -> PreparedLoop:
         """Return the loop with an arm for each rollout, (rows, width): those that their experiments have."""
@@ -320,8 +397,8 @@ class Sweep:
 
     def _flat(self, found: Any) -> Array:
         """Return the metrics of rollouts and how they ended, shape (rollouts, k)."""
-        ends = (found[name].values[:, None] for name in self.ends)
-        return np.hstack([*(found[name].values for name in self.metrics), *ends])
+        ends = (np.asarray(found[name])[:, None] for name in self.ends)
+        return np.hstack([*(np.asarray(found[name]) for name in self.metrics), *ends])
 
     def _run_draws(self, chunk: int, rows: int) -> Array:
         """Run draws of a reality; those of one sample time and delay run together."""
@@ -352,10 +429,6 @@ def _run_compiled(loop: PreparedLoop, values: Mapping[str, Any] | None = None, s
         except ArmgpiWarning as warning:
             reason = str(warning).removeprefix("running by NumPy: ")
             raise BackendError(f"a sweep needs generated code: {reason}") from None
-
-
-#: The prepared loop of this process's study.
-_loops: dict[str, PreparedLoop] = {}
 
 
 def load(folder: Path) -> tuple[Sweep, Study]:
@@ -395,7 +468,7 @@ def run_chunk(folder: Path, chunk: int, rows: int) -> None:
 
 def _put(data: dict[str, Any], name: str, value: Any, sweep: Sweep) -> None:
     """Write a number of a rollout into an experiment file."""
-    part, *steps = name.split(".")
+    part = name.partition(".")[0]
     if name == IDENTIFICATION:
         (theta,) = sweep._posterior.unknowns(np.array([value]))
         bodies, rotors, friction = parts(theta)
@@ -410,26 +483,11 @@ def _put(data: dict[str, Any], name: str, value: Any, sweep: Sweep) -> None:
             }
             for joint, row in zip(joints, columns, strict=True)
         }
-    elif name == "plant.payload.mass":
-        data["plant"]["payload"] = {**(data["plant"]["payload"] or {}), "mass": value}
-    elif name in ("plant.viscous", "plant.coulomb"):
-        now = sweep.experiment.plant.robot.friction if sweep.config.plant.friction == "urdf" else None
-        shown = {key: getattr(now, key).tolist() if now else 0.0 for key in ("viscous", "coulomb")}
-        if data["plant"]["friction"] != "urdf" or data["robot"]["friction"] is None:
-            data["robot"]["friction"] = shown
-        data["robot"]["friction"][steps[0]] = value
-        data["plant"]["friction"] = "urdf"
-    else:
-        if part == "reference":
-            _list_times(data["reference"])
-        elif steps[0] == "loads":
-            _check_entries(name, value, sweep)
-        way = keys.path_of(name)
-        try:
-            keys.put(data, ("controllers", 0, *way[1:]) if part == "controller" else way, value, known=True)
-        except (LookupError, TypeError):
-            expected = "a key of an experiment file, as the worst rollouts are written to one"
-            raise ParameterError(name, value, expected) from None
+        return
+    way = keys.path_of(name)
+    if part == "reference" and len(way) > 2 and way[1] in ("durations", "holds"):
+        _list_times(data["reference"])
+    keys.put(data, ("controllers", 0, *way[1:]) if part == "controller" else way, value)
 
 
 def _with_robot(plant: Any, robot: RobotBatch) -> Any:
@@ -452,17 +510,6 @@ def _check_entries(name: str, value: Any, sweep: Sweep) -> None:
     arm: Any = inside(sweep.experiment.plant)
     if len(sweep.config.plant.loads) != len(arm.loads):
         raise ParameterError(name, value, "the number of a load that is one entry of the file")
-
-
-def _find_variable(known: Mapping[str, Variable], name: str, keys: Iterable[str]) -> Variable:
-    """Return a parameter that may vary, from those of the loop and what else `plant` may have in a file."""
-    if name not in known:
-        key = name.removeprefix("plant.")
-        remedy = f"give `plant` a value of {key!r} first, such as {{{key}: 1}}" if key in keys else ""
-        raise NameNotFound("parameter of this loop", name, () if remedy else tuple(known), remedy)
-    if reason := known[name].fixed:
-        raise ParameterError(name, known[name].value, f"left as it is: {reason}")
-    return known[name]
 
 
 def _draw_numbers(draw: Draw) -> list[float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -11,10 +12,12 @@ import pytest
 
 import armgpi
 from armgpi import config
+from armgpi.config import experiment as experiments
 from armgpi.config import keys
 from armgpi.config.schema import VarySection
-from armgpi.errors import ArmgpiWarning, ParameterError
+from armgpi.errors import ArmgpiWarning, ConfigError, ParameterError
 from armgpi.gpi.law import GPI
+from armgpi.loop import metrics
 from armgpi.parameter import Parameter, parameters
 from armgpi.studies import space
 from armgpi.studies.distributions import distribution
@@ -100,7 +103,7 @@ def test_where_nothing_gives_a_range_one_line_asks_for_it() -> None:
     with pytest.raises(ParameterError, match="low and high: nothing declares a range"):
         space._ends("x", PLAIN, Range(), None)
     assert space._ends("x", PLAIN, Range(1.0, 2.0), None) == (1.0, 2.0)
-    with pytest.raises(ParameterError, match="one of uniform"):
+    with pytest.raises(ParameterError, match="from where to where"):
         distribution("x", VarySection(), PLAIN, 3)
 
 
@@ -114,11 +117,82 @@ def test_a_value_is_put_at_a_key_and_nowhere_else() -> None:
     data: dict[str, Any] = {"plant": {"payload": None, "loads": [{"onset": 1.0}], "delay": 1}, "seed": 3}
     keys.put(data, keys.path_of("plant.payload.mass"), 0.5)
     keys.put(data, keys.path_of("plant.loads.0.onset"), 2.0)
-    keys.put(data, keys.path_of("plant.delay"), 2.0, known=True)
+    keys.put(data, keys.path_of("plant.delay"), 2.0)
     assert data["plant"] == {"payload": {"mass": 0.5}, "loads": [{"onset": 2.0}], "delay": 2}
     assert isinstance(data["plant"]["delay"], int)
-    for name in ("plant.loads.1.onset", "plant.other.0.onset", "plant.gravity"):
+    for name in ("plant.loads.1.onset", "plant.other.0.onset"):
         with pytest.raises(LookupError):
-            keys.put(data, keys.path_of(name), 1.0, known=True)
+            keys.put(data, keys.path_of(name), 1.0)
     with pytest.raises(TypeError):
         keys.put(data, keys.path_of("seed.more"), 1.0)
+
+
+def leaves(data: Any, path: tuple[str, ...] = ()) -> Any:
+    """Yield names and values of all numbers of plain data, and lists of numbers."""
+    if isinstance(data, dict) or (isinstance(data, list) and data and isinstance(data[0], dict | list)):
+        for step, value in data.items() if isinstance(data, dict) else enumerate(data):
+            yield from leaves(value, (*path, str(step)))
+    elif data not in (None, []) and not isinstance(data, str | bool):
+        yield ".".join(path), data
+
+
+FULL = {
+    "robot": {"name": "anthropomorphic3", "effort": 60.0, "friction": {"viscous": 0.1, "coulomb": 0.2}},
+    "plant": {
+        "payload": {"mass": 0.1},
+        **{"inertia_scale": 1.1, "rotor_inertia": 0.1, "viscous": 0.3, "coulomb": [0.1, 0.2, 0.3]},
+        "loads": [{"type": "step", "amplitude": 1.0, "onset": 0.1}],
+        **{"noise": {"position": 1e-4}, "motor_fault": {"onset": 1.0, "end": 2.0}},
+    },
+    "controllers": [{"type": "network", "rolloff": 1, "payload_range": {"lightest": 0.1, "heaviest": 0.2}}],
+    "supervisor": {},
+    "t_final": 0.05,
+}
+
+
+def test_every_number_of_a_file_has_one_name_that_tells_its_value_and_what_is_declared() -> None:
+    built = config.build(config.check(FULL, config.Origin("test"))).config
+    found = dict(leaves({key: x for key, x in built.plain().items() if key not in ("vary", "failure")}))
+    assert len(found) > 60
+    for name, value in found.items():
+        if name.startswith("reference.points"):  # configurations, number by number
+            continue
+        declared, now = keys.find(built, name.replace("controllers.0.", "controller."))
+        assert now == value, name
+        assert declared.text, name
+    assert keys.find(built, "reference.points.1.0")[1] == built.reference.points[1][0]
+    assert keys.find(built, "plant.delay")[0].range() == (0, 20)  # whose section the file does not have
+    for name in ("plant", "plant.friction", "plant.loads.1.onset", "robot.name", "reference.path.radius"):
+        with pytest.raises(LookupError):
+            keys.find(built, name)
+
+
+def test_what_a_loop_cannot_be_given_anew_is_swept_as_the_file_runs_with_it() -> None:
+    data: dict[str, Any] = {"robot": {"name": "anthropomorphic3"}, "t_final": 0.05}
+    vary: dict[str, Any] = {"controller.integrators": {}, "plant.delay": {}, "sample_time": {}}
+    sweep = Sweep.of(config.check({**data, "vary": vary}, config.Origin("test")))
+    assert sweep.apart == tuple(vary)
+    assert sweep.varied["controller.integrators"].numbers == (1, 2, 3)
+    data["vary"] = {"robot.effort": {"uniform": [30.0, 60.0], "each": "joint"}}
+    sweep = Sweep.of(config.check(data, config.Origin("test")))
+    table = sweep.run(0, 2)
+    for place, row in enumerate(table):
+        drawn = dict(zip(sweep.columns, row, strict=True))
+        (run,) = experiments.record_all(
+            config.build(sweep.config_of(drawn, place)), backend="compiled"
+        ).values()
+        itae = metrics.of_recorded(run)["itae"][0]
+        np.testing.assert_array_equal([drawn[f"itae[{joint}]"] for joint in sweep.robot.joint_names], itae)
+
+
+def test_a_number_that_nothing_gives_a_range_of_or_that_cannot_be_is_refused_in_one_line() -> None:
+    data = {"robot": {"name": "anthropomorphic3"}, "t_final": 0.05}
+    for name, said in {
+        "robot.effort": "from where to where it goes, as in {uniform: [1, 2]}",
+        "plant.ripple_period": "requires engine: elastic",
+        "seed": "a number that differs by rollout",
+        "plant.friction": "there is no number of this experiment named 'plant.friction'",
+    }.items():
+        with pytest.raises(ConfigError, match=re.escape(said)) as refused:
+            Sweep.of(config.check({**data, "vary": {name: {}}}, config.Origin("test")))
+        assert refused.value.key == f"vary.{name}"
