@@ -18,6 +18,10 @@ from armgpi.studies.evaluation import with_keys
 
 #: Searched where nothing is said only while the key that each is for is not zero, or asked for by name alone.
 _NEEDS = {"rolloff_ratio": "rolloff", "second_ratio": "", "second_zeta": ""}
+#: Parts of an experiment that scenarios have of their own; what to do about their numbers, and others'.
+_DRAWN = ("robot", "plant", "reference", "supervisor", "reality")
+_ELSE = "scenarios are drawn, and a controller's numbers searched: `armgpi sweep` varies all others"
+_FORM = "it decides the form of the generated code: make a search for each value"
 #: Least value of what is varied by factors and may be zero.
 _LEAST = 1e-12
 
@@ -108,12 +112,14 @@ class Space:
         kind = KINDS[section["type"]]
         known = numbers(kind)
         chosen = {key: Range() for key in _default(known, section)} if free is None else dict(free)
+        chosen = {key.removeprefix("controller."): searched for key, searched in chosen.items()}
         if not chosen:
             raise ParameterError("free", list(chosen), f"some of {', '.join(known)}")
         self.dimensions: list[Dimension] = []
         for key, searched in chosen.items():
             if key not in known:
-                raise NameNotFound("number to search", key, known)
+                remedy = _ELSE if key.split(".")[0] in _DRAWN else _FORM if key in kind.parameters else ""
+                raise NameNotFound("number to search", key, () if remedy else tuple(known), remedy)
             value = _now(key, known[key], kind, made)
             low, high = _ends(key, known[key], searched, value)
             begin = _begin(known[key], value, low, high, made)

@@ -15,7 +15,7 @@ from armgpi import config
 from armgpi.config import experiment as experiments
 from armgpi.config import keys
 from armgpi.config.schema import VarySection
-from armgpi.errors import ArmgpiWarning, ConfigError, ParameterError
+from armgpi.errors import ArmgpiWarning, ConfigError, NameNotFound, ParameterError
 from armgpi.gpi.law import GPI
 from armgpi.loop import metrics
 from armgpi.parameter import Parameter, parameters
@@ -92,7 +92,12 @@ def test_a_parameter_without_a_search_is_searched_and_swept_over_its_range() -> 
     assert parameters(GPI)["rest_leak"].search is None
     built = config.build(experiment())
     section = built.config.controllers[0].replace(label=None).plain()
-    (found,) = Space(section, built.controllers["gpi"], {"rest_leak": Range()}).dimensions
+    law = built.controllers["gpi"]
+    (found,) = Space(section, law, {"rest_leak": Range()}).dimensions
+    assert Space(section, law, {"controller.rest_leak": Range()}).dimensions == [found]  # its name elsewhere
+    for name, said in {"plant.delay": "armgpi sweep", "controller.rolloff": "for each value"}.items():
+        with pytest.raises(NameNotFound, match=said):
+            Space(section, law, {name: Range()})
     assert (found.low, found.high) == parameters(GPI)["rest_leak"].slider
     drawn = distribution("rest_leak", VarySection(), parameters(GPI)["rest_leak"], 3)
     assert drawn.ends == parameters(GPI)["rest_leak"].slider
@@ -172,7 +177,7 @@ def test_what_a_loop_cannot_be_given_anew_is_swept_as_the_file_runs_with_it() ->
     vary: dict[str, Any] = {"controller.integrators": {}, "plant.delay": {}, "sample_time": {}}
     sweep = Sweep.of(config.check({**data, "vary": vary}, config.Origin("test")))
     assert sweep.apart == tuple(vary)
-    assert sweep.varied["controller.integrators"].numbers == (1, 2, 3)
+    assert [*sweep.varied["controller.integrators"].numbers] == [1, 2, 3]
     data["vary"] = {"robot.effort": {"uniform": [30.0, 60.0], "each": "joint"}}
     sweep = Sweep.of(config.check(data, config.Origin("test")))
     table = sweep.run(0, 2)

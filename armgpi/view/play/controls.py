@@ -13,9 +13,12 @@ import numpy as np
 from armgpi.config import keys
 from armgpi.config.building import Experiment
 from armgpi.config.schema import KINDS, ExperimentConfig
+from armgpi.errors import ArmgpiError
+from armgpi.loop.closed_loop import ClosedLoop
+from armgpi.loop.variables import variables, with_values
 from armgpi.parameter import Parameter, parameters
 from armgpi.plants.arm import Arm
-from armgpi.plants.plant import Wrapper
+from armgpi.plants.plant import Wrapper, inside
 from armgpi.registry import classes_of
 from armgpi.robot.robot import Robot
 
@@ -163,8 +166,11 @@ def playable(experiment: Experiment, label: str, siblings: Mapping[str, dict[str
         *_controllers(sections, robot),
         *_plant(config, robot),
         *_reference(config, robot),
-        *_loads(config, experiment.t_final, robot),
     ]
+    arm: Any = inside(experiment.plant)
+    if len(experiment.config.plant.loads) == len(arm.loads):
+        controls += _own_loads(experiment, label)
+    controls += _loads(config, experiment.t_final, robot)
     return Playable(config, sections, tuple(choices), tuple(controls))
 
 
@@ -309,6 +315,34 @@ def _plant(config: dict[str, Any], robot: Robot) -> Iterator[Control]:
             yield control._replace(stops=(*control.stops, None), values=(*control.values, None))
         elif value is not None:
             yield _slider(("plant", name), declared, value, name.replace("_", " "), "plant")
+
+
+def _own_loads(experiment: Experiment, label: str) -> Iterator[Control]:
+    """Yield the controls of the file's loads: of each number that is one for all joints."""
+    loop = ClosedLoop(*experiment.runs[label], experiment.reference)
+    for name, variable in variables(loop).items():
+        if not name.startswith("plant.loads.") or variable.fixed:
+            continue
+        try:
+            _, value = keys.find(experiment.config, name)
+        except LookupError:  # of an entry of the file that is several loads
+            continue
+        if isinstance(value, float):
+            _, _, *way = keys.path_of(name)
+            control = _slider(
+                keys.path_of(name), variable.declared, value, f"load {way[0]}: {way[1]}", "plant"
+            )
+            stops = tuple(x for x in control.stops if _is_possible(loop, name, x))
+            yield control._replace(stops=stops, values=stops)
+
+
+def _is_possible(loop: ClosedLoop, name: str, value: Any) -> bool:
+    """Tell whether a loop may have a value: a disturbance ends after it begins, for one."""
+    try:
+        with_values(loop, {name: value}, 1)
+    except ArmgpiError:
+        return False
+    return True
 
 
 def _rotors(given: Any, robot: Robot) -> Control:

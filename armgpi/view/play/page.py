@@ -244,7 +244,7 @@ def compose_config(moved: Playable, form: dict[str, Any]) -> dict[str, Any]:
             control.put(config, control.values[1])
         elif control.arm == "nominal" and control.whole is not None:
             control.put(config, 0.0)
-        elif control.id.startswith("plant.loads") and control.path[-1] == "amplitude":
+        elif control.joints and control.id.startswith("plant.loads"):
             control.put(config, [1.0] * len(control.joints))
     if config["plant"]["encoder_bits"] is None:
         config["plant"]["encoder_bits"] = 16
