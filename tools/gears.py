@@ -260,7 +260,7 @@ def elastic(robot: Robot, stiffness: Array, side: str) -> ElasticPlant:
 
 
 def stops(seed: int) -> None:
-    """Print how laws for rigid gears are stopped on the elastic plant: reason, travel, later speed."""
+    """Print how laws for rigid gears are stopped on the elastic plant: reason, travel, when at rest."""
     for name, (rotor, stiffness) in ARMS.items():
         robot = arm(name).with_armature(rotor)
         law, start = untuned(robot, drives="believed"), robot.middle()
@@ -268,17 +268,19 @@ def stops(seed: int) -> None:
         for side, factor in itertools.product(("motor", "link"), TIMES):
             plant = Saturated(elastic(robot, factor * np.array(stiffness), side))
             late, move = Delayed(Encoder(plant, BITS), LATE), Bezier(start, start + 0.5, 3.0)
-            seen = simulate(late, law, move, 4.0, progress=False, backend="compiled", supervisor=given)
+            seen = simulate(late, law, move, 6.0, progress=False, backend="compiled", supervisor=given)
             said = f"{name}, {side}, stiffness x {factor:g}: "
             if not int(seen["fault"]):
                 print(said + "runs", flush=True)
                 continue
             q = seen["q"].values[round(float(seen["t_fault"]) / DT) :]
             travel = np.abs(q - q[0]).max(axis=1)
-            speed = np.abs(np.diff(q[800:1000], axis=0)).max() / DT if len(q) > 1000 else np.nan
+            speed = np.abs(np.diff(q, axis=0)).max(axis=1) / DT
+            rest = DT * (1 + np.flatnonzero(speed > 0.1)[-1])
             reason, when = Reason(int(seen["fault"])).name, float(seen["t_fault"])
             said += f"{reason} at {when:.2f} s, travel in half a second {travel[:500].max():.2f}, in all "
-            print(f"{said}{np.nanmax(travel):.2f} rad, after a second {speed:.2f} rad/s", flush=True)
+            said += f"{np.nanmax(travel):.2f} rad, after a second {speed[800:1000].max():.2f} rad/s"
+            print(f"{said}, below 0.1 rad/s from {rest:.2f} s on", flush=True)
 
 
 def rollouts(seed: int) -> None:

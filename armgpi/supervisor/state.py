@@ -78,7 +78,7 @@ class ResponseState(NamedTuple):
 class Watch(NamedTuple):
     """What the supervisor keeps.
 
-    From `status` to `restless`, and `nominal`, they are of shape (1,) or (batch, 1), the others of (n,) or
+    From `status` to `travel`, and `nominal`, they are of shape (1,) or (batch, 1), the others of (n,) or
     (batch, n).
 
     Attributes:
@@ -89,6 +89,7 @@ class Watch(NamedTuple):
         late: 1 when the measurement that comes is too late.
         ready: 1 when there was a good measurement.
         restless: samples for which the arm has yet to rest before it is HOLD.
+        travel: to and fro since the reference rests, of the fastest joint, over what FOLLOWING allows [-].
         bad: samples in a row without a good measurement of the joint.
         q: last good measurement [rad or m].
         change: of it, in its sample, the last that was not zero and over no gap [rad or m].
@@ -109,6 +110,7 @@ class Watch(NamedTuple):
     late: Array
     ready: Array
     restless: Array
+    travel: Array
     bad: Array
     q: Array
     change: Array

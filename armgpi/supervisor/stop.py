@@ -18,7 +18,7 @@ from armgpi.supervisor.bounds import (
     own_inverse_inertia,
     smoothing,
 )
-from armgpi.supervisor.joints import Mask, any_joint
+from armgpi.supervisor.joints import Mask, any_joint, largest
 from armgpi.supervisor.state import Sample, State, Watch
 
 #: A stop begins at the reference where the joint is as near to it as this [rad or m], else at the joint.
@@ -31,7 +31,8 @@ _DAMPING, _DAMPED_AT_ONCE = 60.0, 0.3
 #: resonances from 10 Hz on, whichever side the encoder is at (tools/gears.py --stops measures what rests).
 _SOFT_DAMPING, _SOFT_SMOOTHING = 8.0, 0.02
 #: Velocity below which a joint rests [rad/s or m/s]. HOLD waits for it: so long, less where samples of rest
-#: count several times [s]. An arm whose reference rests, and that does not for so long, swings. Set by hand.
+#: count several times [s]. An arm whose reference rests, and that does not for so long, swings; so does one
+#: that travels to and fro as far as FOLLOWING allows. Set by hand.
 _REST, _RESTED, _AT_REST, _SWINGING = 0.1, 0.01, 4.0, 2.0
 
 
@@ -59,18 +60,21 @@ class Stop:
         self._lag = np.where(geared, _SOFT_SMOOTHING, 0.0)
         self.rest = law.dt * _REST + 2.0 * fast * (bounds.travel / COUNTS)
         self.rested, self._longest = (float(math.ceil(x / law.dt)) for x in (_RESTED, _SWINGING))
+        self._share = 1.0 / bounds.following
 
-    def restless(self, watch: Watch) -> tuple[Array, Mask]:
-        """Return the samples for which the arm has yet to rest, and whether it swings, both (1,)."""
+    def restless(self, watch: Watch) -> tuple[Array, Array, Mask]:
+        """Return `restless` and `travel` of :class:`Watch` now, and whether the arm swings, each (1,)."""
+        speed = np.abs(watch.v)
         one = np.where(any_joint(watch.rv != 0.0), 0.0, 1.0)  # nothing is counted before the reference rests
         twice = 1.0 + np.where(watch.status == float(State.HOLD), 1.0, 0.0)  # HOLD does not flicker
-        moves = any_joint(np.abs(watch.v) > twice * self.rest)
+        moves = any_joint(speed > twice * self.rest)
         after = np.where(
             moves,
             np.maximum(watch.restless + one, self.rested),
             np.maximum(watch.restless - _AT_REST * one, 0.0),
         )
-        return after, after > self._longest
+        travel = np.where(after > 0.0, watch.travel + one * largest(speed * self._share), 0.0)
+        return after, travel, (after > self._longest) | (travel > 1.0)
 
     def reference(
         self, seen: Sample, entering: Mask, stopping: Mask, target: Target, watch: Watch

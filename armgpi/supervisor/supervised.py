@@ -260,6 +260,7 @@ class Supervised(Controller):
             late=none,
             ready=none + 1.0,
             restless=none,
+            travel=none,
             bad=zero,
             q=q,
             change=zero,
@@ -308,7 +309,7 @@ class Supervised(Controller):
         seen = self._look(measurement, target, watch, active)
         entering = active & (seen.worst > 0.0)
         stopping = ~active | entering
-        restless, swings = self.stop.restless(watch)
+        restless, travel, swings = self.stop.restless(watch)
         dead = (watch.status == float(State.FAULT)) | seen.dead | (~active & (seen.failing | swings))
         aim, way = self.stop.reference(seen, entering, stopping, target, watch)
         # Not over a gap: a quotient there would not have the same bits in C.
@@ -334,10 +335,9 @@ class Supervised(Controller):
         tau, response = self._torque(asked, (lower, upper), opened, dead, accused, watch, aim, seen, v)
         tau = np.minimum(np.maximum(tau, lower), upper)
         going: Array | float = float(State.RUN)
-        waits = opened
         if self.supervisor.torque_rate is not None:
             ramping = (watch.status == float(State.INIT)) & self._held_back(asked, lower, upper)
-            going, waits = np.where(ramping, float(State.INIT), going), opened | ramping
+            going, opened = np.where(ramping, float(State.INIT), going), opened | ramping
         moves = any_joint(aim.v != 0.0) | seen.lost | (restless > 0.0)
         stopped = np.where(moves, float(State.STOPPING), float(State.HOLD))
         reason, joint = self._reason(seen, entering, unsound, capped, watch)
@@ -348,6 +348,7 @@ class Supervised(Controller):
             since=np.minimum(watch.since + np.where(watch.reason > 0.0, 1.0, 0.0), COUNTED),
             late=np.zeros_like(watch.late),
             restless=np.where(active & ~entering, 0.0, restless),
+            travel=np.where(active, 0.0, travel),
             bad=seen.bad,
             q=seen.q,
             change=change,
@@ -355,12 +356,18 @@ class Supervised(Controller):
             r=aim.q,
             rv=way,
             tau=tau,
-            frozen=self.frozen.after(dead & seen.distrusted, seen, aim.q, tau, watch),
+            frozen=self.frozen.after(self._untrusted(dead, seen, watch), seen, aim.q, tau, watch),
             saturated_samples=np.where(entering, 0.0, watch.saturated_samples),
             response=response,
         )
         kept = kept._replace(nominal=self._may_take_the_short_way(kept))
-        return ControlStep(tau, SupervisedState(kept, choose(waits, before, after)))
+        return ControlStep(tau, SupervisedState(kept, choose(opened, before, after)))
+
+    def _untrusted(self, dead: Mask, seen: Sample, watch: Watch) -> Mask:
+        """Tell which joints FAULT does not trust any more."""
+        # A gear that swings turns its joint round, a JUMP for a moment; RESPONSE sees other turns.
+        passing = (seen.bad > 0.0) & (seen.bad <= float(self.supervisor.missed))
+        return dead & seen.distrusted & (~passing | self.response.fails(watch.response))
 
     def _reason(
         self, seen: Sample, entering: Mask, unsound: Mask, capped: Mask | None, watch: Watch

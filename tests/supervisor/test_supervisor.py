@@ -426,6 +426,20 @@ def test_a_joint_that_fault_does_not_trust_is_never_trusted_again() -> None:
     assert supervised.report(state).status == "fault"
 
 
+def test_a_joint_that_measures_badly_for_a_moment_in_fault_is_trusted_again() -> None:
+    supervised, state = started(missed=3)
+    broken, once = np.array([1.0, np.nan, 1.0]), np.array([np.nan, np.nan, 1.0])
+    with np.errstate(invalid="ignore"):
+        for q in [broken] * 5 + [once] * 3 + [broken]:
+            state = held(supervised, state, Q * q).state
+        distrusted = state.supervisor.frozen.unchanged_samples >= COUNTED
+        np.testing.assert_array_equal(distrusted, [False, True, False])
+        for _ in range(4):
+            state = held(supervised, state, Q * once).state
+    distrusted = state.supervisor.frozen.unchanged_samples >= COUNTED
+    np.testing.assert_array_equal(distrusted, [True, True, False])
+
+
 def test_an_encoder_that_counts_backwards_is_found_at_once() -> None:
     def mirrored() -> Fault:
         first: list[float] = []
@@ -802,16 +816,28 @@ def test_an_arm_that_its_gears_swing_is_stopped_and_comes_to_rest() -> None:
     assert float(seen["supervisor"].isel(time=-1).max()) == State.FAULT
 
 
-def test_hold_is_not_said_of_an_arm_that_swings_and_after_two_seconds_it_is_a_fault() -> None:
-    supervised, state = started()
+def swinging(samples: int, **bounds: Any) -> list[str]:
+    """Return the states after a fault of an arm whose joints swing by 0.05 rad at 15 Hz."""
+    supervised, state = started(**bounds)
     state = held(supervised, state, Q, Q * np.nan).state
     said = []
-    for k in range(2300):
+    for k in range(samples):
         swung = Q + 0.05 * np.sin(2.0 * np.pi * 15.0 * k * DT)
         state = held(supervised, state, swung, Q).state
         said.append(supervised.report(state).status)
+    return said
+
+
+def test_hold_is_not_said_of_an_arm_that_swings_and_after_two_seconds_it_is_a_fault() -> None:
+    said = swinging(2300, following=100.0)
     assert set(said[20:1900]) == {"stopping"}
     assert said[-1] == "fault"
+
+
+def test_an_arm_that_swings_as_far_as_following_allows_is_a_fault_sooner() -> None:
+    said = swinging(250)
+    assert set(said[20:160]) == {"stopping"}  # 4 * 0.05 rad * 15 Hz take 0.17 s for half a radian
+    assert said[220] == "fault"
 
 
 def test_what_is_a_fault_goes_by_the_arm_and_not_by_the_heavier_rotors_of_a_feedback() -> None:
