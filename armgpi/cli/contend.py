@@ -35,6 +35,9 @@ def contend(
     ] = None,
     evaluations: Annotated[int, typer.Option(help="Candidates for each law, arm and seed.")] = 481,
     seeds: Annotated[int, typer.Option(help="Searches of each law and arm.")] = 2,
+    reality: Annotated[
+        str, typer.Option(metavar="NAME", help="What the arms are: bare, geared or elastic.")
+    ] = "bare",
     quick: Annotated[
         bool, typer.Option("--quick", metavar=opt.FLAG, help="A small contest, of minutes for one arm.")
     ] = False,
@@ -61,7 +64,10 @@ def contend(
         raise refusal("--evaluations", f"must be from 2 to 1000000, got {evaluations}")
     if not 1 <= seeds <= 1000:
         raise refusal("--seeds", f"must be from 1 to 1000, got {seeds}")
+    if reality not in ("bare", "geared", "elastic"):
+        raise refusal("--reality", f"must be bare, geared or elastic, got {reality!r}")
     setting = contests.QUICK if quick else contests.Setting(evaluations, seeds)
+    setting = setting._replace(reality=reality)
     chosen = laws or list(contests.CONTENDERS)
     study = contests.enter(out, setting, accept_code)
     entries = contests.run(study, names, chosen, setting, lambda text: say(text, err=True))

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from armgpi.control.observer import ObserverController
+from armgpi.control.observer import ScheduledController
 from armgpi.parameter import parameter, with_parameters
 
 
 @with_parameters
-class ADRC(ObserverController):
-    """tau = D^(q) v with v = -(omega_c^2 e + 2 omega_c e' + zeta), all three from an extended state observer.
+class ADRC(ScheduledController):
+    """tau = D^(q) v, v = -(omega_c^2 e + 2 zeta_c omega_c e' + zeta), from an extended state observer.
 
     It measures positions and knows the inertia matrix, as GPI. As dt goes to zero it is a member of the
     family (:mod:`armgpi.gpi.family`): with an observer of order 3 that of one integrator, of order 4

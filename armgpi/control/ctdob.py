@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from armgpi.control.observer import ObserverController
+from armgpi.control.observer import ScheduledController
 from armgpi.parameter import with_parameters
 
 
 @with_parameters
-class ComputedTorqueDOB(ObserverController):
-    """tau = D(q) (a* + v) + C(q, v^) v^ + G(q), with v = -(omega_c^2 e + 2 omega_c e' + zeta).
+class ComputedTorqueDOB(ScheduledController):
+    """tau = D(q) (a* + v) + C(q, v^) v^ + G(q), with v = -(omega_c^2 e + 2 zeta_c omega_c e' + zeta).
 
     It measures positions and knows the whole model. Velocity v^, error rate and what the model lacks (zeta)
     are estimates of a third-order observer. With an exact model zeta is zero.

@@ -9,6 +9,7 @@ is cut.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import field
 from typing import Any, ClassVar, NamedTuple
@@ -16,7 +17,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.control.bandwidth import default_bandwidth
+from armgpi.control.bandwidth import ErrorSchedule, default_bandwidth, error_scales
 from armgpi.control.controller import Controller, ControlStep, Measurement
 from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
@@ -188,7 +189,7 @@ class ObserverController(Controller):
         """Return torque and next state; see :meth:`Controller.step`."""
         q = measurement.q
         dynamics = self.robot.dynamics
-        now = correct_estimate(q - target.q, state.expected, self._gains)
+        now = correct_estimate(q - target.q, state.expected, self.gains(state.own))
         v = self.law(now, target, state.own)
         if self.cancels:
             rate = target.v + now.rate
@@ -201,11 +202,13 @@ class ObserverController(Controller):
         own = self.learned(now, target, missing, state.own)
         return ControlStep(tau, ObserverState(expected_next(now, v + missing, self.dt), own))
 
+    @abstractmethod
     def law(self, now: Estimate, target: Target, own: Any) -> Array:
-        """Return v [rad/s^2 or m/s^2]: both poles at omega_c, and what cancels the disturbance."""
-        zeta = now.zeta + (0.5 * self.dt) * now.slope  # in the middle of the sample over which v is held
-        v: Array = -(self.omega_c * (self.omega_c * now.e + 2.0 * now.rate) + zeta)
-        return v
+        """Return v [rad/s^2 or m/s^2]."""
+
+    def gains(self, own: Any) -> ObserverGains:
+        """Return the gains of the observer."""
+        return self._gains
 
     def remembered(self, zero: Array) -> Any:
         """Return what the law remembers before the first sample; zero has the shape of the errors."""
@@ -218,6 +221,68 @@ class ObserverController(Controller):
     def signals(self, state: ObserverState) -> Mapping[str, Array]:
         """Return the estimates under their names."""
         return state.expected._asdict()
+
+
+@with_parameters
+class ScheduledController(ErrorSchedule, ObserverController):
+    """v = -(omega^2 e + 2 zeta omega e' + zeta), and bandwidths that may rise with the error.
+
+    They do as that of :class:`armgpi.GainSchedule`, with the same numbers, by the estimated error.
+    """
+
+    zeta_c: PerJoint = parameter(
+        "damping ratio of the controller's poles",
+        default=1.0,
+        least=0.0,
+        above=True,
+        per_joint=True,
+        key="zeta",
+        search=(0.3, 2.0),
+        kw_only=True,
+    )
+    rise: PerJoint = parameter(
+        "how many times as fast controller and observer are where the error is large",
+        default=None,
+        none="as fast at any error",
+        least=1.0,
+        per_joint=True,
+        search=(1.0, 5.0),
+        kw_only=True,
+    )
+
+    def __post_init__(self) -> None:
+        """Check the parameters; see :class:`ObserverController`."""
+        super().__post_init__()
+        self.check_leak(self.dt)
+
+    @classmethod
+    def configured(cls, given: Mapping[str, Any], context: Context) -> ObserverController:
+        """Return the controller, with errors in counts; see :meth:`ObserverController.configured`."""
+        return super().configured({**error_scales(context), **given}, context)
+
+    def law(self, now: Estimate, target: Target, own: Any) -> Array:
+        """Return v; `own` is by what share both bandwidths are above their lower ends."""
+        omega = self.omega_c if own is None else self.omega_c * (1.0 + own)
+        zeta = now.zeta + (0.5 * self.dt) * now.slope  # in the middle of the sample over which v is held
+        v: Array = -(omega * (omega * now.e + 2.0 * self.zeta_c * now.rate) + zeta)
+        return v
+
+    def gains(self, own: Any) -> ObserverGains:
+        """Return the gains of the observer, as fast as the controller is."""
+        if own is None:
+            return self._gains
+        return observer_gains(self.omega_o * (1.0 + own), self.dt, self.observer_order)
+
+    def remembered(self, zero: Array) -> Any:
+        """Return that both bandwidths are at their lower ends; nothing without a schedule."""
+        return None if self.rise is None else zero
+
+    def learned(self, now: Estimate, target: Target, missing: Array, own: Any) -> Any:
+        """Return by what share they are above them next; the same while the torque is cut."""
+        if own is None:
+            return None
+        uncut = np.where(missing == 0.0, 1.0, 0.0)
+        return self.raised(own, now.e, self.rise - 1.0, uncut, self.dt)
 
 
 @with_parameters

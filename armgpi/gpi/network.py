@@ -9,6 +9,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array, PerJointInput, check_type
+from armgpi.control.bandwidth import error_scales
 from armgpi.control.controller import batches, common_batch
 from armgpi.errors import ArrayError, NameNotFound, ParameterError
 from armgpi.gpi.gains import GainStep, Poles, Quadratics, Tuning
@@ -19,8 +20,6 @@ from armgpi.registry import Context
 
 #: Ends of omega_c's box that an experiment takes, in default bandwidths: 22 and 60 rad/s at 30 rad/s.
 _CALM, _ALERT = 22.0 / 30.0, 2.0
-#: Resolution that gives the scale of errors where there is no encoder.
-_FINE_BITS = 22
 #: Lowest and highest value of a tuning parameter; one number for one that does not adapt.
 Box = PerJointInput | tuple[PerJointInput, PerJointInput]
 
@@ -311,12 +310,8 @@ class BSplineNetwork(Boxes, Poles):
     @classmethod
     def chosen(cls, context: Context) -> dict[str, Any]:
         """Return a box around the default bandwidth, and scales from encoders; see :meth:`Gains.chosen`."""
-        count = context.robot.encoder_count(_FINE_BITS if context.bits is None else context.bits)
-        return {
-            "omega_c": (context.omega_c * _CALM, context.omega_c * _ALERT),
-            "error_range": count,
-            "dead_zone": 0.0 * count if context.bits is None else 2.0 * count,
-        }
+        omega = (context.omega_c * _CALM, context.omega_c * _ALERT)
+        return {"omega_c": omega, **error_scales(context)}
 
     def nominal(self) -> Tuning:
         """Return the tuning where the error is small: the lower ends of the boxes, and what weights add."""

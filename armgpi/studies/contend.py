@@ -75,12 +75,14 @@ class Setting(NamedTuple):
         seeds: searches of each law and arm.
         fit: draws that are searched on.
         held_out: draws that are judged on.
+        reality: what the arms are; see :class:`armgpi.Reality`.
     """
 
     evaluations: int = 481
     seeds: int = 2
     fit: int = FIT
     held_out: int = HELD_OUT
+    reality: str = "bare"
 
 
 #: A contest of minutes.
@@ -114,11 +116,17 @@ def budgets(robot: Robot) -> tuple[float, ...]:
     return tuple(share * budget for budget in BUDGETS)
 
 
-def draws(robot: Robot, count: int, first: int) -> list[Draw]:
-    """Return scenarios of an arm: 16 bits, one sample late, unknown load, wrong inertia, torque step."""
+def draws(robot: Robot, count: int, first: int, kind: str = "bare") -> list[Draw]:
+    """Return scenarios of an arm: 16 bits, one sample late, unknown load, wrong inertia, torque step.
+
+    Arms of other realities than `bare` have rotors, friction in all draws, and encoders at the motors.
+    """
     mass = scales(robot).mass
-    reality = Reality.bare(
-        sample_time=[1e-3],
+    reality = Reality(
+        kind,
+        friction_share=1.0,
+        motor_share=1.0,
+        sample_time=np.array([1e-3]),
         delay=(1.0, 1.0),
         encoder_bits=(16.0, 16.0),
         payload=(0.0, min(_LOAD / mass, _LOAD_SHARE)),
@@ -207,7 +215,10 @@ def problem(arm: str, law: str, seed: int, setting: Setting) -> Problem:
     """Return what is searched for one law on one arm."""
     robot = Robot.load(arm, fingers(arm))
     contender = CONTENDERS[law]
-    searched, held_out = draws(robot, setting.fit, 0), draws(robot, setting.held_out, _APART)
+    searched, held_out = (
+        draws(robot, count, first, setting.reality)
+        for count, first in ((setting.fit, 0), (setting.held_out, _APART))
+    )
     made = config.controller(contender.section, searched[0].context)
     return Problem(
         Space(contender.section, made, contender.free),
@@ -254,7 +265,7 @@ def markdown(entries: Sequence[Entry]) -> str:
     for arm in dict.fromkeys(entry.arm for entry in entries):
         rows = medians(entries, arm)
         names = budgets_of(arm)
-        head = (f"{arm}: torque variation up to [N m]", *names, "where its search begins (variation)")
+        head = (f"{arm}: law (numbers), variation up to [N m]", *names, "where its search begins (variation)")
         lines: list[tuple[str, ...]] = []
         for group, laws in classes(entries).items():
             here = [law for law in laws if law in rows]
@@ -262,9 +273,15 @@ def markdown(entries: Sequence[Entry]) -> str:
             best = {name: min((rows[law][name] for law in here), default=math.inf) for name in names}
             for law in here:
                 cells = [_cell(rows[law][name], best[name]) for name in names]
-                lines.append((law, *cells, _untuned_cell(entries, arm, law)))
+                lines.append((f"{law} ({numbers(law)})", *cells, _untuned_cell(entries, arm, law)))
         parts.append(markdown_table(head, lines))
     return "\n".join(parts)
+
+
+def numbers(law: str) -> int:
+    """Return how many numbers of a law are searched: a box has two ends."""
+    section, free = CONTENDERS[law].section, CONTENDERS[law].free
+    return sum(2 if isinstance(section.get(key), dict) else 1 for key in free)
 
 
 def _cell(value: float, best: float) -> str:

@@ -382,3 +382,29 @@ def test_unused_velocities_are_not_asked_for() -> None:
         a = controller.step(Measurement(q), still(q), state).tau
         b = controller.step(FullState(q, 5.0 + q), still(q), state).tau
         np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("kind", [ADRC, ComputedTorqueDOB])
+def test_an_observer_whose_error_is_large_is_the_faster_one_and_without_rise_the_same(kind: Any) -> None:
+    slow = kind(ARM, DT, omega_c=10.0, omega_o=40.0, zeta_c=0.7)
+    fast = kind(ARM, DT, omega_c=30.0, omega_o=120.0, zeta_c=0.7)
+    large: dict[str, Any] = {"attack": 1.0, "leak": 0.0, "error_range": 1e-6, "dead_zone": 0.0}
+    seen, target = Measurement(START + 0.01), still(START)
+    for rise, twin in ((1.0, slow), (3.0, fast)):
+        law = kind(ARM, DT, omega_c=10.0, omega_o=40.0, zeta_c=0.7, rise=rise, **large)
+        state = law.step(seen, target, law.init(seen, target)).state  # after which it has risen
+        tau = law.step(seen, target, state).tau
+        same = twin.step(seen, target, state._replace(own=None)).tau
+        np.testing.assert_allclose(tau, same, rtol=1e-12)
+
+
+def test_the_damping_ratio_weighs_the_estimated_rate() -> None:
+    now, zero = Estimate(*(x * np.ones(3) for x in (0.1, 0.2, 0.0, 0.0))), still(START)
+    for zeta in (0.5, 1.0):
+        law = ADRC(ARM, DT, omega_c=10.0, zeta_c=zeta)
+        np.testing.assert_allclose(law.law(now, zero, None), -(100.0 * 0.1 + 2.0 * zeta * 10.0 * 0.2))
+
+
+def test_a_leak_that_is_too_fast_for_the_sample_time_is_refused() -> None:
+    with pytest.raises(ParameterError, match="leak"):
+        ADRC(ARM, DT, rise=2.0, leak=1000.0)
