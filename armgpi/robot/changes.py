@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from armgpi.parameter import Parameter
-from armgpi.robot.robot import Robot
+from armgpi.robot.edits import Edits
+
+_Same = TypeVar("_Same", bound=Edits)
 
 _DECLARED = (
     ("payload", Parameter("mass of a load on top of what the robot has", "kg", default=0.0, least=0.0)),
@@ -32,7 +34,7 @@ CHANGES: Mapping[str, Parameter] = {
 }
 
 
-def change(robot: Robot, given: Mapping[str, Any]) -> Robot:
+def change(robot: _Same, given: Mapping[str, Any]) -> _Same:
     """Return a robot with some quantities changed, always in the same order.
 
     Args:

@@ -52,6 +52,30 @@ class Edits(Frames):
         """Rotor inertia reflected to every joint [kg m^2 or kg], shape (n,)."""
         return np.array(self._model.armature)[self._own]
 
+    @property
+    def tip(self) -> str:
+        """Name of the link at the end, the one farthest from the last joint over fixed joints.
+
+        A gripper is no part of the arm: of one whose joints move it is the link that carries them.
+        """
+        model = self._model
+        fingers = self._provenance.get("grippers", ())
+        arm = [j for j in range(1, model.njoints) if model.names[j] not in fingers]
+        last = max(arm or range(1, model.njoints), key=lambda j: (len(model.supports[j]), j))
+        locked = self._provenance["locked"]
+        depth: dict[int, float] = {}  # frames on the last joint -> fixed joints up to it; parents come first
+        tip, farthest = 0, -math.inf
+        for index, frame in enumerate(model.frames):
+            if int(frame.parentJoint) != last:
+                continue
+            count = 0.0 if frame.type == pin.FrameType.JOINT else depth.get(int(frame.parentFrame), 0.0)
+            if frame.type == pin.FrameType.FIXED_JOINT:
+                count += -math.inf if frame.name in locked else 1.0  # a locked joint ends the arm before it
+            depth[index] = count
+            if frame.type == pin.FrameType.BODY and count > farthest:
+                tip, farthest = index, count
+        return str(model.frames[tip].name)
+
     def with_payload(
         self: _Same,
         frame: str,

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from os import PathLike
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -20,9 +20,7 @@ from armgpi.robot.checks import check_inertia
 from armgpi.robot.drives import Drives
 from armgpi.robot.edits import Edits, parts_of
 from armgpi.robot.equations import Friction, Limits
-
-if TYPE_CHECKING:
-    from armgpi.robot.batch import VariedRobots
+from armgpi.robot.several import VariedRobots
 
 #: Configurations at which D(q) is checked when a robot is loaded, besides the middle of the ranges.
 _SAMPLES = 16
@@ -280,30 +278,6 @@ class Robot(Edits):
         """Mass of the links that move [kg]."""
         return float(sum(inertia.mass for inertia in self._model.inertias[1:]))
 
-    @property
-    def tip(self) -> str:
-        """Name of the link at the end, the one farthest from the last joint over fixed joints.
-
-        A gripper is no part of the arm: of one whose joints move it is the link that carries them.
-        """
-        model = self._model
-        fingers = self._provenance.get("grippers", ())
-        arm = [j for j in range(1, model.njoints) if model.names[j] not in fingers]
-        last = max(arm or range(1, model.njoints), key=lambda j: (len(model.supports[j]), j))
-        locked = self._provenance["locked"]
-        depth: dict[int, float] = {}  # frames on the last joint -> fixed joints up to it; parents come first
-        tip, farthest = 0, -math.inf
-        for index, frame in enumerate(model.frames):
-            if int(frame.parentJoint) != last:
-                continue
-            count = 0.0 if frame.type == pin.FrameType.JOINT else depth.get(int(frame.parentFrame), 0.0)
-            if frame.type == pin.FrameType.FIXED_JOINT:
-                count += -math.inf if frame.name in locked else 1.0  # a locked joint ends the arm before it
-            depth[index] = count
-            if frame.type == pin.FrameType.BODY and count > farthest:
-                tip, farthest = index, count
-        return str(model.frames[tip].name)
-
     def varied(
         self,
         *,
@@ -340,8 +314,6 @@ class Robot(Edits):
             NameNotFound: when there is no such frame.
             ParameterError: when nothing varies, or a centre or frame is given without a load.
         """
-        from armgpi.robot.batch import VariedRobots
-
         given = {"payload": payload, "com": com, "inertia_scale": inertia_scale, "gravity": gravity}
         given |= {"rotor_inertia": rotor_inertia, "viscous": viscous, "coulomb": coulomb, "effort": effort}
         return VariedRobots(self, frame, **given)
