@@ -73,6 +73,8 @@ def write_set(folder: Path, contents: Mapping[str, str | bytes], also: Sequence[
             changed.
     """
     paths = [*(folder / name for name in contents), folder / SUMS]
+    for path in paths:
+        make_folder(path.parent)
     with replace_files(paths, str(folder)) as partials:
         for partial, content in zip(partials, contents.values(), strict=False):
             _fill(partial, content)

@@ -81,6 +81,18 @@ Prefix = Annotated[
         show_default=False,
     ),
 ]
+DirectDrive = Annotated[
+    bool,
+    typer.Option(
+        "--direct-drive",
+        metavar=opt.FLAG,
+        help="Motors without gears: no rotors are believed (--drives rigid); for bare and ros2_control.",
+    ),
+]
+#: Postures of a motion in which an arm's links may touch.
+_LOOKED = 200
+#: Of the catalogue, those that have no direct torque.
+_CB3 = ("ur3", "ur5", "ur10")
 #: Of a robot's highest rate of torque, so that roundings do not pass it; libfranka's kLimitEps.
 _JUST_BELOW = 1.0 - 1e-6
 
@@ -98,6 +110,7 @@ def export(
     jump: Jump = None,
     torque_rate: TorqueRate = None,
     target: TargetName = "bare",
+    direct_drive: DirectDrive = False,
     controller: opt.Controller = None,
     **options: Any,
 ) -> None:
@@ -109,6 +122,9 @@ def export(
     """  # noqa: D301 (\b keeps the lines apart)
     own = {"robot": robot, "out": out, "real": real, "on_fault": on_fault, "frozen": frozen, "jump": jump}
     own |= {"torque_rate": torque_rate, "prefix": name, "controllers": controller, "target": target}
+    if direct_drive and options["drives"] is not None:
+        raise refusal("--direct-drive", "is mutually exclusive with --drives")
+    options["drives"] = Path("rigid") if direct_drive else options["drives"]
     sys.exit(_export({**own, "declared": values_of(context), **options, "supervised": True}))
 
 
@@ -131,8 +147,10 @@ def _export(options: dict[str, Any]) -> int:
         raise refusal("", f"{error.name} writes the C: pip install 'armgpi[compiled]'") from None
     target = _target(options)
     experiment = _experiment(options, target)
+    _check_arm(experiment, target)
     experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
     note_drives(experiment)
+    _note_contacts(experiment, options["package_dir"])
     label, controller = next(iter(experiment.controllers.items()))
     supervised = supervise(controller, experiment.supervisor)
     # What cannot be written is refused before the simulation.
@@ -167,6 +185,33 @@ def _export(options: dict[str, Any]) -> int:
     return OK if done.measured is None or done.measured.agrees else FAILED
 
 
+def _check_arm(experiment: Experiment, target: str) -> None:
+    """Refuse an arm that is told to have no rotors where its robot is geared; warn of CB3."""
+    from armgpi.hardware.export.interfaces import COMPENSATING
+    from armgpi.hardware.export.targets import GEARED
+
+    if target in COMPENSATING and experiment.config.robot.drives == "rigid":
+        raise refusal("--target", f"{target} is {GEARED}")
+    if target == "ur" and experiment.robot.name in _CB3:
+        said = (
+            "of the catalogue is a CB3 arm, which has no direct torque; docs/robots.md gets e-Series' URDFs"
+        )
+        say(f"warning: {experiment.robot.name} {said}", err=True, fg="yellow")
+
+
+def _note_contacts(experiment: Experiment, package_dirs: list[Path] | None) -> None:
+    """Warn of links that touch each other on the motion's way."""
+    import numpy as np
+
+    from armgpi.robot.collisions import self_collisions
+
+    times = np.linspace(0.0, experiment.t_final, _LOOKED)
+    touching = self_collisions(experiment.robot, experiment.reference.at(times).q, package_dirs or ())
+    for first, second, index in touching or ():
+        said = f"{first} and {second} touch {times[index]:.2g} s after the start of the motion"
+        say(f"warning: {said}", err=True, fg="yellow")
+
+
 def _experiment(options: dict[str, Any], target: str) -> Experiment:
     """Return what the options describe, without a gripper where the interface has the arm alone."""
     from armgpi import config as configuration
@@ -189,6 +234,7 @@ def _experiment(options: dict[str, Any], target: str) -> Experiment:
 
 def _target(options: dict[str, Any]) -> str:
     """Return the target, and put what its interface asks for into the options."""
+    from armgpi.cli.declared import options as declared
     from armgpi.cli.settings import with_file
     from armgpi.hardware.export.interfaces import COMPENSATING
     from armgpi.hardware.export.targets import TARGETS
@@ -201,8 +247,10 @@ def _target(options: dict[str, Any]) -> str:
         if options["gravity"] == "arm":
             raise refusal("--gravity", f"must be robot for {target}: that robot adds gravity by itself")
         options["gravity"] = "robot"
-        if options["dt"] is None and options["config"] is None:
-            options["dt"] = COMPENSATING[target].dt
+        if options["config"] is None:
+            options["dt"] = COMPENSATING[target].dt if options["dt"] is None else options["dt"]
+            usual = [(each, COMPENSATING[target].delays[0]) for each in declared() if each.flag == "--delay"]
+            options["declared"] = [*usual, *options["declared"]]
         if options["controllers"] is None and options["config"] is None:
             options["controllers"] = "untuned"
             say(

@@ -129,7 +129,7 @@ def test_the_readme_of_an_exported_stage_says_how_it_is_run(folder: Folder) -> N
     for stage in (kinds(folder, "pulse")[0], folder.stages[-1]):
         experiment = folder.experiment(stage)
         supervised = Supervised(next(iter(experiment.controllers.values())), experiment.supervisor)
-        text = _readme(generate(supervised, "double"), 0, 0, None)
+        text = _readme(generate(supervised, "double"), 0, 0, None, "bare")
         assert ("**This is a stage of a bring-up**" in text) == (stage.kind == "pulse")
 
 

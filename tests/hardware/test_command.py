@@ -192,10 +192,23 @@ def test_a_geared_robot_without_rotors_is_refused_by_what_it_lacks(
 ) -> None:
     if "ur5" not in armgpi.robots.names():
         pytest.skip("the robots extra is not installed")
-    code, out, err = export("ur5", "--target", "ur", "--rotor-inertia", "0", "-o", tmp_path)
-    assert code == 2, out
-    assert "for a model with rotors" in err
-    assert "gear_stiffness" not in err
+    for none in (("--rotor-inertia", "0"), ("--drives", "rigid"), ("--direct-drive",)):
+        code, out, err = export("ur5", "--target", "ur", *none, "-o", tmp_path)
+        assert code == 2, out
+        assert "for a model with rotors" in err
+        assert "gear_stiffness" not in err
+        assert all(way in " ".join(err.split()) for way in ("believed", "--drives FILE", "armgpi identify"))
+
+
+def test_direct_drives_have_neither_rotors_nor_gears(export: Callable[..., Answer], tmp_path: Path) -> None:
+    short = ("--t-final", "0.1", "-o", tmp_path)
+    code, out, err = export("anthropomorphic3", "--controller", "untuned", "--direct-drive", *short)
+    assert code == 0, out + err
+    assert "believed" not in err
+    assert "drives: rigid" in (tmp_path / "experiment.yaml").read_text()
+    code, out, err = export("anthropomorphic3", "--direct-drive", "--drives", "soft", *short)
+    assert code == 2
+    assert "mutually exclusive" in err
 
 
 def test_another_law_for_a_geared_robot_is_told(export: Callable[..., Answer], tmp_path: Path) -> None:

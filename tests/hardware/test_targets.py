@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import importlib
+import json
 import re
 import runpy
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from test_grippers import J, text
 
 from armgpi import (
     GPI,
+    FixedGains,
     PIDInversion,
     RigidBodyPlant,
     Robot,
@@ -202,71 +207,23 @@ def test_another_project_finds_the_package(tmp_path: Path) -> None:
     run(other / "b" / "other", folder=tmp_path)
 
 
-#: Runs a loop in Python beside stubs of the two packages, whose arm is a simulated one. Arguments: which, the
-#: goal, and the sample from which an encoder is broken: at once for good (ur) or for one sample (fci). Their
-#: calls are those of pylibfranka 0.21.3 and ur_rtde 1.6.5; of RTDE the request for the controller's version.
+#: Runs a loop in Python beside the stand-ins of tools/standin.py. Arguments: which, the goal, the sample from
+#: which an encoder is broken (at once for good for ur, one sample for fci), and the version of the robot.
 LOOP = """
-import io, runpy, socket, struct, sys
-from types import SimpleNamespace as Made
-
-import numpy as np
+import runpy, sys
+from pathlib import Path
 
 import armgpi
 
-kind, goal, broken, version = sys.argv[1], sys.argv[2], int(sys.argv[3]), sys.argv[4:]
+kind, goal, broken, version = sys.argv[1], sys.argv[2], int(sys.argv[3]), sys.argv[4:] or ["5.26.0"]
 lock = ["panda_finger_joint1", "panda_finger_joint2"] if kind == "fci" else []
 robot = armgpi.Robot.load({"fci": "panda", "ur": "ur5"}[kind], lock=lock).with_gravity((0, 0, 0))
-plant, dt = armgpi.RigidBodyPlant(robot), {"fci": 0.001, "ur": 0.002}[kind]
-state, last, rate, count = plant.init(robot.middle(), np.zeros(robot.n)), np.zeros(robot.n), 0.0, 0
-
-
-def measured():
-    q = plant.measure(state).q.tolist()
-    if broken and (count == broken if kind == "fci" else count >= broken):
-        q[1] = float("nan")
-    return q
-
-
-def applied(tau):
-    global state, last, rate, count
-    rate = max(rate, float(np.abs(np.array(tau) - last).max()) / dt)
-    last, state, count = np.array(tau), plant.step(np.array(tau), state, dt), count + 1
-    assert count < 10_000
-
-
-class Arm:
-    def __init__(self, *given): pass
-    def start_torque_control(self): return self
-    def readOnce(self):
-        return Made(q=measured(), tau_J_d=last.tolist()), Made(to_sec=lambda: 0.001 if count else 0.0)
-    def writeOnce(self, command): applied(command.tau)
-    def stop(self): print("stopped")
-    def getActualQ(self): return measured()
-    def getTimestamp(self): return 0.002 * (count - (count % 50 == 40))  # some packets come twice
-    def initPeriod(self): return None
-    def directTorque(self, tau, viscous_scale, coulomb_scale):
-        applied(tau)
-        return len(viscous_scale) == len(coulomb_scale) == 6
-    def waitPeriod(self, begun): pass
-    def stopScript(self): print("stopped")
-
-
-class Wire(io.BytesIO):
-    def sendall(self, data): assert struct.unpack(">HB", data) == (3, 118)
-    def makefile(self, mode): return self
-
-
-sys.modules["pylibfranka"] = Made(Robot=Arm, Torques=lambda tau: Made(tau=tau, motion_finished=False))
-sys.modules["rtde_control"] = Made(RTDEControlInterface=Arm)
-sys.modules["rtde_receive"] = Made(RTDEReceiveInterface=Arm)
-said = struct.pack(">HB4I", 19, 118, *map(int, version or ("5", "23")), 0, 0)
-socket.create_connection = lambda address, timeout: Wire(said)
-sys.argv = [kind, "127.0.0.1", *(goal.split() if goal != "-" else [])]
-runpy.run_path(kind + ".py", run_name="__main__")
-truth = plant.true_state(state)
-away = np.abs(truth.q - np.array([float(x) for x in goal.split(",")])).max() if goal[0] != "-" else 0.0
-print("away", away, "speed", np.abs(truth.v).max(), "rate", rate)
-"""
+tool = runpy.run_path(TOOL)
+dt = {"fci": 0.001, "ur": 0.002}[kind]
+arm = tool["Arm"](armgpi.RigidBodyPlant(robot), dt, robot.middle(), broken, kind == "fci")
+tool["run_python"](Path(".").resolve(), arm, goal.split() if goal != "-" else [], *version)
+print(arm.report("-" if goal[0] == "-" else goal))
+""".replace("TOOL", repr(str(Path(__file__).parents[2] / "tools" / "standin.py")))
 
 
 def figures(said: str) -> dict[str, float]:
@@ -428,13 +385,85 @@ def test_a_package_follows_the_motion_of_its_log(target: str, tmp_path: Path) ->
         np.testing.assert_allclose(lines[:, 1:], same, atol=1e-12)
 
 
+#: fci.py where a share of all packets is lost, each way, and a command is in flight. Arguments: bits.
+LOSSY = """
+import runpy, sys
+from pathlib import Path
+
+import armgpi
+
+robot = armgpi.Robot.load("panda", lock=["panda_finger_joint1", "panda_finger_joint2"])
+robot = robot.with_gravity((0, 0, 0))
+tool, plant = runpy.run_path(TOOL), armgpi.RigidBodyPlant(robot)
+arm = tool["Arm"](armgpi.Encoder(plant, int(sys.argv[1])), 0.001, robot.middle(), loss=0.05, flight=1)
+goal = ",".join(f"{x:.3f}" for x in robot.middle() + 0.1)
+arm.apply.__globals__["MOST"] = 2500  # coarse encoders let this law never rest
+try:
+    tool["run_python"](Path(".").resolve(), arm, [goal])
+except SystemExit:
+    pass
+print(arm.report(goal))
+""".replace("TOOL", repr(str(Path(__file__).parents[2] / "tools" / "standin.py")))
+
+
+@compiled
+@pytest.mark.parametrize("bits", [14, 18])
+def test_a_franka_sees_no_faster_torque_with_packets_lost(bits: int, tmp_path: Path) -> None:
+    """The law as printed, whose torque of single counts is above the rate with 14 bits."""
+    law = Supervised(GPI(panda(), 1e-3, FixedGains(20.0)), Supervisor(torque_rate=999.999))
+    export_controller(law, tmp_path, measure=False, target="fci")
+    (tmp_path / "loop.py").write_text(LOSSY)
+    found = figures(run(sys.executable, "loop.py", bits, folder=tmp_path))
+    assert found["rate"] <= 1000.0
+    assert bits > 14 or found["rate"] > 990.0
+    assert found["away"] < 0.02
+
+
+@compiled
+@pytest.mark.parametrize("target", ["fci", "ur"])
+def test_the_cpp_program_moves_a_simulated_arm_too(
+    target: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Built by the folder's own CMakeLists.txt, and without a warning by both compilers."""
+    robot, dt = (panda(), 1e-3) if target == "fci" else (ur5(), 2e-3)
+    robot = believe(robot)
+    rate = Supervisor(torque_rate=1000.0) if target == "fci" else Supervisor()
+    export_controller(
+        Supervised(GPI.untuned(robot, dt, bits=18), rate), tmp_path, measure=False, target=target
+    )
+    for compiler in ("g++", "clang++"):
+        flags = ["-std=c++17", *WARNINGS, "-isystem", STUBS, "-fsyntax-only", '-DARMGPI_URSCRIPT="x"']
+        run(need(compiler), *flags, f"{target}.cpp", folder=tmp_path)
+    need("cmake")
+    tool = runpy.run_path(str(Path(__file__).parents[2] / "tools" / "standin.py"))
+    arm = tool["Arm"](RigidBodyPlant(robot), dt, robot.middle())
+    goal = ",".join(f"{x:.3f}" for x in robot.middle() + 0.2)
+    options = ["--load", "0.5,0,0,0.1", "--contact", "30", "--recover"] if target == "fci" else []
+    assert tool["run_cpp"](tmp_path, arm, [*options, goal]) == 0
+    found = figures(arm.report(goal))
+    assert found["away"] < 1e-3
+    assert found["speed"] < 0.01
+    said = capsys.readouterr().out
+    if target == "fci":
+        assert found["rate"] <= 1000.0 * (1.0 + 1e-9)
+        assert said.startswith("recover\ncontact 30 30 30 30 30 30 30\n")
+        assert "force 20 20 20 20 20 20" in said  # as libfranka's examples have it
+        assert "load 0.5 0 0.0005" in said
+    else:
+        assert said.startswith("viscous 0 0 0 0 0 0\ncoulomb 0 0 0 0 0 0\n")
+        # Without direct torque it ends before a torque was sent.
+        arm = tool["Arm"](RigidBodyPlant(robot), dt, robot.middle())
+        assert tool["run_cpp"](tmp_path, arm, [goal], "5.25.0") == 1
+        assert arm.count == 0
+
+
 @compiled
 def test_a_ur_controller_without_direct_torque_is_refused(tmp_path: Path) -> None:
     export_controller(GPI(ur5(), 2e-3), tmp_path, measure=False, target="ur")
     (tmp_path / "loop.py").write_text(LOOP)
-    for old in (("5", "22"), ("3", "15"), ("10", "9")):
+    for old in ("5.25.1", "3.15.8", "10.12.0"):
         done = subprocess.run(
-            [sys.executable, "loop.py", "ur", "-", "0", *old],
+            [sys.executable, "loop.py", "ur", "-", "0", old],
             cwd=tmp_path,
             capture_output=True,
             text=True,
@@ -493,9 +522,9 @@ def test_a_ros2_controller_compiles_against_its_stubs(name: str | None, tmp_path
     stubs = f"-D{prefix.upper()}_ROS2_STUBS"
     for compiler in ("g++", "clang++"):
         if compiler == "g++" or shutil.which(compiler):
-            flags = ["-std=c++17", *WARNINGS, stubs, "-fsyntax-only"]
-            run(need(compiler), *flags, "ros2_control.cpp", folder=tmp_path)
-    text = (tmp_path / "ros2_control.hpp").read_text()
+            flags = ["-std=c++17", *WARNINGS, stubs, "-fsyntax-only", *WHERE]
+            run(need(compiler), *flags, "src/ros2_control.cpp", folder=tmp_path)
+    text = (tmp_path / "include" / f"{prefix}_controller" / "ros2_control.hpp").read_text()
     for function in (
         "return_type update_and_write",
         "return_type update_reference",
@@ -507,9 +536,31 @@ def test_a_ros2_controller_compiles_against_its_stubs(name: str | None, tmp_path
         assert not [word for word in ("new ", "push_back", "std::string", "make_") if word in body]
 
 
+#: Folders of a package's headers, and of its stubs.
+WHERE = ("-I.", "-Iinclude", "-Itest")
+
+
+def test_parameters_of_the_plugin_are_those_of_its_stub(tmp_path: Path) -> None:
+    """What generate_parameter_library makes of the file has these names, types and defaults."""
+    export_controller(GPI(ARM, 1e-3), tmp_path, measure=False, target="ros2_control", name="left_arm")
+    file = tmp_path / "src" / "left_arm_controller_parameters.yaml"
+    ((name, parameters),) = yaml.safe_load(file.read_text()).items()
+    assert name == "left_arm_controller"
+    types = {"string": "std::string", "double": "double", "bool": "bool"}
+    stub = (
+        (tmp_path / "test" / "ros2_stubs.hpp").read_text().partition("struct Params {")[2].partition("};")[0]
+    )
+    told = [
+        f"  {types[each['type']]} {key} = {json.dumps(each['default_value'])};"
+        for key, each in parameters.items()
+    ]
+    assert stub.strip("\n").splitlines() == told
+    assert all(each["description"] for each in parameters.values())
+
+
 #: A trajectory controller before the plugin: none of its references for 20 samples, then a move, then NaN.
 CHAINED = """
-#include "ros2_control.hpp"
+#include "armgpi_controller/ros2_control.hpp"
 
 struct Arm : armgpi_controller::Ros2Controller {
   void wire() {
@@ -524,14 +575,17 @@ struct Arm : armgpi_controller::Ros2Controller {
 
 int main() {
   const double middle[ARMGPI_N] = {%s};
-  stubs::texts["log"] = "motion.armlog";
-  stubs::numbers["log_seconds"] = 1.0;
-  stubs::texts["last_torque"] = "hold";
-  stubs::update_rate = 1000;
+  auto& given = stubs::parameters<armgpi_controller::Params>;
+  given.log = "motion.armlog";
+  given.log_seconds = 1.0;
+  given.last_torque = "hold";
+  stubs::update_rate = 0;  // the controller manager's, which may be any
   Arm arm;
   const rclcpp_lifecycle::State none{};
   using Return = controller_interface::CallbackReturn;
-  if (arm.on_init() != Return::SUCCESS || arm.on_configure(none) != Return::SUCCESS) return 1;
+  if (arm.on_init() != Return::SUCCESS || arm.on_configure(none) != Return::ERROR) return 6;
+  stubs::update_rate = 1000;
+  if (arm.on_configure(none) != Return::SUCCESS) return 1;
   arm.wire();
   const auto references = arm.references();
   arm.set_chained_mode(true);
@@ -566,7 +620,7 @@ def test_a_trajectory_controller_drives_the_ros2_controller(tmp_path: Path) -> N
     (tmp_path / "chained.cpp").write_text(CHAINED % ", ".join(map(repr, middle.tolist())))
     run("cc", "-std=c99", "-c", *(f"armgpi_{x}.c" for x in PARTS), folder=tmp_path)
     objects = [f"armgpi_{x}.o" for x in PARTS]
-    flags = ["-std=c++17", *WARNINGS, "-DARMGPI_ROS2_STUBS", "-o", "chained"]
+    flags = ["-std=c++17", *WARNINGS, "-DARMGPI_ROS2_STUBS", *WHERE, "-o", "chained"]
     run(need("g++"), *flags, "chained.cpp", *objects, folder=tmp_path)
     said = run("./chained", folder=tmp_path).splitlines()
     assert "stopping reference q1" in said
@@ -703,3 +757,61 @@ def test_a_test_of_a_fault_has_it_or_says_why_there_is_none(
     said = {row.split('"')[1]: row.split('"')[3] for row in rows if not row.endswith("NULL}")}
     assert said == without | {"cap": OFF}
     assert len(rows) == 11
+
+
+@compiled
+def test_a_stream_of_setpoints_is_interpolated_and_ends_in_a_stop(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    export_controller(GPI(ARM, 1e-3), tmp_path, measure=False)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "armgpi_controller", raising=False)
+    armgpi_controller: Any = importlib.import_module("armgpi_controller")
+    middle, lower, upper = ARM.middle(), *ARM.limits[:2]
+
+    def curve(t: float) -> list[list[float]]:
+        at, w = 0.1 * (1.0 - np.cos(2.0 * t)), 2.0
+        rows = (middle + at, 0.1 * w * np.sin(w * t), 0.1 * w * w * np.cos(w * t))
+        return [np.broadcast_to(row, 3).tolist() for row in rows]
+
+    moves, period, found = armgpi_controller.Moves(middle.tolist()), 40, []
+    for k in range(800):
+        if k % period == 0:  # the last of them is at 0.8 s, in motion
+            setpoint, *rates = curve(1e-3 * (k + period))
+            assert moves.via(setpoint, period, *rates)
+        found.append(moves.next())
+    asked = np.array([curve(1e-3 * (k + 1)) for k in range(800)])
+    # A curve of degree 5 between setpoints: 1/720 of the sixth derivative times (T/2)^6, but for the start,
+    # where the arm has no acceleration yet.
+    later = slice(period, None)
+    seen = np.array(found)[later]
+    np.testing.assert_allclose(seen[:, 0], asked[later, 0], atol=0.1 * 2.0**6 * 0.02**6 / 720.0 + 1e-12)
+    np.testing.assert_allclose(seen[:, 2], asked[later, 2], atol=1e-3)
+    # It stops by itself, without a jump of velocity or acceleration, inside of the limits.
+    while moves.moving:
+        found.append(moves.next())
+    q, v, a = (np.array([x[k] for x in found]) for k in range(3))
+    np.testing.assert_allclose(np.diff(q, axis=0), 1e-3 * v[1:], atol=1e-3 * 1e-3 * np.abs(a).max())
+    assert (np.abs(np.diff(a[period:], axis=0)) < 0.1).all()
+    assert not v[-1].any()
+    assert not a[-1].any()
+    assert len(found) < 3000
+    at = q[-1]
+    assert ((at > lower) & (at < upper)).all()
+    # What would leave the joint limits, in itself or by the stop after it, and what is too fast.
+    rest = [0.0] * 3
+    fast = (upper - at) / 0.04
+    assert not moves.via((upper + 0.01).tolist(), 5000)
+    assert not moves.via((upper - 1e-4).tolist(), 5000, [0.2] * 3)
+    assert not moves.via((upper - 1e-4).tolist(), 40, fast.tolist())
+    assert not moves.via([float("nan"), 0.0, 0.0], 40, rest)
+    assert not moves.via(at.tolist(), 0, rest)
+    assert not moves.moving
+    # Two samples at once are twice one.
+    other = armgpi_controller.Moves(middle.tolist())
+    one = armgpi_controller.Moves(middle.tolist())
+    for each in (other, one):
+        assert each.via(*[curve(0.04)[0], 40, *curve(0.04)[1:]])
+    for _ in range(300):
+        one.next()
+        np.testing.assert_allclose(np.array(other.next(2)), np.array(one.next()), atol=1e-12)

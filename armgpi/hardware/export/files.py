@@ -182,7 +182,7 @@ def export_controller(
         with suppress(BackendError):  # there is no compiler
             measured = _run_replay(texts | logged, build.compiler())
     state_bytes = _state_bytes(code) if measured is None else measured.state_bytes
-    readme = _readme(code, len(log.samples), state_bytes, measured)
+    readme = _readme(code, len(log.samples), state_bytes, measured, target)
     texts["README.md"] = rename(readme, name)
     more = package(code, state_bytes, target)
     texts |= {rename(file, name): rename(text, name) for file, text in more.items()}
@@ -350,7 +350,7 @@ def _state_bytes(code: Code) -> int:
     return -(-(16 + real * numbers) // real) * real
 
 
-def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | None) -> str:
+def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | None, target: str) -> str:
     """Return the README."""
     law = code.law
     controller = law.controller
@@ -373,6 +373,7 @@ def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | Non
             title=f"{type(controller.law).__name__} controller of {plain(robot.name)}",
             contains=_contains(robot) + (_STAGE if controller.supervisor.torque_cap is not None else ""),
             version=VERSION,
+            target=_running(controller, target),
             source=source_of(robot),
             samples=samples,
             arrays=", ".join(f"{name}[ARMGPI_N]" for name in law.inputs),
@@ -394,6 +395,19 @@ def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | Non
         .rstrip()
         + "\n"
     )
+
+
+def _running(controller: Supervised, target: str) -> str:
+    """Return how the package is run on the robot of its target, and before there is one."""
+    if target == "bare":
+        return ""
+    robot: Any = controller.robot
+    lower, upper, _, _ = robot.limits
+    goal = ",".join(f"{x:.2f}" for x in robot.middle() + np.minimum(0.1, 0.25 * (upper - lower)))
+    cpp = "" if target == "ros2_control" else _SIMULATED_CPP.format(goal=goal)
+    simulated = _SIMULATED.format(goal=goal, cpp=cpp)
+    fill = {"simulated": simulated, "rate": f"{1.0 / controller.dt:.0f}"}
+    return Template(template(f"README.{target}.md")).substitute(fill) + "\n"
 
 
 def _contains(robot: Any) -> str:
@@ -461,6 +475,15 @@ def _faults(controller: Supervised) -> dict[str, str]:
     }
 
 
+_SIMULATED = """**Before there is a robot**, in a clone of armgpi, these very files beside a simulated
+arm (the libraries are stubs):
+
+```sh
+python tools/standin.py FOLDER {goal}
+{cpp}```"""
+_SIMULATED_CPP = """\
+python tools/standin.py FOLDER {goal} --cpp   # the C++ program; it needs CMake
+"""
 _STAGE = """
 
 **This is a stage of a bring-up**, with its caps compiled in: no torque is beyond CAP below, and a joint

@@ -40,9 +40,12 @@ class Interface(NamedTuple):
     tried: str
 
 
-#: Versions by the changelogs of libfranka and of UR's client library, and ur_rtde's own page; the rate is
-#: libfranka's kMaxTorqueRate, "without gravity and friction" its franka::Torques. Delays are set by hand, for
-#: robots that nobody has measured: tools/faults.py and tools/bringup.py take them.
+#: Versions by libfranka's changelog and by the scripts that the two clients of UR send to the robot: ur_rtde
+#: 1.6.5 has direct_torque from 5.26 on, with friction scales, which PolyScope X has from 10.12.1 on;
+#: external_control.urscript of the client library has it from 5.23.0 and 10.11.0 on, with friction scales
+#: from 5.25.1 and 10.12.1 on. The rate is libfranka's kMaxTorqueRate, "without gravity and friction" its
+#: franka::Torques. Delays are set by hand, for robots that nobody has measured: the rule for untuned arms,
+#: tools/faults.py and tools/bringup.py take them.
 _FR3 = Interface(
     target="fci",
     robot="Franka Research 3, system 5.7.2",
@@ -56,6 +59,19 @@ _FR3 = Interface(
     late="period",
     tried="compiled with libfranka 0.15.0 and 0.21.2; simulated beside stubs",
 )
+_UR = Interface(
+    target="ur",
+    robot="UR e-Series, UR20, UR30: PolyScope 5.26 or 10.12.1; not CB3",
+    library="ur_rtde 1.6.5 (Python)",
+    joints=6,
+    dt=2e-3,
+    rate=None,
+    delays=(2, 3),
+    adds=("gravity",),
+    echo="",
+    late="timestamp",
+    tried="simulated beside stubs",
+)
 INTERFACES = (
     _FR3,
     _FR3._replace(
@@ -63,23 +79,16 @@ INTERFACES = (
         library="libfranka 0.9 alone (C++17), no pylibfranka",
         tried="compiled with libfranka 0.9.2; simulated beside stubs",
     ),
-    Interface(
-        target="ur",
-        robot="UR e-Series, UR20, UR30: PolyScope 5.23 or 10.10; not CB3",
-        library="ur_rtde 1.6.5 (Python)",
-        joints=6,
-        dt=2e-3,
-        rate=None,
-        delays=(2, 3),
-        adds=("gravity",),
-        echo="",
-        late="timestamp",
-        tried="simulated beside stubs",
+    _UR,
+    _UR._replace(
+        robot="UR e-Series, UR20, UR30: PolyScope 5.25.1 or 10.12.1; not CB3",
+        library="UR client library 2.8 and later (C++17)",
+        tried="compiled with 2.8.0 and 2.14.0; simulated beside stubs",
     ),
     Interface(
         target="ros2_control",
         robot="any with effort commands",
-        library="ros2_control 4.27 to 6.8: Jazzy, Kilted, Rolling",
+        library="ros2_control 4.27 to 6.8 (C++17): Jazzy, Kilted, Rolling; not Humble",
         joints=None,
         dt=None,
         rate=None,

@@ -30,15 +30,28 @@ _WIRED = {"q_measured": "q", "q_ref": "to.q", "v_ref": "to.v", "a_ref": "to.a"}
 _MOVE_VELOCITY, _MOVE_EFFORT, _MOVE_STOP, _MOVE_RATE = 0.8, 0.25, 0.5, 0.25
 #: Where no limit says how fast: rad/s or m/s; and the time in which an acceleration builds up at least [s].
 _MOVE_UNLIMITED, _MOVE_ONSET = 1.0, 0.05
-#: Target -> its own files.
-TARGETS: dict[str, tuple[str, ...]] = {
-    "bare": (),
-    "fci": ("fci.hpp", "fci.py"),
-    "ur": ("ur.py",),
-    "ros2_control": (
-        *("ros2_control.hpp", "ros2_control.cpp", "ros2_stubs.hpp", "ros2_plugin.xml", "package.xml"),
-    ),
+#: Target -> its own files: name of the template -> where it goes; of ROS 2 as ros2_controllers have them.
+TARGETS: dict[str, dict[str, str]] = {
+    "bare": {},
+    "fci": {name: name for name in ("fci.hpp", "fci.cpp", "goals.hpp", "fci.py")},
+    "ur": {name: name for name in ("ur.hpp", "ur.cpp", "goals.hpp", "ur.py")},
+    "ros2_control": {
+        "ros2_control.hpp": "include/armgpi_controller/ros2_control.hpp",
+        "ros2_control.cpp": "src/ros2_control.cpp",
+        "ros2_parameters.yaml": "src/armgpi_controller_parameters.yaml",
+        "ros2_stubs.hpp": "test/ros2_stubs.hpp",
+        "ros2_test_load.cpp": "test/test_load.cpp",
+        "ros2_colcon.yml": ".github/workflows/colcon.yml",
+        "ros2_plugin.xml": "ros2_plugin.xml",
+        "package.xml": "package.xml",
+    },
 }
+#: What a target with a geared robot is for, and three ways out.
+GEARED = (
+    "one for a model with rotors, as its robot is geared and would be lost: leave what says there are none "
+    "out (--rotor-inertia 0, --drives rigid), and they are believed; give what they have (--drives FILE); or "
+    "identify them (armgpi identify)"
+)
 _POSITIONS = ("q_measured", "q_ref")
 _VELOCITY = """\
         v_measured[fault->joint] = (armgpi_real_t)((fault->dq + 3.0 * (k2 * fault->dddq)) / ARMGPI_DT);
@@ -113,11 +126,7 @@ def _check_arm(target: str, controller: Supervised) -> None:
         raise ParameterError("target", target, "one for a law without the friction that its robot adds")
     rotors = zip(robot.drives.value("rotor_inertia"), robot.drives.sources("rotor_inertia"), strict=True)
     if any(value == 0.0 and source for value, source in rotors):
-        expected = (
-            "one for a model with rotors, as its robot is geared and would be lost; leave rotor_inertia 0 "
-            "out, or give what the rotors have"
-        )
-        raise ParameterError("target", target, expected)
+        raise ParameterError("target", target, GEARED)
     fingers = moving_gripper(robot)
     if robot.n != joints or fingers:
         which = f", with {', '.join(map(repr, fingers))} of its gripper" if fingers else ""
@@ -156,6 +165,7 @@ def package(code: Code, state_bytes: int, target: str) -> dict[str, str]:
         "missed": str(law.controller.supervisor.missed),
         **_move(law.controller, "F" if real == "float" else ""),
         "log_seconds": repr(_LOG_TIME),
+        "install": template(f"CMakeLists.{target}.txt"),
         "moving": ", ".join(repr(x) for x in (_MOVING / COUNTS * law.controller.bounds.travel).tolist()),
         "repeats": f"{min(_REPEATS, law.controller.supervisor.missed)}U",
         "row_words": str(4 + (len(names) + 2) * law.n),
@@ -181,10 +191,8 @@ def package(code: Code, state_bytes: int, target: str) -> dict[str, str]:
         "faults": ",\n".join(_tests(law.controller)),
     }
     texts = {name: Template(template(name)).substitute(fill) for name in (*_PACKAGE, "test_faults.c")}
-    texts |= {name: Template(template(name)).safe_substitute(fill) for name in TARGETS[target]}
-    if target == "ros2_control":
-        texts["CMakeLists.txt"] += template("CMakeLists.ros2.txt")
-    return texts
+    own = TARGETS[target].items()
+    return texts | {place: Template(template(name)).safe_substitute(fill) for name, place in own}
 
 
 def _move(controller: Supervised, suffix: str) -> dict[str, str]:

@@ -29,7 +29,8 @@ struct Reference {
   Vector a{};
 };
 
-// Moves one after the other, from where the arm stands. One thread gives goals, the loop takes references: neither waits.
+// Moves one after the other, from where the arm stands, or a stream of setpoints. One thread gives, the loop takes
+// references: neither waits.
 class Moves {
  public:
   // Stand at q; a goal that was given is kept.
@@ -39,16 +40,31 @@ class Moves {
     if (given_.load(std::memory_order_acquire)) {
       return false;
     }
-    goal_ = goal;
+    goal_.q = goal;
     share_ = share;
+    samples_ = 0U;
+    given_.store(true, std::memory_order_release);
+    return true;
+  }
+  // Give a setpoint of a stream, to be reached in so many samples. False: the loop has not taken the last one yet.
+  bool via(const Reference& to, std::uint32_t samples) noexcept {
+    if (given_.load(std::memory_order_acquire)) {
+      return false;
+    }
+    goal_ = to;
+    samples_ = samples;
     given_.store(true, std::memory_order_release);
     return true;
   }
   // Of the loop, in every sample.
   const Reference& next(std::uint32_t elapsed) noexcept {
+    if (given_.load(std::memory_order_acquire) && samples_ > 0U) {
+      refused_ = armgpi_move_via(&move_, samples_, goal_.q.data(), goal_.v.data(), goal_.a.data()) == 0U;
+      given_.store(false, std::memory_order_release);
+    }
     moving_ = armgpi_move_next(&move_, elapsed, reference_.q.data(), reference_.v.data(), reference_.a.data()) != 0U;
     if (!moving_ && given_.load(std::memory_order_acquire)) {
-      moving_ = armgpi_move_to(&move_, goal_.data(), share_) != 0U;
+      moving_ = armgpi_move_to(&move_, goal_.q.data(), share_) != 0U;
       refused_ = !moving_;
       given_.store(false, std::memory_order_release);
     }
@@ -61,8 +77,9 @@ class Moves {
  private:
   armgpi_move_t move_{};
   Reference reference_{};
-  Vector goal_{};
+  Reference goal_{};
   double share_{0.5};
+  std::uint32_t samples_{0U};
   std::atomic<bool> given_{false};
   std::atomic<bool> moving_{false};
   std::atomic<bool> refused_{false};

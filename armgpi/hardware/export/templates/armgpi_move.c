@@ -18,13 +18,86 @@ static const double RANGE[2][ARMGPI_N] = {
 $move_range
 };
 
+/* Lay a joint's segment: control points of a Bezier curve of degree 5 between two positions, velocities, accelerations. */
+static void lay(armgpi_move_t *move, uint32_t i, const double from[3], const double to[3], double time)
+{
+    const double v = time / 5.0;
+    const double a = (time * time) / 20.0;
+
+    move->points[0][i] = from[0];
+    move->points[1][i] = from[0] + (v * from[1]);
+    move->points[2][i] = from[0] + (2.0 * v * from[1]) + (a * from[2]);
+    move->points[3][i] = (to[0] - (2.0 * v * to[1])) + (a * to[2]);
+    move->points[4][i] = to[0] - (v * to[1]);
+    move->points[5][i] = to[0];
+}
+
+/* Give a joint's position, velocity and acceleration where the segment is now (de Casteljau). */
+static void now(const armgpi_move_t *move, uint32_t i, double x[3])
+{
+    const double s = (move->samples > 0U) ? ((double)move->sample / (double)move->samples) : 1.0;
+    const double rate = (move->samples > 0U) ? (1.0 / ((double)move->samples * (double)ARMGPI_DT)) : 0.0;
+    double b[6];
+    uint32_t k;
+    uint32_t left;
+
+    for (k = 0U; k < 6U; ++k) {
+        b[k] = move->points[k][i];
+    }
+    x[1] = 0.0;
+    x[2] = 0.0;
+    for (left = 5U; left > 0U; --left) {
+        x[1] = (left == 1U) ? (5.0 * rate * (b[1] - b[0])) : x[1];
+        x[2] = (left == 2U) ? (20.0 * rate * rate * (b[2] - (2.0 * b[1]) + b[0])) : x[2];
+        for (k = 0U; k < left; ++k) {
+            b[k] += s * (b[k + 1U] - b[k]);
+        }
+    }
+    x[0] = b[0];
+}
+
+/* Return the samples in which a joint that moves so comes to rest, and where: along 1 - 3 s^2 + 2 s^3 of its velocity. */
+static double stop_time(uint32_t i, const double x[3])
+{
+    const double v = fabs(x[1]);
+    const double a = (double)armgpi_move_limits[1][i];
+    const double j = (double)armgpi_move_limits[2][i];
+
+    return fmax(fmax((3.0 * v) / a, sqrt((12.0 * v) / j)), (8.0 * fabs(x[2])) / j);
+}
+
+static double stop_at(const double x[3], double time)
+{
+    return x[0] + (time * (x[1] / 2.0)) + (time * time * (x[2] / 12.0));
+}
+
+/* Return 1 where the segment, and the stop after it, are within joint limits, velocity and acceleration of moves. */
+static uint32_t within(const armgpi_move_t *move, uint32_t i, const double to[3], double time, double rest)
+{
+    const double v = (double)armgpi_move_limits[0][i] * (time / 5.0);
+    const double a = (double)armgpi_move_limits[1][i] * ((time * time) / 20.0);
+    const double end = stop_at(to, rest);
+    uint32_t good = ((end >= RANGE[0][i]) && (end <= RANGE[1][i])) ? 1U : 0U;
+    uint32_t k;
+
+    for (k = 0U; k < 6U; ++k) {
+        const double p = move->points[k][i];
+        const double first = (k > 0U) ? (p - move->points[k - 1U][i]) : 0.0;
+        const double second = (k > 1U) ? (first - (move->points[k - 1U][i] - move->points[k - 2U][i])) : 0.0;
+
+        good = ((p >= RANGE[0][i]) && (p <= RANGE[1][i]) && (fabs(first) <= v) && (fabs(second) <= a)) ? good : 0U;
+    }
+    return good;
+}
+
 void armgpi_move_hold(armgpi_move_t *move, const armgpi_real_t q[ARMGPI_N])
 {
     uint32_t i;
 
     for (i = 0U; i < ARMGPI_N; ++i) {
-        move->from[i] = q[i];
-        move->way[i] = (armgpi_real_t)0;
+        const double at[3] = {(double)q[i], 0.0, 0.0};
+
+        lay(move, i, at, at, 0.0);
     }
     move->sample = 0U;
     move->samples = 0U;
@@ -33,12 +106,12 @@ void armgpi_move_hold(armgpi_move_t *move, const armgpi_real_t q[ARMGPI_N])
 uint32_t armgpi_move_to(armgpi_move_t *move, const armgpi_real_t goal[ARMGPI_N], double share)
 {
     double time = 0.0;
-    uint32_t good = ((move->sample >= move->samples) && (share > 0.0) && (share <= 1.0)) ? 1U : 0U;
+    uint32_t good = ((move->samples == 0U) && (share > 0.0) && (share <= 1.0)) ? 1U : 0U;
     uint32_t i;
 
     for (i = 0U; i < ARMGPI_N; ++i) {
         const double to = (double)goal[i];
-        const double way = fabs(to - ((double)move->from[i] + (double)move->way[i]));
+        const double way = fabs(to - move->points[5][i]);
         const double times[3] = {
             (VELOCITY * way) / (share * (double)armgpi_move_limits[0][i]),
             sqrt((ACCELERATION * way) / (share * (double)armgpi_move_limits[1][i])),
@@ -54,8 +127,10 @@ uint32_t armgpi_move_to(armgpi_move_t *move, const armgpi_real_t goal[ARMGPI_N],
     time = ceil(time / (double)ARMGPI_DT);
     if ((good != 0U) && (time < MOST)) {
         for (i = 0U; i < ARMGPI_N; ++i) {
-            move->from[i] += move->way[i];
-            move->way[i] = goal[i] - move->from[i];
+            const double from[3] = {move->points[5][i], 0.0, 0.0};
+            const double to[3] = {(double)goal[i], 0.0, 0.0};
+
+            lay(move, i, from, to, 0.0);
         }
         move->sample = 0U;
         move->samples = (uint32_t)time;
@@ -64,25 +139,85 @@ uint32_t armgpi_move_to(armgpi_move_t *move, const armgpi_real_t goal[ARMGPI_N],
     return 0U;
 }
 
+uint32_t armgpi_move_via(armgpi_move_t *move, uint32_t samples, const armgpi_real_t q[ARMGPI_N],
+    const armgpi_real_t v[ARMGPI_N], const armgpi_real_t a[ARMGPI_N])
+{
+    const double time = (double)samples * (double)ARMGPI_DT;
+    armgpi_move_t next;
+    double rest = 0.0;
+    uint32_t good = ((samples > 0U) && ((double)samples < MOST)) ? 1U : 0U;
+    uint32_t i;
+
+    next.sample = 0U;
+    next.samples = samples;
+    for (i = 0U; i < ARMGPI_N; ++i) {
+        const double to[3] = {(double)q[i], (double)v[i], (double)a[i]};
+        double from[3];
+
+        now(move, i, from);
+        lay(&next, i, from, to, time);
+        rest = fmax(rest, stop_time(i, to));
+    }
+    for (i = 0U; i < ARMGPI_N; ++i) {
+        const double to[3] = {(double)q[i], (double)v[i], (double)a[i]};
+
+        good = (within(&next, i, to, time, rest) != 0U) ? good : 0U;
+    }
+    if (good != 0U) {
+        *move = next;
+    }
+    return good;
+}
+
 uint32_t armgpi_move_next(armgpi_move_t *move, uint32_t elapsed, armgpi_real_t q_ref[ARMGPI_N],
     armgpi_real_t v_ref[ARMGPI_N], armgpi_real_t a_ref[ARMGPI_N])
 {
-    const uint32_t left = move->samples - move->sample;
-    double s = 1.0;
-    double rate = 0.0;
+    double x[ARMGPI_N][3];
+    uint32_t over = elapsed;
+    uint32_t goes_on = 1U;
     uint32_t i;
 
-    move->sample += (elapsed < left) ? elapsed : left;
-    if (move->sample < move->samples) {
-        s = (double)move->sample / (double)move->samples;
-        rate = 1.0 / ((double)move->samples * (double)ARMGPI_DT);
+    /* At most twice: a segment that ends in motion is followed by a stop. */
+    while (goes_on != 0U) {
+        const uint32_t left = move->samples - move->sample;
+        double rest = 0.0;
+        double motion = 0.0;
+
+        move->sample += (over < left) ? over : left;
+        over -= (over < left) ? over : left;
+        for (i = 0U; i < ARMGPI_N; ++i) {
+            now(move, i, x[i]);
+            rest = fmax(rest, stop_time(i, x[i]));
+            motion += fabs(move->points[5][i] - move->points[4][i]) + fabs(move->points[4][i] - move->points[3][i]);
+        }
+        goes_on = ((over > 0U) && (motion > 0.0)) ? 1U : 0U;
+        if (goes_on != 0U) {
+            move->sample = 0U;
+            move->samples = (uint32_t)ceil(rest / (double)ARMGPI_DT) + 1U;
+        }
+        for (i = 0U; i < ARMGPI_N; ++i) {
+            const double time = (double)move->samples * (double)ARMGPI_DT;
+            const double to[3] = {stop_at(x[i], time), 0.0, 0.0};
+            const double at[3] = {move->points[5][i], 0.0, 0.0};
+
+            if (goes_on != 0U) {
+                lay(move, i, x[i], to, time);
+            } else if ((move->sample >= move->samples) && (motion <= 0.0)) {
+                lay(move, i, at, at, time);
+                now(move, i, x[i]);
+            } else {
+                /* It is on its way. */
+            }
+        }
+        if ((move->sample >= move->samples) && (motion <= 0.0)) {
+            move->sample = 0U;
+            move->samples = 0U;
+        }
     }
     for (i = 0U; i < ARMGPI_N; ++i) {
-        const double way = (double)move->way[i];
-
-        q_ref[i] = (armgpi_real_t)((double)move->from[i] + (way * (s * s * s * (10.0 + (s * ((6.0 * s) - 15.0))))));
-        v_ref[i] = (armgpi_real_t)(way * rate * (30.0 * s * s * (1.0 - s) * (1.0 - s)));
-        a_ref[i] = (armgpi_real_t)(way * rate * rate * (60.0 * s * (1.0 - s) * (1.0 - (2.0 * s))));
+        q_ref[i] = (armgpi_real_t)x[i][0];
+        v_ref[i] = (armgpi_real_t)x[i][1];
+        a_ref[i] = (armgpi_real_t)x[i][2];
     }
-    return (move->sample < move->samples) ? 1U : 0U;
+    return (move->samples > 0U) ? 1U : 0U;
 }

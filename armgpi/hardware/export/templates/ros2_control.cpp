@@ -1,5 +1,5 @@
 // Registers the plugin.
-#include "ros2_control.hpp"
+#include "armgpi_controller/ros2_control.hpp"
 
 #ifndef ARMGPI_ROS2_STUBS
 #include <pluginlib/class_list_macros.hpp>

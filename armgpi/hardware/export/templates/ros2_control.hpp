@@ -19,12 +19,16 @@
 #include <std_msgs/msg/float64_multi_array.hpp>
 #include <std_msgs/msg/string.hpp>
 #include <std_srvs/srv/trigger.hpp>
+
+#include "armgpi_controller/armgpi_controller_parameters.hpp"  // of src/armgpi_controller_parameters.yaml
 #endif
 
 #include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cmath>
+#include <cstdio>
+#include <exception>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -40,18 +44,12 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
   using CallbackReturn = controller_interface::CallbackReturn;
 
   CallbackReturn on_init() override {
-    // The prefix of the joints' names; the gains are in the exported code.
-    auto_declare<std::string>("prefix", "");
-    auto_declare<double>("share", 0.5);
-    // What is written when it is deactivated: "zero", or "hold" for the last torque. The hardware has to brake.
-    auto_declare<std::string>("last_torque", "zero");
-    // A file for the log of what it was given and what it answered, written when it is deactivated; "" for none.
-    auto_declare<std::string>("log", "");
-    auto_declare<double>("log_seconds", $log_seconds);
-    // Dry run: it claims no effort and sends nothing; law and supervisor look on beside the controller that moves the arm.
-    auto_declare<bool>("dry_run", false);
-    // A motion to follow when it is activated, as motion.csv is; "" for none.
-    auto_declare<std::string>("motion", "");
+    try {
+      parameters_ = std::make_shared<ParamListener>(get_node());
+    } catch (const std::exception& error) {
+      std::fprintf(stderr, "parameters refused: %s\n", error.what());
+      return CallbackReturn::ERROR;
+    }
     return CallbackReturn::SUCCESS;
   }
 
@@ -64,18 +62,19 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
   }
 
   CallbackReturn on_configure(const rclcpp_lifecycle::State&) override {
-    prefix_ = get_node()->get_parameter("prefix").as_string();
-    dry_ = get_node()->get_parameter("dry_run").as_bool();
-    const double share = get_node()->get_parameter("share").as_double();
-    log_path_ = get_node()->get_parameter("log").as_string();
+    const Params given = parameters_->get_params();
+    prefix_ = given.prefix;
+    dry_ = given.dry_run;
+    holds_ = given.last_torque == "hold";
+    log_path_ = given.log;
     try {
-      const std::string motion = get_node()->get_parameter("motion").as_string();
-      motion_ = motion.empty() ? std::nullopt : std::make_optional<Motion>(motion);
+      motion_ = given.motion.empty() ? std::nullopt : std::make_optional<Motion>(given.motion);
     } catch (const std::runtime_error& error) {
       RCLCPP_ERROR(get_node()->get_logger(), "%s", error.what());
       return CallbackReturn::ERROR;
     }
-    log_ = std::make_unique<Log>(log_path_.empty() ? 0.0 : get_node()->get_parameter("log_seconds").as_double());
+    log_ = std::make_unique<Log>(log_path_.empty() ? 0.0 : given.log_seconds);
+    const double share = given.share;
     goals_ = get_node()->create_subscription<Goal>("~/goal", 1, [this, share](const std::shared_ptr<const Goal> goal) {
       Vector q{};
       const bool fits = goal->data.size() == q.size();
@@ -88,12 +87,6 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
                     ARMGPI_N);
       }
     });
-    const std::string last = get_node()->get_parameter("last_torque").as_string();
-    if (last != "zero" && last != "hold") {
-      RCLCPP_ERROR(get_node()->get_logger(), "last_torque is %s, expected zero or hold", last.c_str());
-      return CallbackReturn::ERROR;
-    }
-    holds_ = last == "hold";
     // By a timer, which is not in the loop: publishing may wait.
     said_ = get_node()->create_publisher<Text>("~/status", 1);
     timer_ = get_node()->create_wall_timer(std::chrono::milliseconds(50), [this]() { say(); });
@@ -292,6 +285,7 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
     return all;
   }
 
+  std::shared_ptr<ParamListener> parameters_;
   std::string prefix_;
   bool dry_{false};
   Vector q_{};

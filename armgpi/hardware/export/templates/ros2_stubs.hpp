@@ -16,29 +16,40 @@
 namespace stubs {
 inline unsigned int update_rate = 0;
 inline std::map<const void*, double> values;             // of interfaces
-inline std::map<std::string, std::string> texts;         // parameters
-inline std::map<std::string, double> numbers;            // parameters
+template <typename Params>
+inline Params parameters{};
 inline std::vector<std::string> published;               // std_msgs/String
 inline std::vector<std::function<void()>> timers;
 inline bool put(const void* interface, double value) {
   values[interface] = value;
   return true;
 }
-inline bool declare(const std::string& name, const std::string& value) { return texts.emplace(name, value).second; }
-inline bool declare(const std::string& name, double value) { return numbers.emplace(name, value).second; }
 }  // namespace stubs
+
+// What generate_parameter_library makes of src/armgpi_controller_parameters.yaml.
+namespace armgpi_controller {
+struct Params {
+  std::string prefix = "";
+  double share = 0.5;
+  std::string last_torque = "zero";
+  std::string log = "";
+  double log_seconds = $log_seconds;
+  bool dry_run = false;
+  std::string motion = "";
+};
+class ParamListener {
+ public:
+  template <typename Node>
+  explicit ParamListener(const std::shared_ptr<Node>&) {}
+  Params get_params() const { return stubs::parameters<Params>; }
+};
+}  // namespace armgpi_controller
 
 namespace rclcpp {
 struct Time {};
 struct Duration {
   double period = 0.0;
   double seconds() const { return period; }
-};
-struct Parameter {
-  std::string name;
-  std::string as_string() const { return stubs::texts[name]; }
-  double as_double() const { return stubs::numbers[name]; }
-  bool as_bool() const { return stubs::numbers[name] != 0.0; }
 };
 struct Logger {};
 template <typename Message>
@@ -55,7 +66,6 @@ struct TimerBase {};
 namespace rclcpp_lifecycle {
 struct State {};
 struct LifecycleNode {
-  rclcpp::Parameter get_parameter(const std::string& name) const { return {name}; }
   rclcpp::Logger get_logger() const { return {}; }
   const char* get_name() const { return "arm"; }
   template <typename Message>
@@ -108,8 +118,8 @@ struct Trigger {
 };
 }  // namespace std_srvs::srv
 
-#define RCLCPP_WARN(logger, ...) ((void)(logger), std::printf(__VA_ARGS__))
-#define RCLCPP_ERROR(logger, ...) ((void)(logger), std::printf(__VA_ARGS__))
+#define RCLCPP_WARN(logger, ...) ((void)(logger), std::fprintf(stderr, __VA_ARGS__), std::fprintf(stderr, "\n"))
+#define RCLCPP_ERROR(logger, ...) RCLCPP_WARN(logger, __VA_ARGS__)
 
 namespace hardware_interface {
 struct Handle {
@@ -164,8 +174,6 @@ class ControllerInterfaceBase : public rclcpp_lifecycle::node_interfaces::Lifecy
   virtual CallbackReturn on_init() = 0;
   std::shared_ptr<rclcpp_lifecycle::LifecycleNode> get_node() { return std::make_shared<rclcpp_lifecycle::LifecycleNode>(); }
   unsigned int get_update_rate() const { return stubs::update_rate; }
-  template <typename ParameterT>
-  auto auto_declare(const std::string & name, const ParameterT & default_value) { return stubs::declare(name, default_value); }
 
  protected:
   std::vector<hardware_interface::LoanedCommandInterface> command_interfaces_;

@@ -5,7 +5,10 @@ namespace franka {
 // from franka/duration.h
 class Duration {
  public:
-  Duration() noexcept = default;
+  Duration() noexcept
+// end
+      {}
+// from franka/duration.h
   explicit Duration(uint64_t milliseconds) noexcept
 // end
       : milliseconds_(milliseconds) {}

@@ -1,0 +1,86 @@
+"""Where an arm touches itself: its URDF's collision shapes, at given postures, by Pinocchio and coal."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.robot.meshes import MeshFinder
+from armgpi.robot.robot import Robot
+
+
+class Contact(NamedTuple):
+    """Two links that touch.
+
+    Attributes:
+        first, second: their names.
+        posture: the first one in which they do.
+    """
+
+    first: str
+    second: str
+    posture: int
+
+
+def self_collisions(
+    robot: Robot, positions: Array, package_dirs: Iterable[str | PathLike[str]] = ()
+) -> list[Contact] | None:
+    """Return which links touch each other in postures, shape (k, n) [rad or m]; None without readable shapes.
+
+    Links next to each other, and those that touch in the first posture already, are not looked at. Nothing is
+    said of what is between the postures, of obstacles, nor of shapes whose mesh is not found.
+    """
+    shapes = _shapes(robot, package_dirs)
+    if shapes is None or not shapes.ngeoms:
+        return None
+    import pinocchio as pin
+
+    model = robot.pinocchio_model()
+    data, results = model.createData(), shapes.createData()
+    found: dict[tuple[str, str], int] = {}
+    rows = np.atleast_2d(np.asarray(positions, dtype=float))
+    if robot.coupling is not None:  # with joints that follow others the model has their coordinates, too
+        rows = rows @ robot.coupling.ratio.T + robot.coupling.offset
+    for index, q in enumerate(rows):
+        pin.computeCollisions(model, data, shapes, results, q, False)
+        for pair, result in zip(shapes.collisionPairs, results.collisionResults, strict=True):
+            if result.isCollision():
+                first, second = (shapes.geometryObjects[i].parentFrame for i in (pair.first, pair.second))
+                found.setdefault((model.frames[first].name, model.frames[second].name), index)
+    return [Contact(*links, index) for links, index in found.items() if index]
+
+
+def _shapes(robot: Robot, package_dirs: Iterable[str | PathLike[str]]) -> Any:
+    """Return the collision shapes of an arm's file that may be read, with the pairs to look at."""
+    source = Path(str(robot.provenance.get("source", "")))
+    if source.suffix.lower() != ".urdf" or not source.is_file():
+        return None
+    import pinocchio as pin
+
+    root, finder = ET.parse(source).getroot(), MeshFinder(source, package_dirs)
+    for link in root.findall("link"):
+        for shape in link.findall("collision"):
+            mesh = shape.find("geometry/mesh")
+            path = None if mesh is None else finder.find(mesh.get("filename", "")).path
+            if mesh is not None and path is None:
+                link.remove(shape)
+            elif mesh is not None:
+                mesh.set("filename", str(path))
+    model = robot.pinocchio_model()
+    text = ET.tostring(root, encoding="unicode")
+    try:
+        shapes = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
+    except (RuntimeError, ValueError):  # a mesh that cannot be read
+        return None
+    shapes.addAllCollisionPairs()
+    for pair in list(shapes.collisionPairs):
+        first, second = (shapes.geometryObjects[i].parentJoint for i in (pair.first, pair.second))
+        if model.parents[first] == second or model.parents[second] == first:
+            shapes.removeCollisionPair(pair)
+    return shapes

@@ -1,0 +1,51 @@
+// What a controller manager does with the plugin, around ros2_stubs.hpp: configure, activate, update, deactivate. Its
+// hardware is at the other end of the wire: seconds since the last update, positions -> torques. Arguments: goals.
+#include "armgpi_controller/ros2_control.hpp"
+#include "wire.h"
+
+struct Manager : armgpi_controller::Ros2Controller {
+  void wire() {
+    command_interfaces_.resize(ARMGPI_N);
+    state_interfaces_.resize(ARMGPI_N);
+  }
+  void measured(std::size_t i, double q) { stubs::values[&state_interfaces_[i]] = q; }
+  double commanded(std::size_t i) { return stubs::values[&command_interfaces_[i]]; }
+  controller_interface::return_type cycle(double period) {
+    const rclcpp::Duration passed{period};
+    const auto first = update_reference_from_subscribers(rclcpp::Time{}, passed);
+    const auto second = update_and_write_commands(rclcpp::Time{}, passed);
+    return first == second ? first : controller_interface::return_type::ERROR;
+  }
+};
+
+int main(int argc, char* argv[]) {
+  using Return = controller_interface::CallbackReturn;
+  stubs::parameters<armgpi_controller::Params>.log = "motion.armlog";
+  stubs::update_rate = static_cast<unsigned int>(1.0 / armgpi_controller::Controller::dt + 0.5);
+  Manager manager;
+  const rclcpp_lifecycle::State none{};
+  if (manager.on_init() != Return::SUCCESS || manager.on_configure(none) != Return::SUCCESS) return 1;
+  manager.wire();
+  std::array<double, 1U + ARMGPI_N> seen{};
+  bool active = false;
+  for (int given = 1; wire::take(seen);) {
+    for (std::size_t i = 0; i < ARMGPI_N; ++i) manager.measured(i, seen[1U + i]);
+    active = active || manager.on_activate(none) == Return::SUCCESS;
+    armgpi_controller::Vector goal{};
+    const char* at = given < argc ? argv[given] : "";
+    for (auto& x : goal) {
+      char* end = nullptr;
+      x = static_cast<armgpi_real_t>(std::strtod(at, &end));
+      at = *end == ',' ? end + 1 : end;
+    }
+    if (given < argc && manager.move_to(goal)) ++given;
+    if (!active || manager.cycle(seen[0]) != controller_interface::return_type::OK) break;
+    if (!stubs::timers.empty()) stubs::timers.front()();
+    std::array<double, ARMGPI_N> torque{};
+    for (std::size_t i = 0; i < ARMGPI_N; ++i) torque[i] = manager.commanded(i);
+    wire::send("tau", torque);
+  }
+  const bool ended = manager.on_deactivate(none) == Return::SUCCESS;
+  for (const std::string& text : stubs::published) std::fprintf(stderr, "%s\n", text.c_str());
+  return active && ended ? 0 : 1;
+}

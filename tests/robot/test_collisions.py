@@ -1,0 +1,54 @@
+"""An arm that touches itself, by its collision shapes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from armgpi import Robot
+from armgpi.robot.collisions import Contact, self_collisions
+
+#: Three links of 1 m in a plane, each a ball of 0.2 m at its end; the third can come back to the base.
+BALL = '<{tag}><origin xyz="1 0 0"/><geometry>{shape}</geometry></{tag}>'
+SPHERE = '<sphere radius="0.2"/>'
+BODY = (
+    '<inertial><origin xyz="0.5 0 0"/><mass value="1"/>'
+    '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
+)
+
+
+def arm(folder: Path, shape: str = SPHERE) -> Robot:
+    """An arm of three joints about z, with a ball at the base as well."""
+    links = [f'<link name="base"><collision><geometry>{SPHERE}</geometry></collision></link>']
+    joints = []
+    for k, parent in enumerate(("base", "a", "b")):
+        name = "abc"[k]
+        links.append(f'<link name="{name}">{BODY}{BALL.format(tag="collision", shape=shape)}</link>')
+        joints.append(
+            f'<joint name="j{k}" type="revolute"><parent link="{parent}"/><child link="{name}"/>'
+            f'<origin xyz="{float(k > 0)} 0 0"/><axis xyz="0 0 1"/>'
+            '<limit lower="-3" upper="3" effort="50" velocity="3"/></joint>'
+        )
+    path = folder / "arm.urdf"
+    path.write_text(f'<robot name="balls">{"".join(links)}{"".join(joints)}</robot>')
+    return Robot.load(path)
+
+
+def test_an_arm_that_closes_to_a_triangle_touches_its_base(tmp_path: Path) -> None:
+    robot = arm(tmp_path)
+    # With both elbows at a the last ball is |1 + e^ia + e^2ia| = |1 + 2 cos a| from the base's.
+    bends = np.linspace(0.0, 2.0, 201)
+    way = np.stack([0.0 * bends, bends, bends], axis=1)
+    near = np.abs(1.0 + 2.0 * np.cos(bends)) < 0.4
+    assert self_collisions(robot, way) == [Contact("base", "c", int(np.argmax(near)))]
+    assert self_collisions(robot, way[:100]) == []
+
+
+def test_shapes_that_cannot_be_had_are_no_contact(tmp_path: Path) -> None:
+    """Meshes elsewhere on the machine are not read, and a text has no file."""
+    (tmp_path / "package").mkdir()
+    (tmp_path / "secret.stl").write_bytes(b"solid")
+    bent = np.array([[0.0, 0.0, 0.0], [0.0, 2.094, 2.094]])
+    assert self_collisions(arm(tmp_path / "package", '<mesh filename="../../secret.stl"/>'), bent) == []
+    assert self_collisions(Robot.load("anthropomorphic3"), np.zeros((2, 3))) is None
