@@ -12,7 +12,7 @@ import pinocchio as pin
 from armgpi.arrays import Array, PerJointInput, check_type, frozen, quantity
 from armgpi.errors import ParameterError, UnfitLog
 from armgpi.identification import estimate
-from armgpi.identification.check import Finding, check, check_fit, refuse
+from armgpi.identification.check import Finding, check, check_bodies, check_fit, refuse
 from armgpi.identification.estimate import Block, Fit, Prior
 from armgpi.identification.logs import Grid, Log, read_log, resample
 from armgpi.identification.posterior import Posterior, with_parameters
@@ -391,7 +391,11 @@ def identify(
     fitted, prior = _with_lags(data, lag)
     found = Identified(data, fitted, prior, findings)
     if check_first:
-        refuse(check_fit(found.robot.joint_names, found.lag, found.residuals))
+        rotors = [row for row in found.table() if row.quantity == "rotor"]
+        least = np.array([row.lower / row.expected for row in rotors])
+        refuse(check_fit(found.robot.joint_names, found.lag, found.residuals, least))
+    bodies = fitted.physical[: len(COLUMNS) * robot.n].reshape(robot.n, -1)[:, : len(BODY)]
+    found.findings += tuple(check_bodies(robot.joint_names, np.sqrt((bodies**2).mean(axis=1))))
     return found
 
 
@@ -627,7 +631,7 @@ def _period(grid: Grid) -> float | None:
     thin = max(1, round(0.02 / grid.dt))
     q = grid.q[::thin][round(1.0 / (thin * grid.dt)) : -round(1.0 / (thin * grid.dt)) or None]
     step, size = thin * grid.dt, np.sqrt(2.0) * q.std(axis=0).max() if len(q) else 0.0
-    for shift in range(round(_SHORTEST_PERIOD / step), len(q) // 2 + round(1.0 / step)):
+    for shift in range(max(1, round(_SHORTEST_PERIOD / step)), len(q) // 2 + round(1.0 / step)):
         if shift < len(q) - 1 and np.sqrt(((q[shift:] - q[:-shift]) ** 2).mean(axis=0).max()) < _SAME * size:
             near = range(shift, min(shift + max(1, round(1.0 / step)), len(q) - 1))
             apart = [float(((q[s:] - q[:-s]) ** 2).mean()) for s in near]

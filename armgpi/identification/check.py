@@ -34,6 +34,10 @@ _WEIGHT, _WEIGHS = 0.3, 0.3
 _SCALE = 30.0
 #: Residual over torque of a joint beyond which the fit is of another arm.
 _UNEXPLAINED = 0.5
+#: Rotor over the expected one from which something else is wrong: none of those published is above four.
+_HEAVY = 10.0
+#: Distance of a body from the file's, over what is expected, from which that is said.
+_UNLIKE = 1.5
 #: Width of the sign in the check [rad/s or m/s].
 _WIDTH = 5e-3
 
@@ -78,23 +82,33 @@ def check(
     return [each._replace(message=f"{each.message} ({source})") for each in found]
 
 
-def check_fit(names: Sequence[str], lag: Array, residuals: Array) -> list[Finding]:
+def check_fit(names: Sequence[str], lag: Array, residuals: Array, rotors: Array) -> list[Finding]:
     """Return what only the fit shows: torques of another time, or of another arm.
 
     Args:
         names: of the joints.
         lag: of positions behind torques [s], (n,).
         residuals: residual over torque of each joint, (n,); NaN of one that did not move.
+        rotors: lower ends of their intervals over what is expected, (n,).
     """
     found = []
     if np.abs(lag).max() > MOST_LAG:
         said = f"positions and torques are more than {1e3 * MOST_LAG:g} ms apart: give both the same clock"
         found.append(Finding("error", "", said))
-    for name, share in zip(names, residuals, strict=True):
+    for name, share, rotor in zip(names, residuals, rotors, strict=True):
+        if rotor > _HEAVY:
+            said = f"its rotor is {rotor:.2g} times what is believed: are times in s, torques at the joint?"
+            found.append(Finding("error", name, said))
         if share > _UNEXPLAINED:
             said = f"no arm of this kind explains {share:.0%} of its torque: is it this robot, in this order?"
             found.append(Finding("error", name, said))
     return found
+
+
+def check_bodies(names: Sequence[str], distances: Array) -> list[Finding]:
+    """Return which bodies are far from the file's, for distances over what a file may be off, (n,)."""
+    said = "its body came out unlike the file's: is it this robot, with the same zero?"
+    return [Finding("warning", name, said) for name, x in zip(names, distances, strict=True) if x > _UNLIKE]
 
 
 def _of_samples(robot: Robot, grid: Grid) -> Iterator[Finding]:
@@ -216,5 +230,6 @@ def _of_scale(name: str, terms: Array, torque: Array, gravity: bool) -> Iterator
         yield Finding(
             "error",
             name,
-            "its torque does not carry the arm's weight: if the arm adds that itself, say so (gravity=False)",
+            "its torque does not carry the weight that the file has: where the arm adds that itself, say so "
+            "(--no-gravity, gravity=False); else is it this robot, with the same zero?",
         )

@@ -397,6 +397,11 @@ BAD = {
     "infinite": (lambda x: x._replace(tau=np.where(x.t[:, None] > 5.0, np.inf, x.tau)), "finite"),
     "kN m": (lambda x: x._replace(tau=1e-3 * x.tau), "times what the file expects: in N m"),
     "in ms": (lambda x: x._replace(t=1e3 * x.t), "log faster"),
+    "in ms, every fourth": (lambda x: Log(1e3 * x.t[::4], x.q[::4], x.tau[::4]), "log faster"),
+    "times of another clock": (
+        lambda x: x._replace(t=4.0 * x.t),
+        "times what is believed|this kind explains",
+    ),
     "10 Hz": (lambda x: Log(x.t[::50], x.q[::50], x.tau[::50]), "log faster"),
     "gaps": (
         lambda x: Log(*(part[np.arange(len(x.t)) // 100 % 2 == 0] for part in x[:3])),
@@ -485,6 +490,18 @@ def test_a_first_motion_is_stopped_where_the_arm_leaves_it(
 
 def test_a_good_log_passes_the_check() -> None:
     assert [each for each in found().findings if each.severity == "error"] == []
+
+
+def test_a_joint_with_another_zero_is_no_body_of_the_file() -> None:
+    robot = armgpi.Robot.load("ur5")
+    motion, t = excite(robot, 8.0, 0.6, seed=3).reference, np.arange(0.0, 8.0, 4e-3)
+    z, other = motion.at(t + 2e-3), robot.with_armature([1.0, 1.0, 0.6, 0.2, 0.15, 0.1])
+    tau = other.inverse_dynamics(z.q, z.v, z.a) + 2.0 * z.v / np.sqrt(z.v**2 + 1e-6)
+    given = Log(t, motion.at(t).q, tau + 0.01 * np.random.default_rng(0).normal(size=tau.shape))
+    assert identify(given, robot).findings == ()
+    turned = given._replace(q=given.q + np.array([0.0, 0.0, np.pi / 2.0, 0.0, 0.0, 0.0]))
+    said = " ".join(map(str, identify(turned, robot, check_first=False).findings))
+    assert "elbow_joint: its body came out unlike the file's" in said
 
 
 def test_a_check_that_fails_can_be_overridden() -> None:

@@ -99,6 +99,7 @@ for cell in json.load(open(sys.argv[1], encoding="utf-8"))["cells"]:
         ("1_from_urdf_to_controller", ["text/html", "text/html", "image/png", "text/html", "text/html"]),
         ("2_the_papers_tables", ["text/markdown", "image/png"]),
         ("3_validate_a_model", ["text/html", "text/html"]),
+        ("4_identify_an_arm", ["text/html"]),
     ],
 )
 def test_a_notebook_runs_and_shows_what_it_makes(name: str, shows: list[str], tmp_path: Path) -> None:
@@ -114,5 +115,5 @@ def test_a_notebook_runs_and_shows_what_it_makes(name: str, shows: list[str], tm
     assert [kind for kind in best if kind] == shows
 
 
-def test_there_are_three_notebooks() -> None:
-    assert len(NOTEBOOKS) == 3
+def test_there_are_four_notebooks() -> None:
+    assert len(NOTEBOOKS) == 4
