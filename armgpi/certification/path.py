@@ -299,22 +299,26 @@ def bound_path(
     return bound_wish(wish, _arms(controller, others) if others else ())
 
 
-def bound_wish(wish: Wish, others: Sequence[Robot] = (), room: Sequence[float] = _ROOM) -> PathBound:
-    """Return what :func:`bound_path` does, of a wish; what it bears is the most in tubes of widths `room`."""
+def bound_wish(wish: Wish, others: Sequence[Robot] = (), bears: bool = True) -> PathBound:
+    """Return what :func:`bound_path` does, of a wish; what it bears is 0 where nobody asks."""
     _check_path(wish)
     thinnest = np.full(wish.controller.robot.n, _THIN)
     thin = _Tube(wish, thinnest, wish.controller.gains.nominal().omega_c * thinnest)
     first = thin.solve()
     if first is None:
         return _none(wish, [thin.blame()])
-    tubes = [
-        _Tube(wish, np.maximum(x * first.error, _THIN), np.maximum(x * first.speed, _THIN)) for x in room
-    ]
-    reasons = [tube.reasons() for tube in tubes]
+    tubes: list[_Tube] = []
+    reasons: list[list[str]] = []
+    for room in _ROOM:
+        tube = _Tube(wish, np.maximum(room * first.error, _THIN), np.maximum(room * first.speed, _THIN))
+        tubes.append(tube)
+        reasons.append(tube.reasons())
+        if not (bears or reasons[-1]):
+            break
     if all(reasons):
         return _none(wish, min(reasons, key=len))
     best = tubes[reasons.index([])]
-    made = best.path_bound(tubes)
+    made = best.path_bound(tubes if bears else ())
     own = made.error - wish.delay * wish.controller.dt * best.known.speed
     if outside := sum(not best.covers(arm, own, made.torque) for arm in others):
         said = f"{outside} of {len(others)} other arms that are possible have a larger one: {_LESS}"
@@ -675,9 +679,9 @@ class _Tube:
             tool=float(np.linalg.norm(known.jacobian @ own)),
             torque=self.torques(found, 0.0, wish.force),
             parts=parts,
-            bears=max(_most(lambda x, each=each: not each.reasons(x)) for each in tubes),
+            bears=max((_most(lambda x, at=at: not at.reasons(x)) for at in tubes), default=0.0),
             bears_force=max(
-                _most(lambda x, each=each: not each.reasons(0.0, wish.force + x)) for each in tubes
+                (_most(lambda x, at=at: not at.reasons(0.0, wish.force + x)) for at in tubes), default=0.0
             ),
         )
 

@@ -11,14 +11,14 @@ from armgpi.certification.path import PathBound, Wish, bound_wish
 from armgpi.errors import ParameterError
 from armgpi.references.reference import Reference, Target
 from armgpi.supervisor.bounds import Supervisor, bounds_of
-from armgpi.supervisor.stop import NEAR
+from armgpi.supervisor.stop import NEAR, Stop
 
 #: Moments of the path from which a stop is looked at, and of a stop; those whose errors are bounded.
-_MOMENTS, _INSTANTS, _BOUNDED = 400, 60, 4
+_MOMENTS, _INSTANTS, _BOUNDED = 200, 40, 4
+#: Speed at which a joint rests [rad/s or m/s], and samples of a stop at most.
+_STILL, _LONGEST = 1e-6, 100_000
 #: How long the law is watched after a stop [s].
 _AFTER = 0.3
-#: Widths of tubes that are tried for it.
-_ROOM = (1.1, 1.7, 4.0)
 
 
 class Retimed(Reference):
@@ -37,27 +37,40 @@ class Retimed(Reference):
 
 
 class Stopped(Reference):
-    """A path until a time, then each joint's stop, as :class:`armgpi.supervisor.stop.Stop` makes it."""
+    """A path until a time, then each joint's stop."""
 
-    def __init__(self, path: Reference, begin: float, slowing: Array, fastest: Array) -> None:
-        """Take the path, when the stop begins [s], its decelerations, and the speeds that it begins at."""
-        self.path, self.begin, self.slowing = path, begin, slowing
-        self.q, v, _ = path.at(begin)
-        self.v = np.clip(v, -fastest, fastest)
-        self.lasts: Array = np.abs(self.v) / slowing
+    def __init__(self, path: Reference, begin: float, h: float, stop: Target) -> None:
+        """Take the path, when the stop begins and the sample time [s], and the stop at samples (steps, n)."""
+        self.path, self.begin, self.h, self.stop = path, begin, h, stop
 
     def at(self, t: float | Array) -> Target:
         """Return the target at time(s) `t` [s]; see :meth:`Reference.at`."""
-        t = np.asarray(t, float)
-        before = self.path.at(np.minimum(t, self.begin))
-        passed = np.minimum(np.maximum(t[..., None] - self.begin, 0.0), self.lasts)
-        slower = np.sign(self.v) * self.slowing
-        stopping, slowing = t[..., None] > self.begin, passed < self.lasts
-        return Target(
-            np.where(stopping, self.q + (self.v - 0.5 * slower * passed) * passed, before.q),
-            np.where(stopping, (self.v - slower * passed) * slowing, before.v),
-            np.where(stopping, -slower * slowing, before.a),
-        )
+        before = self.path.at(np.minimum(np.asarray(t, float), self.begin))
+        step = np.rint((np.asarray(t, float) - self.begin) / self.h).astype(int)
+        after = (x[np.clip(step, 0, len(x) - 1)] for x in self.stop)
+        stopping = (step > 0)[..., None]
+        return Target(*(np.where(stopping, x, y) for x, y in zip(after, before, strict=True)))
+
+
+def stops(stop: Stop, h: float, q: Array, v: Array) -> Target:
+    """Return the references of a supervisor's stops from where they begin; times are the first axis.
+
+    Args:
+        stop: that of the supervisor.
+        h: sample time [s].
+        q: configurations at first [rad or m], (k, n).
+        v: velocities at first [rad/s or m/s], (k, n).
+    """
+    v = np.clip(h * v, -stop.bounds.stop_velocity, stop.bounds.stop_velocity)
+    rows = [(q, v, 0.0 * v)]
+    while (np.abs(v) > _STILL * h).any() and len(rows) < _LONGEST:
+        most = stop.deceleration(v, np.array(len(rows) - 1.0))
+        less = np.clip(v, -most, most)
+        q, v = q + v - 0.5 * less, v - less
+        rows.append((q, v, -less))
+    rows.append((q, 0.0 * v, 0.0 * v))
+    ways, speeds, slowings = (np.array(x) for x in zip(*rows, strict=True))
+    return Target(ways, speeds / h, slowings / h**2)
 
 
 class StopBound(NamedTuple):
@@ -92,7 +105,7 @@ def bound_stop(found: PathBound, tool_speed: float, supervisor: Supervisor | Non
     """Return how far the tool goes on when the supervisor stops an arm whose joints still measure and drive.
 
     The path of a bound is driven at the pace at which the tool is as fast as stated. Ways and times are the
-    longest of 400 moments; the errors, the largest of four of them. When the fault is found is not in it, nor
+    longest of 200 moments; the errors, the largest of four of them. When the fault is found is not in it, nor
     FAULT, which is open loop.
 
     Args:
@@ -112,21 +125,25 @@ def bound_stop(found: PathBound, tool_speed: float, supervisor: Supervisor | Non
         raise ParameterError("reference", "a tool that rests", "a path on which the tool moves")
     pace = tool_speed / float(speed.max())
     path = Retimed(wish.reference, pace, (wish.delay + 2) * h)
-    limits = bounds_of(law, supervisor or Supervisor())
-    slowing, fastest = limits.slowing / h**2, limits.stop_velocity / h
+    supervisor = supervisor or Supervisor()
+    stop = Stop(law, supervisor.on_fault, bounds_of(law, supervisor))
     moving = wish.samples[speed > 0.01 * speed.max()] / pace + path.rest
     moments = h * np.rint(moving[np.linspace(0, len(moving) - 1, _MOMENTS).astype(int)] / h)
-    stops = [Stopped(path, float(t), slowing, fastest) for t in moments]
-    ways = np.array([_way(wish, stop) for stop in stops])
-    chosen = {int(np.argmax(ways)), *np.linspace(0, len(stops) - 1, _BOUNDED + 1)[1:-1].astype(int).tolist()}
+    every = stops(stop, h, *path.at(moments)[:2])
+    steps = np.linspace(0, len(every.q) - 1, _INSTANTS).astype(int)
+    q, v = (x[steps].reshape(-1, wish.arms[0].n) for x in (every.q, every.v))
+    speeds = np.linalg.norm(_tool_velocity(wish, q, v), axis=1).reshape(_INSTANTS, -1)
+    ways = np.trapezoid(speeds, h * steps, axis=0)
+    longest = h * (len(every.q) - 1)
+    chosen = {int(np.argmax(ways)), *np.linspace(0, _MOMENTS - 1, _BOUNDED + 1)[1:-1].astype(int).tolist()}
     made = []
-    for stop in (stops[i] for i in sorted(chosen)):
-        t_final = stop.begin + float(stop.lasts.max()) + _AFTER
-        made.append(bound_wish(wish._replace(reference=stop, t_final=t_final), room=_ROOM))
+    for i in sorted(chosen):
+        stopped = Stopped(path, float(moments[i]), h, Target(*(x[:, i] for x in every)))
+        t_final = stopped.begin + longest + _AFTER
+        made.append(bound_wish(wish._replace(reference=stopped, t_final=t_final), bears=False))
     reasons = [reason for each in made for reason in each.reasons[:1]]
     if not reasons and max(each.error.max() for each in made) > NEAR:
         reasons = [f"a joint may be {NEAR:g} rad or m off, from where a stop begins at the joint"]
-    longest = max(float(stop.lasts.max()) for stop in stops)
     error = float(np.max([each.tool for each in made]))
     return StopBound(tool_speed, float(ways.max()), longest, error, tuple(reasons))
 
@@ -136,11 +153,3 @@ def _tool_velocity(wish: Wish, q: Array, v: Array) -> Array:
     robot = wish.arms[0]
     jacobian = robot.frame_jacobian(robot.tip, q)[:, :3]
     return np.asarray(np.einsum("kij,kj->ki", jacobian, v))
-
-
-def _way(wish: Wish, stop: Stopped) -> float:
-    """Return the length of the tool's way in a stop [m]."""
-    longest = float(stop.lasts.max())
-    at = stop.at(stop.begin + longest * (np.arange(_INSTANTS) + 0.5) / _INSTANTS)
-    speed = np.linalg.norm(_tool_velocity(wish, at.q, at.v), axis=1)
-    return float(speed.mean() * longest)

@@ -96,7 +96,7 @@ class Stop:
         own = np.where(late, (seen.q - watch.q) * gap - watch.v, watch.v)
         r, v = np.where(apart, seen.q, watch.r), np.where(apart, own, watch.rv)
         v = np.minimum(np.maximum(v, -self.bounds.stop_velocity), self.bounds.stop_velocity)
-        most = self._deceleration(v, watch)
+        most = self.deceleration(v, watch.since)
         less = np.minimum(np.maximum(v, -most), most)
         # A joint that does not follow the stop tells nothing of where it goes: it comes to rest there.
         strays = stopping & ~entering & seen.failing & (watch.status < float(State.FAULT))
@@ -105,17 +105,21 @@ class Stop:
         q = np.where(stopping, r + 0.5 * (v + after), target.q)
         return Target(q, way * (1.0 / self._dt), np.where(stopping, less * (-1.0 / self._dt**2), 0.0)), way
 
-    def _deceleration(self, v: Array, watch: Watch) -> Array:
+    def deceleration(self, v: Array, since: Array) -> Array:
         """Return by how much a stop slows down in a sample, at most [rad or m per sample].
 
         Where torques have a rate, or gears may twist, it builds up and goes no faster than they can.
+
+        Args:
+            v: velocities [rad or m per sample].
+            since: samples since the stop began.
         """
         jerk = self.bounds.jerk
         if not self._rated:
             return self.bounds.slowing
         # Steps of `jerk` from here down to rest add up to v.
         ending = np.sqrt(0.25 * jerk * jerk + 2.0 * jerk * np.abs(v)) - 0.5 * jerk
-        return np.minimum(np.minimum(self.bounds.slowing, ending), jerk * (1.0 + watch.since))
+        return np.minimum(np.minimum(self.bounds.slowing, ending), jerk * (1.0 + since))
 
     def open_loop(
         self,
