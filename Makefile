@@ -110,7 +110,7 @@ arm: $(FOR_ALL) ## Exported controllers on an emulated Cortex-M7: bits and instr
 verify: $(FOR_ALL) ## Exported C proved by Frama-C: torques within limits, no alarm
 	$(BIN)/python tools/verify.py
 
-faults: $(FOR_ALL) ## Every fault of every target, into docs/faults.md, its table and picture
+faults: $(FOR_ALL) ## Every fault of every target, into docs/faults.md and its table
 	$(BIN)/python tools/faults.py
 
 docs: $(FOR_ALL) ## The documentation, into build/docs; a warning is an error
