@@ -74,7 +74,7 @@ _Share = Annotated[
     float | None,
     typer.Option(
         metavar="NUMBER",
-        help="Share of the limits of speed and torque; 0.7, 0.25 for --first, 0.3 for --resonance.",
+        help="Share of the limits of speed and torque; 0.7, 0.25 for --first, 0.4 for --resonance.",
     ),
 ]
 _First = Annotated[

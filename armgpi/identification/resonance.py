@@ -32,7 +32,7 @@ TURN = _SETTLE + PERIODS * PERIOD + _REST
 #: Share of the range and of the speed that a joint may take, and sampling of the motion [s].
 _RANGE, _SPEED, _SAMPLE = 0.03, 0.5, 0.002
 #: Share of the torque that gravity leaves: with less, Coulomb friction bends the answer.
-SHAKEN = 0.3
+SHAKEN = 0.4
 #: Step in which the beginning of the motion is looked for in a log [s].
 _LOOK = 0.25
 #: Widths of what is expected: logarithms of stiffness, damping, friction, links, of a rotor where it is
