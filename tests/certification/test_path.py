@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,9 @@ from scipy.signal import lti
 from soundness import Course
 
 import armgpi
-from armgpi import GPI, Bezier, Encoder, FixedGains, Robot, bound_path
+from armgpi import GPI, Bezier, Encoder, FixedGains, Measurement, Robot, bound_path
 from armgpi.certification.channels import channel, sampled_loops
-from armgpi.certification.path import PathBound
+from armgpi.certification.path import PathBound, _at_rest, _start
 from armgpi.certification.path_page import write_page
 from armgpi.certification.stopping import Retimed, bound_stop
 from armgpi.errors import ParameterError
@@ -304,3 +305,18 @@ def test_a_stop_of_the_supervisor_ends_within_its_way_and_error() -> None:
     assert 0.3 * stop.distance < away.max() <= stop.distance + stop.error
     rest = run["q"].values[round((begin + stop.time) / 1e-3) + 2 :]
     assert (np.abs(rest - rest[-1]) <= 2.0 * made.error).all()
+
+
+def test_the_first_torque_is_off_by_no_more_than_it_changes_anywhere_in_a_count() -> None:
+    law, rng = GPI(ARM, 1e-3, FixedGains(12.0)), np.random.default_rng(0)
+    wish: Any = SimpleNamespace(hidden=np.full(3, 0.4), controller=law)
+
+    def first(q: Any) -> Any:
+        return -law.init(Measurement(q), _at_rest(q[:1])).law.lam
+
+    for start in rng.uniform(
+        -1.5, 1.5, (30, 1, 3)
+    ):  # at some of these gravity is the largest: its slope is 0
+        at: Any = SimpleNamespace(target=SimpleNamespace(q=start), v=first(start))
+        changed = np.abs(first(start + rng.uniform(-0.2, 0.2, (40, 3))) - first(start)).max(axis=0)
+        assert (changed <= _start(wish, at, rng)[0] + 1e-9).all()

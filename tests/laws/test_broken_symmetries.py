@@ -184,8 +184,9 @@ def test_bodies_are_those_of_the_joints_that_move_them() -> None:
         UR5.with_bodies(own)
 
 
-def test_moves_begin_to_either_side_of_the_middle() -> None:
+def test_moves_begin_to_either_side_of_the_middle_and_go_either_way() -> None:
     reality, middle = Reality.bare(), UR5.middle()
-    starts = np.array([reality.draw(UR5, index).move.start for index in range(24)])
-    assert (starts < middle - 0.5).any(axis=0).all()
-    assert (starts > middle + 0.5).any(axis=0).all()
+    starts, goals = np.array([reality.draw(UR5, index).move[:2] for index in range(24)]).swapaxes(0, 1)
+    for there, where in ((middle, starts), (starts, goals)):
+        assert (where < there - 0.3).any(axis=0).all()
+        assert (where > there + 0.3).any(axis=0).all()

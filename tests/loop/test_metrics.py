@@ -158,6 +158,10 @@ def test_hunting_is_the_swing_at_rest_of_the_last_fifth_or_1_2_seconds() -> None
         still = run.assign(q=run["q"] - run["q_ref"], q_ref=0.0 * run["q_ref"])
         np.testing.assert_allclose(metrics.hunting_amplitude(still), [0.04], rtol=1e-3)
         np.testing.assert_allclose(metrics.hunting_frequency(still), [5.0 / window], rtol=1e-2)
+        for early in (0, 1):  # the window's first sample counts, the one before does not
+            alone = (np.arange(len(time)) == late.argmax() - early)[:, None]
+            spike = metrics.hunting_amplitude(still.assign(q=0.0 * still["q"] + alone))
+            np.testing.assert_array_equal(spike, [1.0 - early])
         settles = still.assign(q=still["q"] * 0.0 + np.exp(-time)[:, None])
         np.testing.assert_allclose(metrics.hunting_frequency(settles), [0.5 / window], rtol=1e-2)
 

@@ -343,6 +343,8 @@ def test_the_parts_of_a_map_follow_one_another_from_the_least_to_the_largest() -
     assert [part["to"] for part in parts[:-1]] == [part["from"] for part in parts[1:]]
     assert (parts[0]["from"], parts[-1]["to"]) == (drawn.min(), drawn.max())
     assert [part["to"] for part in results.failure_map(found, ["b"])] == [0.0, 1.0, 2.0]
+    found["drawn.b"] = ("rollout", np.where(chosen > 0.0, np.arange(800) % 8.0, 0.0))  # most of them 0
+    assert [part["to"] for part in results.failure_map(found, ["b"])] == [*np.arange(8.0)]
 
 
 def test_the_plain_check_counts_the_points_at_the_bound_as_the_levels_do() -> None:
@@ -600,7 +602,9 @@ def test_bars_of_a_picture_stand_on_one_line() -> None:
 
 
 def test_a_histogram_tells_how_many_it_leaves_out() -> None:
-    assert "bars up to 3 of 5; 1 infinite" in page._histogram(np.array([1.0, 1.0, 2.0, 1.0, np.inf]))
+    svg = page._histogram(np.array([1.0, 1.0, 2.0, 1.0, np.inf]))
+    assert "bars up to 3 of 5; 1 infinite" in svg
+    assert [float(x) for x in re.findall(r">([\d.]+)</text>", svg)] == [1.0, 2.0]
 
 
 def test_a_map_has_as_many_columns_as_its_first_number_has_parts() -> None:

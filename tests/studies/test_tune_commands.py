@@ -8,8 +8,10 @@ import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from commands import Answer
@@ -205,3 +207,13 @@ def test_a_contest_is_the_same_search_for_all(
     assert cli("contend", "anthropomorphic3", "--out", tmp_path, *laws).code == 2
     for bad in (["--law", "magic"], ["--evaluations", "1"], ["--seeds", "0"], ["nobody"]):
         assert cli("contend", *bad, "--out", tmp_path / "other").code == 2
+
+
+def test_an_entry_of_a_contest_is_what_its_table_has() -> None:
+    table = np.full((1 + len(contend.BUDGETS), 5), np.nan)
+    table[0, :2], table[2] = (7.0, 8.0), (1.0, 2.0, 3.0, 4.0, 5.0)
+    kept: Any = SimpleNamespace(has=lambda name: True, part=lambda *_: table)
+    found = contend._entry(kept, "anthropomorphic3", "GPI, printed law", 0, contend.QUICK, print)
+    assert found.untuned == [7.0, 8.0]
+    values = {"held_out": 1.0, "variation": 2.0, "fit": 3.0, "values": [4.0, 5.0]}
+    assert found.budgets == {contend.budgets_of("anthropomorphic3")[1]: values}
