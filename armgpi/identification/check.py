@@ -220,7 +220,7 @@ def _of_scale(name: str, terms: Array, torque: Array, gravity: bool) -> Iterator
         yield Finding(
             "error",
             name,
-            f"its torque is {ratio:.2g} times what the file expects: in N m or N, at the joint?",
+            f"its torque is {ratio:.2g} times what the file expects: in N m or N, at the joint, times in s?",
         )
         return
     if not gravity or np.var(terms[:, 0]) < _WEIGHS * np.var(torque):
