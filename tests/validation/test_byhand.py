@@ -13,16 +13,23 @@ from armgpi import validate
 from armgpi.validation import units
 
 
-@pytest.mark.parametrize("style", byhand.STYLES)
+@pytest.mark.parametrize("style", [*byhand.STYLES, *byhand.FOURTH])
 def test_every_mistake_can_be_made(style: str) -> None:
     sources = [mistake.source for mistake in byhand.mistakes(style)]
     assert len(set(sources)) == len(sources) >= 25
     assert byhand.source(style) not in sources
 
 
-@pytest.mark.parametrize("style", [*(style for style in byhand.STYLES if style != "lagrange"), *byhand.THIRD])
+@pytest.mark.parametrize(
+    "style", [*(style for style in byhand.STYLES if style != "lagrange"), *byhand.THIRD, *byhand.FOURTH]
+)
 def test_right_models_agree(style: str) -> None:
     assert validate(byhand.FOLDER / f"{style}.py", byhand.robot(style)).agrees
+
+
+@pytest.mark.parametrize("path", sorted((byhand.FOLDER / "right").glob("*.py")), ids=lambda path: path.stem)
+def test_right_models_in_odd_styles_agree(path: Path) -> None:
+    assert validate(path, byhand.robot(path.stem.split("__")[0])).agrees
 
 
 @pytest.mark.parametrize(
