@@ -209,6 +209,8 @@ def between_ends(setting: Setting, found: Numbers) -> Numbers:
 
 def count_outside(setting: Setting, found: Numbers, others: Sequence[Robot], seed: int = 1) -> int:
     """Return how many other arms exceed a number where that of the controller's own is the largest."""
+    if not others:
+        return 0
     own, outside = setting._replace(arms=setting.arms[-1:]), np.zeros(len(others), bool)
     for name, function in functions(setting).items():
         z, values = _search(own, function, seed)

@@ -325,7 +325,10 @@ class Sweep:
             declared, value = keys.find(self.experiment.config, name)
         except LookupError:
             if found is None:
-                raise NameNotFound("number of this experiment", name, tuple(known)) from None
+                absent = (f"plant.{key}" for key in type(self.experiment.config.plant).keys)
+                raise NameNotFound(
+                    "number of this experiment", name, dict.fromkeys([*known, *absent])
+                ) from None
             if found.fixed:
                 raise ParameterError(name, found.value, f"left as it is: {found.fixed}") from None
             declared = found.declared

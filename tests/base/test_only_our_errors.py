@@ -282,6 +282,12 @@ TASK = {
 LOADED = {"robot": ARM, "frame": TIP, "com": (0.0, 0.0, 0.0), "dt": DT, "delay": 0.0}
 NOWHERE = "/nonexistent/folder/rollout.nc"
 
+#: Numbers of an observer's damping and schedule.
+SCHEDULED: dict[str, Any] = {
+    **{"zeta_c": 1.0, "rise": 2.0, "attack": 0.2, "leak": 5.0},
+    **{"error_range": 1e-4, "dead_zone": 2e-4},
+}
+
 CASES: dict[str, Case] = {
     # References
     "Bezier": Case(armgpi.Bezier, MOVE, followed),
@@ -440,8 +446,8 @@ CASES: dict[str, Case] = {
         )
         for name, own in {
             "PIDPositions": {"kp": 400.0, "ki": 500.0, "kd": 40.0, "velocity_bandwidth": 200.0},
-            "ADRC": {"omega_c": 20.0, "omega_o": 100.0, "delay": 0.0, "order": 3},
-            "ComputedTorqueDOB": {"omega_c": 20.0, "omega_o": 100.0, "delay": 0.0},
+            "ADRC": {"omega_c": 20.0, "omega_o": 100.0, "delay": 0.0, "order": 3, **SCHEDULED},
+            "ComputedTorqueDOB": {"omega_c": 20.0, "omega_o": 100.0, "delay": 0.0, **SCHEDULED},
             "SuperTwisting": {
                 **{"omega_c": 20.0, "omega_o": 100.0, "delay": 0.0},
                 **{"slope": 100.0, "layer": 0.05},

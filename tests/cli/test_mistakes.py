@@ -73,7 +73,7 @@ MISTAKES = {
     "new arm.urdf -o arm.urdf": "is the robot itself; choose another file, such as arm.yaml",
     "new exp.yaml": "armgpi run exp.yaml",
     "play arm.urdf -o page.pdf": "name it page.html",
-    "sweep vary.yaml --out x": "such as {delay: 1}",
+    "sweep vary.yaml --out x": "did you mean 'plant.delay'",
     "certify arm.urdf --payload 3:0": "the lighter first",
     "compare exp.yaml key.yaml": "one robot or file at a time",
 }
@@ -89,7 +89,7 @@ FILES = {
     "law.yaml": "robot: arm.urdf\ncontrollers: [gpi]\n",
     "load.yaml": "robot: arm.urdf\nplant: {payload: 0.5}\n",
     "exp.yaml": "robot: arm.urdf\n",
-    "vary.yaml": "robot: arm.urdf\nvary: {plant.delay: {choices: [0, 1]}}\n",
+    "vary.yaml": "robot: arm.urdf\nvary: {plant.dela: {choices: [0, 1]}}\n",
     "log.csv": "time,q\n0,1\n",
     "dynamics.py": "",
     "weak.yaml": "robot: weak.urdf\nvary: {plant.delay: {choices: [0, 1]}}\n",

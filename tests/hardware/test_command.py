@@ -47,7 +47,7 @@ def test_a_folder_is_written_and_its_figures_are_told(export: Callable[..., Answ
     code, out, err = export(ARM, "--t-final", "0.2", "--encoder-bits", "16", "--delay", "2", "-o", tmp_path)
     assert code == 0, out + err
     assert all(f"wrote {tmp_path / name}" in err for name in FILES)
-    assert "528 bytes" in out
+    assert "536 bytes" in out
     readme = (tmp_path / "README.md").read_text()
     assert "`q3` | revolute" in readme
     assert "for 52 samples" in readme  # 50 ms, and the delay

@@ -843,7 +843,14 @@ def test_a_folder_of_another_name_replays_and_runs(tmp_path: Path) -> None:
     names = [path.name for path in done.files]
     assert names[:6] == ["arm2.h", "arm2.c", "main.c", "Makefile", "arm2_log.h", "arm2_log.c"]
     assert names[6:10] == ["README.md", "CMakeLists.txt", "arm2_controller.hpp", "arm2_controller.py"]
-    assert names[10:] == ["arm2_move.h", "arm2_move.c", "test_faults.c", "log.armlog", "SHA256SUMS"]
+    assert names[10:] == [
+        "arm2_move.h",
+        "arm2_move.c",
+        "test_faults.c",
+        "log.armlog",
+        "motion.csv",
+        "SHA256SUMS",
+    ]
     texts = {path.name: path.read_text() for path in done.files if path.suffix != ".armlog"}
     left = {name: re.findall(r"\w*armgpi_\w*", text, re.IGNORECASE) for name, text in texts.items()}
     assert set(left["arm2.c"]) == {"armgpi_q1"}

@@ -198,7 +198,7 @@ def test_a_contest_is_the_same_search_for_all(
     laws = ("--law", "GPI, roll-off", "--law", "ADRC, order 3")
     answer = cli("contend", "anthropomorphic3", "--quick", "--out", tmp_path, *laws)
     assert answer.code == 0, answer.err
-    assert "| GPI, roll-off |" in answer.out
+    assert "| GPI, roll-off (4) |" in answer.out  # numbers that are searched
     assert "| class | arm |" in answer.out
     assert (tmp_path / "contest.png").exists()
     # What is there is not run again.
