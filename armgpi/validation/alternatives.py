@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
-from armgpi.validation.numbers import Number
+from armgpi.validation.graph import Expression
 
 Choice = tuple[str, ast.expr]
 
@@ -28,6 +28,8 @@ _TURNS = {"sin": "cos", "cos": "sin"}
 #: Vectors that are combined to cross products, at most: their squares are tried; fewer where every product is
 #: compiled, in loops.
 _VECTORS, _IN_LOOPS = 24, 12
+#: Shapes of rotations, of matrices of Denavit and Hartenberg, and of those of spatial vectors.
+_SQUARE = ((3, 3), (4, 4), (6, 6))
 #: Terms of a vector's equation that are compiled in loops, the short ones.
 _TERMS = 300
 
@@ -48,6 +50,7 @@ class Scope(NamedTuple):
         cross: how the function for cross products is called there.
         loops: whether variables have several values in one call.
         attributes: numbers that objects have, such as ``self.m2``, by their text.
+        unused: what is assigned or given and read nowhere: it may have been forgotten.
     """
 
     kinds: Mapping[str, Any]
@@ -62,6 +65,7 @@ class Scope(NamedTuple):
     cross: ast.expr | None = None
     loops: bool = False
     attributes: Mapping[str, ast.expr] = {}
+    unused: tuple[ast.expr, ...] = ()
 
 
 def kind_of(value: Any) -> Any:
@@ -70,7 +74,7 @@ def kind_of(value: Any) -> Any:
         return None
     if isinstance(value, int):
         return "int"
-    if isinstance(value, float | np.floating | Number):
+    if isinstance(value, float | np.floating | Expression):
         return "float"
     if isinstance(value, np.ndarray):
         return value.shape
@@ -106,7 +110,7 @@ def scope_of(
     for name, kind in kinds.items():
         if kind in ((2,), (3,)) and name not in listed:
             seen.vectors[name] = ast.Name(name, ast.Load())
-        if kind == (3, 3) and name not in listed:
+        if kind in _SQUARE and name not in listed:
             seen.matrices[name] = ast.Name(name, ast.Load())
         if kind == "float" and not arguments and name[:1] == "q":
             seen.joints[name] = ast.Name(name, ast.Load())
@@ -127,7 +131,19 @@ def scope_of(
         seen.cross,
         bool(_counters(tree)) or any(isinstance(node, ast.While) for node in ast.walk(tree)),
         attributes,
+        tuple(_unread_names(tree, arguments)),
     )
+
+
+def _unread_names(tree: ast.AST, arguments: tuple[str, ...]) -> Iterator[ast.expr]:
+    """Yield the names that a function assigns or takes and never reads, and their entries in loops."""
+    names = [n for n in ast.walk(tree) if isinstance(n, ast.Name)]
+    read = {n.id for n in names if isinstance(n.ctx, ast.Load)}
+    stored = (n.id for n in names if isinstance(n.ctx, ast.Store))
+    for name in dict.fromkeys((*stored, *arguments) if arguments else ()):
+        if name not in read and name != "self":
+            yield ast.Name(name, ast.Load())
+            yield from (_entry(name, ast.Name(index, ast.Load())) for index in _counters(tree))
 
 
 def _unread(
@@ -160,7 +176,8 @@ def _attributes(tree: ast.AST, values: Mapping[str, Any]) -> Iterator[tuple[str,
     """Yield the numbers of the objects whose attributes are read."""
     read = (n for n in ast.walk(tree) if isinstance(n, ast.Attribute) and isinstance(n.value, ast.Name))
     for owner in dict.fromkeys(n.value.id for n in read if isinstance(n.value, ast.Name)):
-        for name, value in getattr(values.get(owner), "__dict__", {}).items():
+        thing = values.get(owner)
+        for name, value in {**vars(type(thing)), **getattr(thing, "__dict__", {})}.items():
             if kind_of(value) in ("float", "int") and not name.startswith("_"):
                 yield f"{owner}.{name}", ast.Attribute(ast.Name(owner, ast.Load()), name, ast.Load())
 
@@ -210,8 +227,9 @@ def _of_state(node: ast.AST, arguments: tuple[str, ...]) -> TypeGuard[ast.expr]:
 
 def _counters(tree: ast.AST) -> list[str]:
     """Return the variables that loops count with."""
-    found = [n.target.id for n in ast.walk(tree) if isinstance(n, ast.For) and isinstance(n.target, ast.Name)]
-    return list(dict.fromkeys(found))
+    loops = [n for n in ast.walk(tree) if isinstance(n, ast.For)]
+    counted = [n.target.elts[0] if isinstance(n.target, ast.Tuple) else n.target for n in loops]
+    return list(dict.fromkeys(x.id for x in counted if isinstance(x, ast.Name)))
 
 
 def _listed(tree: ast.AST) -> set[str]:
@@ -239,7 +257,7 @@ class _Seen(ast.NodeVisitor):
         for name, kind in kinds.items():
             entry = _entry(name, ast.Name(index, ast.Load()))
             if isinstance(kind, tuple) and len(kind) > 1:
-                into = {(3,): self.vectors, (3, 3): self.matrices}.get(kind[1:], {})
+                into = self.vectors if kind[1:] == (3,) else self.matrices if kind[1:] in _SQUARE else {}
                 into[ast.unparse(entry)] = entry
             elif name in self._arguments and isinstance(kind, tuple):
                 self.scalars[ast.unparse(entry)] = entry
@@ -307,6 +325,7 @@ def alternatives(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
         yield "square", _power(node, 2)
     if _is_term(node, parent):
         yield from _of_term(node, scope)
+    yield from _with_forgotten(node, scope)
     if isinstance(node, ast.BinOp) and insertion(node, parent):
         for term in _siblings(node, scope):
             yield "term", ast.BinOp(node, ast.Add(), term)
@@ -334,10 +353,32 @@ def _of_itself(node: ast.expr, scope: Scope) -> Iterator[Choice]:
             yield from _of_name(node, scope)
         case ast.Subscript():
             yield from _of_subscript(node, scope)
+            yield from _absolute(node, scope)
         case ast.Tuple() | ast.List() | ast.IfExp():
             yield from _of_row(node)
         case ast.Constant(value=int() | float() as x) if abs(x) >= _DEGREES:
             yield "degrees", ast.BinOp(node, ast.Mult(), ast.Constant(math.pi / 180))
+
+
+def _absolute(node: ast.Subscript, scope: Scope) -> Iterator[Choice]:
+    """Yield q[0] + q[1] for q[1]: an angle from the base for one from the link before, or its rate."""
+    if ast.unparse(node) in map(ast.unparse, scope.scalars):
+        for other in scope.scalars:
+            if isinstance(other, ast.Subscript) and ast.dump(other.value) == ast.dump(node.value):
+                yield "angle", ast.BinOp(other, ast.Add(), node)
+
+
+def _with_forgotten(node: ast.expr, scope: Scope) -> Iterator[Choice]:
+    """Yield sums with what is read nowhere, and products with a matrix of what may be a vector or another."""
+    if isinstance(node, ast.Name | ast.Subscript | ast.Call | ast.BinOp):
+        for other in scope.unused:
+            yield "term", ast.BinOp(other, ast.Add(), node)
+            yield "term", ast.BinOp(node, ast.Sub(), other)
+    text = ast.unparse(node) if isinstance(node, ast.Name | ast.Subscript) and scope.matrices else ""
+    if text and scope.kinds.get(text) not in ("float", "int") and text not in map(ast.unparse, scope.scalars):
+        for matrix in scope.matrices:
+            yield "product", ast.BinOp(matrix, ast.MatMult(), node)
+            yield "product", ast.BinOp(ast.Attribute(matrix, "T", ast.Load()), ast.MatMult(), node)
 
 
 class _Renumbered(ast.NodeTransformer):
@@ -527,6 +568,7 @@ def _of_operation(node: ast.BinOp) -> Iterator[Choice]:
         yield "transposed", ast.BinOp(left, op, ast.Attribute(right, "T", ast.Load()))
         yield "transposed", right
         yield "transposed", left
+        yield "swapped", ast.BinOp(right, op, left)
 
 
 def _of_call(node: ast.Call, scope: Scope) -> Iterator[Choice]:

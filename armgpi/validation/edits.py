@@ -24,10 +24,9 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.validation.alternatives import Scope, alternatives, insertion, scope_of, vector_terms
-from armgpi.validation.conventions import SHORT
 from armgpi.validation.dictionary import Dictionary
-from armgpi.validation.models import ARGUMENTS, Origin, States, joint_of
-from armgpi.validation.numbers import Number, namespace
+from armgpi.validation.graph import Expression, Matrix, Program, is_drawn, states_of
+from armgpi.validation.models import ARGUMENTS, Origin, States
 from armgpi.validation.units import Slopes
 
 #: Time of the processor that one changed call of the model may take [s]: a change may make it endless.
@@ -248,11 +247,16 @@ class Block:
         self.names = (f"{_SWITCH}{k}", f"{_TERM}{k}")
         self.calls: dict[str, list[dict[str, Any]]] = {}  # the local variables, by states, at every row
         self.once = True
+        self.once_in: set[str] = set()  # functions that call it once
         self.rebuilds = False  # whether the functions have to be read again after a change
         self.sites: list[Site] = []
         self.switch: list[int] = []
         self.terms: list[Any] = []
         self.reaches: set[str] = set()
+        self.others: set[ast.AST] = set()  # functions inside of it that have switches of their own
+        self.values_of: Callable[[Any, str], Any] = lambda value, _: (
+            value
+        )  # expressions as values at the rows
         self.scope = Scope({})
         self._dictionaries: dict[int, Dictionary] = {}
 
@@ -269,14 +273,17 @@ class Block:
         """Return a copy in which every expression can be switched to its alternatives."""
         if isinstance(node, list):
             return [self._rebuilt(x, parent, field) for x in node]
-        if not isinstance(node, ast.AST) or isinstance(node, ast.arguments | ast.JoinedStr):
+        kept = isinstance(node, ast.arguments | ast.JoinedStr) or (
+            node in self.others and node not in self.body
+        )
+        if not isinstance(node, ast.AST) or kept:
             return node
         children = {
             name: value if name in _KEPT else self._rebuilt(value, node, name)
             for name, value in ast.iter_fields(node)
         }
         new: Any = ast.copy_location(type(node)(**children), node)
-        if isinstance(new, ast.FunctionDef):
+        if self.name and node is self.body[0]:
             new = _bare(new)
         if not isinstance(node, ast.expr) or isinstance(node, ast.Starred | ast.Lambda):
             return new
@@ -285,10 +292,7 @@ class Block:
         later = self.later(node.lineno)
         choices = [one for one in alternatives(node, parent, self.scope) if not later & _used(one[1])]
         literal = self.literals.get(node, "")
-        if literal and isinstance(node, ast.Constant) and isinstance(node.value, float):
-            choices += [("unit", ast.Constant(float(f"{node.value * unit:.12g}"))) for unit in _UNITS]
-        if literal and isinstance(node, ast.Constant) and node.value in GRAVITY:
-            choices += [("value", ast.Constant(g)) for g in GRAVITY if g != node.value]
+        choices += _other_values(node) if literal and isinstance(node, ast.Constant) else ()
         fitted = insertion(node, parent) and not _is_text(node)
         number = len(self.sites)
         if fitted:
@@ -370,6 +374,8 @@ class Block:
         code = compile(text, "<term>", "eval")
         try:
             found = [eval(code, self.namespace, names) for names in self.calls[label]]
+            if is_drawn(found[0]):
+                return np.asarray(self.values_of(found[0], label))
             return np.array([x if isinstance(x, np.ndarray) else float(x) for x in found], dtype=np.float64)
         except Exception:  # a name that is not there yet, an index out of range, a variable of a loop
             return None
@@ -396,6 +402,14 @@ def _bare(function: ast.FunctionDef) -> ast.FunctionDef:
             part.annotation = None
     function.decorator_list, function.returns, function.args = [], None, args
     return function
+
+
+def _other_values(node: ast.Constant) -> Iterator[tuple[str, ast.expr]]:
+    """Yield a number in other units, and other values of gravity."""
+    if isinstance(node.value, float):
+        yield from (("unit", ast.Constant(float(f"{node.value * unit:.12g}"))) for unit in _UNITS)
+    if node.value in GRAVITY:
+        yield from (("value", ast.Constant(g)) for g in GRAVITY if g != node.value)
 
 
 def _literals(tree: ast.AST) -> dict[ast.AST, str]:
@@ -495,29 +509,33 @@ class Editor:
         self.goal, self.targets = goal, goal.targets
         self._tree = ast.parse(self.source)
         self._makers: set[FunctionType] = set()
-        self._spaces: dict[tuple[str, int], dict[str, Any]] = {}
         self._terms: dict[tuple[int, int], Pick] = {}  # block and site of a term that is made -> what it is
         self._calls = self._resolve().calls
-        self.symbolic = not any(
-            (function := _plain(f)) and function.__code__.co_filename == self._path
-            for f in self._calls.values()
-        )
-        if self.symbolic and "forward_dynamics" in self.targets:
-            raise ValueError  # a forward dynamics of SymPy is not taken apart
-        found = {} if self.symbolic else self._reachable()
+        self._body = _assignments(self._tree)
+        self._assigned = {n.id for s in self._body for n in ast.walk(s) if isinstance(n, ast.Name)}
+        #: Whether symbols are in it: expressions that are computed at every state.
+        self._drawn = any(is_drawn(x) for x in vars(self._module).values())
+        self._nodes = {
+            (n.name, _first_line(n)): n for n in ast.walk(self._tree) if isinstance(n, ast.FunctionDef)
+        }
+        found = self._reachable()
+        self._helpers = dict(self._called_first(found))
         self._trace(found)
+        #: What the module's statements run.
+        self._first = [*self._helpers.values()]
+        found |= self._helpers
+        for block in found.values():
+            block.others, block.values_of = {one.body[0] for one in found.values()}, self.values_of
         self.blocks = [self._install(function, block) for function, block in found.items()]
-        self._assigned: set[str] = set()
         self._code: CodeType | None = None
-        self._needed: _Parts | None = None  # what a function of a module of SymPy needs
         self._assignments()
+        gc.set_threshold(200_000)
         gc.freeze()  # a collection among all that SymPy and the states keep takes as long as a hundred trials
 
     # What the model is made of.
 
     def _reachable(self) -> dict[FunctionType, Block]:
         """Return the functions in the file that the model's functions call, themselves included."""
-        nodes = {(n.name, _first_line(n)): n for n in ast.walk(self._tree) if isinstance(n, ast.FunctionDef)}
         found: dict[FunctionType, Block] = {}
         for name, target in self.targets.items():
             todo, seen = [self._calls[target.function]], set()
@@ -528,7 +546,7 @@ class Editor:
                     continue
                 seen.add(function)
                 code = function.__code__
-                node = nodes.get((code.co_name, code.co_firstlineno))
+                node = self._nodes.get((code.co_name, code.co_firstlineno))
                 if code.co_filename != self._path or node is None:
                     continue
                 block = found.setdefault(
@@ -548,36 +566,70 @@ class Editor:
                     ]
         return found
 
+    def _called_first(self, known: Mapping[FunctionType, Block]) -> Iterator[tuple[FunctionType, Block]]:
+        """Yield the functions that only the module's statements call, such as one that returns functions."""
+        todo, seen = [x.id for s in self._body for x in ast.walk(s) if isinstance(x, ast.Name)], set[str]()
+        while todo:
+            name = todo.pop()
+            function = _plain(vars(self._module).get(name))
+            if name in seen or function is None or function.__code__.co_filename != self._path:
+                continue
+            seen.add(name)
+            todo += _names_of(function.__code__)
+            node = self._nodes.get((function.__code__.co_name, function.__code__.co_firstlineno))
+            if function not in known and node is not None:
+                block = Block(len(known) + len(seen), node.name, [node], function.__globals__, self._tree)
+                block.rebuilds, block.reaches = True, set(self.targets)
+                yield function, block
+
     def _trace(self, functions: Mapping[FunctionType, Block]) -> None:
         """Keep the local variables of every function at every row."""
+        code = compile(ast.Module(self._body if self._helpers else [], []), self._path, "exec")
+        helpers = self._locals_while(self._helpers, lambda: exec(code, vars(self._module)))
+        for block, frames in helpers.items():
+            # A function that it makes may lack one of its variables.
+            for name, value in _numbers(frames[0]).items() if len(frames) == 1 else ():
+                block.namespace.setdefault(name, value)
+            block.once, block.calls = len(frames) == 1, dict.fromkeys(self.goal.states, frames[:1] * ROWS)
+        whole = [name for name, target in self.targets.items() if target.whole] if functions else []
+        for name, label, row in itertools.product(whole, self.goal.states, range(ROWS)):
+            arguments = self.goal.arguments(name, label, row)
+            seen = self._locals_while(functions, lambda: self._calls[name](*arguments))  # noqa: B023
+            for block, frames in seen.items():
+                if len(frames) == 1:
+                    block.once_in.add(name)
+                    block.calls.setdefault(label, []).extend(frames)
+        for block in functions.values():
+            block.once = bool(block.once_in)
+            block.calls = {label: frames[:ROWS] for label, frames in block.calls.items()}
+
+    def _locals_while(
+        self, functions: Mapping[FunctionType, Block], run: Callable[[], object]
+    ) -> dict[Block, list[dict[str, Any]]]:
+        """Return the local variables of functions, of each call while something runs."""
         blocks = {function.__code__: block for function, block in functions.items()}
-        now: dict[Block, list[dict[str, Any]]] = {}
+        found: dict[Block, list[dict[str, Any]]] = {}
 
         def watch(frame: FrameType, event: str, _: object) -> None:
             block = blocks.get(frame.f_code) if event == "return" else None
             if block is not None:
-                now.setdefault(block, []).append(dict(frame.f_locals))
+                found.setdefault(block, []).append(dict(frame.f_locals))
 
-        whole = [name for name, target in self.targets.items() if target.whole] if blocks else []
-        for name, label, row in itertools.product(whole, self.goal.states, range(ROWS)):
-            now.clear()
-            sys.setprofile(watch)
-            try:
-                self._calls[name](*self.goal.arguments(name, label, row))
-            finally:
-                sys.setprofile(None)
-            for block, frames in now.items():
-                block.once = block.once and len(frames) == 1
-                calls = block.calls.setdefault(label, [])
-                if len(calls) < ROWS:
-                    calls.append(frames[0])
+        saved = dict(vars(self._module))
+        sys.setprofile(watch)
+        try:
+            run()
+        finally:
+            sys.setprofile(None)
+            vars(self._module).update(saved)
+        return found
 
     def _install(self, function: FunctionType, block: Block) -> Block:
         """Put the switches into a function."""
         code, space = function.__code__, dict[str, Any]()
         if function in self._makers:
             block.rebuilds, block.once, block.calls = True, True, self._nowhere()
-            block.reaches = set(self.targets)
+            block.reaches, block.once_in = set(self.targets), set()
         module = block.switchable(code.co_varnames[: code.co_argcount])
         if code.co_freevars:  # a closure: compiled inside of a function that has its variables
             outer = ast.parse(f"def {_OUTER}({', '.join(code.co_freevars)}): pass")
@@ -593,113 +645,79 @@ class Editor:
 
     def _assignments(self) -> None:
         """Put switches into what the module assigns: constants that are computed, expressions of SymPy."""
-        body = _assignments(self._tree)
-        if not body:
+        if not self._body:
             return
-        block = Block(len(self.blocks), "", body, vars(self._module), self._tree)
+        block = Block(len(self.blocks) + 1000, "", self._body, vars(self._module), self._tree)
         block.reaches, block.calls, block.rebuilds = set(self.targets), self._nowhere(), True
-        self._assigned = {n.id for s in body for n in ast.walk(s) if isinstance(n, ast.Name)}
-        if self.symbolic:
-            whole = _Parts(ast.Module(body, []), self._path)
-            block.calls = {
-                label: [self._run_parts(whole, "", label, k)[0] for k in range(ROWS)]
-                for label in self.goal.states
-            }
-        module = block.switchable(tuple(self._vectors()))
-        self._code, self._needed = compile(module, self._path, "exec"), _Parts(module, self._path)
+        block.values_of = self.values_of
+        # Symbols of the joints are to its expressions what arguments are to a function.
+        vectors = [name for name, x in vars(self._module).items() if _is_vector(x)]
+        self._code = compile(block.switchable(tuple(vectors)), self._path, "exec")
         self.blocks.append(block)
-        self._spaces.clear()
-        for space in itertools.chain(*block.calls.values()):  # the switches of what is evaluated there
-            space.update({name: vars(self._module)[name] for name in block.names})
+        self._first.append(block)
+
+    def values_of(self, value: Any, label: str) -> Array:
+        """Return an expression's values at the rows of some states."""
+        entries = value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
+        program, states = Program(entries), self.goal.states[label]
+        places = states_of(program.names)
+        own = vars(self._module).get("parameters", {})
+        rows = range(len(states.q))
+        return np.array(
+            [
+                program({**{s: float(getattr(states, x)[k][i]) for s, (x, i) in places.items()}, **own})
+                for k in rows
+            ]
+        )
 
     def _nowhere(self) -> dict[str, list[dict[str, Any]]]:
         """Return no local variables, for every state."""
         return {label: [{}] * ROWS for label in self.goal.states}
 
-    def _arguments(self, label: str, row: int) -> dict[str, float]:
-        """Return the values of the symbols that a module of SymPy has for the joints, at one state."""
-        found: dict[str, float] = {}
-        states = self.goal.states[label]
-        names = {str(x) for x in vars(self._module).values() if getattr(x, "is_Symbol", False)}
-        for vector in self._vectors().values():  # of CasADi: its entries are q_0, q_1, ...
-            names |= {str(vector[k]) for k in range(vector.numel())}
-        parameters = vars(self._module).get("parameters", {})
-        joints = {name: joint for name in names - parameters.keys() if (joint := joint_of(name)) is not None}
-        first = min((joint[1] for joint in joints.values()), default=1)
-        for symbol, (letter, k) in joints.items():
-            found[symbol] = float(getattr(states, letter)[row][k - first])
-        return found
-
-    def _vectors(self) -> dict[str, Any]:
-        """Return the symbols of CasADi."""
-        names = vars(self._module).items()
-        return {name: x for name, x in names if hasattr(x, "is_valid_input") and x.is_valid_input()}
-
     # Trying.
 
     def outputs(self, names: Iterable[str], rows: int) -> dict[str, Array] | None:
         """Return what some functions give at the first rows, None when they raise or are not finite."""
-        space = vars(self._module)
-        again = any(any(block.switch) for block in self.blocks if block.rebuilds)
-        saved = {name: space[name] for name in self._assigned if name in space} if again else {}
         try:
-            with impatient(), np.errstate(all="ignore"):
-                for (number, site), pick in self._terms.items():
-                    if self.is_constant(self.blocks[number], site):
-                        self.blocks[number].terms[site] = pick.constant
-                calls = self._calls if self.symbolic or not again else self._again(space)
+            with impatient(), np.errstate(all="ignore"), self._functions_now() as calls:
 
                 @cache
                 def value_at(function: str, label: str, row: int) -> Array:
                     signal.setitimer(signal.ITIMER_PROF, PATIENCE)
                     self._place_terms(label, row)
-                    if self.symbolic:
-                        return self.goal.flat(function, self._at(function, label, row), label, row)
                     return self.goal.call(calls, function, label, row)
 
                 found = {name: stack_values(self.targets[name], value_at, rows) for name in names}
         except (Exception, _Slow):
             return None
+        return found if all(np.isfinite(x).all() for x in found.values()) else None
+
+    @contextmanager
+    def _functions_now(self) -> Iterator[Mapping[str, Callable[..., Any]]]:
+        """Give the functions with the changes, read again where these are in what makes them."""
+        for (number, site), pick in self._terms.items():
+            constant = self.is_constant(self.blocks[number], site)
+            self.blocks[number].terms[site] = pick.constant if constant else Expression("term")
+        if not any(any(block.switch) for block in self.blocks if block.rebuilds):
+            yield self._calls
+            return
+        space = vars(self._module)
+        saved = {name: space[name] for name in self._assigned if name in space}
+        try:
+            if self._code is not None and any(any(block.switch) for block in self._first):
+                exec(self._code, space)
+            yield self._resolve().calls
         finally:
             space.update(saved)
-        return found if all(np.isfinite(x).all() for x in found.values()) else None
 
     def _place_terms(self, label: str, row: int) -> None:
         """Give the missing terms their values at one state."""
         for (number, site), pick in self._terms.items():
-            if not self.is_constant(self.blocks[number], site):
-                self.blocks[number].terms[site] = pick.term(label)[row]
-
-    def _at(self, function: str, label: str, row: int) -> Any:
-        """Return what a function of a module of SymPy is at one state."""
-        assert self._needed is not None
-        return self._run_parts(self._needed, function, label, row)[1]
-
-    def _run_parts(self, parts: _Parts, name: str, label: str, row: int) -> tuple[dict[str, Any], Any]:
-        """Return the names of a module with what one of them needs ("": all) at one state, and its value."""
-        if (label, row) not in self._spaces:
-            self._spaces[label, row] = self._space(label, row, vars(self._module).get("parameters", {}))
-        found = dict(self._spaces[label, row])
-        value = parts.run(found, name)
-        parameters = found.get("parameters", {})
-        if parameters != vars(self._module).get("parameters", {}):  # a change is in there
-            found = self._space(label, row, parameters)
-            value = parts.run(found, name)
-        return found, value
-
-    def run_source(self, source: str) -> Callable[[str, str, int], Array]:
-        """Return what gives the values of another source of a module of expressions, flat."""
-        parts = _Parts(ast.Module(_assignments(ast.parse(source)), []), self._path)
-
-        def value_at(function: str, label: str, row: int) -> Array:
-            return self.goal.flat(function, self._run_parts(parts, function, label, row)[1], label, row)
-
-        return cache(value_at)
-
-    def _space(self, label: str, row: int, parameters: Mapping[str, float]) -> dict[str, Any]:
-        """Return the names of a module of SymPy with numbers in place of its symbols."""
-        values = {**parameters, **self._arguments(label, row)}
-        return namespace(vars(self._module), {str(name): Number(x) for name, x in values.items()})
+            block = self.blocks[number]
+            if block.rebuilds and not self.is_constant(block, site):
+                block.terms[site].value = float(pick.term(label)[row])
+            elif not block.rebuilds:
+                block.terms[site] = pick.term(label)[row]
 
     def is_right(self, site: Site) -> bool:
         """Tell whether a number with a name is one that the robot has too: hardly the wrong one."""
@@ -715,25 +733,15 @@ class Editor:
 
     def is_constant(self, block: Block, site: int) -> bool:
         """Tell whether a term is the same number at all states."""
-        return block.rebuilds and (not self.symbolic or bool(block.sites[site].literal))
-
-    def _again(self, space: dict[str, Any]) -> Mapping[str, Callable[..., Any]]:
-        """Return the functions after the module's assignments have been made again."""
-        if self._code is not None and any(self.blocks[-1].switch):
-            exec(self._code, space)
-        return self._resolve().calls
+        return block.rebuilds and (not self._drawn or bool(block.sites[site].literal))
 
     def matrix(self) -> Array | None:
         """Return the Coriolis matrix at the first state, None when it raises."""
         name = "coriolis_matrix"
         try:
-            self._place_terms(ALL, 0)
-            value = (
-                self._at(name, ALL, 0)
-                if self.symbolic
-                else self._calls[name](*self.goal.arguments(name, ALL, 0))
-            )
-            return np.asarray(value, dtype=np.float64)
+            with self._functions_now() as calls:
+                self._place_terms(ALL, 0)
+                return np.asarray(calls[name](*self.goal.arguments(name, ALL, 0)), dtype=np.float64)
         except Exception:
             return None
 
@@ -779,41 +787,10 @@ def _assignments(tree: ast.Module) -> list[ast.stmt]:
     return [s for s in tree.body if isinstance(s, ast.Assign | ast.AugAssign | ast.For)]
 
 
-class _Parts:
-    """The statements of a module, of which each name is computed by those that it needs."""
-
-    def __init__(self, module: ast.Module, path: str) -> None:
-        """Take the statements, and the file they are from."""
-        self._path = path
-        self._rows: list[tuple[ast.stmt, set[str], set[str]]] = []  # with the names they change, and have
-        for statement in module.body:
-            names = [x for x in ast.walk(statement) if isinstance(x, ast.Name)]
-            # A loop, and an entry that is assigned, change what they only seem to read.
-            targets = [x for t in getattr(statement, "targets", ()) for x in ast.walk(t)]
-            changed = {
-                x.id
-                for x in (names if isinstance(statement, ast.For) else targets)
-                if isinstance(x, ast.Name)
-            }
-            changed |= {x.id for x in names if isinstance(x.ctx, ast.Store)}
-            self._rows.append((statement, changed, {x.id for x in names}))
-        assigned = set[str]().union(*(changed for _, changed, _ in self._rows))
-        short = {name: one for one, name in SHORT.items() if one in assigned and name not in assigned}
-        self._short: Mapping[str, str] = short
-        self._code: dict[str, CodeType] = {}
-
-    def run(self, space: dict[str, Any], name: str) -> Any:
-        """Compute what a name needs, all for "", and return its value."""
-        name = self._short.get(name, name)
-        if name not in self._code:
-            needed, found = {name, "parameters"}, []
-            for statement, changed, names in reversed(self._rows):
-                if not name or changed & needed:
-                    found.append(statement)
-                    needed |= names
-            self._code[name] = compile(ast.Module(found[::-1], []), self._path, "exec")
-        exec(self._code[name], space)
-        return space[name] if name else None
+def _is_vector(value: Any) -> bool:
+    """Tell whether a value has the symbols of all joints."""
+    entries = np.ravel(value).tolist() if isinstance(value, Matrix) else []
+    return bool(entries) and all(isinstance(x, Expression) and x.name.endswith("]") for x in entries)
 
 
 def _plain(function: Any) -> FunctionType | None:

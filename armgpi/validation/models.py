@@ -13,7 +13,6 @@ import importlib
 import inspect
 import json
 import math
-import re
 import sys
 import tokenize
 from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping, Sequence
@@ -27,6 +26,7 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.validation.conventions import SHORT, Convention
+from armgpi.validation.graph import Program, is_drawn, joint_of, states_of
 
 #: Function -> names of its arguments.
 ARGUMENTS: dict[str, tuple[str, ...]] = {
@@ -59,13 +59,6 @@ _NOWHERE = "there is no such file or module (built in is: paper)"
 _CONSTANTS = ("pi", "e", "tau", "inf", "nan", "n")
 #: What functions of a state call their first argument.
 _POSITIONS = ("q", "theta", "th", "x", "pos", "angles", "state")
-#: Letters for a joint's position, velocity, acceleration and torque in SymPy files.
-_LETTERS = {
-    "q": r"(?:q|theta|th)_?(\d+)",
-    "v": r"(?:v|dq|qd|qdot|q_dot|dtheta|thetad|omega)_?(\d+)|q_?(\d+)_?(?:d|dot)",
-    "a": r"(?:a|ddq|qdd|qddot|alpha)_?(\d+)|q_?(\d+)_?(?:dd|ddot)",
-    "tau": r"(?:tau|u)_?(\d+)",
-}
 
 
 class Unusable(Exception):
@@ -228,7 +221,7 @@ def _uncompared_names(thing: Any) -> tuple[str, ...]:
             called |= set(code.co_names) | {x for c in code.co_consts for x in getattr(c, "co_names", ())}
             letters = [x for x in code.co_varnames[: code.co_argcount] if x != "self"]
             short = members.keys() & SHORT.keys() | ARGUMENTS.keys()
-            same = any(value == members.get(known) for known in short)
+            same = any(callable(x := members.get(known)) and value == x for known in short)
             local = not isinstance(thing, ModuleType) or value.__module__ == thing.__name__
             if not same and local and 0 < len(letters) < 4 and letters[0] in _POSITIONS:
                 found[name] = None
@@ -441,6 +434,9 @@ def _copy_with(thing: Any, parameters: Any) -> Any:
 def _settable(thing: Any, get: Callable[[str], Any], n: Any = None) -> Functions:
     """Return the functions of a thing, whose numbers are set where they stand."""
     parameters = get("parameters")
+    if any(is_drawn(get(name)) for name in ARGUMENTS):
+        drawn = {name: get(name) for name in ARGUMENTS if is_drawn(get(name))}
+        return _of_graph(drawn, _numbers_of(parameters))
     sympy = sys.modules.get("sympy")
     casadi = sys.modules.get("casadi")
     if casadi is not None and any(isinstance(get(name), casadi.SX | casadi.MX) for name in ARGUMENTS):
@@ -518,6 +514,26 @@ def _functions(get: Callable[[str], Any]) -> dict[str, Callable[..., Any]]:
     if not found:
         raise Unusable(f"has none of the functions {', '.join(ARGUMENTS)}")
     return found
+
+
+def _of_graph(expressions: Mapping[str, Any], own: Mapping[str, float]) -> Functions:
+    """Return the functions of expressions that are drawn as a graph."""
+    programs = {name: Program(e) for name, e in expressions.items()}
+    places = states_of(set().union(*(p.names for p in programs.values())) - own.keys())
+
+    def bind(name: str, values: Mapping[str, float]) -> Callable[..., Any]:
+        def call(*state: Any) -> Any:
+            given = dict(zip(ARGUMENTS[name], state, strict=True))
+            # A velocity may be left in a gravity that does not depend on it.
+            joints = {s: given[letter][k] if letter in given else 0.0 for s, (letter, k) in places.items()}
+            return programs[name]({**joints, **values})
+
+        return call
+
+    def rebuild(changes: Mapping[str, float]) -> Mapping[str, Callable[..., Any]]:
+        return {name: bind(name, {**own, **changes}) for name in programs}
+
+    return Functions(rebuild, own)
 
 
 def _of_casadi(casadi: Any, expressions: Mapping[str, Any], parameters: Any) -> Functions:
@@ -635,15 +651,6 @@ def _plain(sympy: Any, expression: Any) -> Any:
     swap = {f: sympy.Symbol(str(f.func)) for f in expression.atoms(applied)}
     swap |= {symbol: sympy.Symbol(symbol.name) for symbol in expression.free_symbols}
     return expression.subs({k: v for k, v in swap.items() if isinstance(k, applied)}).xreplace(swap)
-
-
-def joint_of(name: str) -> tuple[str, int] | None:
-    """Return which quantity of which joint (from 1) a symbol's name means."""
-    for letter, pattern in _LETTERS.items():
-        match = re.fullmatch(pattern, name)
-        if match:
-            return letter, int(next(group for group in match.groups() if group))
-    return None
 
 
 def _numbers_of(parameters: Any) -> dict[str, float]:

@@ -48,6 +48,8 @@ _BEAM = 3
 _FIRST = 0.3
 #: Repairs that agree at the numbers of the file alone, of which the best is taken.
 _DOUBTED = 100
+#: Of those that hold for other numbers but may not be the only ones.
+_UNSURE = 6
 #: Configurations at which changes are tried first.
 _FEW = 2
 #: Kinds of changes: to say which one it is costs their logarithm.
@@ -214,17 +216,7 @@ class _Trials:
         self._proved: dict[Any, Repaired | None] = {}
         self._start = editor.outputs(editor.targets, ROWS)
         start = self._start or {}
-        # Where several differ, most changes are refused by what is computed fastest.
-        quick = sorted(start, key=self._cost) if editor.symbolic else start
-        self._wrong = {name: self._away(name, start[name]).any(axis=0) for name in quick}
-
-    def _cost(self, name: str) -> float:
-        """Return how long it takes to see what a function gives at one state [s]."""
-        if not self._targets[name].whole:
-            return np.inf
-        begin = time.process_time()
-        self.editor.outputs([name], 1)
-        return time.process_time() - begin
+        self._wrong = {name: self._away(name, x).any(axis=0) for name, x in start.items()}
 
     def build(self, picks: Sequence[Pick]) -> tuple[Repaired, Functions] | None:
         """Return changes as text with the functions that they make, None when the source then fails."""
@@ -246,7 +238,9 @@ class _Trials:
             before = len(self._proved)
             one = self.prove(picks)
             best, count = _shorter(best, one), count + (one is not None and len(self._proved) > before)
-            if count == self.doubted or (one is not None and not one.doubts and not one.other):
+            if one is not None and not one.doubts and not one.other and (one.sure or count >= _UNSURE):
+                break
+            if count == self.doubted:
                 break
         return best
 
@@ -267,10 +261,7 @@ class _Trials:
         goal = self.editor.goal
         try:
             with impatient(), np.errstate(all="ignore"):
-                if self.editor.symbolic:  # SymPy takes long to make functions
-                    given = self.editor.run_source(source)
-                else:
-                    given = partial(goal.call, self._again(source).calls)
+                given = partial(goal.call, self._again(source).calls)
                 names = (name for name, x in goal.targets.items() if x.whole)
                 return {name: stack_values(goal.targets[name], given, ROWS) for name in names}
         except BaseException:  # a name that is not there yet, or a module that never ends
@@ -298,6 +289,8 @@ class _Trials:
         if found.seen:  # a formula in names lacks no bare number
             wrong += sum(one.kind == "term" and _is_bare(one.new) for one in repair.changes)
         sure = found.sure and not (wrong or found.other)
+        # Numbers in each other's place may as well be names in each other's place.
+        sure = sure and not any(one.kind == "swapped" and _has_no_names(one.old) for one in repair.changes)
         for other in _by_ratios(self.editor.source, repair.changes) if sure else ():
             as_good = check(other, values, slopes)
             sure = sure and bool(as_good.wrong or as_good.other)
@@ -479,7 +472,7 @@ class _Trials:
         """Yield vectors that may be missing in a sum: where it is linear, those with a right effect."""
         old = ast.unparse(block.sites[k].node)
         now = block.values(old)
-        name = next(iter(self._differing(block.reaches)), None)
+        name = next(iter(self._differing(block.once_in or block.reaches)), None)
         if now is None or now.shape[1:] not in ((2,), (3,)) or name is None:
             return
         size = now.shape[1]
@@ -527,7 +520,9 @@ class _Trials:
         """Return the term at the rows with which some values agree and none is spoiled; None without one."""
         pick = Pick(block, k, len(block.sites[k].choices) - 1, 0.0, {ALL: np.zeros(ROWS)})
         constant = self.editor.is_constant(block, k)
-        names = [name for name in block.reaches if self._targets[name].whole]
+        names = [
+            n for n in block.reaches if self._targets[n].whole and (n in block.once_in or block.rebuilds)
+        ]
         for used in self._groups(*self._slope(pick, names, _FEW), constant):
             if (values := self._root(pick, used, constant)) is None:
                 continue
@@ -683,6 +678,10 @@ def _by_ratios(source: str, changes: Sequence[Change]) -> Iterator[str]:
                     ratio = f"({one} / {two}) ** {power}"
                     new = change._replace(new=text[: node.col_offset] + ratio + text[node.end_col_offset :])
                     yield apply_changes(source, tuple(new if c is change else c for c in changes))
+
+
+def _has_no_names(text: str) -> bool:
+    return not any(isinstance(x, ast.Name) for x in ast.walk(ast.parse(text.strip())))
 
 
 def _constants(text: str) -> list[ast.Constant]:

@@ -125,7 +125,7 @@ def check(source: str, values: Callable[[str], Array | None], known: Slopes, tex
     named = list(numbers(tree))
     sure = len(named) <= _MOST and not _bare(tree, named)
     standing: dict[int, tuple[int, ...]] = {}
-    used, unused = set[int](), list[float]()
+    used, halves, unused = set[int](), set[int](), list[float]()
     families: dict[str, list[tuple[int, int]]] = {}
     words = set(re.findall(r"\w+", text))
     # The sort is stable: the others in their order.
@@ -147,6 +147,7 @@ def check(source: str, values: Callable[[str], Array | None], known: Slopes, tex
         if chosen := known.standing(column, value, used):
             standing[k], links = chosen, {known.links[j] for j in chosen}
             used.update(chosen)
+            halves |= {j for j in chosen if j not in known.alike(value)}
         else:
             found = known.of(column)
             wrong += None not in found
@@ -156,7 +157,8 @@ def check(source: str, values: Callable[[str], Array | None], known: Slopes, tex
         family = _FAMILY.match(name.strip("'"))
         place = int(family[2]) if family else k
         families.setdefault(family[1] if family else name, []).append((place, min(links, default=0)))
-    sure = sure and not any(set(known.alike(x)) - used for x in unused)
+    # A number that is read nowhere may be what stands at half of another one: lc1, and l1 / 2.
+    sure = sure and not any(set(known.alike(x)) - (used - halves) for x in unused)
     for rows in families.values():
         links_in_order = [link for _, link in sorted(rows)]
         sure = sure and links_in_order == sorted(links_in_order)

@@ -26,7 +26,7 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.errors import ModelError, Remedy
-from armgpi.validation import edits, models, search
+from armgpi.validation import edits, graph, models, search
 from armgpi.validation.conventions import Convention
 
 #: Reading a model may take so many times as long as one call, and always so long [s]: it may have to import
@@ -292,10 +292,30 @@ def _search(
         if origin is None or not edits.harmless(origin.source):
             return None
         np.cross = edits.cross  # this process ends with the search
+        functions = _as_graph(functions, again, goal)
         until = time.process_time() + budget
         return search.find_repair(functions, again, goal, known, until, extra=budget >= search.BUDGET)
     except Exception:
         return None  # a source that is too odd to be changed
+
+
+def _as_graph(functions: models.Functions, again: search.Again, goal: edits.Goal) -> models.Functions:
+    """Return a model with its expressions drawn as a graph, which is changed fast, if that gives the same."""
+    origin = functions.origin
+    if origin is None or not {"sympy", "casadi"} & sys.modules.keys():
+        return functions
+    names = [name for name, target in goal.targets.items() if target.whole]
+    real = [goal.call(functions.calls, name, edits.ALL, 0) for name in names]
+    uninstall = graph.install()
+    try:
+        other = again(origin.source)
+        for name, one in zip(names, real, strict=True):
+            if not np.allclose(one, goal.call(other.calls, name, edits.ALL, 0), rtol=1e-9, atol=1e-12):
+                raise ValueError
+        return other
+    except Exception:  # it uses more of them
+        uninstall()
+        return functions
 
 
 def _answer_calls(
