@@ -364,7 +364,8 @@ def _absolute(node: ast.Subscript, scope: Scope) -> Iterator[Choice]:
     """Yield q[0] + q[1] for q[1]: an angle from the base for one from the link before, or its rate."""
     if ast.unparse(node) in map(ast.unparse, scope.scalars):
         for other in scope.scalars:
-            if isinstance(other, ast.Subscript) and ast.dump(other.value) == ast.dump(node.value):
+            alike = isinstance(other, ast.Subscript) and ast.dump(other.value) == ast.dump(node.value)
+            if alike and ast.unparse(other) != ast.unparse(node):  # twice itself is a factor of 2
                 yield "angle", ast.BinOp(other, ast.Add(), node)
 
 
