@@ -199,10 +199,10 @@ def between_ends(setting: Setting, found: Numbers) -> Numbers:
         return found
     low, high = min(1.0, found.delta_low.value), found.delta_high
     factors = dict.fromkeys(("sigma_error", "kappa_error"), math.sqrt(high.value / low))
+    proven = found.delta_low.status == high.status == "proved"
     changed: dict[str, Any] = {}
     for name, longer in {**factors, "shift": math.sqrt(1.0 / low)}.items():
         each = getattr(found, name)
-        proven = name == "shift" or high.status == "proved"
         changed[name] = Number(longer * each.value, each.status if proven else "searched")
     return found._replace(**changed)
 
