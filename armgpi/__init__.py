@@ -4,10 +4,14 @@ The public names are below; each is loaded when it is first used, so that import
 """
 
 import os
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
 
 from armgpi.version import VERSION
+
+if sys.platform == "win32":  # forks, signals and the cache's permissions are POSIX's; Pinocchio has no wheels
+    raise ImportError("armgpi runs on Linux and macOS; on Windows use it inside WSL 2 (wsl --install)")
 
 # Pinocchio's batch kernels use OpenMP, whose threads spin while they wait: on a machine that is busy with
 # something else a batch then takes ten times as long. To have an effect this must come before Pinocchio.

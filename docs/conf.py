@@ -3,7 +3,6 @@
 import ast as _ast
 import re as _re
 from dataclasses import replace as _replace
-from importlib.metadata import version as _version
 from importlib.resources import files as _files
 from pathlib import Path as _FilePath
 
@@ -21,11 +20,12 @@ from armgpi.references.paths import Path as _Path
 from armgpi.registry import classes_of as _all_registered
 from armgpi.supervisor import Supervisor as _Supervisor
 from armgpi.supervisor import reasons as _reasons
+from armgpi.version import VERSION as _VERSION
 
 project = "armgpi"
 author = "The armgpi developers"
 project_copyright = author
-release = version = _version("armgpi")
+release = version = _VERSION
 
 extensions = [
     "myst_parser",

@@ -30,6 +30,7 @@ from armgpi.escape import html_text
 from armgpi.gpi.gains import FixedGains
 from armgpi.gpi.network import BSplineNetwork
 from armgpi.robot.robot import Robot
+from armgpi.version import other_format
 
 checker: Any = check_certificate  # generic over number types, so without annotations
 
@@ -160,8 +161,8 @@ class Certificate:
         path = check_path(path, "path")
         try:
             data = checker.read(path)
-            if data["format"] != FORMAT:
-                raise ConfigError(path, "format", f"expected {FORMAT!r}, got {checker.text(data['format'])}")
+            if (known := data.get("format")) != FORMAT:
+                raise ConfigError(path, "", other_format(known, FORMAT))
         except checker.ERRORS as error:
             raise ConfigError(path, "", f"is not a certificate: {checker.text(repr(error))}") from None
         return Certificate(data)

@@ -128,6 +128,7 @@ def _file(
     arm: Any, section: dict[str, Any], hands: list[str], answers: _Answers, typed: dict[str, Any], path: Path
 ) -> list[str]:
     """Return the lines of the file, from the section of its robot and what was typed, asked or believed."""
+    from armgpi.config.schema import FORMAT
     from armgpi.hardware.export.interfaces import COMPENSATING
     from armgpi.hardware.export.targets import TARGETS
     from armgpi.robot import rotors
@@ -144,6 +145,7 @@ def _file(
         f"# {arm.name}: {arm.n} joints, tool {arm.tip!r}. One file for every command:",
         f"#   armgpi run {path}; compare, inspect, sweep, tune, play, certify, excite, export, bringup too,",
         f"#   armgpi identify log.armlog --robot {path}, armgpi export {path} --target {target}",
+        f"format: {FORMAT}",
         "robot:",
         *(f"  {key}: {_text(value)}" for key, value in section.items()),
         *(f"  # {joint!r} looks like a gripper, and is locked" for joint in hands),

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from armgpi.config.schema import ExperimentConfig
+from armgpi.config.schema import FORMAT, ExperimentConfig
 from armgpi.config.section import Path_, Section, Wrong
 from armgpi.errors import ConfigError
 from armgpi.robot import identified
@@ -176,6 +176,6 @@ def dump(config: ExperimentConfig, full: bool = True) -> str:
     """Return a configuration as YAML, every default written out, or what its file says alone."""
     import yaml
 
-    data = config.plain(given=not full)
+    data = {"format": FORMAT, **config.plain(given=not full)}
     text: str = yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
     return text

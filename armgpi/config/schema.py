@@ -15,7 +15,9 @@ from typing import Any, ClassVar, NamedTuple
 
 from armgpi.config.section import (
     Key,
+    Path_,
     Section,
+    Wrong,
     anything,
     by_shape,
     key_of,
@@ -41,6 +43,10 @@ from armgpi.references.paths import Path
 from armgpi.registry import classes_of, subclasses
 from armgpi.robot.changes import CHANGES
 from armgpi.supervisor import Supervisor
+from armgpi.version import other_format
+
+#: The format of experiment files.
+FORMAT = 1
 
 
 def _declare(said: str, unit: str = "", default: Any = REQUIRED, **facts: Any) -> Key:
@@ -305,10 +311,18 @@ class VarySection(Section):
     }
 
 
+def _known_format(value: Any, path: Path_) -> int:
+    """Read the format of a file; of another one nothing else is said."""
+    if value != FORMAT or isinstance(value, bool):
+        raise Wrong(path, other_format(value, FORMAT), misspelt=True)
+    return FORMAT
+
+
 class ExperimentConfig(Section):
     """A whole experiment file.
 
     Attributes:
+        format: of the file, which armgpi writes; a file without it is of the first.
         robot: which arm.
         plant: what it really is like.
         reality: instead of `plant`, a draw (`index`) of a reality by its name and seed. It also says sample
@@ -326,6 +340,7 @@ class ExperimentConfig(Section):
     """
 
     keys: ClassVar[Mapping[str, Key]] = {
+        "format": Key(_known_format, FORMAT),
         "robot": Key(RobotSection.read),
         "plant": Key(PlantSection.read, PlantSection()),
         "reality": Key(RealitySection.read, None, optional=True),

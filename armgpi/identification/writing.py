@@ -17,6 +17,7 @@ import pinocchio as pin
 
 from armgpi import files
 from armgpi.arrays import check_path
+from armgpi.config import schema
 from armgpi.errors import UrdfError
 from armgpi.identification.arm import Identified, Load, Validation
 from armgpi.identification.estimate import expect
@@ -279,6 +280,7 @@ def experiment_files(
     section |= {key: value for key, value in how.items() if value}
     section["rotor_inertia"] = dict(zip(robot.joint_names, rotors.tolist(), strict=True))
     experiment = {
+        "format": schema.FORMAT,
         "robot": section,
         "controllers": [{"type": "untuned"}],
         "reference": {"file": "reference.csv"},

@@ -39,7 +39,7 @@ from armgpi.control.controller import FullState, Measurement
 from armgpi.errors import NameNotFound, ParameterError, RolloutError
 from armgpi.references.reference import Target
 from armgpi.supervisor import Reason, State
-from armgpi.version import VERSION
+from armgpi.version import VERSION, other_format
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -253,7 +253,7 @@ def read(path: str | PathLike[str]) -> ArmLog:
         )
     version, length = (int(x) for x in np.frombuffer(content, "<u4", 2, 8))
     if version != VERSION_OF_FORMAT:
-        raise RolloutError(f"{source}: is a log of format {version}, expected {VERSION_OF_FORMAT}")
+        raise RolloutError(f"{source}: {other_format(version, VERSION_OF_FORMAT)}")
     if length > min(_LONGEST, len(content) - 16):
         raise RolloutError(f"{source}: its header of {length} bytes is not whole")
     header = _header(content[16 : 16 + length], source)

@@ -11,6 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 from armgpi.errors import RolloutError
+from armgpi.version import VERSION
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -137,8 +138,8 @@ class Provenance:
 @lru_cache(maxsize=4)
 def versions(*more: str) -> dict[str, str]:
     """Return the versions of what a rollout's numbers depend on, and of more packages."""
-    found = {}
-    for package in ("armgpi", "pin", "numpy", *more):
+    found = {"armgpi": VERSION}
+    for package in ("pin", "numpy", *more):
         try:
             found[package] = version(package)
         except PackageNotFoundError:

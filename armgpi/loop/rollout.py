@@ -40,6 +40,7 @@ from armgpi.loop.provenance import Provenance, versions
 from armgpi.loop.units import POSITION, TORQUE, VELOCITY
 from armgpi.robot.batch import AnyRobot
 from armgpi.supervisor import SIGNALS, Reason
+from armgpi.version import other_format
 
 if TYPE_CHECKING:  # functions that need it import it: with pandas it takes twice as long as Pinocchio
     import xarray as xr
@@ -427,7 +428,7 @@ def load(path: str | PathLike[str]) -> xr.Dataset:
     rollout = read_netcdf(source)
     found = rollout.attrs.get("armgpi_format")
     if not isinstance(found, int | np.integer) or found != FORMAT:
-        raise RolloutError(f"{source}: is no armgpi rollout of format {FORMAT} (armgpi_format = {found})")
+        raise RolloutError(f"{source}: {other_format(found, FORMAT)}")
     if missing := [name for name in _REQUIRED if name not in rollout]:
         raise RolloutError(f"{source}: is no whole armgpi rollout; it lacks {', '.join(missing)}")
     if damage := _damage(rollout):

@@ -15,6 +15,7 @@ from armgpi.gpi.weights import Weights
 from armgpi.loop.rollout import netcdf, read_netcdf
 from armgpi.parameter import parameters
 from armgpi.robot.batch import AnyRobot, check_robot
+from armgpi.version import other_format
 
 _FORMAT = "armgpi_weights"
 
@@ -60,6 +61,8 @@ def load_weights(path: str | PathLike[str], robot: AnyRobot) -> Weights:
     source = check_path(path, "path")
     check_robot(robot)
     found = read_netcdf(source)
+    if (known := found.attrs.get(_FORMAT, 1)) != 1:
+        raise RolloutError(f"{source}: {other_format(known, 1)}")
     if _FORMAT not in found.attrs or not set(found.data_vars) <= set(Tuning._fields):
         raise RolloutError(f"{source}: holds no weights of networks")
     joints = [str(name) for name in found["joint"].values] if "joint" in found else []

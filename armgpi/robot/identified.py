@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from armgpi.arrays import LARGEST
 from armgpi.errors import UrdfError
+from armgpi.version import other_format
 
 #: The file that makes a folder one of an identified arm, its version, and its largest size [bytes].
 NAME, FORMAT = "identification.json", 2
@@ -63,7 +64,7 @@ def read_data(path: Path) -> Mapping[str, Any]:
         raise UrdfError(path, f"cannot be read: {said}; {_REMEDY}") from None
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         known = data.get("format") if isinstance(data, dict) else None
-        raise UrdfError(path, f"is of format {known!r:.20}, expected {FORMAT}; {_REMEDY}")
+        raise UrdfError(path, f"{other_format(known, FORMAT)}; {_REMEDY}")
     return data
 
 

@@ -29,9 +29,10 @@ from armgpi.config.schema import ExperimentConfig
 from armgpi.errors import BackendError, RolloutError
 from armgpi.loop.provenance import versions
 from armgpi.robot import robots
+from armgpi.version import other_format
 
-#: The file of a folder that says what study it holds.
-IDENTITY = "study.json"
+#: The file of a folder that says what study it holds, and its format.
+IDENTITY, FORMAT = "study.json", 1
 #: Packages whose sources no number of a study depends on.
 _SHOWS = {"cli", "view", "hardware", "validation", "paper"}
 #: Largest file of identity, and longest first line of a chunk [bytes].
@@ -214,7 +215,8 @@ class Study:
             if not (there and (folder / copy).exists()):
                 files.write(folder / copy, content)
         if not there:
-            _write(folder, {"digest": identity.digest, "what": identity.what, "codes": codes})
+            own = {"digest": identity.digest, "what": identity.what, "codes": codes}
+            _write(folder, {"format": FORMAT, **own})
         return cls(folder, identity, codes, there)
 
     def place(self, name: str) -> Path:
@@ -315,12 +317,14 @@ def read_identity(folder: Path) -> dict[str, Any]:
         if not place.is_file() or place.stat().st_size > _MOST:
             raise RolloutError(f"{folder}: holds no study")
         known = json.loads(place.read_text(encoding="utf-8"))
+        if (found := known.get("format")) != FORMAT:
+            raise RolloutError(f"{place}: {other_format(found, FORMAT)}; choose another folder")
         if known["digest"] != _digest(dict(known["what"])) or not known["codes"]:
             raise ValueError
         if any(name != _digest(each) for name, each in known["codes"].items()):
             raise ValueError
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        raise RolloutError(f"{place}: is damaged, or of another version; choose another folder") from None
+        raise RolloutError(f"{place}: is damaged; choose another folder") from None
     return dict(known)
 
 

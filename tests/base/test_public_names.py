@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import subprocess
 import sys
+from enum import EnumMeta
 from pathlib import Path
 from types import ModuleType
 
@@ -13,6 +15,28 @@ import pytest
 import armgpi
 
 SOURCE = Path(armgpi.__file__)
+#: Each public name and its parameters. CONTRIBUTING.md says how one goes.
+SNAPSHOT = Path(__file__).with_name("public_names.txt")
+
+
+def parameters(name: str) -> list[str]:
+    """Return the parameters of a public name; none of a module, an exception or an enumeration."""
+    value = getattr(armgpi, name)
+    exception = isinstance(value, type) and issubclass(value, Exception)
+    return (
+        []
+        if exception or isinstance(value, EnumMeta) or not callable(value)
+        else [*inspect.signature(value).parameters]
+    )
+
+
+def test_no_public_name_or_parameter_goes_without_a_warning_first() -> None:
+    """A new name is added to the file by hand; an old one goes by the rule of CONTRIBUTING.md."""
+    known = {
+        name: words for name, *words in map(str.split, SNAPSHOT.read_text(encoding="utf-8").splitlines())
+    }
+    assert sorted(known) == armgpi.__all__
+    assert not {name: gone for name, words in known.items() if (gone := set(words) - set(parameters(name)))}
 
 
 @pytest.mark.parametrize("name", armgpi.__all__)
@@ -28,7 +52,8 @@ def test_every_public_name_loads(name: str) -> None:
 
 def test_what_type_checkers_see_is_what_is_loaded() -> None:
     tree = ast.parse(SOURCE.read_text(encoding="utf-8"))
-    (block,) = (node for node in tree.body if isinstance(node, ast.If))
+    blocks = [node for node in tree.body if isinstance(node, ast.If)]
+    (block,) = (node for node in blocks if ast.unparse(node.test) == "TYPE_CHECKING")
     seen = set()
     for statement in block.body:
         assert isinstance(statement, ast.ImportFrom)
@@ -55,6 +80,13 @@ def test_a_name_that_does_not_exist_is_an_attribute_error_like_everywhere() -> N
     with pytest.raises(AttributeError, match="module 'armgpi' has no attribute 'Robott'"):
         armgpi.Robott  # noqa: B018
     assert not hasattr(armgpi, "Robott")
+
+
+def test_windows_is_refused_in_a_line_that_says_what_to_do() -> None:
+    code = "import sys; sys.platform = 'win32'; import armgpi"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert run.returncode == 1
+    assert run.stderr.endswith("on Windows use it inside WSL 2 (wsl --install)\n")
 
 
 def test_import_armgpi_loads_nothing_heavy() -> None:

@@ -315,7 +315,7 @@ NANS = base64.b64encode(np.full(42, np.nan).tobytes()).decode()
 #: What is done to identification.json -> what is said of it.
 DAMAGED = {
     "no JSON": (lambda text: text[:100], "cannot be read"),
-    "a list": (lambda text: "[1]", "of format None, expected 2"),
+    "a list": (lambda text: "[1]", "of no format, expected 2"),
     "another version": (lambda text: text.replace('"format": 2', '"format": 3'), "of format 3, expected 2"),
     "another arm": (lambda text: text.replace('"q1"', '"q9"'), "expected q1, q2, q3"),
     "another hash": (lambda text: text.replace('"sha256": "', '"sha256": "0'), "was changed since"),

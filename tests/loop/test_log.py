@@ -171,7 +171,7 @@ def one_row(**values: Any) -> bytes:
         (b"", "no log of an arm"),
         (b"ARMGPILG", "no log of an arm"),
         (b"time,q_a\n", "no log of an arm"),
-        (content(GOOD, version=2), "format 2, expected 1"),
+        (content(GOOD, version=2), "format 2, expected 1; read it with"),
         (content(GOOD, length=1 << 31), "header of 2147483648 bytes is not whole"),
         (content(b"{"), "no JSON"),
         (content(b"[" * 100000), "no JSON"),

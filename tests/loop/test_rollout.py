@@ -140,14 +140,14 @@ def test_what_is_no_netcdf_is_refused(content: bytes, tmp_path: Path) -> None:
 def test_a_netcdf_of_somebody_else_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.nc"
     xr.Dataset({"q": ("time", np.zeros(3))}).to_netcdf(path, engine="h5netcdf")
-    assert f"no armgpi rollout of format {FORMAT}" in refused(path)
+    assert f"expected {FORMAT}; read it with" in refused(path)
 
 
 @pytest.mark.parametrize("found", [FORMAT + 1, "1", [1, 2]])
 def test_a_rollout_of_another_format_is_refused(found: object, tmp_path: Path) -> None:
     path = tmp_path / "a.nc"
     make().assign_attrs(armgpi_format=found).to_netcdf(path, engine="h5netcdf")
-    assert f"no armgpi rollout of format {FORMAT}" in refused(path)
+    assert f"expected {FORMAT}; read it with" in refused(path)
 
 
 @pytest.mark.parametrize(

@@ -213,6 +213,11 @@ def test_every_key_of_the_experiment_file_is_in_the_page_of_the_command_line() -
             )
 
 
+def test_the_citation_has_the_version() -> None:
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {armgpi.__version__}\n" in text
+
+
 def test_the_page_of_what_is_supported_names_every_target_back_end_plant_and_python() -> None:
     text = (ROOT / "docs" / "support.md").read_text(encoding="utf-8")
     versions = re.findall(r"Python :: (3\.\d+)", (ROOT / "pyproject.toml").read_text(encoding="utf-8"))

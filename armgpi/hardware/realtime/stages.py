@@ -17,6 +17,7 @@ from armgpi import files
 from armgpi.arrays import Array
 from armgpi.config import Experiment, build, check
 from armgpi.config.reading import Loaded, Origin, read_data
+from armgpi.config.schema import FORMAT
 from armgpi.errors import ConfigError
 from armgpi.gpi.law import GPI
 from armgpi.gpi.untuned import usual_effort
@@ -25,9 +26,10 @@ from armgpi.identification.excitation import FIRST_SHARE, excite
 from armgpi.references.bezier import minimum_duration
 from armgpi.references.reference import Reference
 from armgpi.references.waypoints import Waypoints
+from armgpi.version import other_format
 
-#: The list of stages in a folder, and the version of its form.
-INDEX, FORMAT = "stages.yaml", 1
+#: The list of stages in a folder, of the format of their experiments.
+INDEX = "stages.yaml"
 #: How far a joint is moved by hand in the dry run [rad or m], and how fast [rad/s or m/s].
 _BY_HAND, _HAND_SPEED = 0.15, 0.8
 #: Sampling of references that are written as tables [s], and acceleration of moves between them [rad/s^2].
@@ -158,6 +160,8 @@ def read(path: Path) -> Folder:
     if not (path / INDEX).is_file():
         raise ConfigError(str(path), "", f"has no {INDEX}: `armgpi bringup FILE -o {path}` writes the stages")
     data, origin = read_data(path / INDEX)
+    if (found := data.get("format")) != FORMAT:
+        raise ConfigError(origin.source, "format", other_format(found, FORMAT))
     try:
         rows = [
             Stage(str(x["name"]), str(x["kind"]), tuple(x["joints"]), tuple(map(float, x["way"])))
@@ -211,7 +215,7 @@ def _file(
 ) -> dict[str, Any]:
     """Return an experiment file: the arm's own with caps and a motion."""
     robot = experiment.robot
-    data = loaded.config.plain(given=True)
+    data = {"format": FORMAT, **loaded.config.plain(given=True)}
     if Path(data["robot"]["name"]).is_file():
         data["robot"]["name"] = str(Path(data["robot"]["name"]).resolve())
     own = data["reference"].get("file") if "reference" in data else None
