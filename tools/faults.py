@@ -588,26 +588,28 @@ def carried() -> list[str]:
     return [row for row in rows if not row.startswith(("| `fci`", "| `ur`", "| `ros2_control`", "| `bare`"))]
 
 
+def arms_table(rows: list[Worst]) -> str:
+    """Return the arms of each target, and which of its cases are not measured."""
+    lines = ["| target | arms | samples late | not measured |", "|---|---|---|---|"]
+    for target in dict.fromkeys(row.case.target for row in rows):
+        own = [row.case for row in rows if row.case.target == target]
+        arms = " and ".join(dict.fromkeys(f"{case.arm} at {1e3 * case.dt:g} ms" for case in own))
+        late = " or ".join(map(str, sorted(set(targets.EXPECTED[target].delays))))
+        without = "; ".join(
+            f"{case}, gravity by the {case.gravity}" for case in cases(target) if case not in own
+        )
+        lines.append(f"| `{target}` | {arms} | {late} | {without} |")
+    return "\n".join(lines)
+
+
 def page(rows: list[Worst], kept: list[str]) -> str:
     """Return the page."""
     head = Path(__file__).with_suffix(".head.md").read_text(encoding="utf-8")
     table = "\n".join(["| bound | measured | |", "|---|---|---|", *map(str, own_bounds(rows)), *kept])
     head = head.replace("BOUNDS", table).replace("NAMED", limits_table(rows)).replace("OPEN", open_loop())
-    arms = dict.fromkeys((row.case.target, f"{row.case.arm} at {1e3 * row.case.dt:g} ms") for row in rows)
-    listed = "; ".join(
-        f"`{target}` {' and '.join(arm for name, arm in arms if name == target)}, "
-        f"{' or '.join(map(str, sorted(set(targets.EXPECTED[target].delays))))} samples late"
-        for target in dict.fromkeys(name for name, _ in arms)
-    )
-    measured = {row.case for row in rows}
-    without = [case for target in targets.ARMS for case in cases(target) if case not in measured]
-    if without:
-        listed += ". **Not measured**: " + "; ".join(
-            f"`{x.target}` {x}, gravity by the {x.gravity}" for x in without
-        )
     for name, lines in (("MATRIX", matrix(rows)), ("BEYOND", beyond(rows))):
         head = head.replace(name, "\n".join(lines))
-    return head.replace("ARMS", listed).replace("COUNT", str(len(FAULTS)))
+    return head.replace("ARMS", arms_table(rows)).replace("COUNT", str(len(FAULTS)))
 
 
 def main() -> None:

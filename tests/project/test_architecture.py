@@ -52,7 +52,7 @@ def test_every_room_says_what_it_takes_and_gives() -> None:
 
 
 def test_the_files_to_begin_with_are_five_short_ones() -> None:
-    files = re.findall(r"^\d\. `(armgpi/\S+)`", section("Five files to begin with"), re.M)
+    files = re.findall(r"^\| `(armgpi/\S+)`", section("Five files to begin with"), re.M)
     assert len(files) == 5
     for file in files:
         assert len((ROOT / file).read_text(encoding="utf-8").splitlines()) < 250
