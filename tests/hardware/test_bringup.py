@@ -240,7 +240,7 @@ def test_the_commands_write_stages_and_judge_a_log(folder: Folder, tmp_path: Pat
 def test_what_is_no_bring_up_is_said(folder: Folder, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="is a log of no stage"):
         folder.stage(Path("motion.armlog"))
-    (tmp_path / stages.INDEX).write_text("stages: [1]\n")
+    (tmp_path / stages.INDEX).write_text("format: 1\nstages: [1]\n")
     with pytest.raises(ConfigError, match="no list that"):
         stages.read(tmp_path)
     assert {"pulse", "joint", "excite", "slow"} == set(CAPS)
