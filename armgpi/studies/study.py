@@ -215,8 +215,8 @@ class Study:
             if not (there and (folder / copy).exists()):
                 files.write(folder / copy, content)
         if not there:
-            own = {"digest": identity.digest, "what": identity.what, "codes": codes}
-            _write(folder, {"format": FORMAT, **own})
+            said = {"digest": identity.digest, "what": identity.what, "codes": codes}
+            _write(folder, {"format": FORMAT, **said})
         return cls(folder, identity, codes, there)
 
     def place(self, name: str) -> Path:
