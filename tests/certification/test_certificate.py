@@ -96,18 +96,25 @@ def test_the_checker_needs_the_standard_library_alone() -> None:
 
 @pytest.mark.parametrize("integrators", [1, 2, 3])
 @pytest.mark.parametrize("rolloff", [0, 1, 2])
-def test_the_checker_has_the_law_that_runs(integrators: int, rolloff: int) -> None:
+@pytest.mark.parametrize("delay", [0, 1, 3])
+def test_the_checker_has_the_law_that_runs(integrators: int, rolloff: int, delay: int) -> None:
     theta = 0.03
     law = {**LAW, "integrators": integrators, "rolloff": rolloff, "zeta": "0.8", "pole_ratio": "1.1"}
-    law |= {"second_ratio": "1.3", "second_zeta": "0.9"}
+    law |= {"second_ratio": "1.3", "second_zeta": "0.9", "delay": delay}
     A, K = (np.array(x, dtype=float) for x in checker.loop(checker.exact(law), Fraction(30))[1:3])
     bumpless = Bumpless(Member(integrators, rolloff, 4.0, 1.3, 0.9))
     c = bumpless.coefficients(Tuning(np.array(1.0), np.array(0.8), np.array(1.1)), theta)
     x = np.random.default_rng(0).standard_normal(len(A))
-    state = type(bumpless.init(np.array(0.0), c))(*x[2:])
-    v = bumpless.output(x[0], state, c)
+    parts = slice(0, 2), slice(2, len(A) - delay), slice(len(A) - delay, None)
+    (q, speed), own, past = (x[part] for part in parts)  # errors of the last samples are states
+    seen = past[-1] if delay else q
+    state = type(bumpless.init(np.array(0.0), c))(*own)
+    v = bumpless.output(seen, state, c)
+    moved, updated, remembered = ((A @ x)[part] for part in parts)
     np.testing.assert_allclose(K @ x, v, rtol=1e-12)
-    np.testing.assert_allclose((A @ x)[2:], bumpless.update(x[0], v, None, state, c), rtol=1e-12)
+    np.testing.assert_allclose(moved, [q + theta * speed, speed], rtol=1e-12)
+    np.testing.assert_allclose(updated, bumpless.update(seen, v, None, state, c), rtol=1e-12)
+    np.testing.assert_array_equal(remembered, [q, *past][:delay])
 
 
 def decimal(x: Fraction) -> str:

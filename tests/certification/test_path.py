@@ -17,8 +17,9 @@ from soundness import Course
 import armgpi
 from armgpi import GPI, Bezier, Encoder, FixedGains, Measurement, Robot, bound_path
 from armgpi.certification.channels import channel, sampled_loops
-from armgpi.certification.path import PathBound, _at_rest, _start
+from armgpi.certification.path import PathBound, _Around, _at_rest, _holds, _start, _torques, numbers_along
 from armgpi.certification.path_page import write_page
+from armgpi.certification.quantities import christoffel, slopes
 from armgpi.certification.stopping import Retimed, bound_stop
 from armgpi.errors import ParameterError
 from armgpi.gpi.gains import Tuning, betas
@@ -142,6 +143,8 @@ def test_bounds_grow_with_what_is_stated() -> None:
         assert (bound_path(law, PATH, 2.6, **more).error > least.error).all()
     loads = [ARM, ARM.with_payload(ARM.tip, 0.05)]
     assert (bound_path(law, PATH, 2.6, arms=loads).error > least.error).all()
+    resting = GPI(ARM, 1e-3, FixedGains(20.0), rest_dead_zone=1e-4)
+    assert (bound_path(resting, PATH, 2.6).error > least.error).all()
 
 
 def test_an_arm_that_is_far_from_its_model_has_no_bound_and_the_reason_says_why() -> None:
@@ -204,6 +207,32 @@ def test_friction_that_is_fed_forward_to_an_arm_without_it_disturbs() -> None:
     assert (np.abs(e) <= made.error).all()
     assert (np.abs(e).max(axis=0) > 0.05 * made.error).all()
     assert (np.abs(tau) <= made.torque).all()
+
+
+def test_what_grows_with_the_speed_of_the_error_is_the_slope_of_the_arms_torque() -> None:
+    rough = ARM.with_friction([0.3, 0.2, 0.1], 0.0)
+    wish = bound_path(GPI(ARM, 1e-3, FixedGains(20.0)), PATH, 2.6, arms=rough, friction=True).wish
+    at = wish.reference.at(np.array([0.8]))
+    slope = slopes(rough.mass_matrix, at.q)
+    around = _Around(at, at, at.q, at.q, at.q, at.v, christoffel(slope, at.v[:, None])[:, 0])
+    found = _torques(wish, rough, around, slope, wish.reference.at(wish.samples), np.zeros(3))["rate"][0]
+
+    def torque(v: Any) -> Any:
+        return rough.nonlinear_effects(at.q[0], v) + rough.friction.viscous * v
+
+    steps = 1e-4 * np.eye(3)
+    columns = [(torque(at.v[0] + step) - torque(at.v[0] - step)) / 2e-4 for step in steps]
+    np.testing.assert_allclose(found, np.transpose(columns), rtol=1e-6, atol=1e-9)
+
+
+def test_what_holds_the_arm_is_asked_for_wherever_in_a_count_it_is_measured() -> None:
+    law, nearly = GPI(ARM, 1e-3, FixedGains(20.0)), np.full(3, 1e-9)
+    wish = bound_path(law, PATH, 2.6, bits=4).wish._replace(reference=armgpi.Hold(GOAL))
+    known, v = numbers_along(wish, nearly, nearly), _holds(wish, ARM, GOAL[None])
+    measured = GOAL + np.random.default_rng(0).uniform(-wish.hidden, wish.hidden, (200, 3))
+    most = np.abs(ARM.inertia_times(measured, np.repeat(v, 200, axis=0))).max(axis=0)
+    assert (most <= known.hold).all()
+    assert (known.hold < 1.5 * most).all()
 
 
 def test_an_acceleration_that_jumps_is_seen_though_it_lasts_a_moment() -> None:

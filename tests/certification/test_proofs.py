@@ -142,6 +142,26 @@ def test_every_value_in_a_cell_is_within_the_hull_of_its_corners(
     assert found == np.prod(count)
 
 
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_what_solves_is_in_the_set_that_is_told_and_comes_to_its_edge(n: int) -> None:
+    """By support functions, where D^ is one matrix and r is odd."""
+    rng, signs = np.random.default_rng(n), quantities.corners(np.ones(n))
+    shares = []
+    for _ in range(30):
+        away = rng.uniform(-1.0, 1.0, (n, n))
+        away = 0.5 * (away + away.T) / max(1.0, 2.5 * float(np.linalg.norm(away, 2)))
+        nominal, r = np.repeat([np.eye(n) - away], len(signs), axis=0), signs @ rng.standard_normal((n, n))
+        nothing = np.zeros((n, n))
+        base = proofs._roots(nominal, nothing)
+        assert base is not None
+        known = proofs._Solved.of(signs.T / len(signs), base, nominal, r, nothing, np.zeros(n))
+        e, u = np.linalg.solve(nominal, r[..., None])[..., 0], rng.standard_normal((50, n))
+        most = np.abs(u @ known.along.T).sum(axis=1) + known.ball * np.linalg.norm(u, axis=1)
+        shares.append(((u @ e.T).max(axis=1) / most).max())
+        assert np.linalg.norm(e, axis=1).max() <= known.length * (1.0 + 1e-9)
+    assert 0.9 < max(shares) <= 1.0 + 1e-9
+
+
 @settings(max_examples=15)
 @given(
     robots(max_joints=3),

@@ -13,6 +13,7 @@ from strategies import robots
 
 import armgpi
 from armgpi.arrays import Array
+from armgpi.certification.asked import ask
 from armgpi.certification.quantities import (
     Points,
     Setting,
@@ -148,6 +149,14 @@ def test_the_numbers_of_motion_are_those_of_a_certificate_at_one_radian_per_seco
     made = armgpi.certify(arm, speed=1.0, payload=None)
     for name, value in motion(arm).items():
         assert 0.4 * float(made.data["numbers"][name]) <= value <= float(made.data["numbers"][name]), name
+
+
+def test_friction_that_is_stated_is_that_of_the_fastest_reference_and_at_rest_what_sticks() -> None:
+    arm = armgpi.Robot.load("anthropomorphic3").with_friction([0.3, 0.2, 0.1], [0.05, 0.04, 0.03])
+    for more, viscous in (({}, 0.0), ({"acceleration": 1.0}, 0.4)):
+        setting = ask(arm, 1e-3, speed=0.4, friction=True, **more).setting
+        np.testing.assert_allclose(setting.friction, viscous * np.array([0.3, 0.2, 0.1]) + [0.05, 0.04, 0.03])
+    assert not ask(arm, 1e-3, speed=0.4).setting.friction.any()
 
 
 def test_a_range_of_loads_tells_when_delta_leaves_the_certified_sector() -> None:

@@ -172,6 +172,22 @@ def test_every_number_of_a_file_has_one_name_that_tells_its_value_and_what_is_de
             keys.find(built, name)
 
 
+def test_a_number_of_a_reference_is_a_time_or_a_position_of_each_joint() -> None:
+    arm = armgpi.Robot.load("anthropomorphic3")
+    plant, law, points = armgpi.RigidBodyPlant(arm), GPI(arm, 1e-3), np.zeros((3, 3))
+    for reference in (
+        armgpi.Hold(points[0]),
+        armgpi.Bezier(points[0], points[1], 0.5),
+        armgpi.Waypoints(points, [0.2, 0.2], [0.1, 0.1, 0.1]),
+    ):
+        loop = armgpi.prepare(plant, law, reference, 0.1, backend="numpy")
+        own = {name: x for name, x in loop.parameters.items() if name.startswith("reference.")}
+        assert own
+        for name, x in own.items():
+            joints = np.size(x.value) == arm.n
+            assert (x.declared.per_joint, x.declared.unit) == (joints, "rad or m" if joints else "s"), name
+
+
 def test_what_a_loop_cannot_be_given_anew_is_swept_as_the_file_runs_with_it() -> None:
     data: dict[str, Any] = {"robot": {"name": "anthropomorphic3"}, "t_final": 0.05}
     vary: dict[str, Any] = {"controller.integrators": {}, "plant.delay": {}, "sample_time": {}}
