@@ -5,13 +5,10 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from armgpi.cli import options as opt
 from armgpi.cli.certify import (
-    Identified,
     joint_numbers,
     load_ends,
     note_believed,
@@ -24,67 +21,42 @@ from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import say
 from armgpi.escape import json_data
 
-_Robot = Annotated[
-    str,
-    typer.Argument(metavar="ROBOT", help="Path of an experiment file (YAML) or a URDF, or name of a robot."),
-]
-_Torque = Annotated[
-    str, typer.Option(metavar="NUMBERS", help="Torque of any course, on all joints at once [N m or N].")
-]
-_Force = Annotated[
-    float, typer.Option(metavar="NUMBER", help="Force at the tool, of any direction and course [N].")
-]
-_Friction = Annotated[
-    bool, typer.Option("--friction", metavar=opt.FLAG, help="The robot's friction acts; plant.friction too.")
-]
-_Within = Annotated[
-    float | None,
-    typer.Option(
-        metavar="SHARE", help="Friction acts, and is larger or smaller by up to this share, as 0.2."
-    ),
-]
-_Payload = Annotated[
-    str | None, typer.Option(metavar="KG:KG", help="Load at the tip between two ends, as '0:1'.")
-]
-_Start = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME",
-        help="wrong-load: the first torque is that of the controller's model; held: the loop held the arm.",
-    ),
-]
-_Controller = Annotated[
-    str | None,
-    typer.Option(
-        *("--controller", "--controllers"),
-        metavar="NAME",
-        help="gpi or untuned. Default: the file's, else gpi, or untuned with an encoder or delay.",
-    ),
-]
-_ToolSpeed = Annotated[
-    float | None,
-    typer.Option(metavar="NUMBER", help="How far the supervisor's stop takes from this tool speed [m/s]."),
-]
-_Out = Annotated[Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the bound (JSON).")]
+#: Its options; see :func:`armgpi.cli.options.with_rows`.
+ROWS = {
+    "robot <ROBOT>": "Path of an experiment file (YAML) or a URDF, or name of a robot.",
+    "torque NUMBERS": "Torque of any course, on all joints at once [N m or N].",
+    "force NUMBER": "Force at the tool, of any direction and course [N].",
+    "friction": "The robot's friction acts; plant.friction too.",
+    "friction_within SHARE": "Friction acts, and is larger or smaller by up to this share, as 0.2.",
+    "payload KG:KG": "Load at the tip between two ends, as '0:1'.",
+    "start NAME": "wrong-load: the first torque is that of the controller's model; held: the loop held the "
+    "arm.",
+    "tool_speed NUMBER": "How far the supervisor's stop takes from this tool speed [m/s].",
+    "identified FILE": "identification.json: the arm is one of those that it leaves possible, with 95 % "
+    "confidence.",
+    "controller --controller --controllers NAME": "gpi or untuned. Default: the file's, else gpi, or untuned "
+    "with an encoder or delay.",
+    "out --out -o FILE": "Write the bound (JSON).",
+}
 
 
 @stoppable
 def bound(
-    robot: _Robot,
-    torque: _Torque = "0",
-    force: _Force = 0.0,
-    friction: _Friction = False,
-    friction_within: _Within = None,
-    payload: _Payload = None,
-    start: _Start = "wrong-load",
-    tool_speed: _ToolSpeed = None,
-    identified: Identified = None,
-    controller: _Controller = None,
-    rotor_inertia: opt.RotorInertia = None,
-    drives: opt.Drives = None,
-    out: _Out = None,
-    report: opt.Report = None,
-    as_json: opt.Json = False,
+    robot: str,
+    torque: str = "0",
+    force: float = 0.0,
+    friction: bool = False,
+    friction_within: float | None = None,
+    payload: str | None = None,
+    start: str = "wrong-load",
+    tool_speed: float | None = None,
+    identified: Path | None = None,
+    controller: str | None = None,
+    rotor_inertia: list[str] | None = None,
+    drives: Path | None = None,
+    out: Path | None = None,
+    report: Path | None = None,
+    as_json: bool = False,
 ) -> None:
     """Bound the error along the reference of an experiment, in millimetres at the tool.
 

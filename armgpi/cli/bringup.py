@@ -5,11 +5,8 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from armgpi.cli import options as opt
 from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
 from armgpi.cli.terminal import say
 
@@ -17,24 +14,18 @@ if TYPE_CHECKING:
     from armgpi.hardware.realtime.judge import Verdict
     from armgpi.hardware.realtime.stages import Folder, Stage
 
-_What = Annotated[
-    list[str],
-    typer.Argument(
-        metavar="FILE | check LOG...",
-        help="Experiment file of the arm; or 'check' and logs of stages, which have the stages' names.",
-        show_default=False,
-    ),
-]
-_Out = Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="Where the stages go.")]
-_Floor = Annotated[
-    float | None,
-    typer.Option(metavar="METRES", help="Height that all links stay above while the arm is excited."),
-]
+#: Its options; see :func:`armgpi.cli.options.with_rows`.
+ROWS = {
+    "what <FILE | check LOG...>": "Experiment file of the arm; or 'check' and logs of stages, which have the "
+    "stages' names.",
+    "out --out -o FOLDER": "Where the stages go.",
+    "floor METRES": "Height that all links stay above while the arm is excited.",
+}
 
 
 @stoppable
 def bringup(
-    what: _What, out: _Out = Path("bringup"), floor: _Floor = None, as_json: opt.Json = False
+    what: list[str], out: Path = Path("bringup"), floor: float | None = None, as_json: bool = False
 ) -> None:
     """Write the stages from a dry run to full speed, each with its caps, or judge their logs.
 

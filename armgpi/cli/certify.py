@@ -6,9 +6,7 @@ import json
 import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from armgpi.cli import options as opt
 from armgpi.cli.derive import write
@@ -20,155 +18,84 @@ from armgpi.escape import json_data
 if TYPE_CHECKING:
     from armgpi.certification.certificate import Certificate
 
-_Payload = Annotated[
-    str | None,
-    typer.Option(metavar="KG:KG", help="Lightest and heaviest load at the tip, as '0:3'; none by default."),
-]
-_Speed = Annotated[
-    str,
-    typer.Option(
-        metavar="NUMBERS",
-        help="Speed of each joint of the reference at most [rad/s or m/s]; where it rests, of an error that "
-        "moves D(q) as much.",
-    ),
-]
-_Acceleration = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NUMBERS",
-        help="Acceleration of the reference [rad/s² or m/s²]: then the errors of moving are bounded as well.",
-    ),
-]
-_Box = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE",
-        help="YAML with the configurations of the reference: around and by, or lower and upper; the joint "
-        "ranges by default.",
-    ),
-]
-_Radius = Annotated[
-    str, typer.Option(metavar="NUMBERS", help="How far the arm may be from its reference [rad or m].")
-]
-_Torque = Annotated[
-    str | None, typer.Option(metavar="NUMBERS", help="Disturbance torque, of any course [N m or N].")
-]
-_Omega = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NUMBER",
-        help="Natural frequency [rad/s]; as armgpi run takes it. '22:40' for one that moves.",
-    ),
-]
-_Rate = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NUMBER",
-        help="rho of abs(d omega/dt) <= rho omega^2, one for all joints; 'auto' for the largest found.",
-    ),
-]
-_Zeta = Annotated[float, typer.Option(metavar="NUMBER", help="Damping ratio.")]
-_Pole = Annotated[float | None, typer.Option("--p", metavar="NUMBER", help="Real pole [rad/s]; omega.")]
-_Integrators = Annotated[int, typer.Option(metavar="NUMBER", help="Number of integrators: 1 to 3.")]
-_Rolloff = Annotated[int, typer.Option(metavar="NUMBER", help="Poles that roll off the noise: 0 to 2.")]
-_Ratio = Annotated[float, typer.Option(metavar="NUMBER", help="Roll-off poles over omega.")]
-_Ahead = Annotated[str, typer.Option(metavar="NAME", help="Feedforward: none, gravity or model.")]
-_Friction = Annotated[
-    bool, typer.Option("--friction", metavar=opt.FLAG, help="The URDF's joint friction disturbs.")
-]
-_Jump = Annotated[
-    bool,
-    typer.Option(
-        "--jump", metavar=opt.FLAG, help="The load may jump from one end of its range to the other."
-    ),
-]
-_Law = Annotated[
-    str | None,
-    typer.Option(
-        *("--controller", "--controllers"),
-        metavar="NAME",
-        help="gpi by default; or untuned, what the rule for untuned arms makes, with one omega.",
-    ),
-]
-_Start = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME",
-        help="How a run starts: wrong-load, with the torque of another load of the range, as GPI does; held, "
-        "as the loop has held the arm so far; or exact, with the torque that holds its load.",
-    ),
-]
-_Prove = Annotated[
-    bool,
-    typer.Option("--prove", metavar=opt.FLAG, help="Prove the numbers of the arm, as far as --budget does."),
-]
-_Budget = Annotated[
-    float, typer.Option(metavar="SECONDS", help="Processor time for the proof of each number of the arm.")
-]
-Identified = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE",
-        help="identification.json: the arm is one of those that it leaves possible, with 95 % confidence.",
-    ),
-]
+#: Its options; see :func:`armgpi.cli.options.with_rows`.
+ROWS = {
+    "speed NUMBERS": "Speed of each joint of the reference at most [rad/s or m/s]; where it rests, of an "
+    "error that moves D(q) as much.",
+    "payload KG:KG": "Lightest and heaviest load at the tip, as '0:3'; none by default.",
+    "box FILE": "YAML with the configurations of the reference: around and by, or lower and upper; the joint "
+    "ranges by default.",
+    "acceleration NUMBERS": "Acceleration of the reference [rad/s² or m/s²]: then the errors of moving are "
+    "bounded as well.",
+    "torque NUMBERS": "Disturbance torque, of any course [N m or N].",
+    "radius NUMBERS": "How far the arm may be from its reference [rad or m].",
+    "omega NUMBER": "Natural frequency [rad/s]; as armgpi run takes it. '22:40' for one that moves.",
+    "rate NUMBER": "rho of abs(d omega/dt) <= rho omega^2, one for all joints; 'auto' for the largest found.",
+    "zeta NUMBER": "Damping ratio.",
+    "pole --p NUMBER": "Real pole [rad/s]; omega.",
+    "integrators NUMBER": "Number of integrators: 1 to 3.",
+    "rolloff NUMBER": "Poles that roll off the noise: 0 to 2.",
+    "rolloff_ratio NUMBER": "Roll-off poles over omega.",
+    "feedforward NAME": "Feedforward: none, gravity or model.",
+    "delay SAMPLES": "By how much measurements are late.",
+    "friction": "The URDF's joint friction disturbs.",
+    "jump": "The load may jump from one end of its range to the other.",
+    "start NAME": "How a run starts: wrong-load, with the torque of another load of the range, as GPI does; "
+    "held, as the loop has held the arm so far; or exact, with the torque that holds its load.",
+    "controller --controller --controllers NAME": "gpi by default; or untuned, what the rule for untuned "
+    "arms makes, with one omega.",
+    "prove": "Prove the numbers of the arm, as far as --budget does.",
+    "budget SECONDS": "Processor time for the proof of each number of the arm.",
+    "out --out -o FILE": "Write the certificate file (JSON).",
+    "refute FILE": "Try to refute the numbers of this certificate by 20,000 configurations instead.",
+    "identified FILE": "identification.json: the arm is one of those that it leaves possible, with 95 % "
+    "confidence.",
+}
 #: Arms drawn in whose hull the true one is taken to be, so many times as far from the estimate as drawn; and
 #: more that are held against what follows: none of 59 outside says with 95 % confidence that 95 % are inside
 #: (0.95^59 < 0.05).
 _DRAWN, _FARTHER, _TRIED = 12, 2.5, 59
-_Out = Annotated[
-    Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the certificate file (JSON).")
-]
-_Refute = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE", help="Try to refute the numbers of this certificate by 20,000 configurations instead."
-    ),
-]
-_Samples = Annotated[
-    int | None, typer.Option("--delay", metavar="SAMPLES", help="By how much measurements are late.")
-]
 
 
 @stoppable
 def certify(
-    robot: opt.Arm,
-    speed: _Speed = "0.2",
-    payload: _Payload = None,
-    box: _Box = None,
-    acceleration: _Acceleration = None,
-    torque: _Torque = None,
-    radius: _Radius = "0.02",
-    omega: _Omega = None,
-    rate: _Rate = None,
-    zeta: _Zeta = 1.0,
-    pole: _Pole = None,
-    integrators: _Integrators = 2,
-    rolloff: _Rolloff = 0,
-    rolloff_ratio: _Ratio = 4.0,
-    feedforward: _Ahead = "none",
-    dt: opt.SampleTime = None,
-    delay: _Samples = None,
-    encoder_bits: opt.Bits = None,
-    friction: _Friction = False,
-    jump: _Jump = False,
-    start: _Start = "wrong-load",
-    controller: _Law = None,
-    lock: opt.Lock = None,
-    keep: opt.Keep = None,
-    mimic: opt.Mimic = None,
-    repair: opt.Repair = None,
-    package_dir: opt.PackageDir = None,
-    effort: opt.Effort = None,
-    rotor_inertia: opt.RotorInertia = None,
-    drives: opt.Drives = None,
-    prove: _Prove = False,
-    budget: _Budget = 30.0,
-    out: _Out = None,
-    report: opt.Report = None,
-    refute: _Refute = None,
-    identified: Identified = None,
-    as_json: opt.Json = False,
+    robot: str,
+    speed: str = "0.2",
+    payload: str | None = None,
+    box: Path | None = None,
+    acceleration: str | None = None,
+    torque: str | None = None,
+    radius: str = "0.02",
+    omega: str | None = None,
+    rate: str | None = None,
+    zeta: float = 1.0,
+    pole: float | None = None,
+    integrators: int = 2,
+    rolloff: int = 0,
+    rolloff_ratio: float = 4.0,
+    feedforward: str = "none",
+    dt: float | None = None,
+    delay: int | None = None,
+    encoder_bits: int | None = None,
+    friction: bool = False,
+    jump: bool = False,
+    start: str = "wrong-load",
+    controller: str | None = None,
+    lock: list[str] | None = None,
+    keep: list[str] | None = None,
+    mimic: str | None = None,
+    repair: list[str] | None = None,
+    package_dir: list[Path] | None = None,
+    effort: list[str] | None = None,
+    rotor_inertia: list[str] | None = None,
+    drives: Path | None = None,
+    prove: bool = False,
+    budget: float = 30.0,
+    out: Path | None = None,
+    report: Path | None = None,
+    refute: Path | None = None,
+    identified: Path | None = None,
+    as_json: bool = False,
 ) -> None:
     """Bound the whole arm's error under GPI, so that another program can check it exactly.
 

@@ -3,47 +3,36 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from armgpi.cli import options as opt
 from armgpi.cli.parsing import refusal, split, stoppable
 from armgpi.cli.terminal import say
 from armgpi.cli.tune import show
 from armgpi.escape import json_data
 
+#: Its options; see :func:`armgpi.cli.options.with_rows`.
+ROWS = {
+    "arms <[ROBOT]...>": "Which ones; ur5, panda, kinova and the paper's arm.",
+    "out --out -o FOLDER": "Where the contest and its tables go.",
+    "laws --controllers --law NAMES": "Which ones; may be repeated. All by default.",
+    "evaluations": "Candidates for each law, arm and seed.",
+    "seeds": "Searches of each law and arm.",
+    "reality NAME": "What the arms are: bare, geared or elastic.",
+    "quick": "A small contest, of minutes for one arm.",
+}
+
 
 @stoppable
 def contend(
-    arms: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="[ROBOT]...",
-            help="Which ones; ur5, panda, kinova and the paper's arm.",
-            show_default=False,
-        ),
-    ] = None,
-    out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="FOLDER", help="Where the contest and its tables go.")
-    ] = Path("contest"),
-    laws: Annotated[
-        list[str] | None,
-        typer.Option(
-            *("--controllers", "--law"), metavar="NAMES", help="Which ones; may be repeated. All by default."
-        ),
-    ] = None,
-    evaluations: Annotated[int, typer.Option(help="Candidates for each law, arm and seed.")] = 481,
-    seeds: Annotated[int, typer.Option(help="Searches of each law and arm.")] = 2,
-    reality: Annotated[
-        str, typer.Option(metavar="NAME", help="What the arms are: bare, geared or elastic.")
-    ] = "bare",
-    quick: Annotated[
-        bool, typer.Option("--quick", metavar=opt.FLAG, help="A small contest, of minutes for one arm.")
-    ] = False,
-    accept_code: opt.AcceptCode = False,
-    report: opt.Report = None,
-    as_json: opt.Json = False,
+    arms: list[str] | None = None,
+    out: Path = Path("contest"),
+    laws: list[str] | None = None,
+    evaluations: int = 481,
+    seeds: int = 2,
+    reality: str = "bare",
+    quick: bool = False,
+    accept_code: bool = False,
+    report: Path | None = None,
+    as_json: bool = False,
 ) -> None:
     """Tune every law alike, for several budgets of torque variation, and judge them on what none has seen.
 

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from armgpi import files
-from armgpi.cli import options as opt
 from armgpi.cli.parsing import locks, refusal, split
 from armgpi.cli.terminal import say
 from armgpi.errors import RolloutError
@@ -16,33 +13,23 @@ from armgpi.errors import RolloutError
 if TYPE_CHECKING:
     from armgpi.robot.robot import Robot
 
-RobotName = Annotated[
-    str,
-    typer.Argument(
-        metavar="ROBOT",
-        help="Name of a robot (see `armgpi robots`) or path of a URDF file.",
-        show_default=False,
-    ),
-]
-Latex = Annotated[bool, typer.Option("--latex", metavar=opt.FLAG, help="LaTeX instead of a Python module.")]
-Numbers = Annotated[
-    bool,
-    typer.Option("--numbers", metavar=opt.FLAG, help="Values in place of symbols for masses and lengths."),
-]
-Out = Annotated[
-    Path | None,
-    typer.Option("--out", "-o", metavar="FILE", help="Where to write it; the screen by default."),
-]
+#: Its options; see :func:`armgpi.cli.options.with_rows`.
+ROWS = {
+    "robot <ROBOT>": "Name of a robot (see `armgpi robots`) or path of a URDF file.",
+    "latex": "LaTeX instead of a Python module.",
+    "numbers": "Values in place of symbols for masses and lengths.",
+    "out --out -o FILE": "Where to write it; the screen by default.",
+}
 
 
 def derive(
-    robot: RobotName,
-    latex: Latex = False,
-    numbers: Numbers = False,
-    lock: opt.Lock = None,
-    keep: opt.Keep = None,
-    package_dir: opt.PackageDir = None,
-    out: Out = None,
+    robot: str,
+    latex: bool = False,
+    numbers: bool = False,
+    lock: list[str] | None = None,
+    keep: list[str] | None = None,
+    package_dir: list[Path] | None = None,
+    out: Path | None = None,
 ) -> None:
     """Derive D, C and G of an arm of up to four joints in closed form.
 

@@ -11,7 +11,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
-from armgpi.cli import options as opt
 from armgpi.cli.parsing import FAILED
 from armgpi.cli.terminal import say
 
@@ -51,7 +50,7 @@ class Check(NamedTuple):
     repair: str = ""
 
 
-def doctor(as_json: opt.Json = False) -> None:
+def doctor(as_json: bool = False) -> None:
     """Check the installation: which Pinocchio is imported, which extras are there, what is in the way."""
     checks = diagnose()
     if as_json:

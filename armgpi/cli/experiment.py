@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 @opt.add_options(opt.experiment, opt.results)
 def run(
     context: typer.Context,
-    robot: opt.RobotName = None,
-    controller: opt.Controller = None,
+    robot: str | None = None,
+    controller: str | None = None,
     **options: Any,
 ) -> None:
     """Simulate one controller on a robot and print how well it tracked.
@@ -49,8 +49,8 @@ def run(
 @opt.add_options(opt.experiment, opt.results)
 def compare(
     context: typer.Context,
-    robot: opt.RobotName = None,
-    controllers: opt.Controllers = None,
+    robot: str | None = None,
+    controllers: str | None = None,
     **options: Any,
 ) -> None:
     """Simulate several controllers on the same robot and print one table.

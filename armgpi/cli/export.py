@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -19,76 +19,25 @@ if TYPE_CHECKING:
     from armgpi.hardware.export.files import Export
     from armgpi.loop.log import ArmLog
 
-Folder = Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="Where to put it.")]
-Real = Annotated[
-    str,
-    typer.Option(metavar="TYPE", help="Number type in C: double (default) or float.", show_default=False),
-]
-OnFault = Annotated[
-    str | None,
-    typer.Option(
-        "--on-fault",
-        metavar="TORQUE",
-        help="Torque in FAULT, without a measurement: brake (default), hold or zero.",
-        show_default=False,
-    ),
-]
-Frozen = Annotated[
-    int | None,
-    typer.Option(
-        metavar="SAMPLES",
-        help="Samples that make a measurement frozen that should change; 0 for no such check; "
-        "those of 0.05 s, and of the delay, by default.",
-    ),
-]
-Jump = Annotated[
-    float | None,
-    typer.Option(
-        metavar="SAMPLES",
-        help="Samples of travel at the velocity limit that a measurement may take at once: 2 by default, "
-        "0 for no such check.",
-        show_default=False,
-    ),
-]
-TorqueRate = Annotated[
-    str | None,
-    typer.Option(
-        "--torque-rate",
-        metavar="NUMBERS",
-        help="Highest rate of change of torque [N m/s or N/s], in every state: 'j1=1000,j2=500', or one "
-        "number for all; no limit by default.",
-        show_default=False,
-    ),
-]
-TargetName = Annotated[
-    str,
-    typer.Option(
-        "--target",
-        metavar="NAME",
-        help="What is added to the C: bare (default) nothing, fci callbacks for libfranka, ur a loop for "
-        "RTDE, ros2_control a plugin. The robots of fci and ur add gravity and have their own sample time: "
-        "--gravity is robot for them, and --dt 0.001 for fci, 0.002 for ur.",
-        show_default=False,
-    ),
-]
-Prefix = Annotated[
-    str | None,
-    typer.Option(
-        "--name",
-        metavar="NAME",
-        help="What files, functions, types and macros begin with: 'left_arm' makes left_arm.h and "
-        "left_arm_step; armgpi by default. With one each, several controllers go into one program.",
-        show_default=False,
-    ),
-]
-DirectDrive = Annotated[
-    bool,
-    typer.Option(
-        "--direct-drive",
-        metavar=opt.FLAG,
-        help="Motors without gears: no rotors are believed (--drives rigid); for bare and ros2_control.",
-    ),
-]
+#: Its options; see :func:`armgpi.cli.options.with_rows`.
+ROWS = {
+    "out --out -o FOLDER": "Where to put it.",
+    "real TYPE": "Number type in C: double (default) or float.",
+    "name NAME": "What files, functions, types and macros begin with: 'left_arm' makes left_arm.h and "
+    "left_arm_step; armgpi by default. With one each, several controllers go into one program.",
+    "on_fault TORQUE": "Torque in FAULT, without a measurement: brake (default), hold or zero.",
+    "frozen SAMPLES": "Samples that make a measurement frozen that should change; 0 for no such check; those "
+    "of 0.05 s, and of the delay, by default.",
+    "jump SAMPLES": "Samples of travel at the velocity limit that a measurement may take at once: 2 by "
+    "default, 0 for no such check.",
+    "torque_rate NUMBERS": "Highest rate of change of torque [N m/s or N/s], in every state: "
+    "'j1=1000,j2=500', or one number for all; no limit by default.",
+    "target NAME": "What is added to the C: bare (default) nothing, fci callbacks for libfranka, ur a loop "
+    "for RTDE, ros2_control a plugin. The robots of fci and ur add gravity and have their own sample time: "
+    "--gravity is robot for them, and --dt 0.001 for fci, 0.002 for ur.",
+    "direct_drive": "Motors without gears: no rotors are believed (--drives rigid); for bare and "
+    "ros2_control.",
+}
 #: Postures of a motion in which an arm's links may touch.
 _LOOKED = 200
 #: Of the catalogue, those that have no direct torque.
@@ -101,17 +50,17 @@ _JUST_BELOW = 1.0 - 1e-6
 @opt.add_options(opt.experiment, opt.printing)
 def export(
     context: typer.Context,
-    robot: opt.RobotName = None,
-    out: Folder = Path("exported"),
-    real: Real = "double",
-    name: Prefix = None,
-    on_fault: OnFault = None,
-    frozen: Frozen = None,
-    jump: Jump = None,
-    torque_rate: TorqueRate = None,
-    target: TargetName = "bare",
-    direct_drive: DirectDrive = False,
-    controller: opt.Controller = None,
+    robot: str | None = None,
+    out: Path = Path("exported"),
+    real: str = "double",
+    name: str | None = None,
+    on_fault: str | None = None,
+    frozen: int | None = None,
+    jump: float | None = None,
+    torque_rate: str | None = None,
+    target: str = "bare",
+    direct_drive: bool = False,
+    controller: str | None = None,
     **options: Any,
 ) -> None:
     """Write a controller as freestanding C99 for hardware, with a log to replay.

@@ -3,114 +3,57 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from armgpi import files
-from armgpi.cli import options as opt
 from armgpi.cli.certify import load_arm
 from armgpi.cli.parsing import is_experiment, per_joint, stoppable
 from armgpi.cli.terminal import console, natural_width, say
 from armgpi.errors import ParameterError
 
-_Logs = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="LOG...",
-        help="Logs of one arm: .armlog, CSV with time, q_JOINT and tau_JOINT, MCAP, or a rollout (NetCDF).",
-        show_default=False,
-    ),
-]
-_Robot = Annotated[
-    str, typer.Option("--robot", metavar="ROBOT", help="The arm as its file has it: URDF or name.")
-]
-_Validate = Annotated[
-    Path | None, typer.Option(metavar="LOG", help="Another log, on which the model is judged.")
-]
-_Out = Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="Where the files go.")]
-_NoGravity = Annotated[
-    bool,
-    typer.Option(
-        "--no-gravity", metavar=opt.FLAG, help="The torques do not carry the arm's weight: the arm adds that."
-    ),
-]
-_Current = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NUMBERS",
-        help="Torque constants at the joints [N m/A], for logs with currents as tau, such as 'j1=10,j2=12'.",
-    ),
-]
-_Resonance = Annotated[
-    Path | None,
-    typer.Option(metavar="LOG", help="A log of excite --resonance: stiffness of the gears, first mode."),
-]
-_Load = Annotated[
-    Path | None, typer.Option(metavar="LOG", help="A log of the same arm with a load at its tip: what it is.")
-]
-_Columns = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAMES",
-        help="What columns of CSV files are called: 'time=t,q=pos_JOINT,tau=i_NUMBER' (from 1).",
-    ),
-]
-_Shake = Annotated[
-    bool,
-    typer.Option(
-        "--resonance", metavar=opt.FLAG, help="Joint by joint, 2 to 60 Hz, in a few degrees: shows the gears."
-    ),
-]
-_Box = Annotated[
-    str | None,
-    typer.Option(metavar="NUMBERS", help="Two corners of a box that links stay out of: x,y,z,x,y,z [m]."),
-]
-_Anyway = Annotated[
-    bool, typer.Option("--anyway", metavar=opt.FLAG, help="Fit although the check before it fails.")
-]
-_Seconds = Annotated[float, typer.Option(metavar="SECONDS", help="How long the motion is.")]
-_Share = Annotated[
-    float | None,
-    typer.Option(
-        metavar="NUMBER",
-        help="Share of the limits of speed and torque; 0.7, 0.25 for --first, 0.4 for --resonance.",
-    ),
-]
-_First = Annotated[
-    bool,
-    typer.Option(
-        "--first",
-        metavar=opt.FLAG,
-        help="For an arm of which nothing but the file is known: slower, with believed rotors.",
-    ),
-]
-_Floor = Annotated[
-    float | None,
-    typer.Option(metavar="METRES", help="Height that all links stay above."),
-]
-_Seed = Annotated[int, typer.Option(metavar="NUMBER", help="Another motion.")]
+#: Its options; see :func:`armgpi.cli.options.with_rows`.
+ROWS = {
+    "logs <LOG...>": "Logs of one arm: .armlog, CSV with time, q_JOINT and tau_JOINT, MCAP, or a rollout "
+    "(NetCDF).",
+    "identify.robot ROBOT": "The arm as its file has it: URDF or name.",
+    "validate LOG": "Another log, on which the model is judged.",
+    "no_gravity": "The torques do not carry the arm's weight: the arm adds that.",
+    "current NUMBERS": "Torque constants at the joints [N m/A], for logs with currents as tau, such as "
+    "'j1=10,j2=12'.",
+    "columns NAMES": "What columns of CSV files are called: 'time=t,q=pos_JOINT,tau=i_NUMBER' (from 1).",
+    "identify.resonance LOG": "A log of excite --resonance: stiffness of the gears, first mode.",
+    "excite.resonance": "Joint by joint, 2 to 60 Hz, in a few degrees: shows the gears.",
+    "load LOG": "A log of the same arm with a load at its tip: what it is.",
+    "anyway": "Fit although the check before it fails.",
+    "out --out -o FOLDER": "Where the files go.",
+    "seconds SECONDS": "How long the motion is.",
+    "share NUMBER": "Share of the limits of speed and torque; 0.7, 0.25 for --first, 0.4 for --resonance.",
+    "first": "For an arm of which nothing but the file is known: slower, with believed rotors.",
+    "floor METRES": "Height that all links stay above.",
+    "box NUMBERS": "Two corners of a box that links stay out of: x,y,z,x,y,z [m].",
+    "seed NUMBER": "Another motion.",
+}
 
 
 @stoppable
 def identify(
-    logs: _Logs,
-    robot: _Robot,
-    validate: _Validate = None,
-    no_gravity: _NoGravity = False,
-    current: _Current = None,
-    columns: _Columns = None,
-    resonance: _Resonance = None,
-    load: _Load = None,
-    anyway: _Anyway = False,
-    lock: opt.Lock = None,
-    keep: opt.Keep = None,
-    mimic: opt.Mimic = None,
-    repair: opt.Repair = None,
-    package_dir: opt.PackageDir = None,
-    out: _Out = Path("identified"),
-    report: opt.Report = None,
-    as_json: opt.Json = False,
+    logs: list[Path],
+    robot: str,
+    validate: Path | None = None,
+    no_gravity: bool = False,
+    current: str | None = None,
+    columns: str | None = None,
+    resonance: Path | None = None,
+    load: Path | None = None,
+    anyway: bool = False,
+    lock: list[str] | None = None,
+    keep: list[str] | None = None,
+    mimic: str | None = None,
+    repair: list[str] | None = None,
+    package_dir: list[Path] | None = None,
+    out: Path = Path("identified"),
+    report: Path | None = None,
+    as_json: bool = False,
 ) -> None:
     """Identify an arm from logs of measured positions and commanded torques.
 
@@ -182,21 +125,21 @@ def _corners(text: str | None) -> list[list[float]] | None:
 
 @stoppable
 def excite(
-    robot: opt.Arm,
-    seconds: _Seconds = 20.0,
-    share: _Share = None,
-    first: _First = False,
-    resonance: _Shake = False,
-    floor: _Floor = None,
-    box: _Box = None,
-    seed: _Seed = 0,
-    lock: opt.Lock = None,
-    keep: opt.Keep = None,
-    mimic: opt.Mimic = None,
-    repair: opt.Repair = None,
-    package_dir: opt.PackageDir = None,
-    drives: opt.Drives = None,
-    out: _Out = Path("excite"),
+    robot: str,
+    seconds: float = 20.0,
+    share: float | None = None,
+    first: bool = False,
+    resonance: bool = False,
+    floor: float | None = None,
+    box: str | None = None,
+    seed: int = 0,
+    lock: list[str] | None = None,
+    keep: list[str] | None = None,
+    mimic: str | None = None,
+    repair: list[str] | None = None,
+    package_dir: list[Path] | None = None,
+    drives: Path | None = None,
+    out: Path = Path("excite"),
 ) -> None:
     """Write a motion from which an arm can be identified, and the experiment that runs it.
 

@@ -7,9 +7,7 @@ import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
-
-import typer
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from armgpi.cli import options as opt
 from armgpi.cli.parsing import FAILED, OFFERED, as_option, is_experiment
@@ -24,35 +22,30 @@ if TYPE_CHECKING:
 #: Length to which names of joints may be folded in the table.
 _FOLDED = 10
 
-_CrossCheck = Annotated[
-    bool,
-    typer.Option(
-        "--cross-check", metavar=opt.FLAG, help="Read the file a second time with yourdfpy, and compare."
-    ),
-]
-_Payload = Annotated[
-    float | None,
-    typer.Option(metavar="KG", help="Load at the tip whose effect on the loop is shown; 0.5 by default."),
-]
+#: Its options; see :func:`armgpi.cli.options.with_rows`.
+ROWS = {
+    "payload KG": "Load at the tip whose effect on the loop is shown; 0.5 by default.",
+    "cross_check": "Read the file a second time with yourdfpy, and compare.",
+}
 
 
 def inspect(
-    robot: opt.Arm,
-    lock: opt.Lock = None,
-    keep: opt.Keep = None,
-    mimic: opt.Mimic = None,
-    repair: opt.Repair = None,
-    effort: opt.Effort = None,
-    rotor_inertia: opt.RotorInertia = None,
-    drives: opt.Drives = None,
-    package_dir: opt.PackageDir = None,
-    encoder_bits: opt.Bits = None,
-    delay: opt.Delay = None,
-    dt: opt.SampleTime = None,
-    payload: _Payload = None,
-    cross_check: _CrossCheck = False,
-    page: opt.Report = None,
-    as_json: opt.Json = False,
+    robot: str,
+    lock: list[str] | None = None,
+    keep: list[str] | None = None,
+    mimic: str | None = None,
+    repair: list[str] | None = None,
+    effort: list[str] | None = None,
+    rotor_inertia: list[str] | None = None,
+    drives: Path | None = None,
+    package_dir: list[Path] | None = None,
+    encoder_bits: int | None = None,
+    delay: int | None = None,
+    dt: float | None = None,
+    payload: float | None = None,
+    cross_check: bool = False,
+    report: Path | None = None,
+    as_json: bool = False,
 ) -> None:
     """Report what a robot's model is, what will bite, and what a controller will do with it.
 
@@ -65,8 +58,8 @@ def inspect(
     from armgpi.cli.pictures import check_file
     from armgpi.health import report as health
 
-    if page is not None:
-        check_file(page, "--report")
+    if report is not None:
+        check_file(report, "--report")
     arm: dict[str, Any] = {"name": robot}
     loop: dict[str, Any] = {"dt": dt, "delay": delay, "encoder_bits": encoder_bits}
     if is_experiment(robot):
@@ -77,30 +70,30 @@ def inspect(
         payload = (plant["payload"] or {}).get("mass") if payload is None else payload
     how = {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair, "effort": effort}
     arm |= opt.robot_given(how, rotor_inertia, drives)
-    report = health.inspect(
+    found = health.inspect(
         arm.pop("name"),
         package_dirs=package_dir or [],
         **{key: value for key, value in arm.items() if key not in ("gravity", "friction")},
         **{key: value for key, value in loop.items() if value is not None},
     )
-    report = health.with_payload(report, 0.5 if payload is None else payload)
-    report = report.with_findings([], motion=motion(report.robot))
+    found = health.with_payload(found, 0.5 if payload is None else payload)
+    found = found.with_findings([], motion=motion(found.robot))
     if cross_check:
         from armgpi.health.crosscheck import with_cross_check
 
-        report = with_cross_check(report)
+        found = with_cross_check(found)
     if as_json:
-        data = report.as_dict()
-        for found, finding in zip(data["findings"], report.findings, strict=True):
-            found["option"] = _option(finding)
+        data = found.as_dict()
+        for row, finding in zip(data["findings"], found.findings, strict=True):
+            row["option"] = _option(finding)
         say(json.dumps(data))
     else:
-        _show(report)
-    if page is not None:
+        _show(found)
+    if report is not None:
         from armgpi.view import meshcat
 
-        say(f"wrote {meshcat.write(_page(report), page)}", err=True)
-    if report.has_errors:
+        say(f"wrote {meshcat.write(_page(found), report)}", err=True)
+    if found.has_errors:
         sys.exit(FAILED)
 
 

@@ -5,35 +5,27 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from armgpi.cli import options as opt
 from armgpi.cli.parsing import FAILED, OK, stoppable
 from armgpi.cli.terminal import say
 
 if TYPE_CHECKING:
     from armgpi.loop.log import ArmLog, Replay
 
-_File = Annotated[
-    Path, typer.Argument(metavar="FILE", help="A log (.armlog) of hardware, of armgpi loop or of an export.")
-]
-_Replay = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="EXPERIMENT",
-        help="Give the law of this experiment file, or of the folder of an export, what the log says it was "
-        "given, and compare the torques.",
-    ),
-]
-_Csv = Annotated[Path | None, typer.Option(metavar="FILE", help="Write the samples as a table.")]
+#: Its options; see :func:`armgpi.cli.options.with_rows`.
+ROWS = {
+    "file <FILE>": "A log (.armlog) of hardware, of armgpi loop or of an export.",
+    "replay EXPERIMENT": "Give the law of this experiment file, or of the folder of an export, what the log "
+    "says it was given, and compare the torques.",
+    "csv FILE": "Write the samples as a table.",
+}
 #: Torques of one law in Python, and in C on another machine, differ by roundings: this share of the largest.
 _SAME = 1e-9
 
 
 @stoppable
-def log(file: _File, replay: _Replay = None, csv: _Csv = None, as_json: opt.Json = False) -> None:
+def log(file: Path, replay: Path | None = None, csv: Path | None = None, as_json: bool = False) -> None:
     """Say what a log of an arm is: how long, what was late, why it ended; replay it through the law.
 
     \b

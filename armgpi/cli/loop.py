@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -20,89 +20,46 @@ if TYPE_CHECKING:
     from armgpi.config import Experiment
     from armgpi.hardware.realtime import Outcome
 
-Clock = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME",
-        help="'wall': two processes in wall-clock time (default); 'simulated': one, always the same.",
-        show_default=False,
-    ),
-]
-Policy = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME",
-        help="Scheduling: 'fifo' (real time), 'other', or 'auto': real time where it is allowed (default).",
-        show_default=False,
-    ),
-]
-Exported = Annotated[
-    bool,
-    typer.Option("--exported", metavar=opt.FLAG, help="Run the controller as exported C."),
-]
-Loss = Annotated[
-    float,
-    typer.Option(metavar="SHARE", help="Share of datagrams that get lost.", show_default=False),
-]
-Outage = Annotated[
-    str | None, typer.Option(metavar="BEGIN,LENGTH", help="Time in which all datagrams get lost [s].")
-]
-Stall = Annotated[
-    str | None, typer.Option(metavar="BEGIN,LENGTH", help="Time in which the controller is stopped [s].")
-]
-Kill = Annotated[float | None, typer.Option(metavar="SECONDS", help="When the controller is killed [s].")]
-Silence = Annotated[
-    int,
-    typer.Option("--watchdog", metavar="SAMPLES", help="Silence that the arm bears; 12.", show_default=False),
-]
-Reaction = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME",
-        help="What the arm does in silence: 'damping' (default), 'gravity', 'hold' the last torque, 'zero'.",
-        show_default=False,
-    ),
-]
-DryRun = Annotated[
-    bool,
-    typer.Option(
-        "--dry-run",
-        metavar=opt.FLAG,
-        help="Send nothing: the arm is moved along the reference by hand; law and supervisor look on.",
-    ),
-]
-Log = Annotated[
-    Path | None,
-    typer.Option(
-        "--log", metavar="FILE", help="Write the controller's log (.armlog) there.", show_default=False
-    ),
-]
-View = Annotated[
-    bool, typer.Option("--view", metavar=opt.FLAG, help="Serve a page on which the arm moves as it does.")
-]
+#: Its options; see :func:`armgpi.cli.options.with_rows`.
+ROWS = {
+    "clock NAME": "'wall': two processes in wall-clock time (default); 'simulated': one, always the same.",
+    "policy NAME": "Scheduling: 'fifo' (real time), 'other', or 'auto': real time where it is allowed "
+    "(default).",
+    "exported": "Run the controller as exported C.",
+    "loss SHARE": "Share of datagrams that get lost; none by default.",
+    "outage BEGIN,LENGTH": "Time in which all datagrams get lost [s].",
+    "stall BEGIN,LENGTH": "Time in which the controller is stopped [s].",
+    "kill SECONDS": "When the controller is killed [s].",
+    "watchdog SAMPLES": "Silence that the arm bears; 12 by default.",
+    "reaction NAME": "What the arm does in silence: 'damping' (default), 'gravity', 'hold' the last torque, "
+    "'zero'.",
+    "dry_run": "Send nothing: the arm is moved along the reference by hand; law and supervisor look on.",
+    "log FILE": "Write the controller's log (.armlog) there.",
+    "view": "Serve a page on which the arm moves as it does.",
+}
 
 
 @stoppable
 @opt.add_options(opt.experiment, opt.printing)
 def loop(
     context: typer.Context,
-    robot: opt.RobotName = None,
-    controller: opt.Controller = None,
-    clock: Clock = "wall",
-    policy: Policy = "auto",
-    exported: Exported = False,
-    loss: Loss = 0.0,
-    outage: Outage = None,
-    stall: Stall = None,
-    kill: Kill = None,
-    watchdog: Silence = 12,
-    reaction: Reaction = "damping",
-    dry_run: DryRun = False,
-    log: Log = None,
-    view: View = False,
-    out: opt.Out = None,
-    force: opt.Force = False,
-    report: opt.Report = None,
+    robot: str | None = None,
+    controller: str | None = None,
+    clock: str = "wall",
+    policy: str = "auto",
+    exported: bool = False,
+    loss: float = 0.0,
+    outage: str | None = None,
+    stall: str | None = None,
+    kill: float | None = None,
+    watchdog: int = 12,
+    reaction: str = "damping",
+    dry_run: bool = False,
+    log: Path | None = None,
+    view: bool = False,
+    out: Path | None = None,
+    force: bool = False,
+    report: Path | None = None,
     **options: Any,
 ) -> None:
     """Run arm and controller as two processes over UDP, in wall-clock time, with faults.

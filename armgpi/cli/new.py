@@ -6,7 +6,7 @@ import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Any, TypeVar
 
 import typer
 
@@ -25,21 +25,14 @@ _BITS, _DELAY = 16, 1
 _LOAD_SHARE, _HELD_SHARE, _LEAST_LOAD = 0.15, 0.5, 0.01
 
 _Value = TypeVar("_Value")
-_Robot = Annotated[
-    str,
-    typer.Argument(metavar="ROBOT", help="Path of a URDF file, or name of a robot (see `armgpi robots`)."),
-]
-_Out = Annotated[
-    Path | None,
-    typer.Option("--out", "-o", metavar="FILE", help="The file; by default beside the URDF, with its name."),
-]
-_Payload = Annotated[
-    float | None, typer.Option(metavar="KG", help="Heaviest load that the arm will carry, unknown to it.")
-]
-_Target = Annotated[
-    str | None, typer.Option("--target", metavar="NAME", help="Hardware that `armgpi export` writes for.")
-]
-_Force = Annotated[bool, typer.Option("--force", metavar=opt.FLAG, help="Replace the file.")]
+#: Its options; see :func:`armgpi.cli.options.with_rows`.
+ROWS = {
+    "robot <ROBOT>": "Path of a URDF file, or name of a robot (see `armgpi robots`).",
+    "out --out -o FILE": "The file; by default beside the URDF, with its name.",
+    "payload KG": "Heaviest load that the arm will carry, unknown to it.",
+    "target NAME": "Hardware that `armgpi export` writes for.",
+    "force": "Replace the file.",
+}
 
 
 class _Answers:
@@ -64,22 +57,22 @@ class _Answers:
 
 
 def new(
-    robot: _Robot,
-    out: _Out = None,
-    lock: opt.Lock = None,
-    keep: opt.Keep = None,
-    mimic: opt.Mimic = None,
-    repair: opt.Repair = None,
-    package_dir: opt.PackageDir = None,
-    effort: opt.Effort = None,
-    rotor_inertia: opt.RotorInertia = None,
-    drives: opt.Drives = None,
-    payload: _Payload = None,
-    encoder_bits: opt.Bits = None,
-    delay: opt.Delay = None,
-    dt: opt.SampleTime = None,
-    target: _Target = None,
-    force: _Force = False,
+    robot: str,
+    out: Path | None = None,
+    lock: list[str] | None = None,
+    keep: list[str] | None = None,
+    mimic: str | None = None,
+    repair: list[str] | None = None,
+    package_dir: list[Path] | None = None,
+    effort: list[str] | None = None,
+    rotor_inertia: list[str] | None = None,
+    drives: Path | None = None,
+    payload: float | None = None,
+    encoder_bits: int | None = None,
+    delay: int | None = None,
+    dt: float | None = None,
+    target: str | None = None,
+    force: bool = False,
 ) -> None:
     """Begin an experiment file for an arm: what its URDF says, and what you say or armgpi believes.
 

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import typer
-
-#: Flags take no value: nothing is shown for one.
-FLAG = ""
 
 
 def robot_names(begun: str) -> list[str]:
@@ -21,103 +18,64 @@ def robot_names(begun: str) -> list[str]:
     return [name for name in names() if name.startswith(begun)]
 
 
-_ROBOT = typer.Argument(
-    metavar="ROBOT",
-    help="Name of a robot (see `armgpi robots`), or path of a URDF or an experiment file (YAML).",
-    show_default=False,
-    autocompletion=robot_names,
-)
-RobotName = Annotated[str | None, _ROBOT]
-Arm = Annotated[str, _ROBOT]
-ConfigFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--config",
-        "-c",
-        metavar="FILE",
-        help="Experiment file (YAML) or name of a scenario (see `armgpi scenarios`); options override it.",
-    ),
-]
-Controller = Annotated[
-    str | None,
-    typer.Option(
-        *("--controller", "--controllers"),
-        metavar="NAME",
-        help="{controllers}; or a label of the file. Default: gpi, or untuned with an encoder or delay.",
-    ),
-]
-Controllers = Annotated[
-    str | None,
-    typer.Option(
-        *("--controllers", "--controller"),
-        metavar="NAMES",
-        help="Which ones of {controllers}: 'gpi,pid' by default, 'untuned,pid' with an encoder or delay; or "
-        "labels of the experiment file.",
-    ),
-]
-To = Annotated[
-    str | None,
-    typer.Option(
-        metavar="CONFIGURATION",
-        help="Goal [rad or m]: 'j1=0.8,j2=-0.4', the others stay; or all joints '0.8,-0.4'.",
-    ),
-]
-Start = Annotated[
-    str | None,
-    typer.Option(
-        "--from",
-        metavar="CONFIGURATION",
-        help="Start, given as --to; the middle of the joint ranges by default.",
-    ),
-]
-PathName = Annotated[
-    str | None,
-    typer.Option(
-        "--path",
-        metavar="NAME",
-        help="Instead of --to, a path of the tool in space: {paths}.",
-    ),
-]
-Trajectory = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE",
-        help="Instead of --to, a recorded trajectory: CSV (time and joints by name), NetCDF (a rollout) or "
-        "MCAP (/joint_states).",
-    ),
-]
-Direction = Annotated[
-    str | None,
-    typer.Option(
-        metavar="X,Y,Z",
-        help="Where the tip's z axis points to along a path: '0,0,-1' is down; free by default.",
-    ),
-]
-Duration = Annotated[
-    float | None, typer.Option(metavar="SECONDS", help="Time of each move [s]; gentle by default.")
-]
-Lock = Annotated[
-    list[str] | None,
-    typer.Option(metavar="JOINT", help="Joint to hold fixed, 'name' or 'name=value'; may be repeated."),
-]
-Keep = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="JOINT",
-        help="Joint to keep, or chain of a whole robot; all others are locked; may be repeated.",
-    ),
-]
-Mimic = Annotated[
-    str | None,
-    typer.Option(metavar="HOW", help="Joints that mimic another: 'lock' (default), or 'follow' it exactly."),
-]
-Repair = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="NAME",
-        help="Repair to make in the URDF, as its refusal names it, or 'all'; may be repeated.",
-    ),
-]
+#: Options of several commands: parameter, its flags where they are others than its name, what --help shows
+#: for its value (in <> of an argument) -> what --help says. A command's module has such rows of its own.
+ROWS = {
+    "rotor_inertia NUMBERS": "Rotor inertia seen at the joints, gear ratio squared times rotor [kg m² or "
+    "kg]: 'j1=0.1,j2=0.05', or one number for all; may be repeated.",
+    "drives FILE": "YAML or JSON: joint -> rotor_inertia, viscous, coulomb, stiffness and others, where "
+    "known. Or what is believed where nothing tells: 'soft', rotors and gears that twist, the default of "
+    "type untuned; 'believed', rotors of stiff gears; 'rigid', no rotors.",
+    "report FILE": "Write what is found as one HTML file for any browser.",
+    "as_json --json": "Print JSON instead of tables.",
+    "robot <ROBOT>": "Name of a robot (see `armgpi robots`), or path of a URDF or an experiment file (YAML).",
+    "dt SECONDS": "Sample time [s]; 0.001 by default.",
+    "encoder_bits BITS": "Encoder resolution; exact by default.",
+    "lock JOINT": "Joint to hold fixed, 'name' or 'name=value'; may be repeated.",
+    "keep JOINT": "Joint to keep, or chain of a whole robot; all others are locked; may be repeated.",
+    "mimic HOW": "Joints that mimic another: 'lock' (default), or 'follow' it exactly.",
+    "repair NAME": "Repair to make in the URDF, as its refusal names it, or 'all'; may be repeated.",
+    "package_dir FOLDER": "Folder of a package, or of packages, in which meshes are looked for; may be "
+    "repeated.",
+    "effort NUMBERS": "Torque limits [N m or N]: 'j1=10,j2=5', or one number for all; may be repeated.",
+    "accept_code": "Go on with what other code has begun; it is marked.",
+    "controller --controller --controllers NAME": "{controllers}; or a label of the file. Default: gpi, or "
+    "untuned with an encoder or delay.",
+    "controllers --controllers --controller NAMES": "Which ones of {controllers}: 'gpi,pid' by default, "
+    "'untuned,pid' with an encoder or delay; or labels of the experiment file.",
+    "delay SAMPLES": "Samples by which measurements are late.",
+    "out --out -o FOLDER": "Where to put rollout.nc, experiment.yaml and metrics.json.",
+    "force": "Write to --out even where it holds another experiment.",
+    "config --config -c FILE": "Experiment file (YAML) or name of a scenario (see `armgpi scenarios`); "
+    "options override it.",
+    "to CONFIGURATION": "Goal [rad or m]: 'j1=0.8,j2=-0.4', the others stay; or all joints '0.8,-0.4'.",
+    "start --from CONFIGURATION": "Start, given as --to; the middle of the joint ranges by default.",
+    "path NAME": "Instead of --to, a path of the tool in space: {paths}.",
+    "trajectory FILE": "Instead of --to, a recorded trajectory: CSV (time and joints by name), NetCDF (a "
+    "rollout) or MCAP (/joint_states).",
+    "direction X,Y,Z": "Where the tip's z axis points to along a path: '0,0,-1' is down; free by default.",
+    "duration SECONDS": "Time of each move [s]; gentle by default.",
+    "inertia_scale FACTOR": "The controllers' nominal models have D(q) times this; the plant stays as it is.",
+    "plant NAME": "Simulator: {plants} (armgpi by default; mujoco is a second one), or for compare both.",
+    "payload KG": "Mass at the tip [kg] that the controllers do not know of.",
+    "friction --friction/--no-friction": "Whether the plant has the URDF's joint friction; not by default.",
+    "t_final SECONDS": "How long to run [s]; by default 2 s beyond the last hold.",
+    "seed NUMBER": "Seed of noise and drop-outs.",
+    "supervised": "Put the controllers under a supervisor, which stops the arm when something is wrong; with "
+    "the bounds of the experiment file, or the default ones.",
+    "gravity WHO": "Who carries the arm's weight: 'arm' (default), the controller does, or 'robot', as "
+    "libfranka and UR do: then plant and nominal models have no gravity.",
+    "settings --set KEY=VALUE": "Any key of an experiment file, such as plant.delay=2 or "
+    "controller.omega=25; may be repeated.",
+    "backend NAME": "What computes: 'numpy', 'compiled' (generated C), or 'auto': the faster one.",
+    "table FILE": "Write the table of metrics: .csv, .md (Markdown) or .tex (LaTeX).",
+    "plot FILE": "Draw position, error and torque of every joint: PNG, SVG, PDF.",
+    "view": "Serve the animation to this machine until Ctrl-C.",
+    "html FILE": "Write the animation as one file for any browser.",
+    "interactive": "Make --report a page to play with, as `armgpi play` does; of the first controller.",
+    "frame FRAME": "The tool whose path is drawn; the tip by default.",
+    "port PORT": "Port of 127.0.0.1; the first free one from 7070 by default.",
+}
 
 
 def _search_folders(folders: list[Path] | None) -> list[Path] | None:
@@ -133,24 +91,6 @@ def _search_folders(folders: list[Path] | None) -> list[Path] | None:
             [*map(os.path.abspath, folders), *filter(None, [known])]
         )
     return folders
-
-
-PackageDir = Annotated[
-    list[Path] | None,
-    typer.Option(
-        "--package-dir",
-        callback=_search_folders,
-        metavar="FOLDER",
-        help="Folder of a package, or of packages, in which meshes are looked for; may be repeated.",
-    ),
-]
-Effort = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="NUMBERS",
-        help="Torque limits [N m or N]: 'j1=10,j2=5', or one number for all; may be repeated.",
-    ),
-]
 
 
 def robot_given(how: dict[str, Any], rotor_inertia: list[str] | None, drives: Path | None) -> dict[str, Any]:
@@ -179,121 +119,6 @@ def drives_given(rotor_inertia: list[str] | None, path: Path | None) -> dict[str
     return found
 
 
-RotorInertia = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="NUMBERS",
-        help="Rotor inertia seen at the joints, gear ratio squared times rotor [kg m² or kg]: "
-        "'j1=0.1,j2=0.05', or one number for all; may be repeated.",
-    ),
-]
-Drives = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE",
-        help="YAML or JSON: joint -> rotor_inertia, viscous, coulomb, stiffness and others, where known. Or "
-        "what is believed where nothing tells: 'soft', rotors and gears that twist, the default of type "
-        "untuned; 'believed', rotors of stiff gears; 'rigid', no rotors.",
-    ),
-]
-PlantEngine = Annotated[
-    str | None,
-    typer.Option(
-        "--plant",
-        metavar="NAME",
-        help="Simulator: {plants} (armgpi by default; mujoco is a second one), or for compare both.",
-    ),
-]
-InertiaScale = Annotated[
-    float | None,
-    typer.Option(
-        metavar="FACTOR",
-        help="The controllers' nominal models have D(q) times this; the plant stays as it is.",
-    ),
-]
-Payload = Annotated[
-    float | None, typer.Option(metavar="KG", help="Mass at the tip [kg] that the controllers do not know of.")
-]
-Bits = Annotated[
-    int | None, typer.Option("--encoder-bits", metavar="BITS", help="Encoder resolution; exact by default.")
-]
-Delay = Annotated[int | None, typer.Option(metavar="SAMPLES", help="Samples by which measurements are late.")]
-Friction = Annotated[
-    bool | None,
-    typer.Option(
-        "--friction/--no-friction",
-        metavar=FLAG,
-        help="Whether the plant has the URDF's joint friction; not by default.",
-        show_default=False,
-    ),
-]
-SampleTime = Annotated[
-    float | None, typer.Option("--dt", metavar="SECONDS", help="Sample time [s]; 0.001 by default.")
-]
-TFinal = Annotated[
-    float | None,
-    typer.Option(
-        "--t-final", metavar="SECONDS", help="How long to run [s]; by default 2 s beyond the last hold."
-    ),
-]
-Seed = Annotated[int | None, typer.Option(metavar="NUMBER", help="Seed of noise and drop-outs.")]
-Gravity = Annotated[
-    str | None,
-    typer.Option(
-        metavar="WHO",
-        help="Who carries the arm's weight: 'arm' (default), the controller does, or 'robot', as libfranka "
-        "and UR do: then plant and nominal models have no gravity.",
-        show_default=False,
-    ),
-]
-SupervisedFlag = Annotated[
-    bool,
-    typer.Option(
-        "--supervised",
-        metavar=FLAG,
-        help="Put the controllers under a supervisor, which stops the arm when something is wrong; with the "
-        "bounds of the experiment file, or the default ones.",
-    ),
-]
-Out = Annotated[
-    Path | None,
-    typer.Option(
-        "--out", "-o", metavar="FOLDER", help="Where to put rollout.nc, experiment.yaml and metrics.json."
-    ),
-]
-Force = Annotated[
-    bool,
-    typer.Option("--force", metavar=FLAG, help="Write to --out even where it holds another experiment."),
-]
-Backend = Annotated[
-    str,
-    typer.Option(
-        metavar="NAME", help="What computes: 'numpy', 'compiled' (generated C), or 'auto': the faster one."
-    ),
-]
-AcceptCode = Annotated[
-    bool,
-    typer.Option("--accept-code", metavar=FLAG, help="Go on with what other code has begun; it is marked."),
-]
-Json = Annotated[bool, typer.Option("--json", metavar=FLAG, help="Print JSON instead of tables.")]
-
-Table = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", help="Write the table of metrics: .csv, .md (Markdown) or .tex (LaTeX)."),
-]
-
-# Pictures of what was run.
-Plot = Annotated[
-    Path | None,
-    typer.Option(
-        "--plot", metavar="FILE", help="Draw position, error and torque of every joint: PNG, SVG, PDF."
-    ),
-]
-View = Annotated[
-    bool, typer.Option("--view", metavar=FLAG, help="Serve the animation to this machine until Ctrl-C.")
-]
-
-
 def page_file(parameter: typer.CallbackParam, path: Path | None) -> Path | None:
     """Return the file of a page, refusing the name of a picture or document."""
     from armgpi.cli.parsing import refusal
@@ -304,102 +129,58 @@ def page_file(parameter: typer.CallbackParam, path: Path | None) -> Path | None:
     return path
 
 
-Html = Annotated[
-    Path | None,
-    typer.Option(
-        "--html", metavar="FILE", callback=page_file, help="Write the animation as one file for any browser."
-    ),
-]
-Report = Annotated[
-    Path | None,
-    typer.Option(
-        "--report",
-        metavar="FILE",
-        callback=page_file,
-        help="Write what is found as one HTML file for any browser.",
-    ),
-]
-Interactive = Annotated[
-    bool,
-    typer.Option(
-        "--interactive",
-        metavar=FLAG,
-        help="Make --report a page to play with, as `armgpi play` does; of the first controller.",
-    ),
-]
-Frame = Annotated[
-    str | None, typer.Option(metavar="FRAME", help="The tool whose path is drawn; the tip by default.")
-]
-RobotOf = Annotated[
-    str | None,
-    typer.Option(
-        "--robot", metavar="ROBOT", help="The arm of a rollout, where the one it was made with is gone."
-    ),
-]
-Port = Annotated[
-    int | None,
-    typer.Option(metavar="PORT", help="Port of 127.0.0.1; the first free one from 7070 by default."),
-]
+#: Flag -> what checks its value.
+_CALLBACKS: dict[str, Any] = {"--html": page_file, "--report": page_file, "--package-dir": _search_folders}
 
 _Command = TypeVar("_Command", bound=Callable[..., None])
 
 
-Settings = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Any key of an experiment file, such as plant.delay=2 or controller.omega=25; may be repeated.",
-    ),
-]
-
-
 def experiment(
-    config: ConfigFile = None,
-    to: To = None,
-    start: Start = None,
-    path: PathName = None,
-    trajectory: Trajectory = None,
-    direction: Direction = None,
-    duration: Duration = None,
-    lock: Lock = None,
-    keep: Keep = None,
-    mimic: Mimic = None,
-    repair: Repair = None,
-    package_dir: PackageDir = None,
-    effort: Effort = None,
-    rotor_inertia: RotorInertia = None,
-    drives: Drives = None,
-    inertia_scale: InertiaScale = None,
-    plant: PlantEngine = None,
-    payload: Payload = None,
-    friction: Friction = None,
-    dt: SampleTime = None,
-    t_final: TFinal = None,
-    seed: Seed = None,
-    supervised: SupervisedFlag = False,
-    gravity: Gravity = None,
-    settings: Settings = None,
+    config: Path | None = None,
+    to: str | None = None,
+    start: str | None = None,
+    path: str | None = None,
+    trajectory: Path | None = None,
+    direction: str | None = None,
+    duration: float | None = None,
+    lock: list[str] | None = None,
+    keep: list[str] | None = None,
+    mimic: str | None = None,
+    repair: list[str] | None = None,
+    package_dir: list[Path] | None = None,
+    effort: list[str] | None = None,
+    rotor_inertia: list[str] | None = None,
+    drives: Path | None = None,
+    inertia_scale: float | None = None,
+    plant: str | None = None,
+    payload: float | None = None,
+    friction: bool | None = None,
+    dt: float | None = None,
+    t_final: float | None = None,
+    seed: int | None = None,
+    supervised: bool = False,
+    gravity: str | None = None,
+    settings: list[str] | None = None,
 ) -> None:
     """List the options that describe an experiment, for :func:`add_options`."""
 
 
 def results(
-    backend: Backend = "auto",
-    out: Out = None,
-    force: Force = False,
-    table: Table = None,
-    plot: Plot = None,
-    view: View = False,
-    html: Html = None,
-    report: Report = None,
-    interactive: Interactive = False,
-    as_json: Json = False,
+    backend: str = "auto",
+    out: Path | None = None,
+    force: bool = False,
+    table: Path | None = None,
+    plot: Path | None = None,
+    view: bool = False,
+    html: Path | None = None,
+    report: Path | None = None,
+    interactive: bool = False,
+    as_json: bool = False,
 ) -> None:
     """List the options of what a run becomes, for :func:`add_options`."""
 
 
-def printing(as_json: Json = False) -> None:
+def printing(as_json: bool = False) -> None:
     """List the options of what is printed, for :func:`add_options`."""
 
 
@@ -410,11 +191,45 @@ def add_options(*lists: Callable[..., None]) -> Callable[[_Command], _Command]:
         own = list(inspect.signature(command, eval_str=True).parameters.values())[:-1]
         for function in lists:
             own += inspect.signature(function, eval_str=True).parameters.values()
-        # What Typer reads.
-        vars(command)["__signature__"] = inspect.Signature(
-            [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own]
-        )
-        command.__annotations__ = {each.name: each.annotation for each in own}
+        _take(command, [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own])
         return command
 
     return decorate
+
+
+def with_rows(command: _Command, rows: Mapping[str, str]) -> _Command:
+    """Give a command's arguments and options what rows say of them: its module's, else :data:`ROWS`.
+
+    A row of one command alone of a module begins with that: "excite.resonance".
+    """
+    known: dict[str, tuple[list[str], str]] = {}
+    for key, text in {**ROWS, **rows}.items():
+        name, *shown = key.split()
+        known[name] = shown, text
+    found = []
+    for each in inspect.signature(command, eval_str=True).parameters.values():
+        shown, text = known.get(f"{command.__name__}.{each.name}") or known.get(each.name) or ([], "")
+        if text and not hasattr(each.annotation, "__metadata__"):
+            each = each.replace(annotation=Annotated[each.annotation, _declare(each.name, shown, text)])
+        found.append(each)
+    _take(command, found)
+    return command
+
+
+def _declare(name: str, shown: list[str], text: str) -> Any:
+    """Return an argument or option as Typer has it."""
+    flags = [word for word in shown if word.startswith("-")] or [f"--{name.replace('_', '-')}"]
+    value = " ".join(word for word in shown if not word.startswith("-"))
+    if value.startswith("<"):
+        complete = robot_names if name == "robot" else None
+        return typer.Argument(metavar=value[1:-1], help=text, show_default=False, autocompletion=complete)
+    told = "default" in text  # what it is by default
+    return typer.Option(
+        *flags, metavar=value or None, help=text, show_default=not told, callback=_CALLBACKS.get(flags[0])
+    )
+
+
+def _take(command: Callable[..., None], parameters: list[inspect.Parameter]) -> None:
+    """Give a command the parameters that Typer reads."""
+    vars(command)["__signature__"] = inspect.Signature(parameters)
+    command.__annotations__ = {each.name: each.annotation for each in parameters}

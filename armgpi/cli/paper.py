@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from armgpi.cli.options import FLAG, Backend, Report
 from armgpi.cli.parsing import known_backend, stoppable
 from armgpi.cli.terminal import say
+
+#: Its options; see :func:`armgpi.cli.options.with_rows`.
+ROWS = {
+    "out --out -o FOLDER": "Where to put tables and figures.",
+    "quick": "A step of 1e-3 s and no side studies: under half a minute.",
+    "name <NAME>": "Which one to print.",
+}
 
 
 @stoppable
 def reproduce(
-    out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="FOLDER", help="Where to put tables and figures.")
-    ] = Path("reproduction"),
-    quick: Annotated[
-        bool,
-        typer.Option(
-            "--quick", metavar=FLAG, help="A step of 1e-3 s and no side studies: under half a minute."
-        ),
-    ] = False,
-    backend: Backend = "auto",
-    report: Report = None,
+    out: Path = Path("reproduction"),
+    quick: bool = False,
+    backend: str = "auto",
+    report: Path | None = None,
 ) -> None:
     """Run the paper again: Tables 2-4 and Figures 5-13, published beside ours, and what it leaves open.
 
@@ -54,9 +50,7 @@ def reproduce(
 
 
 def scenarios(
-    name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help="Which one to print.", show_default=False)
-    ] = None,
+    name: str | None = None,
 ) -> None:
     """List the paper's scenarios, or print one as an experiment file to edit.
 

@@ -23,18 +23,21 @@ File = Annotated[
         help="Where to put the page; ROBOT.html by default.",
     ),
 ]
-Open = Annotated[bool, typer.Option("--open", metavar=opt.FLAG, help="Open the page in a browser.")]
+#: Its options; see :func:`armgpi.cli.options.with_rows`.
+ROWS = {
+    "open_ --open": "Open the page in a browser.",
+}
 
 
 @stoppable
 @opt.add_options(opt.experiment)
 def play(
     context: typer.Context,
-    robot: opt.RobotName = None,
-    controller: opt.Controller = None,
+    robot: str | None = None,
+    controller: str | None = None,
     out: File = None,
-    open_: Open = False,
-    frame: opt.Frame = None,
+    open_: bool = False,
+    frame: str | None = None,
     **options: Any,
 ) -> None:
     """Write a page in which the loop is simulated anew when one of its knobs is turned.

@@ -5,11 +5,8 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from armgpi.cli import options as opt
 from armgpi.cli.parsing import as_option
 from armgpi.cli.terminal import console as console_of
 from armgpi.cli.terminal import say
@@ -32,14 +29,15 @@ _REMARKS = {
 }
 
 
+#: Its options; see :func:`armgpi.cli.options.with_rows`.
+ROWS = {
+    "check": "Load each: joints, mass, reach, limits and remarks; seconds.",
+}
+
+
 def robots(
-    check: Annotated[
-        bool,
-        typer.Option(
-            "--check", metavar=opt.FLAG, help="Load each: joints, mass, reach, limits and remarks; seconds."
-        ),
-    ] = False,
-    as_json: opt.Json = False,
+    check: bool = False,
+    as_json: bool = False,
 ) -> None:
     """List the robots that can be loaded by name.
 

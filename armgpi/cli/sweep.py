@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armgpi import files
-from armgpi.cli import options as opt
 from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
 from armgpi.cli.terminal import progress, say
 from armgpi.escape import json_data
@@ -26,39 +25,29 @@ if TYPE_CHECKING:
 _MOST = 10**9
 
 
+#: Its options; see :func:`armgpi.cli.options.with_rows`.
+ROWS = {
+    "file <FILE>": "Experiment file with `vary:` or a reality to draw from; or an identified arm's folder.",
+    "out --out -o FOLDER": "Where chunks and results go; one study each.",
+    "rollouts NUMBER": "How many rollouts, such as 1e6.",
+    "sampling": "random, or sobol: points that fill the space evenly.",
+    "rare": "Rare failures by subset simulation; --rollouts in each level.",
+    "cluster ADDRESS": "A Dask scheduler, such as tcp://host:8786.",
+}
+
+
 @stoppable
 def sweep(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE",
-            help="Experiment file with `vary:` or a reality to draw from; or an identified arm's folder.",
-        ),
-    ],
-    out: Annotated[
-        Path,
-        typer.Option("--out", "-o", metavar="FOLDER", help="Where chunks and results go; one study each."),
-    ] = Path("swept"),
-    rollouts: Annotated[str, typer.Option(metavar="NUMBER", help="How many rollouts, such as 1e6.")] = "1000",
-    sampling: Annotated[
-        str, typer.Option(help="random, or sobol: points that fill the space evenly.")
-    ] = "random",
-    rare: Annotated[
-        bool,
-        typer.Option(
-            "--rare", metavar=opt.FLAG, help="Rare failures by subset simulation; --rollouts in each level."
-        ),
-    ] = False,
+    file: Path,
+    out: Path = Path("swept"),
+    rollouts: str = "1000",
+    sampling: str = "random",
+    rare: bool = False,
     workers: Annotated[int, typer.Option(min=1, help="Dask workers on this machine; 1 for none.")] = 1,
-    cluster: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS", help="A Dask scheduler, such as tcp://host:8786.", show_default=False
-        ),
-    ] = None,
-    report: opt.Report = None,
-    accept_code: opt.AcceptCode = False,
-    as_json: opt.Json = False,
+    cluster: str | None = None,
+    report: Path | None = None,
+    accept_code: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Run an experiment many times with drawn numbers and say how often it fails, with intervals.
 

@@ -8,12 +8,9 @@ import time
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from armgpi import files
-from armgpi.cli import options as opt
 from armgpi.cli.parsing import FAILED, known_backend, refusal, stoppable
 from armgpi.cli.terminal import say
 from armgpi.escape import json_data
@@ -22,25 +19,28 @@ if TYPE_CHECKING:
     from armgpi.studies.optimise import Search
 
 
+#: Its options; see :func:`armgpi.cli.options.with_rows`.
+ROWS = {
+    "file <FILE>": "Experiment file (YAML) with a section `tune`.",
+    "out --out -o FOLDER": "Where the study and its result go.",
+    "resume": "Go on where the study in the folder stopped.",
+    "evaluations NUMBER": "How many candidates are tried; the file's.",
+    "seed NUMBER": "Of the search; the file's.",
+    "backend NAME": "numpy, compiled or auto.",
+}
+
+
 @stoppable
 def tune(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="Experiment file (YAML) with a section `tune`.")
-    ],
-    out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="FOLDER", help="Where the study and its result go.")
-    ] = Path("tuned"),
-    resume: Annotated[
-        bool, typer.Option("--resume", metavar=opt.FLAG, help="Go on where the study in the folder stopped.")
-    ] = False,
-    evaluations: Annotated[
-        int | None, typer.Option(metavar="NUMBER", help="How many candidates are tried; the file's.")
-    ] = None,
-    seed: Annotated[int | None, typer.Option(metavar="NUMBER", help="Of the search; the file's.")] = None,
-    backend: Annotated[str, typer.Option(metavar="NAME", help="numpy, compiled or auto.")] = "compiled",
-    accept_code: opt.AcceptCode = False,
-    report: opt.Report = None,
-    as_json: opt.Json = False,
+    file: Path,
+    out: Path = Path("tuned"),
+    resume: bool = False,
+    evaluations: int | None = None,
+    seed: int | None = None,
+    backend: str = "compiled",
+    accept_code: bool = False,
+    report: Path | None = None,
+    as_json: bool = False,
 ) -> None:
     """Search for the numbers of a controller, and validate what is found on scenarios that it never saw.
 

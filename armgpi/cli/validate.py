@@ -3,100 +3,55 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from armgpi.cli import options as opt
 from armgpi.cli.derive import load, write
-from armgpi.cli.parsing import FAILED, INTERRUPTED, OK, per_joint, refusal
+from armgpi.cli.parsing import FAILED, OK, per_joint, refusal, stoppable
 from armgpi.cli.terminal import say
 
 if TYPE_CHECKING:
-    from armgpi.validation.report import DynamicsReport
+    pass
 
-Model = Annotated[
-    str,
-    typer.Argument(
-        metavar="MODEL",
-        help="Python file, module (with :Name when it has several models), SymPy file, or 'paper'.",
-        show_default=False,
-    ),
-]
-Reference = Annotated[
-    str | None,
-    typer.Option(
-        "--robot",
-        metavar="ROBOT",
-        help="What it is a model of: name or URDF; without, laws alone are checked.",
-    ),
-]
-FrameName = Annotated[
-    str | None,
-    typer.Option("--frame", metavar="NAME", help="Frame that its kinematics mean; the tip by default."),
-]
-Tolerance = Annotated[
-    float, typer.Option("--rtol", metavar="NUMBER", help="Relative error up to which two values agree.")
-]
-Joints = Annotated[
-    int | None, typer.Option(metavar="NUMBER", help="Number of joints, without a robot; found by trying.")
-]
-TimeLimit = Annotated[
-    float,
-    typer.Option(
-        "--time-limit",
-        metavar="SECONDS",
-        help="How long one call of the model may take [s]; reading it, twelve times that.",
-    ),
-]
-Suggest = Annotated[
-    Path | None,
-    typer.Option("--suggest-urdf", metavar="FILE", help="Write a URDF whose parameters fit the model best."),
-]
-Absolute = Annotated[
-    bool, typer.Option("--absolute", help="The model counts the angles of parallel joints from the base.")
-]
-FromVertical = Annotated[
-    str | None,
-    typer.Option(
-        "--from-vertical", metavar="up|down", help="Where the model counts its first level axis from."
-    ),
-]
-Names = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--map", metavar="NAME=FUNCTION", help="What the model calls a function; M, D, C, G are known."
-    ),
-]
-Markdown = Annotated[
-    Path | None, typer.Option("--markdown", metavar="FILE", help="Write the report as Markdown.")
-]
-Latex = Annotated[Path | None, typer.Option("--latex", metavar="FILE", help="Write the report as LaTeX.")]
-Seed = Annotated[int, typer.Option(metavar="NUMBER", help="Seed of the random states.")]
+#: Its options; see :func:`armgpi.cli.options.with_rows`.
+ROWS = {
+    "model <MODEL>": "Python file, module (with :Name when it has several models), SymPy file, or 'paper'.",
+    "robot ROBOT": "What it is a model of: name or URDF; without, laws alone are checked.",
+    "frame NAME": "Frame that its kinematics mean; the tip by default.",
+    "rtol NUMBER": "Relative error up to which two values agree.",
+    "joints NUMBER": "Number of joints, without a robot; found by trying.",
+    "time_limit SECONDS": "How long one call of the model may take [s]; reading it, twelve times that.",
+    "seed NUMBER": "Seed of the random states.",
+    "absolute": "The model counts the angles of parallel joints from the base.",
+    "from_vertical up|down": "Where the model counts its first level axis from.",
+    "names --map NAME=FUNCTION": "What the model calls a function; M, D, C, G are known.",
+    "markdown FILE": "Write the report as Markdown.",
+    "latex FILE": "Write the report as LaTeX.",
+    "suggest_urdf FILE": "Write a URDF whose parameters fit the model best.",
+}
 
 
+@stoppable
 def validate(
-    model: Model,
-    robot: Reference = None,
-    lock: opt.Lock = None,
-    keep: opt.Keep = None,
-    package_dir: opt.PackageDir = None,
-    frame: FrameName = None,
-    rtol: Tolerance = 1e-9,
-    joints: Joints = None,
-    time_limit: TimeLimit = 5.0,
-    seed: Seed = 0,
-    absolute: Absolute = False,
-    from_vertical: FromVertical = None,
-    rotor_inertia: opt.RotorInertia = None,
-    names: Names = None,
-    page: opt.Report = None,
-    markdown: Markdown = None,
-    latex: Latex = None,
-    suggest_urdf: Suggest = None,
-    as_json: opt.Json = False,
+    model: str,
+    robot: str | None = None,
+    lock: list[str] | None = None,
+    keep: list[str] | None = None,
+    package_dir: list[Path] | None = None,
+    frame: str | None = None,
+    rtol: float = 1e-9,
+    joints: int | None = None,
+    time_limit: float = 5.0,
+    seed: int = 0,
+    absolute: bool = False,
+    from_vertical: str | None = None,
+    rotor_inertia: list[str] | None = None,
+    names: list[str] | None = None,
+    report: Path | None = None,
+    markdown: Path | None = None,
+    latex: Path | None = None,
+    suggest_urdf: Path | None = None,
+    as_json: bool = False,
 ) -> None:
     """Compare hand-derived dynamics with Pinocchio's and say what is wrong with them.
 
@@ -115,39 +70,28 @@ def validate(
     mapped = [item.split("=")[0] for item in names or ()]
     if twice := next((name for name in mapped if mapped.count(name) > 1), None):
         raise refusal("--map", f"expected every name once, got {twice!r} twice")
-    try:
-        arm = None
-        if robot is not None:
-            arm = load(robot, lock, keep)
-        report = validated(
-            model,
-            arm,
-            frame=frame,
-            rtol=rtol,
-            joints=joints,
-            time_limit=time_limit,
-            seed=seed,
-            absolute=absolute,
-            from_vertical=from_vertical,
-            rotor_inertia=per_joint(",".join(rotor_inertia), "--rotor-inertia") if rotor_inertia else None,
-            names=dict(item.split("=") for item in names or ()),
-        )
-        say(report.to_json() if as_json else str(report), lines=True)
-        _write(report, {"html": page, "markdown": markdown, "latex": latex})
-        if suggest_urdf is not None:
-            from armgpi.validation.skeleton import suggest_urdf as suggested  # it imports SciPy, late
-
-            suggestion = suggested(model, arm, joints=joints, time_limit=time_limit)
-            write(suggest_urdf, suggestion.urdf, "--suggest-urdf")
-            say(f"{suggest_urdf}: {suggestion.text}", err=True, lines=True)
-    except KeyboardInterrupt:
-        say("interrupted", err=True, fg="yellow")
-        sys.exit(INTERRUPTED)
-    sys.exit(OK if report.agrees else FAILED)
-
-
-def _write(report: DynamicsReport, files: Mapping[str, Path | None]) -> None:
-    """Write a report in the forms that are asked for."""
-    for form, path in files.items():
+    arm = None if robot is None else load(robot, lock, keep)
+    found = validated(
+        model,
+        arm,
+        frame=frame,
+        rtol=rtol,
+        joints=joints,
+        time_limit=time_limit,
+        seed=seed,
+        absolute=absolute,
+        from_vertical=from_vertical,
+        rotor_inertia=per_joint(",".join(rotor_inertia), "--rotor-inertia") if rotor_inertia else None,
+        names=dict(item.split("=") for item in names or ()),
+    )
+    say(found.to_json() if as_json else str(found), lines=True)
+    for form, path in {"report": report, "markdown": markdown, "latex": latex}.items():
         if path is not None:
-            write(path, getattr(report, form)(), f"--{'report' if form == 'html' else form}")
+            write(path, found.html() if form == "report" else getattr(found, form)(), f"--{form}")
+    if suggest_urdf is not None:
+        from armgpi.validation.skeleton import suggest_urdf as suggested  # it imports SciPy, late
+
+        suggestion = suggested(model, arm, joints=joints, time_limit=time_limit)
+        write(suggest_urdf, suggestion.urdf, "--suggest-urdf")
+        say(f"{suggest_urdf}: {suggestion.text}", err=True, lines=True)
+    sys.exit(OK if found.agrees else FAILED)

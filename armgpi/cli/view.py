@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from armgpi.cli import options as opt
 from armgpi.cli.parsing import refusal, stoppable
 from armgpi.cli.terminal import say
 from armgpi.files import check_set
@@ -19,47 +16,32 @@ if TYPE_CHECKING:
 
 #: Endings of logs, as :mod:`armgpi.loop.logs` writes them.
 LOGS = (".mcap", ".rrd")
-_Targets = Annotated[
-    list[str],
-    typer.Argument(
-        metavar="ROBOT...|FILE",
-        help="Names of robots or paths of URDF files, shown side by side; or a rollout (.nc).",
-        show_default=False,
-    ),
-]
-_Files = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="FILE...",
-        help="Rollouts (.nc), folders of --out, or logs (.armlog), of one robot.",
-        show_default=False,
-    ),
-]
-_Output = Annotated[
-    Path,
-    typer.Option(
-        *("--out", "-o"),
-        metavar="FILE",
-        help="The file to write: .html; or a log: .mcap (Foxglove, PlotJuggler) or .rrd (Rerun).",
-    ),
-]
-_Title = Annotated[str | None, typer.Option(metavar="TEXT", help="Title; the robot's name by default.")]
-_Open = Annotated[bool, typer.Option("--open", metavar=opt.FLAG, help="Open it in a browser.")]
+#: Its options; see :func:`armgpi.cli.options.with_rows`.
+ROWS = {
+    "targets <ROBOT...|FILE>": "Names of robots or paths of URDF files, shown side by side; or a rollout "
+    "(.nc).",
+    "robot ROBOT": "The arm of a rollout, where the one it was made with is gone.",
+    "browser --open": "Open it in a browser.",
+    "files <FILE...>": "Rollouts (.nc), folders of --out, or logs (.armlog), of one robot.",
+    "output --out -o FILE": "The file to write: .html; or a log: .mcap (Foxglove, PlotJuggler) or .rrd "
+    "(Rerun).",
+    "title TEXT": "Title; the robot's name by default.",
+}
 
 
 @stoppable
 def view(
-    targets: _Targets,
-    html: opt.Html = None,
-    lock: opt.Lock = None,
-    keep: opt.Keep = None,
-    mimic: opt.Mimic = None,
-    repair: opt.Repair = None,
-    package_dir: opt.PackageDir = None,
-    robot: opt.RobotOf = None,
-    frame: opt.Frame = None,
-    port: opt.Port = None,
-    browser: _Open = False,
+    targets: list[str],
+    html: Path | None = None,
+    lock: list[str] | None = None,
+    keep: list[str] | None = None,
+    mimic: str | None = None,
+    repair: list[str] | None = None,
+    package_dir: list[Path] | None = None,
+    robot: str | None = None,
+    frame: str | None = None,
+    port: int | None = None,
+    browser: bool = False,
 ) -> None:
     """Show robots, or play a rollout, in MeshCat: at an address of this machine alone, or as one file.
 
@@ -81,12 +63,12 @@ def view(
 
 @stoppable
 def report(
-    files: _Files,
-    output: _Output = Path("report.html"),
-    title: _Title = None,
-    robot: opt.RobotOf = None,
-    package_dir: opt.PackageDir = None,
-    frame: opt.Frame = None,
+    files: list[Path],
+    output: Path = Path("report.html"),
+    title: str | None = None,
+    robot: str | None = None,
+    package_dir: list[Path] | None = None,
+    frame: str | None = None,
 ) -> None:
     """Write tables, plots, animation and data of rollouts as one HTML file, or as a log for other programs.
 

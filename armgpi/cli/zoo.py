@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from armgpi import files
-from armgpi.cli import options as opt
 from armgpi.cli.parsing import FAILED, refusal, stoppable
 from armgpi.cli.terminal import say
 from armgpi.cli.tune import show
@@ -23,27 +22,24 @@ if TYPE_CHECKING:
     from armgpi.studies.study import Part
 
 
+#: Its options; see :func:`armgpi.cli.options.with_rows`.
+ROWS = {
+    "names <[ROBOT]...>": "Which ones; all by default.",
+    "out --out -o FOLDER": "Where the study of the arms and its table go.",
+    "reality NAME": "Instead, draw drives, sensors, loads and moves of this reality: geared, elastic, owned "
+    "...",
+    "seed": "Of the draws, and of the search.",
+}
+
+
 @stoppable
 def zoo(
-    names: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[ROBOT]...", help="Which ones; all by default.", show_default=False),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", metavar="FOLDER", help="Where the study of the arms and its table go."),
-    ] = None,
-    accept_code: opt.AcceptCode = False,
-    report: opt.Report = None,
-    as_json: opt.Json = False,
-    reality: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Instead, draw drives, sensors, loads and moves of this reality: geared, elastic, owned ...",
-            show_default=False,
-        ),
-    ] = None,
+    names: list[str] | None = None,
+    out: Path | None = None,
+    accept_code: bool = False,
+    report: Path | None = None,
+    as_json: bool = False,
+    reality: str | None = None,
     tune: Annotated[
         int | None,
         typer.Option(
@@ -57,7 +53,7 @@ def zoo(
         int,
         typer.Option(min=1, max=4096, help="Draws of each arm, with --reality; held-out ones, with --tune."),
     ] = 16,
-    seed: Annotated[int, typer.Option(help="Of the draws, and of the search.")] = 0,
+    seed: int = 0,
 ) -> None:
     """Run every arm that can be loaded with default gains, empty and loaded, and print one table.
 
