@@ -15,7 +15,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +33,6 @@ from armgpi.validation.hypotheses import (
     parameters,
 )
 from armgpi.validation.problem import Element, Mask, Problem
-from armgpi.validation.tree import Tree
 
 #: Other explanations that are as good, at most so many: who reads more?
 ALTERNATIVES = 4
@@ -156,25 +155,23 @@ class _Search:
         hypotheses = discrete(problem.tree)
         kinds = Counter(h.kind for h in hypotheses)
         self.discrete = [(h, problem.explains(h), math.log2(kinds[h.kind])) for h in hypotheses]
-        self.fitted: list[_Fitted] | None = None
         self.known = phrasing.known_numbers(problem.tree)
-        self._maps: list[tuple[Hypothesis, Mask, float]] | None = None
-        self._terms: list[terms.Term] | None = None
 
-    @property
+    @cached_property
     def summands(self) -> list[terms.Term]:
         """The robot's own terms."""
-        if self._terms is None:
-            self._terms = terms.split(self.problem)
-        return self._terms
+        return list(terms.split(self.problem))
 
-    @property
+    @cached_property
     def maps(self) -> list[tuple[Hypothesis, Mask, float]]:
         """Mistakes in the angles of a single entry."""
-        if self._maps is None:
-            maps = angle_maps(self.problem.tree)
-            self._maps = [(h, self.problem.explains(h), math.log2(len(maps))) for h in maps]
-        return self._maps
+        maps = angle_maps(self.problem.tree)
+        return [(h, self.problem.explains(h), math.log2(len(maps))) for h in maps]
+
+    @cached_property
+    def fitted(self) -> list[_Fitted]:
+        """The robot's numbers, as functions of which the quantities are known."""
+        return [_Fitted(self.problem, one) for one in parameters(self.problem.tree)]
 
     def conventions(self) -> list[Cause]:
         """Return the convention of the whole model, or the gravity, that explains all; none without such."""
@@ -219,7 +216,7 @@ class _Search:
                 yield self.cause(found, mine, "function")
                 continue
             causes = _join_equal(
-                self.cause(_best_first(self.entry(int(k))), _only(int(k), mine), "elements")
+                self.cause(_best_first(self.entry(int(k))), np.arange(len(mine)) == k, "elements")
                 for k in np.flatnonzero(mine)
             )
             if len(causes) > _MOST_CAUSES:  # a different cause for every entry is none
@@ -256,8 +253,6 @@ class _Search:
 
     def wrong_values(self, scope: Mask, differing: Mask) -> list[_Candidate]:
         """Return the numbers of the robot of which another value makes all of `scope` agree."""
-        if self.fitted is None:
-            self.fitted = [_Fitted(self.problem, one) for one in parameters(self.problem.tree)]
         found = [one.candidate(scope, differing) for one in self.fitted]
         return [c._replace(bits=c.bits + math.log2(len(self.fitted))) for c in found if c is not None]
 
@@ -269,7 +264,7 @@ class _Search:
 
     def of_fit(self, fit: terms.Fit) -> _Candidate:
         """Return a fit of terms as a candidate."""
-        reason = "" if fit.usual else phrasing.of_factor(1.0 + fit.shares[0], self.known)
+        reason = "" if fit.usual else phrasing.ratio(1.0 + fit.share)
         bits = fit.bits + (0.0 if fit.usual else _MEANT if reason else _FREE)
         return _Candidate(bits, "term", fit.text + reason, plausible=fit.usual or bool(reason))
 
@@ -281,7 +276,7 @@ class _Search:
             return []
         parts = []
         for axis in np.eye(3):
-            under = Hypothesis("", "", tree=partial(_under, gravity=axis))
+            under = Hypothesis("", "", tree=partial(replace, gravity=axis))
             parts.append(p.hypothesis(under)[:, scope & columns])
         weights = 1.0 / p.tolerance[scope & columns]
         basis = np.stack([(part * weights).ravel() for part in parts], axis=-1)
@@ -399,9 +394,9 @@ class _Search:
         yield self.by_factor(factor, f"is {factor:.6g} times what it should be")
 
     def by_factor(self, factor: float, text: str) -> _Candidate:
-        """Return a factor as a candidate: a unit, a length more or less, or any number."""
-        reason = phrasing.of_factor(factor, self.known)
-        bits = _MEANT / 2.0 if phrasing.ratio(factor) else _MEANT if reason else _FREE
+        """Return a factor as a candidate: a unit, or any number."""
+        reason = phrasing.ratio(factor)
+        bits = _MEANT / 2.0 if reason else _FREE
         return _Candidate(bits, "factor", text + reason, factor, 1.0, plausible=bool(reason))
 
     def extra(self, column: int) -> Iterator[_Candidate]:
@@ -604,18 +599,6 @@ class _Fitted:
                 break
             x += float(slope @ (target - row @ parts)) / size
         return x
-
-
-def _under(tree: Tree, gravity: Array) -> Tree:
-    """Return the tree under another gravity."""
-    return replace(tree, gravity=gravity)
-
-
-def _only(column: int, like: Mask) -> Mask:
-    """Return a mask of one element."""
-    mask = np.zeros_like(like)
-    mask[column] = True
-    return mask
 
 
 def _join_equal(causes: Iterator[Cause]) -> list[Cause]:

@@ -12,10 +12,9 @@ import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from armgpi.arrays import Array
 from armgpi.validation.tree import (
@@ -25,7 +24,6 @@ from armgpi.validation.tree import (
     Quantities,
     Tree,
     absolute_angles,
-    christoffel,
     evaluate,
     identity,
     parallel_pairs,
@@ -43,7 +41,6 @@ CONVENTIONS = (
     "joint-order",
     "absolute-angles",
     "axis",
-    "frame",
     "armature",
 )
 
@@ -57,7 +54,6 @@ class Hypothesis(NamedTuple):
         tree: the arm for which the model would be right.
         affine: the coordinates in which it would be.
         post: what to do to the quantities.
-        custom: in place of all that, a function of tree, configurations and names of quantities.
     """
 
     kind: str
@@ -65,13 +61,10 @@ class Hypothesis(NamedTuple):
     tree: Callable[[Tree], Tree] | None = None
     affine: Affine | None = None
     post: Callable[[Quantities], Quantities] | None = None
-    custom: Callable[[Tree, Array, Iterable[str]], Quantities] | None = None
 
     def quantities(self, tree: Tree, q: Array, want: Iterable[str]) -> Quantities:
         """Return the quantities of a model with this mistake."""
         changed = tree if self.tree is None else self.tree(tree)
-        if self.custom is not None:
-            return self.custom(changed, q, want)
         quantities = evaluate(changed, q, want, self.affine)
         return quantities if self.post is None else {**quantities, **self.post(quantities)}
 
@@ -118,8 +111,8 @@ class Names:
 
 def discrete(tree: Tree) -> list[Hypothesis]:
     """Return the mistakes without a number in them."""
-    makers = (_signs, _zeros, _degrees, _orders, _absolute, _bodies, _frames, _rotations)
-    return [*(h for maker in makers for h in maker(tree)), *_kinematic(), *_structure()]
+    makers = (_signs, _zeros, _degrees, _orders, _absolute, _bodies, _frames)
+    return [*(h for maker in makers for h in maker(tree)), *_structure()]
 
 
 def angle_maps(tree: Tree) -> list[Hypothesis]:
@@ -286,8 +279,8 @@ def _bodies(tree: Tree) -> Iterator[Hypothesis]:
         yield Hypothesis(kind, f"every link: {text}", tree=partial(_with_inertia, only=None, inertia=inertia))
     for i in range(tree.n):
         text = f"{names.link(i)} is missing: no mass and no inertia"
-        nothing = {"mass": 0.0, "inertia": np.zeros((3, 3))}
-        yield Hypothesis("no-link", text, tree=partial(_with_body, i=i, changes=nothing))
+        nothing: dict[str, Any] = {"mass": 0.0, "inertia": np.zeros((3, 3))}
+        yield Hypothesis("no-link", text, tree=partial(Tree.with_body, i=i, **nothing))
     if tree.armature.any():
         missing = partial(replace, armature=np.zeros(tree.n))
         yield Hypothesis("armature", "the rotor inertias are missing", tree=missing)
@@ -307,10 +300,6 @@ def _with_inertia(tree: Tree, only: int | None, inertia: Callable[[Body], Array]
     bodies = tree.bodies
     changed = (b._replace(inertia=inertia(b)) if only in (None, i) else b for i, b in enumerate(bodies))
     return replace(tree, bodies=tuple(changed))
-
-
-def _with_body(tree: Tree, i: int, changes: Mapping[str, object]) -> Tree:
-    return tree.with_body(i, **changes)
 
 
 def _swap(tree: Tree, i: int, j: int, fields: tuple[str, ...]) -> Tree:
@@ -360,83 +349,6 @@ def _lengths_swapped(tree: Tree, i: int, j: int) -> Tree:
     p, r = tree.positions[i], tree.positions[j]
     ratio = float(np.linalg.norm(r) / np.linalg.norm(p))
     return tree.with_item("positions", i, p * ratio).with_item("positions", j, r / ratio)
-
-
-def _kinematic() -> Iterator[Hypothesis]:
-    """Yield mistakes in the frame of the tool's position and of its Jacobian."""
-    for order in itertools.permutations(range(3)):
-        for signs in itertools.product((1.0, -1.0), repeat=3):
-            R = np.diag(signs) @ np.eye(3)[list(order)]
-            if not np.array_equal(R, np.eye(3)):
-                axes = ", ".join(
-                    f"{'-' if s < 0.0 else ''}{_XYZ[k]}" for s, k in zip(signs, order, strict=True)
-                )
-                text = f"the kinematics in another frame: {axes} of the base stand as x, y, z"
-                yield Hypothesis("frame", text, post=partial(_in_frame, R=R))
-    angular = "the angular rows of the Jacobian"
-    rates = "(analytic), not angular velocities"
-    rows: tuple[tuple[str, Callable[[Array, Array, Array], Array]], ...] = (
-        (
-            "the Jacobian along the axes of the tool (body frame), not along those of the base",
-            lambda J, R, _: np.concatenate([R.T @ J[:3], R.T @ J[3:]]),
-        ),
-        (
-            "the Jacobian of the point of the tool that passes the base's origin (spatial velocity)",
-            lambda J, _, p: np.concatenate([J[:3] + np.cross(p, J[3:], axisb=0).T, J[3:]]),
-        ),
-        (
-            f"{angular} along the axes of the tool, not along those of the base",
-            lambda J, R, _: np.concatenate([J[:3], R.T @ J[3:]]),
-        ),
-        (
-            f"{angular} are rates of roll, pitch, yaw {rates}",
-            lambda J, R, _: np.concatenate([J[:3], _of_rpy(R) @ J[3:]]),
-        ),
-        (
-            f"{angular} are rates of ZYZ Euler angles {rates}",
-            lambda J, R, _: np.concatenate([J[:3], _of_zyz(R) @ J[3:]]),
-        ),
-    )
-    for text, change in rows:
-        yield Hypothesis("jacobian", text, custom=_jacobian(change))
-
-
-def _in_frame(p: Quantities, R: Array) -> Quantities:
-    """Return position and Jacobian of the tool along other axes."""
-    changed = {"F": p["F"] @ R.T} if "F" in p else {}
-    if "J" in p:
-        changed["J"] = np.concatenate([R @ p["J"][:, :3], R @ p["J"][:, 3:]], axis=1)
-    return changed
-
-
-def _jacobian(change: Callable[[Array, Array, Array], Array]) -> Callable[..., Quantities]:
-    """Return the quantities with another Jacobian: a function of it, of rotation and position of the tool."""
-
-    def custom(t: Tree, q: Array, want: Iterable[str]) -> Quantities:
-        quantities = evaluate(t, q, want)
-        if "J" in quantities:
-            tool = evaluate(t, q, ("R", "F"))
-            rows = zip(quantities["J"], tool["R"], tool["F"], strict=True)
-            quantities["J"] = np.stack([change(J, R, p) for J, R, p in rows])
-        return quantities
-
-    return custom
-
-
-def _of_rpy(R: Array) -> Array:
-    """Return the rates of roll, pitch and yaw from the angular velocity along the base (Siciliano 3.6)."""
-    pitch, yaw = np.arcsin(np.clip(-R[2, 0], -1.0, 1.0)), np.arctan2(R[1, 0], R[0, 0])
-    c, s = np.cos(yaw), np.sin(yaw)
-    T = np.array([[c * np.cos(pitch), -s, 0.0], [s * np.cos(pitch), c, 0.0], [-np.sin(pitch), 0.0, 1.0]])
-    return np.asarray(np.linalg.pinv(T))
-
-
-def _of_zyz(R: Array) -> Array:
-    """Return the rates of ZYZ Euler angles from the angular velocity along the base (Siciliano 3.6)."""
-    a, b = np.arctan2(R[1, 2], R[0, 2]), np.arctan2(np.hypot(R[0, 2], R[1, 2]), R[2, 2])
-    c, s = np.cos(a), np.sin(a)
-    T = np.array([[0.0, -s, c * np.sin(b)], [0.0, c, s * np.sin(b)], [1.0, 0.0, np.cos(b)]])
-    return np.asarray(np.linalg.pinv(T))
 
 
 def _on(name: str, change: Callable[[Array], Array], becomes: str = "") -> Callable[[Quantities], Quantities]:
@@ -489,11 +401,6 @@ _FORMULAS: tuple[tuple[str, str, Callable[[Quantities], Quantities]], ...] = (
     ("christoffel", "½ Ḋ v stands for Ḋ v", _on("H", _rates(0.5, -0.5))),
     ("gravity-included", _INCLUDED, _on("G", lambda G: G, "Z")),
     ("gravity-included", f"{_INCLUDED}, with the other sign", _on("G", lambda G: -G, "Z")),
-    (
-        "jacobian",
-        "the rows of the Jacobian stand in another order: angular first",
-        _on("J", lambda J: np.roll(J, 3, axis=1)),
-    ),
 )
 
 
@@ -518,99 +425,49 @@ def _structure() -> Iterator[Hypothesis]:
         yield Hypothesis(kind, text, post=post)
 
 
-def _rotations(tree: Tree) -> Iterator[Hypothesis]:
-    """Yield inertias that are not turned from the link into the base, or the wrong way."""
-    turning = [k for k in range(tree.n) if tree.bodies[k].inertia.any()]
-    # Denavit-Hartenberg puts a link's frame at its far end; then R I R' needs the rotation there.
-    ends = [{k: np.eye(3) for k in turning}, {k: _far_rotation(tree, k) for k in turning}]
-    if all(np.allclose(R, np.eye(3)) for R in ends[1].values()):
-        ends.pop()
-    groups = [turning] + ([[k] for k in turning] if len(turning) > 1 else [])
-    for end, chosen, backward in itertools.product(ends, groups, (False, True)):
-        which = "every link" if chosen == turning else Names(tree).link(chosen[0])
-        how = "turned the wrong way (R' I R for R I R')"
-        if not backward:
-            how = "not turned into the base frame (I for R I R')"
-        change = partial(_turned_wrongly, ends={k: end[k] for k in chosen}, backward=backward)
-        yield Hypothesis("inertia-frame", f"the inertia of {which} is {how}", custom=change)
-
-
-def _turned_wrongly(
-    tree: Tree, q: Array, want: Iterable[str], ends: Mapping[int, Array], backward: bool
-) -> Quantities:
-    """Return the quantities where the inertias of some links are not turned into the base as they have to be.
-
-    Args:
-        tree: the arm.
-        q: configurations, (N, n).
-        want: names of the quantities.
-        ends: link -> rotation of the frame that its inertia is in.
-        backward: turned the other way, and not left as they are.
-    """
-    want = tuple(want)
-    quantities = evaluate(tree, q, want)
-    model, n = tree.model(), tree.n
-    data = model.createData()
-
-    def lost(rows: Array) -> Array:
-        out = np.zeros((len(rows), n, n))
-        for row, x in enumerate(rows):
-            pin.forwardKinematics(model, data, x)
-            for k, end in ends.items():
-                spin = pin.computeJointJacobian(model, data, x, k + 1).reshape(6, n)[3:].copy()
-                R, tensor = data.oMi[k + 1].rotation, tree.bodies[k].inertia
-                own = end.T @ tensor @ end
-                seen = (R @ end).T @ own @ (R @ end) if backward else own
-                out[row] += spin.T @ (tensor - R.T @ seen @ R) @ spin
-        return out
-
-    if "D" in want:
-        quantities["D"] = quantities["D"] - lost(q)
-    if "H" in want:
-        # By differences: this D has no model that Pinocchio could differentiate.
-        step, columns = 1e-3, []
-        for e in np.eye(n):
-            near, far = (lost(q + step * m * e) - lost(q - step * m * e) for m in (1, 2))
-            columns.append((8.0 * near - far) / (12.0 * step))
-        quantities["H"] = quantities["H"] - christoffel(np.stack(columns, axis=-1))
-    return quantities
-
-
-def _far_rotation(tree: Tree, k: int) -> Array:
-    """Return the fixed rotation at the far end of link k: before the next joint, or of the tool."""
-    for j, parent in enumerate(tree.parents):
-        if parent == k:
-            return tree.rotations[j]
-    return tree.tool_rotation if tree.tool_parent == k else np.eye(3)
-
-
 def parameters(tree: Tree) -> list[Parameter]:
     """Return the numbers of the robot of which a model may have another value."""
-    found: list[Parameter] = []
-    names = Names(tree)
-    for i, body in enumerate(tree.bodies):
-        link, parent = names.link(i), tree.parents[i]
-        found.append(
-            _number("mass", f"mass of {link}", "kg", body.mass, partial(_body_number, i=i, field="mass"))
-        )
-        place = partial(_body_number, i=i, field="com")
-        found += _components("com", f"centre of mass of {link}", tree, partial(_com, i=i), place)
-        for r, c in MOMENTS:
-            what = f"inertia I{_XYZ[r]}{_XYZ[c]} of {link}"
-            change = partial(_moment, i=i, r=r, c=c)
-            found.append(_number("inertia", what, "kg m²", float(body.inertia[r, c]), change))
-        what = f"length from {names.joint(parent) if parent >= 0 else 'the base'} to {names.joint(i)}"
-        found += _components("length", what, tree, partial(_origin, i=i), partial(_position, i=i))
-        rotor = partial(_rotor, i=i)
-        what = f"rotor inertia of {names.joint(i)}"
-        found.append(_number("armature", what, "kg m²", float(tree.armature[i]), rotor))
-        found.append(_zero(tree, i))
+    found = [one for i in range(tree.n) for one in _of_link(tree, i)]
     scales: dict[str, Callable[[Tree, float], Tree]] = {"all lengths times": _longer}
     if tree.n > 1:  # of one link they are its own numbers
         scales["all masses times"] = partial(_heavier, field="mass")
         scales["all inertias about the centres of mass times"] = partial(_heavier, field="inertia")
     found += [_number("scale", what, "", 1.0, change) for what, change in scales.items()]
-    return found + list(_components("tool", "position of the tool", tree, lambda t: t.tool_position, _tool))
+    tool = _components(
+        *("tool", "position of the tool", tree, lambda t: t.tool_position),
+        lambda t, place: replace(t, tool_position=place),
+    )
+    return found + list(tool)
+
+
+def _of_link(tree: Tree, i: int) -> Iterator[Parameter]:
+    """Yield the numbers of a link and of its joint."""
+    body, names, parent = tree.bodies[i], Names(tree), tree.parents[i]
+    link, joint = names.link(i), names.joint(i)
+
+    def with_moment(t: Tree, x: float, r: int, c: int) -> Tree:
+        tensor = t.bodies[i].inertia.copy()
+        tensor[r, c] = tensor[c, r] = x
+        return t.with_body(i, inertia=tensor)
+
+    def with_rotor(t: Tree, x: float) -> Tree:
+        return replace(t, armature=np.where(np.arange(t.n) == i, x, t.armature))
+
+    yield _number("mass", f"mass of {link}", "kg", body.mass, lambda t, x: t.with_body(i, mass=x))
+    yield from _components(
+        *("com", f"centre of mass of {link}", tree, lambda t: t.bodies[i].com),
+        lambda t, place: t.with_body(i, com=place),
+    )
+    for r, c in MOMENTS:
+        what = f"inertia I{_XYZ[r]}{_XYZ[c]} of {link}"
+        yield _number("inertia", what, "kg m²", float(body.inertia[r, c]), partial(with_moment, r=r, c=c))
+    what = f"length from {names.joint(parent) if parent >= 0 else 'the base'} to {joint}"
+    yield from _components(
+        *("length", what, tree, lambda t: t.positions[i]),
+        lambda t, place: t.with_item("positions", i, place),
+    )
+    yield _number("armature", f"rotor inertia of {joint}", "kg m²", float(tree.armature[i]), with_rotor)
+    yield _zero(tree, i)
 
 
 def _number(
@@ -651,36 +508,6 @@ def _components(
             return place(t, at(t) + (x - at(t) @ direction) * direction)
 
         yield _number(kind, what + way, "m", float(start @ direction), change)
-
-
-def _body_number(tree: Tree, value: object, i: int, field: str) -> Tree:
-    return tree.with_body(i, **{field: value})
-
-
-def _moment(tree: Tree, x: float, i: int, r: int, c: int) -> Tree:
-    tensor = tree.bodies[i].inertia.copy()
-    tensor[r, c] = tensor[c, r] = x
-    return tree.with_body(i, inertia=tensor)
-
-
-def _position(tree: Tree, value: Array, i: int) -> Tree:
-    return tree.with_item("positions", i, value)
-
-
-def _com(tree: Tree, i: int) -> Array:
-    return tree.bodies[i].com
-
-
-def _origin(tree: Tree, i: int) -> Array:
-    return tree.positions[i]
-
-
-def _rotor(tree: Tree, x: float, i: int) -> Tree:
-    return replace(tree, armature=np.where(np.arange(tree.n) == i, x, tree.armature))
-
-
-def _tool(tree: Tree, value: Array) -> Tree:
-    return replace(tree, tool_position=value)
 
 
 def _heavier(tree: Tree, x: float, field: str) -> Tree:

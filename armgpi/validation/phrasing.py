@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 
 from armgpi.validation.hypotheses import Names
@@ -52,44 +50,6 @@ def known_numbers(tree: Tree) -> list[tuple[float, str]]:
     for i, body in enumerate(tree.bodies):
         found += [(x, f"the inertia of {names.link(i)}") for x in np.abs(body.inertia).ravel().tolist()]
     return found + lengths(tree)
-
-
-def of_factor(factor: float, known: list[tuple[float, str]]) -> str:
-    """Return what a term that is multiplied by a factor means, in brackets; "" when nothing usual.
-
-    Args:
-        factor: what it is multiplied by.
-        known: what :func:`known_numbers` gave.
-    """
-    known = [(value, name) for value, name in known if value > 0.0]
-    return ratio(factor) or _power(factor, known) or _name_replacement(factor, known)
-
-
-def _power(factor: float, known: list[tuple[float, str]]) -> str:
-    """Return which length, or gravity, stands in a term once too often or once too rarely."""
-    for value, name in known:
-        if name.startswith(("the mass of", "the inertia of")):  # terms are linear in these
-            continue
-        if _same(factor, 1.0 / value):
-            return f" (1/{value:.6g}: {name} is not there, or not squared)"
-        if _same(factor, value):
-            return f" ({name} stands there once too often)"
-    return ""
-
-
-def _name_replacement(factor: float, known: list[tuple[float, str]]) -> str:
-    """Return which mass or length stands for another one of its kind."""
-    # A distance of a centre of mass is a length too: lc for l is the most common of these.
-    for kinds in (("the mass of",), ("length to", "centre of mass"), ("centre of mass",)):
-        alike = [(value, name) for kind in kinds for value, name in known if kind in name]
-        for (a, one), (b, other) in itertools.permutations(alike, 2):
-            if one == other or _same(b, a):
-                continue
-            if _same(factor, a / b):
-                return f" ({one} stands for {other})"
-            if _same(factor, (a / b) ** 2):
-                return f" ({one}, squared, stands for {other})"
-    return ""
 
 
 def _same(a: float, b: float) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from typing import Any, NamedTuple
@@ -22,9 +22,9 @@ from armgpi.arrays import Array
 from armgpi.errors import ModelError, Remedy
 from armgpi.robot.robot import Robot
 from armgpi.validation import check, laws, samples
-from armgpi.validation.hypotheses import MOMENTS, Hypothesis
+from armgpi.validation.hypotheses import MOMENTS
 from armgpi.validation.models import ARGUMENTS, States
-from armgpi.validation.tree import Body, Tree, evaluate, from_robot
+from armgpi.validation.tree import Body, Quantities, Tree, evaluate, from_robot
 from armgpi.validation.worker import Worker
 
 #: Longer chains have too many axes to try: six directions per joint.
@@ -294,42 +294,29 @@ class _Fit:
         parts = [
             np.concatenate([(quantities[p] / self._sizes[p]).ravel() for p in self._inertial])
             for i in range(tree.n)
-            for h in _regressor(tree, i)
-            for quantities in [h.quantities(tree, self._q, self._inertial)]
+            for quantities in _regressor(tree, i, self._q, self._inertial)
         ]
         A = np.stack(parts, axis=-1)
         b = np.concatenate([(self._target[p] / self._sizes[p]).ravel() for p in self._inertial])
         return np.asarray(A @ np.linalg.lstsq(A, b, rcond=1e-9)[0] - b)
 
 
-def _always(tree: Tree) -> Callable[[Tree], Tree]:
-    """Return the change that gives this tree, whatever it is applied to."""
-    return lambda _: tree
-
-
-def _regressor(tree: Tree, i: int) -> list[Hypothesis]:
-    """Return arms whose quantities are the derivatives by the ten inertial parameters of body i."""
+def _regressor(tree: Tree, i: int, q: Array, want: Sequence[str]) -> Iterator[Quantities]:
+    """Yield the derivatives of quantities by the ten inertial parameters of body i."""
     empty = tree
     for k in range(tree.n):
         empty = empty.with_body(k, mass=0.0, com=np.zeros(3), inertia=np.zeros((3, 3)))
     empty = replace(empty, armature=np.zeros(tree.n))
     point = empty.with_body(i, mass=1.0)
-    columns = [Hypothesis("", "", tree=_always(point))]
+    yield evaluate(point, q, want)
     for axis in np.eye(3):
         # A unit point at +axis less one at -axis is twice the first moment.
-        ahead, behind = (point.with_body(i, com=s * axis) for s in (1.0, -1.0))
-
-        def moment(t: Tree, q: Array, want: object, a: Tree = ahead, b: Tree = behind) -> dict[str, Array]:
-            names = list(want)  # type: ignore[call-overload]
-            one, other = evaluate(a, q, names), evaluate(b, q, names)
-            return {name: 0.5 * (one[name] - other[name]) for name in one}
-
-        columns.append(Hypothesis("", "", custom=moment))
+        ahead, behind = (evaluate(point.with_body(i, com=s * axis), q, want) for s in (1.0, -1.0))
+        yield {name: 0.5 * (ahead[name] - behind[name]) for name in ahead}
     for r, c in MOMENTS:
         unit = np.zeros((3, 3))
         unit[r, c] = unit[c, r] = 1.0
-        columns.append(Hypothesis("", "", tree=_always(empty.with_body(i, inertia=unit))))
-    return columns
+        yield evaluate(empty.with_body(i, inertia=unit), q, want)
 
 
 def _body(x: Array) -> Body:

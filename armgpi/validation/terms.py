@@ -1,14 +1,13 @@
-"""A sparse fit per entry: which of the robot's own terms, at most two, an entry lacks or has otherwise.
+"""A sparse fit per entry: which of the robot's own terms an entry lacks or has otherwise.
 
 D, the Coriolis products and G are sums over the links. A link alone adds a part from its inertia and parts
 of degree 0, 1 and 2 in the position of its centre of mass, and these are split again by the lengths before
 it: m l², m l lc, m lc². These terms are the dictionary. What an entry has too much or too little is compared
-with each of them, and with every two of them in usual coefficients.
+with each of them.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
@@ -52,84 +51,51 @@ class Term(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """How one or two terms explain an entry.
+    """How a term explains an entry.
 
     Attributes:
         text: for the report.
-        shares: by which multiples of the terms the model is off.
-        usual: whether all of these are usual ones.
+        share: by which multiple of the term the model is off.
+        usual: whether that is a usual one.
         bits: length of the description.
     """
 
     text: str
-    shares: tuple[float, ...]
+    share: float
     usual: bool
     bits: float
 
 
-def split(problem: Problem) -> list[Term]:
-    """Return all terms of the reference."""
-    return list(_terms(problem))
-
-
 def fits(problem: Problem, dictionary: list[Term], column: int) -> list[Fit]:
-    """Return what one or two terms explain the difference of one element, the shortest first."""
+    """Return which terms explain the difference of one element, the shortest first."""
     quantity, tolerance = problem.elements[column].quantity, float(problem.tolerance[column])
     if quantity not in ("D", "H", "G", "V", "Z"):
         return []
     label = "gravity" if quantity in ("G", "V", "Z") else "inertial"
-    felt = [t for t in dictionary if np.abs(t.columns[:, column]).max() > tolerance]
-    if not felt:
-        return []
     rest = problem.user[:, column] - problem.reference[:, column]
-    parts = np.stack([t.columns[:, column] for t in felt])
-    gram, inner = parts @ parts.T, parts @ rest
     place = float(np.log2(len(dictionary)))
     found = []
-    for k, term in enumerate(felt):
+    for term in dictionary:
+        part = term.columns[:, column]
+        if np.abs(part).max() <= tolerance:
+            continue
         # Least squares, then the worst sample: a share that fits on average explains nothing.
-        share = float(inner[k] / gram[k, k])
-        if np.abs(rest - share * parts[k]).max() <= tolerance:
-            found += _one(getattr(term, label), share, place, bool(np.ptp(parts[k]) <= tolerance))
-    for i, j in itertools.combinations(range(len(felt)), 2) if not found else ():
-        det = gram[i, i] * gram[j, j] - gram[i, j] ** 2
-        if det <= 1e-9 * gram[i, i] * gram[j, j]:
+        share, name = float(part @ rest) / float(part @ part), getattr(term, label)
+        if np.abs(rest - share * part).max() > tolerance:
             continue
-        pair = np.array(
-            [inner[i] * gram[j, j] - inner[j] * gram[i, j], inner[j] * gram[i, i] - inner[i] * gram[i, j]]
-        )
-        one, other = (_usual(float(x)) for x in pair / det)
-        if one is None or other is None:
-            continue
-        if np.abs(rest - one * parts[i] - other * parts[j]).max() <= tolerance:
-            both = [_one(getattr(felt[k], label), x, place, False)[0] for k, x in ((i, one), (j, other))]
-            text = " and ".join(fit.text for fit in both)
-            found.append(Fit(text, (one, other), True, sum(fit.bits for fit in both)))
+        for rank, (known, text) in enumerate(SHARES.items(), start=1):
+            if abs(share - known) < SAME:
+                found.append(Fit(text.format(name), known, True, place + float(np.log2(rank))))
+                break
+        else:
+            if share >= -1.0 and np.ptp(part) > tolerance:  # any constant is a multiple of any other
+                text = f"{name} stands with the factor {1.0 + share:.6g}"
+                found.append(Fit(text, share, False, place))
     return sorted(found, key=lambda fit: (not fit.usual, fit.bits))
 
 
-def _one(name: str, share: float, place: float, constant: bool) -> list[Fit]:
-    """Return how one term explains an entry; a constant in no usual multiple does not."""
-    usual = _usual(share)
-    if usual is not None:
-        return [
-            Fit(
-                SHARES[usual].format(name),
-                (usual,),
-                True,
-                place + float(np.log2(1 + list(SHARES).index(usual))),
-            )
-        ]
-    if share < -1.0 or constant:
-        return []  # any constant is a multiple of any other
-    return [Fit(f"{name} stands with the factor {1.0 + share:.6g}", (share,), False, place)]
-
-
-def _usual(share: float) -> float | None:
-    return next((known for known in SHARES if abs(share - known) < SAME), None)
-
-
-def _terms(problem: Problem) -> Iterator[Term]:
+def split(problem: Problem) -> Iterator[Term]:
+    """Yield all terms of the reference."""
     tree = problem.tree
     want = [quantity for quantity in problem.want if quantity in ("D", "H", "G", "V")]
 

@@ -6,8 +6,8 @@ quantities of its equations of motion at many configurations at once:
     D(q) a + h(q, v) + G(q) = tau,   h_i = sum_jk H_ijk v_j v_k,   H symmetric in j and k (Christoffel).
 
 Names of quantities, with N configurations: "D" (N, n, n) [kg m^2], "H" (N, n, n, n), "G" (N, n) [N m], "V"
-(N,) potential energy less that at the first configuration [J], "F" (N, 3) position of the tool [m], "R"
-(N, 3, 3) its rotation, "J" (N, 6, n) its Jacobian along the base axes, linear rows first.
+(N,) potential energy less that at the first configuration [J], "F" (N, 3) position of the tool [m], "J"
+(N, 6, n) its Jacobian along the base axes, linear rows first.
 """
 
 from __future__ import annotations
@@ -236,10 +236,6 @@ def evaluate(tree: Tree, q: Array, want: Iterable[str], affine: Affine | None = 
         pin.framesForwardKinematics(model, data, row)
         return np.array(data.oMf[tool].translation)
 
-    def rotation(row: Array) -> Array:
-        pin.framesForwardKinematics(model, data, row)
-        return np.array(data.oMf[tool].rotation)
-
     def jacobian(row: Array) -> Array:
         return np.array(pin.computeFrameJacobian(model, data, row, tool, axes)).reshape(6, n)
 
@@ -249,7 +245,6 @@ def evaluate(tree: Tree, q: Array, want: Iterable[str], affine: Affine | None = 
         "G": lambda row: np.array(pin.computeGeneralizedGravity(model, data, row)).reshape(n),
         "V": lambda row: np.array(pin.computePotentialEnergy(model, data, row)),
         "F": position,
-        "R": rotation,
         "J": jacobian,
     }
     quantities = {name: np.stack([one[name](row) for row in x]) for name in want if name in one}

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import pinocchio as pin
-import pytest
 from hand_models import _draw, planar, scara, spatial
 
 from armgpi import Robot, suggest_urdf, validate
@@ -37,44 +35,6 @@ def test_symbols_may_count_from_zero(tmp_path: object) -> None:
     assert validate({"gravity": sympy.Matrix([one * sympy.cos(q0) + far, far])}, robot).agrees
 
 
-# Kinematics.
-
-
-def _along_tool(J: Array, R: Array, _: Array) -> Array:
-    return np.vstack([R.T @ J[:3], R.T @ J[3:]])
-
-
-def _spatial(J: Array, _: Array, p: Array) -> Array:
-    return np.vstack([J[:3] + np.cross(p, J[3:].T).T, J[3:]])
-
-
-def _analytic(J: Array, R: Array, _: Array) -> Array:
-    return np.vstack(
-        [J[:3], np.linalg.inv(pin.rpy.computeRpyJacobian(pin.rpy.matrixToRpy(R), pin.WORLD)) @ J[3:]]
-    )
-
-
-@pytest.mark.parametrize(
-    ("change", "text"),
-    [(_along_tool, "body frame"), (_spatial, "spatial velocity"), (_analytic, "rates of roll, pitch, yaw")],
-)
-def test_the_frame_of_a_jacobian_is_named(change: Callable[..., Array], text: str) -> None:
-    robot = Robot.load("anthropomorphic3")
-    tip = robot.tip
-
-    def jacobian(q: Array) -> Array:
-        pose = robot.frame_pose(tip, q)
-        return change(robot.frame_jacobian(tip, q), pose.rotation, pose.translation)
-
-    assert text in causes({"jacobian": jacobian}, robot)
-
-
-def test_a_position_in_another_frame_is_named() -> None:
-    robot = Robot.load("anthropomorphic3")
-    place = {"forward_kinematics": lambda q: robot.frame_pose(robot.tip, q).translation[[0, 2, 1]]}
-    assert "another frame: x, z, y of the base" in causes(place, robot)
-
-
 # Units.
 
 
@@ -83,30 +43,6 @@ def test_a_mass_in_grams_is_named() -> None:
     mass = model["mass_matrix"](np.zeros(3))[2, 2]
     grams = {**model, "mass_matrix": lambda q: model["mass_matrix"](q) + np.diag([0, 0, 999.0 * mass])}
     assert "g for kg" in first(grams, robot)
-
-
-# Inertias in the wrong frame.
-
-
-@pytest.mark.parametrize("backward", [False, True])
-def test_inertias_that_are_not_turned_into_the_base_are_named(backward: bool) -> None:
-    robot, _ = spatial(1)
-    model = robot.pinocchio_model()
-    data = model.createData()
-
-    def mass_matrix(q: Array) -> Array:
-        pin.computeJointJacobians(model, data, q)
-        D = np.zeros((3, 3))
-        for k in range(1, 4):
-            J = pin.getJointJacobian(model, data, k, pin.LOCAL_WORLD_ALIGNED)
-            R, body = data.oMi[k].rotation, model.inertias[k]
-            move = J[:3] - pin.skew(R @ body.lever) @ J[3:]
-            tensor = R.T @ body.inertia @ R if backward else body.inertia
-            D += body.mass * move.T @ move + J[3:].T @ tensor @ J[3:]
-        return D
-
-    text = "turned the wrong way" if backward else "not turned into the base frame"
-    assert text in first({"mass_matrix": mass_matrix}, robot)
 
 
 # Formulas that are wrong in one function alone.
@@ -155,30 +91,6 @@ def test_a_number_that_is_right_is_not_blamed() -> None:
 
     told = first({"mass_matrix": mass_matrix, "parameters": p}, robot)
     assert told == "the terms m l² of link 2 is missing"
-
-
-def test_two_terms_that_are_missing_in_one_entry_are_both_named() -> None:
-    robot, model = planar(1)
-    numbers = _numbers()
-    m2, l1, lc2 = numbers[1], numbers[2], numbers[4]
-
-    def mass_matrix(q: Array) -> Array:
-        return model["mass_matrix"](q) - np.diag([m2 * l1**2 + 2 * m2 * l1 * lc2 * np.cos(q[1]), 0.0])
-
-    told = first({**model, "mass_matrix": mass_matrix}, robot)
-    assert told == "the terms m l² of link 2 is missing and the terms m l lc of link 2 is missing"
-
-
-def test_a_length_that_a_term_lacks_is_named() -> None:
-    robot, model = planar(1)
-    numbers = _numbers()
-    m2, l1, lc2 = numbers[1], numbers[2], numbers[4]
-
-    def mass_matrix(q: Array) -> Array:
-        return model["mass_matrix"](q) + np.diag([2 * m2 * l1 * (1.0 - lc2) * np.cos(q[1]), 0.0])
-
-    told = first({**model, "mass_matrix": mass_matrix}, robot)
-    assert f"1/{lc2:.6g}: the distance of the centre of mass of link 2 is not there" in told
 
 
 def test_different_causes_for_neighbouring_entries_are_not_named() -> None:
