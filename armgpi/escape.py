@@ -42,7 +42,7 @@ def printable(value: object, *, lines: bool = False) -> str:
     text = str(value)
     if text.isprintable():
         return text
-    return "".join(c if c.isprintable() or (lines and c == "\n") else _written_out(c) for c in text)
+    return "".join(c if c.isprintable() or (lines and c == "\n") else repr(c)[1:-1] for c in text)
 
 
 def quote(value: object, most: int = 80) -> str:
@@ -79,8 +79,3 @@ def html_table(caption: str, head: Sequence[str], rows: Iterable[Sequence[object
 def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a table of Markdown, its cells as they are given, with a line end."""
     return "".join("| " + " | ".join(line) + " |\n" for line in (head, ("---",) * len(head), *rows))
-
-
-def _written_out(character: str) -> str:
-    """Return a character as Python's `repr` has it."""
-    return repr(character)[1:-1]

@@ -14,10 +14,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-STUBS = (
-    ROOT / "armgpi/hardware/export/templates/ros2_stubs.hpp",
-    *sorted((ROOT / "tests/hardware/stubs").rglob("*.h")),
-)
+STUBS = sorted((ROOT / "tests/hardware/stubs").rglob("*.h*"))
 #: What a stub has besides declarations: access, bodies that give something back, and directives.
 _OWN = re.compile(r"(public|protected|private) ?:|return\b|#.*")
 

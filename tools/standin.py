@@ -180,7 +180,7 @@ def build(folder: Path, made: Path) -> Path:
         sources = [str(folder / f"armgpi_{x}.c") for x in ("controller", "move", "log")]
         run(["cc", "-std=c99", "-O2", "-ffp-contract=off", "-c", *sources], made)
         objects = [f"armgpi_{x}.o" for x in ("controller", "move", "log")]
-        where = [f"-I{folder / x}" for x in ("", "include", "test")] + [f"-I{STUBS}"]
+        where = [f"-I{folder / x}" for x in ("", "include")] + [f"-I{STUBS}"]
         source = str(STUBS / "ros2_manager.cpp")
         run(["g++", *FLAGS, "-DARMGPI_ROS2_STUBS", *where, source, *objects, "-o", "program"], made)
         return made / "program"

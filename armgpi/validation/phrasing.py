@@ -37,7 +37,7 @@ _RATIOS = {
 
 def ratio(factor: float) -> str:
     """Return what a factor usually means, in brackets; "" when it means nothing."""
-    text = next((text for known, text in _RATIOS.items() if _same(factor, known)), "")
+    text = next((text for known, text in _RATIOS.items() if abs(factor / known - 1.0) < 1e-07), "")
     return f" ({text})" if text else ""
 
 
@@ -50,11 +50,6 @@ def known_numbers(tree: Tree) -> list[tuple[float, str]]:
     for i, body in enumerate(tree.bodies):
         found += [(x, f"the inertia of {names.link(i)}") for x in np.abs(body.inertia).ravel().tolist()]
     return found + lengths(tree)
-
-
-def _same(a: float, b: float) -> bool:
-    """Tell whether two factors agree: they come from values that agree to 1e-9."""
-    return abs(a / b - 1.0) < 1e-7
 
 
 def lengths(tree: Tree) -> list[tuple[float, str]]:

@@ -161,7 +161,7 @@ def fill(
         scripts: JavaScript, in its order.
         computes: whether it runs WebAssembly that it holds, in a worker.
     """
-    safe = [_safe_script(script) for script in scripts]
+    safe = [script.replace("</script", "<\\/script").replace("<!--", "<\\!--") for script in scripts]
     runs = " 'wasm-unsafe-eval'; worker-src blob:" if computes else ""
     hashes = " ".join(f"'sha256-{_digest(script)}'" for script in safe) or "'none'"
     places = {
@@ -344,11 +344,6 @@ def _columns(matrix: npt.NDArray[np.float64]) -> list[float]:
     """Return a matrix column by column, as three.js has it."""
     columns: list[float] = matrix.T.ravel().tolist()
     return columns
-
-
-def _safe_script(script: str) -> str:
-    """Return JavaScript in which no string ends the element around it."""
-    return script.replace("</script", "<\\/script").replace("<!--", "<\\!--")
 
 
 def _digest(script: str) -> str:

@@ -35,6 +35,7 @@ from armgpi.robot.rotors import believe
 pytest.importorskip("casadi", reason="casadi writes the C")
 from armgpi.hardware.export.files import record
 from armgpi.hardware.export.interfaces import table
+from armgpi.hardware.export.names import rename
 from armgpi.hardware.export.targets import _tests
 
 compiled = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
@@ -519,6 +520,7 @@ def test_a_ros2_controller_compiles_against_its_stubs(name: str | None, tmp_path
     assert f'"{prefix}_controller/Ros2Controller" type="{prefix}_controller::Ros2Controller"' in plugin
     assert f"add_library({prefix}_controller_ros2 " in (tmp_path / "CMakeLists.txt").read_text()
     assert f'path="{prefix}_controller_ros2"' in plugin
+    (tmp_path / "ros2_stubs.hpp").write_text(rename((STUBS / "ros2_stubs.hpp").read_text(), name))
     stubs = f"-D{prefix.upper()}_ROS2_STUBS"
     for compiler in ("g++", "clang++"):
         if compiler == "g++" or shutil.which(compiler):
@@ -536,8 +538,8 @@ def test_a_ros2_controller_compiles_against_its_stubs(name: str | None, tmp_path
         assert not [word for word in ("new ", "push_back", "std::string", "make_") if word in body]
 
 
-#: Folders of a package's headers, and of its stubs.
-WHERE = ("-I.", "-Iinclude", "-Itest")
+#: Folders of a package's headers, and of stubs.
+WHERE = ("-I.", "-Iinclude", f"-I{STUBS}")
 
 
 def test_parameters_of_the_plugin_are_those_of_its_stub(tmp_path: Path) -> None:
@@ -547,9 +549,7 @@ def test_parameters_of_the_plugin_are_those_of_its_stub(tmp_path: Path) -> None:
     ((name, parameters),) = yaml.safe_load(file.read_text()).items()
     assert name == "left_arm_controller"
     types = {"string": "std::string", "double": "double", "bool": "bool"}
-    stub = (
-        (tmp_path / "test" / "ros2_stubs.hpp").read_text().partition("struct Params {")[2].partition("};")[0]
-    )
+    stub = (STUBS / "ros2_stubs.hpp").read_text().partition("struct Params {")[2].partition("};")[0]
     told = [
         f"  {types[each['type']]} {key} = {json.dumps(each['default_value'])};"
         for key, each in parameters.items()

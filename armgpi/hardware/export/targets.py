@@ -39,7 +39,6 @@ TARGETS: dict[str, dict[str, str]] = {
         "ros2_control.hpp": "include/armgpi_controller/ros2_control.hpp",
         "ros2_control.cpp": "src/ros2_control.cpp",
         "ros2_parameters.yaml": "src/armgpi_controller_parameters.yaml",
-        "ros2_stubs.hpp": "test/ros2_stubs.hpp",
         "ros2_test_load.cpp": "test/test_load.cpp",
         "ros2_colcon.yml": ".github/workflows/colcon.yml",
         "ros2_plugin.xml": "ros2_plugin.xml",

@@ -8,8 +8,8 @@
 // Or it follows a file: its parameter `motion`, as motion.csv is, from a move to where that begins.
 // The service ~/stop (std_srvs/Trigger) stops the arm under control, as a fault of the reference does: go on by
 // deactivating and activating. Status, reason and joint are on ~/status (std_msgs/String) when they change, and a fault is
-// logged. `update` allocates nothing. Compiled against stub headers (ros2_stubs.hpp) where it was exported, which proves
-// that it is C++ and nothing about your ROS 2: build it there with colcon.
+// logged. `update` allocates nothing. armgpi's tests compile it against stub headers, which proves that it is C++ and
+// nothing about your ROS 2: build it there with colcon.
 #pragma once
 
 #ifdef ARMGPI_ROS2_STUBS

@@ -33,7 +33,7 @@ struct Params {
   double share = 0.5;
   std::string last_torque = "zero";
   std::string log = "";
-  double log_seconds = $log_seconds;
+  double log_seconds = 60.0;
   bool dry_run = false;
   std::string motion = "";
 };
