@@ -6,9 +6,83 @@ Usage:
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 
-from armgpi.robot.rotors import PUBLISHED, SCATTER, SPIN_UP, Rotor, mean_spin_up, spin_up
+from armgpi.robot.rotors import SCATTER, SPIN_UP
+
+
+class Rotor(NamedTuple):
+    """A published drive, all as seen at the joint.
+
+    Attributes:
+        robot: which robot or servo.
+        joint: which of its joints, from 1.
+        wrist: whether it is one of the last three joints of an arm.
+        effort: torque limit [N m].
+        velocity: velocity limit [rad/s].
+        inertia: of the rotor, gear ratio squared [kg m^2].
+        part: "fit" or "held-out"; "set by hand" for values of simulation models, which nothing uses.
+    """
+
+    robot: str
+    joint: int
+    wrist: bool
+    effort: float
+    velocity: float
+    inertia: float
+    part: str
+
+
+def _arm(robot: str, part: str, effort: str, velocity: str, inertia: str, wrists: int = 3) -> list[Rotor]:
+    """Return the joints of an arm from lists in text."""
+    columns = ([float(x) for x in column.split()] for column in (effort, velocity, inertia))
+    rows = list(zip(*columns, strict=True))
+    return [Rotor(robot, i + 1, i >= len(rows) - wrists, e, v, J, part) for i, (e, v, J) in enumerate(rows)]
+
+
+#: Identified or manufacturers' own values, half of the robots to fit and half held out, and some that
+#: simulation models were given by hand. Looked up in public files: Franka's reflected inertias of the FR3
+#: (README of Drake's franka_description); eRob, MX and STS3215 as models of their users have them (a rotor
+#: and a gear ratio, or a pendulum's identification: Rhoban/bam), XL330 likewise; Schunk LWA 4P
+#: (AndreaGiusti/OTFCtrlModRob, identified). As cited, not looked up again: UR10e, identified from the
+#: currents of shamilmamedov/dynamic_calibration (its first three joints cannot be told from their links);
+#: Puma 560, measured (Armstrong, Khatib, Burdick 1986); KUKA LWR 4+, identified (Jubien, Gautier, Janot
+#: 2014); limits of both and of some servos; the values set by hand.
+PUBLISHED = (
+    *_arm("Franka FR3", "fit", "87 87 87 87 12 12 12", "2.62 2.62 2.62 2.62 5.26 4.18 5.26",
+          "0.606 0.606 0.462 0.462 0.206 0.206 0.206"),
+    *_arm("UR10e", "fit", "56 56 56", "3.14 3.14 3.14", "0.42 0.43 0.46"),
+    *_arm("eRob 70, 80", "fit", "12 23 30 36 44 56 70", "6.28 6.28 3.93 2.62 6.28 3.93 2.62",
+          "0.117 0.0653 0.167 0.376 0.112 0.288 0.647", 0),
+    *_arm("Dynamixel MX-106, MX-64", "fit", "8.4 6.0", "4.7 6.6", "0.025 0.012", 0),
+    *_arm("Puma 560", "held-out", "97.6 186 89.4 24.2 20.1 21.3", "1.43 1.29 2.13 3.98 4.21 3.98",
+          "1.14 4.71 0.83 0.2 0.18 0.19"),
+    *_arm("Schunk LWA 4P", "held-out", "75.5 75.5 75.5 75.5 20 20", "1.26 1.26 1.26 1.26 1.26 1.26",
+          "1.34 1.34 1.34 1.34 0.17 0.17"),
+    *_arm("Feetech STS3215, Dynamixel XL330", "held-out", "2.94 0.6", "6.3 10.9", "0.028 0.0022", 0),
+    *_arm("KUKA LWR 4+", "held-out", "176 176 100 100 100 38 38", "1.92 1.92 2.23 2.23 3.56 3.21 3.21",
+          "3.19 3.05 1.98 2.05 0.79 0.39 0.39"),
+    *_arm("Panda of mujoco_menagerie", "set by hand", "87 87 87 87 12 12 12",
+          "2.17 2.17 2.17 2.17 2.61 2.61 2.61",
+          "0.1 0.1 0.1 0.1 0.1 0.1 0.1"),
+    *_arm("UR5e of mujoco_menagerie", "set by hand", "150 150 150 28 28 28", "3.14 3.14 3.14 3.14 3.14 3.14",
+          "0.1 0.1 0.1 0.1 0.1 0.1"),
+)  # fmt: skip
+
+
+def spin_up(rotor: Rotor) -> float:
+    """Return in what time a published drive turns its own rotor to its velocity limit [s]."""
+    return rotor.inertia * rotor.velocity / rotor.effort
+
+
+def mean_spin_up(part: str = "fit") -> float:
+    """Return the geometric mean of that time over the robots of a part, each with the same weight [s]."""
+    robots = {rotor.robot for rotor in PUBLISHED if rotor.part == part}
+    each = [np.mean([math.log(spin_up(x)) for x in PUBLISHED if x.robot == name]) for name in sorted(robots)]
+    return math.exp(float(np.mean(each)))
 
 
 def row(name: str, rotors: list[Rotor]) -> str:
