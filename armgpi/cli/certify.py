@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -58,6 +59,7 @@ _DRAWN, _FARTHER, _TRIED = 12, 2.5, 59
 
 
 @stoppable
+@opt.add_options(opt.loading, opt.arm)
 def certify(
     robot: str,
     speed: str = "0.2",
@@ -81,14 +83,6 @@ def certify(
     jump: bool = False,
     start: str = "wrong-load",
     controller: str | None = None,
-    lock: list[str] | None = None,
-    keep: list[str] | None = None,
-    mimic: str | None = None,
-    repair: list[str] | None = None,
-    package_dir: list[Path] | None = None,
-    effort: list[str] | None = None,
-    rotor_inertia: list[str] | None = None,
-    drives: Path | None = None,
     prove: bool = False,
     budget: float = 30.0,
     out: Path | None = None,
@@ -96,6 +90,7 @@ def certify(
     refute: Path | None = None,
     identified: Path | None = None,
     as_json: bool = False,
+    **how: Any,
 ) -> None:
     """Bound the whole arm's error under GPI, so that another program can check it exactly.
 
@@ -107,8 +102,7 @@ def certify(
 
     if report is not None:
         check_file(report, "--report")
-    how = {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair, "effort": effort}
-    arm = load_arm(robot, how, rotor_inertia, drives)
+    arm = load_arm(robot, how)
     dt, delay, controller = _loop_of(robot, dt, delay, controller)
     _refute_file(refute, arm)
     note_believed(arm)
@@ -221,14 +215,14 @@ def _refute_file(file: Path | None, arm: Any) -> None:
     sys.exit(FAILED if said else OK)
 
 
-def load_arm(name: str, how: dict[str, Any], inertia: list[str] | None, drives: Path | None) -> Any:
+def load_arm(name: str, how: Mapping[str, Any]) -> Any:
     """Return the robot with what its joints have; that of an experiment file where the name is one's."""
     from armgpi import config
 
     section: dict[str, Any] = {"name": name}
     if is_experiment(name):
         section = config.read(Path(name)).config.robot.plain(given=True)
-    section |= opt.robot_given(how, inertia, drives)
+    section |= opt.robot_given(how)
     options = {"robot": "ROBOT", "robot.name": "ROBOT"}
     options |= {f"robot.{key}": f"--{key.replace('_', '-')}" for key in (*how, "rotor_inertia", "drives")}
     # The longest keys first: of "robot.lock" and "robot", the first says more.

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @stoppable
-@opt.add_options(opt.experiment, opt.results)
+@opt.add_options(opt.loading, opt.arm, opt.experiment, opt.results)
 def run(
     context: typer.Context,
     robot: str | None = None,
@@ -46,7 +46,7 @@ def run(
 
 
 @stoppable
-@opt.add_options(opt.experiment, opt.results)
+@opt.add_options(opt.loading, opt.arm, opt.experiment, opt.results)
 def compare(
     context: typer.Context,
     robot: str | None = None,

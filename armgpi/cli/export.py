@@ -47,7 +47,7 @@ _JUST_BELOW = 1.0 - 1e-6
 
 
 @stoppable
-@opt.add_options(opt.experiment, opt.printing)
+@opt.add_options(opt.loading, opt.arm, opt.experiment, opt.printing)
 def export(
     context: typer.Context,
     robot: str | None = None,

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from armgpi import files
+from armgpi.cli import options as opt
 from armgpi.cli.certify import load_arm
 from armgpi.cli.parsing import is_experiment, per_joint, stoppable
 from armgpi.cli.terminal import console, natural_width, say
@@ -36,6 +37,7 @@ ROWS = {
 
 
 @stoppable
+@opt.add_options(opt.loading)
 def identify(
     logs: list[Path],
     robot: str,
@@ -46,14 +48,10 @@ def identify(
     resonance: Path | None = None,
     load: Path | None = None,
     anyway: bool = False,
-    lock: list[str] | None = None,
-    keep: list[str] | None = None,
-    mimic: str | None = None,
-    repair: list[str] | None = None,
-    package_dir: list[Path] | None = None,
     out: Path = Path("identified"),
     report: Path | None = None,
     as_json: bool = False,
+    **how: Any,
 ) -> None:
     """Identify an arm from logs of measured positions and commanded torques.
 
@@ -67,7 +65,7 @@ def identify(
     from armgpi.identification.text import lines, say_load, tabulate
     from armgpi.identification.writing import write_identified
 
-    arm = load_arm(robot, {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair}, None, None)
+    arm = load_arm(robot, how)
     constants = None if current is None else per_joint(current, "--current")
     found = identified(
         logs,
@@ -124,6 +122,7 @@ def _corners(text: str | None) -> list[list[float]] | None:
 
 
 @stoppable
+@opt.add_options(opt.loading)
 def excite(
     robot: str,
     seconds: float = 20.0,
@@ -133,13 +132,9 @@ def excite(
     floor: float | None = None,
     box: str | None = None,
     seed: int = 0,
-    lock: list[str] | None = None,
-    keep: list[str] | None = None,
-    mimic: str | None = None,
-    repair: list[str] | None = None,
-    package_dir: list[Path] | None = None,
     drives: Path | None = None,
     out: Path = Path("excite"),
+    **how: Any,
 ) -> None:
     """Write a motion from which an arm can be identified, and the experiment that runs it.
 
@@ -152,8 +147,8 @@ def excite(
     from armgpi.identification.resonance import SHAKEN, shake
     from armgpi.identification.writing import experiment_files
 
-    how: dict[str, Any] = {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair}
-    arm = load_arm(robot, how, None, drives)
+    arm = load_arm(robot, {**how, "drives": drives})
+    del how["package_dir"]  # no key of the file that is written
     usual = SHAKEN if resonance else FIRST_SHARE if first else 0.7
     given = usual if share is None else share
     motion = (

@@ -29,16 +29,9 @@ ROWS = {
 }
 
 
+@opt.add_options(opt.loading, opt.arm)
 def inspect(
     robot: str,
-    lock: list[str] | None = None,
-    keep: list[str] | None = None,
-    mimic: str | None = None,
-    repair: list[str] | None = None,
-    effort: list[str] | None = None,
-    rotor_inertia: list[str] | None = None,
-    drives: Path | None = None,
-    package_dir: list[Path] | None = None,
     encoder_bits: int | None = None,
     delay: int | None = None,
     dt: float | None = None,
@@ -46,6 +39,7 @@ def inspect(
     cross_check: bool = False,
     report: Path | None = None,
     as_json: bool = False,
+    **how: Any,
 ) -> None:
     """Report what a robot's model is, what will bite, and what a controller will do with it.
 
@@ -68,11 +62,10 @@ def inspect(
         usual = {"dt": said.sample_time, **plant}
         loop = {key: usual.get(key) if value is None else value for key, value in loop.items()}
         payload = (plant["payload"] or {}).get("mass") if payload is None else payload
-    how = {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair, "effort": effort}
-    arm |= opt.robot_given(how, rotor_inertia, drives)
+    arm |= opt.robot_given(how)
     found = health.inspect(
         arm.pop("name"),
-        package_dirs=package_dir or [],
+        package_dirs=how["package_dir"] or [],
         **{key: value for key, value in arm.items() if key not in ("gravity", "friction")},
         **{key: value for key, value in loop.items() if value is not None},
     )

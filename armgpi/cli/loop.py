@@ -40,7 +40,7 @@ ROWS = {
 
 
 @stoppable
-@opt.add_options(opt.experiment, opt.printing)
+@opt.add_options(opt.loading, opt.arm, opt.experiment, opt.printing)
 def loop(
     context: typer.Context,
     robot: str | None = None,

@@ -56,23 +56,17 @@ class _Answers:
         return believed, "; believed: change it where you know better"
 
 
+@opt.add_options(opt.loading, opt.arm)
 def new(
     robot: str,
     out: Path | None = None,
-    lock: list[str] | None = None,
-    keep: list[str] | None = None,
-    mimic: str | None = None,
-    repair: list[str] | None = None,
-    package_dir: list[Path] | None = None,
-    effort: list[str] | None = None,
-    rotor_inertia: list[str] | None = None,
-    drives: Path | None = None,
     payload: float | None = None,
     encoder_bits: int | None = None,
     delay: int | None = None,
     dt: float | None = None,
     target: str | None = None,
     force: bool = False,
+    **how: Any,
 ) -> None:
     """Begin an experiment file for an arm: what its URDF says, and what you say or armgpi believes.
 
@@ -99,12 +93,11 @@ def new(
     if path.exists() and not force:
         raise refusal("--out", f"{path} exists; choose another file, or add --force")
     answers = _Answers()
-    how: dict[str, Any] = {"lock": lock, "keep": keep, "mimic": mimic, "repair": repair, "effort": effort}
-    arm, hands = _arm(robot, how, answers, rotor_inertia, drives)
+    arm, hands = _arm(robot, how, answers)
     typed = {"payload": payload, "encoder_bits": encoder_bits, "delay": delay, "dt": dt, "target": target}
     beside = path.parent.resolve() == source.parent.resolve()
     section: dict[str, Any] = {"name": name or (source.name if beside else str(source.resolve()))}
-    section |= opt.robot_given(how, rotor_inertia, drives)
+    section |= opt.robot_given(how)
     if set((section.get("lock") or {0: 0}).values()) == {None}:
         section["lock"] = [*section["lock"]]
     lines = _file(arm, section, hands, answers, typed, path)
@@ -156,16 +149,14 @@ def _file(
     ]
 
 
-def _arm(
-    robot: str, how: dict[str, Any], answers: _Answers, inertia: list[str] | None, drives: Path | None
-) -> tuple[Any, list[str]]:
+def _arm(robot: str, how: dict[str, Any], answers: _Answers) -> tuple[Any, list[str]]:
     """Return one arm of a robot, and the joints of its gripper, locked: `how` says so afterwards."""
     from armgpi.robot import chains, robots, urdf
 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ArmgpiWarning)  # of what is mended here
-            arm = load_arm(robot, how, inertia, drives)
+            arm = load_arm(robot, how)
         several = chains.of(arm.provenance)
     except ArmgpiError:  # which may be of a part that is not kept
         source, _ = robots.locate(robot)
@@ -178,11 +169,11 @@ def _arm(
         chosen, _ = answers.get(f"{said}. Keep", None, believed, str)
         say(f"note: {said}; the file keeps {chosen}", err=True)
         how["keep"] = [chosen]
-        arm = load_arm(robot, how, inertia, drives)
+        arm = load_arm(robot, how)
     hands = [joint for joint in arm.provenance.get("grippers", ()) if joint in arm.joint_names]
     if hands and not how["keep"]:
         how["lock"] = [*(how["lock"] or []), *hands]
-        arm = load_arm(robot, how, inertia, drives)
+        arm = load_arm(robot, how)
     return arm, hands
 
 

@@ -93,14 +93,14 @@ def _search_folders(folders: list[Path] | None) -> list[Path] | None:
     return folders
 
 
-def robot_given(how: dict[str, Any], rotor_inertia: list[str] | None, drives: Path | None) -> dict[str, Any]:
+def robot_given(how: Mapping[str, Any]) -> dict[str, Any]:
     """Return what options say of an arm, as keys of the section `robot`: how it is loaded, and its drives."""
     from armgpi.cli.parsing import locks, per_joint, split
 
-    readers: dict[str, Any] = {"lock": locks, "keep": split, "repair": split}
+    readers: dict[str, Any] = {"lock": locks, "keep": split, "mimic": str, "repair": split}
     readers["effort"] = lambda texts: per_joint(",".join(texts), "--effort")
-    given = {key: readers.get(key, str)(value) for key, value in how.items() if value}
-    return given | drives_given(rotor_inertia, drives)
+    given = {key: read(how[key]) for key, read in readers.items() if how.get(key) not in (None, [])}
+    return given | drives_given(how.get("rotor_inertia"), how.get("drives"))
 
 
 def drives_given(rotor_inertia: list[str] | None, path: Path | None) -> dict[str, Any]:
@@ -135,6 +135,24 @@ _CALLBACKS: dict[str, Any] = {"--html": page_file, "--report": page_file, "--pac
 _Command = TypeVar("_Command", bound=Callable[..., None])
 
 
+def loading(
+    lock: list[str] | None = None,
+    keep: list[str] | None = None,
+    mimic: str | None = None,
+    repair: list[str] | None = None,
+    package_dir: list[Path] | None = None,
+) -> None:
+    """List the options of how a robot is loaded, for :func:`add_options`."""
+
+
+def arm(
+    effort: list[str] | None = None,
+    rotor_inertia: list[str] | None = None,
+    drives: Path | None = None,
+) -> None:
+    """List the options of what the joints of an arm have, for :func:`add_options`."""
+
+
 def experiment(
     config: Path | None = None,
     to: str | None = None,
@@ -143,14 +161,6 @@ def experiment(
     trajectory: Path | None = None,
     direction: str | None = None,
     duration: float | None = None,
-    lock: list[str] | None = None,
-    keep: list[str] | None = None,
-    mimic: str | None = None,
-    repair: list[str] | None = None,
-    package_dir: list[Path] | None = None,
-    effort: list[str] | None = None,
-    rotor_inertia: list[str] | None = None,
-    drives: Path | None = None,
     inertia_scale: float | None = None,
     plant: str | None = None,
     payload: float | None = None,

@@ -30,7 +30,7 @@ ROWS = {
 
 
 @stoppable
-@opt.add_options(opt.experiment)
+@opt.add_options(opt.loading, opt.arm, opt.experiment)
 def play(
     context: typer.Context,
     robot: str | None = None,

@@ -8,8 +8,8 @@ from typing import Any
 
 from armgpi import config as configuration
 from armgpi.cli.declared import Option, whole
-from armgpi.cli.options import drives_given
-from armgpi.cli.parsing import is_experiment, locks, per_joint, refusal, split
+from armgpi.cli.options import robot_given
+from armgpi.cli.parsing import is_experiment, per_joint, refusal
 from armgpi.config import Loaded, Origin, keys
 from armgpi.errors import ConfigError
 from armgpi.paper import scenarios
@@ -104,13 +104,8 @@ def _robot(over: _Overlay) -> None:
         over.put("ROBOT", over.options["robot"], "robot", "name")
     if "robot" not in over.data:
         raise refusal("", "name a robot, or give an experiment file with --config")
-    over.take("lock", "robot", "lock", read=locks)
-    over.take("keep", "robot", "keep", read=split)
-    over.take("mimic", "robot", "mimic")
     over.take("gravity", "robot", "gravity")
-    over.take("repair", "robot", "repair", read=split)
-    over.take("effort", "robot", "effort", read=lambda texts: per_joint(",".join(texts), "--effort"))
-    for key, value in drives_given(over.options["rotor_inertia"], over.options["drives"]).items():
+    for key, value in robot_given(over.options).items():
         over.put(f"--{key.replace('_', '-')}", value, "robot", key)
 
 

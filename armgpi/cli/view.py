@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from armgpi.cli import options as opt
 from armgpi.cli.parsing import refusal, stoppable
 from armgpi.cli.terminal import say
 from armgpi.files import check_set
@@ -30,18 +32,15 @@ ROWS = {
 
 
 @stoppable
+@opt.add_options(opt.loading)
 def view(
     targets: list[str],
     html: Path | None = None,
-    lock: list[str] | None = None,
-    keep: list[str] | None = None,
-    mimic: str | None = None,
-    repair: list[str] | None = None,
-    package_dir: list[Path] | None = None,
     robot: str | None = None,
     frame: str | None = None,
     port: int | None = None,
     browser: bool = False,
+    **how: Any,
 ) -> None:
     """Show robots, or play a rollout, in MeshCat: at an address of this machine alone, or as one file.
 
@@ -54,7 +53,7 @@ def view(
     from armgpi.view import meshcat
 
     pictures.check(view=html is None, html=html)
-    page = _page(targets, lock, keep, mimic, repair, robot, frame)
+    page = _page(targets, how, robot, frame)
     if html is not None:
         say(f"wrote {meshcat.write(page, html)}", err=True)
     else:
@@ -109,46 +108,34 @@ def report(
     say(f"wrote {reports.write(page, output)}", err=True)
 
 
-def _page(
-    targets: list[str],
-    lock: list[str] | None,
-    keep: list[str] | None,
-    mimic: Any,
-    repair: list[str] | None,
-    robot: str | None,
-    frame: str | None,
-) -> str:
+def _page(targets: list[str], how: Mapping[str, Any], robot: str | None, frame: str | None) -> str:
     """Return the page of what shall be shown."""
     from armgpi.loop import rollout as rollouts
     from armgpi.view import meshcat, scene
 
-    given = {"--lock": lock, "--keep": keep, "--mimic": mimic, "--repair": repair}
     target = targets[0]
     if Path(target).suffix.lower() == ".nc":
-        for option in (option for option, value in given.items() if value):
-            raise refusal(option, "is for robots; a rollout has its joints locked already")
+        for key in (key for key in ("lock", "keep", "mimic", "repair") if how[key]):
+            raise refusal(f"--{key}", "is for robots; a rollout has its joints locked already")
         if len(targets) > 1:
             raise refusal("FILE", f"one rollout at a time, or `armgpi report {' '.join(targets)}`")
         result = rollouts.load(target)
         arm = scene.robot_of(result, Path(target).parent) if robot is None else _arm(robot, result)
         return meshcat.rollout_page(result, arm, frame=frame)
-    given = {"--lock": lock, "--keep": keep, "--frame": frame}
+    given = {"--lock": how["lock"], "--keep": how["keep"], "--frame": frame}
     for option in (option for option, value in given.items() if value and len(targets) > 1):
         raise refusal(option, "is for one robot at a time")
     if robot is not None:
         raise refusal("--robot", "requires a rollout")
-    return meshcat.robot_page(*(_robot(name, lock, keep, mimic, repair) for name in targets), frame=frame)
+    return meshcat.robot_page(*(_robot(name, how) for name in targets), frame=frame)
 
 
-def _robot(
-    name: str, lock: list[str] | None, keep: list[str] | None, mimic: Any, repair: list[str] | None
-) -> Robot:
+def _robot(name: str, how: Mapping[str, Any]) -> Robot:
     """Load a robot that is looked at: joints that mimic another follow it, if nothing else is said."""
-    from armgpi.cli.parsing import locks, split
     from armgpi.robot.robot import Robot
 
-    locked: Any = locks(lock or [])  # a joint without a value is locked where it is nearest to zero
-    return Robot.load(name, locked, split(keep) if keep else None, mimic or "follow", split(repair or []))
+    # A joint that is locked without a value is locked where it is nearest to zero.
+    return Robot.load(name, **{"mimic": "follow", **opt.robot_given(how)})
 
 
 def _log(path: Path, robot: str | None) -> xr.Dataset:
