@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import html
+import io
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,6 +21,10 @@ _UNITS = {
     **{"rad/s": ("rad/s", 1.0), "deg/s": ("rad/s", math.pi / 180.0), "rpm": ("rad/s", math.pi / 30.0)},
     **{"bit": ("bits", 1.0), "bits": ("bits", 1.0), "%": ("as a share", 0.01)},
 }
+#: Characters that mean something to LaTeX, and those that its fonts lack.
+_TEX = {c: "\\" + c for c in "&%$#_{}"} | {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\~{}"}
+_TEX |= {"½": r"$\frac12$", "²": "$^2$", "°": r"$^\circ$", "τ": r"$\tau$", "π": r"$\pi$", "∂": r"$\partial$"}
+_TEX |= {"q̇": r"$\dot q$", "Ḋ": r"$\dot D$", "≤": r"$\le$"}
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*([^\d\s].*)")
 
 
@@ -79,3 +85,17 @@ def html_table(caption: str, head: Sequence[str], rows: Iterable[Sequence[object
 def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a table of Markdown, its cells as they are given, with a line end."""
     return "".join("| " + " | ".join(line) + " |\n" for line in (head, ("---",) * len(head), *rows))
+
+
+def csv_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table as comma-separated values."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([head, *rows])
+    return text.getvalue()
+
+
+def latex_text(text: str) -> str:
+    """Return text for LaTeX."""
+    # A letter and the dot on it are two characters.
+    text = text.replace("q̇", "\0")
+    return "".join(_TEX["q̇"] if c == "\0" else _TEX.get(c, c) for c in text)

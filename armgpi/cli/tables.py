@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import re
 from collections.abc import Sequence
@@ -20,7 +18,7 @@ from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import console as console_of
 from armgpi.cli.terminal import natural_width
 from armgpi.config import Experiment
-from armgpi.escape import printable
+from armgpi.escape import csv_table, latex_text, printable
 from armgpi.gpi.advice import COUNT_SHARE
 from armgpi.gpi.geared import is_known
 from armgpi.gpi.law import GPI
@@ -102,13 +100,6 @@ def _exact(value: float | None, suffix: str) -> str:
     return repr(float(value)) if suffix == ".csv" else metrics.short(value)
 
 
-def _csv(heads: list[str], rows: list[list[str]]) -> str:
-    """Return a table as comma-separated values."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([heads, *rows])
-    return text.getvalue()
-
-
 def _markdown(heads: list[str], rows: list[list[str]]) -> str:
     """Return a table as Markdown."""
     rule = ["---"] * 2 + ["---:"] * (len(heads) - 2)
@@ -118,16 +109,14 @@ def _markdown(heads: list[str], rows: list[list[str]]) -> str:
 
 def _latex(heads: list[str], rows: list[list[str]]) -> str:
     """Return a table as LaTeX."""
-    special: dict[str, str | int | None] = {sign: "\\" + sign for sign in "&%$#_{}"}
-    escapes = str.maketrans({**special, "\\": r"\textbackslash{}", "²": "$^2$"})
-    first, *rest = (" & ".join(cell.translate(escapes) for cell in row) + r" \\" for row in (heads, *rows))
+    first, *rest = (" & ".join(map(latex_text, row)) + r" \\" for row in (heads, *rows))
     columns = "ll" + "r" * (len(heads) - 2)
     rule = r"\hline"
     lines = (f"\\begin{{tabular}}{{{columns}}}", rule, first, rule, *rest, rule, r"\end{tabular}", "")
     return "\n".join(lines)
 
 
-_FORMATS = {".csv": _csv, ".md": _markdown, ".tex": _latex}
+_FORMATS = {".csv": csv_table, ".md": _markdown, ".tex": _latex}
 
 
 def _loop(controller: GPI, experiment: Experiment) -> str:

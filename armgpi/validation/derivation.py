@@ -18,6 +18,7 @@ import numpy as np
 
 from armgpi.arrays import Array, check_type
 from armgpi.errors import MissingPackage, ParameterError, Remedy
+from armgpi.escape import latex_text
 from armgpi.robot.robot import Robot
 from armgpi.validation.tree import Tree, from_robot
 from armgpi.validation.trig import Trig
@@ -77,7 +78,7 @@ class Derivation:
         for i in range(n):
             lines += [f"c_{{{i + 1}{j + 1}}} &= {tex(self.C[i, j])}" for j in range(n)]
         lines += [f"g_{{{i + 1}}} &= {tex(self.G[i])}" for i in range(n)]
-        joints = ", ".join(f"$q_{{{i + 1}}}$: {_tex_text(name)}" for i, name in enumerate(self.joint_names))
+        joints = ", ".join(f"$q_{{{i + 1}}}$: {latex_text(name)}" for i, name in enumerate(self.joint_names))
         text = f"% {self.robot}, by armgpi derive\n{joints}\n"
         text += "\\begin{align*}\n" + " \\\\\n".join(lines) + "\n\\end{align*}\n"
         if self.parameters:
@@ -479,12 +480,6 @@ def _tex_symbol(name: str) -> str:
     """Return "I_{2xx}" for "I2xx"."""
     match = re.fullmatch(r"([A-Za-z])(\w+)", name)
     return f"{match[1]}_{{{match[2]}}}" if match else name
-
-
-def _tex_text(name: str) -> str:
-    """Return a name with what means something to LaTeX escaped."""
-    marked = "".join(f"\\{c}" if c in "#$%&_{}" else c for c in name)
-    return marked.replace("~", r"\textasciitilde{}").replace("^", r"\textasciicircum{}")
 
 
 def _plain(text: str) -> str:

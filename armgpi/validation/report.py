@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from armgpi.escape import html_table, json_data
+from armgpi.escape import html_table, json_data, latex_text
 from armgpi.validation import typeset
 from armgpi.validation.diagnose import Cause
 from armgpi.validation.laws import Law
@@ -97,17 +97,7 @@ class DynamicsReport:
             "states": self.states,
             "agrees": self.agrees,
             "functions": [
-                {
-                    "function": t.function,
-                    "agrees": t.agrees,
-                    "max_abs": t.max_abs,
-                    "max_rel": t.max_rel,
-                    "worst": t.worst,
-                    "differing": t.differing,
-                    "diagnosis": [_plain(cause) for cause in t.diagnosis],
-                    "note": t.note,
-                }
-                for t in self.functions
+                {**t._asdict(), "diagnosis": [_plain(cause) for cause in t.diagnosis]} for t in self.functions
             ],
             "causes": [_plain(cause) for cause in self.causes],
             "laws": [law._asdict() for law in self.laws],
@@ -128,16 +118,7 @@ class DynamicsReport:
     def _repr_html_(self) -> str:
         """Return functions, laws and causes as tables, for notebooks."""
         head = ("function", "", "largest error", "relative", "where")
-        rows = [
-            (
-                t.function,
-                "agrees" if t.agrees else "differs",
-                f"{t.max_abs:.2g}",
-                f"{t.max_rel:.2g}",
-                _few(t.differing),
-            )
-            for t in self.functions
-        ]
+        rows = [_cells(t, "differs") for t in self.functions]
         caption = f"{self.model}: {self.verdict()}"
         parts = [html_table(caption, head, rows)]
         if self.causes:
@@ -234,8 +215,8 @@ class DynamicsReport:
 
     def latex(self) -> str:
         """Return the report as LaTeX: a table of the functions, and a list of what is wrong."""
-        rows = [" & ".join(map(_tex, _cells(t))) + r" \\" for t in self.functions]
-        lines = [rf"\paragraph{{{_tex(self.model)}}} {_tex(self.verdict())}."]
+        rows = [" & ".join(map(latex_text, _cells(t))) + r" \\" for t in self.functions]
+        lines = [rf"\paragraph{{{latex_text(self.model)}}} {latex_text(self.verdict())}."]
         lines += [r"\begin{tabular}{lllll}", *rows, r"\end{tabular}"] if rows else []
         if self.causes:
             told = [r"\item " + r" \\ ".join(_tex_lines(cause)) for cause in self.causes]
@@ -249,23 +230,10 @@ class DynamicsReport:
         ]
 
 
-def _cells(t: FunctionReport) -> tuple[str, ...]:
+def _cells(t: FunctionReport, differs: str = "DIFFERS") -> tuple[str, ...]:
     """Return a function's row of a table."""
-    verdict = "agrees" if t.agrees else "DIFFERS"
+    verdict = "agrees" if t.agrees else differs
     return (t.function, verdict, f"{t.max_abs:.2g}", f"{t.max_rel:.2g}", _few(t.differing))
-
-
-#: Characters that mean something to LaTeX, and those that its fonts lack.
-_TEX = {c: "\\" + c for c in "&%$#_{}"} | {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\~{}"}
-_TEX |= {"½": r"$\frac12$", "²": "$^2$", "°": r"$^\circ$", "τ": r"$\tau$", "π": r"$\pi$", "∂": r"$\partial$"}
-_TEX |= {"q̇": r"$\dot q$", "Ḋ": r"$\dot D$", "≤": r"$\le$"}
-
-
-def _tex(text: str) -> str:
-    """Return text for LaTeX."""
-    # A letter and the dot on it are two characters.
-    text = text.replace("q̇", "\0")
-    return "".join(_TEX["q̇"] if c == "\0" else _TEX.get(c, c) for c in text)
 
 
 def _lines_of(cause: Cause) -> list[str]:
@@ -332,8 +300,8 @@ def _common_length(one: str, other: str) -> int:
 
 def _tex_lines(cause: Cause) -> list[str]:
     """Return a cause as lines of LaTeX."""
-    told = [_tex(line.strip().removeprefix("- ")) for line in _lines_of(cause)]
-    return told + [rf"{_tex(label)}: ${math}$" for label, math in _formulas(cause, typeset.tex)]
+    told = [latex_text(line.strip().removeprefix("- ")) for line in _lines_of(cause)]
+    return told + [rf"{latex_text(label)}: ${math}$" for label, math in _formulas(cause, typeset.tex)]
 
 
 def _where(cause: Cause) -> str:

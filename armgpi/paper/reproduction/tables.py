@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from typing import NamedTuple
@@ -12,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from armgpi.arrays import Array
-from armgpi.escape import markdown_table
+from armgpi.escape import csv_table, latex_text, markdown_table
 from armgpi.loop import metrics
 from armgpi.loop.rollout import describe_end, describe_measurement
 from armgpi.paper import published
@@ -48,9 +46,7 @@ class Sheet(NamedTuple):
 
     def csv(self) -> str:
         """Return the table as CSV."""
-        out = io.StringIO()
-        csv.writer(out, lineterminator="\n").writerows([self.header, *self.rows])
-        return out.getvalue()
+        return csv_table(self.header, self.rows)
 
     def latex(self) -> str:
         """Return the table as LaTeX, without any package."""
@@ -335,9 +331,7 @@ def _paper_digits(value: float) -> str:
 
 def _latex(text: str) -> str:
     """Return text with what LaTeX takes for commands written out."""
-    for char, command in (("%", r"\%"), ("_", r"\_"), ("²", "$^2$"), ("...", r"\ldots{}")):
-        text = text.replace(char, command)
-    return text
+    return latex_text(text).replace("...", r"\ldots{}")
 
 
 def count_statuses(sheet: Sheet, name: str, sensors: str) -> dict[str, int]:
