@@ -91,11 +91,11 @@ def arm(name: str) -> Robot:
         return Robot.load(name, lock=fingers) if fingers else whole
 
 
-def untuned(robot: Robot, **given: Any) -> GPI:
+def untuned(robot: Robot, bits: int | None = BITS, **given: Any) -> GPI:
     """Return what the rule makes."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ArmgpiWarning)
-        return GPI.untuned(robot, DT, delay=LATE * DT, bits=BITS, **given)
+        return GPI.untuned(robot, DT, delay=LATE * DT, bits=bits, **given)
 
 
 def peak(plant: two_mass.Plant, law: two_mass.Law, torque: Array) -> float:
@@ -212,19 +212,19 @@ def told(seed: int) -> None:
                 j: {"stiffness": K, "damping": B, "current_bandwidth": 500.0, "encoder_side": side}
                 for j, K, B in known
             }
-            law = untuned(robot.with_drives(data))
+            law = untuned(robot.with_drives(data), bits=None)  # which would make single joints slower
             configurations = random_configurations(robot, 8, seed=seed)
             cases = [
                 geared.Case(q, two_mass.ArmLoop(robot, q, gears, DT, LATE), True) for q in configurations
             ]
-            omega = float(law.gains.nominal().omega_c.max())
+            omega = float(law.gains.nominal().omega_c.min())
             best = geared.Loops(cases, law.robot, robot, law.member, DT).fastest(
                 80.0, geared.SENSITIVITIES[0]
             )
             most = max(case.arm.sensitivity(two_mass.law(law, case.q)) for case in cases)
             shares.append(omega / best if best else np.inf)
             print(
-                f"{name}, stiffness x {factor:g}, {side}, {100 * damping:g} %: {omega:.1f} rad/s, "
+                f"{name}, stiffness x {factor:g}, {side}, {100 * damping:g} %: from {omega:.1f} rad/s on, "
                 f"Ms {most:.2f}; at most {best:.1f} rad/s at Ms 2.5", flush=True,
             )  # fmt: skip
         print(f"{name}: at least 0.75 of the best in {np.sum(np.array(shares) >= 0.75)} of {len(shares)}")

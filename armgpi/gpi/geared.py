@@ -31,8 +31,9 @@ from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import SCATTER, believe_gears
 
 #: Largest sensitivity peak where the stiffness is told, and what is tried where none is as low. Where the
-#: stiffness is believed, or none of these can be had: which share of the fastest stable bandwidth is taken.
-SENSITIVITIES, STABLE_SHARE = (2.5, 4.0, 6.3), 0.85
+#: stiffness is believed, or none of these can be had: which share of the fastest stable bandwidth is taken,
+#: and of that of joints that are faster than the weakest: at 0.85 late loops lose so101 (fit).
+SENSITIVITIES, STABLE_SHARE, RAISED_SHARE = (2.5, 4.0, 6.3), 0.85, 0.7
 #: Largest sensitivity peak at which gears are as good as rigid ones.
 RIGID_SENSITIVITY = 3.0
 #: How far a told stiffness may be off either way. Damping ratios and current loop [Hz] of which nothing is
@@ -50,6 +51,8 @@ SOFTEST = 5.0
 #: Bandwidths that are tried end here [rad/s]; one is below the one before by a factor, and the last interval
 #: is halved so many times.
 _SLOWEST, _STEP, _HALVINGS = 2.0, 1.25, 3
+#: Then joints are raised one by one, by each of these factors that all loops bear.
+_RAISES = (2.0, 2.0, 2.0**0.5, 2.0**0.25)
 #: Stiffness over rotor inertia of a joint without a rotor, which has no gear [1/s^2]: 500 Hz.
 _RIGID = (1000.0 * math.pi) ** 2
 #: Configurations, the middle the first, and a rotor at least, as a share of the joint's own link inertia.
@@ -189,7 +192,11 @@ def borne(law: Any, robot: Robot, late: int) -> tuple[float, float]:
 
 
 class Loops:
-    """The loops of an arm's cases under the laws of one nominal model, as fast as one wants."""
+    """The loops of an arm's cases under the laws of one nominal model, as fast as one wants.
+
+    Attributes:
+        joints: how many there are.
+    """
 
     def __init__(
         self, cases: Sequence[Case], nominal: Robot, bias: Robot | None, member: Member, dt: float
@@ -203,7 +210,7 @@ class Loops:
             member: of the family.
             dt: sample time [s].
         """
-        self._realisation, self._dt, self._n = Bumpless(member), dt, nominal.n
+        self._realisation, self._dt, self.joints = Bumpless(member), dt, nominal.n
         steep = {id(case.q): None if bias is None else gravity_stiffness(bias, case.q) for case in cases}
         self._each = [(case, nominal.mass_matrix(case.q), steep[id(case.q)]) for case in cases]
 
@@ -218,8 +225,8 @@ class Loops:
         return True
 
     def _own(self, omega: float | Array) -> Law:
-        tuning = Tuning(omega * np.ones(self._n), np.ones(self._n), omega * np.ones(self._n))
-        return joint_laws(self._realisation, self._realisation.coefficients(tuning, self._dt), self._n)
+        tuning = Tuning(omega * np.ones(self.joints), np.ones(self.joints), omega * np.ones(self.joints))
+        return joint_laws(self._realisation, self._realisation.coefficients(tuning, self._dt), self.joints)
 
     def fastest(self, highest: float, most: float = math.inf) -> float:
         """Return the largest bandwidth up to `highest` that all loops bear [rad/s]; zero for none."""
@@ -241,15 +248,30 @@ def _largest(holds: Callable[[float], bool], highest: float) -> float:
     return 0.0
 
 
-def bandwidth(loops: Loops, highest: float, believed: bool) -> float:
-    """Return how fast a law may be [rad/s].
+def _raise_joints(omega: float, loops: Loops, highest: float, most: float = math.inf) -> Array:
+    """Return bandwidths raised joint by joint from the tip, as far as all loops bear it [rad/s], (n,)."""
+    found = omega * np.ones(loops.joints)
+    for joint, factor in itertools.product(reversed(range(loops.joints)), _RAISES):
+        faster = found.copy()
+        faster[joint] = min(factor * found[joint], highest)
+        if faster[joint] > found[joint] and loops.holds(faster, most):
+            found = faster
+    return found
+
+
+def bandwidths(loops: Loops, highest: float, believed: bool) -> Array:
+    """Return how fast the joints of a law may be [rad/s], (n,).
+
+    The weakest joint limits what all bear alike; then wrists are raised, which bear several times that.
 
     Args:
         loops: of the arm under the law.
         highest: what else allows [rad/s].
-        believed: whether the stiffness is: then a share of the fastest stable bandwidth is taken.
+        believed: whether the stiffness is: then a share of the fastest stable bandwidths is taken.
     """
     for most in () if believed else SENSITIVITIES:
         if omega := loops.fastest(highest, most):
-            return omega
-    return STABLE_SHARE * loops.fastest(highest / STABLE_SHARE) or _SLOWEST
+            return _raise_joints(omega, loops, highest, most)
+    omega = loops.fastest(highest / STABLE_SHARE) or _SLOWEST / STABLE_SHARE
+    raised = _raise_joints(omega, loops, highest / STABLE_SHARE)
+    return np.maximum(STABLE_SHARE * omega, RAISED_SHARE * raised)

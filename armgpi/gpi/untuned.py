@@ -214,8 +214,8 @@ def _choose_geared(
 
 
 def _allowed_bandwidth(chosen: Mapping[str, Any]) -> float:
-    """Return the bandwidth that gears allow [rad/s], joints slowed by noise left out; a batch's median."""
-    return float(np.median(np.max(chosen["omega_c"], axis=-1)))
+    """Return the bandwidth that gears allow half of the joints [rad/s]; a batch's median."""
+    return float(np.median(chosen["omega_c"]))
 
 
 def _with_structure(
@@ -244,15 +244,16 @@ def _with_structure(
     def fastest(one: Robot) -> Array:
         own: Any = nominal(one)
         bias = one if every["feedforward"] == "computed" else None
-        omega, believed = 0.0, geared.is_believed(one)
+        omega, believed = np.zeros(one.n), geared.is_believed(one)
         for damping in geared.DAMPINGS[::-1] if believed else geared.DAMPINGS[1:]:
-            if omega < geared.LATE:
+            if omega.min() < geared.LATE:
                 arms = geared.cases(one, dt, _samples(dt, delay), damping)
                 loops = geared.Loops(arms, own, bias, law, dt)
-                omega = geared.bandwidth(loops, highest, believed)
-        if believed and not geared.at_link(one):
-            omega = max(omega, min(geared.SLOWEST, highest))
-        return omega * np.ones(one.n)
+                omega = geared.bandwidths(loops, highest, believed)
+        least = min(geared.SLOWEST, highest)
+        if believed and not geared.at_link(one) and omega.min() < least:
+            return least * np.ones(one.n)  # which not all loops bear: then none is raised (fit arms)
+        return omega
 
     omega = _of_each(robot, fastest)
     if bits is not None:

@@ -6,7 +6,7 @@ gear ratios raise T / v as they raise J: the gear ratio cancels. So a joint with
 believed to have J = SPIN_UP T / v.
 
 A gear twists by some angle under its largest torque, small ones as large ones: so a gear without a word of
-its stiffness is believed to have K = T / TWIST.
+its stiffness is believed to have K = T / TWIST; that of a slide's belt, K = F / STRETCH.
 """
 
 from __future__ import annotations
@@ -28,6 +28,9 @@ SCATTER = 2.5
 #: K1 of sizes 14 to 32, as cited from their catalogues, not looked up again; 31 kN m/rad at 100:1 in
 #: CompliantJointToolbox, from a data sheet); links, bearings and torque sensors add to it.
 TWIST, TWIST_SCATTER = 8e-3, 2.0
+#: Length by which the belt of a slide stretches under its limit [m]: half a metre at the belt's allowable
+#: load, which is 0.4 % of its specific spring rate (1100 N of 275 kN; Elatech ATL5, T5 and AT5 likewise).
+STRETCH = 2e-3
 #: Median ITAE of a law that believes gears over that of one for stiff gears, on arms with stiff gears
 #: (docs/drives.md, `undriven`).
 SOFT_COST = 11.0
@@ -111,7 +114,8 @@ def believe_gears(robot: Robot) -> Robot:
     rotors, known = _believed_rotors(robot), robot.drives.data.get("stiffness", {})
     # One change of the arm, so that one read back from a file has the same history.
     armature = np.maximum(robot.armature, rotors.value("rotor_inertia", 0.0))
-    every = zip(robot.joint_names, (motor_torque(robot) / TWIST).tolist(), armature, strict=True)
+    twist = np.where(robot.prismatic, STRETCH, TWIST)
+    every = zip(robot.joint_names, (motor_torque(robot) / twist).tolist(), armature, strict=True)
     value = {name: K for name, K, rotor in every if name not in known and rotor > 0.0}
     low, high = ({name: f * K for name, K in value.items()} for f in (1.0 / TWIST_SCATTER, TWIST_SCATTER))
     more = rotors.with_value("stiffness", value, low, high, source="believed")

@@ -111,6 +111,15 @@ def test_what_is_believed_is_a_word_and_is_believed_once() -> None:
         believe_drives(UR5, "stiff")
 
 
+@pytest.mark.filterwarnings("ignore::armgpi.errors.ArmgpiWarning")
+def test_a_gear_twists_by_an_angle_and_a_belt_stretches_by_a_length_under_the_limit() -> None:
+    panda = Robot.load("panda")
+    twist = panda.limits.effort / believe_drives(panda).drives.value("stiffness")
+    expected = [2e-3 if "finger" in joint else 8e-3 for joint in panda.joint_names]
+    np.testing.assert_allclose(twist, expected, rtol=1e-12)
+
+
+
 @pytest.mark.parametrize("drives", [None, "soft", "believed", "rigid"])
 @pytest.mark.parametrize("inertia", [None, 0.3], ids=["silent", "told"])
 @pytest.mark.filterwarnings("ignore:.*told to have no rotor")
