@@ -214,8 +214,8 @@ def _choose_geared(
 
 
 def _allowed_bandwidth(chosen: Mapping[str, Any]) -> float:
-    """Return the bandwidth that gears allow half of the joints [rad/s]; a batch's median."""
-    return float(np.median(chosen["omega_c"]))
+    """Return the bandwidth of the slowest joint [rad/s]; a batch's median."""
+    return float(np.median(np.min(chosen["omega_c"], axis=-1)))
 
 
 def _with_structure(

@@ -213,7 +213,7 @@ def test_a_law_with_heavier_rotors_gets_no_certificate() -> None:
 
 def test_it_says_what_limits_a_law_and_what_gears_lose_it() -> None:
     soft = untuned.verdict(rule(rotors.believe_gears(UR5)), rotors.believe_gears(UR5), 16)
-    assert soft.limits[1:] == ("gears",) * 4 + ("noise",)
+    assert soft.limits[1:] == ("gears",) * 5
     assert soft.limits[0] == "noise"
     assert "limited by gears and noise" in soft.describe()
     stiff = untuned.verdict(rule(UR5, "believed"), rotors.believe(UR5), 16)

@@ -119,7 +119,6 @@ def test_a_gear_twists_by_an_angle_and_a_belt_stretches_by_a_length_under_the_li
     np.testing.assert_allclose(twist, expected, rtol=1e-12)
 
 
-
 @pytest.mark.parametrize("drives", [None, "soft", "believed", "rigid"])
 @pytest.mark.parametrize("inertia", [None, 0.3], ids=["silent", "told"])
 @pytest.mark.filterwarnings("ignore:.*told to have no rotor")
