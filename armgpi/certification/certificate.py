@@ -142,7 +142,7 @@ class Certificate:
         return list(checker.check(self.data))
 
     def save(self, path: Any) -> Path:
-        """Write the certificate file.
+        """Write the certificate file to a path, as JSON.
 
         Raises:
             RolloutError: when it cannot be written.
@@ -153,7 +153,7 @@ class Certificate:
 
     @staticmethod
     def load(path: Any) -> Certificate:
-        """Return the certificate of a file.
+        """Return the certificate of the file at a path.
 
         Raises:
             ConfigError: when it is not one.

@@ -147,7 +147,13 @@ class ClosedLoop:
         return self.plant.step(tau, plant, self.dt), controller, measured, tau
 
     def asked(self, plant: Any, controller: Any, target: Target) -> tuple[FullState, Array, Any]:
-        """Return what is measured, the torque that the controller asks for, and its next state."""
+        """Return what is measured, the torque asked for, and the controller's next state.
+
+        Args:
+            plant: state of the plant.
+            controller: state of the controller.
+            target: where to, at this sample.
+        """
         measured = self.plant.measure(plant)
         seen = measured if self._measures_velocity else new(Measurement, (measured.q,))
         return measured, *self.controller.step(seen, target, controller)

@@ -147,7 +147,8 @@ def metric(
 
         of_rollouts.__name__ = of_rollouts.__qualname__ = name
         of_rollouts.__module__ = function.__module__
-        of_rollouts.__doc__ = f"{function.__doc__}\n\nUnit: {str(unit) or 'none'}."
+        shapes = "Of a rollout, dimensions ([rollout], time, joint): ([rollout], joint)"
+        of_rollouts.__doc__ = f"{function.__doc__}\n\n{shapes}. Unit: {str(unit) or 'none'}."
         return of_rollouts
 
     return declare

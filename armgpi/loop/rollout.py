@@ -388,6 +388,10 @@ def describe_measurement(name: str, knows: str = "") -> str:
 def save(rollout: xr.Dataset, path: str | PathLike[str]) -> Path:
     """Write a rollout as NetCDF; the file appears whole or not at all.
 
+    Args:
+        rollout: as :func:`armgpi.simulate` returns it.
+        path: of the file.
+
     Raises:
         RolloutError: when the file cannot be written.
         ParameterError: when an argument is not as it should be.

@@ -32,7 +32,7 @@ class Load(Parametrised, ABC):
 
     @classmethod
     def configured(cls, given: Mapping[str, Any], context: Context) -> list[Load]:
-        """Return the loads that an entry of an experiment file describes."""
+        """Return the loads of an entry of an experiment file, given its parameters by their names."""
         return [cls(**given)]
 
     @abstractmethod

@@ -425,12 +425,12 @@ class Reality(Parametrised):
 
     @classmethod
     def geared(cls, seed: int = 0, **changes: Any) -> Reality:
-        """Return the reality of geared drives; `changes` are parameters by their names."""
+        """Return the reality of geared drives, by its seed; `changes` are parameters by their names."""
         return cls("geared", seed, **changes)
 
     @classmethod
     def bare(cls, seed: int = 0, **changes: Any) -> Reality:
-        """Return the reality of arms without rotor inertia and friction."""
+        """Return the reality of arms without rotor inertia and friction; arguments as of :meth:`geared`."""
         return cls("bare", seed, **changes)
 
     def describe(self) -> dict[str, Any]:

@@ -320,6 +320,9 @@ def plot_path_plane(
         robot: the arm.
         frame: which frame; the tip when not given.
         plane: "xy", "xz" or "yz"; the one in which the desired path is widest when not given.
+
+    Raises:
+        ParameterError: when there is no such plane.
     """
     paths = tool_paths(rollout, robot, frame)
     if plane is None:
@@ -386,7 +389,7 @@ def plot_pareto(
 
 
 def overview(rollout: xr.Dataset, joints: Sequence[str] | None = None) -> Figure:
-    """Return position, error and torque of every joint, a row per joint."""
+    """Return position, error and torque of every joint, or of `joints`, a row per joint."""
     names = _joints(rollout, joints)
     with styled():
         figure, axes = panels(len(names), 3, width=_WIDTH + 1.0)
@@ -452,7 +455,7 @@ def signals(
 
 
 def tool_path(rollout: xr.Dataset, robot: Robot, frame: str | None = None) -> Figure:
-    """Return the tool's path beside the desired one, in its plane and in space."""
+    """Return the path of a frame (the tip) beside the desired one, in its plane and in space [m]."""
     with styled():
         figure = Figure(figsize=(_WIDTH, 3.6), layout="constrained")
         plot_path_plane(figure.add_subplot(1, 2, 1), rollout, robot, frame=frame)
