@@ -26,9 +26,9 @@ import numpy as np
 
 from armgpi import ArmgpiWarning, FixedGains, Robot
 from armgpi.certification.adversary import worst
-from armgpi.certification.asked import Asked, ask
 from armgpi.certification.certificate import Certificate, certificate
 from armgpi.certification.quantities import search_numbers
+from armgpi.certification.request import Asked, ask
 from armgpi.errors import ArmgpiError
 from armgpi.health.zoo import fingers
 from armgpi.robot import robots

@@ -25,7 +25,7 @@ from armgpi.identification.arm import identify, mean_inertia
 from armgpi.identification.excitation import FIRST_SHARE, excite
 from armgpi.identification.logs import Log
 from armgpi.intervals import wilson
-from armgpi.plants.reality import Draw, together
+from armgpi.plants.reality import Draw, stack_draws
 
 #: A log ends where a joint is so far from where it should be [rad or m].
 CUT = 0.1
@@ -53,7 +53,7 @@ class Path(NamedTuple):
 
 def run(draw: Draw, nominal: armgpi.Robot, reference: Any, t_final: float) -> Any:
     """Return a rollout of a draw under the law for untuned arms with a nominal model."""
-    every = together([draw])
+    every = stack_draws([draw])
     nominal = armgpi.believe_drives(nominal)
     law = config.controller({"type": "untuned"}, every.context._replace(robot=nominal, nominal=nominal))
     return armgpi.simulate(every.plant, law, reference, t_final, progress=False, backend="compiled")

@@ -13,8 +13,8 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.certification import check_certificate
-from armgpi.certification.asked import Asked, law_of
 from armgpi.certification.quantities import resting, slopes
+from armgpi.certification.request import Asked, law_of
 from armgpi.robot.robot import Robot
 
 checker: Any = check_certificate  # generic over number types, so without annotations

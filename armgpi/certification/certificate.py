@@ -19,12 +19,12 @@ import numpy as np
 from armgpi import files
 from armgpi.arrays import Array, check_choice, check_number, check_path, check_type
 from armgpi.certification import check_certificate
-from armgpi.certification.asked import NOTHING, Asked, ask, inputs_of, law_of, numbers_of, shares_of
+from armgpi.certification.diagnosis import beyond, explain_unsolved
 from armgpi.certification.proofs import prove_numbers
 from armgpi.certification.quantities import PER_JOINT, Numbers, Progress, count_outside, search_numbers
-from armgpi.certification.reasons import beyond, explain_unsolved
+from armgpi.certification.request import NOTHING, Asked, ask, inputs_of, law_of, numbers_of, shares_of
 from armgpi.certification.solve import Solution, merge_facts, solvable, solve
-from armgpi.certification.words import share_covered, table
+from armgpi.certification.text import share_covered, table
 from armgpi.errors import ConfigError, ParameterError
 from armgpi.escape import html_text
 from armgpi.gpi.gains import FixedGains
@@ -188,7 +188,7 @@ def certify(
         rate: "auto" for the largest rate found at which a common omega may move, for `gains` that are a
             ``BSplineNetwork(common=True, rate=...)``; None for the one they have.
         progress: told what is being done, in words.
-        **options: of `armgpi.certification.asked.ask`: `speed` (of each joint at most [rad/s or m/s]),
+        **options: of `armgpi.certification.request.ask`: `speed` (of each joint at most [rad/s or m/s]),
             `payload` (lightest and heaviest load [kg]), `box` (see `armgpi.certification.box.box_of`),
             `radius` (how far the arm may be from its reference [rad or m]), `acceleration` (of a reference
             that moves), `torque` (of disturbances [N m or N]), `friction` (whether that of the robot acts),

@@ -17,7 +17,7 @@ import numpy as np
 from armgpi.arrays import Array, check_choice, check_number, check_type, check_whole, not_negative, quantity
 from armgpi.certification.channels import Channel, channel
 from armgpi.certification.quantities import MARGIN, christoffel, slopes
-from armgpi.certification.words import share_covered
+from armgpi.certification.text import share_covered
 from armgpi.control.controller import Measurement
 from armgpi.errors import ParameterError
 from armgpi.gpi.gains import FixedGains
@@ -61,7 +61,7 @@ _LESS = "less that disturbs, a slower path, or feedforward would do"
 #: Speed beyond that of the error from which a reference says which way friction points: ten times that at
 #: which a plant smooths it, and that of the feedforward [rad/s or m/s].
 _SMOOTH = 1e-2
-#: How a run may start: see :data:`armgpi.certification.asked.STARTS`.
+#: How a run may start: see :data:`armgpi.certification.request.STARTS`.
 STARTS = ("wrong-load", "held")
 
 

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.certification.asked import Asked, ask, law_of
 from armgpi.certification.certificate import Certificate, limits_of
 from armgpi.certification.quantities import PER_JOINT, TINY, Progress, functions, points, ranges
+from armgpi.certification.request import Asked, ask, law_of
 from armgpi.certification.solve import checker
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError
 from armgpi.gpi.payload import LoadRange

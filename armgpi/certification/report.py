@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from armgpi.certification.adversary import worst
-from armgpi.certification.asked import Asked, member_of
 from armgpi.certification.certificate import Certificate
 from armgpi.certification.quantities import functions, points, ranges
-from armgpi.certification.words import NUMBERS, OTHERS, claims, shares, table, verdict
+from armgpi.certification.request import Asked, member_of
+from armgpi.certification.text import NUMBERS, OTHERS, claims, shares, table, verdict
 from armgpi.gpi.advice import COUNT_SHARE
 from armgpi.gpi.gains import Tuning
 from armgpi.gpi.margins import open_loop

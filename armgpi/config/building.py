@@ -30,7 +30,7 @@ from armgpi.parameter import REQUIRED, Parameter, Parametrised, parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.loads import Load
 from armgpi.plants.plant import Plant, Wrapper
-from armgpi.plants.reality import Reality, together
+from armgpi.plants.reality import Reality, stack_draws
 from armgpi.plants.sensors import Encoder
 from armgpi.references.bezier import Bezier, minimum_duration
 from armgpi.references.cartesian import CartesianReference, ClosedForm, Inverse
@@ -409,7 +409,7 @@ def _apply_draw(
     with place.error_context():
         reality = Reality(**{name: getattr(section, name) for name in parameters(Reality)})
         draw = reality.draw(robot, section.index)
-        found = together([draw])
+        found = stack_draws([draw])
     update: dict[str, Any] = {}
     if "sample_time" not in config.given:
         update["sample_time"] = draw.dt

@@ -36,7 +36,7 @@ from armgpi.intervals import Estimate, wilson
 from armgpi.loop import metrics
 from armgpi.loop.prepared import PreparedLoop, prepare
 from armgpi.loop.rollout import Status, describe_measurement
-from armgpi.plants.reality import Draw, Reality, batches, together
+from armgpi.plants.reality import Draw, Reality, batches, stack_draws
 from armgpi.robot import rotors
 from armgpi.robot.batch import with_heavier_rotors
 from armgpi.robot.robot import Robot
@@ -137,7 +137,7 @@ def prepare_draws(draws: Sequence[Draw], law: Mapping[str, Any], **options: Any)
     Raises:
         ArmgpiError: when the law cannot be made for the arm.
     """
-    every = together(draws)
+    every = stack_draws(draws)
     made: Controller = config.controller(law, every.context)
     return prepare(every.plant, made, every.reference, every.t_final, **options)
 
@@ -169,7 +169,7 @@ def rollouts(
             warnings.simplefilter("ignore", ArmgpiWarning)
             suits = supervisor
             if supervisor is not None:
-                every = together(group).context
+                every = stack_draws(group).context
                 own = supervisor.with_values(resolution=group[0].robot.encoder_count(every.bits))
                 plant = PlantSection(delay=group[0].delay)
                 suits = complete_settings(own, plant, config.controller(law, every))

@@ -234,20 +234,20 @@ class Draw(NamedTuple):
     @property
     def plant(self) -> Plant:
         """What moves."""
-        return together([self]).plant
+        return stack_draws([self]).plant
 
     @property
     def reference(self) -> Reference:
         """Where to."""
-        return together([self]).reference
+        return stack_draws([self]).reference
 
     @property
     def context(self) -> Context:
         """What a controller is told."""
-        return together([self]).context
+        return stack_draws([self]).context
 
 
-class Together(NamedTuple):
+class DrawBatch(NamedTuple):
     """Draws that run as one batch, or a single one.
 
     Attributes:
@@ -573,7 +573,7 @@ class Reality(Parametrised):
         return bool(self._random(index, quantity)[0] < share)
 
 
-def together(draws: Sequence[Draw]) -> Together:
+def stack_draws(draws: Sequence[Draw]) -> DrawBatch:
     """Return draws of one arm as one batch; a single one is no batch.
 
     Raises:
@@ -612,7 +612,7 @@ def together(draws: Sequence[Draw]) -> Together:
         durations = np.array([[move.duration] for move in moves])
     reference: Reference = Waypoints(points, [durations], [moves[0].begin, 0.0])
     context = Context(model, first.dt, 0, first.delay * first.dt, bits, nominal)  # type: ignore[arg-type]
-    return Together(plant, reference, context, first.t_final)
+    return DrawBatch(plant, reference, context, first.t_final)
 
 
 def batches(draws: Sequence[Draw]) -> list[list[Draw]]:

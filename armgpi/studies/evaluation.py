@@ -16,7 +16,7 @@ from armgpi.health.reality import in_rows, prepare_draws
 from armgpi.loop import metrics
 from armgpi.loop.prepared import PreparedLoop
 from armgpi.loop.rollout import Status
-from armgpi.plants.reality import Draw, batches, together
+from armgpi.plants.reality import Draw, batches, stack_draws
 
 
 class Evaluated(NamedTuple):
@@ -87,7 +87,7 @@ class Evaluator:
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore", ArmgpiWarning)
                     for _, group in self._groups:
-                        controller(with_keys(section, candidate), together(group[:1]).context)
+                        controller(with_keys(section, candidate), stack_draws(group[:1]).context)
                 found.append(index)
             except ArmgpiError as error:
                 first = first or error

@@ -10,8 +10,8 @@ import numpy as np
 
 from armgpi.arrays import Array, as_times
 from armgpi.certification.adversary import Worst, worst
-from armgpi.certification.asked import Asked
 from armgpi.certification.quantities import resting
+from armgpi.certification.request import Asked
 from armgpi.certification.solve import checker, merge_facts
 from armgpi.control.controller import Measurement
 from armgpi.loop.prepared import prepare

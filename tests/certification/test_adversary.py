@@ -8,7 +8,7 @@ from soundness import attack
 
 import armgpi
 from armgpi.certification.adversary import worst
-from armgpi.certification.asked import ask
+from armgpi.certification.request import ask
 from armgpi.health.zoo import fingers
 
 

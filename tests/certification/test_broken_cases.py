@@ -9,9 +9,9 @@ import pytest
 from soundness import observe
 
 import armgpi
-from armgpi.certification.asked import NOTHING, ask
 from armgpi.certification.certificate import certificate
 from armgpi.certification.quantities import search_numbers
+from armgpi.certification.request import NOTHING, ask
 from armgpi.certification.solve import solve
 
 LINK = """<link name="{0}"><inertial><mass value="{1}"/>

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import armgpi
-from armgpi.certification.asked import law_of
 from armgpi.certification.certificate import seal
 from armgpi.certification.refute import again, refute
+from armgpi.certification.request import law_of
 
 
 @pytest.fixture(scope="module")

@@ -10,9 +10,9 @@ from soundness import Adversary, Observed, bred, observe
 
 import armgpi
 from armgpi.certification.adversary import worst
-from armgpi.certification.asked import Asked, ask
 from armgpi.certification.certificate import certificate
 from armgpi.certification.quantities import search_numbers
+from armgpi.certification.request import Asked, ask
 from armgpi.health.zoo import fingers
 
 

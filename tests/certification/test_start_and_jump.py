@@ -13,9 +13,9 @@ from strategies import FOLLOWS, robots
 from armgpi import Robot
 from armgpi.arrays import Array
 from armgpi.certification import check_certificate, quantities
-from armgpi.certification.asked import ask
 from armgpi.certification.certificate import Certificate, certificate
 from armgpi.certification.quantities import Points, Setting, resting, search_numbers
+from armgpi.certification.request import ask
 from armgpi.certification.solve import merge_facts
 
 checker: Any = check_certificate

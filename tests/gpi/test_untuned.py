@@ -214,10 +214,10 @@ def test_a_panda_behind_16_bits_and_a_sample_of_delay_moves_quietly_and_well(ine
 
 
 def test_the_rule_s_numbers_decide_no_code(monkeypatch: pytest.MonkeyPatch) -> None:
-    from armgpi.plants.reality import Reality, together
+    from armgpi.plants.reality import Reality, stack_draws
 
     draws = [Reality.geared(5).draw(ARM, i) for i in range(3)]
-    whole = together(draws)
+    whole = stack_draws(draws)
 
     def structure() -> Any:
         law = config.controller({"type": "untuned"}, whole.context)

@@ -18,7 +18,7 @@ from armgpi.errors import ArmgpiError, ConfigError, ParameterError
 from armgpi.health import reality as health
 from armgpi.intervals import clopper_pearson, wilson
 from armgpi.parameter import parameters
-from armgpi.plants.reality import Draw, Gears, Numbers, batches, scales, together
+from armgpi.plants.reality import Draw, Gears, Numbers, batches, scales, stack_draws
 from armgpi.robot import rotors
 
 ARM = Robot.load("anthropomorphic3")
@@ -115,7 +115,7 @@ def test_draws_of_a_block_run_as_one_batch_and_are_what_they_are_alone(kind: str
     assert sorted(draw.index for group in groups for draw in group) == list(range(8))
     group = groups[0]
     assert len(group) >= 4
-    whole = together(group)
+    whole = stack_draws(group)
     law = {"type": "gpi"}
     run = simulate(whole.plant, config.controller(law, whole.context), whole.reference, 0.2)
     for row, draw in enumerate(group):
@@ -278,7 +278,7 @@ def test_an_arm_without_torque_limits_is_drawn_as_one_whose_limits_are_never_rea
     for arm in (free, strong):
         group = batches([Reality.geared(seed=5, block=8, t_final=3.0).draw(arm, i) for i in range(8)])[0]
         assert {math.isinf(draw.numbers.effort) for draw in group} == {True, False}
-        whole = together(group)
+        whole = stack_draws(group)
         rows.append(
             simulate(whole.plant, config.controller({"type": "gpi"}, whole.context), whole.reference, 0.2)
         )
@@ -316,7 +316,7 @@ def test_bad_draws_are_refused() -> None:
         Reality.geared().draw("panda", 0)
     one, other = Reality.geared(), Reality.geared(sample_time=[0.01])
     with pytest.raises(ParameterError, match="draws"):
-        together([one.draw(ARM, 0), other.draw(ARM, 0)])
+        stack_draws([one.draw(ARM, 0), other.draw(ARM, 0)])
 
 
 FILE = """

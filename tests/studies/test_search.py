@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from armgpi import ArmgpiWarning, Reality, Robot, config, metrics, simulate
 from armgpi.config.schema import KINDS
 from armgpi.errors import MissingPackage, NameNotFound, ParameterError, RolloutError
-from armgpi.plants.reality import together
+from armgpi.plants.reality import stack_draws
 from armgpi.studies.evaluation import Evaluated, Evaluator, with_keys
 from armgpi.studies.objective import Constraint, Expression, Objective
 from armgpi.studies.optimise import Problem, Search
@@ -332,7 +332,7 @@ def test_a_generation_is_its_candidates_one_by_one() -> None:
     found = Evaluator(DRAWS, ["itae", "total_variation"], "numpy")(section, candidates)
     for row, candidate in enumerate(candidates):
         for column, draw in enumerate(DRAWS):
-            alone = together([draw])
+            alone = stack_draws([draw])
             law = config.controller(with_keys(section, candidate), alone.context)
             rollout = simulate(alone.plant, law, alone.reference, alone.t_final)
             for name in ("itae", "total_variation"):

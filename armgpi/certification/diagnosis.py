@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.certification.asked import Asked, member_of
+from armgpi.certification.request import Asked, member_of
 from armgpi.certification.solve import solvable
 from armgpi.gpi.gains import Tuning
 from armgpi.gpi.margins import open_loop, sector
