@@ -13,7 +13,6 @@ from strategies import robots
 
 import armgpi
 from armgpi.arrays import Array
-from armgpi.certification.asked import ask
 from armgpi.certification.quantities import (
     Points,
     Setting,
@@ -23,6 +22,7 @@ from armgpi.certification.quantities import (
     search_numbers,
     slopes,
 )
+from armgpi.certification.request import ask
 from armgpi.gpi.family import Member
 from armgpi.gpi.payload import certified_sector, largest_payload, payload_range
 
