@@ -408,11 +408,14 @@ def _parameters(cls: type) -> Mapping[str, Parameter]:
 def with_parameters(cls: _Class) -> _Class:
     """Make the constructor of a class from its fields; they are checked, and cannot be set again."""
     dataclass(eq=False, repr=False)(cls)
-    if cls.__init__.__doc__ is None:  # what `help` says: all parameters with their units, inherited ones too
+    make: Any = vars(cls).get("__init__")
+    if (
+        make is not None and make.__doc__ is None
+    ):  # for `help`: all parameters with their units, inherited too
         shaped = {True: "; a number, or shape (n,) or (batch, n)", False: ""}
         lines = [f"    {name}: {p.meaning}{shaped[p.per_joint]}." for name, p in parameters(cls).items()]
         errors = "    ParameterError, ArrayError: when a value is not as declared; it names the joint."
-        cls.__init__.__doc__ = "\n".join(
+        make.__doc__ = "\n".join(
             ["Check and keep the parameters.", "", "Args:", *lines, "", "Raises:", errors]
         )
     return cls
