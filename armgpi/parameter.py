@@ -409,9 +409,7 @@ def with_parameters(cls: _Class) -> _Class:
     """Make the constructor of a class from its fields; they are checked, and cannot be set again."""
     dataclass(eq=False, repr=False)(cls)
     make: Any = vars(cls).get("__init__")
-    if (
-        make is not None and make.__doc__ is None
-    ):  # for `help`: all parameters with their units, inherited too
+    if make is not None and make.__doc__ is None:  # for `help`: inherited ones too
         shaped = {True: "; a number, or shape (n,) or (batch, n)", False: ""}
         lines = [f"    {name}: {p.meaning}{shaped[p.per_joint]}." for name, p in parameters(cls).items()]
         errors = "    ParameterError, ArrayError: when a value is not as declared; it names the joint."
