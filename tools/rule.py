@@ -158,7 +158,8 @@ def fit(folder: Path, evaluations: int, every: int, seed: int) -> dict[str, floa
             seed=seed,
         )
     )
-    asked = {"method": "rule", "evaluations": evaluations, "every": every, "seed": seed}
+    script = Path(__file__).read_text(encoding="utf-8")
+    asked = {"method": "rule", "script": script, "evaluations": evaluations, "every": every, "seed": seed}
     study, begun = Study.enter(folder, Identity(asked)), time.monotonic()
 
     def told(search: Search) -> None:

@@ -28,7 +28,7 @@ ROWS = {
     "out --out -o FOLDER": "Where the study of the arms and its table go.",
     "reality NAME": "Instead, draw drives, sensors, loads and moves of this reality: geared, elastic, owned "
     "...",
-    "seed": "Of the draws, and of the search.",
+    "seed": "Of the draws.",
 }
 
 
@@ -40,18 +40,9 @@ def zoo(
     report: Path | None = None,
     as_json: bool = False,
     reality: str | None = None,
-    tune: Annotated[
-        int | None,
-        typer.Option(
-            metavar="NUMBER",
-            min=9,
-            help="Instead, tune each arm with so many candidates, beside the rule for untuned arms.",
-            show_default=False,
-        ),
-    ] = None,
     count: Annotated[
         int,
-        typer.Option(min=1, max=4096, help="Draws of each arm, with --reality; held-out ones, with --tune."),
+        typer.Option(min=1, max=4096, help="Draws of each arm, with --reality."),
     ] = 16,
     seed: int = 0,
 ) -> None:
@@ -63,22 +54,16 @@ def zoo(
     armgpi zoo ur5 panda
     armgpi zoo --out zoo
     armgpi zoo ur5 panda --reality geared --count 16
-    armgpi zoo ur5 panda --tune 97
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.robot import robots
     from armgpi.studies.study import Identity, Study, unkept
 
     for name in names or ():
         robots.locate(name)
-    if tune is not None and reality is not None:
-        raise refusal("--tune", "an arm is tuned on geared drives; leave --reality out")
-    if reality is not None:
-        method = _draws(reality, seed, count)
-    else:
-        method = _nominal() if tune is None else _tuned(tune, seed, count)
+    method = _nominal() if reality is None else _draws(reality, seed, count)
     part: Part = unkept
     if out is not None:
-        asked = {"method": "zoo", "reality": reality, "tune": tune, "count": count, "seed": seed}
+        asked = {"method": "zoo", "reality": reality, "count": count, "seed": seed}
         part = Study.enter(out, Identity(asked), accept_code=accept_code).part
     rows, remarks = _run_arms(part, names or list(robots.names()), method)
     text = "\n\n".join([method.table(rows), *remarks])
@@ -141,14 +126,3 @@ def _draws(reality: str, seed: int, count: int) -> _Method:
         return markdown({**by_arm, "all": rows}, "robot")
 
     return _Method(run, Outcome, table)
-
-
-def _tuned(evaluations: int, seed: int, count: int) -> _Method:
-    """Return how arms are tuned, beside the rule."""
-    from armgpi.studies.zoo import MOST, as_row, markdown, run
-
-    if seed < 0:
-        raise refusal("--seed", f"expected 0 or more, got {seed}")
-    if count > MOST:
-        raise refusal("--count", f"expected at most {MOST} held-out draws, got {count}")
-    return _Method(lambda name: [run(name, evaluations, count, seed)], as_row, markdown)

@@ -228,7 +228,7 @@ class Sweep:
             return self._run_draws(chunk, rows)
         drawn = self.numbers(chunk, rows)
         seeds = (self.config.seed + chunk * self.size + np.arange(rows, dtype=np.uint64)).astype(np.uint64)
-        return np.hstack([drawn, self._flat(self._run_rollouts(drawn, seeds))])
+        return np.hstack([drawn, self._flat(self.table(drawn, seeds))])
 
     def drew(self, table: Array, chunk: int) -> bool:
         """Tell whether numbers of a chunk are of what is drawn there, and of rollouts that ended."""
@@ -239,10 +239,6 @@ class Sweep:
             return True
         # Another machine's exponentials differ in their last digits.
         return np.allclose(table[:, : self.width], self.numbers(chunk, len(table)), rtol=1e-9, atol=0.0)
-
-    def table(self, drawn: Array, seeds: Any) -> dict[str, Array]:
-        """Return metrics (rows, joints) and ends of rollouts with these numbers and seeds."""
-        return self._run_rollouts(drawn, seeds)
 
     def values(self, drawn: Array) -> dict[str, Any]:
         """Return what was drawn, (rows, width), as a prepared loop takes it."""
@@ -256,8 +252,8 @@ class Sweep:
             values = {name: value for name, value in values.items() if name not in (IDENTIFICATION, *_LOAD)}
         return values
 
-    def _run_rollouts(self, drawn: Array, seeds: Any) -> dict[str, Array]:
-        """Return metrics and ends of rollouts with these numbers, (rows, width), and seeds."""
+    def table(self, drawn: Array, seeds: Any) -> dict[str, Array]:
+        """Return metrics (rows, joints) and ends of rollouts with these numbers, (rows, width), and seeds."""
         names = self.drawn_names
         own = [j for j, name in enumerate(names) if name.split("[")[0] in self.apart]
         groups: dict[tuple[float, ...], list[int]] = {}

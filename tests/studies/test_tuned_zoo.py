@@ -3,42 +3,41 @@
 from __future__ import annotations
 
 import runpy
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from commands import Answer
 
 from armgpi import GPI, Robot
 from armgpi.errors import RolloutError
 from armgpi.gpi.payload import DELAY_SHARE
 from armgpi.health import reality as health
 from armgpi.plants.reality import Reality
-from armgpi.studies import zoo
 from armgpi.studies.evaluation import Evaluator
 
 ARM = "anthropomorphic3"
+TOOLS = Path(__file__).parents[2] / "tools"
+ZOO = runpy.run_path(str(TOOLS / "tuned_zoo.py"))
 
 
 def test_an_arm_is_judged_on_draws_that_no_search_saw(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[list[Any]] = []
-    monkeypatch.setattr(zoo, "Evaluator", _noting(seen))
-    row = zoo.run(ARM, 9, 4, seed=3)
+    monkeypatch.setitem(ZOO["run"].__globals__, "Evaluator", _noting(seen))
+    row = ZOO["run"](ARM, 9, 4, seed=3)
     searched, judged = seen
     assert (len(searched), len(judged)) == (2, 4)
     assert not {draw.index for draw in searched} & {draw.index for draw in judged}
     assert all(health.demand(draw) <= 1.0 for draw in (*searched, *judged))
-    found = [each for draw in judged for each in health.outcomes([draw], ARM, zoo.RULE)]
+    found = [each for draw in judged for each in health.outcomes([draw], ARM, ZOO["RULE"])]
     assert row.rule.lost == np.mean([each.lost for each in found])
     assert row.rule.hunting == np.mean([each.hunting for each in found])
     assert row.rule.peak == pytest.approx(np.median([each.peak for each in found]), rel=1e-6)
     assert row.rule.itae == pytest.approx(np.median([each.itae for each in found]), rel=1e-6)
     assert row.tuned is not None
     assert set(row.values) == {*(f"omega q{i}" for i in (1, 2, 3)), "zeta", "rolloff_ratio"}
-    assert f"| {ARM} | 3 |" in zoo.markdown([row])
-    assert "none holds" in zoo.markdown([row._replace(tuned=None)])
+    assert f"| {ARM} | 3 |" in ZOO["markdown"]([row])
+    assert "none holds" in ZOO["markdown"]([row._replace(tuned=None)])
 
 
 def _noting(seen: list[list[Any]]) -> Any:
@@ -53,25 +52,23 @@ def _noting(seen: list[list[Any]]) -> Any:
 def test_motors_that_can_follow_too_few_draws_are_told() -> None:
     weak = Robot.load(ARM).with_limits(effort=1e-3)
     with pytest.raises(RolloutError, match="can follow 0 of 16 draws"):
-        zoo._feasible(Reality.geared(effort_share=0.0), weak, 0, 2)
+        ZOO["_feasible"](Reality.geared(effort_share=0.0), weak, 0, 2)
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--reality", "bare"], "--tune: an arm is tuned on geared drives"),
-        (["--seed", "-1"], "--seed: expected 0 or more"),
-        (["--count", "4000"], "--count: expected at most 256 held-out draws"),
-    ],
-)
-def test_what_cannot_be_tuned_is_refused(options: list[str], said: str, cli: Callable[..., Answer]) -> None:
-    answer = cli("zoo", ARM, "--tune", 9, *options)
-    assert answer.code == 2
-    assert said in answer.err
+def test_it_goes_on_where_it_was(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = [ARM, "--evaluations", "9", "--count", "2", "--out", str(tmp_path)]
+    assert not ZOO["main"](words)
+    table, parts = capsys.readouterr().out, [*tmp_path.glob("*.chunk")]
+    assert f"| {ARM} | 3 |" in table
+    before = [part.stat().st_mtime_ns for part in parts]
+    assert len(before) == 1
+    assert not ZOO["main"](words)
+    assert capsys.readouterr().out == table
+    assert [part.stat().st_mtime_ns for part in parts] == before
 
 
 def test_the_fitted_rule_is_the_rule_with_other_numbers() -> None:
-    tool = runpy.run_path(str(Path(__file__).parents[2] / "tools" / "rule.py"))
+    tool = runpy.run_path(str(TOOLS / "rule.py"))
     late = {"dt": 4e-3, "delay": 4e-3, "bits": 40}  # so fine that the delay alone limits
     before = GPI.untuned(Robot.load(ARM), **late)
     today = tool["Rule"]()

@@ -1,5 +1,9 @@
 """The zoo with and without tuning: every arm under the rule for untuned arms, and under what `tune` finds.
 
+Usage:
+    python tools/tuned_zoo.py --out tuned           # all arms; goes on where it was stopped
+    python tools/tuned_zoo.py ur5 panda
+
 An arm is tuned as one is that stands in a laboratory: at one sample time, delay and encoder, on draws of the
 geared reality that its motors can follow. A search begins at the rule's numbers, wants less ITAE and no
 hunting, and may spend no more torque variation than the rule does. Both are judged on other draws.
@@ -7,25 +11,30 @@ hunting, and may spend no more torque variation than the rule does. Both are jud
 
 from __future__ import annotations
 
+import argparse
 import math
+import sys
 import warnings
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from armgpi import config
-from armgpi.errors import ArmgpiWarning, RolloutError
+from armgpi.errors import ArmgpiError, ArmgpiWarning, RolloutError
 from armgpi.escape import markdown_table
 from armgpi.health import reality as health
 from armgpi.health.zoo import BITS, DELAY, DT, fingers
 from armgpi.loop import metrics
 from armgpi.plants.reality import Draw, Reality
+from armgpi.robot import robots
 from armgpi.robot.robot import Robot
 from armgpi.studies.evaluation import Evaluator
 from armgpi.studies.objective import Objective
 from armgpi.studies.optimise import KEPT, Problem, Search
 from armgpi.studies.space import Range, Space
+from armgpi.studies.study import BadPart, Identity, NoRoom, Study, part_name, rows
 
 #: The rule, and by which factor bandwidths may leave its own: searches of a hundred candidates begin nearby.
 RULE = {"type": "untuned"}
@@ -34,9 +43,9 @@ _FACTOR = 2.0
 WANTED = f"log(itae) + 1000*max(hunting_amplitude, {health.HUNTING})"
 #: What is worked out of every rollout.
 _NAMES = (*KEPT, "hunting_amplitude")
-#: Held-out draws begin so many after those that are searched on; most of them, and how many are drawn to
-#: find one that motors can follow.
-_APART, MOST, _TRIES = 1 << 11, 256, 8
+#: Held-out draws begin so many after those that are searched on; so many are drawn to find one that motors
+#: can follow.
+_APART, _TRIES = 1 << 11, 8
 
 
 class Judged(NamedTuple):
@@ -195,3 +204,30 @@ def _column_values(judged: Judged) -> list[str]:
     """Return the values of a column each."""
     sizes = [metrics.short(x, 3) for x in (judged.itae, judged.peak, judged.variation)]
     return [*sizes, *(f"{100.0 * x:.0f}" for x in (judged.hunting, judged.lost))]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Tune arms and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("arms", nargs="*", help="all by default")
+    parser.add_argument("--evaluations", type=int, default=97, help="candidates for each arm")
+    parser.add_argument("--count", type=int, default=16, help="held-out draws of each arm")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=Path("tuned"), help="folder of the searches")
+    given = parser.parse_args(arguments)
+    numbers = [given.evaluations, given.count, given.seed]
+    asked = {"script": Path(__file__).read_text(encoding="utf-8"), "numbers": numbers}
+    study, found = Study.enter(given.out, Identity(asked)), []
+    for arm in given.arms or robots.names():
+        try:
+            found += rows(study.part, part_name(arm), as_row, lambda name=arm: [run(name, *numbers)])
+        except (BadPart, NoRoom):  # none can be kept
+            raise
+        except ArmgpiError as error:
+            print(f"not run: {arm}: {error}", file=sys.stderr)
+    print(markdown(found))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
