@@ -38,11 +38,11 @@ def explain_unsolved(
         inputs: of the certificate.
     """
     said = [_sector(asked, law, numbers, float(inputs["spread"]))]
-    blamed = [name for name in _NUMBERS if solvable(law, _less(numbers, name, 0.0), inputs)]
+    causes = [name for name in _NUMBERS if solvable(law, _less(numbers, name, 0.0), inputs)]
     said += [
-        f"in the way: {_NUMBERS[name]}, {name} = {float(numbers[name]):.4g}{_UNITS[name]}" for name in blamed
+        f"in the way: {_NUMBERS[name]}, {name} = {float(numbers[name]):.4g}{_UNITS[name]}" for name in causes
     ]
-    if not blamed:
+    if not causes:
         said.append("in the way: more than one number; none alone at its best would do")
     return said + _remedies(asked, law, numbers, inputs)
 

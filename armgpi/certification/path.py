@@ -306,7 +306,7 @@ def bound_wish(wish: Wish, others: Sequence[Robot] = (), bears: bool = True) -> 
     thin = _Tube(wish, thinnest, wish.controller.gains.nominal().omega_c * thinnest)
     first = thin.solve()
     if first is None:
-        return _none(wish, [thin.blame()])
+        return _none(wish, [thin.cause()])
     tubes: list[_Tube] = []
     reasons: list[list[str]] = []
     for room in _ROOM:
@@ -629,7 +629,7 @@ class _Tube:
             if most > limit
         ]
 
-    def blame(self) -> str:
+    def cause(self) -> str:
         """Return what grows with the error faster than the loops reject it."""
         if self.loop is None:
             return "with the inertia of these arms a joint's own loop is unstable: the model is too far off"
@@ -640,8 +640,8 @@ class _Tube:
             "stiffness": "gravity",
             "rate": "Coriolis and viscous torques",
         }
-        blamed = [what for name, what in grown.items() if self._without(name).solve(0.0, 0.0) is not None]
-        said = " or ".join(blamed) or "several terms together"
+        causes = [what for name, what in grown.items() if self._without(name).solve(0.0, 0.0) is not None]
+        said = " or ".join(causes) or "several terms together"
         return f"the joints disturb each other more than their loops reject; in the way: {said}"
 
     def _without(self, *names: str) -> _Tube:

@@ -38,7 +38,7 @@ _NO_NUMBER = (
 )
 
 #: Likewise of one more word than a command takes.
-_TOO_MANY = ("Got unexpected extra argument", "one robot or file at a time: got unexpected extra argument")
+_TOO_MANY = ("Got unexpected", "at most one robot or file at a time: got unexpected")
 
 
 class _Commands(Commands):

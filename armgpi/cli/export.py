@@ -38,7 +38,7 @@ ROWS = {
     "direct_drive": "Motors without gears: no rotors are believed (--drives rigid); for bare and "
     "ros2_control.",
 }
-#: Postures of a motion in which an arm's links may touch.
+#: Configurations of a motion in which an arm's links may touch.
 _LOOKED = 200
 #: Of the catalogue, those that have no direct torque.
 _CB3 = ("ur3", "ur5", "ur10")
@@ -122,8 +122,8 @@ def _export(options: dict[str, Any]) -> int:
         beside={"experiment.yaml": config, **copied},
     )
     _say(done, log, label, options["as_json"])
-    for file in done.files:
-        say(f"wrote {file}", err=True)
+    out = options["out"]
+    say(f"wrote {', '.join(str(file.relative_to(out)) for file in done.files)} in {out}", err=True)
     if "diverged" in log.header:
         say(f"the controller loses the arm in the simulation, at {log.header['diverged']:g} s", err=True)
         return FAILED

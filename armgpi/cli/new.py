@@ -156,7 +156,8 @@ def _arm(robot: str, how: dict[str, Any], answers: _Answers) -> tuple[Any, list[
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ArmgpiWarning)  # of what is mended here
-            arm = load_arm(robot, how)
+            # Numbers that are listed are of the arm's joints alone.
+            arm = load_arm(robot, {**how, "effort": None, "rotor_inertia": None, "drives": None})
         several = chains.of(arm.provenance)
     except ArmgpiError:  # which may be of a part that is not kept
         source, _ = robots.locate(robot)
@@ -169,12 +170,9 @@ def _arm(robot: str, how: dict[str, Any], answers: _Answers) -> tuple[Any, list[
         chosen, _ = answers.get(f"{said}. Keep", None, believed, str)
         say(f"note: {said}; the file keeps {chosen}", err=True)
         how["keep"] = [chosen]
-        arm = load_arm(robot, how)
-    hands = [joint for joint in arm.provenance.get("grippers", ()) if joint in arm.joint_names]
-    if hands and not how["keep"]:
-        how["lock"] = [*(how["lock"] or []), *hands]
-        arm = load_arm(robot, how)
-    return arm, hands
+    hands = [] if how["keep"] else [j for j in arm.provenance.get("grippers", ()) if j in arm.joint_names]
+    how["lock"] = [*(how["lock"] or []), *hands]
+    return load_arm(robot, how), hands
 
 
 def _load(arm: Any) -> float:

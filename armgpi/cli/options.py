@@ -105,11 +105,13 @@ def robot_given(how: Mapping[str, Any]) -> dict[str, Any]:
 
 def drives_given(rotor_inertia: list[str] | None, path: Path | None) -> dict[str, Any]:
     """Return what --drives and --rotor-inertia give, as keys of the section `robot`; the latter wins."""
-    from armgpi.cli.parsing import per_joint
+    from armgpi.cli.parsing import per_joint, refusal
 
     found: dict[str, Any] = {}
     if str(path) in ("believed", "soft", "rigid"):
         found["drives"] = str(path)
+    elif path is not None and not path.exists():
+        raise refusal("--drives", f"expected 'believed', 'soft', 'rigid' or a file, got {str(path)!r}")
     elif path is not None:
         from armgpi.robot.drives import Drives
 

@@ -82,23 +82,22 @@ def with_options(error: BaseException) -> str:
 
 
 #: Calls in Python that messages propose, and the options that do the same.
-_CALLS = (
+_CALLS: tuple[tuple[str, Any], ...] = (
     (r"lock=\[('?)([^'\]]*)\1\]", r"--lock \2"),
     (r"keep=\[\.\.\.\]", "--keep NAME"),
     (r"(mimic|repair)='([^']*)'", r"--\1 \2"),
     (r"robot\.with_gravity\(\(0, 0, 0\)\)", "--gravity robot"),
     (r"make both of armgpi\.believe_drives\(robot\)", "--drives soft"),
+    (
+        r"robot\.with_limits\(effort=\{([^}]*)\}\)",
+        lambda call: "--effort " + call[1].replace("'", "").replace(": ", "=").replace(", ", ","),
+    ),
     (r"robot\.with_armature\(\.\.\.\)", "--rotor-inertia JOINT=NUMBER"),
 )
 
 
 def in_options(text: str) -> str:
     """Return a message with options in the place of calls in Python."""
-    text = re.sub(
-        r"robot\.with_limits\(effort=\{([^}]*)\}\)",
-        lambda call: "--effort " + call[1].replace("'", "").replace(": ", "=").replace(", ", ","),
-        text,
-    )
     for call, option in _CALLS:
         text = re.sub(call, option, text)
     return re.sub(r"(--[a-z-]+)(?: ([\w=.,+-]*[\w=]))?", _as_key, text)

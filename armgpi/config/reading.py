@@ -101,7 +101,7 @@ def _text(path: Path) -> str:
         if not path.exists():
             raise ConfigError(path, "", "there is no such file; `armgpi new ROBOT` writes an experiment file")
         if not path.is_file():
-            raise ConfigError(path, "", "is no regular file")
+            raise ConfigError(path, "", "is a folder or a device; give the YAML file itself")
         if path.stat().st_size > _MAX_BYTES:
             raise ConfigError(path, "", f"is larger than {_MAX_BYTES} bytes")
         return path.read_text(encoding="utf-8")

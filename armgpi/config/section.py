@@ -25,7 +25,7 @@ class Wrong(Exception):
     Attributes:
         path: of the key.
         message: what is wrong with it.
-        misspelt: whether the key is none: said first, as a missing one may be no more than that.
+        misspelt: whether the key is unknown: said first, as a missing one may be no more than that.
     """
 
     def __init__(self, path: Path_, message: str, misspelt: bool = False) -> None:
@@ -79,7 +79,7 @@ class Section:
         """Return the section of plain data at a path.
 
         Raises:
-            Wrong: for a key that is none, one that is missing, or a value that is not as it should be.
+            Wrong: for an unknown key, one that is missing, or a value that is not as it should be.
         """
         if isinstance(data, Section):
             data = data.plain(given=True)
@@ -150,7 +150,7 @@ def _read_each(parts: Iterable[tuple[Any, Key, Any]], path: Path_) -> dict[Any, 
 
 
 def _unknown(known: Mapping[str, Key]) -> Key:
-    """Return what reads a key that is none."""
+    """Return what refuses an unknown key."""
 
     def refuse(value: Any, path: Path_) -> Any:
         name = path[-1]

@@ -98,7 +98,7 @@ class ErrorSchedule(Parametrised):
 
         Args:
             w: the same before.
-            e: tracking error [rad or m]; one that is no number changes nothing.
+            e: tracking error [rad or m]; NaN changes nothing.
             span: upper end above the lower one.
             learn: share of the change that is made; 0 while the torque is cut.
             dt: sample time [s].

@@ -1,4 +1,4 @@
-"""Where an arm touches itself: its URDF's collision shapes, at given postures, by Pinocchio and coal."""
+"""Where an arm touches itself: its collision shapes at given configurations, by Pinocchio and coal."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ class Contact(NamedTuple):
 
     Attributes:
         first, second: their names.
-        posture: the first one in which they do.
+        configuration: the first one in which they do.
     """
 
     first: str
     second: str
-    posture: int
+    configuration: int
 
 
 def self_collisions(
     robot: Robot, positions: Array, package_dirs: Iterable[str | PathLike[str]] = ()
 ) -> list[Contact] | None:
-    """Return which links touch each other in postures, shape (k, n) [rad or m]; None without readable shapes.
+    """Return which links touch each other in configurations (k, n) [rad or m]; None without readable shapes.
 
-    Links next to each other, and those that touch in the first posture already, are not looked at. Nothing is
-    said of what is between the postures, of obstacles, nor of shapes whose mesh is not found.
+    Links next to each other, and those that touch in the first already, are not looked at. Nothing is
+    said of what is between them, of obstacles, nor of shapes whose mesh is not found.
     """
     shapes = _shapes(robot, package_dirs)
     if shapes is None or not shapes.ngeoms:

@@ -55,7 +55,7 @@ class Datum(NamedTuple):
     """What is known of one number of a drive.
 
     Attributes:
-        value: its best value; a word for what is no number.
+        value: its best value; a word where it is not a number.
         low: lowest value that it may have.
         high: highest value that it may have.
         source: "told", "believed" or "measured".
@@ -127,7 +127,7 @@ class Drives:
 
         Raises:
             NameNotFound: when there is no such quantity, or no such joint.
-            ArrayError: for another shape, or what is no number.
+            ArrayError: for another shape, or what is not finite.
             ParameterError: when a value is not as declared, or outside its interval.
         """
         check_choice(source, "source", SOURCES)

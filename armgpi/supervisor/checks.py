@@ -52,7 +52,7 @@ _FASTER = 1.5
 
 
 class NotFinite:
-    """NOT_FINITE: a measurement is no number, or farther or faster than any arm."""
+    """NOT_FINITE: a measurement is not finite, or farther or faster than any arm."""
 
     def __init__(self, law: Controller) -> None:
         self._velocities = law.measurement_type is FullState
@@ -124,7 +124,7 @@ class Position:
 
 
 class ReferenceJump:
-    """REFERENCE: the reference is no number, or is not where its velocity leads."""
+    """REFERENCE: the reference is not finite, or is not where its velocity leads."""
 
     def __init__(self, law: Controller, bounds: Bounds) -> None:
         self._step, self._tightest = bounds.step, tightest(bounds.step)

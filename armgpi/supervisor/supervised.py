@@ -326,7 +326,7 @@ class Supervised(Controller):
         if self.measurement_type is FullState:
             shown = np.where(seen.lost, shown, measurement.v)
         asked, after = law.step(self._measurement(seen.q, shown), self._target(aim, target, stopping), before)
-        # A law whose torque is no number has a state that is none: it cannot go on.
+        # A law whose torque is NaN may have NaN in its state: it cannot go on.
         unsound = beyond(sum_joints(asked), LARGEST)
         capped = None if caps is None else caps(asked) & ~unused
         dead = dead | (unsound if capped is None else unsound | any_joint(capped))
