@@ -70,6 +70,6 @@ def _tubes(found: PathBound, run: Any) -> list[str]:
         parts.append(drawing.line(list(zip(t, error[::every, j], strict=True)), _BLUE))
         largest = float(np.abs(error[:, j]).max())
         unit = POSITION.symbol(found.wish.controller.robot.prismatic[j])
-        said = f"{name}: at most {most:.3g} {unit}; in this run {largest:.3g}"
+        said = f"{name}, {t[-1]:.3g} s: error within ±{most:.3g} {unit} (red); in this run {largest:.3g}"
         figures.append(figure(drawing.svg(parts, said), said))
     return figures

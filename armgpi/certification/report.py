@@ -25,9 +25,6 @@ _COLOURS = {"delta_high": _BLUE, "sigma": _ORANGE, "kappa_v": _GREEN, "kappa_e":
 #: How each is drawn, for who cannot tell colours.
 _DASHES = {"delta_high": ("", "solid"), "sigma": ("7 3", "dashed"), "kappa_v": ("2 2", "dotted")}
 _DASHES["kappa_e"] = ("7 2 2 2", "dash-dotted")
-#: Share of an effort below which bearing a disturbance says little: a tenth of what one encoder count may
-#: move a torque before an arm shakes (COUNT_SHARE).
-_USEFUL = 0.1 * COUNT_SHARE
 _QUIET = "#aeb8c2"
 
 
@@ -71,7 +68,7 @@ def _worth(asked: Asked, made: Certificate) -> tuple[bool, str]:
     said = (
         f"; it bears {borne[j]:.2g} {unit} at {made.joint_names[j]}, {100.0 * share[j]:.2g} % of its effort"
     )
-    useful = bool(share[j] >= _USEFUL)
+    useful = bool(share[j] >= COUNT_SHARE)  # what one encoder count alone may move
     return useful, said if useful else f"{said}: less than friction takes; a smaller box or speed leaves more"
 
 
@@ -118,17 +115,15 @@ def _nyquist(made: Certificate) -> str:
     curve = np.polyval(loop.numerator, s) / np.polyval(loop.denominator, s)
     near = np.abs(curve) < 2.0 * _REACH
     drawing = Drawing((-_REACH, 0.6), (-1.0, 1.0))
-    parts = [
-        drawing.line([(-_REACH, 0.0), (0.6, 0.0)], _QUIET),
-        drawing.line([(0.0, -1.0), (0.0, 1.0)], _QUIET),
-    ]
+    parts = [drawing.line(axis, _QUIET) for axis in ([(-_REACH, 0.0), (0.6, 0.0)], [(0.0, -1.0), (0.0, 1.0)])]
+    parts += [drawing.text(0.5, 0.04, "Re"), drawing.text(0.1, 0.92, "Im")]
     turn = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 121))
     circle = -0.5 * (1.0 / low + 1.0 / high) + 0.5 * (1.0 / low - 1.0 / high) * turn
     parts.append(drawing.line(list(zip(circle.real, circle.imag, strict=True)), style.ALARM, fill="#f4d5d8"))
     for sign in (1.0, -1.0):
         path = list(zip(curve[near].real, sign * curve[near].imag, strict=True))
         parts.append(drawing.line(path, _BLUE))
-    for x, text in ((-1.0 / low, f"-1/{low:.3g}"), (-1.0 / high, f"-1/{high:.3g}")):
+    for text, x in {f"-1/{low:.3g}": -1.0 / low, f"-1/{high:.3g}": -1.0 / high}.items():
         parts.append(drawing.text(x + (0.2 if x > -1.0 / low else -0.2), -0.1, text, colour=LINE))
     said = (
         f"L(jω - σ/2) of a joint with σ = {sigma:.3g} 1/s, and the circle of δ from {low:.3g} to {high:.3g}. "
@@ -159,6 +154,7 @@ def _box(asked: Asked, made: Certificate) -> str:
         place = np.minimum((_PARTS * (z[:, j] - ends[0]) / (ends[1] - ends[0])).astype(int), _PARTS - 1)
         middles = ends[0] + (np.arange(_PARTS) + 0.5) / _PARTS * (ends[1] - ends[0])
         parts = [drawing.line([(ends[0], y), (ends[1], y)], _QUIET) for y in (0.0, 0.5, 1.0)]
+        parts += [drawing.text(ends[0], y - 0.09, f"{y:g}", "start") for y in (0.5, 1.0)]
         for name, colour in _COLOURS.items():
             largest = [shares[name][place == k].max(initial=0.0) for k in range(_PARTS)]
             parts.append(

@@ -180,7 +180,7 @@ def _believed_rows(robot: Robot, quantity: str) -> str:
     """Return what is believed of a quantity, joint by joint."""
     data = robot.drives.data.get(quantity, {})
     rows = (
-        f"{joint} {data[joint].value:.2g}"
+        f"{joint} {float(f'{data[joint].value:.2g}'):g}"
         for joint in robot.joint_names
         if joint in data and data[joint].source == "believed"
     )

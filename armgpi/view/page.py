@@ -259,6 +259,7 @@ def from_markdown(markdown: str, label: str) -> str:
         lines = block.splitlines()
         if lines[0].startswith("|") and len(lines) > 1:
             head, _, *rows = [[cell.strip(" `") for cell in line.split("|")[1:-1]] for line in lines]
+            head = [cell.replace(" [", "\n[").replace(", ", ",\n", 1) for cell in head]
             parts.append(table(head, rows, label=label))
         elif lines[0].startswith("#"):
             parts.append(f"<h3>{text(block.lstrip('# '))}</h3>")

@@ -164,7 +164,8 @@ class Curves {
     const [begin, end] = this.range, wide = Curves.step((end - begin) / Math.max(2, inner.width / 70));
     for (let t = Math.ceil(begin / wide) * wide; t <= end + 1e-9; t += wide) {
       const x = inner.left + (inner.width * (t - begin)) / (end - begin);
-      pen.fillText(String(Number(t.toPrecision(4))), Math.min(x, inner.left + inner.width - 8), inner.top + inner.height + 12);
+      const unit = t + wide > end + 1e-9 ? " s" : "";
+      pen.fillText(String(Number(t.toPrecision(4))) + unit, Math.min(x, inner.left + inner.width - 12), inner.top + inner.height + 12);
     }
   }
 }
