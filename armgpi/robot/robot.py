@@ -319,11 +319,16 @@ class Robot(Edits):
         return VariedRobots(self, frame, **given)
 
     def pinocchio_model(self) -> Any:
-        """Return a copy of the `pin.Model`, for what this class does not offer.
+        """Return a copy of the `pin.Model`, with its limits, for what this class does not offer.
 
-        With joints that follow others it has their coordinates too: ``coupling.ratio @ q + coupling.offset``.
+        With joints that follow others it has their coordinates too, ``coupling.ratio @ q + coupling.offset``,
+        and no limits.
         """
-        return self._model.copy()
+        model = self._model.copy()
+        if self.coupling is None:
+            model.lowerPositionLimit, model.upperPositionLimit = self.limits.lower, self.limits.upper
+            model.velocityLimit, model.effortLimit = self.limits.velocity, self.limits.effort
+        return model
 
     def random_positions(self, count: int, seed: int = 0) -> Array:
         """Return configurations drawn evenly from the joint ranges [rad or m], shape (count, n).

@@ -46,6 +46,13 @@ def test_a_model_is_the_arm_of_its_urdf(name: str) -> None:
     np.testing.assert_allclose(*poses, rtol=0.0, atol=1e-13)
 
 
+@pytest.mark.parametrize("name", ["kinova", "ur5"])
+def test_a_model_goes_to_pinocchio_and_back_with_its_limits(name: str) -> None:
+    robot = Robot.load(name)
+    for there, back in zip(robot.limits, Robot.load(robot.pinocchio_model()).limits, strict=True):
+        np.testing.assert_array_equal(back, there)
+
+
 def test_a_model_made_by_hand_is_controlled() -> None:
     robot = Robot.from_pinocchio(pin.buildSampleModelManipulator())
     start = robot.middle()
