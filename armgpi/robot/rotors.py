@@ -33,7 +33,7 @@ TWIST, TWIST_SCATTER = 8e-3, 2.0
 STRETCH = 2e-3
 #: Median ITAE of a law that believes gears over that of one for stiff gears, on arms with stiff gears
 #: (docs/drives.md, `undriven`).
-SOFT_COST = 11.0
+SOFT_COST = 9.4
 #: An effort or velocity limit from here on, or of zero, is a word for none [N m or N, rad/s or m/s].
 _NO_EFFORT, _NO_VELOCITY = 1000.0, 100.0
 #: Most that an arm's strongest joint may have over its largest gravity torque: limits above are no motors'.
