@@ -15,7 +15,7 @@ import json
 import math
 import sys
 import tokenize
-from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -353,7 +353,7 @@ def _of_object(thing: Any) -> Functions:
     if isinstance(thing, type):
         thing = _instance(thing)
     if isinstance(thing, Mapping):
-        return _settable(thing, thing.get, thing.get("n"))
+        return _settable(thing)
     if not any(hasattr(thing, name) for name in ARGUMENTS) and callable(thing):
         thing = thing()
     return _of_instance(thing)
@@ -361,31 +361,19 @@ def _of_object(thing: Any) -> Functions:
 
 def _of_module(module: ModuleType) -> Functions:
     """Return the functions of a module: its own, those of its one class, or its SymPy expressions."""
-    if not any(hasattr(module, name) for name in ARGUMENTS):
-        classes = [
-            value
-            for value in vars(module).values()
-            if isinstance(value, type)
-            and value.__module__ == module.__name__
-            and any(hasattr(value, name) for name in ARGUMENTS)
-        ]
-        if len(classes) > 1:
-            names = ", ".join(c.__name__ for c in classes)
-            raise Unusable(
-                f"has several models ({names}); choose one with a colon: FILE:{classes[0].__name__}"
-            )
-        if classes:
-            return _of_instance(_instance(classes[0]))
-        objects = {
-            name: value
-            for name, value in vars(module).items()
-            if type(value).__module__ == module.__name__ and any(hasattr(value, f) for f in ARGUMENTS)
-        }
-        # A file may end in `arm = Arm(length=0.3)`.
-        if len(objects) == 1:
-            return _of_instance(next(iter(objects.values())))
-        raise Unusable(_nothing(vars(module)))
-    return _settable(module, lambda name: getattr(module, name, None))
+    if any(hasattr(module, name) for name in ARGUMENTS):
+        return _settable(module)
+    parts = [part for part in _parts_of(module) if any(hasattr(part, name) for name in ARGUMENTS)]
+    classes = [part for part in parts if isinstance(part, type)]
+    if len(classes) > 1:
+        names = ", ".join(c.__name__ for c in classes)
+        raise Unusable(f"has several models ({names}); choose one with a colon: FILE:{classes[0].__name__}")
+    if classes:
+        return _of_instance(_instance(classes[0]))
+    # A file may end in `arm = Arm(length=0.3)`.
+    if len(parts) == 1:
+        return _of_instance(parts[0])
+    raise Unusable(_nothing(vars(module)))
 
 
 def _instance(kind: type) -> Any:
@@ -419,7 +407,7 @@ def _of_instance(thing: Any) -> Functions:
             return _functions(lambda name: getattr(changed, name, None))
 
         return Functions(rebuild, own, _joints(thing))
-    return _settable(thing, lambda name: getattr(thing, name, None))
+    return _settable(thing)
 
 
 def _copy_with(thing: Any, parameters: Any) -> Any:
@@ -431,25 +419,24 @@ def _copy_with(thing: Any, parameters: Any) -> Any:
     return changed
 
 
-def _settable(thing: Any, get: Callable[[str], Any], n: Any = None) -> Functions:
+def _settable(thing: Any) -> Functions:
     """Return the functions of a thing, whose numbers are set where they stand."""
+
+    def get(name: str) -> Any:
+        return thing.get(name) if isinstance(thing, Mapping) else getattr(thing, name, None)
+
     parameters = get("parameters")
-    if any(is_drawn(get(name)) for name in ARGUMENTS):
-        drawn = {name: get(name) for name in ARGUMENTS if is_drawn(get(name))}
-        return _of_graph(drawn, _numbers_of(parameters))
+    own = _numbers_of(parameters)
+    there = {name: value for name in ARGUMENTS if (value := get(name)) is not None}
+    if drawn := {name: value for name, value in there.items() if is_drawn(value)}:
+        return _of_graph(drawn, own)
     sympy = sys.modules.get("sympy")
     casadi = sys.modules.get("casadi")
-    if casadi is not None and any(isinstance(get(name), casadi.SX | casadi.MX) for name in ARGUMENTS):
-        return _of_casadi(
-            casadi, {name: get(name) for name in ARGUMENTS if get(name) is not None}, parameters
-        )
-    expressions = {
-        name: get(name)
-        for name in ARGUMENTS
-        if sympy is not None and isinstance(get(name), sympy.MatrixBase | sympy.Basic | list)
-    }
-    if expressions:
-        return _of_expressions(expressions, _numbers_of(parameters), parameters)
+    if casadi is not None and any(isinstance(value, casadi.SX | casadi.MX) for value in there.values()):
+        return _of_casadi(casadi, there, own)
+    symbolic: Any = () if sympy is None else (sympy.MatrixBase, sympy.Basic, list)
+    if expressions := {name: value for name, value in there.items() if isinstance(value, symbolic)}:
+        return _of_expressions(expressions, own, parameters)
     calls = _functions(get)
     slots = _slots(thing, parameters, calls.values())
 
@@ -521,24 +508,28 @@ def _of_graph(expressions: Mapping[str, Any], own: Mapping[str, float]) -> Funct
     programs = {name: Program(e) for name, e in expressions.items()}
     places = states_of(set().union(*(p.names for p in programs.values())) - own.keys())
 
-    def bind(name: str, values: Mapping[str, float]) -> Callable[..., Any]:
-        def call(*state: Any) -> Any:
-            given = dict(zip(ARGUMENTS[name], state, strict=True))
-            # A velocity may be left in a gravity that does not depend on it.
-            joints = {s: given[letter][k] if letter in given else 0.0 for s, (letter, k) in places.items()}
-            return programs[name]({**joints, **values})
+    def call(name: str, values: Mapping[str, float], *state: Any) -> Any:
+        given = dict(zip(ARGUMENTS[name], state, strict=True))
+        # A velocity may be left in a gravity that does not depend on it.
+        joints = {s: given[letter][k] if letter in given else 0.0 for s, (letter, k) in places.items()}
+        return programs[name]({**joints, **values})
 
-        return call
+    return _with_values(programs, call, own)
+
+
+def _with_values(
+    names: Iterable[str], call: Callable[..., Any], own: Mapping[str, float], n: int | None = None
+) -> Functions:
+    """Return functions that one call computes, given name, parameters and state."""
 
     def rebuild(changes: Mapping[str, float]) -> Mapping[str, Callable[..., Any]]:
-        return {name: bind(name, {**own, **changes}) for name in programs}
+        return {name: partial(call, name, {**own, **changes}) for name in names}
 
-    return Functions(rebuild, own)
+    return Functions(rebuild, own, n)
 
 
-def _of_casadi(casadi: Any, expressions: Mapping[str, Any], parameters: Any) -> Functions:
+def _of_casadi(casadi: Any, expressions: Mapping[str, Any], own: Mapping[str, float]) -> Functions:
     """Return the functions of CasADi's expressions in q, v, a, tau, or in q1, v1, ..., and parameters."""
-    own = _numbers_of(parameters)
     symbols = {str(x): x for e in expressions.values() for x in casadi.symvar(casadi.vertcat(casadi.vec(e)))}
     places = {name: joint_of(name) for name in symbols if name not in own}
     if missing := sorted(name for name, place in places.items() if place is None):
@@ -554,28 +545,20 @@ def _of_casadi(casadi: Any, expressions: Mapping[str, Any], parameters: Any) -> 
     order = list(symbols)
     calls = {name: casadi.Function(name, [symbols[k] for k in order], [e]) for name, e in expressions.items()}
 
-    def bind(name: str, values: Mapping[str, float]) -> Callable[..., Any]:
-        def call(*state: Any) -> Any:
-            given = dict(zip(ARGUMENTS[name], state, strict=True))
-            numbers = [
-                values[k] if k in values else float(given.get(known[k][0], np.zeros(n))[known[k][1] - first])
-                for k in order
-            ]
-            return np.asarray(calls[name](*numbers)).squeeze()
+    def call(name: str, values: Mapping[str, float], *state: Any) -> Any:
+        given = dict(zip(ARGUMENTS[name], state, strict=True))
+        numbers = [
+            values[k] if k in values else float(given.get(known[k][0], np.zeros(n))[known[k][1] - first])
+            for k in order
+        ]
+        return np.asarray(calls[name](*numbers)).squeeze()
 
-        return call
-
-    def rebuild(changes: Mapping[str, float]) -> Mapping[str, Callable[..., Any]]:
-        return {name: bind(name, {**own, **changes}) for name in calls}
-
-    return Functions(rebuild, own, n)
+    return _with_values(calls, call, own, n)
 
 
 def _of_expressions(expressions: Mapping[str, Any], own: Mapping[str, float], parameters: Any) -> Functions:
     """Return the functions of SymPy expressions in q1.., v1.., a1.., tau1.. and parameters."""
     sympy = _sympy()
-    if not all(isinstance(e, sympy.MatrixBase | sympy.Basic | list) for e in expressions.values()):
-        raise Unusable("some of its functions are SymPy expressions and some are not")
     parameters = parameters if isinstance(parameters, Mapping) else {}
     fixed = {sympy.Symbol(str(k)): v for k, v in parameters.items() if not _is_number(v)}
     plain = {name: _plain(sympy, e) for name, e in expressions.items()}
@@ -596,16 +579,11 @@ def _of_expressions(expressions: Mapping[str, Any], own: Mapping[str, float], pa
                 swap[symbol] = letters[joint[0]][joint[1] - first]
         arguments = [letters[letter] for letter in ARGUMENTS[name]]
         calls[name] = sympy.lambdify([*arguments, symbols], expression.xreplace(swap), "numpy", cse=True)
-    inputs = dict(own)
 
-    def bind(name: str, values: Sequence[float]) -> Callable[..., Any]:
-        return lambda *state: calls[name](*(x.tolist() for x in state), list(values))
+    def call(name: str, values: Mapping[str, float], *state: Any) -> Any:
+        return calls[name](*(x.tolist() for x in state), list(values.values()))
 
-    def rebuild(changes: Mapping[str, float]) -> Mapping[str, Callable[..., Any]]:
-        values = [changes.get(name, value) for name, value in inputs.items()]
-        return {name: bind(name, values) for name in calls}
-
-    return Functions(rebuild, inputs, n)
+    return _with_values(calls, call, own, n)
 
 
 def _joint_numbers(
