@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from typing import Any, NamedTuple, cast
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
@@ -265,24 +265,6 @@ class Drives:
                     if name in drives.joint_names:
                         drives = drives.with_value(key, {name: value}, file=source)
         return drives
-
-    def transmissions(self) -> list[Element]:
-        """Return a ``<transmission>`` for every joint of which something is known, as a URDF has them."""
-        found = []
-        for joint, own in self.plain().items():
-            element = Element("transmission", name=f"{joint}_drive")
-            SubElement(element, "type").text = "transmission_interface/SimpleTransmission"
-            SubElement(element, "joint", name=joint)
-            for key in own:
-                value = str(self.data[key][joint].value)
-                if key == "rotor_inertia":
-                    actuator = SubElement(element, "actuator", name=f"{joint}_motor")
-                    SubElement(actuator, "motorInertia").text = value
-                    SubElement(actuator, "mechanicalReduction").text = "1"
-                else:
-                    SubElement(element, "param", name=f"{_OWN}{key}").text = value
-            found.append(element)
-        return found
 
     def _of(self, name: str) -> Mapping[str, Datum]:
         """Return what is known of a quantity, joint -> datum."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import fromstring, tostring
+from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
 
 import numpy as np
 import pytest
@@ -50,12 +50,30 @@ def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     assert Drives.read(tmp_path / "again.yaml", ARM.joint_names) == drives
 
 
-def test_transmissions_of_a_urdf_are_written_and_read() -> None:
+def transmissions(drives: Drives) -> list[Element]:
+    """Return a ``<transmission>`` for every joint of which something is known, as a URDF has them."""
+    found = []
+    for joint, own in drives.plain().items():
+        element = Element("transmission", name=f"{joint}_drive")
+        SubElement(element, "joint", name=joint)
+        for key in own:
+            value = str(drives.data[key][joint].value)
+            if key == "rotor_inertia":
+                actuator = SubElement(element, "actuator", name=f"{joint}_motor")
+                SubElement(actuator, "motorInertia").text = value
+                SubElement(actuator, "mechanicalReduction").text = "1"
+            else:
+                SubElement(element, "param", name=f"armgpi:{key}").text = value
+        found.append(element)
+    return found
+
+
+def test_transmissions_of_a_urdf_are_read() -> None:
     drives = Drives(ARM.joint_names)
     for name, declared in QUANTITIES.items():
         drives = drives.with_value(name, "link" if declared.kind == "choice" else 0.3)
     text = Path(ARM.provenance["source"]).read_text(encoding="utf-8")
-    added = "".join(tostring(each, encoding="unicode") for each in drives.transmissions())
+    added = "".join(tostring(each, encoding="unicode") for each in transmissions(drives))
     loaded = Robot.from_xml(text.replace("</robot>", f"{added}</robot>"))
     for name in QUANTITIES:
         assert loaded.drives.value(name).tolist() == drives.value(name).tolist()

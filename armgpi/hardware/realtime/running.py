@@ -100,13 +100,7 @@ def run(
         rollout,
         taken.samples.answered[:count],
         taken.samples.lateness[:count],
-        taken.filled,
-        taken.fired,
-        taken.latched,
-        taken.granted,
-        taken.steps,
-        taken.fault,
-        taken.log,
+        *taken[1:],
         made_from | {"policy": policy, "watchdog_parameters": watchdog.values()},
     )
 
