@@ -259,7 +259,8 @@ def certificate(asked: Asked, found: Numbers) -> Certificate:
     outside = count_outside(asked.setting, found, asked.others) if known.solutions else 0
     if outside:
         known.said.append(
-            f"some of {_tried(asked)} other arms that are possible exceed its numbers: a longer log would do"
+            f"some of {_count_others(asked)} other arms that are possible exceed its numbers: a longer log "
+            "would do"
         )
     return Certificate(data, tuple(known.said))
 
@@ -392,11 +393,11 @@ def _robot(asked: Asked) -> dict[str, Any]:
         "start": asked.start,
         "rule": None if asked.rule is None else [repr(float(x)) for x in asked.rule],
         "dead_zone": [repr(float(x)) for x in asked.setting.zone],
-        "tried": _tried(asked),
+        "tried": _count_others(asked),
     }
 
 
-def _tried(asked: Asked) -> int:
+def _count_others(asked: Asked) -> int:
     """Return how many other arms the numbers are held against, each with all its loads."""
     return len(asked.others) // (1 if asked.controller.payload is None else 2)
 
@@ -426,7 +427,7 @@ def _assumptions(asked: Asked) -> list[str]:
     if not isinstance(asked.controller.gains, FixedGains):
         moves = "all joints have one omega of the list given here, which goes one step in a sample at most"
     arm = "The arm is the rigid body model of the URDF with the rotor inertia given here, and a point mass "
-    if tried := _tried(asked):
+    if tried := _count_others(asked):
         arm = (
             f"The arm is in the hull of arms that are possible, as with 95 % confidence "
             f"{100.0 * share_covered(tried):.0f} % of them are: {tried} more are. It has a point mass "

@@ -108,8 +108,8 @@ def ask(
     if jump and arms:
         raise ParameterError("jump", jump, "False where the arm is not exact")
     loads = law.payload
-    own = (robot,) if loads is None else (*_loaded((robot,), loads)[:1], loads.nominal)
-    ends = (*_loaded(arms, loads), *own)  # the controller's is the last
+    own = (robot,) if loads is None else (*_with_loads((robot,), loads)[:1], loads.nominal)
+    ends = (*_with_loads(arms, loads), *own)  # the controller's is the last
     where, fastest, away = box_of(robot, box), each(speed, "speed", True), each(radius, "radius", True)
     # A gradient is taken between configurations that are a few samples of motion apart as well.
     count = 0.0 * fastest if bits is None else 0.5 * robot.encoder_count(bits)
@@ -124,11 +124,11 @@ def ask(
     inputs = each(torque, "torque"), viscous * moves[0] + coulomb, *moves, count, viscous, zone
     setting = Setting(ends, nominal, known, *where, near, fastest, ahead, *inputs)
     return Asked(
-        robot, law, where, setting, away, delay, friction, jump, bits, start, rule, _loaded(others, loads)
+        robot, law, where, setting, away, delay, friction, jump, bits, start, rule, _with_loads(others, loads)
     )
 
 
-def _loaded(arms: Sequence[Robot], loads: Any) -> tuple[Robot, ...]:
+def _with_loads(arms: Sequence[Robot], loads: Any) -> tuple[Robot, ...]:
     """Return arms with the lightest load of a range, and with the heaviest; as they are without one."""
     if loads is None:
         return tuple(arms)

@@ -104,13 +104,13 @@ def _run_sweep(
     left, run, begun = sum(rows for _, rows in missing), 0, time.monotonic()
     with progress() as told:
 
-        def done(rows: int) -> None:
+        def count_rows(rows: int) -> None:
             nonlocal run
             run += rows
             rate = run / max(time.monotonic() - begun, 1e-9)
             told(f"{count - left + run} of {count}, {rate:.3g}/s, {(left - run) / rate:.0f} s left")
 
-        broken = running.run(study.folder, missing, done, workers, cluster)
+        broken = running.run(study.folder, missing, count_rows, workers, cluster)
     lost = [i for i, rows in chunks if i not in broken and not study.has(chunk_name(i, rows))]
     broken |= dict.fromkeys(lost, f"no worker has written it to {study.folder}")
     for reason in dict.fromkeys(broken.values()):

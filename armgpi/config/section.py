@@ -84,7 +84,7 @@ class Section:
         if isinstance(data, Section):
             data = data.plain(given=True)
         if not isinstance(data, Mapping):
-            raise _unexpected("a mapping", data, path, f"its keys: {', '.join(cls.keys)}")
+            raise _refusal("a mapping", data, path, f"its keys: {', '.join(cls.keys)}")
         values = _read_each(
             [(name, key, data.get(name, REQUIRED)) for name, key in cls.keys.items()]
             + [(name, _unknown(cls.keys), value) for name, value in data.items() if name not in cls.keys],
@@ -160,7 +160,7 @@ def _unknown(known: Mapping[str, Key]) -> Key:
     return Key(refuse)
 
 
-def _unexpected(expected: str, value: Any, path: Path_, more: str = "") -> Wrong:
+def _refusal(expected: str, value: Any, path: Path_, more: str = "") -> Wrong:
     """Return the error about a value that has another form."""
     hints = "".join(f"; {hint}" for hint in (in_si(value), more) if hint)
     return Wrong(path, f"expected {expected}, got {quote(value)}{hints}")
@@ -169,14 +169,14 @@ def _unexpected(expected: str, value: Any, path: Path_, more: str = "") -> Wrong
 def text(value: Any, path: Path_) -> str:
     """Read text."""
     if not isinstance(value, str):
-        raise _unexpected("text", value, path)
+        raise _refusal("text", value, path)
     return value
 
 
 def flag(value: Any, path: Path_) -> bool:
     """Read a truth value."""
     if not isinstance(value, bool):
-        raise _unexpected("true or false", value, path)
+        raise _refusal("true or false", value, path)
     return value
 
 
@@ -187,7 +187,7 @@ def word(*choices: str) -> Form:
 
     def read(value: Any, path: Path_) -> str:
         if not isinstance(value, str) or value not in choices:
-            raise _unexpected(expected, value, path)
+            raise _refusal(expected, value, path)
         return value
 
     return read
@@ -199,19 +199,19 @@ def number(declared: Parameter) -> Form:
     def read(value: Any, path: Path_) -> float | int:
         if declared.kind == "integer":
             if isinstance(value, bool) or not isinstance(value, Integral):
-                raise _unexpected("a whole number", value, path)
+                raise _refusal("a whole number", value, path)
             found: float | int = int(value)
         else:
             try:
                 found = float(value) if isinstance(value, str | Real) else math.inf
             except (ValueError, OverflowError):
-                raise _unexpected("a number", value, path) from None
+                raise _refusal("a number", value, path) from None
             if isinstance(value, bool) or not isinstance(value, str | Real):
-                raise _unexpected("a number", value, path)
+                raise _refusal("a number", value, path)
             if not math.isfinite(found):
-                raise _unexpected("a finite number", value, path)
+                raise _refusal("a finite number", value, path)
         if limit := declared.broken_limit(found):
-            raise _unexpected(limit, value, path)
+            raise _refusal(limit, value, path)
         return found
 
     return read
@@ -222,10 +222,10 @@ def listing(form: Form, least: int = 0, most: float = math.inf) -> Form:
 
     def read(value: Any, path: Path_) -> list[Any]:
         if not isinstance(value, list | tuple):
-            raise _unexpected("a list", value, path)
+            raise _refusal("a list", value, path)
         if not least <= len(value) <= most:
             count = f"at least {least}" if len(value) < least else f"at most {most}"
-            raise _unexpected(f"{count} entries", value, path)
+            raise _refusal(f"{count} entries", value, path)
         key = Key(form)
         return list(_read_each(((place, key, x) for place, x in enumerate(value)), path).values())
 
@@ -237,7 +237,7 @@ def mapping(form: Form, optional: bool = False) -> Form:
 
     def read(value: Any, path: Path_) -> dict[str, Any]:
         if not isinstance(value, Mapping):
-            raise _unexpected("a mapping", value, path)
+            raise _refusal("a mapping", value, path)
         if odd := [name for name in value if not isinstance(name, str)]:
             raise Wrong((*path, odd[0]), "a key is text")
         key = Key(form, optional=optional)
@@ -291,7 +291,7 @@ def one_of(kinds: Mapping[str, type[Section]]) -> Form:
             return value
         if not isinstance(value, Mapping):
             named = f", as in 'type: {value}'" if isinstance(value, str) and value in kinds else ""
-            raise _unexpected(f"a mapping{named}", value, path)
+            raise _refusal(f"a mapping{named}", value, path)
         if "type" not in value:
             raise Wrong((*path, "type"), "is missing")
         if (tag := str(value["type"])) not in kinds:

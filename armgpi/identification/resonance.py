@@ -275,26 +275,26 @@ class _Fit:
     def _cost(self, x: Array) -> float:
         """Return how badly gears explain the torques, with lines that do not fit at all counting less."""
         relative = [
-            np.abs(self._left(x, i)[0]) / np.abs(turn.tau.mean(axis=0)) for i, turn in enumerate(self.turns)
+            np.abs(self._rest(x, i)[0]) / np.abs(turn.tau.mean(axis=0)) for i, turn in enumerate(self.turns)
         ]
         return float(np.log(np.concatenate(relative) + 1e-3).sum() + 0.5 * x @ x)
 
     def _noise(self, x: Array, index: int) -> Array:
         """Return the noise of the residual at each line: from period to period, and what friction bends."""
         turn = self.turns[index]
-        each = np.stack([self._left(x, index, k)[0] for k in range(len(turn.tau))])
+        each = np.stack([self._rest(x, index, k)[0] for k in range(len(turn.tau))])
         spread = (np.abs(each - each.mean(axis=0)) ** 2).sum(axis=0) / (len(each) * (len(each) - 1))
         left, torque = np.abs(each.mean(axis=0)), np.abs(turn.tau.mean(axis=0))
         return np.asarray(np.sqrt(0.5 * spread + (_LINEAR * torque) ** 2 + _ROBUST * left * torque))
 
     def _residuals(self, x: Array) -> Array:
         """Return what is left of the torques in units of its noise, and of what is expected."""
-        left = np.concatenate([self._left(x, i)[0] / noise for i, noise in enumerate(self.noise)])
+        left = np.concatenate([self._rest(x, i)[0] / noise for i, noise in enumerate(self.noise)])
         return np.concatenate([left.real, left.imag, self._sum(x)[0], x])
 
     def _slopes(self, x: Array) -> Array:
         """Return the derivative of that."""
-        rows = np.concatenate([self._left(x, i)[1] / noise[:, None] for i, noise in enumerate(self.noise)])
+        rows = np.concatenate([self._rest(x, i)[1] / noise[:, None] for i, noise in enumerate(self.noise)])
         return np.concatenate([rows.real, rows.imag, self._sum(x)[1], np.eye(len(x))])
 
     def _sum(self, x: Array) -> tuple[Array, Array]:
@@ -309,7 +309,7 @@ class _Fit:
         off = np.log(total / (links + rotor))
         return off / _TOTAL, slope.reshape(n, -1) * self.std / _TOTAL
 
-    def _left(self, x: Array, index: int, period: int | None = None) -> tuple[Array, Array]:
+    def _rest(self, x: Array, index: int, period: int | None = None) -> tuple[Array, Array]:
         """Return what is left of the torque of a turn, (lines,), and its derivative, (lines, 5 n)."""
         turn, s, n = self.turns[index], self.s, self.robot.n
         at: Any = slice(None) if period is None else slice(period, period + 1)
@@ -360,7 +360,7 @@ class _Fit:
         wide = _95 * math.sqrt(float(slope @ inverse @ slope))
         misfit = np.full(n, np.nan)
         for i, turn in enumerate(self.turns):
-            misfit[turn.joint] = np.linalg.norm(self._left(x, i)[0]) / np.linalg.norm(turn.tau.mean(axis=0))
+            misfit[turn.joint] = np.linalg.norm(self._rest(x, i)[0]) / np.linalg.norm(turn.tau.mean(axis=0))
         ends = np.array([mode, mode * math.exp(-wide / mode), mode * math.exp(wide / mode)])
         return Gears(K, B, J, std[: 3 * n].reshape(3, n), measured, self.side, ends, misfit)
 

@@ -356,14 +356,14 @@ class Supervised(Controller):
             r=aim.q,
             rv=way,
             tau=tau,
-            frozen=self.frozen.after(self._untrusted(dead, seen, watch), seen, aim.q, tau, watch),
+            frozen=self.frozen.after(self._loses_trust(dead, seen, watch), seen, aim.q, tau, watch),
             saturated_samples=np.where(entering, 0.0, watch.saturated_samples),
             response=response,
         )
         kept = kept._replace(nominal=self._may_take_the_short_way(kept))
         return ControlStep(tau, SupervisedState(kept, choose(opened, before, after)))
 
-    def _untrusted(self, dead: Mask, seen: Sample, watch: Watch) -> Mask:
+    def _loses_trust(self, dead: Mask, seen: Sample, watch: Watch) -> Mask:
         """Tell which joints FAULT does not trust any more."""
         # A gear that swings turns its joint round, a JUMP for a moment; RESPONSE sees other turns.
         passing = (seen.bad > 0.0) & (seen.bad <= float(self.supervisor.missed))

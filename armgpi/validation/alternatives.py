@@ -106,7 +106,7 @@ def scope_of(
         seen.keys[key] = None
         items.setdefault(ast.unparse(entry), entry)
     seen.add_counterparts()
-    listed = _listed(tree)
+    listed = _names_in_lists(tree)
     for name, kind in kinds.items():
         if kind in ((2,), (3,)) and name not in listed:
             seen.vectors[name] = ast.Name(name, ast.Load())
@@ -232,7 +232,7 @@ def _counters(tree: ast.AST) -> list[str]:
     return list(dict.fromkeys(x.id for x in counted if isinstance(x, ast.Name)))
 
 
-def _listed(tree: ast.AST) -> set[str]:
+def _names_in_lists(tree: ast.AST) -> set[str]:
     """Return the names whose entries loops go through, such as the angles: they are no vectors of space."""
     counters = _counters(tree)
     found = (n for n in ast.walk(tree) if isinstance(n, ast.Subscript) and isinstance(n.value, ast.Name))

@@ -169,7 +169,7 @@ class _Search:
         return [(h, self.problem.explains(h), math.log2(len(maps))) for h in maps]
 
     @cached_property
-    def fitted(self) -> list[_Fitted]:
+    def fits(self) -> list[_Fitted]:
         """The robot's numbers, as functions of which the quantities are known."""
         return [_Fitted(self.problem, one) for one in parameters(self.problem.tree)]
 
@@ -253,8 +253,8 @@ class _Search:
 
     def wrong_values(self, scope: Mask, differing: Mask) -> list[_Candidate]:
         """Return the numbers of the robot of which another value makes all of `scope` agree."""
-        found = [one.candidate(scope, differing) for one in self.fitted]
-        return [c._replace(bits=c.bits + math.log2(len(self.fitted))) for c in found if c is not None]
+        found = [one.candidate(scope, differing) for one in self.fits]
+        return [c._replace(bits=c.bits + math.log2(len(self.fits))) for c in found if c is not None]
 
     def common_terms(self, columns: list[int]) -> list[_Candidate]:
         """Return the terms that are wrong in the same way in every element that differs."""
