@@ -379,7 +379,8 @@
     }
 
     written() {
-      this.text.value = this.numbers[this.kind]();
+      const beside = this.play.urdf ? `# needs ${this.play.urdf[0]} beside it: save it by the button above\n` : "";
+      this.text.value = beside + this.numbers[this.kind]();
     }
   }
 
