@@ -133,6 +133,7 @@ def _client(distributed: Any, workers: int, cluster: str | None) -> Iterator[Any
         with client:
             yield client
         return
-    options = {"threads_per_worker": 1, "dashboard_address": None, "silence_logs": logging.CRITICAL}
+    options: Any = {"threads_per_worker": 1, "dashboard_address": None, "silence_logs": logging.CRITICAL}
+    options["scheduler_kwargs"] = {"dashboard_address": "127.0.0.1:0"}  # without one it asks for port 8787
     with distributed.LocalCluster(n_workers=workers, **options) as local, distributed.Client(local) as client:
         yield client

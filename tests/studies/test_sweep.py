@@ -7,6 +7,8 @@ import math
 import os
 import re
 import signal
+import socket
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -163,6 +165,10 @@ def test_what_a_sweep_says_is_in_its_files(done: Path) -> None:
     assert sum(part["rollouts"] for part in parts) == 40
 
 
+#: Of a cluster of Dask that is not the only one on its machine.
+ALONE: Any = {"dashboard_address": None, "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"}}
+
+
 @pytest.mark.slow
 def test_workers_of_dask_write_the_same_bytes(
     done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -171,13 +177,23 @@ def test_workers_of_dask_write_the_same_bytes(
     monkeypatch.setenv("OMP_NUM_THREADS", "1")  # as the workers do
     made().enter(tmp_path)
     with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None, protocol="tcp"
+        n_workers=1, threads_per_worker=2, processes=False, protocol="tcp", **ALONE
     ) as local:
         chunks = [(0, 16), (1, 16), (2, 8)]
         broken = workers.run(tmp_path, chunks, lambda rows: None, cluster=local.scheduler_address)
     assert broken == {}
     for place in (done / sample.CHUNKS).iterdir():
         assert (tmp_path / sample.CHUNKS / place.name).read_bytes() == place.read_bytes()
+
+
+@pytest.mark.slow
+def test_workers_start_where_another_cluster_has_the_port_of_dask(tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    with socket.socket() as taken:
+        with suppress(OSError):  # by another test, or a user
+            taken.bind(("", 8787))
+            taken.listen()
+        assert workers.run(tmp_path, [], lambda rows: None, workers=2) == {}
 
 
 @pytest.mark.slow
@@ -190,7 +206,7 @@ def test_a_worker_of_dask_that_is_killed_loses_nothing(
     for name in ("here", "there", "broken"):
         made().enter(tmp_path / name)
     (tmp_path / "broken" / IDENTITY).unlink()
-    options = {"threads_per_worker": 1, "dashboard_address": None, "silence_logs": 50}
+    options: Any = {"threads_per_worker": 1, "silence_logs": 50, **ALONE}
     with distributed.LocalCluster(n_workers=1, **options) as local:
         with distributed.Client(local) as client:
             (number,) = client.run(os.getpid).values()
