@@ -200,7 +200,7 @@ def _read_file(path: Path, robot: Robot, rollout: int, columns: Mapping[str, str
         raise UnreadableTrajectory(path, f"{error.strerror or error}; give a log's file") from None
     except ValueError as error:
         said = " ".join(str(error).split())[:200]
-        raise UnreadableTrajectory(path, f"is no CSV of numbers between commas under names: {said}") from None
+        raise UnreadableTrajectory(path, f"is no CSV file of numbers under names: {said}") from None
     if not len(table):
         raise UnreadableTrajectory(path, "has no rows: expected names, and numbers below them")
     if table.shape[1:] != (len(head),):

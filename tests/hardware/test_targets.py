@@ -423,9 +423,10 @@ def test_a_franka_sees_no_faster_torque_with_packets_lost(bits: int, tmp_path: P
 @compiled
 @pytest.mark.parametrize("target", ["fci", "ur"])
 def test_the_cpp_program_moves_a_simulated_arm_too(
-    target: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    target: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Built by the folder's own CMakeLists.txt, and without a warning by both compilers."""
+    monkeypatch.chdir(tmp_path)  # where it writes its log
     robot, dt = (panda(), 1e-3) if target == "fci" else (ur5(), 2e-3)
     robot = believe(robot)
     rate = Supervisor(torque_rate=1000.0) if target == "fci" else Supervisor()
