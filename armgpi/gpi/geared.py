@@ -249,30 +249,52 @@ def _largest(holds: Callable[[float], bool], highest: float) -> float:
     return 0.0
 
 
-def _raise_joints(omega: float, loops: Loops, highest: float, most: float = math.inf) -> Array:
-    """Return bandwidths raised joint by joint from the tip, as far as all loops bear it [rad/s], (n,)."""
-    found = omega * np.ones(loops.joints)
-    for joint, factor in itertools.product(reversed(range(loops.joints)), _RAISES):
-        faster = found.copy()
-        faster[joint] = min(factor * found[joint], highest)
-        if faster[joint] > found[joint] and loops.holds(faster, most):
-            found = faster
-    return found
+class Alike(NamedTuple):
+    """How fast the joints of a law may be when all are as fast as each other.
+
+    Attributes:
+        fastest: bandwidth that all loops just bear [rad/s].
+        most: largest sensitivity peak with it [-]; infinite where the loops are no more than stable.
+    """
+
+    fastest: float
+    most: float
+
+    @property
+    def shares(self) -> tuple[float, float]:
+        """What is taken of the fastest bandwidth, and of those of joints that are raised above it [-]."""
+        return (1.0, 1.0) if self.most < math.inf else (STABLE_SHARE, RAISED_SHARE)
+
+    @property
+    def omega(self) -> float:
+        """The bandwidth that is taken [rad/s]."""
+        return self.shares[0] * self.fastest
 
 
-def bandwidths(loops: Loops, highest: float, believed: bool) -> Array:
-    """Return how fast the joints of a law may be [rad/s], (n,).
-
-    The weakest joint limits what all bear alike; then wrists are raised, which bear several times that.
+def bandwidth(loops: Loops, highest: float, believed: bool) -> Alike:
+    """Return how fast the joints of a law may be, all alike.
 
     Args:
         loops: of the arm under the law.
         highest: what else allows [rad/s].
-        believed: whether the stiffness is: then a share of the fastest stable bandwidths is taken.
+        believed: whether the stiffness is: then a share of the fastest stable bandwidth is taken.
     """
     for most in () if believed else SENSITIVITIES:
         if omega := loops.fastest(highest, most):
-            return _raise_joints(omega, loops, highest, most)
-    omega = loops.fastest(highest / STABLE_SHARE) or _SLOWEST / STABLE_SHARE
-    raised = _raise_joints(omega, loops, highest / STABLE_SHARE)
-    return np.maximum(STABLE_SHARE * omega, RAISED_SHARE * raised)
+            return Alike(omega, most)
+    return Alike(loops.fastest(highest / STABLE_SHARE) or _SLOWEST / STABLE_SHARE, math.inf)
+
+
+def raise_joints(alike: Alike, loops: Loops, highest: float) -> Array:
+    """Return bandwidths raised joint by joint from the tip, as far as all loops bear it [rad/s], (n,).
+
+    The weakest joint limits what all bear alike; wrists bear several times that.
+    """
+    share, of_raised = alike.shares
+    found = alike.fastest * np.ones(loops.joints)
+    for joint, factor in itertools.product(reversed(range(loops.joints)), _RAISES):
+        faster = found.copy()
+        faster[joint] = min(factor * found[joint], highest / share)
+        if faster[joint] > found[joint] and loops.holds(faster, alike.most):
+            found = faster
+    return np.maximum(alike.omega, of_raised * found)

@@ -244,16 +244,21 @@ def _with_structure(
     def fastest(one: Robot) -> Array:
         own: Any = nominal(one)
         bias = one if every["feedforward"] == "computed" else None
-        omega, believed = np.zeros(one.n), geared.is_believed(one)
-        for damping in geared.DAMPINGS[::-1] if believed else geared.DAMPINGS[1:]:
-            if omega.min() < geared.LATE:
-                arms = geared.cases(one, dt, _samples(dt, delay), damping)
-                loops = geared.Loops(arms, own, bias, law, dt)
-                omega = geared.bandwidths(loops, highest, believed)
+        believed, (usual, light) = geared.is_believed(one), geared.DAMPINGS
+
+        def loops_at(damping: float) -> geared.Loops:
+            arms = geared.cases(one, dt, _samples(dt, delay), damping)
+            return geared.Loops(arms, own, bias, law, dt)
+
+        loops = loops_at(light)
+        alike = geared.bandwidth(loops, highest, believed)
+        if believed and alike.omega < geared.LATE:
+            loops = loops_at(usual)
+            alike = geared.bandwidth(loops, highest, believed)
         least = min(geared.SLOWEST, highest)
-        if believed and not geared.at_link(one) and omega.min() < least:
+        if believed and not geared.at_link(one) and alike.omega < least:
             return least * np.ones(one.n)  # which not all loops bear: then none is raised (fit arms)
-        return omega
+        return geared.raise_joints(alike, loops, highest)
 
     omega = _of_each(robot, fastest)
     if bits is not None:
