@@ -32,8 +32,6 @@ ROWS = {
     "start NAME": "wrong-load: the first torque is that of the controller's model; held: the loop held the "
     "arm.",
     "tool_speed NUMBER": "How far the supervisor's stop takes from this tool speed [m/s].",
-    "identified FILE": "identification.json: the arm is one of those that it leaves possible, with 95 % "
-    "confidence.",
     "controller --controller --controllers NAME": "gpi or untuned. Default: the file's, else gpi, or untuned "
     "with an encoder or delay.",
     "out --out -o FILE": "Write the bound (JSON).",

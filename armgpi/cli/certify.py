@@ -49,8 +49,6 @@ ROWS = {
     "budget SECONDS": "Processor time for the proof of each number of the arm.",
     "out --out -o FILE": "Write the certificate file (JSON).",
     "refute FILE": "Try to refute the numbers of this certificate by 20,000 configurations instead.",
-    "identified FILE": "identification.json: the arm is one of those that it leaves possible, with 95 % "
-    "confidence.",
 }
 #: Arms drawn in whose hull the true one is taken to be, so many times as far from the estimate as drawn; and
 #: more that are held against what follows: none of 59 outside says with 95 % confidence that 95 % are inside

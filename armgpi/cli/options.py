@@ -26,6 +26,8 @@ ROWS = {
     "drives FILE": "YAML or JSON: joint -> rotor_inertia, viscous, coulomb, stiffness and others, where "
     "known. Or what is believed where nothing tells: 'soft', rotors and gears that twist, the default of "
     "type untuned; 'believed', rotors of stiff gears; 'rigid', no rotors.",
+    "identified FILE": "identification.json: the arm is one of those that it leaves possible, with 95 % "
+    "confidence.",
     "report FILE": "Write what is found as one HTML file for any browser.",
     "as_json --json": "Print JSON instead of tables.",
     "robot <ROBOT>": "Name of a robot (see `armgpi robots`), or path of a URDF or an experiment file (YAML).",

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from armgpi.cli.derive import load, write
 from armgpi.cli.parsing import FAILED, OK, per_joint, refusal, stoppable
 from armgpi.cli.terminal import say
-
-if TYPE_CHECKING:
-    pass
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {

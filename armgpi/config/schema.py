@@ -311,7 +311,7 @@ class VarySection(Section):
     }
 
 
-def _known_format(value: Any, path: Path_) -> int:
+def _format(value: Any, path: Path_) -> int:
     """Read the format of a file; of another one nothing else is said."""
     if value != FORMAT or isinstance(value, bool):
         raise Wrong(path, other_format(value, FORMAT), misspelt=True)
@@ -340,7 +340,7 @@ class ExperimentConfig(Section):
     """
 
     keys: ClassVar[Mapping[str, Key]] = {
-        "format": Key(_known_format, FORMAT),
+        "format": Key(_format, FORMAT),
         "robot": Key(RobotSection.read),
         "plant": Key(PlantSection.read, PlantSection()),
         "reality": Key(RealitySection.read, None, optional=True),

@@ -97,7 +97,7 @@ class Expression:
     def __float__(self) -> float:
         """Return the value of what has no symbols."""
         if self.op not in ("constant", "term"):
-            raise TypeError("an expression with symbols is no number")
+            raise TypeError("an expression with symbols has no value")
         return self.value
 
     def __neg__(self) -> Expression:

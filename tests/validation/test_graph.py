@@ -17,7 +17,7 @@ from armgpi.validation import graph, models
 
 
 @pytest.fixture
-def drawn() -> Iterator[None]:
+def graphs() -> Iterator[None]:
     uninstall = graph.install()
     yield
     uninstall()
@@ -69,7 +69,7 @@ def test_derivatives_are_those_of_sympy(text: str) -> None:
         uninstall()
 
 
-def test_coordinates_of_time(drawn: None) -> None:
+def test_coordinates_of_time(graphs: None) -> None:
     mechanics = sys.modules["sympy.physics.mechanics"]
     angle, time = mechanics.dynamicsymbols("th"), graph.symbol("t")
     height = mechanics.sin(angle) * 2
