@@ -10,13 +10,10 @@ from __future__ import annotations
 
 import io
 import re
-import signal
 import stat
 import sys
-import threading
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import nullcontext
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,6 +22,7 @@ from xml.etree import ElementTree
 import numpy as np
 import numpy.typing as npt
 
+from armgpi import interrupts
 from armgpi.arrays import Array
 from armgpi.errors import ArmgpiError, MissingPackage
 from armgpi.robot.meshes import Found, MeshFinder
@@ -223,35 +221,12 @@ def toolbox() -> Any:
         MissingPackage: when it is not installed.
     """
     try:
-        with _interrupts_kept():
+        # trimesh takes whatever is raised while it imports other packages for a package that is not there.
+        with nullcontext() if "trimesh" in sys.modules else interrupts.hold():
             import trimesh
     except ImportError:
         raise MissingPackage("trimesh") from None
     return trimesh
-
-
-@contextmanager
-def _interrupts_kept() -> Iterator[None]:
-    """Let a Ctrl-C or SIGTERM count when the block has ended.
-
-    trimesh takes whatever is raised while it imports other packages for a package that is not there, and an
-    interrupt at that moment would be lost.
-    """
-    usual = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    in_main_thread = threading.current_thread() is threading.main_thread()
-    if "trimesh" in sys.modules or not in_main_thread or None in usual.values():
-        yield
-        return
-    received: list[int] = []
-    for each in usual:
-        signal.signal(each, lambda number, _: received.append(number))
-    try:
-        yield
-    finally:
-        for each, handler in usual.items():
-            signal.signal(each, handler)
-    for number in received:
-        signal.raise_signal(number)
 
 
 def box(x: float, y: float, z: float) -> Triangles:

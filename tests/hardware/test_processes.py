@@ -46,6 +46,20 @@ def test_a_controller_that_is_killed_is_given_up() -> None:
     assert not outcome.answered[100:].any()
 
 
+def _interrupt(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+def test_an_interrupt_while_a_page_is_told_ends_the_loop_with_a_report() -> None:
+    usual = signal.signal(signal.SIGTERM, _interrupt)  # SIGINT is ignored in the background
+    try:
+        outcome = run(*PARTS, 20.0, policy="other", watch=lambda _: signal.raise_signal(signal.SIGTERM))
+    finally:
+        signal.signal(signal.SIGTERM, usual)
+    assert int(outcome.rollout["status"]) == Status.INTERRUPTED
+    assert 0 < len(outcome.answered) < 10_000
+
+
 class _Broken(GPI):
     """A controller that breaks in its own process."""
 

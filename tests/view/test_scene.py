@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import signal
 import struct
-import sys
 import warnings
 from pathlib import Path
 
@@ -383,24 +381,3 @@ def test_a_rollout_of_another_robot_is_refused() -> None:
         scene.clip(run(ARM, t_final=0.02), chain(3))
     with pytest.raises(NameNotFound, match="hand"):
         scene.build(ARM, "hand")
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupt_while_trimesh_is_imported_comes_after_it(
-    number: signal.Signals, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delitem(sys.modules, "trimesh")
-    steps = []
-
-    def imported() -> None:
-        with meshes._interrupts_kept():
-            signal.raise_signal(number)
-            steps.append("whole")  # trimesh would have taken it for a missing package
-
-    before = signal.signal(number, signal.default_int_handler)
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            imported()
-    finally:
-        signal.signal(number, before)
-    assert steps == ["whole"]

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from armgpi import interrupts
 from armgpi.arrays import Array
 from armgpi.control.controller import FullState, Measurement
 from armgpi.errors import ArmgpiError, BackendError
@@ -117,16 +118,18 @@ def _await_end(
     watch: Callable[[dict[str, Any]], None] | None,
 ) -> Taken:
     """Wait for the end, and return what both processes have to tell."""
-    while True:
+    kind = ""
+    value: Any = None
+    while kind != "done":
         try:
-            kind, value = _message(to_arm, children[1])
+            to_arm.poll(None)
+            with interrupts.hold():  # a message half read, or a page half told, is lost
+                kind, value = _message(to_arm, children[1])
+                if kind == "watch" and watch is not None:
+                    watch(value)
         except KeyboardInterrupt:
-            to_arm.send("stop")
-            continue
-        if kind == "watch" and watch is not None:
-            watch(value)
-        if kind == "done":
-            break
+            with suppress(OSError):  # it may have ended by itself
+                to_arm.send("stop")
     samples, fired, latched, granted_arm = value
     told: dict[str, Any] = {"filled": 0, "steps": np.empty(0), "granted": None, "fault": None, "log": None}
     with suppress(EOFError, OSError):  # a controller that was killed tells nothing
