@@ -8,12 +8,13 @@ typedef struct {
     const double *table;   /* for every sample NT numbers, or NT rows of as many as there are lanes in all */
     const uint64_t *draws; /* for each draw: stream, samples ahead */
     const uint64_t *seeds; /* for each draw: the seed of every lane */
-    double *const *out;    /* VARIABLES arrays (samples, rollouts, N) */
+    void *const *out;      /* VARIABLES arrays (samples, rollouts, N), of floats if narrow; 0 for one that is not kept */
     double *sums;          /* blocks of NA vectors: what is added up over the samples */
     int64_t *ended;        /* sample at which a rollout diverged, -1 while it runs */
     int64_t rows, padded, table_rows, k0, k1, every, final; /* every 0: nothing is recorded */
     double divergence;
     int64_t late;          /* first sample of the last seconds */
+    int64_t narrow;
 } Job;
 
 static U v_mix(U x)
@@ -44,14 +45,37 @@ static void draw(const uint64_t *draws, const uint64_t *seeds, int64_t padded, i
     }
 }
 
-static void record(const Job *job, int64_t block, int64_t k, const V *now)
+/* Whole lines go past the cache: they are not read before they are written, and push nothing out. */
+#if defined __AVX512F__ && LANES == 8
+#define STREAM(to, from) _mm512_stream_pd(to, _mm512_load_pd(from))
+#define WIDE 8
+#elif defined __AVX__ && LANES == 4 && N % 2 == 0
+#define STREAM(to, from) _mm256_stream_pd(to, _mm256_load_pd(from))
+#define WIDE 4
+#endif
+
+static void record(const Job *job, int64_t block, int64_t k, const V *now, int whole)
 {
-    for (int lane = 0; lane < LANES; ++lane) {
-        const int64_t row = block * LANES + lane;
-        if (row >= job->rows || job->ended[row] >= 0) continue;
-        for (int x = 0; x < VARIABLES; ++x) {
-            double *to = job->out[x] + (k / job->every * job->rows + row) * N;
-            for (int j = 0; j < N; ++j) to[j] = LANE(now[x * N + j], lane);
+    const size_t size = job->narrow ? sizeof(float) : sizeof(double);
+    for (int x = 0; x < VARIABLES; ++x) {
+        if (!job->out[x]) continue;
+        double rows[LANES * N] __attribute__((aligned(64)));
+        float narrow[LANES * N];
+        for (int j = 0; j < N; ++j)
+            for (int lane = 0; lane < LANES; ++lane) rows[lane * N + j] = LANE(now[x * N + j], lane);
+        for (int i = 0; job->narrow && i < LANES * N; ++i) narrow[i] = (float)rows[i];
+        char *to = (char *)job->out[x] + (k / job->every * job->rows + block * LANES) * N * size;
+        const char *from = job->narrow ? (const char *)narrow : (const char *)rows;
+#ifdef STREAM
+        if (whole && !job->narrow && (uintptr_t)to % 64 == 0) {
+            for (int i = 0; i < LANES * N; i += WIDE) STREAM((double *)to + i, rows + i);
+            continue;
+        }
+#endif
+        for (int lane = 0; lane < LANES; ++lane) {
+            const int64_t row = block * LANES + lane;
+            if (whole || (row < job->rows && job->ended[row] < 0))
+                memcpy(to + lane * N * size, from + lane * N * size, N * size);
         }
     }
 }
@@ -105,10 +129,13 @@ void run(const Job *job, int64_t first, int64_t last)
             }
             if (NA && k < job->late) add_early(now, job->shared, own, v_set((double)k), sums[turn], sums[turn ^ 1]);
             else if (NA) add_up(now, job->shared, own, v_set((double)k), sums[turn], sums[turn ^ 1]);
-            if (job->every && k % job->every == 0) record(job, block, k, now);
+            if (job->every && k % job->every == 0) record(job, block, k, now, v_all(running));
         }
         if (NA) memcpy(job->sums + block * NA * LANES, sums[turn], NA * sizeof(V));
         memcpy(memory, state[turn], NS * sizeof(V));
         memcpy(memory + NS * LANES, now, sizeof now);
     }
+#ifdef STREAM
+    _mm_sfence(); /* other threads see what went past the cache */
+#endif
 }

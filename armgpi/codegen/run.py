@@ -124,6 +124,7 @@ class _Job(ctypes.Structure):
         *((name, ctypes.c_int64) for name in ("rows", "padded", "table_rows", "k0", "k1", "every", "final")),
         ("divergence", ctypes.c_double),
         ("late", ctypes.c_int64),
+        ("narrow", ctypes.c_int64),
     ]
 
 
@@ -189,6 +190,7 @@ class CompiledRun:
             every=recording.every if running is None else 0,
             late=0 if running is None else int(running.late),
             divergence=divergence,
+            narrow=recording.dtype == "float32",
         )
         names = self._layout.names
         # What comes with armgpi is compared by the tests; what a user brings, here.
@@ -197,8 +199,9 @@ class CompiledRun:
         if found.user_defined and not again:
             self._check(state, len(names))
         # Not before: a run that NumPy takes over makes buffers of its own, blank ones.
-        arrays = [recording.buffer(name, blank=False) for name in names if running is None]
-        self._keep["out"] = np.array([array.ctypes.data for array in arrays], dtype=np.uintp)
+        kept = [name if running is None and recording.keeps(name) else None for name in names]
+        places = [0 if name is None else recording.buffer(name, blank=False).ctypes.data for name in kept]
+        self._keep["out"] = np.array(places, dtype=np.uintp)
         self._job.out = self._keep["out"].ctypes.data
         self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
 
@@ -311,7 +314,7 @@ class CompiledRun:
         job = _Job.from_buffer_copy(self._job)
         for name, array in scratch.items():
             setattr(job, name, array.ctypes.data)
-        job.k0, job.k1, job.every, job.divergence = first, first + _COMPARED, 1, math.inf
+        job.k0, job.k1, job.every, job.divergence, job.narrow = first, first + _COMPARED, 1, math.inf, 0
         # On this thread alone: three samples are done before others have started.
         self._library.run(ctypes.byref(job), ctypes.c_int64(0), ctypes.c_int64(self._blocks))
         return np.swapaxes(found[[0, 1, HELD]], 0, 1)
@@ -415,6 +418,8 @@ class CompiledRun:
             times = slice(begin, min(begin + at_once, recording.stored))
             target = self.loop.targets(recording.times[times])
             for name, part in zip(_TARGETS, target, strict=False):
+                if not recording.keeps(name):
+                    continue
                 rows = recording.variables[name][times].reshape(-1, self.rows, self._layout.n)
                 values = np.broadcast_to(part if part.ndim == 3 else part[:, None], rows.shape)
                 for row in diverged:

@@ -6,19 +6,40 @@ import math
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from armgpi.arrays import Array, ArrayLike, check_choice, check_number, check_type, check_whole
+from armgpi import files
+from armgpi.arrays import (
+    Array,
+    ArrayLike,
+    check_choice,
+    check_number,
+    check_path,
+    check_type,
+    check_whole,
+    is_listing,
+)
 from armgpi.control.controller import Controller
-from armgpi.errors import ArmgpiWarning, ArrayError, BackendError, LimitError, MissingPackage, ParameterError
+from armgpi.errors import (
+    ArmgpiWarning,
+    ArrayError,
+    BackendError,
+    LimitError,
+    MissingPackage,
+    NameNotFound,
+    ParameterError,
+)
 from armgpi.loop import metrics
 from armgpi.loop.backends import BACKENDS, runner
 from armgpi.loop.closed_loop import ClosedLoop, LoopState
-from armgpi.loop.rollout import Recorded, Recording, Status, provenance, summary_dataset
+from armgpi.loop.memory import Memory, NetCDF
+from armgpi.loop.rollout import SAMPLED, Recorded, Recording, Status, provenance, summary_dataset
 from armgpi.loop.runner import DIVERGENCE, NumPyRun, Runner, drive
 from armgpi.loop.running import TOTALS, Running, Totals
 from armgpi.loop.variables import Variable, check_values, rows_of, spread_rows, variables, with_values
@@ -43,6 +64,7 @@ _CHECKED_NUMBERS = 1 << 18
 _LONG = 2.0
 #: What a run keeps.
 RECORDS = ("all", "metrics")
+_DTYPES = ("float64", "float32")
 #: About what NumPy takes for each array of the state in a sample, whatever its size [s].
 _ARRAY = 5e-6
 #: What it takes for each coordinate of each rollout on top [s].
@@ -57,8 +79,9 @@ def prepare(
     reference: Reference,
     t_final: float,
     *,
-    record: str = "all",
+    record: str | Sequence[str] = "all",
     record_every: int = 1,
+    dtype: str = "float64",
     signals: bool = False,
     divergence: float = DIVERGENCE,
     backend: str = "auto",
@@ -71,9 +94,10 @@ def prepare(
         controller: what moves it; its sample time is the loop's.
         reference: where to.
         t_final: how long [s], rounded to whole samples.
-        record: "all" keeps trajectories; "metrics" adds up every declared metric instead, in memory that
-            does not depend on the length of the run.
+        record: "all" keeps trajectories, names such as ("q", "tau") those alone; "metrics" adds up every
+            declared metric instead, in memory that does not depend on the length of the run.
         record_every: record every so many samples; metrics are those of all samples anyway.
+        dtype: of recorded numbers: "float64", or "float32" for half the memory and seven digits.
         signals: record the controller's inner signals as well.
         divergence: a rollout has diverged when a joint is farther than this from its reference
             [rad or m], or when a velocity or torque is not finite.
@@ -94,7 +118,7 @@ def prepare(
     nominal, arm = loop.controller.robot, loop.plant.robot
     if isinstance(nominal, Robot) and isinstance(arm, Robot) and (said := unlike(nominal, arm)):
         warnings.warn(said, ArmgpiWarning, stacklevel=3)
-    return PreparedLoop(loop, t_final, record, record_every, signals, divergence, backend)
+    return PreparedLoop(loop, t_final, record, record_every, dtype, signals, divergence, backend)
 
 
 class PreparedLoop:
@@ -113,8 +137,9 @@ class PreparedLoop:
         self,
         loop: ClosedLoop,
         t_final: float,
-        record: str,
+        record: str | Sequence[str],
         record_every: int,
+        dtype: str,
         signals: bool,
         divergence: float,
         backend: str,
@@ -122,7 +147,10 @@ class PreparedLoop:
         """Check the options; see :func:`prepare`."""
         self.loop = loop
         self.steps = whole_steps(t_final, loop.dt)
-        check_choice(record, "record", RECORDS)
+        self._names = None if isinstance(record, str) else _names(record)
+        if self._names is None:
+            check_choice(record, "record", RECORDS)
+        check_choice(dtype, "dtype", _DTYPES)
         check_choice(backend, "backend", BACKENDS)
         check_type(signals, "signals", bool, "True or False")
         self._every = check_whole(record_every, "record_every", 1)
@@ -130,10 +158,12 @@ class PreparedLoop:
         self._metrics, self._backend = record == "metrics", backend
         self._spent = 0.0
         self._supervised = isinstance(loop.controller, Supervised)
-        self._signals = signals and not self._metrics
+        self._dtype = dtype
+        self._signals = (signals or bool((self._names or set()) - set(SAMPLED))) and not self._metrics
         self._known: dict[Any, Any] = {}
         self._variables: dict[str, Variable] | None = None
         self._reference_checked = False
+        self._memory = Memory()
 
     @property
     def parameters(self) -> Mapping[str, Variable]:
@@ -152,6 +182,7 @@ class PreparedLoop:
         final: bool = False,
         progress: bool | None = False,
         partial: bool = False,
+        file: str | PathLike[str] | None = None,
     ) -> xr.Dataset:
         """Run the loop and return its rollouts.
 
@@ -166,6 +197,8 @@ class PreparedLoop:
             final: with ``record="metrics"``, give positions and velocities at the end as well.
             progress: show a progress bar; None for one on a terminal and for long runs.
             partial: on Ctrl-C return what is there, with the status "interrupted", in place of the exception.
+            file: NetCDF file that trajectories are written to as they come, for more than fit into memory;
+                the dataset, dimensions (time, [rollout], joint), then reads from it what it is asked for.
 
         Returns:
             A dataset as of :func:`armgpi.simulate`; with ``record="metrics"`` one with every metric of
@@ -177,12 +210,27 @@ class PreparedLoop:
             ParameterError: for one that cannot be given anew, or a value that is not as declared.
             ArrayError: when an array is not as it should be.
             LimitError: when the start or the reference is outside the plant's joint limits.
+            RolloutError: when the recording does not fit into memory, or onto the disk of its file.
             KeyboardInterrupt: on Ctrl-C, unless `partial`.
         """
-        loop, run, made_from = self._run_with(values or {}, seed, q0, v0, progress, partial)
+        if file is not None:
+            if self._metrics or partial:
+                raise ParameterError("file", str(file), 'with trajectories, record="all", and partial=False')
+            return self._run_into(check_path(file, "file"), values or {}, seed, q0, v0, progress)
+        loop, run, made_from = self._run_with(values or {}, seed, q0, v0, progress, partial, self._memory)
         if self._metrics:
             return self._summary(loop, run, final, made_from)
         return _collect(loop, run.recording, made_from).dataset()
+
+    def _run_into(self, path: Path, *how: Any) -> xr.Dataset:
+        """Run the loop into a file, which appears whole or not at all."""
+        import xarray as xr
+
+        with files.replace_files([path], str(path)) as (beside,):
+            memory = NetCDF(beside)
+            loop, run, made_from = self._run_with(*(*how, False, memory))
+            memory.finish(_collect(loop, run.recording, made_from).dataset())
+        return xr.open_dataset(path, engine="h5netcdf")
 
     def record(self, progress: bool | None = False, partial: bool = False) -> Recorded:
         """Run the loop as it was prepared, and return what it recorded without making a dataset of it.
@@ -196,7 +244,7 @@ class PreparedLoop:
         """
         if self._metrics:
             raise ParameterError("record", "metrics", "all")
-        loop, run, made_from = self._run_with({}, None, None, None, progress, partial)
+        loop, run, made_from = self._run_with({}, None, None, None, progress, partial, self._memory)
         return _collect(loop, run.recording, made_from)
 
     def _run_with(
@@ -207,6 +255,7 @@ class PreparedLoop:
         v0: ArrayLike | None,
         progress: bool | None,
         partial: bool,
+        memory: Memory,
     ) -> tuple[ClosedLoop, Any, dict[str, Any]]:
         """Run the loop with other numbers; return what was run, what ran it and what that was made from."""
         check_type(progress, "progress", bool | None, "True, False or None")
@@ -216,7 +265,10 @@ class PreparedLoop:
             _check_reference(loop, self.steps * loop.dt)
             self._reference_checked |= loop.reference is self.loop.reference
         shape, every = loop.true_state(state).q.shape, self.steps if self._metrics else self._every
-        recording = Recording.new(shape, self.steps, loop.dt, every)
+        if self._names is not None:
+            _check_names(self._names, loop.controller.signals(state.controller))
+        kept = {"names": self._names, "dtype": self._dtype, "memory": memory}
+        recording = Recording.new(shape, self.steps, loop.dt, every, **kept)
         run = self._run_to_end(loop, state, recording, progress, partial)
         made_from = {"divergence": self._divergence, "t_final": self.steps * loop.dt, "backend": run.backend}
         if self._supervised and self._metrics:
@@ -227,7 +279,7 @@ class PreparedLoop:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is not made anew: code belongs to one process."""
-        return {**vars(self), "_known": {}, "_variables": None}
+        return {**vars(self), "_known": {}, "_variables": None, "_memory": Memory()}
 
     def __repr__(self) -> str:
         """Return a one-line description."""
@@ -340,6 +392,21 @@ def _collect(loop: ClosedLoop, recording: Recording, made_from: Mapping[str, Any
     """Return what a run of a loop recorded."""
     described = {**loop.describe(), **made_from}
     return Recorded(recording, loop.plant.robot, loop.plant.disturbance(recording.times), described)
+
+
+def _names(record: Any) -> frozenset[str]:
+    """Return the variables to record."""
+    if not is_listing(record) or not len(record) or not all(isinstance(name, str) for name in record):
+        raise ParameterError("record", record, f"one of {', '.join(RECORDS)}, or names such as ('q', 'tau')")
+    return frozenset(record)
+
+
+def _check_names(names: frozenset[str], signals: Mapping[str, Any]) -> None:
+    """Refuse to record what there is not."""
+    known = (*SAMPLED, "disturbance", *signals)
+    for name in sorted(names):
+        if name not in known:
+            raise NameNotFound("variable", name, known)
 
 
 def _leaves(state: Any) -> int:

@@ -22,7 +22,6 @@ from __future__ import annotations
 
 import io
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -36,6 +35,7 @@ import numpy.typing as npt
 from armgpi import files
 from armgpi.arrays import Array, check_path, check_type
 from armgpi.errors import RolloutError
+from armgpi.loop.memory import Memory, machine_bytes
 from armgpi.loop.provenance import Provenance, versions
 from armgpi.loop.units import POSITION, TORQUE, VELOCITY
 from armgpi.robot.batch import AnyRobot
@@ -48,8 +48,8 @@ if TYPE_CHECKING:  # functions that need it import it: with pandas it takes twic
 #: Version of the layout described above.
 FORMAT = 1
 #: What every rollout has.
-_SAMPLED = ("q", "v", "q_measured", "tau_command", "tau", "q_ref", "v_ref")
-_REQUIRED = (*_SAMPLED, "status", "t_end", "lower", "upper", "velocity", "effort", "joint", "time")
+SAMPLED = ("q", "v", "q_measured", "tau_command", "tau", "q_ref", "v_ref")
+_REQUIRED = ("status", "t_end", "lower", "upper", "velocity", "effort", "joint", "time")
 #: Recorded quantities to expect, when it is asked whether they fit into memory.
 _VARIABLES = 8
 #: What every quantity is called, and its unit.
@@ -104,6 +104,9 @@ class Recording:
         t_end: when each ended [s], shape (rollouts,).
         stored: how many samples are there.
         faults: of supervised rollouts, what :meth:`note_faults` found: name -> array (rollouts,).
+        names: variables that are kept; None for all.
+        dtype: of their numbers, float64 or float32.
+        memory: where the arrays are.
     """
 
     times: Array
@@ -115,27 +118,41 @@ class Recording:
     t_end: Array
     stored: int = 0
     faults: dict[str, Array] = field(default_factory=dict)
+    names: frozenset[str] | None = None
+    dtype: str = "float64"
+    memory: Memory = field(default_factory=Memory)
 
     @classmethod
-    def new(cls, shape: tuple[int, ...], steps: int, dt: float, every: int) -> Recording:
-        """Make room for `steps` samples and the state after them; `shape` is (n,) or (batch, n).
+    def new(cls, shape: tuple[int, ...], steps: int, dt: float, every: int, **kept: Any) -> Recording:
+        """Make room for `steps` samples and the state after them.
+
+        Args:
+            shape: (n,) or (batch, n).
+            steps: samples of the run.
+            dt: sample time [s].
+            every: record every so many samples.
+            kept: other attributes: names, dtype, memory.
 
         Raises:
             RolloutError: when so many do not fit into this machine's memory.
         """
-        samples = steps // every + 1
-        if 8 * _VARIABLES * samples * math.prod(shape) > _memory():
-            raise RolloutError(_too_much(samples, shape))
         rollouts = shape[0] if len(shape) == 2 else 1
-        return cls(
-            times=np.arange(0, steps + 1, every) * np.float64(dt),
+        made = cls(
+            times=np.empty(0),
             dt=dt,
             every=every,
             shape=shape,
             variables={},
             status=np.full(rollouts, Status.FINISHED, dtype=np.int32),
             t_end=np.full(rollouts, steps * dt),
+            **kept,
         )
+        samples, names = steps // every + 1, _VARIABLES if made.names is None else len(made.names)
+        size = np.dtype(made.dtype).itemsize * names * math.prod(shape) * (not made.memory.on_disk)
+        if (size + 8) * samples > machine_bytes():  # 8: times are in memory anyway
+            raise RolloutError(_too_much(samples, shape))
+        made.times = np.arange(0, steps + 1, every) * np.float64(dt)
+        return made
 
     @property
     def running(self) -> npt.NDArray[np.bool_]:
@@ -205,10 +222,16 @@ class Recording:
         skip = -first % self.every
         begin = (first + skip) // self.every
         for name, values in samples.items():
+            if not self.keeps(name):
+                continue
             kept = values[skip :: self.every]
             place = self.buffer(name)[begin : begin + len(kept)]
             place[...] = kept.reshape(place.shape)
-        self.stored = begin + len(kept)
+        self.stored = -(-(first + len(values)) // self.every)
+
+    def keeps(self, name: str) -> bool:
+        """Tell whether a variable is recorded; what tells of faults is in any case."""
+        return self.names is None or name in self.names or name in SIGNALS
 
     def buffer(self, name: str, blank: bool = True) -> Array:
         """Return the array of a variable, of shape (k, ..., n).
@@ -220,15 +243,12 @@ class Recording:
         if name in self.variables:
             return self.variables[name]
         try:
-            self.variables[name] = np.empty((len(self.times), *self.shape))
+            self.variables[name] = self.memory.array(name, (len(self.times), *self.shape), self.dtype)
             if blank:
                 self.variables[name].fill(np.nan)
             return self.variables[name]
         except MemoryError:
-            raise RolloutError(
-                f"recording {len(self.times)} samples of {self.shape} numbers needs too much memory; record "
-                "fewer with record_every=10, or run a smaller batch"
-            ) from None
+            raise RolloutError(_too_much(len(self.times), self.shape)) from None
 
 
 class Recorded(NamedTuple):
@@ -262,13 +282,14 @@ class Recorded(NamedTuple):
         dims = ("rollout", "time", "joint") if batched else ("time", "joint")
         variables: dict[str, Any] = {}
         # A run that was interrupted at once has no samples of what it would have recorded.
-        arrays = {name: np.empty((0, *recording.shape)) for name in _SAMPLED} | recording.variables
+        none = np.empty((0, *recording.shape), recording.dtype)
+        arrays = {name: none for name in SAMPLED if recording.keeps(name)} | recording.variables
         if (recording.status == Status.DIVERGED).all():
             # The run went on for some samples, as many as it takes at once: they are not part of the rollout.
             after = recording.times >= recording.t_end.max()
             for values in recording.variables.values():
                 values[after] = np.nan
-        if disturbance is not None:
+        if disturbance is not None and recording.keeps("disturbance"):
             if batched and disturbance.ndim == 2:
                 disturbance = disturbance[:, None]  # the same for every rollout
             arrays["disturbance"] = np.broadcast_to(disturbance, (len(recording.times), *recording.shape))
@@ -299,6 +320,7 @@ class Recorded(NamedTuple):
                 "robot": robot.name,
                 "armgpi_format": FORMAT,
                 "provenance": provenance(made_from),
+                **({} if recording.names is None else {"recorded": " ".join(sorted(recording.names))}),
             },
         )
 
@@ -433,11 +455,13 @@ def load(path: str | PathLike[str]) -> xr.Dataset:
     found = rollout.attrs.get("armgpi_format")
     if not isinstance(found, int | np.integer) or found != FORMAT:
         raise RolloutError(f"{source}: {other_format(found, FORMAT)}")
-    if missing := [name for name in _REQUIRED if name not in rollout]:
+    recorded = rollout.attrs.get("recorded")
+    needed = (*(str(recorded).split() if recorded else SAMPLED), *_REQUIRED)
+    if missing := [name for name in needed if name not in rollout]:
         raise RolloutError(f"{source}: is no whole armgpi rollout; it lacks {', '.join(missing)}")
     if damage := _damage(rollout):
         raise RolloutError(f"{source}: is no armgpi rollout any more: {damage}")
-    return rollout
+    return rollout.transpose("rollout", "time", ..., missing_dims="ignore")
 
 
 def read_netcdf(source: Path) -> xr.Dataset:
@@ -477,20 +501,13 @@ def _damage(rollout: xr.Dataset) -> str:
     return ""
 
 
-def _memory() -> float:
-    """Return the bytes of memory of this machine, infinite when it does not tell."""
-    try:
-        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    except (AttributeError, OSError, ValueError):  # as on Windows
-        return math.inf
-
-
 def _too_much(samples: int, shape: tuple[int, ...]) -> str:
     """Return what to do when a recording does not fit into memory."""
     size = " x ".join(map(str, shape))
     return (
         f"recording {samples:.3g} samples of {size} numbers each does not fit into memory; run for a shorter "
-        "time, record fewer samples with record_every, or run a smaller batch"
+        "time, run a smaller batch, record fewer samples with record_every or fewer variables with "
+        "record=('q', 'tau'), or have them written to a file with file='rollouts.nc'"
     )
 
 

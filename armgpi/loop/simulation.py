@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from os import PathLike
 from typing import TYPE_CHECKING
 
 from armgpi.arrays import ArrayLike
@@ -24,7 +26,10 @@ def simulate(
     *,
     q0: ArrayLike | None = None,
     v0: ArrayLike | None = None,
+    record: str | Sequence[str] = "all",
     record_every: int = 1,
+    dtype: str = "float64",
+    file: str | PathLike[str] | None = None,
     signals: bool = False,
     divergence: float = DIVERGENCE,
     progress: bool | None = None,
@@ -41,7 +46,11 @@ def simulate(
         t_final: how long [s], rounded to whole samples.
         q0: starting positions [rad or m], (n,) or (batch, n); the reference's start when not given.
         v0: starting velocities [rad/s or m/s], zero when not given.
+        record: "all" trajectories, or names of those to keep, such as ("q", "tau").
         record_every: record every so many samples.
+        dtype: of recorded numbers: "float64", or "float32" for half the memory and seven digits.
+        file: NetCDF file that trajectories are written to as they come, for more than fit into memory;
+            the dataset, dimensions (time, [rollout], joint), then reads from it what it is asked for.
         signals: record the controller's inner signals as well.
         divergence: a rollout has diverged when a joint is farther than this from its reference
             [rad or m], or when a velocity or torque is not finite.
@@ -61,6 +70,7 @@ def simulate(
         ParameterError: when an argument is not as it should be, or the parts do not match.
         ArrayError: when an array is not as it should be.
         LimitError: when the start or the reference is outside the plant's joint limits.
+        RolloutError: when the recording does not fit into memory, or onto the disk of its file.
         KeyboardInterrupt: on Ctrl-C, unless `partial`.
     """
     loop = prepare(
@@ -68,10 +78,12 @@ def simulate(
         controller,
         reference,
         t_final,
+        record=record,
         record_every=record_every,
+        dtype=dtype,
         signals=signals,
         divergence=divergence,
         backend=backend,
         supervisor=supervisor,
     )
-    return loop.run(q0=q0, v0=v0, progress=progress, partial=partial)
+    return loop.run(q0=q0, v0=v0, progress=progress, partial=partial, file=file)

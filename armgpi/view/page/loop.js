@@ -31,7 +31,7 @@ class PlayLoop {
       end = at + bytes;
       return at;
     };
-    const job = room(104), ended = room(8), list = room(4 * names.length), drawn = room(16 * draws.length + 8), seeds = room(8 * draws.length + 8);
+    const job = room(120), ended = room(8), list = room(4 * names.length), drawn = room(16 * draws.length + 8), seeds = room(8 * draws.length + 8);
     const numbers = room(8 * shared.length + 8), none = room(64), rows = room(table ? table.byteLength : 8);
     const state = room(8 * (start.length + names.length * n + 1));
     const outs = names.map(() => room(8 * samples * n));
@@ -54,6 +54,7 @@ class PlayLoop {
       [state, numbers, none, first, drawn, seeds, list, none, ended].forEach((at, i) => view.setUint32(job + 4 * i, at, true));
       [1, 1, 0, k0, k1, 1, final].forEach((x, i) => view.setBigInt64(job + 40 + 8 * i, BigInt(x), true));
       view.setFloat64(job + 96, divergence, true);
+      view.setBigInt64(job + 112, 0n, true);  // records doubles
       this.exports[`run_${form}`](job, 0n, 1n);
     };
     call(0, steps, 0);

@@ -1,0 +1,130 @@
+"""What a run keeps, and where: chosen variables, narrow numbers, files, and memory that is used again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from armgpi import GPI, Bezier, RigidBodyPlant, Robot, Step, Supervisor, load, metrics, prepare, simulate
+from armgpi.errors import ArmgpiError, NameNotFound, ParameterError, RolloutError
+from armgpi.loop.memory import Memory
+
+ARM = Robot.load("anthropomorphic3")
+MOVE = Bezier([0.0, 0.0, 0.0], [0.4, 0.3, -0.2], duration=0.3)
+#: The third falls: its rollout ends early. Eleven fill no whole number of lanes.
+EFFORT = np.where(np.arange(11)[:, None] == 2, 0.02, 20.0) * np.ones(3)
+BACKENDS = ("numpy", "compiled")
+
+
+def run(backend: str, batch: int | None = 11, **options: Any) -> xr.Dataset:
+    plant = RigidBodyPlant(ARM, Step([0.1, 0.0, 0.2], onset=0.05))
+    law = GPI(ARM, 1e-3) if batch is None else GPI(ARM, 1e-3, effort=EFFORT[:batch])
+    return simulate(plant, law, MOVE, 0.2, divergence=0.1, backend=backend, **options)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("batch", [None, 8, 11])
+def test_a_file_has_what_memory_has(backend: str, batch: int | None, tmp_path: Path) -> None:
+    whole = run(backend, batch, signals=True)
+    with run(backend, batch, signals=True, file=tmp_path / "run.nc") as lazy:
+        assert list(lazy["q"].dims) == ["time", *(["rollout"] if batch else []), "joint"]
+        again = lazy.load().transpose("rollout", "time", ..., missing_dims="ignore")
+    xr.testing.assert_identical(again, whole)
+    xr.testing.assert_identical(load(tmp_path / "run.nc"), whole)
+    assert [path.name for path in tmp_path.iterdir()] == ["run.nc"]
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("every", [1, 3])
+def test_chosen_and_narrow_variables_are_those_of_the_whole(backend: str, every: int, tmp_path: Path) -> None:
+    names = ("q", "tau", "chi", "disturbance")
+    whole = run(backend, signals=True)
+    some = run(backend, record=names, dtype="float32", record_every=every, file=tmp_path / "run.nc")
+    some = some.load().transpose("rollout", ...)
+    trajectories = [str(name) for name, x in some.data_vars.items() if "time" in x.dims]
+    assert sorted(trajectories) == sorted(names)
+    for name in ("q", "tau", "chi"):
+        expected = whole[name].isel(time=slice(None, None, every)).values.astype(np.float32)
+        assert some[name].dtype == np.float32
+        np.testing.assert_array_equal(some[name].values, expected)
+    np.testing.assert_array_equal(some["status"], whole["status"])
+    xr.testing.assert_identical(load(tmp_path / "run.nc").transpose("rollout", ...), some)
+    with pytest.raises(RolloutError, match="q_ref"):
+        metrics.peak_error(some)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_faults_are_told_of_chosen_variables(backend: str) -> None:
+    plant = RigidBodyPlant(ARM, Step([0.0, 0.0, 400.0], onset=0.05))
+    parts = plant, GPI(ARM, 1e-3), MOVE, 0.3
+    one, other = (
+        simulate(*parts, supervisor=Supervisor(), backend=backend, record=record) for record in ("all", ["q"])
+    )
+    assert one["fault"] > 0
+    for name in ("fault", "fault_joint", "t_fault", "status"):
+        assert one[name].equals(other[name]), name
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_memory_in_use_is_not_written_again(backend: str) -> None:
+    loop = prepare(RigidBodyPlant(ARM), GPI(ARM, 1e-3), MOVE, 0.2, backend=backend)
+    kept = loop.run(q0=np.zeros((8, 3)))
+    view = kept["q"].values[3]
+    before = view.copy()
+    del kept  # the view is still there
+    for i in range(3):
+        loop.run(q0=np.full((8, 3), 0.01 * i))
+    loop.run(q0=np.zeros((3, 3)))  # another batch
+    np.testing.assert_array_equal(view, before)
+
+
+def test_memory_that_nobody_has_is_used_again() -> None:
+    memory = Memory()
+    for size in (1, 7, 1000, 1_000_003):
+        first = memory.array("q", (size, 2), "float64")
+        place, view = first.ctypes.data, first[:1]
+        assert place % 64 == 0
+        del first
+        assert memory.array("v", (size, 2), "float64").ctypes.data != place
+        del view
+        assert place in {memory.array("v", (2, size), "float64").ctypes.data for _ in range(2)}
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "words"),
+    [
+        ({"record": ("q", "tua")}, NameNotFound, "tau"),
+        ({"record": ()}, ParameterError, "record"),
+        ({"record": "some"}, ParameterError, "record"),
+        ({"record": ("q", 1)}, ParameterError, "record"),
+        ({"dtype": "float16"}, ParameterError, "dtype"),
+        ({"file": "no/such/folder/run.nc"}, RolloutError, "cannot be written"),
+        ({"file": "run.nc", "partial": True}, ParameterError, "partial"),
+        ({"file": 3}, ParameterError, "file"),
+    ],
+)
+def test_what_cannot_be_recorded_is_refused(
+    options: dict[str, Any],
+    error: type[ArmgpiError],
+    words: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(error, match=words):
+        run("numpy", **options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_disk_without_room_is_told_before_the_run(tmp_path: Path) -> None:
+    plant, law = RigidBodyPlant(ARM), GPI(ARM, 1e-3)
+    start = np.zeros((100_000, 3))
+    with pytest.raises(RolloutError, match="cannot be written"):
+        simulate(plant, law, MOVE, 1e4, q0=start, file=tmp_path / "run.nc", backend="compiled")  # 168 TB
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(RolloutError, match="file="):
+        simulate(plant, law, MOVE, 1e8, backend="compiled")
