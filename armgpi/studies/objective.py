@@ -33,6 +33,8 @@ _OPERATORS: Mapping[type, Callable[..., Any]] = {
 }
 #: Longest expression, so that none nests too deeply.
 _LONGEST = 500
+#: Numbers in it are below this one.
+_LARGEST = 1e300
 
 
 def known_names() -> dict[str, str]:
@@ -83,7 +85,8 @@ class Expression:
             if node.id not in self._known:
                 raise NameNotFound("metric", node.id, sorted(self._known))
             return [node.id]
-        if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+        number: Any = getattr(node, "value", None)
+        if type(number) in (int, float) and number < _LARGEST:
             return []
         if isinstance(node, ast.BinOp | ast.UnaryOp) and type(node.op) in _OPERATORS:
             parts = [node.left, node.right] if isinstance(node, ast.BinOp) else [node.operand]
@@ -100,7 +103,7 @@ class Expression:
         if isinstance(node, ast.Name):
             return values[self._known[node.id]]
         if isinstance(node, ast.Constant):
-            return float(node.value)  # type: ignore[arg-type]  # a number, as `_names_in` saw
+            return np.float64(node.value)  # type: ignore[arg-type]  # of NumPy: 1/0 is no exception
         if isinstance(node, ast.Call):
             return _FUNCTIONS[node.func.id](*(self._value(part, values) for part in node.args))  # type: ignore[attr-defined]
         if isinstance(node, ast.BinOp):

@@ -120,6 +120,7 @@ def test_an_expression_is_its_arithmetic(a: float, b: float) -> None:
         ("itae if itae else 1", ParameterError),
         ("itae +", ParameterError),
         ("max(itae)", ParameterError),
+        ("itae + 1" + 400 * "0", ParameterError),
         ("(" * 600 + "itae" + ")" * 600, ParameterError),
         (3.0, ParameterError),
     ],
@@ -127,6 +128,11 @@ def test_an_expression_is_its_arithmetic(a: float, b: float) -> None:
 def test_what_is_no_arithmetic_on_metrics_is_refused(text: Any, error: type[Exception]) -> None:
     with pytest.raises(error):
         Expression(text)
+
+
+@pytest.mark.parametrize("text", ["itae + 1/0", "9.0**9999 * itae", "0**(0 - 1) + itae", "itae * (-8)**0.5"])
+def test_arithmetic_without_a_value_is_no_exception_and_no_value(text: str) -> None:
+    assert not np.isfinite(Expression(text)({"itae": np.ones((1, 1))})).any()
 
 
 @pytest.mark.parametrize("text", ["itae", "itae == 1", "1 < itae < 2", "itae <= sum(1)", None])
