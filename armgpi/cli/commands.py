@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from importlib import import_module
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import typer
@@ -21,84 +22,42 @@ class Entry(NamedTuple):
 
     Attributes:
         group: in --help.
-        module: in which its function is, below ``armgpi.cli``.
-        summary: the first line of its help.
+        name: of the command, and of its function.
+        module: in which that is, below ``armgpi.cli``.
         declares: whether it has an option for every declared parameter.
     """
 
     group: str
+    name: str
     module: str
-    summary: str
-    declares: bool = False
+    declares: bool
+
+    @property
+    def summary(self) -> str:
+        """The first line of its help, which is read without an import."""
+        source = Path(__file__).with_name(f"{self.module}.py").read_text(encoding="utf-8")
+        return source.partition(f"\ndef {self.name}(")[2].split('"""', 2)[1].partition("\n")[0]
 
 
-#: Group of --help -> command, module of its function below ``armgpi.cli``, and * where it has an option for
-#: every declared parameter -> first line of its help.
+#: Group of --help -> commands; after a colon the module of the function where that has another name, and *
+#: where there is an option for every declared parameter.
 _TABLE = {
-    "Simulate": {
-        "run experiment *": "Simulate one controller on a robot and print how well it tracked.",
-        "compare experiment *": "Simulate several controllers on the same robot and print one table.",
-        "sweep sweep": "Run an experiment many times with drawn numbers and say how often it fails, with "
-        "intervals.",
-        "play play *": "Write a page in which the loop is simulated anew when one of its knobs is turned.",
-        "zoo zoo": "Run every arm that can be loaded with default gains, empty and loaded, and print one "
-        "table.",
-        "tune tune": "Search for the numbers of a controller, and validate what is found on scenarios that "
-        "it never saw.",
-        "contend contend": "Tune every law alike, for several budgets of torque variation, and judge them on "
-        "what none has seen.",
-    },
-    "Robots": {
-        "robots robots": "List the robots that can be loaded by name.",
-        "new new": "Begin an experiment file for an arm: what its URDF says, and what you say or armgpi "
-        "believes.",
-        "inspect inspect": "Report what a robot's model is, what will bite, and what a controller will do "
-        "with it.",
-        "view view": "Show robots, or play a rollout, in MeshCat: at an address of this machine alone, or as "
-        "one file.",
-    },
-    "Results": {
-        "report view": "Write tables, plots, animation and data of rollouts as one HTML file, or as a log "
-        "for other programs.",
-    },
-    "Hand-derived dynamics": {
-        "validate validate": "Compare hand-derived dynamics with Pinocchio's and say what is wrong with "
-        "them.",
-        "derive derive": "Derive D, C and G of an arm of up to four joints in closed form.",
-    },
-    "Certificates": {
-        "certify certify": "Bound the whole arm's error under GPI, so that another program can check it "
-        "exactly.",
-        "bound bound": "Bound the error along the reference of an experiment, in millimetres at the tool.",
-    },
-    "Hardware": {
-        "excite identify": "Write a motion from which an arm can be identified, and the experiment that runs "
-        "it.",
-        "identify identify": "Identify an arm from logs of measured positions and commanded torques.",
-        "export export *": "Write a controller as freestanding C99 for hardware, with a log to replay.",
-        "loop loop *": "Run arm and controller as two processes over UDP, in wall-clock time, with faults.",
-        "bringup bringup": "Write the stages from a dry run to full speed, each with its caps, or judge "
-        "their logs.",
-        "log log": "Say what a log of an arm is: how long, what was late, why it ended; replay it through "
-        "the law.",
-    },
-    "The paper": {
-        "reproduce paper": "Run the paper again: Tables 2-4 and Figures 5-13, published beside ours, and "
-        "what it leaves open.",
-        "scenarios paper": "List the paper's scenarios, or print one as an experiment file to edit.",
-    },
-    "Installation": {
-        "doctor doctor": "Check the installation: which Pinocchio is imported, which extras are there, what "
-        "is in the way.",
-    },
+    "Simulate": "run:experiment* compare:experiment* sweep play* zoo tune contend",
+    "Robots": "robots new inspect view",
+    "Results": "report:view",
+    "Hand-derived dynamics": "validate derive",
+    "Certificates": "certify bound",
+    "Hardware": "excite:identify identify export* loop* bringup log",
+    "The paper": "reproduce:paper scenarios:paper",
+    "Installation": "doctor",
 }
 
 
 def _entries() -> Iterator[tuple[str, Entry]]:
-    for group, rows in _TABLE.items():
-        for key, summary in rows.items():
-            name, module, *declares = key.split()
-            yield name, Entry(group, module, summary, bool(declares))
+    for group, names in _TABLE.items():
+        for each in names.split():
+            name, _, module = each.rstrip("*").partition(":")
+            yield name, Entry(group, name, module or name, each.endswith("*"))
 
 
 ENTRIES = dict(_entries())
@@ -114,7 +73,7 @@ class _Loaded(Mapping[str, Any]):
     def __getitem__(self, name: str) -> Any:
         """Return a command."""
         if name not in self._made:
-            self._made[name] = _build_command(name, ENTRIES[name])
+            self._made[name] = _build_command(ENTRIES[name])
         return self._made[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -126,17 +85,17 @@ class _Loaded(Mapping[str, Any]):
         return len(ENTRIES)
 
 
-def _build_command(name: str, entry: Entry) -> Any:
+def _build_command(entry: Entry) -> Any:
     """Return a command as the library of the command line has it: the only one of an app of its own."""
     module = import_module(f"armgpi.cli.{entry.module}")
-    function = with_rows(getattr(module, name), getattr(module, "ROWS", {}))
+    function = with_rows(getattr(module, entry.name), getattr(module, "ROWS", {}))
     kind: type[Command] = Command
     if entry.declares:
         from armgpi.cli.declared import DeclaredCommand
 
         kind = DeclaredCommand
     app = typer.Typer(add_completion=False, rich_markup_mode=None)
-    app.command(name, cls=kind, rich_help_panel=entry.group)(function)
+    app.command(entry.name, cls=kind, rich_help_panel=entry.group)(function)
     return typer.main.get_command(app)
 
 
