@@ -2,7 +2,8 @@
 
 Each run starts `armgpi sweep` again and again, and sends SIGINT, SIGTERM or SIGKILL at a random moment, until
 one ends by itself. Prints how many runs ended with the same bytes, how many signals were sent, and exit codes
-other than those of the signals.
+other than those of the signals. A SIGINT while Python itself starts, before it comes to the program, ends in
+-2, or in 1 and a message of Python's.
 """
 
 from __future__ import annotations
@@ -38,8 +39,13 @@ def started(file: Path, out: Path, rollouts: int) -> subprocess.Popen[bytes]:
     """Start a sweep that takes signals, even where a shell started this in the background without SIGINT."""
     code = "from armgpi.cli import main; main()"
     command = [sys.executable, "-c", code, "sweep", str(file), "--out", str(out), "--rollouts", str(rollouts)]
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    return subprocess.Popen(command, **quiet, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
+    with (out.parent / "stderr").open("wb") as errors:
+        return subprocess.Popen(
+            command,
+            stdout=subprocess.DEVNULL,
+            stderr=errors,
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        )
 
 
 def contents(folder: Path) -> dict[str, str]:
@@ -76,9 +82,12 @@ def main() -> None:
                     sent += 1
                 if code == 0:
                     break
-                # A signal before Python has its handlers ends it as any other program.
-                if code not in (CODES[number], -number):
-                    others[f"{number.name}: {code}"] += 1
+                # A signal before Python has its handlers ends it as any other program; before it has imported
+                # what it starts with, SIGINT ends it in 1.
+                said = (folder / "stderr").read_bytes()
+                starting = code == 1 and said.startswith(b"Fatal Python error: init_")
+                if code not in (CODES[number], -number) and not starting:
+                    others[f"{number.name}: {code}: {said[-200:].decode(errors='replace')}"] += 1
             same += contents(folder / str(run)) == whole
     print(
         f"{same} of {asked.runs} ended with the same bytes, {sent} signals sent, "
