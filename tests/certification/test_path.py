@@ -17,7 +17,17 @@ from soundness import Course
 import armgpi
 from armgpi import GPI, Bezier, Encoder, FixedGains, Measurement, Robot, bound_path
 from armgpi.certification.channels import channel, sampled_loops
-from armgpi.certification.path import PathBound, _Around, _at_rest, _holds, _start, _torques, numbers_along
+from armgpi.certification.path import (
+    PathBound,
+    _Around,
+    _at_rest,
+    _bits,
+    _holds,
+    _moments,
+    _start,
+    _torques,
+    numbers_along,
+)
 from armgpi.certification.path_page import write_page
 from armgpi.certification.quantities import christoffel, slopes
 from armgpi.certification.stopping import Retimed, bound_stop
@@ -349,3 +359,21 @@ def test_the_first_torque_is_off_by_no_more_than_it_changes_anywhere_in_a_count(
         at: Any = SimpleNamespace(target=SimpleNamespace(q=start), v=first(start))
         changed = np.abs(first(start + rng.uniform(-0.2, 0.2, (40, 3))) - first(start)).max(axis=0)
         assert (changed <= _start(wish, at, rng)[0] + 1e-9).all()
+
+
+@pytest.mark.parametrize("delay", [0, 1, 9])
+def test_moments_are_those_of_a_path_that_is_shorter_than_the_lateness_too(delay: int) -> None:
+    rng = np.random.default_rng(delay)
+    path, samples = rng.normal(size=(3, 4, 2)), np.arange(4.0)
+    every: Any = SimpleNamespace(v=path[1], a=path[2])
+    times, shares = _moments(SimpleNamespace(delay=delay, samples=samples), every, rng)
+    assert times.shape == shares.shape == (400,)
+    assert set(np.abs(path[1:]).argmax(axis=1).ravel()) <= set(times) <= set(samples)
+
+
+def test_encoders_have_up_to_52_bits() -> None:
+    for most in (1, 52):
+        np.testing.assert_array_equal(_bits(most, ARM), [most] * 3)
+    for wrong in (0, 53, 12.5):
+        with pytest.raises(ParameterError, match="1 to 52"):
+            _bits(wrong, ARM)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -311,3 +312,14 @@ def test_a_nan_proves_nothing(arm: Robot, monkeypatch: pytest.MonkeyPatch) -> No
         lambda quantity, cell, which, x: proofs.Bounds(np.full(len(which), np.nan), np.zeros(len(which))),
     )
     assert proofs.prove_numbers(case, budget=0.1).sigma.status == "searched"
+
+
+def test_what_is_proved_is_raised_by_more_than_its_rounding(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(proofs, "largest", lambda *_: np.array([0.3, np.inf]))
+    prover: Any = SimpleNamespace(
+        around=np.ones(3), tolerance=0.1, proofs=0, budget=1.0, progress=lambda _: None
+    )
+    seen = [quantities.Number(0.25, "searched")] * 2
+    bound, unproved = proofs._Prover.each(prover, seen, [], None)
+    assert 0.3 * (1.0 + 1e-9) < bound.value < 0.3 * (1.0 + 1e-5)
+    assert (bound.status, unproved) == ("proved", seen[1])

@@ -11,12 +11,33 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
-from armgpi import GPI, Hold, Reality, RigidBodyPlant, Robot, files
+from armgpi import (
+    GPI,
+    Delayed,
+    Encoder,
+    Hold,
+    InverseSolution,
+    Noisy,
+    Reality,
+    RigidBodyPlant,
+    Robot,
+    files,
+    load,
+    save,
+    simulate,
+)
 from armgpi.certification import check_certificate
-from armgpi.errors import ParameterError
+from armgpi.errors import ArrayError, EffortError, ParameterError
 from armgpi.loop import metrics
 from armgpi.loop.prepared import prepare
-from armgpi.robot.kinematics import TrackingInverse, _nearest_turns, _wide
+from armgpi.robot.batch import check_powered
+from armgpi.robot.kinematics import (
+    TrackingInverse,
+    _damped_step,
+    _nearest_turns,
+    _wide,
+    inverse_kinematics,
+)
 from armgpi.robot.rotors import believable
 
 UR5 = Robot.load("ur5")
@@ -190,3 +211,51 @@ def test_moves_begin_to_either_side_of_the_middle_and_go_either_way() -> None:
     for there, where in ((middle, starts), (starts, goals)):
         assert (where < there - 0.3).any(axis=0).all()
         assert (where > there + 0.3).any(axis=0).all()
+
+
+@pytest.mark.parametrize("rows", [2, 3, 5])
+def test_a_damped_step_is_the_least_squares_of_what_is_missing_and_of_the_step(rows: int) -> None:
+    rng = np.random.default_rng(rows)
+    J, e, damping = rng.normal(size=(4, rows, 3)), 0.01 * rng.normal(size=(4, rows)), rng.uniform(0.1, 2.0, 4)
+    free = np.zeros((4, 3), dtype=bool)
+    for i, found in enumerate(_damped_step(e, J, damping, free, free)):
+        stacked = np.vstack([J[i], np.sqrt(damping[i]) * np.eye(3)])
+        expected = np.linalg.lstsq(stacked, np.append(e[i], np.zeros(3)), rcond=None)[0]
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+def test_of_searches_that_failed_the_one_is_told_that_is_nearest_in_place_and_angle() -> None:
+    inverse = TrackingInverse(UR5, "tool0", rotation=np.eye(3))
+    places, angles = np.array([0.1, 0.2, 0.3]), np.array([2.0, 0.01, 1.0])
+    none = np.zeros(3, dtype=bool)
+    error = inverse._out_of_reach(COM, InverseSolution(np.tile(Q, (3, 1)), places, angles, none, 0 * angles))
+    assert error.distance == 0.2
+    assert "by 0.2 m and 0.01 rad" in str(error)
+
+
+def test_rows_of_a_rotation_are_measured_against_each_other() -> None:
+    c = np.sqrt(0.5)
+    turned = np.array([[c, -c, 0.0], [c, c, 0.0], [0.0, 0.0, 1.0]]) * [1.2, 1.0, 1.0]  # rows: 1.22, 0.22
+    with pytest.raises(ArrayError, match=r"got one 0\.22 from orthonormal"):
+        inverse_kinematics(UR5, "tool0", COM, turned)
+
+
+def test_all_joints_without_a_torque_are_named_in_their_row_of_a_batch() -> None:
+    with pytest.raises(EffortError, match=rf"'{UR5.joint_names[1]}'.*\(nor have {UR5.joint_names[4]} more\)"):
+        check_powered(UR5, np.array([[1.0] * 6, [1.0, 0.0, 1.0, 1.0, 0.0, 1.0], [0.0] * 6]))
+
+
+def test_ends_may_meet() -> None:
+    held = UR5.with_limits(lower=Q, upper=Q).limits
+    np.testing.assert_array_equal(held.lower, held.upper)
+
+
+def test_an_arm_of_one_joint_is_like_any_other(tmp_path: Path) -> None:
+    """Whatever takes the second of something has none here."""
+    arm = Robot.load("ur5", lock=list(UR5.joint_names[1:]))
+    plant = Noisy(Delayed(Encoder(RigidBodyPlant(arm), bits=[14]), 1), std_q=1e-5)
+    assert plant.describe()["io"][0] == {"type": "Encoder", "bits": 14}
+    rollout = simulate(plant, GPI(arm, 1e-3), Hold([0.3]), t_final=0.2, backend="numpy")
+    save(rollout, tmp_path / "one.nc")
+    assert load(tmp_path / "one.nc").equals(rollout)
+    assert np.isfinite(metrics.summary(rollout)["itae"]).all()

@@ -148,6 +148,10 @@ def test_a_log_is_a_rollout_for_reports_and_identification(tmp_path: Path) -> No
     np.testing.assert_array_equal(mine.q, theirs.q[:-1])
     limit = ARM.limits.effort
     np.testing.assert_array_equal(np.clip(mine.tau, -limit, limit), theirs.tau[:-1])
+    twice = there.rows.copy()
+    twice["number"][-1] = twice["number"][-2]
+    with pytest.raises(RolloutError, match="increasing times"):
+        logs.to_rollout(there._replace(rows=twice), ARM)
 
 
 GOOD = {"joints": ["a"], "dt": 1e-3, "inputs": ["q_measured", "q_ref"]}

@@ -450,6 +450,8 @@ def test_a_metric_is_declared_once_and_is_everywhere(
     monkeypatch.setenv("COLUMNS", "300")
     experiment, run = run_of_arm
     values = scratch(run.isel(rollout=0)).values
+    squares = (run["q"].values - run["q_ref"].values) ** 2 * run["time"].values[:, None]
+    np.testing.assert_allclose(values, squares.reshape(-1, len(values)).mean(axis=0), rtol=1e-12)
     texts = [f"{value:.3g}" for value in values]
     assert min(values) > 1e-9
     # JSON.
