@@ -1,15 +1,16 @@
 """Sweeps under random signals end with the bytes of an unbroken run: `tools/sweep_signals.py --runs 20`.
 
-Each run starts `armgpi sweep` again and again, and sends SIGINT, SIGTERM or SIGKILL at a random moment, until
-one ends by itself. Prints how many runs ended with the same bytes, how many signals were sent, and exit codes
-other than those of the signals. A SIGINT while Python itself starts, before it comes to the program, ends in
--2, or in 1 and a message of Python's.
+Each run starts `armgpi sweep` again and again, and sends SIGINT, SIGTERM or SIGKILL at a random moment of its
+processor time, until one ends by itself. Prints how many runs ended with the same bytes, how many signals
+were sent, and exit codes other than those of the signals. A SIGINT while Python itself starts, before it
+comes to the program, ends in -2, or in 1 and a message of Python's.
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
+import os
 import random
 import signal
 import subprocess
@@ -48,6 +49,12 @@ def started(file: Path, out: Path, rollouts: int) -> subprocess.Popen[bytes]:
         )
 
 
+def spent(process: subprocess.Popen[bytes]) -> float:
+    """Return the processor time of a process so far [s], of which a busy machine takes no more."""
+    ticks = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()[11:13]
+    return sum(map(int, ticks)) / os.sysconf("SC_CLK_TCK")
+
+
 def contents(folder: Path) -> dict[str, str]:
     """Return the hashes of the files but for what a killed process had not written whole."""
     found = [path for path in folder.rglob("*") if path.is_file() and not path.name.startswith(".")]
@@ -67,20 +74,20 @@ def main() -> None:
         file = folder / "study.yaml"
         file.write_text(STUDY)
         started(file, folder / "whole", asked.rollouts).wait()
-        begun = time.perf_counter()
+        before = sum(os.times()[2:4])
         started(file, folder / "timed", asked.rollouts).wait()
-        long, whole = time.perf_counter() - begun, contents(folder / "whole")
+        long, whole = sum(os.times()[2:4]) - before, contents(folder / "whole")
         for run in range(asked.runs):
             while True:
                 process = started(file, folder / str(run), asked.rollouts)
                 number = chance.choice(list(CODES))
-                try:
-                    code = process.wait(1.2 * long * chance.random())
-                except subprocess.TimeoutExpired:
+                moment = 1.2 * long * chance.random()
+                while process.poll() is None and spent(process) < moment:
+                    time.sleep(0.005)
+                if process.returncode is None:
                     process.send_signal(number)
-                    code = process.wait()
                     sent += 1
-                if code == 0:
+                if (code := process.wait()) == 0:
                     break
                 # A signal before Python has its handlers ends it as any other program; before it has imported
                 # what it starts with, SIGINT ends it in 1.
