@@ -80,7 +80,7 @@ class ArmgpiWarning(UserWarning):
 def show_value(value: object) -> str:
     """Return what a value looks like, its type where it cannot even say that."""
     try:
-        return repr(value)
+        return " ".join(text.split()) if "\n" in (text := repr(value)) else text
     except Exception:  # a user's object, a whole number of thousands of digits, a list in itself
         return f"a {type(value).__name__}"
 

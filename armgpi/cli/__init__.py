@@ -12,6 +12,7 @@ from __future__ import annotations
 import atexit
 import gc
 import os
+import re
 import signal
 import sys
 import warnings
@@ -30,15 +31,13 @@ from armgpi.escape import printable
 _USUAL = gc.get_threshold()
 
 
-#: What Typer says of a text that is no number, and what we say.
-_NO_NUMBER = (
-    "Input should be a valid number, unable to parse string as a number",
-    "expected a number with a point, in SI units and without its unit (kg, m, rad, s): 30 deg is 0.5236, "
-    "5 ms is 0.005",
-)
-
-#: Likewise of one more word than a command takes.
-_TOO_MANY = ("Got unexpected", "at most one robot or file at a time: got unexpected")
+#: What Typer says of words that it cannot use -> what we say.
+_OURS = {
+    "Input should be a valid number, unable to parse string as a number": "expected a number with a point, "
+    "in SI units and without its unit (kg, m, rad, s): 30 deg is 0.5236, 5 ms is 0.005",
+    "Input should be a valid integer, unable to parse string as an integer": "expected a whole number",
+    "Got unexpected": "at most one robot or file at a time: got unexpected",
+}
 
 
 class _Commands(Commands):
@@ -64,7 +63,10 @@ def _usage_shown() -> Iterator[None]:
         # Of Click, which Typer may have a copy of; without a command its message is the whole help.
         if hasattr(error, "format_message") and type(error).__name__ != "NoArgsIsHelpError":
             message, context = vars(error)["message"], vars(error).get("ctx")
-            line = printable(message).replace(*_NO_NUMBER).replace(*_TOO_MANY)
+            line = printable(message).rstrip(".")
+            for theirs, ours in _OURS.items():
+                line = line.replace(theirs, ours)
+            line = re.sub(r"^(No such option: -\w)", r"\1 (names have two dashes, as --payload)", line)
             if context is not None:
                 # Click puts a sentence of its own before no message.
                 line += f"{'; see' if line else 'See'} armgpi {context.info_name} --help"

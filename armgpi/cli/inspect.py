@@ -173,11 +173,13 @@ def _untuned_lines(facts: Mapping[str, Any]) -> list[str]:
 
 def _page(report: HealthReport) -> str:
     """Return the report as a page: the verdict, what was found, the joints, what a controller will do."""
+    from armgpi.health.findings import fold
     from armgpi.view import page
 
     facts = report.facts
     joints = [[joint["name"], *(column.text(joint) for column in _COLUMNS)] for joint in facts["joints"]]
-    found = [[each.level, each.where, each.message, each.repair or _option(each)] for each in report.findings]
+    findings = fold(report.findings)
+    found = [[each.level, each.where, each.message, each.repair or _option(each)] for each in findings]
     kind = "bad" if report.has_errors else "good"
     sections = {
         "Findings": page.table(
@@ -188,7 +190,7 @@ def _page(report: HealthReport) -> str:
         "Joints": page.table(["joint", *(column.heading for column in _COLUMNS)], joints, label="joints"),
         "What a controller will do with it": page.bullets(_what_follows(facts)),
     }
-    verdict = f"<p class={kind}>{page.text(_count_findings(report.findings))}</p>"
+    verdict = f"<p class={kind}>{page.text(_count_findings(findings))}</p>"
     # Of the file its name alone: a page is passed on.
     said = page.bullets(_what_it_is({**facts, "source": Path(facts["source"]).name}))
     return page.document(facts["name"], verdict + said, sections)
@@ -220,9 +222,12 @@ def _joint_table(joints: list[dict[str, Any]], columns: Sequence[_Column], longe
     return table
 
 
-def _show_findings(console: Any, findings: tuple[Finding, ...]) -> None:
+def _show_findings(console: Any, findings: Sequence[Finding]) -> None:
     """Print the findings and how many there are."""
+    from armgpi.health.findings import fold
+
     styles = {"error": "red", "warning": "yellow", "info": ""}
+    findings = fold(findings)
     for finding in findings:
         option = _option(finding)
         with_run = "" if option.split(" ")[0] in OFFERED else "run with "
@@ -231,7 +236,7 @@ def _show_findings(console: Any, findings: tuple[Finding, ...]) -> None:
     console.print(_count_findings(findings))
 
 
-def _count_findings(findings: tuple[Finding, ...]) -> str:
+def _count_findings(findings: Sequence[Finding]) -> str:
     """Return how many findings there are."""
     levels = [finding.level for finding in findings]
     return f"{levels.count('error')} errors, {levels.count('warning')} warnings, {levels.count('info')} infos"

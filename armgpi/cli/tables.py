@@ -18,6 +18,7 @@ from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import console as console_of
 from armgpi.cli.terminal import natural_width
 from armgpi.config import Experiment
+from armgpi.config.experiment import describe_saturation
 from armgpi.escape import csv_table, latex_text, printable
 from armgpi.gpi.advice import COUNT_SHARE
 from armgpi.gpi.geared import is_known
@@ -56,7 +57,10 @@ def print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None:
         excess = max((x or 0.0 for x in record["metrics"]["limit_excess"]), default=0.0)
         left = f"; left its joint limits by up to {excess:.3g}" if excess > ROUNDING else ""
         measured = describe_measurement(record["measurement"], record["knows"])
-        console.print(f"{printable(record['label'])}: {record['end']}; measures {measured}{left}")
+        held = describe_saturation(record, experiment.t_final) if record["status"] == "finished" else ""
+        end = printable(f"{record['end']}, {held}" if held else record["end"])
+        line = f"{printable(record['label'])}: {end}; measures {measured}{left}"
+        console.print(line, style="yellow" if held else "")
         if stopped := re.search(r"stopped at .*: ([A-Z_]+) \(", record["end"]):
             console.print(printable(remedy(stopped[1])))
         controller = experiment.controllers.get(record["label"])

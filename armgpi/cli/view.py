@@ -24,6 +24,7 @@ ROWS = {
     "(.nc).",
     "robot ROBOT": "The arm of a rollout, where the one it was made with is gone.",
     "browser --open": "Open it in a browser.",
+    "view.html --html --out -o FILE": "Write the page as one file for any browser.",
     "files <FILE...>": "Rollouts (.nc), folders of --out, or logs (.armlog), of one robot.",
     "output --out -o FILE": "The file to write: .html; or a log: .mcap (Foxglove, PlotJuggler) or .rrd "
     "(Rerun).",
@@ -47,7 +48,7 @@ def view(
     \b
     armgpi view panda
     armgpi view ur5 panda kinova
-    armgpi view results/rollout.nc --html arm.html
+    armgpi view results/rollout.nc -o arm.html
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.cli import pictures
     from armgpi.view import meshcat

@@ -17,6 +17,8 @@ Path_ = tuple[str | int, ...]
 #: Reads a value at a path: returns it as it is kept, or raises `Wrong`.
 Form = Callable[[Any, Path_], Any]
 _Same = TypeVar("_Same", bound="Section")
+#: Names that Python or the command line has for what a file has -> its key.
+_MEANT = {"dt": "sample_time", "duration": "t_final", "urdf": "robot", "controller": "controllers"}
 
 
 class Wrong(Exception):
@@ -137,7 +139,7 @@ def _read_each(parts: Iterable[tuple[Any, Key, Any]], path: Path_) -> dict[Any, 
     for name, key, value in parts:
         try:
             if value is REQUIRED and key.default is REQUIRED:
-                raise Wrong((*path, name), "is missing")
+                raise Wrong((*path, name), f"is missing; give it, as in '{name}: ...'")
             if value is REQUIRED:
                 found[name] = copy.copy(key.default)
             else:
@@ -154,8 +156,10 @@ def _unknown(known: Mapping[str, Key]) -> Key:
 
     def refuse(value: Any, path: Path_) -> Any:
         name = path[-1]
-        said = str(NameNotFound("key", name, tuple(known))) if isinstance(name, str) else "a key is text"
-        raise Wrong(path, said, misspelt=True)
+        meant = _MEANT.get(str(name), "")
+        remedy = f"write {meant}" if meant in known else ""
+        said = NameNotFound("key", name, tuple(known), remedy) if isinstance(name, str) else "a key is text"
+        raise Wrong(path, str(said), misspelt=True)
 
     return Key(refuse)
 
@@ -222,7 +226,7 @@ def listing(form: Form, least: int = 0, most: float = math.inf) -> Form:
 
     def read(value: Any, path: Path_) -> list[Any]:
         if not isinstance(value, list | tuple):
-            raise _refusal("a list", value, path)
+            raise _refusal("a list", value, path, "begin each entry with '- '")
         if not least <= len(value) <= most:
             count = f"at least {least}" if len(value) < least else f"at most {most}"
             raise _refusal(f"{count} entries", value, path)
@@ -293,7 +297,7 @@ def one_of(kinds: Mapping[str, type[Section]]) -> Form:
             named = f", as in 'type: {value}'" if isinstance(value, str) and value in kinds else ""
             raise _refusal(f"a mapping{named}", value, path)
         if "type" not in value:
-            raise Wrong((*path, "type"), "is missing")
+            raise Wrong((*path, "type"), f"is missing; one of {', '.join(kinds)}")
         if (tag := str(value["type"])) not in kinds:
             kind = [step for step in path if isinstance(step, str)][-1]
             raise Wrong((*path, "type"), str(NameNotFound(kind.rstrip("s"), tag, tuple(kinds))))

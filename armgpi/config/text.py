@@ -12,6 +12,13 @@ from armgpi.errors import ConfigError
 #: Most keys and values of a file, aliases written out, and the longest of them [characters].
 _MAX_NODES = 100_000
 _MAX_TEXT = 10_000
+#: What PyYAML says is wrong -> what to do.
+_WAYS = {
+    "'\\t'": "indent with spaces",
+    "mapping values": "put each key on a line of its own, a text with ':' in quotes",
+    "constructor": "leave the tag out",
+    "undefined alias": "write its value out",
+}
 
 
 def parse_text(text: str, source: str) -> tuple[dict[str, Any], dict[tuple[str | int, ...], int]]:
@@ -31,8 +38,8 @@ def parse_text(text: str, source: str) -> tuple[dict[str, Any], dict[tuple[str |
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else None
-        tab = "; indent with spaces" if "'\\t'" in str(error.problem) else ""
-        raise ConfigError(source, "", f"is not valid YAML: {error.problem}{tab}", line) from None
+        way = next((way for what, way in _WAYS.items() if what in str(error.problem)), "correct that line")
+        raise ConfigError(source, "", f"is not valid YAML: {error.problem}; {way}", line) from None
     except RecursionError:
         raise ConfigError(source, "", "is not valid YAML: nested too deeply") from None
     except (yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError) as error:
@@ -40,7 +47,9 @@ def parse_text(text: str, source: str) -> tuple[dict[str, Any], dict[tuple[str |
         reason = " ".join(str(error).split())
         raise ConfigError(source, "", f"is not valid YAML: {reason}") from None
     if not isinstance(data, dict):
-        raise ConfigError(source, "", "expected a mapping with the keys robot, plant, controllers, ...")
+        what = "is empty" if data is None else f"is a {type(data).__name__}"
+        said = f"{what}; expected a mapping with the keys robot, plant, ...: `armgpi new ROBOT` writes one"
+        raise ConfigError(source, "", said)
     return data, lines
 
 
@@ -56,7 +65,7 @@ def _check_size(node: Any, sizes: dict[int, int], source: str) -> int:
     line = node.start_mark.line + 1
     known = sizes.get(id(node))
     if known == 0:
-        raise ConfigError(source, "", "is an alias of something that it is in", line)
+        raise ConfigError(source, "", "is an alias of something that it is in; write it out", line)
     if known is not None:
         return known
     if isinstance(node, yaml.ScalarNode):
@@ -85,7 +94,7 @@ def _note_lines(
             here = (*path, str(key.value))
             line = key.start_mark.line + 1
             if here in lines and key.tag != "tag:yaml.org,2002:merge":
-                raise ConfigError(source, ".".join(map(str, here)), "is a duplicate key", line)
+                raise ConfigError(source, ".".join(map(str, here)), "is a duplicate key; leave one", line)
             lines[here] = line
             _note_lines(value, here, lines, source)
     elif isinstance(node, yaml.SequenceNode):

@@ -12,10 +12,12 @@ table of docs/robots.md follow from the registry::
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -24,6 +26,7 @@ from armgpi import registry
 from armgpi.arrays import Array
 from armgpi.errors import Finding as Finding
 from armgpi.errors import Level as Level
+from armgpi.errors import Remedy
 from armgpi.gpi.margins import default_omega
 from armgpi.robot.meshes import MeshFinder
 from armgpi.robot.robot import Robot
@@ -35,6 +38,9 @@ LEVELS: tuple[Level, ...] = ("error", "warning", "info")
 _SAMPLES = 500
 #: Findings of one kind that are listed one by one.
 _LISTED = 5
+#: A name in quotes or a number, of a message; and a place that has a name.
+_NUMBER = re.compile(r"('[^']*')|-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+_NAMED = re.compile(r"(joint|link) '.*'")
 
 
 @dataclass(frozen=True)
@@ -155,19 +161,69 @@ def check(kind: str, meaning: str, *levels: Level) -> Callable[[Function], Funct
 
 
 def find(subject: Subject) -> list[Finding]:
-    """Return what all checks find; of a check's findings at one level the first few, and how many more."""
+    """Return what all checks find."""
     registry.load_plugins()
+    return [
+        finding._replace(kind=each.kind)
+        for each in CHECKS
+        if each.function is not None
+        for finding in each.function(subject)
+    ]
+
+
+def fold(findings: Iterable[Finding]) -> list[Finding]:
+    """Return findings for readers: what holds of several joints or links once, with their names.
+
+    Numbers that differ between them become ranges. Of one kind and level the first few are left.
+    """
+    alike: dict[tuple[Any, ...], list[Finding]] = {}
+    for each in findings:
+        template = _NUMBER.sub(lambda token: token[1] or "#", each.message)
+        named = _NAMED.fullmatch(each.where)
+        where = each.where if named is None else named[1]
+        kinds = tuple(remedy.kind for remedy in each.remedies)
+        alike.setdefault((each.level, each.kind, where, template, each.repair, kinds), []).append(each)
     kept: list[Finding] = []
-    for each in CHECKS:
-        found = [] if each.function is None else list(each.function(subject))
-        for level in LEVELS:
-            of_level = [finding._replace(kind=each.kind) for finding in found if finding.level == level]
-            kept += of_level[:_LISTED]
-            if len(of_level) > _LISTED:
-                more, last = len(of_level) - _LISTED, of_level[-1]
-                message = f"{more} more of this kind, the last of them at {last.where}"
-                kept.append(last._replace(where="others", value=more, bound=None, message=message))
-    return kept
+    counts: Counter[tuple[Level, str]] = Counter()
+    for group in alike.values():
+        counts[group[0].level, group[0].kind] += 1
+        if counts[group[0].level, group[0].kind] <= _LISTED:
+            kept.append(group[0] if len(group) == 1 else _merge(group))
+    more = [(key, count - _LISTED) for key, count in counts.items() if count > _LISTED]
+    kept += [
+        Finding(level, "others", f"{count} more of this kind", kind=kind) for (level, kind), count in more
+    ]
+    return sorted(kept, key=lambda finding: LEVELS.index(finding.level))
+
+
+def _merge(group: list[Finding]) -> Finding:
+    """Return one finding for several whose messages differ in numbers alone."""
+    first = group[0]
+    names = [each.where.partition(" ")[2] for each in group]
+    listed = ", ".join(names[:_LISTED]) + f" and {len(names) - _LISTED} more" * (len(names) > _LISTED)
+    tokens = ([token[0] for token in _NUMBER.finditer(each.message)] for each in group)
+    columns = iter([list(dict.fromkeys(column)) for column in zip(*tokens, strict=True)])
+
+    def as_range(_: re.Match[str]) -> str:
+        values = next(columns)
+        return values[0] if len(values) == 1 else f"{min(values, key=float)} to {max(values, key=float)}"
+
+    where = f"each of {first.where.partition(' ')[0]}s {listed}"
+    remedies = tuple(map(_join, zip(*(each.remedies for each in group), strict=True)))
+    return first._replace(where=where, message=_NUMBER.sub(as_range, first.message), remedies=remedies)
+
+
+def _join(remedies: tuple[Remedy, ...]) -> Remedy:
+    """Return one remedy for joints that have one each; of values that are no joint's, the least."""
+    first = remedies[0]
+    if not first.joints:
+        return min(remedies, key=lambda each: each.value if isinstance(each.value, float) else 0.0)
+    joints = tuple(dict.fromkeys(joint for remedy in remedies for joint in remedy.joints))
+    values = {remedy.value for remedy in remedies}
+    if len(values) == 1:
+        return first._replace(joints=joints)
+    each = (f"{joint}={remedy.value:g}" for remedy in remedies for joint in remedy.joints)
+    return Remedy(first.kind, (), ",".join(each))
 
 
 def table() -> str:

@@ -199,8 +199,10 @@ def _read_file(path: Path, robot: Robot, rollout: int, columns: Mapping[str, str
     except OSError as error:
         raise UnreadableTrajectory(path, f"{error.strerror or error}; give a log's file") from None
     except ValueError as error:
-        said = " ".join(str(error).split())[:200]
-        raise UnreadableTrajectory(path, f"is no CSV file of numbers under names: {said}") from None
+        binary = isinstance(error, UnicodeDecodeError)
+        said = "it is binary" if binary else " ".join(str(error).split())[:200].rstrip(".")
+        way = "" if binary or len(head) > 1 else "; separate columns by commas"
+        raise UnreadableTrajectory(path, f"is no CSV file of numbers under names: {said}{way}") from None
     if not len(table):
         raise UnreadableTrajectory(path, "has no rows: expected names, and numbers below them")
     if table.shape[1:] != (len(head),):

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from xml.etree.ElementTree import Element
 
 from armgpi.errors import UrdfError
-from armgpi.escape import quote
+from armgpi.escape import in_si, quote
 from armgpi.robot import tree
 from armgpi.robot.markup import MAX_BYTES as MAX_BYTES
 from armgpi.robot.markup import parse_xml, xacro_hint
@@ -134,13 +134,13 @@ def _unique_names(root: Element, tag: str, source: str) -> dict[str, Element]:
     for element in root.findall(tag):
         name = element.get("name", "")
         if not name.strip():
-            raise UrdfError(source, f"a <{tag}> has no name")
+            raise UrdfError(source, f"a <{tag}> has no name; give it one")
         if not name.isprintable():
             raise UrdfError(
                 source, f"{tag} {name[:80]!r} has characters in its name that cannot be printed", name
             )
         if name in found:
-            raise UrdfError(source, f"two {tag}s are named {name!r}", name)
+            raise UrdfError(source, f"two {tag}s are named {name!r}; rename one", name)
         found[name] = element
     return found
 
@@ -203,9 +203,11 @@ class _Reader:
                 numbers[tag] = tuple(self._read_required(element, key) for key in keys)
         (mass,), inertia = numbers["mass"], numbers["inertia"] if missing != "mass" else (0.0,) * 6
         if mass < 0.0:
-            raise self._error(f"{self.where} has the negative mass {mass:g}")
+            raise self._error(f"{self.where} has the negative mass {mass:g}; give kg, 0 or more")
         if max(mass, *map(abs, inertia)) > _HUGEST:
-            raise self._error(f"{self.where} has a mass or inertia larger than any robot")
+            most = max(mass, *map(abs, inertia))
+            said = f"{self.where} has a mass or inertia of {most:g}, larger than any robot; give kg, kg m^2"
+            raise self._error(said)
         return Link(self.name, mass, xyz, rpy, inertia, True, meshes, missing)
 
     def _type(self) -> str:
@@ -224,7 +226,7 @@ class _Reader:
         end = self.element.find(tag)
         link = None if end is None else end.get("link")
         if not link:
-            raise self._error(f"{self.where} has no {tag} link")
+            raise self._error(f"{self.where} has no {tag} link; name it")
         return link
 
     def _origin(self, element: Element, where: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -264,18 +266,22 @@ class _Reader:
                 )
         lower, upper = self._optional(limit, "lower", 0.0), self._optional(limit, "upper", 0.0)
         if bounded and lower > upper:
-            raise self._error(f"{self.where} has its lower limit {lower:g} above its upper {upper:g}")
+            raise self._error(
+                f"{self.where} has its lower limit {lower:g} above its upper {upper:g}; exchange them"
+            )
         # Limits that large mean none, and their difference might overflow.
         lower = lower if bounded and lower > -_HUGEST else -math.inf
         upper = upper if bounded and upper < _HUGEST else math.inf
-        velocity = self._not_negative(limit, "velocity", "velocity limit", math.inf)
-        return lower, upper, velocity, self._not_negative(limit, "effort", "effort limit", math.inf)
+        speed = self._not_negative(limit, "velocity", "velocity limit", math.inf)
+        effort = self._not_negative(limit, "effort", "effort limit", math.inf)
+        speed, effort = (math.inf if most > _HUGEST else most for most in (speed, effort))
+        return lower, upper, speed, effort
 
     def _not_negative(self, element: Element | None, key: str, label: str, default: float) -> float:
         """Return a number that may not be negative; a limit may be infinite."""
         value = self._optional(element, key, default, infinite=math.isinf(default))
         if value < 0.0:
-            raise self._error(f"{self.where} has a negative {label}: {value:g}")
+            raise self._error(f"{self.where} has a negative {label}: {value:g}; give 0 or more")
         return value
 
     def _optional(self, element: Element | None, key: str, default: float, infinite: bool = False) -> float:
@@ -288,7 +294,7 @@ class _Reader:
         """Return the number of an attribute that must be there."""
         place = f"{self.where}, <{element.tag}>"
         if element.get(key) is None:
-            raise self._error(f"{place} has no {key}")
+            raise self._error(f"{place} has no {key}; add it")
         return self._read(element, key, 1, place)[0]
 
     def _read(
@@ -324,11 +330,16 @@ def _check_tree(links: Mapping[str, Link], joints: Mapping[str, Joint], source: 
         for tag, link in (("parent", joint.parent), ("child", joint.child)):
             if link not in links:
                 raise UrdfError(
-                    source, f"joint {name!r} names the {tag} link {link!r}, which is missing", name
+                    source,
+                    f"joint {name!r} names the {tag} link {link!r}, which is missing; add it, or correct the "
+                    "name",
+                    name,
                 )
         if joint.child in carried:
             raise UrdfError(
-                source, f"link {joint.child!r} has two parents (second one by joint {name!r})", joint.child
+                source,
+                f"link {joint.child!r} has two parents (second one by joint {name!r}); remove a joint",
+                joint.child,
             )
         carried.add(joint.child)
     roots = [link for link in links if link not in carried]
@@ -342,7 +353,7 @@ def _check_tree(links: Mapping[str, Link], joints: Mapping[str, Joint], source: 
     reached = {joint.child for root in roots for joint in tree.topological_order(joints, root)}.union(roots)
     if len(reached) < len(links):
         lost = next(link for link in links if link not in reached)
-        raise UrdfError(source, f"has a cycle through link {lost!r}", lost)
+        raise UrdfError(source, f"has a cycle through link {lost!r}; remove the joint that closes it", lost)
     return roots[0]
 
 
@@ -377,7 +388,7 @@ def _numbers(text: str, count: int, infinite: bool = False) -> tuple[float, ...]
     if len(values) != count:
         raise ValueError(f"has {len(values)} numbers, expected {count}")
     if any(math.isnan(value) or (math.isinf(value) and not infinite) for value in values):
-        raise ValueError("is not finite")
+        raise ValueError("is not finite; write a number")
     return values
 
 
@@ -385,7 +396,9 @@ def _hint(text: str, count: int) -> str:
     """Return what to write instead of a text that is not a number."""
     if len(_without_commas(text).split()) == count and "," in text:
         return "; separate numbers by spaces, not by commas"
-    return "; write 1.5, not 1,5" if re.fullmatch(r"[\s\d.,+-]+", text) else xacro_hint(text)
+    if re.fullmatch(r"[\s\d.,+-]+", text):
+        return "; write 1.5, not 1,5"
+    return xacro_hint(text) or f"; {in_si(text) or 'write one'}"
 
 
 def _without_commas(text: str) -> str:

@@ -153,7 +153,8 @@ def _check_link(link: Link, repairs: Repairs) -> Link:
     if smallest < -1e-9 * max(1e-6, largest):
         raise UrdfError(
             repairs.source,
-            f"{where} has an inertia that is not positive (smallest eigenvalue {smallest:g})",
+            f"{where} has an inertia that is not positive (smallest eigenvalue {smallest:g}); take it "
+            "from CAD again, in kg m^2",
             link.name,
         )
     if link.mass > 0.0 or largest == 0.0:

@@ -22,6 +22,7 @@ from armgpi.config import experiment
 from armgpi.errors import ArmgpiError, RolloutError
 from armgpi.gpi.gains import Tuning
 from armgpi.health import report as health
+from armgpi.health.findings import fold
 from armgpi.loop import metrics, units
 from armgpi.loop import rollout as rollouts
 from armgpi.loop.provenance import Provenance
@@ -332,6 +333,8 @@ def _verdict(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
             said.append(f"error at most {metrics.short(peaks[worst], 3)} {unit} ({record['joints'][worst]})")
         said.append(f"measures {rollouts.describe_measurement(record['measurement'], record['knows'])}")
         kind = "good" if record["status"] == "finished" else "bad"
+        if kind == "good" and (held := experiment.describe_saturation(record, float(rollout["time"][-1]))):
+            kind, said[0] = "fair", f"{said[0]}, {held}"
         lines.append(
             f"<li>{page.dot(color)} <b class=name>{page.text(record['label'])}</b> "
             f"<span class={kind}>{page.text(said[0])}</span>; {page.text('; '.join(said[1:]))}</li>"
@@ -388,9 +391,10 @@ def _health(robot: Robot) -> tuple[list[str], list[str]]:
         ).findings
     except ArmgpiError as error:  # it has changed since
         return [str(error)], []
+    folded = fold(found)
     # Meshes that are missing the scene has named already.
-    wrong = [str(finding) for finding in found if finding.level != "info" and finding.kind != "mesh"]
-    return wrong, [str(finding) for finding in found if finding.level == "info"]
+    wrong = [str(finding) for finding in folded if finding.level != "info" and finding.kind != "mesh"]
+    return wrong, [str(finding) for finding in folded if finding.level == "info"]
 
 
 def _records(rollout: xr.Dataset) -> list[dict[str, Any]]:
@@ -407,11 +411,11 @@ def _found_in(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> list
     for record in records[:20]:
         if record["status"] != "finished":
             said.append(f"{record['label']}: {record['end']}")
-        for what, text in (("saturated_time", "was at its torque limit for {:.3g} s"),
-                           ("limit_excess", "left its position limits by {:.3g}")):  # fmt: skip
-            for joint, value in zip(record["joints"], record["metrics"][what], strict=True):
-                if value is not None and value > 0.0:
-                    said.append(f"{record['label']}: joint {joint!r} {text.format(value)}")
+        if held := experiment.describe_saturation(record, float(rollout["time"][-1]), least=0.0):
+            said.append(f"{record['label']}: {held}")
+        for joint, value in zip(record["joints"], record["metrics"]["limit_excess"], strict=True):
+            if value is not None and value > 0.0:
+                said.append(f"{record['label']}: joint {joint!r} left its position limits by {value:.3g}")
     unlimited = tracks.traces(rollout, most=None)[0].data["effort"].values
     for joint, effort in zip(rollout["joint"].values, unlimited, strict=True):
         if not np.isfinite(effort) or effort >= 1e300:

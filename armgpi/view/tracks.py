@@ -136,6 +136,8 @@ def pareto_front(points: Array) -> npt.NDArray[np.bool_]:
 
 def _check(rollout: xr.Dataset) -> None:
     """Refuse a dataset that is no rollout, or has nothing to draw: files can hold anything."""
+    if not isinstance(rollout, xr.Dataset):
+        raise RolloutError(f"expected a rollout, as simulate returns it, got a {type(rollout).__name__}")
     if "time" not in rollout.dims or rollout.sizes["time"] < 1 or rollout.sizes.get("rollout", 1) < 1:
         raise RolloutError("the rollout has no samples, so there is nothing to draw")
     shapes = {"q": 0, "q_ref": 0, "tau": 0, "effort": 1, "lower": 1, "upper": 1, "status": 2, "t_end": 2}

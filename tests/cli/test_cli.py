@@ -300,7 +300,7 @@ def test_inspect_says_what_a_robot_is_and_exits_by_what_it_finds(cli: Callable[.
     assert "0 errors, 0 warnings, " in out
     code, out, _ = cli("inspect", "double_pendulum")
     assert code == 1
-    assert "error: joint 'joint1': has effort limit 0" in out
+    assert "error: each of joints 'joint1', 'joint2': has effort limit 0" in out
     assert "--effort joint1=10" in out
     assert cli("inspect", "double_pendulum", "--effort", "10").code == 0
     code, out, err = cli("inspect", "pandas")

@@ -76,6 +76,18 @@ MISTAKES = {
     "sweep vary.yaml --out x": "did you mean 'plant.delay'",
     "certify arm.urdf --payload 3:0": "the lighter first",
     "compare exp.yaml key.yaml": "one robot or file at a time",
+    "run arm.urdf --seed abc": "expected a whole number",
+    "run arm.urdf -payload 1": "names have two dashes",
+    "run nothing_in_it.yaml": "is empty; expected a mapping",
+    "run colon.yaml": "put each key on a line of its own",
+    "run tag.yaml": "leave the tag out",
+    "run twice.yaml": "is a duplicate key; leave one",
+    "run dt.yaml": "write sample_time",
+    "run mapping.yaml": "begin each entry with '- '",
+    "run no_robot.yaml": "is missing; give it, as in 'robot: ...'",
+    "identify semicolons.csv --robot arm.urdf": "separate columns by commas",
+    "run unit.urdf": "effort='30 Nm' is not a number; write 30 (N m)",
+    "run same.urdf": "two joints are named 'q1'; rename one",
 }
 FILES = {
     "empty.urdf": "",
@@ -92,6 +104,14 @@ FILES = {
     "vary.yaml": "robot: arm.urdf\nvary: {plant.dela: {choices: [0, 1]}}\n",
     "log.csv": "time,q\n0,1\n",
     "dynamics.py": "",
+    "nothing_in_it.yaml": "",
+    "colon.yaml": "robot: arm.urdf\nplant: delay: 1\n",
+    "tag.yaml": "robot: !!python/object:os.system arm.urdf\n",
+    "twice.yaml": "robot: arm.urdf\nseed: 1\nseed: 2\n",
+    "dt.yaml": "robot: arm.urdf\ndt: 0.001\n",
+    "mapping.yaml": "robot: arm.urdf\ncontrollers: {mine: {type: gpi}}\n",
+    "no_robot.yaml": "seed: 1\n",
+    "semicolons.csv": "time;q1\n0;1\n",
     "weak.yaml": "robot: weak.urdf\nvary: {plant.delay: {choices: [0, 1]}}\n",
 }
 
@@ -103,7 +123,14 @@ def test_a_mistake_gets_one_line_that_names_the_way_out(
     monkeypatch.chdir(tmp_path)
     urdf = robots.locate("anthropomorphic3")[0].read_text(encoding="utf-8")
     weak = re.sub('effort="[^"]*"', 'effort="0"', urdf)
-    for name, text in {**FILES, "arm.urdf": urdf, "broken.urdf": urdf[:900], "weak.urdf": weak}.items():
+    arms = {
+        "arm": urdf,
+        "broken": urdf[:900],
+        "weak": weak,
+        "same": urdf.replace('joint name="q2"', 'joint name="q1"'),
+    }
+    arms["unit"] = re.sub('effort="([^"]*)"', r'effort="\1 Nm"', urdf)
+    for name, text in {**FILES, **{f"{name}.urdf": text for name, text in arms.items()}}.items():
         Path(name).write_text(text, encoding="utf-8")
     answer = cli(*typed.split())
     assert answer.code == 2, answer.out

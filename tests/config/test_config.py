@@ -446,7 +446,7 @@ BAD: dict[str, tuple[str, str, int | None, str]] = {
     "a date that is none": ("t_final: 2020-13-45", "", None, "is not valid YAML"),
     "code": ("seed: !!python/object/apply:os.getcwd []", "", 2, "is not valid YAML"),
     "control characters": ("seed: \x01", "", None, "is not valid YAML"),
-    "an alias of itself": ("plant: &a [*a]", "", 2, "is an alias of something that it is in"),
+    "an alias of itself": ("plant: &a [*a]", "", 2, "is an alias of something that it is in; write it out"),
     "two of a label": (
         "controllers: [{type: gpi}, {type: pid, label: gpi 3}, {type: gpi}]",
         "controllers.2.label",
@@ -674,8 +674,8 @@ def test_aliases_of_aliases_are_refused_by_line_before_they_are_written_out(leve
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("a: 1\nb: &b [1, *b]", "x:2: is an alias of something that it is in"),
-        ("a: 1\nb: &b {c: {d: *b}}", "x:2: is an alias of something that it is in"),
+        ("a: 1\nb: &b [1, *b]", "x:2: is an alias of something that it is in; write it out"),
+        ("a: 1\nb: &b {c: {d: *b}}", "x:2: is an alias of something that it is in; write it out"),
         ("a: 1\nb: " + "1:" * 200_000 + "1", "x:2: is a value of more than 10000 characters"),
         ('a: 1\nb: "\\ud800"', r"x:2: '\ud800' has a character that no text has"),
         ('a: 1\nb: "q\\0"', r"x:2: 'q\x00' has a character that no text has"),

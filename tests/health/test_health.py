@@ -232,9 +232,29 @@ def test_zero_outside_the_limits_is_found(name: str) -> None:
 def test_many_findings_of_a_kind_are_counted(report: Any) -> None:
     meshes = "".join(f'<visual><geometry><mesh filename="{i}.stl"/></geometry></visual>' for i in range(20))
     found = report(changed(BODY, BODY + meshes))
-    hits = [f for f in found.findings if f.kind == "mesh"]
+    assert len([f for f in found.findings if f.kind == "mesh"]) == 20
+    hits = [f for f in findings.fold(found.findings) if f.kind == "mesh"]
     assert len(hits) == 6
-    assert hits[-1].value == 15
+    assert hits[-1].message == "15 more of this kind"
+
+
+def test_what_holds_of_several_joints_is_said_once_with_ranges_and_one_option_for_all() -> None:
+    found = [
+        Finding(
+            "warning", f"joint {name!r}", f"needs {most} of 10", remedies=(Remedy("effort", (name,), most),)
+        )
+        for name, most in (("j2", 12.5), ("a", 20.0), ("b", -3e-05))
+    ]
+    (one,) = findings.fold(found)
+    assert str(one) == "each of joints 'j2', 'a', 'b': needs -3e-05 to 20.0 of 10"
+    assert as_option(one.remedies[0]) == "--effort j2=12.5,a=20,b=-3e-05"
+    other = found[0]._replace(message="needs 12.5 of it")
+    assert findings.fold([found[0], other]) == [found[0], other]
+    lowest = [
+        each._replace(remedies=(Remedy("omega", (), x),))
+        for each, x in zip(found, (3.0, 1.0, 2.0), strict=True)
+    ]
+    assert findings.fold(lowest)[0].remedies == (Remedy("omega", (), 1.0),)
 
 
 def test_the_report_is_plain_data_the_worst_first() -> None:
