@@ -23,6 +23,8 @@ _BITS, _DELAY = 16, 1
 #: moves in Panda's URDF and 0.29 in UR5's; the share of what its motors hold everywhere that it may be; and
 #: at least so much [kg].
 _LOAD_SHARE, _HELD_SHARE, _LEAST_LOAD = 0.15, 0.5, 0.01
+#: Kinds of findings that make what the file says of an arm doubtful: most are wrong units.
+_DOUBTS = ("axis", "degrees", "inertia", "length", "limits", "mass", "velocity")
 
 _Value = TypeVar("_Value")
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
@@ -76,6 +78,7 @@ def new(
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi import config
     from armgpi.hardware.export.targets import TARGETS
+    from armgpi.health import findings, report
     from armgpi.robot import robots
 
     if target is not None and target not in TARGETS:
@@ -107,6 +110,9 @@ def new(
         warnings.simplefilter("ignore", ArmgpiWarning)  # the commands will give them
         config.build(checked.replace(robot=checked.robot.replace(name=robot)))
     write(path, text, "--out")
+    for each in findings.fold(report.inspect(robot, **opt.robot_given(how)).findings):
+        if each.level == "warning" and each.kind in _DOUBTS:
+            say(f"warning: {each}", err=True, fg="yellow")
     say(f"{arm.name}: {arm.n} joints; next: armgpi run {path}")
 
 

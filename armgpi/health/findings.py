@@ -39,7 +39,7 @@ _SAMPLES = 500
 #: Findings of one kind that are listed one by one.
 _LISTED = 5
 #: A name in quotes or a number, of a message; and a place that has a name.
-_NUMBER = re.compile(r"('[^']*')|-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+_TOKEN = re.compile(r"'[^']*'|-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 _NAMED = re.compile(r"(joint|link) '.*'")
 
 
@@ -174,14 +174,15 @@ def find(subject: Subject) -> list[Finding]:
 def fold(findings: Iterable[Finding]) -> list[Finding]:
     """Return findings for readers: what holds of several joints or links once, with their names.
 
-    Numbers that differ between them become ranges. Of one kind and level the first few are left.
+    Numbers that differ between them become ranges, of names the first are left. Of one kind and level the
+    first few are left.
     """
     alike: dict[tuple[Any, ...], list[Finding]] = {}
     for each in findings:
-        template = _NUMBER.sub(lambda token: token[1] or "#", each.message)
+        template = _TOKEN.sub("#", each.message)
         named = _NAMED.fullmatch(each.where)
         where = each.where if named is None else named[1]
-        kinds = tuple(remedy.kind for remedy in each.remedies)
+        kinds = tuple((remedy.kind, type(remedy.value)) for remedy in each.remedies)
         alike.setdefault((each.level, each.kind, where, template, each.repair, kinds), []).append(each)
     kept: list[Finding] = []
     counts: Counter[tuple[Level, str]] = Counter()
@@ -189,28 +190,29 @@ def fold(findings: Iterable[Finding]) -> list[Finding]:
         counts[group[0].level, group[0].kind] += 1
         if counts[group[0].level, group[0].kind] <= _LISTED:
             kept.append(group[0] if len(group) == 1 else _merge(group))
-    more = [(key, count - _LISTED) for key, count in counts.items() if count > _LISTED]
-    kept += [
-        Finding(level, "others", f"{count} more of this kind", kind=kind) for (level, kind), count in more
-    ]
+    for (level, kind), count in counts.items():
+        if count > _LISTED:
+            kept.append(Finding(level, "others", f"{count - _LISTED} more of this kind", kind=kind))
     return sorted(kept, key=lambda finding: LEVELS.index(finding.level))
 
 
 def _merge(group: list[Finding]) -> Finding:
-    """Return one finding for several whose messages differ in numbers alone."""
+    """Return one finding for several whose messages differ in numbers and names alone."""
     first = group[0]
     names = [each.where.partition(" ")[2] for each in group]
     listed = ", ".join(names[:_LISTED]) + f" and {len(names) - _LISTED} more" * (len(names) > _LISTED)
-    tokens = ([token[0] for token in _NUMBER.finditer(each.message)] for each in group)
+    tokens = ([token[0] for token in _TOKEN.finditer(each.message)] for each in group)
     columns = iter([list(dict.fromkeys(column)) for column in zip(*tokens, strict=True)])
 
     def as_range(_: re.Match[str]) -> str:
-        values = next(columns)
-        return values[0] if len(values) == 1 else f"{min(values, key=float)} to {max(values, key=float)}"
+        values: list[str] = next(columns)
+        if len(values) == 1 or values[0].startswith("'"):
+            return values[0] + ", ..." * (len(values) > 1)
+        return f"{min(values, key=float)} to {max(values, key=float)}"
 
     where = f"each of {first.where.partition(' ')[0]}s {listed}"
     remedies = tuple(map(_join, zip(*(each.remedies for each in group), strict=True)))
-    return first._replace(where=where, message=_NUMBER.sub(as_range, first.message), remedies=remedies)
+    return first._replace(where=where, message=_TOKEN.sub(as_range, first.message), remedies=remedies)
 
 
 def _join(remedies: tuple[Remedy, ...]) -> Remedy:
