@@ -179,8 +179,11 @@ def _page(report: HealthReport) -> str:
     facts = report.facts
     joints = [[joint["name"], *(column.text(joint) for column in _COLUMNS)] for joint in facts["joints"]]
     findings = fold(report.findings)
-    found = [[each.level, each.where, each.message, each.repair or _option(each)] for each in findings]
-    kind = "bad" if report.has_errors else "good"
+    found = [
+        [each.level, each.where, each.message, "; ".join(filter(None, [each.repair, _option(each)]))]
+        for each in findings
+    ]
+    kind = {"error": "bad", "warning": "fair"}.get(findings[0].level if findings else "", "good")
     sections = {
         "Findings": page.table(
             ["level", "where", "finding", "what to do"], found, label="findings", words=(1, 2, 3)

@@ -12,7 +12,7 @@ _WIDTH, _HEIGHT = 13.0, 1.7
 
 
 def draw(robot: Robot, judged: Validation) -> bytes:
-    """Return a PNG: of each joint its torque, and what is left over time, position, speed and torque."""
+    """Return a PNG: of each joint its torque, and what is left over by time, position, speed and torque."""
     left = judged.torque - judged.predicted
     with plots.styled():
         figure = plots.Figure(figsize=(_WIDTH, _HEIGHT * robot.n + 0.75), layout="constrained")
@@ -29,6 +29,6 @@ def draw(robot: Robot, judged: Validation) -> bytes:
                 cell.plot(values, left[:, j], ".", markersize=2.0)
                 cell.axhline(0.0, linewidth=0.5, color="gray")
                 cell.set_xlabel(f"{key} [{over[key]}]")
-        axes[0, 1].set_title("what is left over ...")
+            axes[j, 1].set_ylabel(f"left over\n[{torque}]")
         plots.legend(figure)
         return figure._repr_png_()

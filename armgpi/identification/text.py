@@ -114,8 +114,8 @@ def say_lag(found: Identified) -> str:
     """Return the lag in words."""
     lag, std = found.lag, found.lag_std
     if np.ptp(lag) == 0.0:
-        return f"measured positions lag {1e3 * lag[0]:.3g} ms (± {1.96e3 * std[0]:.1g}) behind the torques"
-    each = ", ".join(f"{name} {1e3 * x:.3g}" for name, x in zip(found.robot.joint_names, lag, strict=True))
+        return f"measured positions lag {1e3 * lag[0]:.2f} ms (± {1.96e3 * std[0]:.1g}) behind the torques"
+    each = ", ".join(f"{name} {1e3 * x:.2f}" for name, x in zip(found.robot.joint_names, lag, strict=True))
     return f"measured positions lag behind the torques, joint by joint [ms]: {each}"
 
 

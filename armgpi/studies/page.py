@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from itertools import starmap
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from armgpi.arrays import Array
-from armgpi.config import build, dump
+from armgpi.config import build, dump, keys
 from armgpi.config import experiment as experiments
 from armgpi.loop import metrics
 from armgpi.studies.results import QUANTILES, heading, of_arm, quantile_words, sentences, worst
@@ -46,8 +47,13 @@ def html(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any]) -> str:
         "<h3>Distribution of every metric</h3>",
         _figures((_histogram(of_arm(found, name)), heading(sweep, name)) for name in sweep.metrics),
         "<h3>Share of failures by what was drawn</h3>",
-        _figures((_map(rows), name) for name, rows in said["failure by what was drawn"].items()),
-        _figures((_square(pair["parts"]), " × ".join(pair["of"])) for pair in said["failure by two of them"]),
+        _figures(
+            (_map(rows), _heading_of(sweep, name)) for name, rows in said["failure by what was drawn"].items()
+        ),
+        _figures(
+            (_square(pair["parts"]), " × ".join(_heading_of(sweep, name) for name in pair["of"]))
+            for pair in said["failure by two of them"]
+        ),
         f"<p>Rollout {int(found['rollout'].values[i])}, the worst, is the one that is played and below.</p>",
     ]
     return report.build(
@@ -67,6 +73,14 @@ def _table(sweep: Sweep, said: Mapping[str, Any]) -> str:
     ]
     head = ["metric of the arm", *(f"{100 * share:g} %" for share in QUANTILES)]
     return page.table(head, rows, label="Quantiles of the metrics with 95 % intervals")
+
+
+def _heading_of(sweep: Sweep, name: str) -> str:
+    """Return the name of a number that was drawn, with its unit where the file has it."""
+    with suppress(LookupError):
+        if unit := keys.find(sweep.experiment.config, name)[0].unit:
+            return f"{name} [{unit}]"
+    return name
 
 
 def _figures(pictures: Iterable[tuple[str, str]]) -> str:

@@ -271,7 +271,9 @@ def from_markdown(markdown: str, label: str) -> str:
 def picture(content: bytes, words: str) -> str:
     """Return a PNG as HTML, with what it shows for those who cannot see it."""
     data = base64.b64encode(content).decode()
-    return f'<img class=picture alt="{text(words)}" src="data:image/png;base64,{data}">'
+    return (
+        f'<div class=scroll><img class=picture alt="{text(words)}" src="data:image/png;base64,{data}"></div>'
+    )
 
 
 def dot(color: str) -> str:

@@ -85,6 +85,7 @@ class Curves {
     for (const { cursor, said, canvas, says } of this.cells) {
       cursor.hidden = share < 0 || share > 1;
       cursor.style.left = `${LEFT + share * Math.max(1, canvas.clientWidth - LEFT - RIGHT)}px`;
+      cursor.style.top = `${canvas.offsetTop}px`;
       said.textContent = says(time).map((x) => Armgpi.short(x)).join(" | ");
     }
   }
