@@ -96,7 +96,7 @@
     /** Show the numbers and the curves of the run, and of the frozen one. */
     shown() {
       const runs = [{ name: "now", ...this.result, color: this.play.colors[0] }];
-      if (this.frozen) runs.unshift({ name: "frozen", ...this.frozen.result, color: this.play.colors[1] });
+      if (this.frozen) runs.unshift({ name: "frozen", ...this.frozen.result, color: this.play.colors[1], dash: [5, 3] });
       this.curves.show(runs);
       const n = this.joints.length;
       const units = this.joints.every((joint) => joint.unit === "m") ? ["m s²", "m", "m", "N", "N"] : ["rad s²", "rad", "rad", "N m", "N m"];
@@ -108,7 +108,7 @@
         const cells = [itae, peak, final, variation, torque].map((x) => element("td", {}, number(x)));
         const dot = element("span", { class: "dot", style: `background:${run.color}` });
         const ended = run.stopped >= 0 ? ` diverged at ${short(run.stopped * this.play.dt)} s` : "";
-        return element("tr", {}, element("th", { scope: "row", class: "name" }, dot, ` ${run.name}${ended}`), ...cells);
+        return element("tr", {}, element("th", { scope: "row", class: "name" }, dot, ` ${run.name}${run.dash ? ", dashed" : ""}${ended}`), ...cells);
       });
       this.metrics = runs[runs.length - 1].metrics;
       by("verdict").replaceChildren(element("table", { class: "data" }, element("thead", {}, head), element("tbody", {}, ...rows)));
