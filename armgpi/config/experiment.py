@@ -174,7 +174,7 @@ def _record(
 def describe_saturation(record: Mapping[str, Any], duration: float, least: float = 0.05) -> str:
     """Return which joints were at their torque limits for more than a share of the time; empty for none."""
     seconds = zip(record["joints"], record["metrics"]["saturated_time"], strict=True)
-    shares = [(joint, (value or 0.0) / duration) for joint, value in seconds]
+    shares = [(joint, (value or 0.0) / (duration or 1.0)) for joint, value in seconds]
     said = [f"{joint} for {100.0 * share:.2g} %" for joint, share in shares if share > least]
     return f"at its torque limit: {', '.join(said)} of the time" if said else ""
 
