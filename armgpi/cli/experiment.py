@@ -140,7 +140,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
         say(f"wrote {path}", err=True)
     if options["view"] and result.sizes["time"]:
         pictures.serve_rollout(result, experiment.plant.robot)
-    held = any(experiments.describe_saturation(each, experiment.t_final) for each in records)
+    held = all(experiments.describe_saturation(each, experiment.t_final) for each in records)
     if held or experiments.overall_status(records) == Status.DIVERGED:
         name = experiment.config.robot.name
         say(f"note: `armgpi inspect {name}` finds what makes an arm hard to control", err=True)

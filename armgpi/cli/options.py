@@ -133,6 +133,11 @@ def page_file(parameter: typer.CallbackParam, path: Path | None) -> Path | None:
     return path
 
 
+def page(text: str) -> Any:
+    """Return the option --out of a command that writes a page; `text` is its help."""
+    return typer.Option("--out", "-o", metavar="FILE", callback=page_file, help=text)
+
+
 #: Flag -> what checks its value.
 _CALLBACKS: dict[str, Any] = {"--html": page_file, "--report": page_file, "--package-dir": _search_folders}
 

@@ -14,15 +14,7 @@ from armgpi.cli.declared import values_of
 from armgpi.cli.parsing import OK, refusal, stoppable
 from armgpi.cli.terminal import say
 
-File = Annotated[
-    Path | None,
-    typer.Option(
-        *("--out", "-o"),
-        metavar="FILE",
-        callback=opt.page_file,
-        help="Where to put the page; ROBOT.html by default.",
-    ),
-]
+File = Annotated[Path | None, opt.page("Where to put the page; ROBOT.html by default.")]
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
     "open_ --open": "Open the page in a browser.",

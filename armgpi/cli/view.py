@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from armgpi.cli import options as opt
 from armgpi.cli.parsing import refusal, stoppable
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 #: Endings of logs, as :mod:`armgpi.loop.logs` writes them.
 LOGS = (".mcap", ".rrd")
+File = Annotated[Path | None, opt.page("Write the page as one file for any browser, and serve none.")]
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
     "targets <ROBOT...|FILE>": "Names of robots or paths of URDF files, shown side by side; or a rollout "
     "(.nc).",
     "robot ROBOT": "The arm of a rollout, where the one it was made with is gone.",
     "browser --open": "Open it in a browser.",
-    "view.html --html --out -o FILE": "Write the page as one file for any browser.",
     "files <FILE...>": "Rollouts (.nc), folders of --out, or logs (.armlog), of one robot.",
     "output --out -o FILE": "The file to write: .html; or a log: .mcap (Foxglove, PlotJuggler) or .rrd "
     "(Rerun).",
@@ -36,7 +36,7 @@ ROWS = {
 @opt.add_options(opt.loading)
 def view(
     targets: list[str],
-    html: Path | None = None,
+    out: File = None,
     robot: str | None = None,
     frame: str | None = None,
     port: int | None = None,
@@ -53,10 +53,12 @@ def view(
     from armgpi.cli import pictures
     from armgpi.view import meshcat
 
-    pictures.check(view=html is None, html=html)
+    pictures.check_packages("html", "view")
+    if out is not None:
+        pictures.check_file(out, "--out")
     page = _page(targets, how, robot, frame)
-    if html is not None:
-        say(f"wrote {meshcat.write(page, html)}", err=True)
+    if out is not None:
+        say(f"wrote {meshcat.write(page, out)}", err=True)
     else:
         pictures.serve(page, port, browser)
 

@@ -225,8 +225,8 @@ def test_an_experiment_keeps_the_repairs_and_its_rollout_finds_its_robot(
     assert f"--repair {NAMES[0]}" in err
     assert cli("run", path, *short, "--repair", ",".join(NAMES), "--out", out)[0] == 0
     assert cli("run", "--config", out / "experiment.yaml")[0] == 0
-    assert cli("view", out / "rollout.nc", "--html", tmp_path / "arm.html")[0] == 0
-    assert cli("view", path, "--repair", "all", "--html", tmp_path / "arm.html")[0] == 0
+    assert cli("view", out / "rollout.nc", "-o", tmp_path / "arm.html")[0] == 0
+    assert cli("view", path, "--repair", "all", "-o", tmp_path / "arm.html")[0] == 0
     code, _, err = cli("run", path, *short, "--repair", "drop-inertia:flnge")
     assert code == 2
     assert "--repair: there is no link or joint to repair named 'flnge'; did you mean 'flange'" in err

@@ -131,7 +131,7 @@ def test_pictures_of_a_run(cli, tmp_path: Path) -> None:  # type: ignore[no-unty
         (["view", "{torn}"], "no readable NetCDF"),
         (["view", "{rollout}", "--robot", "none.urdf"], "no such file"),
         (["view", "{rollout}", "--lock", "q1"], "--lock"),
-        (["view", "{rollout}", "--frame", "hand", "--html", "{folder}/a.html"], "no frame named 'hand'"),
+        (["view", "{rollout}", "--frame", "hand", "-o", "{folder}/a.html"], "no frame named 'hand'"),
         (["view", ARM, "--robot", ARM], "--robot"),
         (["view", ARM, "--port", "99999"], "65535"),
         (["view", ARM, "--open"], "no display"),
@@ -174,7 +174,7 @@ def test_a_report_finds_its_robot_and_its_experiment_file(cli, tmp_path: Path) -
     html = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "<title>Mine</title>" in html
     assert "Experiment file" in html
-    assert cli("view", tmp_path / "rollout.nc", "--html", tmp_path / "v.html")[0] == 0
+    assert cli("view", tmp_path / "rollout.nc", "-o", tmp_path / "v.html")[0] == 0
 
 
 # Only one of the two may look for the first free port: run side by side, the second would take the port
