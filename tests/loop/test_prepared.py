@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from collections import OrderedDict
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -48,6 +49,7 @@ from armgpi import (
 )
 from armgpi.codegen import build
 from armgpi.errors import ArrayError, NameNotFound, ParameterError
+from armgpi.loop import prepared as preparing
 from armgpi.parameter import with_parameters
 from armgpi.plants.plant import Wrapper
 
@@ -481,3 +483,15 @@ def test_results_of_runs_are_apart() -> None:
     xr.testing.assert_identical(third, kept)
     assert not np.array_equal(second["itae"], third["itae"])
     assert loop.run({"controller.omega": [10.0] * 3}).sizes["rollout"] == 3
+
+
+def test_a_bar_is_shown_of_what_takes_long_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[Any] = []
+    monkeypatch.setattr("rich.progress.Progress.start", lambda bar: shown.append(bar))
+    clock = iter([100.0, 101.9, 102.1])
+    monkeypatch.setattr(preparing, "time", SimpleNamespace(monotonic=lambda: next(clock)))
+    with preparing._progress_bar(10, True) as advance:
+        advance(1)
+        assert not shown
+        advance(1)
+    assert len(shown) == 1

@@ -89,6 +89,14 @@ def test_ripple_and_cogging_push_where_their_wave_is_positive(place: float) -> N
     assert state.omega == pytest.approx(1e-6 * push / ROTOR, rel=1e-3)  # the motor lags by 1e-3 of it
 
 
+def test_what_pushes_a_link_and_what_its_motor_gives_change_the_momentum_of_both() -> None:
+    robot, load = sled(MASS).with_armature(ROTOR), Step(0.7)
+    plant = ElasticPlant(robot, (load,), gear_stiffness=K, gear_damping=B, current_bandwidth=1e9)
+    state = steps(plant, np.zeros(1), lambda t: 2.0 * np.ones(1), 100)
+    momentum = float(MASS * state.v[0] + ROTOR * state.omega[0])
+    assert momentum == pytest.approx(0.1 * (2.0 - 0.7), rel=1e-6)
+
+
 def test_a_substep_is_of_order_two() -> None:
     def end(substeps: int) -> Array:
         plant = ElasticPlant(UR5, gear_stiffness=STIFF, current_bandwidth=500.0, substeps=substeps)

@@ -487,11 +487,12 @@ def test_a_robot_made_for_drawing_alone_is_refused_as_that() -> None:
     error = refusal(GOOD.replace(BODY, ""))
     assert error.element == "upper"
     assert "has no mass in any link that moves ('upper', 'fore')" in str(error)
-    chain = "".join(
-        f'<link name="l{i}"/>' + ELBOW.replace("elbow", f"j{i}").replace("fore", f"l{i}") for i in range(9)
-    )
-    error = refusal(GOOD.replace(BODY, "").replace("</robot>", f"{chain}</robot>"))
-    assert "'l0', 'l1', 'l2', 'l3', 'l4', 'l5' and 3 more)" in str(error)
+    for count, said in ((6, "'l4', 'l5')"), (9, "'l4', 'l5' and 3 more)")):
+        chain = "".join(
+            f'<link name="l{i}"/>' + ELBOW.replace("elbow", f"j{i}").replace("fore", f"l{i}")
+            for i in range(count)
+        )
+        assert said in str(refusal(GOOD.replace(BODY, "").replace("</robot>", f"{chain}</robot>")))
 
 
 def test_a_robot_that_never_had_a_joint_to_move_is_not_told_of_locks() -> None:
