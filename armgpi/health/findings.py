@@ -38,8 +38,8 @@ LEVELS: tuple[Level, ...] = ("error", "warning", "info")
 _SAMPLES = 500
 #: Findings of one kind that are listed one by one.
 _LISTED = 5
-#: A name in quotes or a number, of a message; and a place that has a name.
-_TOKEN = re.compile(r"'[^']*'|-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+#: A name in quotes or a number, of a message, none in a path; and a place that has a name.
+_TOKEN = re.compile(r"'[^']*'|(?<![\w/])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w/])")
 _NAMED = re.compile(r"(joint|link) '.*'")
 
 
@@ -199,7 +199,7 @@ def fold(findings: Iterable[Finding]) -> list[Finding]:
 def _merge(group: list[Finding]) -> Finding:
     """Return one finding for several whose messages differ in numbers and names alone."""
     first = group[0]
-    names = [each.where.partition(" ")[2] for each in group]
+    names = [*dict.fromkeys(each.where.partition(" ")[2] for each in group)]
     listed = ", ".join(names[:_LISTED]) + f" and {len(names) - _LISTED} more" * (len(names) > _LISTED)
     tokens = ([token[0] for token in _TOKEN.finditer(each.message)] for each in group)
     columns = iter([list(dict.fromkeys(column)) for column in zip(*tokens, strict=True)])
@@ -210,7 +210,7 @@ def _merge(group: list[Finding]) -> Finding:
             return values[0] + ", ..." * (len(values) > 1)
         return f"{min(values, key=float)} to {max(values, key=float)}"
 
-    where = f"each of {first.where.partition(' ')[0]}s {listed}"
+    where = f"each of {first.where.partition(' ')[0]}s {listed}" if len(names) > 1 else first.where
     remedies = tuple(map(_join, zip(*(each.remedies for each in group), strict=True)))
     return first._replace(where=where, message=_TOKEN.sub(as_range, first.message), remedies=remedies)
 

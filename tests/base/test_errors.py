@@ -118,7 +118,10 @@ def test_an_error_carries_what_would_help_as_data() -> None:
         (Remedy("friction"), "--friction"),
     ],
 )
-def test_the_command_line_offers_a_remedy_as_its_option(remedy: Remedy, text: str) -> None:
+def test_the_command_line_offers_a_remedy_as_its_option(
+    remedy: Remedy, text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("armgpi.cli.parsing.OFFERED", set())  # of no command
     assert as_option(remedy) == text
     assert with_options(ArmgpiError("no").suggesting(remedy, Remedy("port"))) == f"no ({text} or --port PORT)"
 
