@@ -13,6 +13,7 @@ from strategies import robots
 
 import armgpi
 from armgpi.arrays import Array
+from armgpi.certification import quantities
 from armgpi.certification.quantities import (
     Points,
     Setting,
@@ -133,6 +134,13 @@ def test_stiffness_and_jump_are_those_of_differences_at_a_configuration() -> Non
         change = np.linalg.solve(nominal.mass_matrix(q), heavy.gravity(q) - light.gravity(q))
         (found,) = functions(case)["jump"](case, arm, at)
         assert found == pytest.approx(np.sqrt(change @ D @ change), rel=1e-9)
+
+
+def test_what_a_search_found_is_raised_by_its_margin(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(quantities, "largest", lambda *_: 0.8)
+    found = quantities.at_ends(setting())
+    assert found.sigma.value == pytest.approx(0.8 * (1.0 + quantities.MARGIN), rel=1e-12)
+    assert {each.value for each in found.inverse} == {found.sigma.value}
 
 
 def test_slopes_are_derivatives() -> None:

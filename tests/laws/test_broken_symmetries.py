@@ -158,6 +158,19 @@ def test_whatever_disturbs_more_adds_more_to_a_sample_of_a_certificate() -> None
     assert float(before[5]) == pytest.approx(growth * added + gain * float(before[6]), rel=1e-12)
     for name in ("kappa_e", "kappa_g", "torque", "count"):
         assert check_certificate.sample({**known, name: 2 * known[name]})[5] > before[5], name
+    # Friction's weight is that of its torque and, times the energy it takes, of that and the error's speed.
+    known["kappa_f"], n = 3 * one, len(check_certificate.loop(known, 30 * one)[1])
+    weights = {"P": [[none] * n] * n, "t": [one] * 6, "a": [one] * 5, "alpha": one}
+    lighter = {**weights, "t": [*[one] * 5, none]}
+    both = (
+        check_certificate.inequality(known, check_certificate.sample(known), 30 * one, one, one, each)
+        for each in (weights, lighter)
+    )
+    apart = np.subtract(*(np.array(each, dtype=float) for each in both))
+    (own,) = np.flatnonzero(np.diag(apart))
+    expected = np.zeros_like(apart)
+    expected[own, own], expected[1, own], expected[own, 1] = 0.03, 1e-3 * 3 / 2, 1e-3 * 3 / 2
+    np.testing.assert_allclose(apart, expected, rtol=1e-12)
 
 
 def test_positions_are_drawn_to_either_side_of_the_middle() -> None:

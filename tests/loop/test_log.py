@@ -82,6 +82,7 @@ def test_a_fault_is_in_the_log_and_replays() -> None:
     assert there is not None
     assert there.fault is not None
     assert "REFERENCE" in there.fault
+    assert logs.to_rollout(there, ARM)["status"] == rollouts.Status.STOPPED
     played = logs.replay(there, law())
     assert (played.first, played.status) == (None, None)
 

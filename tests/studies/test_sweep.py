@@ -599,6 +599,16 @@ def test_a_sweep_of_a_reality_draws_by_index() -> None:
         assert peak == pytest.approx(alone.peak, rel=1e-6)
 
 
+def test_chains_that_never_move_count_as_one_point_each() -> None:
+    random = np.random.default_rng(0)
+    first = np.column_stack([random.standard_normal((100, 2)), np.linspace(0.0, 0.9, 100)])
+    chains = np.column_stack([random.standard_normal((10, 2)), np.where(np.arange(10) < 4, 1.1, 0.95)])
+    found = rare.estimate([first, np.tile(chains, (10, 1))])
+    assert found.shares == [0.1, 0.4]
+    assert found.accepted == [0.0]
+    assert found.deviation == pytest.approx(np.sqrt(0.9 / (0.1 * 100)) + np.sqrt(0.6 / (0.4 * 10)))
+
+
 def test_a_level_rises_where_a_tenth_of_a_tenth_is_above_the_bound_before() -> None:
     margins = np.full(100, 0.5)
     margins[7] = 0.6
