@@ -76,7 +76,8 @@ class Recorded(Reference):
         check_type(source, "source", str, "text")
         increasing = given.ndim == 1 and len(given) > 1 and given[-1] - given[0] > SMALLEST
         if not increasing or not (np.diff(given) > _CLOSEST * (given[-1] - given[0])).all():
-            raise ArrayError("times", "expected at least two times [s], each later than the one before")
+            said = "expected at least two times [s], each later than the one before: dt * np.arange(m)"
+            raise ArrayError("times", said)
         if positions.ndim != 2 or len(positions) != len(given):
             raise ArrayError("q", f"expected positions (m, n) at {len(given)} times, got {positions.shape}")
         start = check_number(t_start, "t_start", "zero or positive [s]", 0.0)

@@ -308,6 +308,20 @@ def test_inspect_says_what_a_robot_is_and_exits_by_what_it_finds(cli: Callable[.
     assert "did you mean 'panda'" in err
 
 
+def test_a_law_that_sits_at_its_torque_limit_is_not_called_finished_alone(
+    cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    page = tmp_path / "r.html"
+    heavy = cli("run", ARM, "--payload", "50", "--t-final", "1", "--report", page)
+    assert re.search(
+        r"gpi: finished, at its torque limit: .*q2 for \d+ %.* of the time; measures", heavy.out, re.S
+    )
+    assert "<span class=fair>finished, at its torque limit: " in page.read_text(encoding="utf-8")
+    light = cli("run", ARM, "--t-final", "1", "--report", page)
+    assert "gpi: finished; measures" in light.out
+    assert "<span class=good>finished</span>" in page.read_text(encoding="utf-8")
+
+
 def test_inspect_takes_locks_as_run_does(cli: Callable[..., Answer]) -> None:
     code, out, _ = cli("inspect", "panda", "--lock", "panda_finger_joint1=0.01", "--json")
     report = json.loads(out)
