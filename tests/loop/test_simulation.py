@@ -41,9 +41,11 @@ from armgpi import (
     Step,
     Target,
     Waypoints,
+    prepare,
     simulate,
 )
 from armgpi.errors import ArmgpiError, ArrayError, LimitError, ParameterError, RolloutError
+from armgpi.loop import metrics
 from armgpi.loop.rollout import Recording
 
 DT = 1e-3
@@ -513,6 +515,19 @@ def test_ctrl_c_keeps_what_is_there(at: int, batch: int | None, every: int) -> N
     kept = len(range(0, at, every))
     assert rollout.sizes["time"] == kept
     assert_same_bits(rollout, whole.isel(time=slice(0, kept)), (*SAMPLED, "disturbance"))
+
+
+def test_metrics_alone_of_what_was_interrupted_are_those_of_its_samples() -> None:
+    found = {}
+    for record in ("all", "metrics"):
+        controller = Interrupted(ARM, DT)
+        controller.at = 300
+        loop = prepare(RigidBodyPlant(ARM), controller, MOVE, 0.6, record=record, backend="numpy")
+        with pytest.warns(ArmgpiWarning, match="interrupted"):
+            found[record] = loop.run(partial=True)
+    whole = metrics.summary(found["all"])
+    for name in ("itae", "rms", "isci", "hunting_amplitude"):
+        np.testing.assert_allclose(found["metrics"][name], whole[name], rtol=1e-9, atol=1e-12)
 
 
 def test_ctrl_c_at_once_leaves_an_empty_rollout() -> None:
