@@ -13,7 +13,7 @@ from armgpi import validate
 from armgpi.validation import units
 
 
-@pytest.mark.parametrize("style", [*byhand.STYLES, *byhand.FOURTH])
+@pytest.mark.parametrize("style", [*byhand.STYLES, *byhand.FOURTH, *byhand.FIFTH])
 def test_every_mistake_can_be_made(style: str) -> None:
     sources = [mistake.source for mistake in byhand.mistakes(style)]
     assert len(set(sources)) == len(sources) >= 25
@@ -21,7 +21,13 @@ def test_every_mistake_can_be_made(style: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "style", [*(style for style in byhand.STYLES if style != "lagrange"), *byhand.THIRD, *byhand.FOURTH]
+    "style",
+    [
+        *(style for style in byhand.STYLES if style != "lagrange"),
+        *byhand.THIRD,
+        *byhand.FOURTH,
+        *byhand.FIFTH,
+    ],
 )
 def test_right_models_agree(style: str) -> None:
     assert validate(byhand.FOLDER / f"{style}.py", byhand.robot(style)).agrees
