@@ -462,7 +462,11 @@ def _paper_cases() -> list[Case]:
     return [
         Case("paper: K2 as printed", Printed(), ("kinetic_energy",), "D[1,1]", r"\(1 - sin q2\)²"),
         Case(
-            "paper: lc2", PaperArm(ArmParameters(lc2=0.12)), ("gravity",), "G[2]", r"lc2 is 0\.12; with 0\.1"
+            "paper: lc2",
+            PaperArm(ArmParameters(lc2=0.12)),
+            ("gravity",),
+            "G[2]",
+            r"link 2 along x: 0\.12 m in the model, 0\.1 m",
         ),
         Case("paper: g twice", twice, ("gravity",), "G[2]", r"strength of gravity: 96\.2"),
         Case("paper: sign of q̇2² in τ3", fall, ("coriolis_torque",), "q̇2² in τ3", r"sign"),

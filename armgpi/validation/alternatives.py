@@ -49,7 +49,8 @@ class Scope(NamedTuple):
         entries: other entries of arguments and of lists of numbers, such as ``v[1]`` or ``masses[i]``.
         cross: how the function for cross products is called there.
         loops: whether variables have several values in one call.
-        attributes: numbers that objects have, such as ``self.m2``, by their text.
+        attributes: numbers and arrays that objects have, such as ``self.m2``, by their text.
+        functions: functions of the file by their names, and how many arguments they take.
         unused: what is assigned or given and read nowhere: it may have been forgotten.
     """
 
@@ -66,6 +67,11 @@ class Scope(NamedTuple):
     loops: bool = False
     attributes: Mapping[str, ast.expr] = {}
     unused: tuple[ast.expr, ...] = ()
+    functions: Mapping[str, int] = {}
+
+    def kind(self, node: ast.AST) -> Any:
+        """Return what a name or an attribute holds, None where that is not known."""
+        return self.kinds.get(ast.unparse(node)) if isinstance(node, ast.Name | ast.Attribute) else None
 
 
 def kind_of(value: Any) -> Any:
@@ -92,8 +98,8 @@ def scope_of(
     kinds = {name: kind for name, value in values.items() if (kind := kind_of(value)) is not None}
     indices = set(_indexing(everywhere))
     kinds = {k: "float" if kind == "int" and k not in indices else kind for k, kind in kinds.items()}
-    seen, attributes = _Seen(arguments), dict(_attributes(everywhere, values))
-    seen.scalars |= attributes
+    seen, attributes = _Seen(arguments), dict(_attributes(everywhere, values, kinds))
+    seen.scalars |= {text: x for text, x in attributes.items() if kinds[text] == "scalar"}
     items: dict[str, ast.Subscript] = {}
     for node in ast.walk(everywhere):
         if isinstance(node, ast.Subscript) and _is_key(node.slice) and isinstance(node.ctx, ast.Load):
@@ -109,15 +115,16 @@ def scope_of(
     listed = _names_in_lists(tree)
     for name, kind in kinds.items():
         if kind in ((2,), (3,)) and name not in listed:
-            seen.vectors[name] = ast.Name(name, ast.Load())
+            seen.vectors[name] = attributes.get(name, ast.Name(name, ast.Load()))
         if kind in _SQUARE and name not in listed:
-            seen.matrices[name] = ast.Name(name, ast.Load())
+            seen.matrices[name] = attributes.get(name, ast.Name(name, ast.Load()))
         if kind == "float" and not arguments and name[:1] == "q":
             seen.joints[name] = ast.Name(name, ast.Load())
     for index in _counters(tree):
         seen.add_entries(index, kinds)
     entries = (*_entries_of_arguments(seen, kinds, arguments), *_entries_of_lists(tree, values))
-    few = sorted(seen.vectors.values(), key=lambda node: len(ast.unparse(node)))[:_VECTORS]
+    few = sorted(seen.vectors.values(), key=lambda node: len(ast.unparse(node)))
+    few = [*few[:_VECTORS], *(x for x in few[_VECTORS:] if ast.unparse(x) in attributes)]
     return Scope(
         kinds,
         tuple(seen.scalars.values()),
@@ -132,6 +139,7 @@ def scope_of(
         bool(_counters(tree)) or any(isinstance(node, ast.While) for node in ast.walk(tree)),
         attributes,
         tuple(_unread_names(tree, arguments)),
+        {n.name: len(n.args.args) for n in getattr(everywhere, "body", ()) if isinstance(n, ast.FunctionDef)},
     )
 
 
@@ -172,14 +180,18 @@ def _indexing(tree: ast.AST) -> Iterator[str]:
         yield from (x.id for part in inside for x in ast.walk(part) if isinstance(x, ast.Name))
 
 
-def _attributes(tree: ast.AST, values: Mapping[str, Any]) -> Iterator[tuple[str, ast.expr]]:
-    """Yield the numbers of the objects whose attributes are read."""
+def _attributes(
+    tree: ast.AST, values: Mapping[str, Any], kinds: dict[str, Any]
+) -> Iterator[tuple[str, ast.expr]]:
+    """Yield the numbers and arrays of the objects whose attributes are read, and add their kinds."""
     read = (n for n in ast.walk(tree) if isinstance(n, ast.Attribute) and isinstance(n.value, ast.Name))
     for owner in dict.fromkeys(n.value.id for n in read if isinstance(n.value, ast.Name)):
         thing = values.get(owner)
         for name, value in {**vars(type(thing)), **getattr(thing, "__dict__", {})}.items():
-            if kind_of(value) in ("float", "int") and not name.startswith("_"):
-                yield f"{owner}.{name}", ast.Attribute(ast.Name(owner, ast.Load()), name, ast.Load())
+            kind, text = kind_of(value), f"{owner}.{name}"
+            if not name.startswith("_") and (kind in ("float", "int") or isinstance(value, np.ndarray)):
+                kinds[text] = kind if isinstance(kind, tuple) else "scalar"
+                yield text, ast.Attribute(ast.Name(owner, ast.Load()), name, ast.Load())
 
 
 def _entries_of_arguments(
@@ -254,7 +266,7 @@ class _Seen(ast.NodeVisitor):
 
     def add_entries(self, index: str, kinds: Mapping[str, Any]) -> None:
         """Keep what is one entry of a list, of vectors or matrices, or of an argument."""
-        for name, kind in kinds.items():
+        for name, kind in (one for one in kinds.items() if one[0].isidentifier()):
             entry = _entry(name, ast.Name(index, ast.Load()))
             if isinstance(kind, tuple) and len(kind) > 1:
                 into = self.vectors if kind[1:] == (3,) else self.matrices if kind[1:] in _SQUARE else {}
@@ -320,12 +332,13 @@ def alternatives(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
         return
     yield from _of_itself(node, scope)
     summed = isinstance(node, ast.BinOp) and isinstance(node.op, _ADDITIVE)
-    number = isinstance(node, ast.Attribute) and ast.unparse(node) in scope.attributes
+    number = scope.kind(node) == "scalar"
     if summed or number or isinstance(node, ast.Name | ast.Subscript | ast.Call):
         yield "square", _power(node, 2)
     if _is_term(node, parent):
         yield from _of_term(node, scope)
-    yield from _with_forgotten(node, scope)
+    yield from _with_forgotten(node, parent, scope)
+    yield from _of_arrays(node, parent, scope)
     if isinstance(node, ast.BinOp) and insertion(node, parent):
         for term in _siblings(node, scope):
             yield "term", ast.BinOp(node, ast.Add(), term)
@@ -345,10 +358,14 @@ def _of_itself(node: ast.expr, scope: Scope) -> Iterator[Choice]:
             yield "sign", node.operand
         case ast.Call():
             yield from _of_call(node, scope)
+            yield from _of_own(node, scope)
         case ast.Attribute(attr="T"):
             yield "transposed", node.value
-        case ast.Attribute() if ast.unparse(node) in scope.attributes:
-            yield from (("name", x) for text, x in scope.attributes.items() if text != ast.unparse(node))
+        case ast.Attribute() if (text := ast.unparse(node)) in scope.attributes:
+            others = scope.attributes.items()
+            yield from (
+                ("name", x) for one, x in others if one != text and scope.kinds[one] == scope.kinds[text]
+            )
         case ast.Name():
             yield from _of_name(node, scope)
         case ast.Subscript():
@@ -369,17 +386,50 @@ def _absolute(node: ast.Subscript, scope: Scope) -> Iterator[Choice]:
                 yield "angle", ast.BinOp(other, ast.Add(), node)
 
 
-def _with_forgotten(node: ast.expr, scope: Scope) -> Iterator[Choice]:
-    """Yield sums with what is read nowhere, and products with a matrix of what may be a vector or another."""
+def _with_forgotten(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
+    """Yield sums with what is read nowhere, or with what is assigned in a loop."""
     if isinstance(node, ast.Name | ast.Subscript | ast.Call | ast.BinOp):
         for other in scope.unused:
             yield "term", ast.BinOp(other, ast.Add(), node)
             yield "term", ast.BinOp(node, ast.Sub(), other)
-    text = ast.unparse(node) if isinstance(node, ast.Name | ast.Subscript) and scope.matrices else ""
-    if text and scope.kinds.get(text) not in ("float", "int") and text not in map(ast.unparse, scope.scalars):
+    if scope.loops and isinstance(parent, ast.Assign) and len(parent.targets) == 1:
+        (target,) = parent.targets
+        if isinstance(target, ast.Name) and target.id not in names_in(node):  # = for +=
+            yield "term", ast.BinOp(ast.Name(target.id, ast.Load()), ast.Add(), node)
+
+
+def _of_arrays(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
+    """Yield products with a matrix or a function of what may be an array, and m * (a - g) for m * a."""
+    if isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Mult) and scope.kind(node) == (3,):
+        for other in (x for x in scope.vectors if scope.kind(x) == (3,) and ast.dump(x) != ast.dump(node)):
+            yield "term", ast.BinOp(node, ast.Sub(), other)
+            yield "term", ast.BinOp(node, ast.Add(), other)
+    if _is_array(node, scope):
+        taken = (name for name, count in scope.functions.items() if count == 1)
+        yield from (("product", ast.Call(ast.Name(name, ast.Load()), [node], [])) for name in taken)
         for matrix in scope.matrices:
-            yield "product", ast.BinOp(matrix, ast.MatMult(), node)
-            yield "product", ast.BinOp(ast.Attribute(matrix, "T", ast.Load()), ast.MatMult(), node)
+            back = ast.Attribute(matrix, "T", ast.Load())
+            for one, other in ((matrix, back), (back, matrix)):
+                yield "product", (product := ast.BinOp(one, ast.MatMult(), node))
+                if scope.kind(node) in _SQUARE:
+                    yield "product", ast.BinOp(product, ast.MatMult(), other)
+
+
+def _is_array(node: ast.expr, scope: Scope) -> bool:
+    """Tell whether an expression may be a vector or a matrix."""
+    if isinstance(node, ast.Call):
+        return _function_name(node) == "array"
+    if not isinstance(node, ast.Name | ast.Subscript | ast.Attribute):
+        return False
+    kind = scope.kind(node)
+    if isinstance(node, ast.Attribute):
+        return isinstance(kind, tuple)
+    return kind not in ("float", "int") and ast.unparse(node) not in map(ast.unparse, scope.scalars)
+
+
+def names_in(node: ast.AST) -> set[str]:
+    """Return the names in an expression."""
+    return {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
 
 
 class _Renumbered(ast.NodeTransformer):
@@ -408,14 +458,19 @@ class _Renumbered(ast.NodeTransformer):
         if _is_key(node.slice):
             key = ast.Constant(self._of(ast.literal_eval(node.slice)))
             return ast.Subscript(node.value, key, node.ctx)
-        return ast.Subscript(self.visit(node.value), node.slice, node.ctx)
+        index = node.slice
+        if isinstance(index, ast.Constant) and str(index.value) == self._old:
+            index = ast.Constant(int(self._new))
+        return ast.Subscript(self.visit(node.value), index, node.ctx)
 
 
 def _siblings(node: ast.BinOp, scope: Scope) -> Iterator[ast.expr]:
     """Yield terms of a sum for another number: m1 * J1.T @ J1 beside m2 * J2.T @ J2."""
     terms = {ast.unparse(term): term for term in summands(node)}
     found = {}
-    names = (*scope.kinds, *scope.keys, *scope.attributes)
+    read = [x.slice for x in ast.walk(node) if isinstance(x, ast.Subscript)]
+    indices = [x.value for x in read if isinstance(x, ast.Constant) and type(x.value) is int]
+    names = (*scope.kinds, *scope.keys, *(str(k + more) for k in indices for more in (0, 1)))
     numbers = sorted({c for name in names for c in name if c.isdigit()})
     for text, term in terms.items():
         for old, new in itertools.permutations(numbers, 2):
@@ -514,7 +569,7 @@ def _relatives(scope: Scope) -> Iterator[ast.expr]:
 
 def _crosses(scope: Scope, cross: ast.expr) -> Iterator[ast.expr]:
     """Yield cross products of two vectors, those of a vector with these, and I ω and ω × I ω."""
-    vectors = scope.vectors[: _IN_LOOPS if scope.loops else None]
+    vectors = scope.vectors[: _IN_LOOPS if scope.loops else _VECTORS]
     plain = [x for x in scope.products if isinstance(x, ast.BinOp)]
     pairs = ((a, b) for a in vectors for b in (*vectors, *plain) if a is not b)
     for a, b in pairs:
@@ -570,6 +625,16 @@ def _of_operation(node: ast.BinOp) -> Iterator[Choice]:
         yield "transposed", right
         yield "transposed", left
         yield "swapped", ast.BinOp(right, op, left)
+        if isinstance(left, ast.BinOp) and isinstance(left.op, ast.MatMult):
+            turned = ast.BinOp(_transposed(left.left), op, left.right)
+            yield "transposed", ast.BinOp(turned, op, _transposed(right))
+        yield "product", ast.BinOp(node, op, _transposed(left))
+        yield "product", ast.BinOp(_transposed(right), op, node)
+
+
+def _transposed(node: ast.expr) -> ast.expr:
+    back = isinstance(node, ast.Attribute) and node.attr == "T"
+    return node.value if back else ast.Attribute(node, "T", ast.Load())  # type: ignore[attr-defined]
 
 
 def _of_call(node: ast.Call, scope: Scope) -> Iterator[Choice]:
@@ -600,11 +665,20 @@ def _of_call(node: ast.Call, scope: Scope) -> Iterator[Choice]:
             yield "swapped", ast.Call(node.func, items, node.keywords)
 
 
+def _of_own(node: ast.Call, scope: Scope) -> Iterator[Choice]:
+    """Yield another function of the file for one, and what one is called with."""
+    if isinstance(node.func, ast.Name) and node.func.id in scope.functions:
+        for other, count in scope.functions.items():
+            if count == len(node.args) and other != node.func.id:
+                yield "name", ast.Call(ast.Name(other, ast.Load()), node.args, [])
+        yield from (("extra", x) for x in node.args[:1] if len(node.args) == 1)
+
+
 def _of_name(node: ast.Name, scope: Scope) -> Iterator[Choice]:
     kind = scope.kinds.get(node.id)
     if kind is not None:
         for other, its in scope.kinds.items():
-            if other != node.id and its == kind:
+            if other != node.id and its == kind and other not in scope.attributes:
                 yield "name", ast.Name(other, ast.Load())
     if isinstance(kind, tuple) and len(kind) == 2:
         yield "transposed", ast.Attribute(node, "T", ast.Load())
@@ -662,6 +736,8 @@ def _of_row(node: ast.Tuple | ast.List | ast.IfExp) -> Iterator[Choice]:
         if ast.dump(items[k]) != ast.dump(items[k + 1]):
             swapped = [*items[:k], items[k + 1], items[k], *items[k + 2 :]]
             yield "swapped", type(node)(swapped, ast.Load())
+    if len(items) == 6:  # a twist or an inertia with its other half first
+        yield "swapped", type(node)([*items[3:], *items[:3]], ast.Load())
 
 
 def _function_name(node: ast.Call) -> str:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import replace
 from os import PathLike
 from typing import Any
@@ -16,7 +16,7 @@ from armgpi.robot.equations import PerJoint
 from armgpi.robot.robot import Robot
 from armgpi.validation import laws, repair, samples
 from armgpi.validation.conventions import declare_convention
-from armgpi.validation.diagnose import ALTERNATIVES, UNNAMED, Cause, Vary, diagnose
+from armgpi.validation.diagnose import ALTERNATIVES, UNNAMED, Cause, diagnose
 from armgpi.validation.edits import harmless
 from armgpi.validation.hypotheses import CONVENTIONS
 from armgpi.validation.models import ARGUMENTS, States
@@ -180,11 +180,10 @@ def _causes(
     follows: Mapping[str, tuple[str, Mask]],
 ) -> tuple[list[Cause], str | None]:
     """Return what is wrong, and the source repaired if that was proved; else what the values tell."""
-    vary = Vary(worker.numbers, _vary(worker, states, problem, sampled))
     if problem.agreeing.all():  # not even quadratic in v, which no element shows
         told: list[Cause] = []
     else:
-        told = diagnose(problem, follows, vary, conventions=True)
+        told = diagnose(problem, follows, conventions=True)
     # A convention of the whole model is seen at once; one line of the source that undoes it is found fast.
     budget = repair.SHORT if told and told[0].kind in CONVENTIONS else repair.LONG
     found = repair.search(
@@ -203,20 +202,26 @@ def _causes(
     if found is not None and found.confirmed and len(found.changes) <= (1 if told else 2):
         return _rank(causes, told), found.source
     if not told and not problem.agreeing.all():
-        told = diagnose(problem, follows, vary)
+        told = diagnose(problem, follows)
     if found is not None and len(found.changes) > 2 and len(told) == 1 and told[0].kind not in UNNAMED:
         return _rank(told, causes), found.source
     # What the values say is believed before a change that agrees at the numbers of the file alone.
-    if causes and found is not None and not found.doubts:
+    if causes and found is not None and not found.doubtful:
         return _rank(causes, told), None if found is None else found.source
     if worker.source is not None and harmless(worker.source):
-        told = [_in_doubt(one) for one in told]
+        told = [_in_doubt(one, worker.source) for one in told]
     return _rank(told, causes), None
 
 
-def _in_doubt(cause: Cause) -> Cause:
-    """Return what the values tell of a formula as what it is where no change of the source agrees with it."""
-    if not cause.structural or cause.kind in (*UNNAMED, *CONVENTIONS, "gravity"):
+def _in_doubt(cause: Cause, source: str) -> Cause:
+    """Return what the values tell of a formula as what it is where no change of the source agrees with it.
+
+    So is a wrong number of which the source has the right value.
+    """
+    numbers = (x.value for x in ast.walk(ast.parse(source)) if isinstance(x, ast.Constant))
+    has = [float(x) for x in numbers if isinstance(x, int | float)]
+    typed = cause.expected is None or not any(np.isclose(abs(cause.expected), has, rtol=1e-6, atol=0.0))
+    if (typed and not cause.structural) or cause.kind in (*UNNAMED, *CONVENTIONS, "gravity"):
         return cause
     text = "not named: no usual change of the source makes the model agree"
     return cause._replace(
@@ -393,30 +398,6 @@ def _follows(
         if name in ("coriolis_torque", "coriolis_matrix", "gravity"):
             for quantity in one.quantities.keys() & {"H", "G"}:
                 said.setdefault(quantity, (name, one.quantities[quantity]))
-
-
-def _vary(worker: Worker, states: States, problem: Problem, sampled: Mapping[str, Sampled]) -> Any:
-    """Return a function that gives the model's columns with one number changed."""
-
-    def columns(number: str, value: float, functions: frozenset[str], rows: int | None) -> Array:
-        few = States(*(x[: rows or len(problem.q)] for x in states))
-        with _change_numbers(worker, {number: value}):
-            quantities = {
-                name: samples.quantities(worker, name, few) for name in sampled if name in functions
-            }
-        return problem.user_columns(quantities, len(few.q))
-
-    return columns
-
-
-@contextmanager
-def _change_numbers(worker: Worker, numbers: dict[str, float]) -> Iterator[None]:
-    """Change numbers of the model meanwhile."""
-    worker.changes = numbers
-    try:
-        yield
-    finally:
-        worker.changes = {}
 
 
 def impossible_links(robot: Robot) -> list[str]:

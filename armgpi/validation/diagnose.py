@@ -13,7 +13,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -21,7 +21,6 @@ from typing import NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.errors import ModelError
 from armgpi.validation import harmonics, phrasing, terms
 from armgpi.validation.hypotheses import (
     CONVENTIONS,
@@ -96,19 +95,6 @@ class Cause(NamedTuple):
     confirmed: bool = False
 
 
-class Vary(NamedTuple):
-    """A model whose own numbers can be changed.
-
-    Attributes:
-        numbers: name -> value.
-        columns: gives the model's columns, (rows, E), for a number's name and value: of some functions at
-            some of the first configurations; NaN for the other functions.
-    """
-
-    numbers: Mapping[str, float]
-    columns: Callable[[str, float, frozenset[str], int | None], Array]
-
-
 class _Candidate(NamedTuple):
     """A mistake that explains what was asked; of equally good ones the shortest wins."""
 
@@ -126,7 +112,7 @@ def _best_first(found: list[_Candidate]) -> list[_Candidate]:
 
 
 def diagnose(
-    problem: Problem, follows: Mapping[str, tuple[str, Mask]], vary: Vary, conventions: bool = False
+    problem: Problem, follows: Mapping[str, tuple[str, Mask]], conventions: bool = False
 ) -> list[Cause]:
     """Return the causes of all that differs, none when nothing does.
 
@@ -134,28 +120,25 @@ def diagnose(
         problem: model and reference.
         follows: function -> the other function of the model that it agrees with where it differs from the
             reference, and those elements.
-        vary: the model's own numbers.
         conventions: look for conventions of the whole model alone; none when there is none.
     """
     if problem.agreeing.all():
         return []
-    search = _Search(problem, vary)
+    search = _Search(problem)
     return search.conventions() if conventions else search.run(follows)
 
 
 class _Search:
     """The search in one problem; holds what every scope needs."""
 
-    def __init__(self, problem: Problem, vary: Vary) -> None:
+    def __init__(self, problem: Problem) -> None:
         """Try every hypothesis on every element."""
         self.problem = problem
-        self.vary = vary
         self.names = Names(problem.tree)
         self.differing = ~problem.agreeing
         hypotheses = discrete(problem.tree)
         kinds = Counter(h.kind for h in hypotheses)
         self.discrete = [(h, problem.explains(h), math.log2(kinds[h.kind])) for h in hypotheses]
-        self.known = phrasing.known_numbers(problem.tree)
 
     @cached_property
     def summands(self) -> list[terms.Term]:
@@ -238,7 +221,7 @@ class _Search:
         found: list[_Candidate] = []
         for part, more in scopes:
             one = [_Candidate(bits, h.kind, h.text) for h, fits, bits in self.discrete if fits[part].all()]
-            one += [*self.own_numbers(part, differing), *self.wrong_values(part, differing)]
+            one += self.wrong_values(part, differing)
             known = {c.text for c in found}
             found += [c._replace(bits=c.bits + more) for c in one if c.text not in known]
         found += self.gravity(scope, differing)
@@ -300,63 +283,6 @@ class _Search:
         text = f"the direction of gravity: the model has ({shown}) m/s² along x, y, z of the base"
         along = np.count_nonzero(np.abs(g) > 1e-7 * strength) == 1
         return [_Candidate(3.0 if along else _FREE, "gravity", text)]
-
-    def own_numbers(self, scope: Mask, differing: Mask) -> Iterator[_Candidate]:
-        """Yield numbers of the model for which another value makes it agree."""
-        p = self.problem
-        # A call of the model is slow: a number must explain one function before it is tried on the others.
-        first = str(p.functions[np.flatnonzero(differing)[0]])
-        part = differing & p.of_function(first)
-        for name, value in self.vary.numbers.items():
-            try:
-                best = self._solve_number(name, value, part, frozenset([first]))
-                if best is None:
-                    continue
-                columns = self.vary.columns(name, best, frozenset(p.functions.tolist()), None)
-            except ModelError:
-                continue  # a value that the model does not take
-            away = np.abs(columns - p.reference[: len(columns)]).max(axis=0)
-            if not (away <= p.tolerance)[scope | p.agreeing].all():
-                continue
-            reason = phrasing.ratio(value / best if best else 0.0)
-            text = f"the model's {name} is {value:.6g}; with {best:.6g} it agrees{reason}"
-            # Zero or another sign, or a number that the robot has too: rather a formula that is wrong.
-            odd = best * value < 0.0 or abs(best) < 1e-9 * abs(value) or self.is_right(value)
-            bits = math.log2(len(self.vary.numbers)) + (_MEANT if reason else _FREE) + _FREE * odd
-            yield _Candidate(bits, "parameter", text, value, best, structural=False, plausible=not odd)
-
-    def is_right(self, value: float) -> bool:
-        """Tell whether a number of the model is one of the robot's too: hardly the wrong one."""
-        return any(abs(abs(value) - known) <= 1e-7 * known for known, _ in self.known if known > 0.0)
-
-    def _solve_number(self, name: str, value: float, differing: Mask, names: frozenset[str]) -> float | None:
-        """Return the value for which the differing elements agree, by the secant method."""
-        p, rows = self.problem, 2  # one unknown: two configurations show whether it is the right one
-        weights = 1.0 / p.tolerance[differing]
-        target = p.reference[:rows, differing]
-
-        def rest(x: float) -> Array:
-            columns = self.vary.columns(name, x, names, rows)[:, differing]
-            return np.asarray(((columns - target) * weights).ravel())
-
-        # The first step is a compromise between rounding and curvature; the later ones are secants.
-        x0, x1 = value, value + 1e-4 * max(abs(value), 1e-2)
-        r0 = rest(x0)
-        for _ in range(14):  # secants gain a factor 1.6 in digits each; more means that there is no root
-            r1 = rest(x1)
-            slope = (r1 - r0) / (x1 - x0)
-            size = float(slope @ slope)
-            if size == 0.0 or not math.isfinite(size):
-                return None
-            step = -float(slope @ r1) / size
-            # A slope that hardly points at the difference leads nowhere.
-            along = abs(float(slope @ r1)) / math.sqrt(size)
-            if along < 0.2 * float(np.linalg.norm(r1)) and np.abs(r1).max() > 1.0:
-                return None
-            x0, r0, x1 = x1, r1, x1 + step
-            if abs(step) <= 1e-13 * max(abs(x1), 1e-6) or x1 == x0:
-                break
-        return x1 if np.abs(rest(x1)).max() <= 1.0 else None
 
     def entry(self, column: int) -> list[_Candidate]:
         """Return the mistakes that explain one element; none when none does."""

@@ -14,6 +14,7 @@ import gc
 import itertools
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache, cached_property
@@ -23,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.validation.alternatives import Scope, alternatives, insertion, scope_of, vector_terms
+from armgpi.validation.alternatives import Scope, alternatives, insertion, names_in, scope_of, vector_terms
 from armgpi.validation.dictionary import Dictionary
 from armgpi.validation.graph import Expression, Matrix, Program, is_drawn, states_of
 from armgpi.validation.models import ARGUMENTS, Origin, States
@@ -36,47 +37,11 @@ ROWS = 8
 #: Modules that a source may import when changes of it are tried, and names that it must not have: a change
 #: may make it do anything with a file.
 _HARMLESS = frozenset(
-    [
-        "math",
-        "cmath",
-        "numpy",
-        "scipy",
-        "sympy",
-        "casadi",
-        "dataclasses",
-        "types",
-        "typing",
-        "functools",
-        "itertools",
-        "operator",
-        "collections",
-        "abc",
-        "enum",
-        "fractions",
-        "copy",
-        "random",
-        "time",
-        "warnings",
-        "__future__",
-        "matplotlib",
-        "armgpi",
-    ]
+    "math cmath numpy scipy sympy casadi dataclasses types typing functools itertools operator "  # noqa: SIM905
+    "collections abc enum fractions copy random time warnings __future__ matplotlib armgpi".split()
 )
 _HARMFUL = frozenset(
-    [
-        "open",
-        "exec",
-        "eval",
-        "compile",
-        "input",
-        "__import__",
-        "save",
-        "savez",
-        "savetxt",
-        "tofile",
-        "dump",
-        "system",
-    ]
+    "open exec eval compile input __import__ save savez savetxt tofile dump system".split()  # noqa: SIM905
 )
 #: Names under which switches and values of missing terms are known to the compiled code.
 _SWITCH, _TERM = "_armgpi_switch", "_armgpi_term"
@@ -246,6 +211,7 @@ class Block:
         self.name, self.body, self.namespace = name, body, namespace
         self.names = (f"{_SWITCH}{k}", f"{_TERM}{k}")
         self.calls: dict[str, list[dict[str, Any]]] = {}  # the local variables, by states, at every row
+        self.once_seen: dict[str, Any] = {}  # the local variables of the first call
         self.once = True
         self.once_in: set[str] = set()  # functions that call it once
         self.rebuilds = False  # whether the functions have to be read again after a change
@@ -262,12 +228,12 @@ class Block:
 
     def switchable(self, arguments: tuple[str, ...]) -> ast.Module:
         """Return the statements with every alternative of every expression behind its switch."""
-        values = {**_numbers(self.namespace), **(self.calls[ALL][0] if self.calls else {})}
+        values = {**_numbers(self.namespace), **(self.calls[ALL][0] if self.calls else self.once_seen)}
         self.scope = scope_of(ast.Module(self.body, []), values, arguments, self.everywhere)
         module = ast.Module([self._rebuilt(statement) for statement in self.body], [])
         self.switch, self.terms = [0] * len(self.sites), list[Any]([0.0]) * len(self.sites)
         self.namespace[self.names[0]], self.namespace[self.names[1]] = self.switch, self.terms
-        return ast.fix_missing_locations(module)
+        return module
 
     def _rebuilt(self, node: Any, parent: Any = None, field: str = "") -> Any:
         """Return a copy in which every expression can be switched to its alternatives."""
@@ -290,10 +256,12 @@ class Block:
         if isinstance(getattr(node, "ctx", None), ast.Store | ast.Del):
             return new
         later = self.later(node.lineno)
-        choices = [one for one in alternatives(node, parent, self.scope) if not later & _used(one[1])]
+        choices = [
+            one for one in alternatives(node, parent, self.scope) if not (later and later & names_in(one[1]))
+        ]
         literal = self.literals.get(node, "")
         choices += _other_values(node) if literal and isinstance(node, ast.Constant) else ()
-        fitted = insertion(node, parent) and not _is_text(node)
+        fitted = not _is_text(node) and (insertion(node, parent) or _is_coefficient(node, parent))
         number = len(self.sites)
         if fitted:
             at = ast.Subscript(ast.Name(self.names[1], ast.Load()), ast.Constant(number), ast.Load())
@@ -359,7 +327,7 @@ class Block:
         texts.sort(key=lambda text: (text not in there, text in self.used or not text.isidentifier()))
         constants, states = {}, {}
         for text in dict.fromkeys(texts):
-            known = not later or not later & _used(ast.parse(text))
+            known = not later or not later & names_in(ast.parse(text))
             values = self.values(text) if known else None
             if values is None or values.ndim > 1:
                 continue
@@ -391,6 +359,19 @@ class Block:
             if values is not None and values.ndim == 2 and np.abs(values).max() > 0.0:
                 found[text] = values
         return found
+
+
+def _locate(module: ast.Module) -> ast.Module:
+    """Give every node a line, each once: choices share most of theirs."""
+    todo, seen = list[ast.AST]([module]), set[int]()
+    while todo:
+        node = todo.pop()
+        if id(node) not in seen:
+            seen.add(id(node))
+            if "lineno" in node._attributes and not hasattr(node, "lineno"):
+                node.lineno, node.col_offset = 1, 0  # type: ignore[attr-defined]
+            todo += ast.iter_child_nodes(node)
+    return module
 
 
 def _bare(function: ast.FunctionDef) -> ast.FunctionDef:
@@ -429,9 +410,19 @@ def _literals(tree: ast.AST) -> dict[ast.AST, str]:
     return {v: name for name, v in inner if isinstance(v, ast.Constant) and not _is_text(v)}
 
 
-def _used(node: ast.AST) -> set[str]:
-    """Return the names in an expression."""
-    return {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
+def _stored(statement: ast.AST) -> Iterator[str]:
+    """Yield the names that a statement assigns, or assigns entries or attributes of."""
+    for node in ast.walk(statement):
+        if isinstance(getattr(node, "ctx", None), ast.Store):
+            while isinstance(node, ast.Subscript | ast.Attribute):
+                node = node.value
+            if isinstance(node, ast.Name):
+                yield node.id
+
+
+def _is_coefficient(node: ast.expr, parent: Any) -> bool:
+    """Tell whether an expression is a number in a sum, such as 0.52 + 0.16 * c3."""
+    return isinstance(node, ast.Constant) and isinstance(node.value, float) and isinstance(parent, ast.BinOp)
 
 
 def _is_text(node: ast.expr) -> bool:
@@ -514,7 +505,7 @@ class Editor:
         self._body = _assignments(self._tree)
         self._assigned = {n.id for s in self._body for n in ast.walk(s) if isinstance(n, ast.Name)}
         #: Whether symbols are in it: expressions that are computed at every state.
-        self._drawn = any(is_drawn(x) for x in vars(self._module).values())
+        self.drawn = any(is_drawn(x) for x in vars(self._module).values())
         self._nodes = {
             (n.name, _first_line(n)): n for n in ast.walk(self._tree) if isinstance(n, ast.FunctionDef)
         }
@@ -527,7 +518,9 @@ class Editor:
         for block in found.values():
             block.others, block.values_of = {one.body[0] for one in found.values()}, self.values_of
         self.blocks = [self._install(function, block) for function, block in found.items()]
-        self._code: CodeType | None = None
+        self._switchable: list[ast.stmt] = []
+        self._seconds: dict[str, float] = {}
+        self._slices: dict[frozenset[str], CodeType] = {}  # the assignments that functions depend on
         self._assignments()
         gc.set_threshold(200_000)
         gc.freeze()  # a collection among all that SymPy and the states keep takes as long as a hundred trials
@@ -596,6 +589,7 @@ class Editor:
             arguments = self.goal.arguments(name, label, row)
             seen = self._locals_while(functions, lambda: self._calls[name](*arguments))  # noqa: B023
             for block, frames in seen.items():
+                block.once_seen = block.once_seen or frames[0]
                 if len(frames) == 1:
                     block.once_in.add(name)
                     block.calls.setdefault(label, []).extend(frames)
@@ -635,7 +629,7 @@ class Editor:
             outer = ast.parse(f"def {_OUTER}({', '.join(code.co_freevars)}): pass")
             outer.body[0].body = [*module.body, ast.Pass()]  # type: ignore[attr-defined]
             module = outer
-        exec(compile(ast.fix_missing_locations(module), self._path, "exec"), space)
+        exec(compile(_locate(module), self._path, "exec"), space)
         if code.co_freevars:
             inner = space[_OUTER].__code__.co_consts
             function.__code__ = next(x for x in inner if isinstance(x, CodeType) and x.co_name == block.name)
@@ -652,7 +646,7 @@ class Editor:
         block.values_of = self.values_of
         # Symbols of the joints are to its expressions what arguments are to a function.
         vectors = [name for name, x in vars(self._module).items() if _is_vector(x)]
-        self._code = compile(block.switchable(tuple(vectors)), self._path, "exec")
+        self._switchable = _locate(block.switchable(tuple(vectors))).body
         self.blocks.append(block)
         self._first.append(block)
 
@@ -676,10 +670,12 @@ class Editor:
 
     # Trying.
 
-    def outputs(self, names: Iterable[str], rows: int) -> dict[str, Array] | None:
+    def outputs(self, names: Iterable[str], rows: int, anew: bool = False) -> dict[str, Array] | None:
         """Return what some functions give at the first rows, None when they raise or are not finite."""
         try:
-            with impatient(), np.errstate(all="ignore"), self._functions_now() as calls:
+            names = tuple(names)
+            asked = frozenset(self.targets[name].function for name in names)
+            with impatient(), np.errstate(all="ignore"), self._functions_now(asked, anew) as calls:
 
                 @cache
                 def value_at(function: str, label: str, row: int) -> Array:
@@ -693,22 +689,62 @@ class Editor:
         return found if all(np.isfinite(x).all() for x in found.values()) else None
 
     @contextmanager
-    def _functions_now(self) -> Iterator[Mapping[str, Callable[..., Any]]]:
+    def _functions_now(
+        self, asked: frozenset[str], anew: bool = False
+    ) -> Iterator[Mapping[str, Callable[..., Any]]]:
         """Give the functions with the changes, read again where these are in what makes them."""
         for (number, site), pick in self._terms.items():
             constant = self.is_constant(self.blocks[number], site)
             self.blocks[number].terms[site] = pick.constant if constant else Expression("term")
-        if not any(any(block.switch) for block in self.blocks if block.rebuilds):
+        if not (anew or any(any(block.switch) for block in self.blocks if block.rebuilds)):
             yield self._calls
             return
         space = vars(self._module)
         saved = {name: space[name] for name in self._assigned if name in space}
         try:
-            if self._code is not None and any(any(block.switch) for block in self._first):
-                exec(self._code, space)
+            if self._switchable and (anew or any(any(block.switch) for block in self._first)):
+                exec(self._needed(asked), space)
             yield self._resolve().calls
         finally:
             space.update(saved)
+
+    def seconds(self, name: str) -> float:
+        """Return how long a function takes that is drawn anew, 0 for others."""
+        if name not in self._seconds:
+            self._seconds[name], start = 0.0, time.process_time()
+            if self.drawn:
+                self.outputs([name], 1, anew=True)
+                self._seconds[name] = time.process_time() - start
+        return self._seconds[name]
+
+    def _needed(self, asked: frozenset[str]) -> CodeType:
+        """Return the module's assignments that some functions depend on."""
+        if asked not in self._slices:
+            needed = self._with_called(asked)
+            chosen: set[int] = set()
+            for _ in self._body:  # loops carry names forward
+                before = len(chosen)
+                for k, statement in reversed([*enumerate(self._body)]):
+                    if k not in chosen and needed & set(_stored(statement)):
+                        chosen.add(k)
+                        needed |= self._with_called(names_in(statement))
+                if len(chosen) == before:
+                    break
+            unknown = any(name not in vars(self._module) for name in asked)  # by another name
+            body = [x for k, x in enumerate(self._switchable) if unknown or k in chosen]
+            self._slices[asked] = compile(ast.Module(body, []), self._path, "exec")
+        return self._slices[asked]
+
+    def _with_called(self, names: Iterable[str]) -> set[str]:
+        """Return names with those that the module's functions among them look up."""
+        found, todo = set[str](), [*names]
+        while todo:
+            name = todo.pop()
+            if name not in found:
+                found.add(name)
+                function = _plain(self._calls.get(name)) or _plain(vars(self._module).get(name))
+                todo += _names_of(function.__code__) if function is not None else ()
+        return found
 
     def _place_terms(self, label: str, row: int) -> None:
         """Give the missing terms their values at one state."""
@@ -733,13 +769,13 @@ class Editor:
 
     def is_constant(self, block: Block, site: int) -> bool:
         """Tell whether a term is the same number at all states."""
-        return block.rebuilds and (not self._drawn or bool(block.sites[site].literal))
+        return block.rebuilds and (not self.drawn or bool(block.sites[site].literal))
 
     def matrix(self) -> Array | None:
         """Return the Coriolis matrix at the first state, None when it raises."""
         name = "coriolis_matrix"
         try:
-            with self._functions_now() as calls:
+            with self._functions_now(frozenset([name])) as calls:
                 self._place_terms(ALL, 0)
                 return np.asarray(calls[name](*self.goal.arguments(name, ALL, 0)), dtype=np.float64)
         except Exception:

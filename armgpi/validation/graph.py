@@ -39,7 +39,11 @@ def joint_of(name: str) -> tuple[str, int] | None:
 
 
 class Expression:
-    """A node: an operation on others, or a leaf: a constant, a symbol, a term with a value of its own."""
+    """A node: an operation on others, or a leaf: a constant, a symbol, a term with a value of its own.
+
+    One "later" is a derivative or a substitution that is made when it is asked for: a search asks for one
+    function at a time, and most of the graph is in the others.
+    """
 
     __slots__ = ("args", "known", "name", "op", "value")
 
@@ -50,15 +54,21 @@ class Expression:
 
     def diff(self, *symbols: Any) -> Any:
         """Return the derivative by one symbol after the other."""
+        if isinstance(symbols[0], Matrix):
+            return type(symbols[0])([[self.diff(x) for x in row] for row in symbols[0].view(np.ndarray)])
+        if self.op != "symbol":
+            return _later(lambda: self._slopes(symbols))
+        return self._slopes(symbols)
+
+    def _slopes(self, symbols: Sequence[Any]) -> Expression:
         found = self
         for symbol, times in _with_counts(symbols):
             for _ in range(times):
-                if isinstance(symbol, Matrix):
-                    return type(symbol)([[found.diff(x) for x in row] for row in symbol.view(np.ndarray)])
-                found = found._slope(symbol)
+                found = found._slope(_now(symbol))
         return found
 
     def _slope(self, x: Expression) -> Expression:
+        _now(self)
         if self.known is None:
             self.known = {}
         if x.name not in self.known:
@@ -79,7 +89,7 @@ class Expression:
 
     def subs(self, *changes: Any, **_: Any) -> Expression:
         """Return the expression with others in place of symbols."""
-        return _substitute([self], _pairs(changes))[0]
+        return _later(lambda: _substitute([self], _pairs(changes))[0])
 
     xreplace = subs
 
@@ -96,7 +106,7 @@ class Expression:
 
     def __float__(self) -> float:
         """Return the value of what has no symbols."""
-        if self.op not in ("constant", "term"):
+        if _now(self).op not in ("constant", "term"):
             raise TypeError("an expression with symbols has no value")
         return self.value
 
@@ -158,6 +168,19 @@ _PARTIAL: Mapping[str, Callable[..., Expression]] = {
 }
 
 
+def _later(make: Callable[[], Expression]) -> Expression:
+    return Expression("later", (make,))
+
+
+def _now(node: Expression) -> Expression:
+    """Make a node what it is."""
+    while node.op == "later":
+        made = node.args[0]()
+        for field in Expression.__slots__:
+            setattr(node, field, getattr(made, field))
+    return node
+
+
 def _constant(value: float) -> Expression:
     return Expression("constant", value=float(value))
 
@@ -172,6 +195,8 @@ def _is(node: Expression, value: float) -> bool:
 
 def _node(op: str, *args: Expression) -> Expression:
     """Return an operation, without what is plainly zero or one: derivatives have many zeros."""
+    if args[0].op == "later" or args[-1].op == "later":
+        return _later(lambda: _node(op, *map(_now, args)))
     if args[0].op == "constant" == args[-1].op:
         return _constant(_OPERATIONS[op](*[a.value for a in args]))
     if op in ("add", "mul"):
@@ -210,7 +235,8 @@ def _pairs(changes: Sequence[Any]) -> dict[str, Expression]:
     """Return what is put in place of symbols, by their names."""
     first = changes[0]
     pairs = [changes] if len(changes) == 2 else first.items() if isinstance(first, Mapping) else first
-    return {getattr(old, "name", str(old)): _expression(new) for old, new in pairs}
+    names = (_now(old).name if isinstance(old, Expression) else str(old) for old, _ in pairs)
+    return {name: _expression(new) for name, (_, new) in zip(names, pairs, strict=True)}
 
 
 def _substitute(nodes: Sequence[Expression], swap: Mapping[str, Expression]) -> list[Expression]:
@@ -231,6 +257,7 @@ def _in_order(nodes: Iterable[Expression]) -> list[Expression]:
     todo = [(node, False) for node in nodes]
     while todo:
         node, ready = todo.pop()
+        _now(node)
         if ready:
             found.append(node)
         elif id(node) not in seen:
@@ -304,7 +331,13 @@ class Matrix(np.ndarray):
 
     def subs(self, *changes: Any, **_: Any) -> Matrix:
         """Return the matrix with others in place of symbols."""
-        entries = _substitute(list(self.view(np.ndarray).flat), _pairs(changes))
+        made: list[Expression] = []
+
+        def entry(k: int) -> Expression:
+            made[:] = made or _substitute(list(self.view(np.ndarray).flat), _pairs(changes))
+            return made[k]
+
+        entries = [_later(partial(entry, k)) for k in range(self.size)]
         return type(self)(np.array(entries, dtype=object).reshape(self.shape))
 
     xreplace = subs
@@ -369,13 +402,13 @@ def _function(
     arguments: Sequence[Any], outputs: Any, shape: Callable[[np.ndarray], Any]
 ) -> Callable[..., Any]:
     """Return a function of the values of some symbols; symbols may be given as well."""
-    names = [[x.name for x in np.ravel(np.asarray(a, dtype=object))] for a in arguments]
+    names = [[_now(x).name for x in np.ravel(np.asarray(a, dtype=object))] for a in arguments]
     programs: list[Program] = []  # made when it is called first: a search asks for one function
 
     def call(*given: Any) -> Any:
         flat = [np.ravel(np.asarray(x, dtype=object)) for x in given]
         values = {n: x for ns, xs in zip(names, flat, strict=True) for n, x in zip(ns, xs, strict=True)}
-        if any(isinstance(x, Expression) and x.op != "constant" for x in values.values()):
+        if any(isinstance(x, Expression) and _now(x).op != "constant" for x in values.values()):
             return outputs.subs(values)
         if not programs:
             programs.append(Program(outputs))

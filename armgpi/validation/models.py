@@ -2,7 +2,7 @@
 
 A model is a Python file or module with functions or a class, a file of SymPy expressions, an object, a
 mapping of functions, or the name of the paper's arm. Whatever it is, the result is a :class:`Functions`:
-functions of the known names, and its numbers, which the diagnosis varies. Everything here runs in the
+functions of the known names. Everything here runs in the
 worker (:mod:`armgpi.validation.worker`), because reading a file of Python runs it.
 """
 
@@ -15,7 +15,7 @@ import json
 import math
 import sys
 import tokenize
-from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -47,16 +47,12 @@ PAPER = ("paper", "paper-arm", "paper_arm")
 SYMPY_SUFFIXES = (".sympy", ".txt")
 #: Notebooks: their cells of code, one after the other, are the source.
 NOTEBOOK = ".ipynb"
-#: Numbers of a model that are varied, at most: each takes some dozens of calls.
-MAX_NUMBERS = 40
 #: How functions of MATLAB become a model.
 _MATLAB = (
     "; of MATLAB, write the symbolic expressions with char() into a .sympy file (^ becomes **), "
     "or call the functions from Python through matlab.engine or oct2py"
 )
 _NOWHERE = "there is no such file or module (built in is: paper)"
-#: Names that mean the same everywhere.
-_CONSTANTS = ("pi", "e", "tau", "inf", "nan", "n")
 #: What functions of a state call their first argument.
 _POSITIONS = ("q", "theta", "th", "x", "pos", "angles", "state")
 
@@ -98,11 +94,10 @@ class Origin(NamedTuple):
 
 
 class Functions:
-    """A model's functions and its numbers.
+    """A model's functions.
 
     Attributes:
         calls: name -> function.
-        numbers: name -> value of every number that can be varied (parameters, attributes, globals).
         n: number of joints, when the model says so.
         origin: the file that it was read from, None when it was not.
         uncompared: its other functions of a state, which nothing compares.
@@ -111,29 +106,15 @@ class Functions:
     origin: Origin | None = None
     uncompared: tuple[str, ...] = ()
 
-    def __init__(
-        self,
-        rebuild: Callable[[Mapping[str, float]], Mapping[str, Callable[..., Any]]],
-        numbers: Mapping[str, float],
-        n: int | None = None,
-    ) -> None:
-        """Keep a function that returns the model's functions for changed numbers."""
-        self._rebuild = rebuild
-        self.numbers = dict(numbers)
-        self.n = n
-        self.calls = dict(rebuild({}))
+    def __init__(self, calls: Mapping[str, Callable[..., Any]], n: int | None = None) -> None:
+        """Keep the functions by their names."""
+        self.calls, self.n = dict(calls), n
 
     def convert(self, convention: Convention) -> Functions:
         """Return the functions in the coordinates of the robot."""
-
-        def rebuild(changes: Mapping[str, float]) -> Mapping[str, Callable[..., Any]]:
-            return {name: convention.convert(name, call) for name, call in self._rebuild(changes).items()}
-
-        return self if convention.A is None else Functions(rebuild, self.numbers, self.n)
-
-    def with_numbers(self, changes: Mapping[str, float]) -> Mapping[str, Callable[..., Any]]:
-        """Return the functions with some numbers changed; an empty mapping gives them as they were."""
-        return self._rebuild(changes)
+        if convention.A is None:
+            return self
+        return Functions({name: convention.convert(name, call) for name, call in self.calls.items()}, self.n)
 
 
 def resolve(model: Any, source: str | None = None, convention: Convention | None = None) -> Functions:
@@ -353,7 +334,7 @@ def _of_object(thing: Any) -> Functions:
     if isinstance(thing, type):
         thing = _instance(thing)
     if isinstance(thing, Mapping):
-        return _settable(thing)
+        return _of_names(thing)
     if not any(hasattr(thing, name) for name in ARGUMENTS) and callable(thing):
         thing = thing()
     return _of_instance(thing)
@@ -362,7 +343,7 @@ def _of_object(thing: Any) -> Functions:
 def _of_module(module: ModuleType) -> Functions:
     """Return the functions of a module: its own, those of its one class, or its SymPy expressions."""
     if any(hasattr(module, name) for name in ARGUMENTS):
-        return _settable(module)
+        return _of_names(module)
     parts = [part for part in _parts_of(module) if any(hasattr(part, name) for name in ARGUMENTS)]
     classes = [part for part in parts if isinstance(part, type)]
     if len(classes) > 1:
@@ -391,36 +372,11 @@ def _of_instance(thing: Any) -> Functions:
     """Return the functions of an object; its parameters may be a dataclass or a mapping."""
     if not any(hasattr(thing, name) for name in ARGUMENTS):
         raise Unusable(_nothing(dir(thing)))
-    parameters = getattr(thing, "parameters", None)
-    own = _numbers_of(parameters)
-    if dataclasses.is_dataclass(parameters) and not isinstance(parameters, type):
-        frozen_parameters: Any = parameters
-
-        def rebuild(changes: Mapping[str, float]) -> Mapping[str, Callable[..., Any]]:
-            changed = thing
-            if changes:
-                other = dataclasses.replace(frozen_parameters, **changes)
-                if dataclasses.is_dataclass(thing):
-                    changed = dataclasses.replace(thing, parameters=other)  # type: ignore[type-var]
-                else:
-                    changed = _copy_with(thing, other)
-            return _functions(lambda name: getattr(changed, name, None))
-
-        return Functions(rebuild, own, _joints(thing))
-    return _settable(thing)
+    return _of_names(thing)
 
 
-def _copy_with(thing: Any, parameters: Any) -> Any:
-    """Return a shallow copy of an object with other parameters."""
-    import copy
-
-    changed = copy.copy(thing)
-    changed.parameters = parameters
-    return changed
-
-
-def _settable(thing: Any) -> Functions:
-    """Return the functions of a thing, whose numbers are set where they stand."""
+def _of_names(thing: Any) -> Functions:
+    """Return the functions of a thing by their names, or its expressions as functions."""
 
     def get(name: str) -> Any:
         return thing.get(name) if isinstance(thing, Mapping) else getattr(thing, name, None)
@@ -437,55 +393,7 @@ def _settable(thing: Any) -> Functions:
     symbolic: Any = () if sympy is None else (sympy.MatrixBase, sympy.Basic, list)
     if expressions := {name: value for name, value in there.items() if isinstance(value, symbolic)}:
         return _of_expressions(expressions, own, parameters)
-    calls = _functions(get)
-    slots = _slots(thing, parameters, calls.values())
-
-    def rebuild(changes: Mapping[str, float]) -> Mapping[str, Callable[..., Any]]:
-        for name, value in changes.items():
-            slots[name].put(value)
-        return _functions(get) if changes else calls
-
-    return Functions(rebuild, {name: slot.value for name, slot in slots.items()}, _joints(thing))
-
-
-class _Slot(NamedTuple):
-    """Where a number of a model stands: its value, and a function that puts another there."""
-
-    value: float
-    put: Callable[[Any], object]
-
-
-def _slots(thing: Any, parameters: Any, functions: Iterable[Callable[..., Any]]) -> dict[str, _Slot]:
-    """Return the numbers of a model: parameters, attributes, globals and closed-over variables."""
-    slots: dict[str, _Slot] = {}
-    for name, value, put in _variables(thing, parameters, functions):
-        usable = _is_number(value) and not name.startswith("_") and name not in _CONSTANTS
-        # The first of a name: what a model calls its parameters comes before globals that happen to be there.
-        if usable and name not in slots and len(slots) < MAX_NUMBERS:
-            slots[name] = _Slot(float(value), put)
-    return slots
-
-
-def _variables(
-    thing: Any, parameters: Any, functions: Iterable[Callable[..., Any]]
-) -> Iterator[tuple[str, Any, Callable[[Any], object]]]:
-    """Yield the variables that a model may compute with: name, value, and what puts another value there."""
-    if isinstance(parameters, MutableMapping):
-        for key, value in parameters.items():
-            yield str(key), value, partial(parameters.__setitem__, key)
-    if not isinstance(thing, ModuleType | Mapping):
-        for name, value in getattr(thing, "__dict__", {}).items():
-            yield name, value, partial(setattr, thing, name)
-        for name, value in vars(type(thing)).items():
-            yield name, value, partial(setattr, type(thing), name)
-    # Closures first: a number that a function has captured is not looked up among the globals.
-    for function in functions:
-        plain = getattr(function, "__func__", function)
-        code, cells = getattr(plain, "__code__", None), getattr(plain, "__closure__", None) or ()
-        for name, cell in zip(getattr(code, "co_freevars", ()), cells, strict=False):
-            yield name, cell.cell_contents, partial(setattr, cell, "cell_contents")
-        for name, value in list(getattr(plain, "__globals__", {}).items()):
-            yield name, value, partial(plain.__globals__.__setitem__, name)
+    return Functions(_functions(get), _joints(thing))
 
 
 def _functions(get: Callable[[str], Any]) -> dict[str, Callable[..., Any]]:
@@ -514,18 +422,7 @@ def _of_graph(expressions: Mapping[str, Any], own: Mapping[str, float]) -> Funct
         joints = {s: given[letter][k] if letter in given else 0.0 for s, (letter, k) in places.items()}
         return programs[name]({**joints, **values})
 
-    return _with_values(programs, call, own)
-
-
-def _with_values(
-    names: Iterable[str], call: Callable[..., Any], own: Mapping[str, float], n: int | None = None
-) -> Functions:
-    """Return functions that one call computes, given name, parameters and state."""
-
-    def rebuild(changes: Mapping[str, float]) -> Mapping[str, Callable[..., Any]]:
-        return {name: partial(call, name, {**own, **changes}) for name in names}
-
-    return Functions(rebuild, own, n)
+    return Functions({name: partial(call, name, own) for name in programs})
 
 
 def _of_casadi(casadi: Any, expressions: Mapping[str, Any], own: Mapping[str, float]) -> Functions:
@@ -553,7 +450,7 @@ def _of_casadi(casadi: Any, expressions: Mapping[str, Any], own: Mapping[str, fl
         ]
         return np.asarray(calls[name](*numbers)).squeeze()
 
-    return _with_values(calls, call, own, n)
+    return Functions({name: partial(call, name, own) for name in calls}, n)
 
 
 def _of_expressions(expressions: Mapping[str, Any], own: Mapping[str, float], parameters: Any) -> Functions:
@@ -583,7 +480,7 @@ def _of_expressions(expressions: Mapping[str, Any], own: Mapping[str, float], pa
     def call(name: str, values: Mapping[str, float], *state: Any) -> Any:
         return calls[name](*(x.tolist() for x in state), list(values.values()))
 
-    return _with_values(calls, call, own, n)
+    return Functions({name: partial(call, name, own) for name in calls}, n)
 
 
 def _joint_numbers(

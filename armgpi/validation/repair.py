@@ -26,7 +26,7 @@ from armgpi.validation.units import numbers, with_numbers
 from armgpi.validation.worker import Worker
 
 #: Time of the processor for a search [s], and where a convention explains all.
-LONG, SHORT = BUDGET, 1.0
+LONG, SHORT = BUDGET, 0.5
 
 
 def search(

@@ -97,6 +97,11 @@ class Repaired(NamedTuple):
         return self.sure and self.checked > 0 and self.doubts == 0 and self.other == 0
 
     @property
+    def doubtful(self) -> bool:
+        """Whether it hardly is what was meant: two changes may agree at the numbers of a file by chance."""
+        return self.doubts > 0 or (self.other > 0 and len(self.changes) > 1)
+
+    @property
     def bits(self) -> float:
         """How long the description of the changes is."""
         return sum(change.bits for change in self.changes)
@@ -240,7 +245,7 @@ class _Trials:
             best, count = _shorter(best, one), count + (one is not None and len(self._proved) > before)
             if one is not None and not one.doubts and not one.other and (one.sure or count >= _UNSURE):
                 break
-            if count == self.doubted:
+            if count == self.doubted or (best is not None and self._over()):
                 break
         return best
 
@@ -346,8 +351,9 @@ class _Trials:
             yield sorted(found.values(), key=lambda step: step[:3])
 
     def _differing(self, reached: Iterable[str]) -> list[str]:
-        """Return the functions that differ, of those that are reached."""
-        return [n for n, w in self._wrong.items() if w.any() and n in reached and self._targets[n].whole]
+        """Return the functions that differ, of those that are reached, the fast ones of a graph first."""
+        names = [n for n, w in self._wrong.items() if w.any() and n in reached and self._targets[n].whole]
+        return sorted(names, key=self.editor.seconds)
 
     def _helpful(self, picks: list[Pick], first: bool) -> Iterator[Pick]:
         """Yield the changes that make values agree and spoil none, at the first state.
@@ -490,13 +496,13 @@ class _Trials:
         rest = 1e-6 * (1.0 + np.abs(together).max())
         linear = np.abs(together - start - slope.sum(axis=0)).max() <= rest
         lacking, wrong = self._targets[name].values[0] - start, self._wrong[name]
-        for text, values in terms.items():
+        for place, (text, values) in enumerate(terms.items()):
             for sign in (1.0, -1.0):
                 effect = sign * values[0] @ slope
                 moved, right = np.abs(effect) > rest, np.abs(effect - lacking) <= rest
                 if not linear or ((moved & right & wrong).any() and not (moved & ~wrong).any()):
                     new = f"{old} {'+' if sign > 0.0 else '-'} {text}"
-                    bits = self._bits(2 * len(terms) + 1)
+                    bits = self._bits(2 * place + 2)  # they come in the order of their length
                     yield Pick(block, k, choice, bits, {ALL: sign * values}, "term", new, bool(linear))
 
     # Terms that are solved for.
@@ -523,7 +529,9 @@ class _Trials:
         names = [
             n for n in block.reaches if self._targets[n].whole and (n in block.once_in or block.rebuilds)
         ]
-        for used in self._groups(*self._slope(pick, names, _FEW), constant):
+        differing = self._differing(names)
+        shown = differing[:1] if self.editor.drawn else differing  # to draw all of them takes long
+        for used in self._groups(*self._slope(pick, shown, _FEW), constant):
             if (values := self._root(pick, used, constant)) is None:
                 continue
             with self.editor.making(pick._replace(values={ALL: values})):
@@ -630,9 +638,10 @@ class _Trials:
             return
         from scipy.spatial import cKDTree  # half of the time of importing this package, and rarely needed
 
-        tree, found = cKDTree(effects), []
-        for i, near in enumerate(tree.query_ball_point(lacking - effects, 1e-2 * np.sqrt(len(lacking)))):
-            found += [(tried[i].pick.bits + tried[j].pick.bits, i, j) for j in near[:20] if i < j]
+        near = 1e-2 * np.sqrt(len(lacking))
+        _, places = cKDTree(effects).query(lacking - effects, k=20, distance_upper_bound=near)
+        pairs = ((i, int(j)) for i, row in enumerate(places) for j in row if i < j < len(tried))
+        found = [(tried[i].pick.bits + tried[j].pick.bits, i, j) for i, j in pairs]
         for _, i, j in sorted(found)[:50]:
             if self._both(tried[i].pick, tried[j].pick):
                 yield tried[i].pick, tried[j].pick
@@ -689,11 +698,13 @@ def _constants(text: str) -> list[ast.Constant]:
 
 
 def _is_bare(text: str) -> bool:
-    """Tell whether a text is a number that means something only where no numbers have names."""
-    try:
-        return abs(float(text.strip("()"))) not in (0.0, 0.5, 1.0, 2.0)
-    except ValueError:
-        return False
+    """Tell whether a text is, or adds, a number that means something only where no numbers have names."""
+    node = ast.parse(text.strip(), mode="eval").body
+    added = isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)
+    turns = any(isinstance(x, ast.Call) for x in ast.walk(node))  # 1 - cos(q) is usual
+    parts = [node, node.right] if isinstance(node, ast.BinOp) and added and not turns else [node]
+    bare = [x.value for x in parts if isinstance(x, ast.Constant) and type(x.value) in (int, float)]
+    return any(x != 0 and (added or x not in (0.5, 1, 2)) for x in bare)
 
 
 def _same_term(one: Pick, other: Pick) -> bool:

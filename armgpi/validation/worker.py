@@ -16,7 +16,7 @@ import sys
 import time
 import traceback
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -49,7 +49,6 @@ class Worker:
     Attributes:
         name: what the model is called in messages.
         functions: names of the functions that it has.
-        numbers: its numbers that can be varied, name -> value.
         n: number of joints that it states, None when it does not.
         source: the text of its file, None when it has none that can be read.
         time_limit: how long one call may take [s].
@@ -57,7 +56,6 @@ class Worker:
         printed: whether it has printed something.
         uncompared: its other functions of a state, which nothing compares.
         takes: how long a call takes [s], per function: the least so far.
-        changes: numbers of the model to change in the calls that follow.
     """
 
     def __init__(
@@ -76,7 +74,6 @@ class Worker:
         self.name = name
         self.time_limit, self.convention = time_limit, convention
         self.takes: dict[str, float] = {}
-        self.changes: Mapping[str, float] = {}
         # Forked, as a model may be an object that cannot be pickled (closures, a class in a notebook), and as
         # a fresh Python would take a second to import what is imported here already.
         context = multiprocessing.get_context("fork")
@@ -95,9 +92,9 @@ class Worker:
             self._process.start()
         theirs.close()  # so that the pipe ends with the child
         try:
-            answer: tuple[list[str], dict[str, float], int | None, bool, str | None, tuple[str, ...]]
+            answer: tuple[list[str], int | None, bool, str | None, tuple[str, ...]]
             answer = self._receive("", max(LOADING * time_limit, LOADING_LEAST), "reading it")
-            self.functions, self.numbers, self.n, self.printed, self.source, self.uncompared = answer
+            self.functions, self.n, self.printed, self.source, self.uncompared = answer
         except BaseException:
             self.close()
             raise
@@ -136,7 +133,7 @@ class Worker:
         """
         self._started.value = 0
         try:
-            self._pipe.send((function, states, dict(self.changes)))
+            self._pipe.send((function, states))
         except OSError:
             raise self._died(function) from None
         values: list[Array] = []
@@ -154,7 +151,7 @@ class Worker:
         Numbers that are `known` to be right stay. The model is of no use afterwards.
         """
         try:
-            self._pipe.send(("", goal, (known, budget)))
+            self._pipe.send(("", (goal, known, budget)))
             found: search.Repaired | None = self._receive("", 10.0 * search.BUDGET, "")
         except (OSError, ModelError):
             return None
@@ -260,7 +257,6 @@ def _answer_all(
         text = functions.origin.source if functions.origin is not None else None
         told = (
             list(functions.calls),
-            functions.numbers,
             functions.n,
             silent.used,
             text,
@@ -273,14 +269,14 @@ def _answer_all(
         os._exit(0)
     while True:
         try:
-            name, states, numbers = pipe.recv()
+            name, given = pipe.recv()
         except EOFError:
             os._exit(0)
         if not name:
-            found = _search(functions, lambda s: models.resolve(model, s, convention), states, *numbers)
+            found = _search(functions, lambda s: models.resolve(model, s, convention), *given)
             pipe.send((True, found))
             os._exit(0)
-        _answer_calls(pipe, functions, name, states, numbers, silent, own, started)
+        _answer_calls(pipe, functions, name, given, silent, own, started)
 
 
 def _search(
@@ -323,14 +319,13 @@ def _answer_calls(
     functions: models.Functions,
     name: str,
     states: Sequence[Sequence[Array]],
-    numbers: Mapping[str, float],
     silent: _Silent,
     own: int,
     started: Any,
 ) -> None:
     """Answer one list of calls up to the first that fails; `own` is the process that may."""
     try:
-        function = functions.with_numbers(numbers)[name]
+        function = functions.calls[name]
         answers, sent = [], time.perf_counter()
         for state in states:
             started.value += 1
@@ -351,8 +346,6 @@ def _answer_calls(
     except BaseException as error:
         _end_copies(own)
         pipe.send((False, _description(error)))
-    if numbers:  # put back: globals and attributes keep what was set
-        functions.with_numbers({name: functions.numbers[name] for name in numbers})
 
 
 def _end_copies(own: int) -> None:

@@ -65,6 +65,10 @@ def test_a_name_holds_for_other_numbers(style: str, line: int, tmp_path: Path) -
     [
         ("newton", 4),  # a dropped ω×(ω×p), of which another stands beside it
         ("spatial", 20),  # one half of a vector of six for the other
+        ("basenewton", 21),  # R.T @ I @ R for R @ I @ R.T, where I is an attribute
+        ("composite", 5),  # in a function that is called several times, names of it were not known
+        ("exponentials", 29),  # = for += in a loop
+        ("printed", 8),  # a number in a sum
     ],
 )
 def test_a_recursion_is_repaired(style: str, line: int, tmp_path: Path) -> None:
