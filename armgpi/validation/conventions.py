@@ -18,8 +18,12 @@ from armgpi.arrays import Array
 from armgpi.errors import ParameterError
 from armgpi.validation.tree import Tree, absolute_angles
 
-#: Short names that functions may have.
-SHORT = {"M": "mass_matrix", "D": "mass_matrix", "C": "coriolis_matrix", "G": "gravity"}
+#: Other names that functions may have; what is called C or coriolis may give the torque too.
+SHORT = {
+    **dict.fromkeys(("M", "D", "inertia_matrix"), "mass_matrix"),
+    **dict.fromkeys(("C", "coriolis"), "coriolis_matrix"),
+    **dict.fromkeys(("G", "gravity_vector", "gravity_torque"), "gravity"),
+}
 #: What a model may have its first level axis counted from.
 VERTICALS = ("up", "down")
 
@@ -32,12 +36,14 @@ class Convention(NamedTuple):
         A: matrix of the model's coordinates, (n, n); None where they are the robot's.
         b: offset of the model's coordinates [rad or m], (n,).
         mapped: those of the names that the user gave.
+        n: number of joints of the robot; None without one.
     """
 
     names: Mapping[str, str]
     A: Array | None = None
     b: Array | None = None
     mapped: tuple[str, ...] = ()
+    n: int | None = None
 
     def convert(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
         """Return a function of the model as one of the robot's coordinates."""
@@ -90,7 +96,7 @@ def declare_convention(
         raise ParameterError("names", both, f"one function for {twice}: only one is compared")
     known_as, mapped = {**SHORT, **names}, tuple(names)
     if not absolute and from_vertical is None:
-        return Convention(known_as, mapped=mapped)
+        return Convention(known_as, mapped=mapped, n=tree.n if tree else None)
     if tree is None:
         raise ParameterError("robot", None, "given, as `absolute` and `from_vertical` are about its joints")
     A, b = np.eye(tree.n), np.zeros(tree.n)
@@ -104,7 +110,7 @@ def declare_convention(
             raise ParameterError("from_vertical", from_vertical, " or ".join(map(repr, VERTICALS)))
         joint, turn = _quarter(tree, from_vertical)
         b = -turn * A[:, joint]
-    return Convention(known_as, A, b, mapped)
+    return Convention(known_as, A, b, mapped, tree.n)
 
 
 def _quarter(tree: Tree, way: str) -> tuple[int, float]:

@@ -54,7 +54,7 @@ _MATLAB = (
 )
 _NOWHERE = "there is no such file or module (built in is: paper)"
 #: What functions of a state call their first argument.
-_POSITIONS = ("q", "theta", "th", "x", "pos", "angles", "state")
+POSITIONS = ("q", "theta", "th", "x", "pos", "angles", "state")
 
 
 class Unusable(Exception):
@@ -112,9 +112,21 @@ class Functions:
 
     def convert(self, convention: Convention) -> Functions:
         """Return the functions in the coordinates of the robot."""
+        if convention.n is not None:
+            self._tell_torque(convention.n)
         if convention.A is None:
             return self
         return Functions({name: convention.convert(name, call) for name, call in self.calls.items()}, self.n)
+
+    def _tell_torque(self, n: int) -> None:
+        """Take a Coriolis function of another name for what it gives: a matrix, or its torque."""
+        call = self.calls.get("coriolis_matrix")
+        named = call is None or getattr(call, "__name__", "") == "coriolis_matrix"
+        if call is None or named or "coriolis_torque" in self.calls:
+            return
+        with suppress(Exception):  # what it raises is told when it is compared
+            if np.shape(call(np.full(n, 0.1), np.full(n, 0.1))) in ((n,), (n, 1), (1, n)) and n > 1:
+                self.calls["coriolis_torque"] = self.calls.pop("coriolis_matrix")
 
 
 def resolve(model: Any, source: str | None = None, convention: Convention | None = None) -> Functions:
@@ -204,7 +216,7 @@ def _uncompared_names(thing: Any) -> tuple[str, ...]:
             short = members.keys() & SHORT.keys() | ARGUMENTS.keys()
             same = any(callable(x := members.get(known)) and value == x for known in short)
             local = not isinstance(thing, ModuleType) or value.__module__ == thing.__name__
-            if not same and local and 0 < len(letters) < 4 and letters[0] in _POSITIONS:
+            if not same and local and 0 < len(letters) < 4 and letters[0] in POSITIONS:
                 found[name] = None
     return tuple(name for name in found if name not in called)
 

@@ -156,7 +156,9 @@ class DynamicsReport:
     def verdict(self) -> str:
         """Return the result in one line."""
         if self.agrees:
-            return "the model agrees" if self.functions else "the model obeys every law that could be checked"
+            if not self.functions:
+                return "the model obeys every law that could be checked"
+            return f"the model agrees{' in what was compared' if self.uncompared else ''}"
         differ = [t.function for t in self.functions if not t.agrees]
         if differ:
             return f"the model differs in {', '.join(differ)}"
