@@ -75,12 +75,14 @@ class Problem:
         tolerance: how far each element may be off, (E,).
         functions: for every column its function.
         rtol: relative error up to which two values agree.
+        noise: rounding error of each function's values.
     """
 
     def __init__(self, tree: Tree, q: Array, sampled: Mapping[str, Sampled], rtol: float) -> None:
         """Lay out the elements of all sampled functions."""
         rows = min(len(s.values) for s in sampled.values())
         self.tree, self.q, self.rtol = tree, q[:rows], rtol
+        self.noise = {name: s.noise for name, s in sampled.items()}
         self._sampled = {name: {k: x[:rows] for k, x in s.quantities.items()} for name, s in sampled.items()}
         # D and G also where no function has them: the tolerances are relative to them.
         self.want = sorted({"D", "G"}.union(*self._sampled.values()))

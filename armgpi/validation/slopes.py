@@ -11,6 +11,7 @@ from armgpi.arrays import Array
 from armgpi.validation.hypotheses import Parameter, parameters
 from armgpi.validation.models import States
 from armgpi.validation.problem import Problem
+from armgpi.validation.samples import SAFETY
 from armgpi.validation.tree import Quantities, Tree, evaluate
 from armgpi.validation.units import STEP, Slopes, span
 
@@ -59,6 +60,9 @@ def slopes(problem: Problem, states: States, names: Sequence[str]) -> Slopes:
         tuple(units),
         tuple(links),
         np.stack(ordered, axis=-1),
+        SAFETY
+        * max(problem.noise[name] / size for name, size in zip(names, sizes, strict=True))
+        / (2.0 * STEP),
     )
 
 

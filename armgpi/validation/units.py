@@ -18,8 +18,9 @@ import numpy as np
 
 from armgpi.arrays import Array
 
-#: Step of a derivative, of the number itself; what it leaves out is far below what counts as the same.
-STEP = 1e-4
+#: Step of a derivative, of the number itself; what it leaves out is far below what counts as the same, and so
+#: is what the rounding of finite differences leaves.
+STEP = 1e-3
 #: A derivative is such a sum up to this, relative.
 _SAME = 1e-5
 #: Numbers of a model that are looked at, at most.
@@ -43,6 +44,7 @@ class Slopes(NamedTuple):
         units: their units.
         links: the links that they belong to, from 0; gravity's is -1.
         columns: the derivatives by them, (values, count).
+        noise: what the rounding of a model's values leaves of a derivative: of finite differences, say.
     """
 
     names: tuple[str, ...]
@@ -52,10 +54,17 @@ class Slopes(NamedTuple):
     units: tuple[str, ...]
     links: tuple[int, ...]
     columns: Array
+    noise: float = 0.0
+
+    def same(self, rest: Array, column: Array) -> bool:
+        """Tell whether what is left of a derivative is nothing."""
+        least = self.noise * np.sqrt(len(column))
+        return bool(np.linalg.norm(rest) <= _SAME * np.linalg.norm(column) + least)
 
     def of(self, column: Array) -> set[int | None]:
         """Return the links whose numbers of one unit give a derivative, with None if those of all give it."""
-        return {link for (_, link), basis in self.bases.items() if _is_in(basis, column)}
+        rests = [(link, column - basis @ (basis.T @ column)) for (_, link), basis in self.bases.items()]
+        return {link for link, rest in rests if self.same(rest, column)}
 
     def alike(self, value: float, share: float = 1.0) -> list[int]:
         """Return which of the robot's numbers are a share of a value, up to the sign, and are felt."""
@@ -75,7 +84,7 @@ class Slopes(NamedTuple):
                 if len({self.units[j] for j in chosen}) > 1:
                     continue
                 rest = column - self.columns[:, chosen] @ self.values[list(chosen)]
-                if float(np.linalg.norm(rest)) <= _SAME * float(np.linalg.norm(column)):
+                if self.same(rest, column):
                     return chosen
         return ()
 
@@ -96,11 +105,6 @@ class Check(NamedTuple):
     seen: int
     sure: bool
     standing: Mapping[int, tuple[int, ...]]
-
-
-def _is_in(basis: Array, column: Array) -> bool:
-    rest = column - basis @ (basis.T @ column)
-    return float(np.linalg.norm(rest)) <= _SAME * float(np.linalg.norm(column))
 
 
 def span(columns: Sequence[Array]) -> Array:
@@ -140,7 +144,7 @@ def check(source: str, values: Callable[[str], Array | None], known: Slopes, tex
         if ends[0] is None or ends[1] is None:
             continue
         column = (ends[0] - ends[1]) / (2.0 * STEP)
-        if np.abs(column).max() < 1e-7:  # nothing depends on it
+        if np.abs(column).max() < max(1e-7, known.noise):  # nothing depends on it
             unused.append(value)
             continue
         seen += 1
@@ -173,7 +177,7 @@ def _bare(tree: ast.AST, named: Sequence[tuple[str, ast.Constant]]) -> bool:
 
 
 def numbers(tree: ast.AST) -> Iterator[tuple[str, ast.Constant]]:
-    """Yield the numbers of a source that have a name: assigned, an item, an argument, an entry of a list."""
+    """Yield numbers of a source that have a name: assigned, items, arguments, defaults, entries of lists."""
     pairs: list[tuple[str, Any]] = []
     for node in ast.walk(tree):
         match node:
@@ -188,6 +192,10 @@ def numbers(tree: ast.AST) -> Iterator[tuple[str, ast.Constant]]:
                 pairs += [(ast.unparse(a), b) for a, b in zip(keys, values, strict=True) if a is not None]
             case ast.keyword(arg=str() as word, value=value):
                 pairs.append((word, value))
+            case ast.arguments():
+                named = [*node.posonlyargs, *node.args]
+                pairs += [(a.arg, b) for a, b in zip(named[::-1], node.defaults[::-1], strict=False)][::-1]
+                pairs += [(a.arg, b) for a, b in zip(node.kwonlyargs, node.kw_defaults, strict=True)]
     for text, x in pairs:
         inner = x.operand if isinstance(x, ast.UnaryOp) else x
         if isinstance(inner, ast.Constant) and type(inner.value) in (int, float):
