@@ -619,6 +619,8 @@ def _of_operation(node: ast.BinOp) -> Iterator[Choice]:
     elif isinstance(op, ast.Pow):
         yield "square", left
         yield "square", _power(left, 3)
+        if isinstance(left, ast.BinOp) and isinstance(left.op, _ADDITIVE):  # (l1 + lc2)² for l1² + lc2²
+            yield "square", ast.BinOp(_power(left.left, 2), left.op, _power(left.right, 2))
     elif isinstance(op, ast.MatMult):
         yield "transposed", ast.BinOp(ast.Attribute(left, "T", ast.Load()), op, right)
         yield "transposed", ast.BinOp(left, op, ast.Attribute(right, "T", ast.Load()))

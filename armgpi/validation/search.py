@@ -35,7 +35,7 @@ from armgpi.validation.edits import (
     impatient,
     stack_values,
 )
-from armgpi.validation.models import Functions
+from armgpi.validation.models import POSITIONS, Functions
 from armgpi.validation.units import USUAL, check, readings
 
 #: Time of the processor that all the searching may take [s].
@@ -68,6 +68,8 @@ _REFINED = 3
 _SLOW = 0.7
 #: Effects beyond this are those of a change that divides by next to nothing.
 _HUGE = 1e12
+#: What makes vectors.
+_VECTORS = ("array", "np.array", "numpy.array")
 #: A digit of a number costs so many bits.
 _DIGIT_BITS = 3.32
 
@@ -440,7 +442,13 @@ class _Trials:
         return _Step(left, self._ugly(pick), pick.bits, pick), does if left else id(pick)
 
     def _ugly(self, pick: Pick) -> bool:
-        """Tell whether a change leaves a matrix that is right in its product with v alone."""
+        """Tell whether a change is right by chance: for a symmetric arm, or in its product with v alone."""
+        site = pick.block.sites[pick.site]
+        if pick.kind == "sign" and pick.values is None:
+            node, negated = site.node, isinstance(site.choices[pick.choice][1], ast.UnaryOp)
+            joints = isinstance(node, ast.Name) and node.id in POSITIONS
+            if negated and (joints or (isinstance(node, ast.Call) and ast.unparse(node.func) in _VECTORS)):
+                return True
         target = self._targets.get("coriolis_matrix")
         if target is None or target.best is None:
             return False

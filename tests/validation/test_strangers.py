@@ -1,0 +1,137 @@
+"""Models as people write them: Coriolis terms by differences of D, a class with its numbers as defaults."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from armgpi import Robot, validate
+
+URDF = """
+<robot name="scara">
+  <link name="base"/>
+  <link name="l1"><inertial><origin xyz="0.11 0 0.02"/><mass value="3.1"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.035"/></inertial></link>
+  <link name="l2"><inertial><origin xyz="0.09 0.01 0"/><mass value="2.2"/>
+    <inertia ixx="0.008" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.021"/></inertial></link>
+  <joint name="j1" type="revolute"><parent link="base"/><child link="l1"/><axis xyz="0 0 1"/>
+    <limit lower="-2.5" upper="2.5" velocity="4" effort="60"/></joint>
+  <joint name="j2" type="revolute"><parent link="l1"/><child link="l2"/><origin xyz="0.25 0 0.05"/>
+    <axis xyz="0 0 1"/><limit lower="-2.5" upper="2.5" velocity="4" effort="30"/></joint>
+</robot>
+"""
+MODEL = """
+import numpy as np
+m1, m2 = 3.1, 2.2
+a1, c1, x2, y2 = 0.25, 0.11, 0.09, 0.01
+I1, I2 = 0.035, 0.021
+
+def jacobians(q):
+    t1, t2 = q[0], q[0] + q[1]
+    e = lambda t: np.array([np.cos(t), np.sin(t)])
+    n = lambda t: np.array([-np.sin(t), np.cos(t)])
+    b = x2 * n(t2) - y2 * e(t2)
+    return np.column_stack([c1 * n(t1), 0 * b]), np.column_stack([a1 * n(t1) + b, b])
+
+def inertia_matrix(q):
+    J1, J2 = jacobians(q)
+    first, both = np.array([1.0, 0.0]), np.array([1.0, 1.0])
+    return m1 * J1.T @ J1 + I1 * np.outer(first, first) + m2 * J2.T @ J2 + I2 * np.outer(both, both)
+
+def coriolis(q, qd):
+    h = 1e-6
+    dM = [(inertia_matrix(q + h * e) - inertia_matrix(q - h * e)) / (2 * h) for e in np.eye(2)]
+    C = np.zeros((2, 2))
+    for i in range(2):
+        for j in range(2):
+            for k in range(2):
+                C[i, j] += 0.5 * (dM[k][i, j] + dM[j][i, k] - dM[i][j, k]) * qd[k]
+    return C
+"""
+PENDULUM_URDF = """
+<robot name="pendulum">
+  <link name="base"/>
+  <link name="a"><inertial><origin xyz="0 0 -0.21"/><mass value="1.7"/>
+    <inertia ixx="0.024" ixy="0" ixz="0" iyy="0.026" iyz="0" izz="0.003"/></inertial></link>
+  <link name="b"><inertial><origin xyz="0 0 -0.16"/><mass value="1.1"/>
+    <inertia ixx="0.011" ixy="0" ixz="0" iyy="0.012" iyz="0" izz="0.002"/></inertial></link>
+  <joint name="j1" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 -1 0"/>
+    <limit lower="-3" upper="3" velocity="5" effort="30"/></joint>
+  <joint name="j2" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0 0 -0.4"/>
+    <axis xyz="0 -1 0"/><limit lower="-3" upper="3" velocity="5" effort="15"/></joint>
+</robot>
+"""
+PENDULUM = """
+from math import cos, sin
+
+class Pendulum:
+    def __init__(self, m1=1.7, m2=1.1, l1=0.4, lc1=0.21, lc2=0.16, I1=0.026, I2=0.012, g=9.81):
+        self.m1, self.m2, self.l1, self.lc1, self.lc2 = m1, m2, l1, lc1, lc2
+        self.I1, self.I2, self.g = I1, I2, g
+
+    def M(self, q):
+        a = self.I1 + self.I2 + self.m1 * self.lc1**2 + self.m2 * (self.l1**2 + self.lc2**2)
+        b = self.m2 * self.l1 * self.lc2 * cos(q[1])
+        d = self.I2 + self.m2 * self.lc2**2
+        return [[a + 2 * b, d + b], [d + b, d]]
+
+    def C(self, q, qd):
+        h = self.m2 * self.l1 * self.lc2 * sin(q[1])
+        return [-h * (2 * qd[0] * qd[1] + qd[1] ** 2), h * qd[0] ** 2]
+
+    def G(self, q):
+        tip = self.m2 * self.lc2 * self.g * sin(q[0] + q[1])
+        return [(self.m1 * self.lc1 + self.m2 * self.l1) * self.g * sin(q[0]) + tip, tip]
+"""
+
+
+@pytest.fixture(scope="module")
+def scara() -> Robot:
+    return Robot.from_xml(URDF)
+
+
+@pytest.mark.parametrize(("ends", "name"), [("C", "coriolis_matrix"), ("C @ qd", "coriolis_torque")])
+def test_what_is_called_coriolis_is_compared_as_what_it_gives(
+    ends: str, name: str, scara: Robot, tmp_path: Path
+) -> None:
+    place = tmp_path / "model.py"
+    place.write_text(MODEL.replace("return C\n", f"return {ends}\n"))
+    report = validate(place, scara)
+    assert report.agrees
+    assert not report.uncompared
+    assert {one.function for one in report.functions} == {"mass_matrix", name}
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong"),
+    [
+        ("+= 0.5 * (dM", "+= (dM"),
+        ("- dM[i][j, k])", "+ dM[i][j, k])"),
+        ("a1 * n(t1) + b, b])", "a1 * n(t1) - b, b])"),
+    ],
+)
+def test_a_mistake_is_named_beside_differences(right: str, wrong: str, scara: Robot, tmp_path: Path) -> None:
+    place = tmp_path / "model.py"
+    place.write_text(MODEL.replace(right, wrong))
+    report = validate(place, scara)
+    assert report.causes[0].line == next(i for i, text in enumerate(MODEL.splitlines(), 1) if right in text)
+    assert report.causes[0].confirmed
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong"),
+    [
+        ("(self.l1**2 + self.lc2**2)", "(self.l1 + self.lc2) ** 2"),
+        ("2 * qd[0] * qd[1] + qd[1] ** 2", "qd[0] * qd[1] + qd[1] ** 2"),
+        ("self.m2 * self.l1) * self.g", "self.m2 * self.lc1) * self.g"),
+    ],
+)
+def test_numbers_may_be_defaults_of_a_class(right: str, wrong: str, tmp_path: Path) -> None:
+    robot, place = Robot.from_xml(PENDULUM_URDF), tmp_path / "pendulum.py"
+    place.write_text(PENDULUM)
+    assert validate(place, robot).agrees
+    place.write_text(PENDULUM.replace(right, wrong))
+    cause = validate(place, robot).causes[0]
+    assert cause.line == next(i for i, text in enumerate(PENDULUM.splitlines(), 1) if right in text)
+    assert cause.confirmed
