@@ -82,8 +82,10 @@ hooks: $(FOR_ALL) ## Let git check the style of each commit (pre-commit)
 types: $(FOR_ALL) ## Types, of the tests too (mypy --strict)
 	$(BIN)/mypy
 
-# Work stealing gives each process a stretch of the tests, which share what is made once for a file.
+# Work stealing gives each process a stretch of the tests, which share what is made once for a file. Many start
+# `armgpi`: where PYTHONDONTWRITEBYTECODE is set, each would compile it anew, for half a second.
 unit: $(FOR_ALL) ## The tests
+	$(BIN)/python -m compileall -q armgpi
 	$(BIN)/pytest -n auto --dist worksteal --durations=10
 
 quick: $(FOR_ALL) ## The tests of what changed against main, and the fast ones of all
