@@ -89,9 +89,9 @@ class NetCDF(Memory):
         whole.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
         dims = ("time", *(("rollout",) if len(shape) == 3 else ()), "joint")
         with h5netcdf.File(self._path, "a") as file:
-            for dim, size in zip(dims, shape, strict=True):
+            for dim, length in zip(dims, shape, strict=True):
                 if dim not in file.dimensions:
-                    file.dimensions[dim] = size
+                    file.dimensions[dim] = length
             begin = file.create_variable(name, dims, dtype, dcpl=whole)._h5ds.id.get_offset()
         if hasattr(os, "posix_fallocate"):  # or a full disk would end the process at a write
             with self._path.open("r+b") as opened:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -128,3 +129,18 @@ def test_a_disk_without_room_is_told_before_the_run(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
     with pytest.raises(RolloutError, match="file="):
         simulate(plant, law, MOVE, 1e8, backend="compiled")
+
+
+@pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="this system promises no room on a disk")
+def test_a_file_has_its_room_before_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    taken: list[tuple[int, int]] = []
+    real = os.posix_fallocate
+
+    def take(descriptor: int, begin: int, size: int) -> None:
+        taken.append((begin, begin + size))
+        real(descriptor, begin, size)
+
+    monkeypatch.setattr(os, "posix_fallocate", take)
+    run("compiled", file=tmp_path / "run.nc", record=("q", "tau")).close()
+    assert [end - begin for begin, end in taken] == [8 * 201 * 11 * 3] * 2
+    assert max(begin for begin, _ in taken) >= min(end for _, end in taken)  # beside each other
