@@ -221,9 +221,21 @@ def _locked_values(
             raise ParameterError(
                 f"lock[{name!r}]", value, f"0, as a {joint.type} joint is locked at its origin"
             )
+    left: dict[str, list[str]] = {}  # of a joint that moves: those that mimic it and are locked
     for joint in urdf.joints.values():
-        if joint.mimic is not None and joint.moves and joint.name not in values:
-            _lock_follower(urdf, joint, values, mimic)
+        follows = joint.mimic is not None and joint.moves and joint.name not in values
+        if joint.mimic is not None and follows and _lock_follower(urdf, joint, values, mimic):
+            left.setdefault(joint.mimic, []).append(joint.name)
+    for leader, names in left.items():
+        one = len(names) == 1
+        who = f"joint {names[0]!r} mimics" if one else f"joints {', '.join(names)} mimic"
+        places = ", ".join(dict.fromkeys(f"{values[name]:g}" for name in names))
+        warnings.warn(
+            f"{urdf.source}: {who} {leader!r}; {'it is' if one else 'they are'} locked at {places}, "
+            f"so lock {leader!r} as well if they move one gripper, or let it follow (mimic='follow')",
+            ArmgpiWarning,
+            stacklevel=5,  # where the user calls Robot.load
+        )
     return values
 
 
@@ -249,8 +261,12 @@ def _joints_to_lock(
     return asked
 
 
-def _lock_follower(urdf: Urdf, joint: Joint, values: dict[str, float], mimic: Mimic) -> None:
-    """Lock a joint that mimics another where it would have followed to, or let it follow."""
+def _lock_follower(urdf: Urdf, joint: Joint, values: dict[str, float], mimic: Mimic) -> bool:
+    """Lock a joint that mimics another where it would have followed to, or let it follow.
+
+    Returns:
+        Whether it is locked while the other one moves.
+    """
     leader, ratio, offset = tree.mimic_leader(urdf.joints, joint.name, values)
     held = leader.name in values
     if leader.mimic is not None and not held:
@@ -262,15 +278,9 @@ def _lock_follower(urdf: Urdf, joint: Joint, values: dict[str, float], mimic: Mi
         ).suggesting(Remedy("lock", (leader.name,)))
     leader_moves = leader.moves and not held
     if leader_moves and mimic == "follow":
-        return
-    value = values[joint.name] = offset + ratio * values.get(leader.name, 0.0)
-    if leader_moves:
-        warnings.warn(
-            f"{urdf.source}: joint {joint.name!r} mimics {joint.mimic!r}; it is locked at {value:g}, "
-            f"so lock {joint.mimic!r} as well if they move one gripper, or let it follow (mimic='follow')",
-            ArmgpiWarning,
-            stacklevel=6,  # where the user calls Robot.load
-        )
+        return False
+    values[joint.name] = offset + ratio * values.get(leader.name, 0.0)
+    return leader_moves
 
 
 def _coupling(urdf: Urdf, joints: Sequence[Joint]) -> Coupling | None:

@@ -240,6 +240,16 @@ def test_a_mimic_joint_is_locked_with_a_warning_that_points_at_the_callers_line(
     assert robot.provenance["locked"] == {"wrist": 0.1}
 
 
+def test_joints_that_mimic_one_are_told_in_one_warning() -> None:
+    thumb = WRIST.replace('"wrist"', '"thumb"').replace('"hand"', '"nail"')
+    thumb = thumb.replace("<dynamics", '<mimic joint="elbow"/><dynamics')
+    text = MIMIC.replace("</robot>", f'<link name="nail">{BODY}</link>{thumb}</robot>')
+    told = "joints wrist, thumb mimic 'elbow'; they are locked at 0.1, 0,"
+    with pytest.warns(ArmgpiWarning, match=told) as caught:
+        Robot.from_xml(text)
+    assert [Path(warning.filename) for warning in caught] == [Path(__file__)]
+
+
 def test_with_its_leader_locked_a_mimic_joint_stands_where_it_would_have_followed_to() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
