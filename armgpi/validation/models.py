@@ -41,6 +41,8 @@ ARGUMENTS: dict[str, tuple[str, ...]] = {
     "forward_kinematics": ("q",),
     "jacobian": ("q",),
 }
+#: Names of a Coriolis function that do not say whether it is the matrix or its torque.
+_EITHER = tuple(mine for mine, name in SHORT.items() if name == "coriolis_matrix")
 #: Names of the paper's arm as a model.
 PAPER = ("paper", "paper-arm", "paper_arm")
 #: Files of bare expressions, read with SymPy's names and the symbols known.
@@ -101,10 +103,12 @@ class Functions:
         n: number of joints, when the model says so.
         origin: the file that it was read from, None when it was not.
         uncompared: its other functions of a state, which nothing compares.
+        aliases: short names under which its Coriolis function goes: C may be the matrix or its torque.
     """
 
     origin: Origin | None = None
     uncompared: tuple[str, ...] = ()
+    aliases: tuple[str, ...] = ()
 
     def __init__(self, calls: Mapping[str, Callable[..., Any]], n: int | None = None) -> None:
         """Keep the functions by their names."""
@@ -112,20 +116,19 @@ class Functions:
 
     def convert(self, convention: Convention) -> Functions:
         """Return the functions in the coordinates of the robot."""
-        if convention.n is not None:
+        if convention.n is not None and set(self.aliases) - set(convention.mapped):
             self._tell_torque(convention.n)
         if convention.A is None:
             return self
         return Functions({name: convention.convert(name, call) for name, call in self.calls.items()}, self.n)
 
     def _tell_torque(self, n: int) -> None:
-        """Take a Coriolis function of another name for what it gives: a matrix, or its torque."""
-        call = self.calls.get("coriolis_matrix")
-        named = call is None or getattr(call, "__name__", "") == "coriolis_matrix"
-        if call is None or named or "coriolis_torque" in self.calls:
+        """Take a Coriolis function for what it gives: a matrix, or its torque."""
+        call = self.calls["coriolis_matrix"]
+        if n == 1 or "coriolis_torque" in self.calls:
             return
         with suppress(Exception):  # what it raises is told when it is compared
-            if np.shape(call(np.full(n, 0.1), np.full(n, 0.1))) in ((n,), (n, 1), (1, n)) and n > 1:
+            if np.shape(call(np.full(n, 0.1), np.full(n, 0.1))) in ((n,), (n, 1), (1, n)):
                 self.calls["coriolis_torque"] = self.calls.pop("coriolis_matrix")
 
 
@@ -405,7 +408,11 @@ def _of_names(thing: Any) -> Functions:
     symbolic: Any = () if sympy is None else (sympy.MatrixBase, sympy.Basic, list)
     if expressions := {name: value for name, value in there.items() if isinstance(value, symbolic)}:
         return _of_expressions(expressions, own, parameters)
-    return Functions(_functions(get), _joints(thing))
+    functions = Functions(_functions(get), _joints(thing))
+    matrix = functions.calls.get("coriolis_matrix")
+    if getattr(matrix, "__name__", "") != "coriolis_matrix":
+        functions.aliases = tuple(k for k in _EITHER if callable(x := get(k)) and x == matrix)
+    return functions
 
 
 def _functions(get: Callable[[str], Any]) -> dict[str, Callable[..., Any]]:

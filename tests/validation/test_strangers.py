@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from armgpi import Robot, validate
+from armgpi.errors import ModelError
 
 URDF = """
 <robot name="scara">
@@ -101,6 +102,19 @@ def test_what_is_called_coriolis_is_compared_as_what_it_gives(
     assert report.agrees
     assert not report.uncompared
     assert {one.function for one in report.functions} == {"mass_matrix", name}
+
+
+def test_a_torque_under_the_full_name_of_the_matrix_is_refused(scara: Robot, tmp_path: Path) -> None:
+    place = tmp_path / "model.py"
+    torque = MODEL.replace("return C\n", "return C @ qd\n")
+    for name, names in (
+        ("coriolis_matrix", {}),
+        ("h", {"h": "coriolis_matrix"}),
+        ("C", {"C": "coriolis_matrix"}),
+    ):
+        place.write_text(torque.replace("def coriolis(", f"def {name}("))
+        with pytest.raises(ModelError, match="shape"):
+            validate(place, scara, names=names)
 
 
 @pytest.mark.parametrize(
