@@ -9,7 +9,6 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -213,24 +212,22 @@ class PreparedLoop:
             RolloutError: when the recording does not fit into memory, or onto the disk of its file.
             KeyboardInterrupt: on Ctrl-C, unless `partial`.
         """
+        how = (values or {}, seed, q0, v0, progress, partial)
         if file is not None:
             if self._metrics or partial:
                 raise ParameterError("file", str(file), 'with trajectories, record="all", and partial=False')
-            return self._run_into(check_path(file, "file"), values or {}, seed, q0, v0, progress)
-        loop, run, made_from = self._run_with(values or {}, seed, q0, v0, progress, partial, self._memory)
+            import xarray as xr
+
+            path = check_path(file, "file")
+            with files.replace_files([path], str(path)) as (beside,):
+                memory = NetCDF(beside)
+                loop, run, made_from = self._run_with(*how, memory)
+                memory.finish(_collect(loop, run.recording, made_from).dataset())
+            return xr.open_dataset(path, engine="h5netcdf")
+        loop, run, made_from = self._run_with(*how, self._memory)
         if self._metrics:
             return self._summary(loop, run, final, made_from)
         return _collect(loop, run.recording, made_from).dataset()
-
-    def _run_into(self, path: Path, *how: Any) -> xr.Dataset:
-        """Run the loop into a file, which appears whole or not at all."""
-        import xarray as xr
-
-        with files.replace_files([path], str(path)) as (beside,):
-            memory = NetCDF(beside)
-            loop, run, made_from = self._run_with(*(*how, False, memory))
-            memory.finish(_collect(loop, run.recording, made_from).dataset())
-        return xr.open_dataset(path, engine="h5netcdf")
 
     def record(self, progress: bool | None = False, partial: bool = False) -> Recorded:
         """Run the loop as it was prepared, and return what it recorded without making a dataset of it.
@@ -267,8 +264,7 @@ class PreparedLoop:
         shape, every = loop.true_state(state).q.shape, self.steps if self._metrics else self._every
         if self._names is not None:
             _check_names(self._names, loop.controller.signals(state.controller))
-        kept = {"names": self._names, "dtype": self._dtype, "memory": memory}
-        recording = Recording.new(shape, self.steps, loop.dt, every, **kept)
+        recording = Recording.new(shape, self.steps, loop.dt, every, self._names, self._dtype, memory)
         run = self._run_to_end(loop, state, recording, progress, partial)
         made_from = {"divergence": self._divergence, "t_final": self.steps * loop.dt, "backend": run.backend}
         if self._supervised and self._metrics:

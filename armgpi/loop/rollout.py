@@ -123,36 +123,39 @@ class Recording:
     memory: Memory = field(default_factory=Memory)
 
     @classmethod
-    def new(cls, shape: tuple[int, ...], steps: int, dt: float, every: int, **kept: Any) -> Recording:
-        """Make room for `steps` samples and the state after them.
-
-        Args:
-            shape: (n,) or (batch, n).
-            steps: samples of the run.
-            dt: sample time [s].
-            every: record every so many samples.
-            kept: other attributes: names, dtype, memory.
+    def new(
+        cls,
+        shape: tuple[int, ...],
+        steps: int,
+        dt: float,
+        every: int,
+        names: frozenset[str] | None = None,
+        dtype: str = "float64",
+        memory: Memory | None = None,
+    ) -> Recording:
+        """Make room for `steps` samples and the state after them; `shape` is (n,) or (batch, n).
 
         Raises:
             RolloutError: when so many do not fit into this machine's memory.
         """
+        memory = memory or Memory()
+        samples, variables = steps // every + 1, _VARIABLES if names is None else len(names)
+        size = 0 if memory.on_disk else np.dtype(dtype).itemsize * variables * math.prod(shape)
+        if (size + 8) * samples > machine_bytes():  # 8: times are in memory anyway
+            raise RolloutError(_too_much(samples, shape))
         rollouts = shape[0] if len(shape) == 2 else 1
-        made = cls(
-            times=np.empty(0),
+        return cls(
+            times=np.arange(0, steps + 1, every) * np.float64(dt),
             dt=dt,
             every=every,
             shape=shape,
             variables={},
             status=np.full(rollouts, Status.FINISHED, dtype=np.int32),
             t_end=np.full(rollouts, steps * dt),
-            **kept,
+            names=names,
+            dtype=dtype,
+            memory=memory,
         )
-        samples, names = steps // every + 1, _VARIABLES if made.names is None else len(made.names)
-        size = np.dtype(made.dtype).itemsize * names * math.prod(shape) * (not made.memory.on_disk)
-        if (size + 8) * samples > machine_bytes():  # 8: times are in memory anyway
-            raise RolloutError(_too_much(samples, shape))
-        made.times = np.arange(0, steps + 1, every) * np.float64(dt)
-        return made
 
     @property
     def running(self) -> npt.NDArray[np.bool_]:

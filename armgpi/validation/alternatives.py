@@ -173,7 +173,7 @@ def _indexing(tree: ast.AST) -> Iterator[str]:
             inside: list[ast.AST] = [node.slice]
         elif isinstance(node, ast.For):
             inside = [node.target, node.iter]
-        elif isinstance(node, ast.Call) and _function_name(node) in ("range", "zeros", "eye", "ones", "sym"):
+        elif isinstance(node, ast.Call) and function_name(node) in ("range", "zeros", "eye", "ones", "sym"):
             inside = list(node.args)
         else:
             inside = [node.left, *node.comparators] if isinstance(node, ast.Compare) else []
@@ -231,7 +231,7 @@ def _of_state(node: ast.AST, arguments: tuple[str, ...]) -> TypeGuard[ast.expr]:
     """Tell whether an expression is a part of a function's arguments, or a sine or cosine of one."""
     if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant):
         return isinstance(node.value, ast.Name) and node.value.id in arguments
-    if not (isinstance(node, ast.Call) and _function_name(node) in _TURNS):
+    if not (isinstance(node, ast.Call) and function_name(node) in _TURNS):
         return False
     used = {x.id for x in ast.walk(node) if isinstance(x, ast.Name) and x is not node.func}
     return bool(used & set(arguments)) or not arguments
@@ -278,14 +278,14 @@ class _Seen(ast.NodeVisitor):
         """Keep the cosine of what a sine is taken of, and the other way round."""
         for node in [*self.scalars.values()]:
             if isinstance(node, ast.Call):
-                other = ast.Call(_rename(node.func, _TURNS[_function_name(node)]), node.args, [])
+                other = ast.Call(_rename(node.func, _TURNS[function_name(node)]), node.args, [])
                 self.scalars.setdefault(ast.unparse(other), other)
 
     def visit_Call(self, node: ast.Call) -> None:
         """Keep sines, cosines and cross products."""
-        if _function_name(node) in _TURNS:
+        if function_name(node) in _TURNS:
             self.scalars[ast.unparse(node)] = node
-        elif _function_name(node) == "cross" and len(node.args) == 2:
+        elif function_name(node) == "cross" and len(node.args) == 2:
             self.cross = node.func
             self.vectors |= {ast.unparse(part): part for part in node.args}
             self.products[ast.unparse(node)] = node
@@ -418,7 +418,7 @@ def _of_arrays(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
 def _is_array(node: ast.expr, scope: Scope) -> bool:
     """Tell whether an expression may be a vector or a matrix."""
     if isinstance(node, ast.Call):
-        return _function_name(node) == "array"
+        return function_name(node) == "array"
     if not isinstance(node, ast.Name | ast.Subscript | ast.Attribute):
         return False
     kind = scope.kind(node)
@@ -500,7 +500,7 @@ def _is_equation(node: ast.expr, parent: Any) -> bool:
         and (summed or isinstance(parent, ast.Assign | ast.AugAssign | ast.Call))
         and any(
             (isinstance(x, ast.BinOp) and isinstance(x.op, ast.MatMult))
-            or (isinstance(x, ast.Call) and _function_name(x) == "cross")
+            or (isinstance(x, ast.Call) and function_name(x) == "cross")
             for x in parts
         )
     )
@@ -640,7 +640,7 @@ def _transposed(node: ast.expr) -> ast.expr:
 
 
 def _of_call(node: ast.Call, scope: Scope) -> Iterator[Choice]:
-    name = _function_name(node)
+    name = function_name(node)
     if name in _TURNS and len(node.args) == 1:
         (angle,) = node.args
         yield "trig", ast.Call(_rename(node.func, _TURNS[name]), node.args, [])
@@ -742,7 +742,7 @@ def _of_row(node: ast.Tuple | ast.List | ast.IfExp) -> Iterator[Choice]:
         yield "swapped", type(node)([*items[3:], *items[:3]], ast.Load())
 
 
-def _function_name(node: ast.Call) -> str:
+def function_name(node: ast.Call) -> str:
     """Return the last part of a function's name."""
     return node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
 

@@ -703,7 +703,7 @@ class Editor:
         saved = {name: space[name] for name in self._assigned if name in space}
         try:
             if self._switchable and (anew or any(any(block.switch) for block in self._first)):
-                exec(self._needed(asked), space)
+                exec(self._code_of(asked), space)
             yield self._resolve().calls
         finally:
             space.update(saved)
@@ -717,7 +717,7 @@ class Editor:
                 self._seconds[name] = time.process_time() - start
         return self._seconds[name]
 
-    def _needed(self, asked: frozenset[str]) -> CodeType:
+    def _code_of(self, asked: frozenset[str]) -> CodeType:
         """Return the module's assignments that some functions depend on."""
         if asked not in self._slices:
             needed = self._with_called(asked)

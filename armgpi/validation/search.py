@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array
+from armgpi.validation.alternatives import function_name
 from armgpi.validation.edits import (
     ALL,
     GRAVITY,
@@ -68,8 +69,6 @@ _REFINED = 3
 _SLOW = 0.7
 #: Effects beyond this are those of a change that divides by next to nothing.
 _HUGE = 1e12
-#: What makes vectors.
-_VECTORS = ("array", "np.array", "numpy.array")
 #: A digit of a number costs so many bits.
 _DIGIT_BITS = 3.32
 
@@ -447,7 +446,7 @@ class _Trials:
         if pick.kind == "sign" and pick.values is None:
             node, negated = site.node, isinstance(site.choices[pick.choice][1], ast.UnaryOp)
             joints = isinstance(node, ast.Name) and node.id in POSITIONS
-            if negated and (joints or (isinstance(node, ast.Call) and ast.unparse(node.func) in _VECTORS)):
+            if negated and (joints or (isinstance(node, ast.Call) and function_name(node) == "array")):
                 return True
         target = self._targets.get("coriolis_matrix")
         if target is None or target.best is None:

@@ -194,7 +194,8 @@ def numbers(tree: ast.AST) -> Iterator[tuple[str, ast.Constant]]:
                 pairs.append((word, value))
             case ast.arguments():
                 named = [*node.posonlyargs, *node.args]
-                pairs += [(a.arg, b) for a, b in zip(named[::-1], node.defaults[::-1], strict=False)][::-1]
+                last = named[len(named) - len(node.defaults) :]
+                pairs += [(a.arg, b) for a, b in zip(last, node.defaults, strict=True)]
                 pairs += [(a.arg, b) for a, b in zip(node.kwonlyargs, node.kw_defaults, strict=True)]
     for text, x in pairs:
         inner = x.operand if isinstance(x, ast.UnaryOp) else x
