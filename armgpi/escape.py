@@ -87,7 +87,7 @@ def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "".join("| " + " | ".join(line) + " |\n" for line in (head, ("---",) * len(head), *rows))
 
 
-def csv_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def csv_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Return a table as comma-separated values."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([head, *rows])

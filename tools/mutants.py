@@ -2,10 +2,10 @@
 
 Each mutant is one change of one module, in a copy of the tree: a sign, an index, off by one, a dropped term,
 a matrix that is not transposed, two factors of a matrix product swapped; as many of each package. First the
-tests run once and tell which of them reach a line that is changed (`--reach FILE` keeps that); then each
-mutant meets those, of its own module first, until one fails. What tests take is counted in processor time,
-so a busy machine finds nothing. `--planted` takes the five that once survived the whole suite. What survives
-may be a change of no result.
+tests run once and tell which of them reach which lines (`--reach FILE` keeps that, for other seeds too); then
+each mutant meets those of its line, of its own module first, until one fails. What tests take is counted in
+processor time, so a busy machine finds nothing. `--planted` takes the five that once survived the whole
+suite. What survives may be a change of no result.
 """
 
 from __future__ import annotations
@@ -138,15 +138,17 @@ def _changes(node: ast.AST) -> Iterator[tuple[str, ast.expr]]:
         yield "frame", node.value
 
 
-def drawn(count: int, seed: int) -> list[Mutant]:
+def every_mutant(package: str) -> list[Mutant]:
+    """Return all mutants of a package, and of intervals.py among those of studies."""
+    modules = sorted((ROOT / "armgpi" / package).rglob("*.py"))
+    modules += [ROOT / "armgpi" / "intervals.py"] if package == "studies" else []
+    return [each for path in modules for each in mutants_of(path.relative_to(ROOT))]
+
+
+def draw(count: int, seed: int) -> list[Mutant]:
     """Return random mutants, as many of each package."""
-    rng, found = random.Random(seed), []
-    for name in PACKAGES:
-        modules = sorted((ROOT / "armgpi" / name).rglob("*.py"))
-        modules += [ROOT / "armgpi" / "intervals.py"] if name == "studies" else []
-        every = [each for path in modules for each in mutants_of(path.relative_to(ROOT))]
-        found += rng.sample(every, count // len(PACKAGES))
-    return found
+    rng = random.Random(seed)
+    return [each for name in PACKAGES for each in rng.sample(every_mutant(name), count // len(PACKAGES))]
 
 
 # Which tests reach what: this file is a plugin of pytest, too.
@@ -158,23 +160,26 @@ class Reach:
     def __init__(self, root: Path, file: Path, lines: dict[str, list[int]]) -> None:
         self.root, self.file = root, file
         self.lines = {str(root / name): frozenset(each) for name, each in lines.items()}
-        self.known: dict[CodeType, frozenset[int]] = {}
+        self.left: dict[CodeType, set[int]] = {}  # what the present test has not come by
         self.hits: set[str] = set()
 
     def enter(self, frame: FrameType, event: str, _: Any) -> Any:
         """Follow a call into a function that has such a line."""
         code = frame.f_code
-        lines = self.known.get(code)
+        lines = self.lines.get(code.co_filename)
         if lines is None:
-            own = frozenset(line for *_, line in code.co_lines() if line is not None)
-            lines = self.known[code] = self.lines.get(code.co_filename, frozenset()) & own
-        if not lines:
+            return None
+        left = self.left.get(code)
+        if left is None:
+            left = self.left[code] = {line for *_, line in code.co_lines() if line in lines}
+        if not left:
             return None
 
         def follow(frame: FrameType, event: str, _: Any) -> Any:
-            if event == "line" and frame.f_lineno in lines:
-                self.hits.add(f"{Path(frame.f_code.co_filename).relative_to(self.root)}:{frame.f_lineno}")
-            return follow
+            if event == "line" and frame.f_lineno in left:
+                left.discard(frame.f_lineno)
+                self.hits.add(f"{Path(code.co_filename).relative_to(self.root)}:{frame.f_lineno}")
+            return follow if left else None
 
         return follow
 
@@ -182,6 +187,7 @@ class Reach:
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
         """Write down what a test reached."""
         self.hits.clear()
+        self.left.clear()
         sys.settrace(self.enter)  # a test may have taken it away
         begun = sum(os.times()[:4])
         self.failed = False
@@ -228,14 +234,13 @@ def run(tree: Path, *arguments: str, seconds: float, **environment: str) -> int:
         return -1
 
 
-def reach(chosen: list[Mutant], tree: Path, file: Path) -> list[list[Any]]:
+def reach(tree: Path, file: Path) -> list[list[Any]]:
     """Return the tests, what each takes, whether it fails, and which lines of mutants it comes by."""
-    lines: dict[str, set[int]] = {}
-    for mutant in chosen:
-        lines.setdefault(str(mutant.path), set()).update(mutant.lines)
-    asked = json.dumps({name: sorted(each) for name, each in sorted(lines.items())})
-    if not file.exists() or file.read_text().splitlines()[0] != asked:
-        file.write_text(asked + "\n")
+    if not file.exists():
+        lines: dict[str, set[int]] = {}
+        for mutant in (*planted(), *(each for name in PACKAGES for each in every_mutant(name))):
+            lines.setdefault(str(mutant.path), set()).update(mutant.lines)
+        file.write_text(json.dumps({name: sorted(each) for name, each in sorted(lines.items())}) + "\n")
         tests = [f"tests/{name}" for name in FOLDERS]
         options = ("-p", "mutants", "-m", "not slow and not search")
         run(tree, *options, *tests, seconds=7200.0, ARMGPI_REACH=str(file))
@@ -278,17 +283,17 @@ def main() -> None:
     """Run mutants and print those that survive."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--count", type=int, default=60)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=int, nargs="+", default=[0])
     parser.add_argument("--skip", type=int, default=0, help="so many of them, which were run before")
     parser.add_argument("--reach", type=Path, help="where it is kept which tests reach what")
     parser.add_argument("--planted", action="store_true")
     asked = parser.parse_args()
-    chosen = list(planted()) if asked.planted else drawn(asked.count, asked.seed)
+    chosen = list(planted()) if asked.planted else [m for seed in asked.seed for m in draw(asked.count, seed)]
     with tempfile.TemporaryDirectory() as folder:
         tree = Path(folder).resolve() / "tree"
         ignored = shutil.ignore_patterns(".git", ".venv", "build", "__pycache__", ".*_cache")
         shutil.copytree(ROOT, tree, ignore=ignored)
-        rows = reach(chosen, tree, (asked.reach or Path(folder, "reach")).resolve())
+        rows = reach(tree, (asked.reach or Path(folder, "reach")).resolve())
         print("| mutant | kind | change | tests | |\n|---|---|---|---|---|")
         survivors = 0
         for mutant in chosen[asked.skip :]:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import operator
 import sys
 from collections.abc import Callable
 from functools import partial
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -19,6 +18,7 @@ from armgpi.cli.tune import show
 from armgpi.escape import json_data
 
 if TYPE_CHECKING:
+    from armgpi.plants.reality import Reality
     from armgpi.studies.study import Part
 
 
@@ -40,10 +40,7 @@ def zoo(
     report: Path | None = None,
     as_json: bool = False,
     reality: str | None = None,
-    count: Annotated[
-        int,
-        typer.Option(min=1, max=4096, help="Draws of each arm, with --reality."),
-    ] = 16,
+    count: Annotated[int, typer.Option(min=1, max=4096, help="Draws of each arm, with --reality.")] = 16,
     seed: int = 0,
 ) -> None:
     """Run every arm that can be loaded with default gains, empty and loaded, and print one table.
@@ -55,34 +52,51 @@ def zoo(
     armgpi zoo --out zoo
     armgpi zoo ur5 panda --reality geared --count 16
     """  # noqa: D301 (\b keeps the lines apart)
+    from armgpi.health import reality as realities
+    from armgpi.health import zoo as nominal
     from armgpi.robot import robots
     from armgpi.studies.study import Identity, Study, unkept
 
     for name in names or ():
         robots.locate(name)
-    method = _nominal() if reality is None else _draws(reality, seed, count)
+    names = names or list(robots.names())
+    drawn = None if reality is None else _reality(reality, seed)
     part: Part = unkept
     if out is not None:
         asked = {"method": "zoo", "reality": reality, "count": count, "seed": seed}
         part = Study.enter(out, Identity(asked), accept_code=accept_code).part
-    rows, remarks = _run_arms(part, names or list(robots.names()), method)
-    text = "\n\n".join([method.table(rows), *remarks])
+    if drawn is None:
+        rows, remarks = _run_arms(part, names, nominal.Row, nominal.run)
+        table, failed = nominal.markdown(rows), any(row.end.startswith("diverged") for row in rows)
+    else:  # tuned by nobody: lost arms are the result, not a failure
+
+        def run(name: str) -> list[Any]:
+            return realities.outcomes(realities.draws(drawn, name, count), name, {"type": "untuned"})
+
+        rows, remarks = _run_arms(part, names, realities.Outcome, run)
+        by_arm = {arm: list(own) for arm, own in groupby(rows, lambda row: row.arm)}
+        table, failed = realities.markdown({**by_arm, "all": rows}, "robot"), not rows
+    text = "\n\n".join([table, *remarks])
     data = json_data([row._asdict() for row in rows]) if as_json else None
     show("Every arm", text, data, [] if out is None else [files.write(out / "zoo.md", text)], report)
-    if method.failed(rows):
+    if failed:
         sys.exit(FAILED)
 
 
-class _Method(NamedTuple):
-    """What is done with an arm: its rows, how they are read back, their table, and whether they fail."""
+def _reality(name: str, seed: int) -> Reality:
+    """Return a reality by its name."""
+    from armgpi.errors import ParameterError
+    from armgpi.plants.reality import Reality
 
-    run: Callable[[str], list[Any]]
-    kind: Callable[..., Any]
-    table: Callable[[list[Any]], str]
-    failed: Callable[[list[Any]], bool] = operator.not_
+    try:
+        return Reality(name, seed)
+    except ParameterError as error:
+        raise refusal(f"--{'reality' if error.name == 'name' else error.name}", str(error)) from None
 
 
-def _run_arms(part: Part, names: list[str], method: _Method) -> tuple[list[Any], list[str]]:
+def _run_arms(
+    part: Part, names: list[str], kind: Callable[..., Any], run: Callable[[str], list[Any]]
+) -> tuple[list[Any], list[str]]:
     """Return the rows of arms, one after the other, and which arms could not be run."""
     from armgpi.errors import ArmgpiError, BackendError
     from armgpi.studies.study import BadPart, NoRoom, part_name, rows
@@ -91,38 +105,10 @@ def _run_arms(part: Part, names: list[str], method: _Method) -> tuple[list[Any],
     for name in names:
         say(name, err=True)
         try:
-            found += rows(part, part_name(name), method.kind, partial(method.run, name))
+            found += rows(part, part_name(name), kind, partial(run, name))
         except (BackendError, BadPart, NoRoom):  # none can be run or kept
             raise
         except ArmgpiError as error:
             remarks.append(f"{name} was not run: {error}")
             say(remarks[-1], err=True)
     return found, remarks
-
-
-def _nominal() -> _Method:
-    """Return how arms are run as their URDFs have them."""
-    from armgpi.health.zoo import Row, markdown, run
-
-    return _Method(run, Row, markdown, lambda rows: any(row.end.startswith("diverged") for row in rows))
-
-
-def _draws(reality: str, seed: int, count: int) -> _Method:
-    """Return how draws of a reality are run, tuned by nobody: lost arms are its result, not a failure."""
-    from armgpi.errors import ParameterError
-    from armgpi.health.reality import Outcome, draws, markdown, outcomes
-    from armgpi.plants.reality import Reality
-
-    try:
-        drawn = Reality(reality, seed)
-    except ParameterError as error:
-        raise refusal(f"--{'reality' if error.name == 'name' else error.name}", str(error)) from None
-
-    def run(name: str) -> list[Outcome]:
-        return outcomes(draws(drawn, name, count), name, {"type": "untuned"})
-
-    def table(rows: list[Outcome]) -> str:
-        by_arm = {arm: list(own) for arm, own in groupby(rows, lambda row: row.arm)}
-        return markdown({**by_arm, "all": rows}, "robot")
-
-    return _Method(run, Outcome, table)

@@ -66,7 +66,7 @@ def current(name: str) -> str:
 
 def variables(loop: ClosedLoop) -> dict[str, Variable]:
     """Return all declared parameters of a loop by name, with the reason where one cannot be given anew."""
-    found = [*_of_plant(loop.plant), *_of_controller(loop.controller)]
+    found = [*_of_plant(loop.plant), *of_controller(loop.controller)]
     found += _of_reference(loop.reference)
     return {each.name: each for each in found}
 
@@ -226,10 +226,10 @@ def _declared_variables(place: str, part: Parametrised) -> Iterator[Variable]:
         yield _variable(f"{place}.{declared.key or name}", declared, part)
 
 
-def _of_controller(controller: Controller) -> Iterator[Variable]:
+def of_controller(controller: Controller) -> Iterator[Variable]:
     """Yield what may be given anew of a controller, and of its part that may be one of several."""
     if isinstance(controller, Supervised):
-        yield from _of_controller(controller.law)
+        yield from of_controller(controller.law)
         for key, bound in _bounds():
             known = _variable(f"supervisor.{key}", bound, controller.supervisor)
             yield known if bound.per_joint or known.fixed else replace(known, fixed=_CHECK)

@@ -17,7 +17,6 @@ import numpy as np
 import yaml
 
 from armgpi import config
-from armgpi.arrays import Array
 from armgpi.errors import NameNotFound
 from armgpi.escape import markdown_table
 from armgpi.health.reality import describe_knowledge as described
@@ -29,6 +28,7 @@ from armgpi.studies.objective import Objective
 from armgpi.studies.optimise import KEPT, Problem, Search
 from armgpi.studies.space import Range, Space
 from armgpi.studies.study import Identity, Study, part_name
+from armgpi.studies.study import rows as kept_rows
 
 #: Arms of the contest, and what torque variation is allowed [N m]; small arms get a share of it.
 ARMS = ("ur5", "panda", "kinova", "anthropomorphic3")
@@ -167,48 +167,39 @@ def run(
         if law not in CONTENDERS:
             raise NameNotFound("contender", law, CONTENDERS)
     return [
-        _entry(study, arm, law, seed, setting, told)
+        entry
         for seed in range(setting.seeds)
         for arm in arms
         for law in laws
+        for entry in _entries(study, arm, law, seed, setting, told)
     ]
 
 
-def _entry(
+def _entries(
     study: Study, arm: str, law: str, seed: int, setting: Setting, told: Callable[[str], None]
-) -> Entry:
-    """Return one entry, read from the folder where it is there."""
+) -> list[Entry]:
+    """Return the entry of a search, read from the folder where it is there."""
     name = part_name(arm, law, seed)
 
-    def run() -> Array:
+    def run() -> list[Entry]:
         search = Search(problem(arm, law, seed, setting))
         search.run(part=lambda generation, *rest: study.part(f"{name}/{generation}", *rest))
-        return _table(search)
-
-    known = study.has(name)
-    table = study.part(name, (1 + len(BUDGETS), None), run)
-    chosen = {
-        budget: {"held_out": row[0], "variation": row[1], "fit": row[2], "values": row[3:]}
-        for budget, row in zip(budgets_of(arm), table[1:].tolist(), strict=True)
-        if not math.isnan(row[0])
-    }
-    if not known:
+        given = search.judge_start()
+        untuned = [given.objective, given.means["total_variation"]] if given.sound else None
+        chosen = {
+            f"{each.budget:g}": {
+                "held_out": each.held_out.objective,
+                "variation": each.held_out.means["total_variation"],
+                "fit": each.row.objective,
+                "values": search.problem.space.values(each.row.x).tolist(),
+            }
+            for each in search.validate()
+        }
         best = (f"{each['held_out']:.3g}" for each in chosen.values())
         told(f"{arm}, {law}, seed {seed}: {' / '.join(best) or 'nothing holds'}")
-    untuned = None if math.isnan(table[0, 0]) else table[0, :2].tolist()
-    return Entry(arm, law, described(CONTENDERS[law].section), seed, untuned, chosen)
+        return [Entry(arm, law, described(CONTENDERS[law].section), seed, untuned, chosen)]
 
-
-def _table(search: Search) -> Array:
-    """Return what a search found: a row of its start, and one for each budget."""
-    table = np.full((1 + len(BUDGETS), 3 + search.problem.width), np.nan)
-    if (given := search.judge_start()).sound:
-        table[0, :2] = given.objective, given.means["total_variation"]
-    for each in search.validate():
-        row, held = 1 + search.problem.budgets.index(each.budget), each.held_out
-        values = search.problem.space.values(each.row.x)
-        table[row] = [held.objective, held.means["total_variation"], each.row.objective, *values]
-    return table
+    return kept_rows(study.part, name, Entry, run)
 
 
 def problem(arm: str, law: str, seed: int, setting: Setting) -> Problem:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,7 +14,7 @@ import yaml
 from armgpi import files
 from armgpi.config import experiment as experiments
 from armgpi.errors import RolloutError
-from armgpi.escape import markdown_table
+from armgpi.escape import csv_table, markdown_table
 from armgpi.loop import metrics
 from armgpi.studies.optimise import Row, Search, Validated
 from armgpi.studies.setup import Wanted, best_file
@@ -51,27 +49,15 @@ def finish(
     contents: dict[str, str | bytes] = {
         "front.csv": front_table(search, found),
         "gains.csv": gains_table(search, found),
-        "convergence.csv": convergence_table(search),
         "evaluations.csv": evaluations_table(search),
         "report.md": report(search, found, given),
     }
     for each in found:
-        name = "best.yaml" if math.isinf(each.budget) else f"best-{each.budget:g}.yaml"
-        loaded = best_file(wanted, each.row.x)
-        text, copied = experiments.portable(loaded.config)
-        contents |= {name: text, **copied}
-    if found and not math.isinf(found[0].budget):  # the one in the middle of the front
-        contents["best.yaml"] = contents[f"best-{found[len(found) // 2].budget:g}.yaml"]
+        text, copied = experiments.portable(best_file(wanted, each.row.x).config)
+        contents |= {f"{_column(each.budget)}.yaml": text, **copied}
+    if found:  # the one in the middle of the front
+        contents["best.yaml"] = contents[f"{_column(found[len(found) // 2].budget)}.yaml"]
     return [files.write(folder / name, content) for name, content in contents.items()]
-
-
-def _csv(rows: Sequence[Sequence[Any]]) -> str:
-    """Return rows as CSV, numbers exact."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(
-        [repr(cell) if isinstance(cell, float) else cell for cell in row] for row in rows
-    )
-    return text.getvalue()
 
 
 def front(search: Search) -> list[Row]:
@@ -89,58 +75,44 @@ def front_table(search: Search, found: Sequence[Validated]) -> str:
     problem, against = search.problem, search.problem.against
     held = {each.row.x.tobytes(): each.held_out for each in found}
     head = ["objective", against, "held_out_objective", f"held_out_{against}", *problem.space.names]
-    rows: list[list[Any]] = [head]
+    rows: list[list[Any]] = []
     every = {row.x.tobytes(): row for row in (*front(search), *(each.row for each in found))}
     for row in sorted(every.values(), key=lambda row: row.means[against]):
         other = held.get(row.x.tobytes())
         seen = ["", ""] if other is None else [other.objective, other.means[against]]
-        values = [float(value) for value in problem.space.values(row.x)]
-        rows.append([row.objective, row.means[against], *seen, *values])
-    return _csv(rows)
+        rows.append([row.objective, row.means[against], *seen, *problem.space.values(row.x).tolist()])
+    return csv_table(head, rows)
 
 
 def gains_table(search: Search, found: Sequence[Validated]) -> str:
     """Return what was searched, number by number and joint by joint, against what it was before."""
     space = search.problem.space
-    budgets = ["best" if math.isinf(each.budget) else f"best_{each.budget:g}" for each in found]
-    rows: list[list[Any]] = [["number", "joint", "default", *budgets, "low", "high"]]
+    head = ["number", "joint", "default", *(_column(each.budget) for each in found), "low", "high"]
     starts = [each.start for each in space.dimensions]
-    columns: list[Any] = [starts, *(space.values(each.row.x) for each in found)]
-    for place, each in enumerate(space.dimensions):
+    columns = np.transpose([starts, *(space.values(each.row.x) for each in found)]).tolist()
+    rows = []
+    for each, values in zip(space.dimensions, columns, strict=True):
         joint = "all" if each.joint is None else space.joints[each.joint]
-        rows.append(
-            [
-                each.name,
-                joint,
-                *(float(column[place]) for column in columns),
-                float(each.low),
-                float(each.high),
-            ]
-        )
-    return _csv(rows)
+        rows.append([each.name, joint, *values, float(each.low), float(each.high)])
+    return csv_table(head, rows)
+
+
+def _column(budget: float) -> str:
+    """Return what the best of a budget is called in tables and file names."""
+    return "best" if math.isinf(budget) else f"best-{budget:g}"
 
 
 def evaluations_table(search: Search) -> str:
-    """Return every candidate as CSV."""
+    """Return every candidate as CSV, with the best objective so far for every budget."""
     names, space = search.problem.names, search.problem.space
-    head = ["generation", "search", "objective", "failed", "violation"]
-    rows: list[list[Any]] = [[*head, *names, *space.names, *(f"x {name}" for name in space.names)]]
-    for row in search.rows:
+    best = map(_column, search.problem.budgets)
+    head = ["generation", "search", "objective", "failed", "violation", *names, *space.names]
+    rows = []
+    for row, so_far in zip(search.rows, convergence(search).T, strict=True):
         numbers = (row.objective, row.failed, row.violation, *(row.means[name] for name in names))
-        values = (*numbers, *space.values(row.x), *row.x)
+        values = (*numbers, *space.values(row.x), *row.x, *so_far)
         rows.append([row.generation, row.search, *map(float, values)])
-    return _csv(rows)
-
-
-def convergence_table(search: Search) -> str:
-    """Return the best objective after each candidate, for every budget."""
-    budgets = search.problem.budgets
-    best = convergence(search)
-    heads = ["best" if math.isinf(budget) else f"best_{budget:g}" for budget in budgets]
-    rows: list[list[Any]] = [["evaluation", "generation", *heads]]
-    for index, row in enumerate(search.rows):
-        rows.append([index + 1, row.generation, *(float(value) for value in best[:, index])])
-    return _csv(rows)
+    return csv_table([*head, *(f"x {name}" for name in space.names), *best], rows)
 
 
 def convergence(search: Search) -> Any:

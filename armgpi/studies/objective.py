@@ -169,10 +169,6 @@ class Judged(NamedTuple):
         return np.asarray(np.where(bad, 1e12 * (1.0 + broken), np.where(bad, 0.0, self.objective)))
 
 
-#: How an objective is taken over scenarios.
-OVER = ("mean", "median", "worst", "cvar")
-
-
 class Objective:
     """An expression over scenarios, with constraints.
 
@@ -191,12 +187,8 @@ class Objective:
 
         Raises:
             NameNotFound: when one names what is no metric.
-            ParameterError: when one is none, or `over` or `share` is not as it should be.
+            ParameterError: when one is none.
         """
-        if over not in OVER:
-            raise ParameterError("over", over, f"one of {', '.join(OVER)}")
-        if not 0.0 < share <= 1.0:
-            raise ParameterError("share", share, "in (0, 1]")
         self.expression, self.over, self.share = Expression(text), over, share
         self.constraints = [Constraint(each) for each in constraints]
         parts = [self.expression.names, *(each.names for each in self.constraints)]

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.errors import MissingPackage, ParameterError
+from armgpi.errors import MissingPackage
 
 #: First step size, as a share of the range.
 _STEP = 0.25
@@ -179,9 +179,6 @@ def make(method: str, start: Array, seed: int, population: int | None = None) ->
     """Return an optimiser by its name.
 
     Raises:
-        ParameterError: when there is none of that name.
         MissingPackage: when its library is not installed.
     """
-    if method not in METHODS:
-        raise ParameterError("method", method, f"one of {', '.join(METHODS)}")
     return METHODS[method](start, seed, population)

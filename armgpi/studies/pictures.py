@@ -44,9 +44,8 @@ def _convergence(axes: Axes, search: Search) -> None:
         shown = np.where(np.isfinite(best), best, np.nan)
         axes.plot(np.arange(1, len(best) + 1), shown, color=style.look(index).color, label=_name(budget))
     _log(axes.set_yscale, [row.objective for row in search.rows])
-    axes.set_xlabel("candidate")
-    axes.set_ylabel(plots.text(search.problem.objective.expression.text))
-    axes.set_title("convergence")
+    name = plots.text(search.problem.objective.expression.text)
+    axes.set(xlabel="candidate", ylabel=name, title="convergence")
     if len(search.problem.budgets) > 1:
         axes.legend(fontsize="x-small")
 
@@ -70,9 +69,8 @@ def _front(axes: Axes, search: Search, found: Sequence[Validated], given: Row) -
     shown = [*rows, *held]
     _log(axes.set_xscale, [row.means[against] for row in shown])
     _log(axes.set_yscale, [row.objective for row in shown])
-    axes.set_xlabel(plots.text(against))
-    axes.set_ylabel(plots.text(search.problem.objective.expression.text))
-    axes.set_title("front")
+    name = plots.text(search.problem.objective.expression.text)
+    axes.set(xlabel=plots.text(against), ylabel=name, title="front")
     axes.legend(fontsize="x-small")
 
 
@@ -86,10 +84,9 @@ def _gains(axes: Axes, search: Search, found: Sequence[Validated]) -> None:
             each.row.x, places, marker="D", s=24, color=style.look(index).color, label=_name(each.budget)
         )
     axes.set_yticks(places, [plots.text(name) for name in space.names])
-    axes.set_xlim(-0.03, 1.03)
     axes.set_xticks([0.0, 1.0], ["low", "high"])
     axes.invert_yaxis()
-    axes.set_title("numbers in their ranges")
+    axes.set(xlim=(-0.03, 1.03), title="numbers in their ranges")
     axes.legend(fontsize="x-small")
 
 
@@ -114,34 +111,24 @@ def contest_picture(entries: Sequence[Entry]) -> bytes:
         panels = figure.subplots(len(arms), len(groups), squeeze=False)
         for row, arm in enumerate(arms):
             values = medians(entries, arm)
-            for column, (group, laws) in enumerate(groups.items()):
-                axes, known = panels[row, column], group.rpartition(", ")[2]
+            for axes, (group, laws) in zip(panels[row], groups.items(), strict=True):
                 for index, law in enumerate(laws):
                     if law not in values:
                         continue
-                    spent = [float(budget) for budget in values[law]]
                     error = [x if math.isfinite(x) else math.nan for x in values[law].values()]
                     color, dashes = style.look(index)
-                    own = CONTENDERS[law].gpi
+                    looks: Any = {"linestyle": (0, (4, 1.5)), "marker": "x"}
+                    if CONTENDERS[law].gpi:
+                        looks = {"linestyle": dashes, "marker": "o"}
                     axes.plot(
-                        spent,
-                        error,
-                        color=color,
-                        linestyle=dashes if own else (0, (4, 1.5)),
-                        marker="o" if own else "x",
-                        markersize=3.5,
-                        linewidth=1.1,
-                        label=law,
+                        [*map(float, values[law])], error, color=color, label=law, markersize=3.5, **looks
                     )
-                axes.set_xscale("log")
-                axes.set_yscale("log")
-                axes.set_title(plots.text(f"{arm}, {known}"), fontsize="small")
-                axes.set_xlabel("torque variation up to [N m]")
-                if column == 0:
-                    axes.set_ylabel("ITAE, held out [rad s²]")
+                axes.set(xscale="log", yscale="log", xlabel="torque variation up to [N m]")
+                axes.set_title(plots.text(f"{arm}, {group.rpartition(', ')[2]}"), fontsize="small")
                 ticks = [float(budget) for budget in next(iter(values.values()))]
                 axes.set_xticks(ticks, [f"{tick:.3g}" for tick in ticks])
                 axes.minorticks_off()
                 if row == 0:
                     axes.legend(fontsize=6.5, loc="upper left", bbox_to_anchor=(1.01, 1.0))
+            panels[row, 0].set_ylabel("ITAE, held out [rad s²]")
     return png(figure)

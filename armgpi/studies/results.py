@@ -81,9 +81,9 @@ def _declare(file: Any, part: xr.Dataset, rollouts: int) -> None:
         if name == "joint":
             file.create_variable(name, x.dims, h5py.string_dtype(), data=x.values.astype(object))
             continue
-        packed = {"compression": "gzip", "compression_opts": 1} if x.dtype.kind == "f" else {}
-        fill = {"fillvalue": np.nan} if x.dtype.kind == "f" else {}
-        file.create_variable(name, x.dims, x.dtype, chunks=x.shape, **packed, **fill).attrs.update(x.attrs)
+        real = {"compression": "gzip", "compression_opts": 1, "fillvalue": np.nan}
+        how = real if x.dtype.kind == "f" else {}
+        file.create_variable(name, x.dims, x.dtype, chunks=x.shape, **how).attrs.update(x.attrs)
 
 
 def _dataset(sweep: Sweep, table: Array, places: Any) -> xr.Dataset:

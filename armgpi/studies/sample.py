@@ -49,14 +49,8 @@ _KEPT_AS_IT_IS, _MOST_LOOPS = ("seed", "record_every"), 32
 EXPERIMENT, CHUNKS = "experiment.yaml", "chunks"
 #: What is told of a draw of a reality.
 _DRAWN = (
-    "sample_time",
-    "delay",
-    "encoder_bits",
-    "payload",
-    "inertia_scale",
-    "rotor_inertia",
-    "coulomb",
-    "step",
+    *("sample_time", "delay", "encoder_bits", "payload"),
+    *("inertia_scale", "rotor_inertia", "coulomb", "step"),
 )
 
 

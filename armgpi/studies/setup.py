@@ -27,8 +27,6 @@ from armgpi.studies.study import Identity, identify
 
 #: Held-out draws begin so many draws after those that are searched on.
 _APART = 1 << 20
-#: Which key of the section each argument of what is made from it is.
-_ARGUMENTS = ("objective", "constraints", "over", "share", "against", "free")
 
 
 class Wanted(NamedTuple):
@@ -117,10 +115,7 @@ def _problem(
     try:
         free = None
         if tune.free is not None:
-            free = {
-                key: Range() if each is None else Range(each.low, each.high, each.per_joint)
-                for key, each in tune.free.items()
-            }
+            free = {key: Range(**({} if each is None else each.plain())) for key, each in tune.free.items()}
         space = Space(section, experiment.controllers[label], free)
         objective = Objective(tune.objective, tune.over, tune.share, tune.constraints)
         if tune.against not in known_names():

@@ -10,10 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.config.schema import KINDS, Kind
+from armgpi.config.schema import KINDS
 from armgpi.control.controller import Controller
 from armgpi.errors import NameNotFound, ParameterError
-from armgpi.parameter import Parameter, parameters
+from armgpi.loop.variables import Variable, of_controller
+from armgpi.parameter import Parameter
+from armgpi.robot.changes import CHANGES
 from armgpi.studies.evaluation import with_keys
 
 #: Searched where nothing is said only while the key that each is for is not zero, or asked for by name alone.
@@ -110,8 +112,8 @@ class Space:
         """
         self.section = copy.deepcopy(dict(section))
         kind = KINDS[section["type"]]
-        known = numbers(kind)
-        chosen = {key: Range() for key in _default(known, section)} if free is None else dict(free)
+        known = numbers(made)
+        chosen = dict.fromkeys(_default(known, section), Range()) if free is None else dict(free)
         chosen = {key.removeprefix("controller."): searched for key, searched in chosen.items()}
         if not chosen:
             raise ParameterError("free", list(chosen), f"some of {', '.join(known)}")
@@ -120,10 +122,10 @@ class Space:
             if key not in known:
                 remedy = _ELSE if key.split(".")[0] in _DRAWN else _FORM if key in kind.parameters else ""
                 raise NameNotFound("number to search", key, () if remedy else tuple(known), remedy)
-            value = _now(key, known[key], kind, made)
-            low, high = _ends(key, known[key], searched, value)
-            begin = _begin(known[key], value, low, high, made)
-            self.dimensions += _dimensions(key, known[key], begin, low, high, searched)
+            declared, value = known[key].declared, known[key].value
+            low, high = _ends(key, declared, searched, value)
+            begin = _begin(declared, value, low, high, made)
+            self.dimensions += _dimensions(key, declared, begin, low, high, searched)
         self.joints = made.robot.joint_names
         self.names = [
             each.name if each.joint is None else f"{each.name} {self.joints[each.joint]}"
@@ -155,26 +157,18 @@ class Space:
         return with_keys(self.section, self.keys(x))
 
 
-def numbers(kind: Kind) -> dict[str, Parameter]:
-    """Return what can be searched of a controller: key -> parameter; those of groups have a dot."""
-    found: dict[str, Parameter] = {}
-    for name, each in kind.parameters.items():
-        key = each.key or name
-        if each.kind == "group" and each.group is not None:
-            inside = parameters(each.group).items()
-            found |= {f"{key}.{x.key or part}": x for part, x in inside if x.kind == "table" and x.search}
-        elif each.varies and each.kind in ("number", "box"):
-            found[key] = each
-    return found
+def numbers(made: Controller) -> dict[str, Variable]:
+    """Return what can be searched of a controller, by its keys in a file: those of groups have a dot."""
+    found = (each for each in of_controller(made) if each.declared.kind in ("number", "box", "table"))
+    own = {each.name.removeprefix("controller."): each for each in found if not each.fixed}
+    return {key: each for key, each in own.items() if each.declared.in_file and key not in CHANGES}
 
 
-def _default(known: Mapping[str, Parameter], section: Mapping[str, Any]) -> list[str]:
+def _default(known: Mapping[str, Variable], section: Mapping[str, Any]) -> list[str]:
     """Return the keys that are free when nothing is said."""
-    return [
-        key
-        for key, each in known.items()
-        if each.kind != "table" and each.search and (key not in _NEEDS or section.get(_NEEDS[key]))
-    ]
+    declared = {key: each.declared for key, each in known.items() if each.declared.kind != "table"}
+    needs = (key for key, each in declared.items() if each.search)
+    return [key for key in needs if key not in _NEEDS or section.get(_NEEDS[key])]
 
 
 def _ends(key: str, declared: Parameter, searched: Range, value: Any) -> tuple[float, float]:
@@ -197,34 +191,16 @@ def _ends(key: str, declared: Parameter, searched: Range, value: Any) -> tuple[f
     return low, high
 
 
-def _now(key: str, declared: Parameter, kind: Kind, made: Any) -> Any:
-    """Return the value that a controller has; None for none."""
-    holder: Any = made
-    if kind.variant is not None and key.split(".")[0] in _keys(kind.variant):
-        holder = getattr(made, kind.part)
-    for group in key.split(".")[:-1]:
-        holder = getattr(holder, group)
-    value = getattr(holder, declared.name, None) if holder is not None else None
-    if value is None and declared.kind == "table":
-        return np.zeros((made.robot.n, getattr(made, kind.part).size))
-    return value
-
-
 def _begin(declared: Parameter, value: Any, low: float, high: float, made: Any) -> Any:
     """Return the value to begin with: an array over the joints, a box of two, or a table."""
     n = made.robot.n
     if declared.kind == "table":
-        return value
+        return np.zeros((n, made.gains.size)) if value is None else value
     if declared.kind == "box":
         return value if value is not None else (np.full(n, 30.0), np.full(n, 30.0))
     if value is None:  # as another one is: begin in the middle
         value = math.sqrt(low * high) if declared.log else 0.5 * (low + high)
     return np.broadcast_to(np.asarray(value, dtype=np.float64), (n,) if declared.per_joint else ())
-
-
-def _keys(owner: type) -> set[str]:
-    """Return the keys of a class."""
-    return {each.key or name for name, each in parameters(owner).items()}
 
 
 def _dimensions(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import json
 import os
@@ -1040,29 +1039,6 @@ def test_reproduce_writes_tables_and_figures(tmp_path: Path) -> None:
     rows = list(csv.DictReader((tmp_path / "out" / "statuses.csv").read_text(encoding="utf-8").splitlines()))
     assert {row["table"] for row in rows} == {"2", "3", "4"}
     assert {row["status"] for row in rows} <= {"better", "same order", "worse", "diverged", "not stated"}
-
-
-@pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="processes are found in /proc")
-def test_workers_end_with_a_reproduction_that_is_killed(tmp_path: Path) -> None:
-    mark = str(tmp_path)
-
-    def alive() -> int:
-        count = 0
-        for file in Path("/proc").glob("[0-9]*/environ"):
-            with contextlib.suppress(OSError):
-                count += mark.encode() in file.read_bytes()
-        return count
-
-    whole = [sys.executable, "-m", "armgpi", "reproduce", "--quick", "--out", str(tmp_path / "out")]
-    with subprocess.Popen(whole, env={**os.environ, "MARK": mark}, stdout=subprocess.DEVNULL) as run:
-        while alive() < 3:  # it, a tracker of resources, and a worker
-            assert run.poll() is None
-            time.sleep(0.1)
-        run.kill()
-    begun = time.monotonic()
-    while alive():
-        assert time.monotonic() < begun + 60.0
-        time.sleep(0.1)
 
 
 def test_reproduce_says_that_it_cannot_write(cli: Callable[..., Answer], tmp_path: Path) -> None:

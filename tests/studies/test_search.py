@@ -96,7 +96,7 @@ def test_what_cannot_be_searched_is_named(free: Any, error: type[Exception], nam
 def test_what_has_no_effect_is_not_free_by_default() -> None:
     assert "rolloff_ratio" not in space({"type": "gpi"}).names
     assert "rolloff_ratio" in space({"type": "gpi", "rolloff": 1}).names
-    assert "second_ratio" in numbers(KINDS["gpi"])
+    assert "second_ratio" in numbers(config.controller({"type": "gpi"}, DRAWS[0].context))
 
 
 # What is wanted.

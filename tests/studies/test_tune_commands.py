@@ -8,10 +8,8 @@ import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
 import yaml
 from commands import Answer
@@ -204,16 +202,17 @@ def test_a_contest_is_the_same_search_for_all(
     # What is there is not run again.
     monkeypatch.setattr(Search, "run", None)
     assert cli("contend", "anthropomorphic3", "--quick", "--out", tmp_path, *laws).out == answer.out
+    told = cli("contend", "anthropomorphic3", "--quick", "--out", tmp_path, *laws, "--json").out
+    (own,) = (each for each in json.loads(told) if each["law"] == "GPI, roll-off")
+    wanted = contend.problem("anthropomorphic3", "GPI, roll-off", 0, contend.QUICK)
+    assert own["budgets"]
+    for budget, best in own["budgets"].items():
+        keys = [wanted.space.keys_of(best["values"])]
+        fit, held_out = (runs(wanted.space.section, keys).values for runs in (wanted.search, wanted.held_out))
+        assert best["fit"] == pytest.approx(fit["itae"].mean(), rel=1e-3)
+        assert best["held_out"] == pytest.approx(held_out["itae"].mean(), rel=1e-3)
+        assert best["variation"] == pytest.approx(held_out["total_variation"].mean(), rel=1e-3)
+        assert fit["total_variation"].mean() <= float(budget)
     assert cli("contend", "anthropomorphic3", "--out", tmp_path, *laws).code == 2
     for bad in (["--law", "magic"], ["--evaluations", "1"], ["--seeds", "0"], ["nobody"]):
         assert cli("contend", *bad, "--out", tmp_path / "other").code == 2
-
-
-def test_an_entry_of_a_contest_is_what_its_table_has() -> None:
-    table = np.full((1 + len(contend.BUDGETS), 5), np.nan)
-    table[0, :2], table[2] = (7.0, 8.0), (1.0, 2.0, 3.0, 4.0, 5.0)
-    kept: Any = SimpleNamespace(has=lambda name: True, part=lambda *_: table)
-    found = contend._entry(kept, "anthropomorphic3", "GPI, printed law", 0, contend.QUICK, print)
-    assert found.untuned == [7.0, 8.0]
-    values = {"held_out": 1.0, "variation": 2.0, "fit": 3.0, "values": [4.0, 5.0]}
-    assert found.budgets == {contend.budgets_of("anthropomorphic3")[1]: values}

@@ -6,25 +6,17 @@
 from __future__ import annotations
 
 import math
-import multiprocessing
-import os
 from collections.abc import Callable
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from multiprocessing.process import BaseProcess
 from pathlib import Path
-from threading import Thread
 from typing import NamedTuple
 
 import xarray as xr
 
 from armgpi.config.experiment import prepare
-from armgpi.errors import BackendError
 from armgpi.files import write_set
 from armgpi.paper import published
 from armgpi.paper.reproduction import figures, runs, tables
 from armgpi.paper.reproduction.tables import Sheet
-from armgpi.robot.dynamics import cores
 
 __all__ = ["Reproduction", "reproduce"]
 
@@ -63,7 +55,6 @@ class Reproduction(NamedTuple):
 def reproduce(
     folder: Path,
     quick: bool = False,
-    workers: int | None = None,
     done: Callable[[str], None] = lambda name: None,
     backend: str = "auto",
 ) -> Reproduction:
@@ -73,36 +64,22 @@ def reproduce(
         folder: where to, made if needed.
         quick: a sample time of 1e-3 s in place of the paper's 1e-4 s, lower bandwidths for it; no
             sensitivity, no ablation, no sweep of the literal law, and PNG figures alone.
-        workers: processes; as many as there are cores when not given.
         done: called with the name of each batch when it is done.
         backend: as for :func:`armgpi.simulate`.
 
     Raises:
         RolloutError: when the folder or a file cannot be written.
-        BackendError: when a process was killed.
     """
     prepare(folder)
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(
-        workers or cores(), mp_context=context, initializer=_prepare_worker, initargs=(backend,)
-    ) as pool:
-        try:
-            found = _run_all(runs.QUICK if quick else runs.FULL, quick, pool, done)
-            sources = figures.Sources.of(found.ideal_gpi, found.ideal_pid, found.ablation)
-            endings = ("png",) if quick else ("png", "svg")
-            names = figures.names(sources)
-            drawn = [pool.submit(figures.write, name, sources, folder, endings) for name in names]
-            sheets, words = _sheets(found)
-            pictures = [file for job in drawn for file in job.result()]
-            files = [*_write(folder, sheets, words, pictures), *pictures]
-        except BaseException as error:  # Ctrl-C above all: nobody waits for what nobody will see
-            pool.shutdown(wait=False, cancel_futures=True)
-            for child in multiprocessing.active_children():
-                child.terminate()
-            if isinstance(error, BrokenProcessPool):
-                said = "one of its processes was killed, perhaps for want of memory; run it again"
-                raise BackendError(f"{folder}: no reproduction: {said}") from None
-            raise
+    runs.choose(backend)
+    found = _run_all(runs.QUICK if quick else runs.FULL, quick, done)
+    sources = figures.Sources.of(found.ideal_gpi, found.ideal_pid, found.ablation)
+    sheets, words = _sheets(found)
+    endings = ("png",) if quick else ("png", "svg")
+    pictures = [
+        file for name in figures.names(sources) for file in figures.write(name, sources, folder, endings)
+    ]
+    files = [*_write(folder, sheets, words, pictures), *pictures]
     contenders = {
         "PID + inversion": runs.select(found.ideal_pid, runs.NEAR_PID, 1.0),
         "GPI + networks": runs.select(found.ideal_gpi, runs.NETWORK, 1.0),
@@ -126,45 +103,32 @@ class _Found(NamedTuple):
     sweep: dict[str, xr.Dataset]
 
 
-def _run_all(setting: runs.Setting, quick: bool, pool: Executor, done: Callable[[str], None]) -> _Found:
-    """Run the batches, several at a time."""
+def _run_all(setting: runs.Setting, quick: bool, done: Callable[[str], None]) -> _Found:
+    """Run the batches, one after the other."""
 
-    def submit(name: str, job: Callable[..., xr.Dataset], *arguments: object) -> Future[xr.Dataset]:
-        def on_end(future: Future[xr.Dataset]) -> None:
-            if not future.cancelled() and future.exception() is None:
-                done(name)
+    def run(name: str, job: Callable[..., xr.Dataset], *arguments: object) -> xr.Dataset:
+        found = job(*arguments)
+        done(name)
+        return found
 
-        future = pool.submit(job, *arguments)
-        future.add_done_callback(on_end)
-        return future
-
-    # The longest first, and what the tuned PID waits for: its torque budget and its candidates.
-    ideal_gpi = submit("GPI, ideal sensors", runs.ideal_gpi, setting)
-    real_gpi = submit("GPI, real sensors", runs.real_gpi, setting)
+    ideal_gpi = run("GPI, ideal sensors", runs.ideal_gpi, setting)
+    real_gpi = run("GPI, real sensors", runs.real_gpi, setting)
     tuned = runs.Poles(setting.candidates[0][0], setting.candidates[1][0])
     if not quick:
-        candidates = submit("PID + inversion, candidates", runs.candidates, setting)
-        tuned = runs.best_candidate(candidates.result(), real_gpi.result())
-    real_pid = submit("PID + inversion, real sensors", runs.real_pid, tuned)
-    ideal_pid = submit("PID + inversion, ideal sensors", runs.ideal_pid, setting)
-    ideal_literal = submit("as printed, ideal sensors", runs.ideal_literal, setting)
-    real_literal = submit("as printed, real sensors", runs.real_literal)
-    sensitivity = None if quick else submit("sensitivity", runs.sensitivity)
-    ablation = None if quick else submit("ablation", runs.ablation)
+        tuned = runs.best_candidate(run("PID + inversion, candidates", runs.candidates, setting), real_gpi)
     realisations = () if quick else ("paper", "bumpless")
-    sweep = {name: submit(f"literal law, {name}", runs.sweep, name) for name in realisations}
     return _Found(
         setting,
         tuned,
-        ideal_gpi.result(),
-        ideal_literal.result(),
-        ideal_pid.result(),
-        real_gpi.result(),
-        real_literal.result(),
-        real_pid.result(),
-        sensitivity.result() if sensitivity else None,
-        ablation.result() if ablation else None,
-        {name: future.result() for name, future in sweep.items()},
+        ideal_gpi,
+        run("as printed, ideal sensors", runs.ideal_literal, setting),
+        run("PID + inversion, ideal sensors", runs.ideal_pid, setting),
+        real_gpi,
+        run("as printed, real sensors", runs.real_literal),
+        run("PID + inversion, real sensors", runs.real_pid, tuned),
+        None if quick else run("sensitivity", runs.sensitivity),
+        None if quick else run("ablation", runs.ablation),
+        {name: run(f"literal law, {name}", runs.sweep, name) for name in realisations},
     )
 
 
@@ -212,20 +176,3 @@ def _write(folder: Path, sheets: list[Sheet], words: str, pictures: list[Path]) 
         texts[f"{sheet.name}.csv"] = sheet.csv()
         texts[f"{sheet.name}.tex"] = sheet.latex()
     return write_set(folder, texts, [path.name for path in pictures])
-
-
-def _prepare_worker(backend: str) -> None:
-    """Keep a worker to its own core, let the parent alone answer Ctrl-C, and choose the backend."""
-    import signal
-
-    runs.choose(backend)
-    os.environ["OMP_NUM_THREADS"] = "1"
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    Thread(target=_end_with, args=(multiprocessing.parent_process(),), daemon=True).start()
-
-
-def _end_with(parent: BaseProcess | None) -> None:
-    """End this worker when its parent has ended: one that was killed cannot tell."""
-    if parent is not None:
-        parent.join()
-        os._exit(1)
