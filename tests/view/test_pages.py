@@ -112,7 +112,11 @@ def test_links_are_where_pinocchio_puts_them(case: str, chromium: browsers.Brows
 
 def picture(shown: browsers.Page) -> np.ndarray:
     """The scene as pixels."""
-    uri = shown.eval("armgpi.scene.picture()")
+    return pixels(shown.eval("armgpi.scene.picture()"))
+
+
+def pixels(uri: str) -> np.ndarray:
+    """A picture as pixels."""
     image = Image.open(io.BytesIO(base64.b64decode(uri.partition(",")[2]))).convert("RGB")
     return np.asarray(image, dtype=int)
 
@@ -136,6 +140,25 @@ def test_the_arm_is_in_sight_whatever_its_size(
     assert 0.3 * height < rows.max() - rows.min() < height - 2 or columns.max() - columns.min() > 0.3 * width
     inside = rows.min() > 0, rows.max() < height - 1, columns.min() > 0, columns.max() < width - 1
     assert all(inside)
+
+
+#: Two frames that come late, and then the picture.
+LATE = """() => {
+    const { scene } = armgpi, begin = performance.now();
+    scene.viewer.render();
+    while (performance.now() < begin + 200);
+    scene.viewer.render();
+    return [scene.coarse, scene.picture()];
+}"""
+
+
+def test_a_picture_is_fine_where_frames_come_late(chromium: browsers.Browser, tmp_path: Path) -> None:
+    shown = opened(chromium, meshcat.rollout_page(moving(ARM), ARM), tmp_path)
+    shown.eval("armgpi.player.play(false)")
+    size = picture(shown).shape
+    coarse, uri = shown.eval(f"({LATE})()")
+    assert coarse
+    assert pixels(uri).shape == size
 
 
 #: How far from the middle of the picture a corner of a body is at a time; 1 is at the picture's edge.

@@ -145,7 +145,7 @@ const Armgpi = (() => {
 
     /** While things move and the machine is too slow for it, draw the arm coarsely: 30 frames a second. */
     keep_pace(pane) {
-      const render = this.viewer.render.bind(this.viewer);
+      this.render = this.viewer.render.bind(this.viewer);
       let last = -1e9, pace = 16, timer = null;
       this.slow = false;
       this.coarse = false;
@@ -165,17 +165,17 @@ const Armgpi = (() => {
           timer = setTimeout(() => { last = -1e9; this.set_coarse(false, pane); }, 700);
         }
         this.frames_drawn++;
-        render();
+        this.render();
       };
     }
 
     /** Return the scene as a picture, drawn finely on any machine. */
     picture() {
-      const slow = this.slow;
-      this.slow = false;
       if (this.coarse) this.set_coarse(false, this.viewer.dom_element);
+      const paced = this.viewer.render;
+      this.viewer.render = this.render;
       const uri = this.viewer.capture_image();
-      this.slow = slow;
+      this.viewer.render = paced;
       return uri;
     }
 
