@@ -182,7 +182,9 @@ def test_a_dry_run_tells_what_is_wrong_with_positions(folder: Folder, change: An
     assert finding.joint not in verdict.passed[question]
 
 
-def test_a_mounting_is_tested_where_a_tilted_base_would_show(folder: Folder) -> None:
+def test_a_mounting_is_tested_where_a_tilted_base_would_show(
+    folder: Folder, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path, outcome = recorded(folder, folder.stages[0])
     robot, rows = folder.experiment(folder.stages[0]).robot, outcome.log.rows.copy()
     tilts = [(a * np.sin(np.radians(20.0)), b * np.sin(np.radians(20.0))) for a, b in ((1, 0), (0, 1))]
@@ -197,6 +199,12 @@ def test_a_mounting_is_tested_where_a_tilted_base_would_show(folder: Folder) -> 
     verdict = found(robot)
     assert verdict.passed["weight"] == folder.stages[0].joints
     assert bool(verdict.passed["mounting"]) == all(shown)
+    # Where that weight is wrong in one joint, the mounting holds for none.
+    monkeypatch.setattr("armgpi.hardware.realtime.judge._tells_mounting", lambda *_: True)
+    assert found(robot).passed["mounting"] == folder.stages[0].joints
+    upside_down = found(robot.with_gravity((0.0, 0.0, 9.81)))
+    assert upside_down.findings
+    assert not upside_down.passed["mounting"]
 
 
 def test_a_log_is_identified_from_memory_as_from_its_file(folder: Folder) -> None:

@@ -257,7 +257,8 @@ def _of_weight(seen: _Seen, robot: Any, tested: dict[str, tuple[str, ...]]) -> I
     allowed = _borne(robot, seen.q[0], weight)
     apart = np.median(seen.applied - weight, axis=0)
     scale = float((seen.applied * weight).sum() / max((weight**2).sum(), 1e-12))
-    for j in map(int, np.flatnonzero(np.abs(apart) > allowed)):
+    beyond = np.abs(apart) > allowed
+    for j in map(int, np.flatnonzero(beyond)):
         said = f"the robot reports {apart[j]:+.3g} N m or N beside the model's {np.median(weight[:, j]):.3g}"
         if abs(scale - 1.0) > _SCALE:
             said += f"; over all joints {scale:.2g} times the weight"
@@ -268,7 +269,7 @@ def _of_weight(seen: _Seen, robot: Any, tested: dict[str, tuple[str, ...]]) -> I
             "look at the load, the mounting, the file's masses, the unit and the sign",
         )
     tested["weight"] = seen.names
-    if _tells_mounting(robot, seen.q[0], allowed):
+    if not beyond.any() and _tells_mounting(robot, seen.q[0], allowed):
         tested["mounting"] = seen.names
 
 
@@ -325,7 +326,8 @@ def _of_stage(
     end = seen.t > seen.t[-1] - _REST
     rests = np.median(seen.dev[end], axis=0)
     allowed = _borne(upright, seen.q[0], upright.gravity(seen.q[-1]))
-    for j in map(int, np.flatnonzero(np.abs(rests) > allowed)):
+    beyond = np.abs(rests) > allowed
+    for j in map(int, np.flatnonzero(beyond)):
         said = (
             f"rests on {rests[j]:+.3g} N m or N beside what holds the model, friction bears {allowed[j]:.2g}"
         )
@@ -336,7 +338,7 @@ def _of_stage(
             "look at the load, who adds gravity, the mounting, the masses, the unit",
         )
     tested["carried"] = seen.names
-    if _tells_mounting(upright, seen.q[-1], allowed):
+    if not beyond.any() and _tells_mounting(upright, seen.q[-1], allowed):
         tested["mounting"] = seen.names
     for question in ("command order", "command sign"):
         tested[question] = stage.joints
