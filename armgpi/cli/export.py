@@ -89,7 +89,7 @@ def _export(options: dict[str, Any]) -> int:
         raise refusal("--real", f"must be one of double, float, got {options['real']!r}")
     try:
         from armgpi.hardware.export.code import generate, supervise
-        from armgpi.hardware.export.files import export_controller, record
+        from armgpi.hardware.export.files import record, write_code
         from armgpi.hardware.export.names import check_name
         from armgpi.hardware.export.targets import check_target
     except ModuleNotFoundError as error:
@@ -114,13 +114,8 @@ def _export(options: dict[str, Any]) -> int:
     experiments.prepare(options["out"])
     log = record(experiment.plant, supervised, experiment.reference, experiment.t_final)
     config, copied = experiments.portable(experiment.config)
-    done = export_controller(
-        *(supervised, options["out"], log),
-        real=options["real"],
-        name=options["prefix"],
-        target=target,
-        beside={"experiment.yaml": config, **copied},
-    )
+    beside: dict[str, str | bytes] = {"experiment.yaml": config, **copied}
+    done = write_code(code, options["out"], log, name=options["prefix"], target=target, beside=beside)
     _say(done, log, label, options["as_json"])
     out = options["out"]
     say(f"wrote {', '.join(str(file.relative_to(out)) for file in done.files)} in {out}", err=True)
@@ -165,20 +160,21 @@ def _experiment(options: dict[str, Any], target: str) -> Experiment:
     """Return what the options describe, without a gripper where the interface has the arm alone."""
     from armgpi import config as configuration
     from armgpi.cli.settings import settings
+    from armgpi.config import building
     from armgpi.hardware.export.interfaces import COMPENSATING
     from armgpi.hardware.export.targets import moving_gripper
 
-    experiment = configuration.build(*settings(options, compare=False))
-    fingers = moving_gripper(experiment.robot)
+    given = settings(options, compare=False)
+    fingers = moving_gripper(building.robot(*given))
     if fingers and target in COMPENSATING:
         options["lock"] = [*(options["lock"] or []), *fingers]
         say(f"note: {', '.join(fingers)} of the gripper locked: {target} has the arm's joints", err=True)
-        return configuration.build(*settings(options, compare=False))
-    if fingers:
+        given = settings(options, compare=False)
+    elif fingers:
         lock = " ".join(f"--lock {name}" for name in fingers)
         said = f"{', '.join(fingers)} of a gripper gets torque with the arm; {lock} leaves it out"
         say(f"warning: {said}", err=True, fg="yellow")
-    return experiment
+    return configuration.build(*given)
 
 
 def _target(options: dict[str, Any]) -> str:

@@ -160,18 +160,31 @@ def export_controller(
         BackendError: when the controller does what has no C.
         RolloutError: when the folder cannot be written to.
     """
+    check_type(log, "log", ArmLog | None, "an ArmLog, as record returns it")
+    check_type(measure, "measure", bool, "True or False")
+    check_choice(target, "target", TARGETS)
+    # Everything is generated, and refused if need be, before a file is written.
+    code = generate(supervise(controller, supervisor), real)
+    return write_code(code, folder, log, name=name, measure=measure, target=target, beside=beside)
+
+
+def write_code(
+    code: Code,
+    folder: str | Path,
+    log: ArmLog | None = None,
+    *,
+    name: str | None = None,
+    measure: bool = True,
+    target: str = "bare",
+    beside: Mapping[str, str | bytes] | None = None,
+) -> Export:
+    """Write what was generated; arguments and errors as :func:`export_controller`."""
     from armgpi.config.experiment import prepare
 
     check_name(name)
     folder = check_path(folder, "folder")
-    check_type(log, "log", ArmLog | None, "an ArmLog, as record returns it")
-    check_type(measure, "measure", bool, "True or False")
-    # Everything is generated, and refused if need be, before a file is written.
-    check_choice(target, "target", TARGETS)
-    controller = supervise(controller, supervisor)
-    code = generate(controller, real)
-    check_target(target, controller)
-    log = _at_rest(controller) if log is None else log
+    check_target(target, code.law.controller)
+    log = _at_rest(code.law.controller) if log is None else log
     texts = _texts(code, log)
     check_name(name, f"{code.source} {texts['main.c']}")
     code = code._replace(header=rename(code.header, name), source=rename(code.source, name))
@@ -300,12 +313,14 @@ def _run_replay(texts: dict[str, str | bytes], found: build.Compiler) -> Measure
         for file, text in texts.items():
             (folder / file).write_bytes(text.encode() if isinstance(text, str) else text)
         sources = sorted((file for file in texts if file.endswith(".c")), key=lambda file: file != "main.c")
-        stack = None
+        stack, controller = None, folder / sources[1]
         # Not every compiler knows this option, so it does not belong to the build itself.
-        _run([*found.command, *_BUILD, "-fstack-usage", "-c", sources[1]], folder)
+        apart = _run([*found.command, *_BUILD, "-fstack-usage", "-c", controller.name], folder)
         with suppress(OSError, ValueError):
-            text = (folder / sources[1]).with_suffix(".su").read_text(encoding="utf-8")
+            text = controller.with_suffix(".su").read_text(encoding="utf-8")
             stack = sum(int(line.split("\t")[1]) for line in text.splitlines())
+        if not apart.returncode:
+            sources[1] = controller.with_suffix(".o").name
         # As in the Makefile, so that what is refused here is refused there: warnings are errors.
         built = _run([*found.command, *_BUILD, "-o", "replay", *sources, "-lm"], folder)
         if built.returncode:
