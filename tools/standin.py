@@ -16,12 +16,14 @@ from __future__ import annotations
 import argparse
 import io
 import runpy
+import signal
 import socket
 import struct
 import subprocess
 import sys
 import tempfile
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -52,8 +54,10 @@ class Arm:
         once: bool = False,
         loss: float = 0.0,
         flight: int = 0,
+        ctrl_c: int = 0,
     ) -> None:
         self.plant, self.dt, self.broken, self.once, self.loss = plant, dt, broken, once, loss
+        self.ctrl_c, self.interrupt = ctrl_c, partial(signal.raise_signal, signal.SIGINT)
         self.flying: list[Any] = [None] * flight
         self.draw = np.random.default_rng(0).random
         self.state = plant.init(np.asarray(start, dtype=float), np.zeros(len(start)))
@@ -72,8 +76,18 @@ class Arm:
         self.rate = max(self.rate, float(np.abs(tau - self.last).max()) / self.dt)
         self.last, self.state = tau, self.plant.step(tau, self.state, self.dt)
         self.count += 1
+        if self.count == self.ctrl_c:
+            self.interrupt()
         if self.count > MOST:
             raise SystemExit(f"no end after {MOST * self.dt:g} s")
+
+    def wait(self) -> int:
+        """Wait for a packet that is not lost; return how many sample times passed since the last one."""
+        passed = int(self.count > 0)
+        while passed and self.draw() < self.loss:
+            self.send(None)
+            passed += 1
+        return passed
 
     def send(self, tau: Any) -> None:
         """Send a torque; what is lost leaves the last one, and others are late by those in flight."""
@@ -85,7 +99,10 @@ class Arm:
         """Return how far from a goal it is, how fast, and the largest change of torque."""
         truth = self.plant.true_state(self.state)
         away = np.abs(truth.q - np.array([float(x) for x in goal.split(",")])).max() if goal != "-" else 0.0
-        return f"away {away} speed {np.abs(truth.v).max()} rate {self.rate}"
+        speed = np.abs(truth.v).max()
+        return (
+            f"away {away:.2g} rad from the goal, speed {speed:.2g} rad/s, rate {self.rate:.9g} N m/s at most"
+        )
 
 
 def arm_of(folder: Path) -> Arm:
@@ -116,10 +133,7 @@ class _Robot:
         return self
 
     def readOnce(self) -> tuple[Any, Any]:
-        passed = 0.001 if self.arm.count else 0.0
-        while passed and self.arm.draw() < self.arm.loss:
-            self.arm.send(None)
-            passed += 0.001
+        passed = 0.001 * self.arm.wait()
         seen = SimpleNamespace(q=self.arm.measured(), tau_J_d=self.arm.last.tolist())
         return seen, SimpleNamespace(to_sec=lambda: passed)
 
@@ -127,7 +141,7 @@ class _Robot:
         self.arm.send(command.tau)
 
     def stop(self) -> None:
-        print("stopped")
+        print("stopped", file=sys.stderr)
 
     def getActualQ(self) -> list[float]:
         return self.arm.measured()
@@ -146,7 +160,7 @@ class _Robot:
         """End a period."""
 
     def stopScript(self) -> None:
-        print("stopped")
+        print("stopped", file=sys.stderr)
 
 
 class _Wire(io.BytesIO):
@@ -159,8 +173,8 @@ class _Wire(io.BytesIO):
         return self
 
 
-def run_python(folder: Path, arm: Arm, words: list[str], version: str = VERSION) -> None:
-    """Run fci.py or ur.py beside stand-ins of pylibfranka 0.21.3 and ur_rtde 1.6.5."""
+def run_python(folder: Path, arm: Arm, words: list[str], version: str = VERSION) -> int:
+    """Run fci.py or ur.py beside stand-ins of pylibfranka 0.21.3 and ur_rtde 1.6.5; its exit code."""
     _Robot.arm = arm
     said = struct.pack(">HB4I", 19, 118, *map(int, version.split(".")), 0)
     made: Any = SimpleNamespace
@@ -171,7 +185,13 @@ def run_python(folder: Path, arm: Arm, words: list[str], version: str = VERSION)
     script = "fci.py" if (folder / "fci.py").exists() else "ur.py"
     sys.argv = [script, "127.0.0.1", *words]
     sys.path.insert(0, str(folder))
-    runpy.run_path(str(folder / script), run_name="__main__")
+    try:
+        runpy.run_path(str(folder / script), run_name="__main__")
+    except SystemExit as ended:
+        if not isinstance(ended.code, int):
+            raise
+        return ended.code
+    return 0
 
 
 def build(folder: Path, made: Path) -> Path:
@@ -206,10 +226,11 @@ def run_cpp(folder: Path, arm: Arm, words: list[str], version: str = VERSION) ->
         with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
             assert process.stdin is not None
             assert process.stdout is not None
+            arm.interrupt = partial(process.send_signal, signal.SIGINT)
             still, answer = 0, "begin"
             while answer and still <= STEADY:
                 if answer.startswith("tau"):
-                    arm.apply(answer.split()[1:])
+                    arm.send(answer.split()[1:])
                     resting = plugin and np.abs(arm.plant.true_state(arm.state).v).max() < RESTS
                     still = still + 1 if resting else 0
                 if answer.startswith(("begin", "tau")):
@@ -226,11 +247,12 @@ def run_cpp(folder: Path, arm: Arm, words: list[str], version: str = VERSION) ->
 
 def packet_of(arm: Arm, program: str) -> list[float]:
     """Return what a program's stub reads of the arm."""
+    passed = arm.wait()
     if program == "armgpi_ur":  # the robot's time
         return [arm.dt * arm.count, *arm.measured()]
     if program == "armgpi_fci":  # milliseconds since the last packet, and the torque that is applied
-        return [float(arm.count > 0), *arm.measured(), *arm.last]
-    return [arm.dt, *arm.measured()]
+        return [float(passed), *arm.measured(), *arm.last]
+    return [arm.dt * max(passed, 1), *arm.measured()]
 
 
 def main() -> int:
@@ -238,17 +260,18 @@ def main() -> int:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     options.add_argument("folder", type=Path)
     options.add_argument("--cpp", action="store_true", help="the example program in place of the script")
-    options.add_argument("--loss", type=float, default=0.0, help="share lost, each way (fci.py)")
-    options.add_argument("--flight", type=int, default=0, help="commands in flight (fci.py)")
+    options.add_argument("--loss", type=float, default=0.0, help="share lost, each way (not of ur.py)")
+    options.add_argument("--flight", type=int, default=0, help="commands in flight (not of ur.py)")
+    options.add_argument("--ctrl-c", type=int, default=0, help="Ctrl-C after so many samples; ~/stop in ROS")
     options.add_argument("--version", default=VERSION, help="software of the robot (ur)")
     known, words = options.parse_known_args()
     folder = known.folder.resolve()
-    arm, code = arm_of(folder), 0
-    arm.loss, arm.flying = known.loss, [None] * known.flight
+    arm = arm_of(folder)
+    arm.loss, arm.flying, arm.ctrl_c = known.loss, [None] * known.flight, known.ctrl_c
     if known.cpp or (folder / "package.xml").exists():
         code = run_cpp(folder, arm, words, known.version)
     else:
-        run_python(folder, arm, words, known.version)
+        code = run_python(folder, arm, words, known.version)
     goals = [word for word in words if word.count(",") == len(arm.last) - 1]
     print(arm.report(goals[-1] if goals else "-"))
     return code

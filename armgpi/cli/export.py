@@ -189,7 +189,7 @@ def _target(options: dict[str, Any]) -> str:
     if target not in TARGETS:
         raise refusal("--target", f"must be one of {', '.join(TARGETS)}, got {target!r}")
     if target in COMPENSATING:
-        if options["gravity"] == "arm":
+        if options["gravity"] not in (None, "robot"):
             raise refusal("--gravity", f"must be robot for {target}: that robot adds gravity by itself")
         options["gravity"] = "robot"
         if options["config"] is None:

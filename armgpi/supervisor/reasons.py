@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from armgpi.escape import markdown_table
@@ -49,7 +50,7 @@ REASONS = {
     ),
     Reason.REFERENCE: Cause(
         "the reference is not finite, or jumps",
-        "a planner that steps, straight lines with corners, a file in another unit, ~/stop",
+        "a planner that steps, straight lines with corners, a file in another unit, ~/stop, Ctrl-C",
         "begin where the arm is, and move smoothly: `armgpi_move_to`, `Bezier`; `reference_step` for corners",
     ),
     Reason.POSITION: Cause(
@@ -98,7 +99,11 @@ def remedy(reason: str) -> str:
     return f"{cause.when}. Mostly: {cause.cause}. {cause.remedy[0].upper()}{cause.remedy[1:]} ({PAGE})"
 
 
-def table() -> str:
-    """Return the table as Markdown."""
-    rows = [(f"`{reason.name}`", *cause) for reason, cause in REASONS.items() if reason]
+def table(when: Mapping[Reason, str] | None = None) -> str:
+    """Return the table as Markdown, with what one controller has for a check, if told; "" for none."""
+    known = {reason: cause.when for reason, cause in REASONS.items() if reason} | dict(when or {})
+    rows = [
+        (f"`{reason.name}`", text or "never: it is not checked here", *REASONS[reason][1:])
+        for reason, text in known.items()
+    ]
     return markdown_table(("reason", "when", "mostly because of", "what to do"), rows)

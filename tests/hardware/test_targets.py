@@ -31,6 +31,7 @@ from armgpi import (
 from armgpi.errors import ParameterError
 from armgpi.loop import log as logs
 from armgpi.robot.rotors import believe
+from armgpi.supervisor import State
 
 pytest.importorskip("casadi", reason="casadi writes the C")
 from armgpi.hardware.export.files import record
@@ -209,35 +210,37 @@ def test_another_project_finds_the_package(tmp_path: Path) -> None:
 
 
 #: Runs a loop in Python beside the stand-ins of tools/standin.py. Arguments: which, the goal, the sample from
-#: which an encoder is broken (at once for good for ur, one sample for fci), and the version of the robot.
+#: which an encoder is broken (at once for good for ur, one sample for fci) or, negative, at which Ctrl-C
+#: comes, and the version of the robot.
 LOOP = """
 import runpy, sys
 from pathlib import Path
 
 import armgpi
 
-kind, goal, broken, version = sys.argv[1], sys.argv[2], int(sys.argv[3]), sys.argv[4:] or ["5.26.0"]
+kind, goal, event, version = sys.argv[1], sys.argv[2], int(sys.argv[3]), sys.argv[4:] or ["5.26.0"]
 lock = ["panda_finger_joint1", "panda_finger_joint2"] if kind == "fci" else []
 robot = armgpi.Robot.load({"fci": "panda", "ur": "ur5"}[kind], lock=lock).with_gravity((0, 0, 0))
 tool = runpy.run_path(TOOL)
 dt = {"fci": 0.001, "ur": 0.002}[kind]
-arm = tool["Arm"](armgpi.RigidBodyPlant(robot), dt, robot.middle(), broken, kind == "fci")
-tool["run_python"](Path(".").resolve(), arm, goal.split() if goal != "-" else [], *version)
-print(arm.report("-" if goal[0] == "-" else goal))
+broken, ctrl_c = max(event, 0), max(-event, 0)
+arm = tool["Arm"](armgpi.RigidBodyPlant(robot), dt, robot.middle(), broken, kind == "fci", ctrl_c=ctrl_c)
+code = tool["run_python"](Path(".").resolve(), arm, goal.split() if goal != "-" else [], *version)
+print(arm.report("-" if goal[:2] in ("-", "--") else goal), "code", code)
 """.replace("TOOL", repr(str(Path(__file__).parents[2] / "tools" / "standin.py")))
 
 
 def figures(said: str) -> dict[str, float]:
     """The figures in the last line of a loop."""
-    words = said.splitlines()[-1].split()
-    return {name: float(value) for name, value in zip(words[::2], words[1::2], strict=True)}
+    found = re.findall(r"(away|speed|rate|code) (\S+)", said.splitlines()[-1])
+    return {name: float(value) for name, value in found}
 
 
 PARTS = ("controller", "move", "log")
 
 #: A dry run beside stubs whose arm is moved by hand: there is nothing that a torque could be sent by.
 LOOK = """
-import runpy, sys
+import runpy, signal, sys
 from types import SimpleNamespace as Made
 
 count, start = 0, [float(x) for x in sys.argv[2].split(",")]
@@ -247,7 +250,7 @@ def moved(gain):
     global count
     count += 1
     if count > 300:
-        raise KeyboardInterrupt
+        signal.raise_signal(signal.SIGINT)  # Ctrl-C
     return [q + gain * count for q in start]
 
 
@@ -263,10 +266,7 @@ class Arm:
 sys.modules["pylibfranka"], sys.modules["rtde_receive"] = Made(Robot=Arm), Made(RTDEReceiveInterface=Arm)
 kind = sys.argv[1]
 sys.argv = [kind, "127.0.0.1", "--dry-run"]
-try:
-    runpy.run_path(kind + ".py", run_name="__main__")
-except KeyboardInterrupt:
-    pass
+runpy.run_path(kind + ".py", run_name="__main__")
 """
 
 
@@ -279,7 +279,7 @@ def test_a_dry_run_sends_nothing_and_logs_what_the_joints_carry(target: str, tmp
     (tmp_path / "look.py").write_text(LOOK)
     run(sys.executable, "look.py", target, ",".join(map(repr, robot.middle().tolist())), folder=tmp_path)
     log = logs.read(tmp_path / "motion.armlog")
-    assert len(log.samples) == 299
+    assert len(log.samples) == 301
     assert (log.samples["applied"] == 1.0).all()
     assert log.fault is None
 
@@ -386,7 +386,7 @@ def test_a_package_follows_the_motion_of_its_log(target: str, tmp_path: Path) ->
         np.testing.assert_allclose(lines[:, 1:], same, atol=1e-12)
 
 
-#: fci.py where a share of all packets is lost, each way, and a command is in flight. Arguments: bits.
+#: A program where a share of all packets is lost, each way, and a command is in flight, with 14 to 18 bits.
 LOSSY = """
 import runpy, sys
 from pathlib import Path
@@ -395,29 +395,39 @@ import armgpi
 
 robot = armgpi.Robot.load("panda", lock=["panda_finger_joint1", "panda_finger_joint2"])
 robot = robot.with_gravity((0, 0, 0))
-tool, plant = runpy.run_path(TOOL), armgpi.RigidBodyPlant(robot)
-arm = tool["Arm"](armgpi.Encoder(plant, int(sys.argv[1])), 0.001, robot.middle(), loss=0.05, flight=1)
+tool, here, built = runpy.run_path(TOOL), Path(".").resolve(), Path("built").resolve()
+which = sys.argv[1]
+if which == "run_cpp":
+    built.mkdir()
+    program = tool["build"](here, built)
+    tool["run_cpp"].__globals__["build"] = lambda *given: program
 goal = ",".join(f"{x:.3f}" for x in robot.middle() + 0.1)
-arm.apply.__globals__["MOST"] = 2500  # coarse encoders let this law never rest
-try:
-    tool["run_python"](Path(".").resolve(), arm, [goal])
-except SystemExit:
-    pass
-print(arm.report(goal))
+tool["run_cpp"].__globals__["MOST"] = 500  # samples
+for bits in range(14, 19):
+    plant = armgpi.Encoder(armgpi.RigidBodyPlant(robot), bits)
+    arm = tool["Arm"](plant, 0.001, robot.middle(), loss=0.05, flight=1)
+    try:
+        tool[which](here, arm, [goal])
+    except SystemExit:
+        print(arm.report(goal))
 """.replace("TOOL", repr(str(Path(__file__).parents[2] / "tools" / "standin.py")))
 
 
 @compiled
-@pytest.mark.parametrize("bits", [14, 18])
-def test_a_franka_sees_no_faster_torque_with_packets_lost(bits: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize("program", ["run_python", "run_cpp"])
+def test_a_franka_sees_no_faster_torque_with_packets_lost(program: str, tmp_path: Path) -> None:
     """The law as printed, whose torque of single counts is above the rate with 14 bits."""
+    if program == "run_cpp":
+        need("cmake")
     law = Supervised(GPI(panda(), 1e-3, FixedGains(20.0)), Supervisor(torque_rate=999.999))
     export_controller(law, tmp_path, measure=False, target="fci")
     (tmp_path / "loop.py").write_text(LOSSY)
-    found = figures(run(sys.executable, "loop.py", bits, folder=tmp_path))
-    assert found["rate"] <= 1000.0
-    assert bits > 14 or found["rate"] > 990.0
-    assert found["away"] < 0.02
+    said = run(sys.executable, "loop.py", program, folder=tmp_path)
+    found = [figures(line) for line in said.splitlines() if line.startswith("away")]
+    assert len(found) == 5
+    assert all(each["rate"] <= 1000.0 for each in found)
+    assert found[0]["rate"] > 990.0
+    assert all(each["away"] < 0.09 for each in found)
 
 
 @compiled
@@ -438,6 +448,9 @@ def test_the_cpp_program_moves_a_simulated_arm_too(
         run(need(compiler), *flags, f"{target}.cpp", folder=tmp_path)
     need("cmake")
     tool = runpy.run_path(str(Path(__file__).parents[2] / "tools" / "standin.py"))
+    (tmp_path / "built").mkdir()
+    program = tool["build"](tmp_path, tmp_path / "built")
+    monkeypatch.setitem(tool["run_cpp"].__globals__, "build", lambda *given: program)
     arm = tool["Arm"](RigidBodyPlant(robot), dt, robot.middle())
     goal = ",".join(f"{x:.3f}" for x in robot.middle() + 0.2)
     options = ["--load", "0.5,0,0,0.1", "--contact", "30", "--recover"] if target == "fci" else []
@@ -457,6 +470,62 @@ def test_the_cpp_program_moves_a_simulated_arm_too(
         arm = tool["Arm"](RigidBodyPlant(robot), dt, robot.middle())
         assert tool["run_cpp"](tmp_path, arm, [goal], "5.25.0") == 1
         assert arm.count == 0
+    arm = tool["Arm"](RigidBodyPlant(robot), dt, robot.middle(), ctrl_c=round(0.3 / dt))
+    assert tool["run_cpp"](tmp_path, arm, [goal]) == 1
+    is_stopped(arm.report(goal), tmp_path)
+    # A motion begins with a move to where it begins.
+    arm = tool["Arm"](RigidBodyPlant(robot), dt, robot.middle() + 0.05)
+    assert tool["run_cpp"](tmp_path, arm, ["--motion", "motion.csv", "--log", "stage.armlog"]) == 0
+    assert figures(arm.report(",".join(map(str, robot.middle()))))["away"] < 1e-3
+    rows = logs.read(tmp_path / "stage.armlog").samples["q_ref"]
+    np.testing.assert_allclose(rows[-1], robot.middle(), atol=1e-12)
+
+
+def is_stopped(said: str, folder: Path) -> None:
+    """Assert that an arm rests, on its way, after a stop under control."""
+    found = figures(said)
+    assert found["away"] > 0.05
+    assert found["speed"] < 0.01
+    log = logs.read(folder / "motion.armlog")
+    assert log.fault is not None
+    assert "REFERENCE" in log.fault
+    assert log.samples["status"][-1] == State.HOLD
+
+
+@compiled
+def test_a_topic_moves_the_ros2_controller_and_a_service_stops_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    need("g++")
+    monkeypatch.chdir(tmp_path)
+    export_controller(GPI(ARM, 1e-3), tmp_path, measure=False, target="ros2_control")
+    tool = runpy.run_path(str(Path(__file__).parents[2] / "tools" / "standin.py"))
+    (tmp_path / "built").mkdir()
+    program = tool["build"](tmp_path, tmp_path / "built")
+    monkeypatch.setitem(tool["run_cpp"].__globals__, "build", lambda *given: program)
+    goal = ",".join(f"{x:.3f}" for x in ARM.middle() + 0.2)
+    for ctrl_c in (0, 150):
+        arm = tool["Arm"](RigidBodyPlant(ARM), 1e-3, ARM.middle(), ctrl_c=ctrl_c)
+        assert tool["run_cpp"](tmp_path, arm, [goal]) == 0
+        found = figures(arm.report(goal))
+        assert found["speed"] < 0.01
+        assert (found["away"] < 1e-3) != (ctrl_c > 0)
+    is_stopped(arm.report(goal), tmp_path)
+
+
+@compiled
+@pytest.mark.parametrize("target", ["fci", "ur"])
+def test_ctrl_c_stops_the_arm_under_control(target: str, tmp_path: Path) -> None:
+    robot, dt = (panda(), 1e-3) if target == "fci" else (ur5(), 2e-3)
+    rate = Supervisor(torque_rate=1000.0) if target == "fci" else Supervisor()
+    export_controller(Supervised(GPI(robot, dt), rate), tmp_path, measure=False, target=target)
+    (tmp_path / "loop.py").write_text(LOOP)
+    goal = ",".join(f"{x:.3f}" for x in robot.middle() + 0.2)
+    said = run(sys.executable, "loop.py", target, goal, -round(0.3 / dt), folder=tmp_path)
+    assert said.startswith("hold reference")
+    assert "stopped by Ctrl-C" in said
+    assert figures(said)["code"] == 1
+    is_stopped(said, tmp_path)
 
 
 @compiled

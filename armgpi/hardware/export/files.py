@@ -21,14 +21,21 @@ from armgpi.control.controller import Controller, FullState, Measurement
 from armgpi.errors import BackendError, RolloutError
 from armgpi.hardware.export.code import MEANING, Code, Counts, generate, supervise, template
 from armgpi.hardware.export.names import check_name, plain, rename, source_of
-from armgpi.hardware.export.targets import TARGETS, check_target, compensates_gravity, moving_gripper, package
+from armgpi.hardware.export.targets import (
+    TARGETS,
+    check_target,
+    compensates_gravity,
+    move_limits,
+    moving_gripper,
+    package,
+)
 from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.loop.log import INPUTS, ArmLog, of_samples, pack, preamble, row_type
 from armgpi.loop.rollout import Recording
 from armgpi.loop.runner import DIVERGENCE, NumPyRun, drive, in_control
 from armgpi.plants.plant import Plant
 from armgpi.references.reference import Reference, Target
-from armgpi.supervisor import FARTHEST, SIGNALS, Supervised, Supervisor, reasons
+from armgpi.supervisor import FARTHEST, SIGNALS, Reason, Supervised, Supervisor, reasons
 from armgpi.version import VERSION
 
 #: Samples of a log at most.
@@ -372,16 +379,18 @@ def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | Non
     robot: Any = controller.robot
     lower, upper, velocity, _ = robot.limits
     effort = np.broadcast_to(controller.effort, (law.n,))
+    fastest = move_limits(controller)[0]
     units = ["m" if slides else "rad" for slides in robot.prismatic]
     joints = [
         f"| {j} | `{plain(name)}` | {kind} | {lower[j]:.6g} to {upper[j]:.6g} {unit} "
-        f"| {velocity[j]:.6g} {unit}/s | {effort[j]:.6g} {'N' if unit == 'm' else 'N m'} |"
+        f"| {velocity[j]:.6g} {unit}/s | {effort[j]:.6g} {'N' if unit == 'm' else 'N m'} "
+        f"| {fastest[j]:.3g} {unit}/s |"
         for j, (name, kind, unit) in enumerate(zip(robot.joint_names, robot.joint_types, units, strict=True))
     ]
     start = {
         "hold": "The first torque of the law is the one that holds the arm: release the brakes under it.",
         "zero": "The torque begins at zero, but for a feedforward (an arm that rests on something).",
-    }.get(getattr(controller.law, "start", ""), "")
+    }.get("" if compensates_gravity(robot) else getattr(controller.law, "start", ""), "")
     return (
         Template(template("README.md"))
         .substitute(
@@ -398,7 +407,6 @@ def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | Non
             joints="\n".join(joints),
             start=f"{start} " if start else "",
             **_faults(controller),
-            causes=reasons.table(),
             real=code.real,
             state_bytes=state_bytes,
             layout=f"{code.layout:08X}",
@@ -419,9 +427,7 @@ def _running(controller: Supervised, target: str) -> str:
     robot: Any = controller.robot
     lower, upper, _, _ = robot.limits
     goal = ",".join(f"{x:.2f}" for x in robot.middle() + np.minimum(0.1, 0.25 * (upper - lower)))
-    cpp = "" if target == "ros2_control" else _SIMULATED_CPP.format(goal=goal)
-    simulated = _SIMULATED.format(goal=goal, cpp=cpp)
-    fill = {"simulated": simulated, "rate": f"{1.0 / controller.dt:.0f}"}
+    fill = {"goal": goal, "rate": f"{1.0 / controller.dt:.0f}"}
     return Template(template(f"README.{target}.md")).substitute(fill) + "\n"
 
 
@@ -460,45 +466,33 @@ def _faults(controller: Supervised) -> dict[str, str]:
         rate = f" It changes by at most {_few(bounds.rate)} N m or N from sample to sample, in every state."
     rise = np.max(bounds.slowing / bounds.jerk) * controller.dt
     built = f", which builds up and goes in {rise:.2g} s" if rise > controller.dt else ""
+    when = {
+        Reason.LATE: f"more than {given.missed} samples were missed in a row; as many without a good "
+        "measurement end in FAULT",
+        Reason.SATURATED: f"a torque was at its limit for {given.saturated:g} s" * bool(given.saturated),
+        Reason.FOLLOWING: f"a position is farther than {_few(bounds.following)} rad or m from the reference",
+        Reason.REFERENCE: "the reference is not finite"
+        + _jumped(bounds.step, robot, ", or") * bool(given.reference_jump),
+        Reason.POSITION: "a position is beyond its limits by more than "
+        f"{_few(np.broadcast_to(given.position_margin, (robot.n,)))} rad or m",
+        Reason.FROZEN: _frozen_text(controller),
+        Reason.JUMP: _jumped(bounds.jump, robot, "a position") * bool(given.jump),
+        Reason.RESPONSE: f"a joint ran away from its reference for {given.response:g} s while its torque "
+        "pushed back; the state is FAULT, and that joint brakes by its torque turned round"
+        * bool(given.response),
+        Reason.SPEED: f"a joint was faster than {_few(bounds.speed / controller.dt)} rad/s or m/s"
+        * (given.speed is not None or given.speed_cap is not None),
+        Reason.CAP: f"the law asked for a torque that is {_few(bounds.cap)} N m or N from what holds the "
+        "model; the state is FAULT" * (given.torque_cap is not None),
+    }
     return {
         "action": action,
         "rate": rate,
         "deceleration": f"{_few(bounds.slowing / controller.dt**2)} rad/s^2 or m/s^2{built}",
-        "missed": str(given.missed),
-        "jump": _jump_text(bounds.jump if given.jump else None, robot),
-        "step": _jump_text(bounds.step if given.reference_jump else None, robot),
-        "frozen": _frozen_text(controller),
-        "margin": _few(np.broadcast_to(given.position_margin, (robot.n,))),
-        "following": _few(bounds.following),
-        "saturated": f"for {given.saturated:g} s" if given.saturated else "never: switched off at export",
-        "speed": (
-            f"a joint was faster than {_few(bounds.speed / controller.dt)} rad/s or m/s"
-            if given.speed is not None or given.speed_cap is not None
-            else "never: left out at export"
-        ),
-        "cap": (
-            f"the law asked for a torque that is {_few(bounds.cap)} N m or N from what holds the model; the "
-            "state is FAULT"
-            if given.torque_cap is not None
-            else "never: left out at export"
-        ),
-        "response": (
-            f"a joint ran away from its reference for {given.response:g} s while its torque pushed back"
-            if given.response
-            else "never: switched off at export"
-        ),
+        "reasons": reasons.table(when),
     }
 
 
-_SIMULATED = """**Before there is a robot**, in a clone of armgpi, these very files beside a simulated
-arm (the libraries are stubs):
-
-```sh
-python tools/standin.py FOLDER {goal}
-{cpp}```"""
-_SIMULATED_CPP = """\
-python tools/standin.py FOLDER {goal} --cpp   # the C++ program; it needs CMake
-"""
 _STAGE = """
 
 **This is a stage of a bring-up**, with its caps compiled in: no torque is beyond CAP below, and a joint
@@ -512,29 +506,27 @@ out.
 """
 
 
-def _jump_text(jump: Array | None, robot: Any) -> str:
-    """Return when a position has jumped."""
-    if jump is None:
-        return "never: switched off at export"
+def _jumped(jump: Array, robot: Any, what: str) -> str:
+    """Return when something has jumped; "" for a robot without velocity limits."""
     checked = jump < FARTHEST
     if not checked.any():
-        return "never: no joint has a velocity limit"
+        return ""
     listed = ", ".join(f"{x:.4g}" for x in jump[checked])
     names = [plain(name) for name, known in zip(robot.joint_names, checked, strict=True) if not known]
     rest = f"; not for {', '.join(names)}, without a velocity limit" if names else ""
-    return f"by more than {listed} rad or m in one sample{rest}"
+    return f"{what} is more than {listed} rad or m from where its last change leads{rest}"
 
 
 def _frozen_text(controller: Supervised) -> str:
-    """Return when a position is frozen."""
+    """Return when a position is frozen; "" for never."""
     samples = controller.frozen_samples
     if not samples:
-        return "never: switched off at export"
+        return ""
     return (
-        f"a position did not change at all for {samples} samples in which it should have: since it last "
-        f"changed, its reference has moved by more than {_few(controller.bounds.travel)} rad or m, and its "
-        f"torque by more than {_few(controller.frozen.sticking)} N m or N, or the torque is at its limit; at "
-        "once where the joint was moving with its reference. An arm at rest is no fault"
+        f"a position did not change at all for {samples} samples, though since it last changed its "
+        f"reference has moved by more than {_few(controller.bounds.travel)} rad or m, and its torque by more "
+        f"than {_few(controller.frozen.sticking)} N m or N, or is at its limit; at once where the joint was "
+        "moving with its reference. An arm at rest is no fault"
     )
 
 

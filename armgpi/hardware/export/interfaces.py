@@ -99,19 +99,7 @@ INTERFACES = (
         tried="compiled with stubs, compared with 4.27.0, 4.46.0, 5.16.0, 6.0.0, 6.8.0",
     ),
     Interface(
-        *(
-            "bare",
-            "any",
-            "none (C99)",
-            None,
-            None,
-            None,
-            (0, 0),
-            (),
-            "",
-            "the caller's",
-            "compiled, simulated",
-        )
+        "bare", "any", "none (C99)", *(None,) * 3, (0, 0), (), "", "the caller's", "compiled, simulated"
     ),
 )
 #: Target -> the interface whose robot adds gravity itself.

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from armgpi.arrays import Array
 from armgpi.control.controller import FullState, Measurement
 from armgpi.errors import ParameterError, Remedy
 from armgpi.hardware.export.code import ABI, Code, template
@@ -33,8 +34,8 @@ _MOVE_UNLIMITED, _MOVE_ONSET = 1.0, 0.05
 #: Target -> its own files: name of the template -> where it goes; of ROS 2 as ros2_controllers have them.
 TARGETS: dict[str, dict[str, str]] = {
     "bare": {},
-    "fci": {name: name for name in ("fci.hpp", "fci.cpp", "goals.hpp", "fci.py")},
-    "ur": {name: name for name in ("ur.hpp", "ur.cpp", "goals.hpp", "ur.py")},
+    "fci": {name: name for name in ("fci.hpp", "fci.cpp", "fci.py", "goals.hpp", "goals.py")},
+    "ur": {name: name for name in ("ur.hpp", "ur.cpp", "ur.py", "goals.hpp", "goals.py")},
     "ros2_control": {
         "ros2_control.hpp": "include/armgpi_controller/ros2_control.hpp",
         "ros2_control.cpp": "src/ros2_control.cpp",
@@ -48,8 +49,8 @@ TARGETS: dict[str, dict[str, str]] = {
 #: What a target with a geared robot is for, and three ways out.
 GEARED = (
     "one for a model with rotors, as its robot is geared and would be lost: leave what says there are none "
-    "out (--rotor-inertia 0, --drives rigid), and they are believed; give what they have (--drives FILE); or "
-    "identify them (armgpi identify)"
+    "out (--rotor-inertia 0, --drives rigid, --direct-drive), and they are believed; give what they have "
+    "(--drives FILE); or identify them (armgpi identify)"
 )
 _POSITIONS = ("q_measured", "q_ref")
 _VELOCITY = """\
@@ -194,10 +195,10 @@ def package(code: Code, state_bytes: int, target: str) -> dict[str, str]:
     return texts | {place: Template(template(name)).safe_substitute(fill) for name, place in own}
 
 
-def _move(controller: Supervised, suffix: str) -> dict[str, str]:
-    """Return the limits of moves: of velocity, acceleration and jerk, and the range of goals."""
+def move_limits(controller: Supervised) -> Array:
+    """Return the limits of moves: velocity, acceleration and jerk of each joint."""
     bounds, dt, robot = controller.bounds, controller.dt, controller.robot
-    lower, upper, velocity, _ = robot.limits
+    velocity = robot.limits.velocity
     most = np.where(velocity > 0.0, velocity, _MOVE_UNLIMITED)
     speed = _MOVE_VELOCITY * np.where(np.isfinite(most), most, _MOVE_UNLIMITED)
     speed = np.minimum(speed, _MOVE_VELOCITY * bounds.speed / dt)
@@ -206,9 +207,14 @@ def _move(controller: Supervised, suffix: str) -> dict[str, str]:
     effort = np.minimum(controller.effort, FARTHEST)
     acceleration = np.minimum(_MOVE_EFFORT * able, _MOVE_STOP * bounds.slowing / dt**2)
     jerk = np.minimum(acceleration / _MOVE_ONSET, _MOVE_RATE * able * bounds.rate / dt / effort)
+    return np.stack([np.broadcast_to(row, robot.n) for row in (speed, acceleration, jerk)])
+
+
+def _move(controller: Supervised, suffix: str) -> dict[str, str]:
+    """Return the limits of moves, and the range of goals, as C."""
+    lower, upper, _, _ = controller.robot.limits
     rows = [
-        "    {" + ", ".join(f"{x!r}{suffix}" for x in np.broadcast_to(row, robot.n).tolist()) + "}"
-        for row in (speed, acceleration, jerk)
+        "    {" + ", ".join(f"{x!r}{suffix}" for x in row) + "}" for row in move_limits(controller).tolist()
     ]
     ends = (np.maximum(lower, -FARTHEST), np.minimum(upper, FARTHEST))
     ranges = ["    {" + ", ".join(map(repr, row.tolist())) + "}" for row in ends]

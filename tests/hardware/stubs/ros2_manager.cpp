@@ -1,5 +1,8 @@
 // What a controller manager does with the plugin, around ros2_stubs.hpp: configure, activate, update, deactivate. Its
-// hardware is at the other end of the wire: seconds since the last update, positions -> torques. Arguments: goals.
+// hardware is at the other end of the wire: seconds since the last update, positions -> torques. Arguments: goals, the first
+// by the topic, later ones when they are taken. Ctrl-C calls the service that stops the arm.
+#include <csignal>
+
 #include "armgpi_controller/ros2_control.hpp"
 #include "wire.h"
 
@@ -18,6 +21,8 @@ struct Manager : armgpi_controller::Ros2Controller {
   }
 };
 
+volatile std::sig_atomic_t interrupted = 0;
+
 int main(int argc, char* argv[]) {
   using Return = controller_interface::CallbackReturn;
   stubs::parameters<armgpi_controller::Params>.log = "motion.armlog";
@@ -26,6 +31,7 @@ int main(int argc, char* argv[]) {
   const rclcpp_lifecycle::State none{};
   if (manager.on_init() != Return::SUCCESS || manager.on_configure(none) != Return::SUCCESS) return 1;
   manager.wire();
+  std::signal(SIGINT, [](int) { interrupted = 1; });
   std::array<double, 1U + ARMGPI_N> seen{};
   bool active = false;
   for (int given = 1; wire::take(seen);) {
@@ -38,7 +44,19 @@ int main(int argc, char* argv[]) {
       x = static_cast<armgpi_real_t>(std::strtod(at, &end));
       at = *end == ',' ? end + 1 : end;
     }
-    if (given < argc && manager.move_to(goal)) ++given;
+    if (given == 1 && given < argc) {
+      auto message = std::make_shared<std_msgs::msg::Float64MultiArray>();
+      message->data.assign(goal.begin(), goal.end());
+      rclcpp::Subscription<std_msgs::msg::Float64MultiArray>::callback(message);
+      ++given;
+    } else if (given < argc && manager.move_to(goal)) {
+      ++given;
+    }
+    if (interrupted != 0) {
+      interrupted = 0;
+      rclcpp::Service<std_srvs::srv::Trigger>::callback(std::make_shared<std_srvs::srv::Trigger::Request>(),
+                                                        std::make_shared<std_srvs::srv::Trigger::Response>());
+    }
     if (!active || manager.cycle(seen[0]) != controller_interface::return_type::OK) break;
     if (!stubs::timers.empty()) stubs::timers.front()();
     std::array<double, ARMGPI_N> torque{};

@@ -36,26 +36,9 @@ class Moves {
   // Stand at q; a goal that was given is kept.
   void stand(const Vector& q) noexcept { armgpi_move_hold(&move_, q.data()); }
   // Give the next goal and a share of the limits; it begins when the move under way is over. False: one waits already.
-  bool move_to(const Vector& goal, double share = 0.5) noexcept {
-    if (given_.load(std::memory_order_acquire)) {
-      return false;
-    }
-    goal_.q = goal;
-    share_ = share;
-    samples_ = 0U;
-    given_.store(true, std::memory_order_release);
-    return true;
-  }
+  bool move_to(const Vector& goal, double share = 0.5) noexcept { return give({goal, {}, {}}, share, 0U); }
   // Give a setpoint of a stream, to be reached in so many samples. False: the loop has not taken the last one yet.
-  bool via(const Reference& to, std::uint32_t samples) noexcept {
-    if (given_.load(std::memory_order_acquire)) {
-      return false;
-    }
-    goal_ = to;
-    samples_ = samples;
-    given_.store(true, std::memory_order_release);
-    return true;
-  }
+  bool via(const Reference& to, std::uint32_t samples) noexcept { return give(to, 0.0, samples); }
   // Of the loop, in every sample.
   const Reference& next(std::uint32_t elapsed) noexcept {
     if (given_.load(std::memory_order_acquire) && samples_ > 0U) {
@@ -75,6 +58,17 @@ class Moves {
   [[nodiscard]] bool refused() const noexcept { return refused_; }
 
  private:
+  bool give(const Reference& to, double share, std::uint32_t samples) noexcept {
+    if (given_.load(std::memory_order_acquire)) {
+      return false;
+    }
+    goal_ = to;
+    share_ = share;
+    samples_ = samples;
+    given_.store(true, std::memory_order_release);
+    return true;
+  }
+
   armgpi_move_t move_{};
   Reference reference_{};
   Reference goal_{};

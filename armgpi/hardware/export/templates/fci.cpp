@@ -4,19 +4,18 @@
 //   --force N         the same of the force at the tool [N, N m]
 //   --load M,X,Y,Z    what the flange carries [kg, m], for the robot to carry; that of Desk when left out
 //   --recover         lead the robot back from its last reflex first
-//   --dry-run         send nothing: look on for 60 s while the arm is moved by hand
+//   --dry-run         send nothing: look on while the arm is moved by hand
+//   --motion FILE     move to where a file such as motion.csv begins, and follow it
+//   --log FILE        where the log goes; motion.armlog
 //
-// Each GOAL is seven positions with commas between them [rad]; without any the arm is held where it is. What happened is in
-// motion.armlog (`armgpi log motion.armlog`).
+// Each GOAL is seven positions with commas between them [rad]; without any the arm is held where it is. Ctrl-C stops the arm.
 #include "fci.hpp"
 
 #include <franka/exception.h>
 
-#include "goals.hpp"
-
 int main(int argc, char* argv[]) {
   armgpi_controller::Setup setup;
-  std::vector<std::string> goals;
+  armgpi_controller::Asked asked;
   bool dry = false;
   for (int k = 2; k < argc; ++k) {
     const std::string word = argv[k];
@@ -24,43 +23,42 @@ int main(int argc, char* argv[]) {
     if (word == "--recover" || word == "--dry-run") {
       setup.recover = setup.recover || word == "--recover";
       dry = dry || word == "--dry-run";
-      continue;
-    }
-    if (word.compare(0, 2, "--") != 0) {
-      goals.push_back(word);
-      continue;
-    }
-    ++k;
-    if (word == "--contact" && next.size() == 1U) {
+    } else if (word == "--contact" && next.size() == 1U) {
       setup.contact = next[0];
+      ++k;
     } else if (word == "--force" && next.size() == 1U) {
       setup.force = next[0];
+      ++k;
     } else if (word == "--load" && next.size() == 4U) {
       setup.mass = next[0];
       setup.centre = {{next[1], next[2], next[3]}};
-    } else {
-      std::fprintf(stderr, "%s: not an option, or not as many numbers as it takes\n", word.c_str());
+      ++k;
+    } else if (!asked.take(argc, argv, k)) {
       return 2;
     }
   }
+  if (argc < 2 || argv[1][0] == '-') {
+    std::fprintf(stderr, "armgpi_fci ADDRESS [OPTION ...] [GOAL ...]; README.md has the options\n");
+    return 2;
+  }
   armgpi_controller::Fci arm;
   bool ended = false;
+  armgpi_controller::catch_interrupt();
   try {
-    franka::Robot robot(argc > 1 ? argv[1] : "");
+    franka::Robot robot(argv[1]);
     if (dry) {
-      std::uint32_t left = 60000U;
-      robot.read([&arm, &left](const franka::RobotState& state) {
+      robot.read([&arm](const franka::RobotState& state) {
         arm.look(state);
-        return --left > 0U;
+        return armgpi_controller::interrupted == 0;
       });
     } else {
       armgpi_controller::prepare(robot, setup);
-      const armgpi_controller::Giver<armgpi_controller::Fci> giver(arm, goals);
+      arm.visit(asked);
       robot.control(arm, false, franka::kMaxCutoffFrequency);
     }
     ended = true;
   } catch (const franka::Exception& error) {
     std::fprintf(stderr, "%s\n", error.what());
   }
-  return armgpi_controller::report(arm, ended);
+  return armgpi_controller::report(arm, ended, asked.log);
 }

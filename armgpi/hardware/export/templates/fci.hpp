@@ -5,7 +5,7 @@
 //   arm.move_to(goal);       // before `control`, or from another thread; or arm.via(reference, samples) for a stream of
 //                            // setpoints; or give Fci a function of time
 //   Fci arm(Motion("motion.csv"));   // or a motion from a file, from where it begins
-//   arm.finish();            // end the motion when all goals are reached and the arm rests
+//   arm.finish();            // end the motion when all goals are reached and the arm rests; arm.stop() stops it before
 //   robot.control(arm, false, franka::kMaxCutoffFrequency);   // franka::Robot::control of a torque callback
 //   if (arm.controller().reason() != ARMGPI_REASON_NONE) { ... }
 //   arm.log().write("motion.armlog");     // the last minute, for `armgpi log`
@@ -18,7 +18,6 @@
 // automaticErrorRecovery leads back. Never tried on a robot.
 #pragma once
 
-#include <atomic>
 #include <cmath>
 #include <functional>
 #include <memory>
@@ -27,7 +26,7 @@
 #include <franka/duration.h>
 #include <franka/robot.h>
 
-#include "armgpi_controller.hpp"
+#include "goals.hpp"
 
 namespace armgpi_controller {
 
@@ -60,90 +59,56 @@ class Fci {
  public:
   Fci() = default;
   // A reference of your own: seconds since the motion began -> what is asked for; it begins where the arm stands.
-  explicit Fci(std::function<Reference(double)> reference) { shared_->reference = std::move(reference); }
+  explicit Fci(std::function<Reference(double)> reference) { loop_->reference = std::move(reference); }
 
-  bool move_to(const Vector& goal, double share = 0.5) noexcept { return shared_->moves.move_to(goal, share); }
-  bool via(const Reference& to, std::uint32_t samples) noexcept { return shared_->moves.via(to, samples); }
-  void finish() noexcept { shared_->finish = true; }
+  bool move_to(const Vector& goal, double share = 0.5) noexcept { return loop_->move_to(goal, share); }
+  bool via(const Reference& to, std::uint32_t samples) noexcept { return loop_->via(to, samples); }
+  void visit(const Asked& asked) { loop_->visit(asked); }
+  void finish() noexcept { loop_->finish(); }
+  void stop() noexcept { loop_->stop(); }
 
   franka::Torques operator()(const franka::RobotState& robot, franka::Duration period) {
-    static_assert(ARMGPI_N == 7U, "libfranka's arms have seven joints");
-    Shared& own = *shared_;
-    const auto elapsed = static_cast<std::uint32_t>(std::lround(period.toSec() / Controller::dt));
-    Vector q{};
+    const Vector applied = vector(robot.tau_J_d);
     Vector tau{};
-    for (std::size_t i = 0; i < q.size(); ++i) {
-      q[i] = static_cast<armgpi_real_t>(robot.q[i]);
-    }
-    own.time += period.toSec();
-    if (elapsed == 0U) {  // the first call of a motion
-      own.moves.stand(q);
-    }
-    const Reference to = own.reference ? own.reference(own.time) : own.moves.next(elapsed);
-    if (elapsed == 0U) {
-      own.controller.init($wired);
-      own.log.start(own.controller, $wired);
-    }
-    const std::uint32_t late = elapsed == 0U ? 1U : elapsed;
-    const armgpi_status_t status = own.controller.step_late(late, $wired, tau);
-    Vector applied{};
-    for (std::size_t i = 0; i < applied.size(); ++i) {
-      applied[i] = static_cast<armgpi_real_t>(robot.tau_J_d[i]);
-    }
-    own.controller.within_rate(applied, tau);
-    own.log.take(own.controller, late, $wired, tau, &applied);
+    const bool goes_on = loop_->take(samples(period.toSec()), vector(robot.q), tau, &applied);
     franka::Torques torques{{0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0}};
     for (std::size_t i = 0; i < tau.size(); ++i) {
       torques.tau_J[i] = static_cast<double>(tau[i]);
     }
-    const bool rests = own.rest.reached(q);
-    const bool done = status <= ARMGPI_STATUS_RUN && own.finish && !own.moves.moving();
-    const bool ends = status == ARMGPI_STATUS_FAULT || (rests && (done || status == ARMGPI_STATUS_HOLD));
-    return ends ? franka::MotionFinished(torques) : torques;
+    return goes_on ? torques : franka::MotionFinished(torques);
   }
 
   // Dry run, for franka::Robot::read: law and supervisor look on while the arm is moved by hand, and nothing is sent. The
   // log has the torque that the joints measure. Stop reading by a callback that returns false.
   void look(const franka::RobotState& robot) {
-    Shared& own = *shared_;
     const double now = robot.time.toSec();
-    const long passed = std::lround((now - own.time) / Controller::dt);
-    Vector q{};
-    Vector tau{};
-    Vector measured{};
-    for (std::size_t i = 0; i < q.size(); ++i) {
-      q[i] = static_cast<armgpi_real_t>(robot.q[i]);
-      measured[i] = static_cast<armgpi_real_t>(robot.tau_J[i]);
+    const std::uint32_t elapsed = looked_ < 0.0 ? 0U : samples(now - looked_);
+    if (looked_ < 0.0 || elapsed > 0U) {
+      loop_->look(elapsed, vector(robot.q), vector(robot.tau_J));
+      looked_ = now;
     }
-    const Reference to{q, Vector{}, Vector{}};
-    if (!own.looks) {
-      own.controller.init($wired);
-      own.log.start(own.controller, $wired);
-    } else if (passed > 0) {
-      const auto elapsed = static_cast<std::uint32_t>(passed);
-      own.controller.step_late(elapsed, $wired, tau);
-      own.log.take(own.controller, elapsed, $wired, tau, &measured);
-    }
-    own.looks = true;
-    own.time = now;
   }
 
-  [[nodiscard]] const Controller& controller() const noexcept { return shared_->controller; }
-  [[nodiscard]] const Log& log() const noexcept { return shared_->log; }
-  [[nodiscard]] bool refused() const noexcept { return shared_->moves.refused(); }
+  [[nodiscard]] const Controller& controller() const noexcept { return loop_->controller(); }
+  [[nodiscard]] const Log& log() const noexcept { return loop_->log(); }
+  [[nodiscard]] bool refused() const noexcept { return loop_->refused(); }
 
  private:
-  struct Shared {
-    std::function<Reference(double)> reference;
-    Controller controller{};
-    Moves moves{};
-    Rest rest{};
-    Log log{$log_seconds};
-    double time{0.0};
-    bool looks{false};
-    std::atomic<bool> finish{false};
-  };
-  std::shared_ptr<Shared> shared_{std::make_shared<Shared>()};
+  static std::uint32_t samples(double seconds) noexcept {
+    const long passed = std::lround(seconds / Controller::dt);
+    return passed < 0 ? 0U : static_cast<std::uint32_t>(passed);
+  }
+  static Vector vector(const std::array<double, 7>& values) noexcept {
+    static_assert(ARMGPI_N == 7U, "libfranka's arms have seven joints");
+    Vector found{};
+    for (std::size_t i = 0; i < found.size(); ++i) {
+      found[i] = static_cast<armgpi_real_t>(values[i]);
+    }
+    return found;
+  }
+
+  std::shared_ptr<Loop> loop_{std::make_shared<Loop>()};
+  double looked_{-1.0};
 };
 
 }  // namespace armgpi_controller

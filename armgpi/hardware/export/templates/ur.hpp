@@ -2,7 +2,7 @@
 //
 //   armgpi_controller::Ur arm;
 //   arm.move_to(goal);       // before `run`, or from another thread; or arm.via(reference, samples) for a stream
-//   arm.finish();            // end when all goals are reached and the arm rests
+//   arm.finish();            // end when all goals are reached and the arm rests; arm.stop() stops it before
 //   const bool ended = arm.run(driver);   // of a urcl::UrDriver whose program runs; false: the robot took no more
 //
 // The torque is without gravity, as direct_torque's has to be; the robot's own friction compensation is scaled by `viscous`
@@ -10,24 +10,19 @@
 // not stepped on. Never tried on a robot.
 #pragma once
 
-#include <atomic>
 #include <cmath>
 #include <stdexcept>
 
 #include <ur_client_library/ur/ur_driver.h>
 
-#include "armgpi_controller.hpp"
+#include "goals.hpp"
 
 namespace armgpi_controller {
 
-class Ur {
+class Ur : public Loop {
  public:
   urcl::vector6d_t viscous{};
   urcl::vector6d_t coulomb{};
-
-  bool move_to(const Vector& goal, double share = 0.5) noexcept { return moves_.move_to(goal, share); }
-  bool via(const Reference& to, std::uint32_t samples) noexcept { return moves_.via(to, samples); }
-  void finish() noexcept { finish_ = true; }
 
   // PolyScope 5.25.1 and PolyScope X 10.12.1 are the first with direct torque and scales of friction; CB3 (3.x) has none.
   static bool has_torque(const urcl::VersionInformation& robot) noexcept {
@@ -60,51 +55,29 @@ class Ur {
   // A packet: the robot's time [s] and positions -> the torque to send. False: it is over.
   bool take(double time, const urcl::vector6d_t& measured, urcl::vector6d_t& torque) {
     static_assert(ARMGPI_N == 6U, "UR's arms have six joints");
+    const long passed = begun_ ? std::lround((time - last_) / Controller::dt) : 0L;
+    stale_ = begun_ && passed < 1 ? stale_ + 1U : 0U;
+    last_ = time;
+    if (stale_ > 0U && stale_ <= ARMGPI_MISSED) {
+      return true;  // the packet is the last one, once more
+    }
     Vector q{};
+    Vector tau{};
     for (std::size_t i = 0; i < q.size(); ++i) {
       q[i] = static_cast<armgpi_real_t>(measured[i]);
     }
-    const bool first = !begun_;
-    if (first) {
-      begun_ = true;
-      moves_.stand(q);
+    const bool goes_on = Loop::take(stale_ > 0U ? stale_ + 1U : static_cast<std::uint32_t>(passed), q, tau);
+    begun_ = true;
+    for (std::size_t i = 0; i < tau.size(); ++i) {
+      torque[i] = static_cast<double>(tau[i]);
     }
-    const long passed = first ? 1L : std::lround((time - last_) / Controller::dt);
-    stale_ = passed < 1 ? stale_ + 1U : 0U;
-    last_ = time;
-    armgpi_status_t status = controller_.status();
-    if (passed >= 1 || stale_ > ARMGPI_MISSED) {  // else the packet is the last one, once more
-      const std::uint32_t elapsed = passed >= 1 ? static_cast<std::uint32_t>(passed) : stale_ + 1U;
-      const Reference to = moves_.next(first ? 0U : elapsed);
-      if (first) {
-        controller_.init($wired);
-        log_.start(controller_, $wired);
-      }
-      status = controller_.step_late(elapsed, $wired, tau_);
-      log_.take(controller_, elapsed, $wired, tau_);
-    }
-    for (std::size_t i = 0; i < tau_.size(); ++i) {
-      torque[i] = static_cast<double>(tau_[i]);
-    }
-    const bool rests = rest_.reached(q);
-    const bool done = status <= ARMGPI_STATUS_RUN && finish_ && !moves_.moving();
-    return status != ARMGPI_STATUS_FAULT && !(rests && (done || status == ARMGPI_STATUS_HOLD));
+    return goes_on;
   }
 
-  [[nodiscard]] const Controller& controller() const noexcept { return controller_; }
-  [[nodiscard]] const Log& log() const noexcept { return log_; }
-  [[nodiscard]] bool refused() const noexcept { return moves_.refused(); }
-
  private:
-  Controller controller_{};
-  Moves moves_{};
-  Rest rest_{};
-  Log log_{$log_seconds};
-  Vector tau_{};
   double last_{0.0};
   bool begun_{false};
   std::uint32_t stale_{0U};
-  std::atomic<bool> finish_{false};
 };
 
 }  // namespace armgpi_controller
