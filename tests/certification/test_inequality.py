@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,9 +13,10 @@ from strategies import FOLLOWS, robots
 
 from armgpi import Robot, certify
 from armgpi.arrays import Array
-from armgpi.certification import quantities
+from armgpi.certification import check_certificate, quantities
 from armgpi.certification.quantities import Points, Setting
 
+checker: Any = check_certificate  # generic over number types, so without annotations
 SEEDS = st.integers(0, 2**32 - 1)
 
 
@@ -180,3 +182,141 @@ def test_all_of_a_long_slide_is_kept_and_printed() -> None:
 def test_corners_are_all_up_to_twelve_joints() -> None:
     assert len(np.unique(quantities.corners(np.ones(9)), axis=0)) == 2**8
     assert len(np.unique(quantities.corners(np.ones(12)), axis=0)) == 2**11
+
+
+@pytest.mark.parametrize(
+    ("integrators", "rolloff", "delay", "rubs"),
+    [(1, 0, 0, 0.0), (2, 1, 0, 0.3), (1, 2, 3, 0.0), (3, 0, 1, 0.2)],
+)
+def test_the_checker_adds_up_what_a_sample_does(
+    integrators: int, rolloff: int, delay: int, rubs: float
+) -> None:
+    """Written again in floating point, as a form in states and disturbances and by the exponential."""
+    rng = np.random.default_rng(integrators + 10 * delay)
+    m, h, names = integrators, 2e-3, ("kappa_v", "kappa_e", "kappa_g", "sigma", "sigma_error", "kappa_error")
+    names += ("torque", "shift", "count", "reference", "zone", "spread", "jump")
+    c: dict[str, Any] = dict(zip(names, rng.uniform(0.3, 0.9, len(names)).tolist(), strict=True))
+    c |= {"integrators": m, "rolloff": rolloff, "delay": delay, "sample_time": h, "omega": [9.0, 10.0, 13.0]}
+    c |= {"zeta": 0.8, "pole_ratio": 1.2, "rolloff_ratio": 6.0, "second_ratio": 0.9, "second_zeta": 1.1}
+    c |= {"kappa_f": rubs, "delta_low": 0.7, "delta_high": 1.3, "count_time": 3e-3}
+    c |= {"inverse": [2.0, 3.0], "velocity": [0.1, 0.3], "hold": [4.0, 5.0], "reach": [0.5, 0.6]}
+    late = -1 if delay else 0
+    slow, fast = min(c["omega"]), max(c["omega"])
+    laws = {omega: [np.array(x, dtype=float) for x in checker.loop(c, omega)[1:3]] for omega in c["omega"]}
+    sigma = c["sigma"] + c["spread"] * c["sigma_error"]
+    kv = 2.0 * c["kappa_v"] + c["spread"] * c["kappa_error"]
+    f, wide = np.exp(sigma * h), np.exp(sigma * delay * h + c["sigma"] * c["count_time"])
+    rest = 1.0 - f * ((kv + rubs) * h + c["kappa_g"] * h**2 / 2.0)
+    ends, late_gravity = (
+        np.array([c["delta_low"] / wide, c["delta_high"] * wide]),
+        c["kappa_g"] if delay else 0.0,
+    )
+    over = f * (kv + h * c["kappa_g"])
+    gains = np.array([ends[1] * (f - rest), (f - rest) * rubs + over, f * c["kappa_e"], f * late_gravity])
+    noise = max(abs(K[late]) for _, K in laws.values()) * fast**2 * c["count"]
+    w = (
+        c["torque"]
+        + (c["kappa_e"] + c["kappa_g"]) * c["count"]
+        + c["kappa_g"] * (delay + 1) * h * c["reference"]
+    )
+    w = f * w + gains[0] * noise
+    size = w / rest / slow**2
+    sizes = np.array([size, size * fast * h / 2.0, c["shift"] / slow**3, c["count"], c["zone"]])
+    known = checker.sample(c)
+    said = [*known[0], known[1], *known[2], *known[3], *known[4], *known[5:]]
+    np.testing.assert_allclose(said, [f, wide, rest, *ends, *gains, *sizes, w, noise], rtol=1e-8)
+
+    n, omega, turn, delta = len(laws[10.0][0]), 10.0, 10.0 / 13.0, 1.1
+    (A, K), theta, order = laws[omega], omega * h, n - delay
+    root = rng.normal(size=(n, n))
+    s = {
+        "P": root @ root.T + np.eye(n),
+        "alpha": 0.3,
+        "t": rng.uniform(0.5, 2.0, 6).tolist(),
+        "a": [1.0, 2.0, 3.0, 4.0, 5.0],
+    }
+    X = np.array(checker.inequality(c, known, omega, turn, delta, s), dtype=float)
+    e, v, past, lag = np.eye(n)[0], np.eye(n)[1], np.eye(n)[late], np.eye(n)[0] - np.eye(n)[late]
+    sources = [
+        (gain / rest / slow**power, row, weight)
+        for gain, power, row, weight in zip(gains, (0, 1, 2, 2), (K, v, past, lag), s["t"], strict=False)
+        if gain > 0.0
+    ]
+    held = theta**2 / 2.0 * e + theta * v
+    inside = (np.arange(n) > 1) & (np.arange(n) < order)
+    count = A[:, late] * inside + delta * held * K[late]
+    zone = A[:, late] * inside * (np.arange(n) < 2 + m)
+    acts = [theta * v, theta * e, theta * np.eye(n)[2], count, zone]
+    powers = np.array([0, 1, *range(2, 2 + m), *range(2, 3 + rolloff), *[0] * delay])
+    for _ in range(4):
+        x, u = rng.normal(size=n), rng.normal(size=len(X) - n)
+        after, left, rest_of = A @ x + delta * held * (K @ x), list(u), 0.0
+        for gain, row, weight in sources:
+            own = left.pop(0)
+            after = after + theta * v * own
+            rest_of += (
+                theta * weight * own**2
+                - theta * (weight + s["t"][4] * len(sources) * theta**2 / 4.0) * (gain * (row @ x)) ** 2
+            )
+        own = left.pop(0)  # what the disturbed acceleration does to the position within a sample
+        after, rest_of = after + theta * e * own, rest_of + theta * s["t"][4] * own**2
+        if rubs:
+            own = left.pop(0)
+            after, rest_of = (
+                after + held * own,
+                rest_of + theta * s["t"][5] * own**2 + s["t"][5] * h * rubs * x[1] * own,
+            )
+        for act, weight, own in zip(acts, s["a"], left, strict=True):
+            after, rest_of = after + act * own, rest_of + theta * weight * own**2
+        after = after * turn**powers
+        form = x @ s["P"] @ x * (1.0 - theta * s["alpha"]) - f * after @ s["P"] @ after + rest_of
+        z = np.concatenate([x, u])
+        assert z @ X @ z == pytest.approx(form, rel=1e-7)
+
+    inverse = np.linalg.inv(s["P"])
+    most = [np.sqrt(y @ inverse @ y) for y in (e, v * fast, past)]
+    most.append(max(np.sqrt(own @ inverse @ own) for _, own in laws.values()) * fast**2)
+    level = np.sqrt((np.array(s["a"]) * sizes**2).sum() / s["alpha"])
+    other = np.sqrt(s["P"][2, 2]) / slow**2
+
+    def move(level: float, before: float = 0.0) -> tuple[float, float, float, float]:
+        far, speed, delayed, asked = level * np.array(most)
+        far, speed = far + h * speed * (before > 0.0) + h**2 / 2.0 * before, speed + h * before
+        pushed = gains @ [asked, speed, delayed, far + delayed]
+        return far, speed, ends[1] * (asked + noise) + rubs * speed + (w + pushed) / rest, asked
+
+    for claim in ("stated", "start", "jump"):
+        own = level
+        if claim == "start":
+            own = max(
+                level, other * (c["jump"] + (c["kappa_e"] + c["kappa_g"]) * c["count"] / c["delta_low"])
+            )
+        far, speed, quick, asked = move(own)
+        if claim == "jump":
+            ratio = np.sqrt(c["delta_high"] / c["delta_low"])
+            own, first = ratio * level + other * c["jump"], f * ratio * quick
+            quick = max(first, f * move(own, first)[2])
+            own += (np.sqrt(s["P"][0, 0]) * h / 2.0 + np.sqrt(s["P"][1, 1]) / slow) * h * 2.0 * quick
+            far, speed, last, asked = move(own)
+            quick = max(quick, last)
+        far, speed = far + h * speed + h**2 / 2.0 * quick, np.sqrt(f) * (speed + h * quick)
+        errors = np.sqrt(f * np.array(c["inverse"])) * far + delay * h * np.array(c["velocity"])
+        torques = np.array(c["hold"]) + np.sqrt(wide) * np.array(c["reach"]) * (asked + noise)
+        found = checker.bounds(c, s | {"P": s["P"].tolist()}, claim)
+        np.testing.assert_allclose(
+            [*found["errors"], *found["speed"], *found["torques"]], [*errors, speed, *torques], rtol=1e-7
+        )
+
+
+def test_the_checker_has_the_pivots_of_a_matrix_up_to_the_first_that_is_not_positive() -> None:
+    root = np.random.default_rng(2).normal(size=(5, 5))
+    whole = root @ root.T
+    wanted = np.diag(np.linalg.cholesky(whole)) ** 2
+    np.testing.assert_allclose(np.array(checker.pivots(whole.tolist()), dtype=float), wanted, rtol=1e-9)
+    whole[3, 3] -= wanted[3] + 0.25
+    found = np.array(checker.pivots(whole.tolist()), dtype=float)
+    np.testing.assert_allclose(found, [*wanted[:3], -0.25], rtol=1e-9)
+    # What is made less by rounding is less than every number that is lost.
+    third = [[Fraction(1, 3), Fraction(1, 7)], [Fraction(1, 7), Fraction(1, 2)]]
+    exact = Fraction(1, 2) - Fraction(1, 7) ** 2 / Fraction(1, 3)
+    assert Fraction(1, 2**129) < exact - checker.pivots(third)[1] < Fraction(1, 2**120)

@@ -252,6 +252,9 @@ def test_a_draw_is_the_arm_with_what_was_drawn() -> None:
         held = np.abs(draw.arm.gravity(way)).max(axis=0)
         assert (held <= reality.gravity_share * scale.effort * (1.0 + 1e-9)).all()
         assert (held <= draw.effort).all()
+        least = reality.effort_gravity * held + reality.effort_spare * scale.effort
+        own = np.maximum(least, draw.numbers.effort * scale.effort)
+        np.testing.assert_allclose(draw.effort, np.minimum(own, ARM.limits.effort), rtol=1e-9)
         ARM.check_position(draw.move.goal, "the goal")
 
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from machines import sled, swing
+from scipy.linalg import null_space
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 from strategies import decimals, robots_and_states
@@ -16,6 +17,7 @@ from strategies import decimals, robots_and_states
 from armgpi import InverseSolution, Robot, RobotBatch, TrackingInverse, inverse_kinematics
 from armgpi.errors import ArmgpiError, ArrayError, LimitError, NameNotFound, ParameterError, ReachError
 from armgpi.paper.arm import PaperArm
+from armgpi.robot.kinematics import random_configurations
 
 HAND = PaperArm()
 ARM = Robot.load("anthropomorphic3")
@@ -201,12 +203,60 @@ def test_sliding_joints_slide_and_stop_at_their_limits() -> None:
     assert beside.position_error == pytest.approx(0.3, abs=1e-9)
 
 
-def test_a_joint_at_its_limit_lets_the_others_go_on() -> None:
-    limited = swing(count=3).with_limits(lower=-0.5, upper=[0.5, 3.0, 3.0])
-    target = limited.frame_pose("link3", np.array([0.5, 1.2, 0.8]))
-    found = inverse_kinematics(limited, "link3", target.translation, target.rotation)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_joint_at_its_limit_lets_the_others_go_on(side: float) -> None:
+    lower, upper = np.sort(side * np.array([[-0.5] * 3, [0.5, 3.0, 3.0]]), axis=0)
+    limited = swing(count=3).with_limits(lower=lower, upper=upper)
+    goal = side * np.array([0.5, 1.2, 0.8])
+    target = limited.frame_pose("link3", goal)
+    found = inverse_kinematics(limited, "link3", target.translation, target.rotation, restarts=0)
     assert found.reached
-    np.testing.assert_allclose(found.q, [0.5, 1.2, 0.8], atol=1e-6)
+    np.testing.assert_allclose(found.q, goal, atol=1e-6)
+
+
+def test_rates_clearance_and_what_is_missed_are_those_of_the_jacobian_by_hand() -> None:
+    moves = (
+        ("x", "1 0 0", 0.1, 0.9),
+        ("z", "0 0 1", -0.5, 2.0),
+        ("y", "0 1 0", -1.0, 2.5),
+        ("w", "0 1 0", -2, 0),
+    )
+    parts = ['<robot name="crane"><link name="base"/>']
+    for (name, axis, low, high), before in zip(moves, ("base", "x", "z", "y"), strict=True):
+        kind = "prismatic" if name == "x" else "revolute"
+        parts.append(
+            f'<link name="{name}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0"'
+            f' iyz="0"/></inertial></link><joint name="{name}" type="{kind}"><parent link="{before}"/>'
+            f'<child link="{name}"/><origin xyz="0.1 0.2 0.7"/><axis xyz="{axis}"/>'
+            f'<limit lower="{low}" upper="{high}" effort="9" velocity="9"/></joint>'
+        )
+    parts.append('<link name="tip"/><joint name="t" type="fixed"><parent link="w"/><child link="tip"/>')
+    arm = Robot.from_xml("".join([*parts, '<origin xyz="0.4 0 0"/></joint></robot>']))
+    follow, rng = TrackingInverse(arm, "tip", rate=0.7), np.random.default_rng(5)
+    lower, upper = arm.limits[:2]
+    q = rng.uniform(lower, upper, (6, 4))
+    home, velocity = arm.middle(), rng.normal(size=(6, 3))
+    levers = arm.frame_jacobian("tip", random_configurations(arm, 32, seed=0))[:, :3, 1:]
+    units = np.array([np.linalg.norm(levers, axis=1).max(), 1.0, 1.0, 1.0])
+    J = arm.frame_jacobian("tip", q)[:, :3]
+    rates = follow.flow(q, velocity, home)
+    np.testing.assert_allclose(np.einsum("kij,kj->ki", J, rates), velocity, atol=1e-12)
+    for own, rate, at in zip(J, rates, q, strict=True):
+        np.testing.assert_allclose(
+            null_space(own * units).T @ ((rate - 0.7 * (home - at)) / units), 0.0, atol=1e-12
+        )
+    margin = (np.minimum(q - lower, upper - q) / (0.5 * (upper - lower))).min(axis=1)
+    least = [np.linalg.svd(own * units / units[0])[1][-1] for own in J]
+    np.testing.assert_allclose(follow.clearance(q), margin * least, rtol=1e-12)
+    robot, frame = load("panda")
+    towards = np.array([0.6, 0.0, -0.8])
+    follow = TrackingInverse(robot, frame, direction=towards, tool_axis=[0.0, 1.0, 0.0])
+    q, points = anywhere(robot, 20), rng.normal(size=(20, 3))
+    pose = robot.frame_pose(frame, q)
+    angle = np.arccos(pose.rotation[:, :, 1] @ towards)
+    far = np.linalg.norm(pose.translation - points, axis=1)
+    np.testing.assert_allclose(follow.missed(q, points), np.maximum(far, angle), rtol=1e-9)
+    assert (angle > far).any()
 
 
 @pytest.mark.parametrize(

@@ -8,12 +8,14 @@ from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
 from armgpi import GPI, ArmgpiError, Bezier, RigidBodyPlant, Robot, health, simulate
 from armgpi.errors import NameNotFound, ParameterError, Remedy, UrdfError
+from armgpi.robot.urdf import bad_numbers
 from armgpi.view import scene
 
 INERTIAL = (
@@ -242,3 +244,41 @@ def test_a_rollout_of_a_repaired_robot_loads_the_same_one(tmp_path: Path) -> Non
     path.write_text(arm(), encoding="utf-8")
     with pytest.raises(ArmgpiError, match="has changed"):
         scene.robot_of(rollout)
+
+
+@pytest.mark.parametrize("efforts", [(2.0, 40.0), (40.0, 400.0)])
+def test_bodies_that_are_supposed_are_rods_to_the_next_joint_that_the_motors_hold(
+    efforts: tuple[float, float],
+) -> None:
+    limit = '<limit lower="-1" upper="2" effort="{}" velocity="3"/>'
+    shoulder, elbow = map(limit.format, efforts)
+    robot = Robot.from_xml(
+        f"""<robot name="bare"><link name="base"/><link name="upper"/><link name="fore"/><link name="tip"/>
+        <joint name="s" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/>
+        {shoulder}</joint>
+        <joint name="e" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.3 0.4 0"/>
+        <axis xyz="0 1 0"/>{elbow}</joint>
+        <joint name="t" type="fixed"><parent link="fore"/><child link="tip"/><origin xyz="0 0 0.25"/>
+        </joint></robot>""",
+        repair="suppose-bodies",
+    )
+    reach, total = 0.75, min(28.0 * 0.75**2, max(efforts) / (3.0 * 0.4) / (9.81 * 0.75))
+    share = (0.5 + 0.05 * reach) / (reach + 2.0 * 0.05 * reach)
+    rods = (([0.3, 0.4, 0.0], share * total), ([0.0, 0.0, 0.25], (1.0 - share) * total))
+    for body, (rod, mass) in zip(robot._model.inertias[1:], rods, strict=True):
+        assert body.mass == pytest.approx(mass, rel=1e-9)
+        np.testing.assert_allclose(body.lever, 0.5 * np.array(rod), atol=1e-12)
+        moment = mass * (np.dot(rod, rod) / 12.0 + (0.05 * reach) ** 2)
+        np.testing.assert_allclose(body.inertia, moment * np.eye(3), rtol=1e-9, atol=1e-12)
+
+
+def test_a_size_is_positive_but_that_of_a_mesh_which_may_be_mirrored() -> None:
+    for text, key, count, wrong in (
+        ('<sphere radius="0"/>', "radius", 1, "not positive"),
+        ('<box size="1 -1 2"/>', "size", 3, "not positive"),
+        ('<mesh scale="1 0 1"/>', "scale", 3, "is 0"),
+        ('<mesh scale="1 -1 1"/>', "scale", 3, ""),
+    ):
+        said = bad_numbers(ElementTree.fromstring(text), key, count, positive=True)
+        assert said.endswith(wrong)
+        assert bool(said) == bool(wrong)
