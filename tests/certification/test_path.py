@@ -16,16 +16,21 @@ from soundness import Course
 
 import armgpi
 from armgpi import GPI, Bezier, Encoder, FixedGains, Measurement, Robot, bound_path
-from armgpi.certification.channels import channel, sampled_loops
+from armgpi.certification.channels import Channel, channel, sampled_loops
 from armgpi.certification.path import (
+    Along,
     PathBound,
+    Rest,
     _Around,
     _at_rest,
     _bits,
     _holds,
     _moments,
+    _most,
     _start,
+    _through,
     _torques,
+    _Tube,
     numbers_along,
 )
 from armgpi.certification.path_page import write_page
@@ -79,6 +84,131 @@ def test_a_channel_is_the_law_on_a_double_integrator(delay: int, integrators: in
         q, v = q + 1e-3 * v + 0.5e-6 * (asked + z), v + 1e-3 * (asked + z)
         x = np.einsum("imk,ik->im", loops.open, x) + (asked + z)[:, None] * loops.push
         np.testing.assert_allclose(x[:, 0], q, rtol=1e-9, atol=1e-15)
+
+
+def test_a_channel_is_the_sum_of_what_each_sample_does_to_all_later_ones() -> None:
+    h, gain = 4e-3, np.array([0.9, 1.0, 1.2])
+    law = GPI(ARM, h, FixedGains([9.0, 15.0, 20.0]), integrators=2, rolloff=1)
+    loops, found = sampled_loops(law, 2), channel(law, 2, gain)
+    assert found is not None
+    s, samples = np.linspace(0.0, h, 101), 2000
+    apart = []
+    for j in range(3):
+        push = gain[j] * loops.push
+        A = loops.open[j] + np.outer(push, loops.asks[j])
+        e, v = np.eye(2, len(A))
+        outputs = np.array([e, v, loops.asks[j]])
+        inputs = np.array(
+            [e, v, loops.measured[j] + push * loops.direct[j], loops.held[j], loops.integrated[j]]
+        )
+        y, x = np.empty((samples, 3, 5)), inputs.T
+        for k in range(samples):
+            y[k], x = outputs @ x, A @ x
+        # An acceleration that acts s before the end of a sample has moved the error by s and its speed by 1.
+        swept = np.trapezoid(np.abs(y[..., :1] * s + y[..., 1:2]), s, axis=-1)
+        np.testing.assert_allclose(found.rest[:, j], swept.sum(axis=0), rtol=1e-4)
+        np.testing.assert_allclose(found.course[:400, :, j], swept[:400], rtol=1e-2, atol=1e-3 * swept.max())
+        sums = np.abs(y).sum(axis=0)
+        at_once = [0.0, 0.0, abs(loops.direct[j])]
+        for told, exact in (
+            (found.measured, sums[:, 2] + at_once), (found.shift, sums[:, 3]), (found.zone, sums[:, 4])
+        ):  # fmt: skip
+            over = told[:, j] / exact - 1.0  # by what bounds the rest of the series
+            assert (over > -1e-9).all()
+            assert (over < 0.02).all()
+        np.testing.assert_allclose(found.start[:, j], np.abs(y[..., 3]).max(axis=0), rtol=1e-9)
+        apart.append((y[:, 2, :2], swept[:, 2]))
+    asked, passed = np.array([x for x, _ in apart]), np.cumsum([x for _, x in apart], axis=1)
+    last = max(int(np.argmax(x >= 0.99 * x[-1])) for x in passed)
+    assert found.memory == pytest.approx(h * (last + 1))
+    mean = asked.mean(axis=0)
+    alike = np.trapezoid(np.abs(mean[:, :1] * s + mean[:, 1:]), s, axis=-1)
+    assert found.shared == pytest.approx(alike[: last + 1].sum(), rel=1e-4)
+    rest = np.trapezoid(np.abs((asked - mean)[..., :1] * s + (asked - mean)[..., 1:]), s, axis=-1)
+    own = rest[:, : last + 1].sum(axis=1) + passed[:, -1] - passed[:, last]
+    np.testing.assert_allclose(found.own, own, rtol=1e-3)
+
+
+def test_a_tube_is_the_least_that_its_own_disturbances_do_not_leave() -> None:
+    rng, n, h = np.random.default_rng(1), 2, 0.01
+
+    def draw(*shape: int) -> Any:
+        return 0.05 * rng.uniform(0.2, 1.0, shape)
+
+    shapes = {"square": (n, n, n), **dict.fromkeys(("torque", "spread", "force", "motion"), (n,))}
+    rest, answer = (Rest(**{x: draw(*shapes.get(x, (n, n))) for x in Rest._fields}) for _ in range(2))
+    loop = Channel(*draw(5, 3, n), draw(6, 3, n) / 9.0, 0.7, draw(n), 0.3)
+    make: Any = Along
+    known = make(*draw(1, n), rest, answer, *draw(4, n), draw(n, n), draw(3, n), draw(9, n), loop)
+    wish: Any = SimpleNamespace(
+        controller=SimpleNamespace(dt=h), delay=2, hidden=draw(n), zone=draw(n), force=3.0
+    )
+    tube = _Tube(wish, np.ones(n), np.ones(n), known)
+    fixed = np.zeros((3, n))
+    for i in range(3):
+        for j in range(n):
+            jerks = [
+                sum(loop.course[a, i, j] * known.jerk[k - a, j] for a in range(6) if 0 <= k - a < 9)
+                for k in range(15)
+            ]
+            later = (loop.rest[i, j] - loop.course[:, i, j].sum()) * known.jerk[:, j].max()
+            fixed[i, j] = (
+                later + max(jerks) + loop.measured[i, j] * wish.hidden[j] + loop.zone[i, j] * wish.zone[j]
+            )
+            fixed[i, j] += loop.shift[i, j] * known.shift[j] + loop.start[i, j] * known.start[j]
+    np.testing.assert_allclose(tube.fixed, fixed, rtol=1e-12)
+
+    def disturbs(x: Rest, old: Any, j: int) -> float:
+        error, speed, asked = old[:3]
+        seen = 3.0 * h * (known.speed + speed) + wish.hidden
+        found = x.torque[j] + 0.5 * x.spread[j] + 4.0 * x.force[j] + x.motion[j]
+        for k in range(n):
+            found += x.stiffness[j, k] * (3.0 * h * known.speed[k] + error[k]) + x.turning[j, k] * seen[k]
+            found += x.mismatch[j, k] * asked[k] + x.rate[j, k] * speed[k]
+            found += sum(x.square[j, k, i] * speed[k] * speed[i] for i in range(n))
+        return float(found)
+
+    now = np.zeros((4, n))
+    for _ in range(60):
+        unknown = np.array([disturbs(rest, now, j) for j in range(n)])
+        error, speed, asked = loop.rest * unknown + fixed
+        most = known.gain * asked + unknown + known.jerk.max(axis=0)
+        now = np.array([error + h * speed + 0.5 * h * h * most, speed + h * most, asked, unknown])
+    found = tube.solve(0.5, 4.0)
+    assert found is not None
+    np.testing.assert_allclose(found[:4], now, rtol=1e-5)
+    assert (np.array(found[:3]) > now[:3]).all()
+    answers = loop.shared * np.array([disturbs(answer, found, j) for j in range(n)])
+    answers = answers + known.reach @ (loop.own * found.rest + fixed[2])
+    wanted = known.hold + np.minimum(answers, known.reach @ found.asked)
+    np.testing.assert_allclose(tube.torques(found, 0.5, 4.0), wanted, rtol=1e-9)
+    made, alone = tube.path_bound([]), tube.solve(0.0, 3.0)
+    assert alone is not None
+    np.testing.assert_allclose(made.error, alone.error + 2.0 * h * known.speed, rtol=1e-9)
+    assert made.tool == pytest.approx(np.linalg.norm(known.jacobian @ made.error))
+    np.testing.assert_allclose(sum(made.parts.values()), 1.0, atol=0.4)
+    assert _most(lambda x: x <= 0.37) == pytest.approx(0.37, rel=1.1e-3)
+    assert _most(lambda x: x <= 0.37) <= 0.37
+
+
+def test_what_matrices_make_of_torques_is_added_up_by_size() -> None:
+    rng = np.random.default_rng(3)
+    left = rng.normal(size=(4, 3, 3))
+    torques = {
+        name: rng.normal(size=(4, 3, 3)) for name in ("mismatch", "stiffness", "turning", "rate", "force")
+    }
+    torques |= {"square": rng.normal(size=(4, 3, 3, 3)), "torque": np.array([1.0, 2.0, 3.0])}
+    found = _through(left, torques | {"motion": (motion := rng.normal(size=(4, 3)))})
+    for k in range(4):
+        for name in ("mismatch", "stiffness", "turning", "rate"):
+            np.testing.assert_allclose(found[name][k], left[k] @ torques[name][k])
+        for c, a in np.ndindex(3, 3):
+            np.testing.assert_allclose(found["square"][k][:, c, a], left[k] @ torques["square"][k, c, :, a])
+        np.testing.assert_allclose(found["torque"][k], np.abs(left[k]) @ torques["torque"])
+        np.testing.assert_allclose(found["spread"][k], np.abs(left[k]) @ np.ones(3))
+        forces = [np.linalg.norm(row) for row in left[k] @ torques["force"][k]]
+        np.testing.assert_allclose(found["force"][k], forces)
+        np.testing.assert_allclose(found["motion"][k], left[k] @ motion[k])
 
 
 def errors(made: PathBound, course: Any, arm: Robot, bits: int | None = None) -> Any:
