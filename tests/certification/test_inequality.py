@@ -15,6 +15,7 @@ from armgpi import Robot, certify
 from armgpi.arrays import Array
 from armgpi.certification import check_certificate, quantities
 from armgpi.certification.quantities import Points, Setting
+from armgpi.certification.solve import _ALPHAS, _lyapunov, _matrix, _Problem, _split, _svec, solve
 
 checker: Any = check_certificate  # generic over number types, so without annotations
 SEEDS = st.integers(0, 2**32 - 1)
@@ -320,3 +321,84 @@ def test_the_checker_has_the_pivots_of_a_matrix_up_to_the_first_that_is_not_posi
     third = [[Fraction(1, 3), Fraction(1, 7)], [Fraction(1, 7), Fraction(1, 2)]]
     exact = Fraction(1, 2) - Fraction(1, 7) ** 2 / Fraction(1, 3)
     assert Fraction(1, 2**129) < exact - checker.pivots(third)[1] < Fraction(1, 2**120)
+
+
+def facts(omega: list[float], kappa: float = 0.05) -> dict[str, Any]:
+    """Return what a certificate rests on, as floats."""
+    small = ("kappa_v", "kappa_e", "kappa_g", "kappa_f", "sigma", "sigma_error", "kappa_error", "spread")
+    c: dict[str, Any] = {"integrators": 1, "rolloff": 1, "delay": 1, "sample_time": 2e-3, "omega": omega}
+    c |= {"zeta": 0.8, "pole_ratio": 1.2, "rolloff_ratio": 8.0, "second_ratio": 0.9, "second_zeta": 1.1}
+    c |= {
+        "delta_low": 0.9,
+        "delta_high": 1.1,
+        "count_time": 3e-3,
+        "torque": 0.7,
+        "shift": 0.02,
+        "count": 1e-3,
+    }
+    return c | {"reference": 0.1, "zone": 1e-3} | dict.fromkeys(small, kappa)
+
+
+@pytest.mark.parametrize("count", [1, 2, 7])
+def test_what_the_solver_gets_is_what_the_checker_checks(count: int) -> None:
+    omegas = np.linspace(9.0, 12.0, count).tolist()
+    c, rng = facts(omegas), np.random.default_rng(count)
+    problem = _Problem.from_facts(c)
+    assert problem is not None
+    x = rng.normal(size=len(problem.basis))
+    n = problem.n
+    P, t, a = _split(x, n, problem.used)
+    np.testing.assert_array_equal(P, P.T)
+    np.testing.assert_array_equal(np.concatenate([P[np.tril_indices(n)], t, a]), x)
+    known = checker.sample(c)
+    chosen = sorted({*range(count)} if count < 3 else {0, 1, 3, 5, 6})
+    steps = [(i, j) for i in chosen for j in range(max(i - 1, 0), min(i + 2, count))]
+    s = {"P": P.tolist(), "alpha": 0.0, "t": t.tolist(), "a": a.tolist()}
+    wanted = [
+        np.array(checker.inequality(c, known, omegas[i], omegas[i] / omegas[j], delta, s))
+        / (2e-3 * omegas[i])
+        for i, j in steps
+        for delta in known[2]
+    ]
+    np.testing.assert_allclose(np.tensordot(x, problem.basis, 1), wanted, rtol=1e-7, atol=1e-9)
+    X, Y = (m + m.T for m in rng.normal(size=(2, n, n)))
+    assert _svec(X) @ _svec(Y) == pytest.approx(np.trace(X @ Y))
+    np.testing.assert_allclose(_matrix(_svec(X)), X)
+    # The same matrix whatever the coordinates: where it is positive, and by which rate of decay less.
+    for scale, alpha in ((1.0, 0.0), (0.2, 0.3), (-1.0, 0.1)):
+        values = scale * x
+        values[: n * (n + 1) // 2] = np.eye(n)[np.tril_indices(n)]
+        less = np.zeros_like(wanted[0])
+        less[:n, :n] = alpha * np.eye(n)
+        least = min(np.linalg.eigvalsh(each - less)[0] for each in np.tensordot(values, problem.basis, 1))
+        assert np.sign(problem.violation(values, alpha)) == -np.sign(least)
+
+
+def test_what_is_solved_is_the_best_that_holds_at_any_rate_of_decay() -> None:
+    c = facts([10.0]) | {"rolloff": 0, "delay": 0, "kappa_f": 0.0}
+    problem = _Problem.from_facts(c)
+    assert problem is not None
+    A, K = (np.array(x) for x in checker.loop(c, 10.0)[1:3])
+    delta = np.sqrt(np.prod(checker.sample(c)[2]))
+    closed = A + delta * np.outer([0.5 * 0.02**2, 0.02, *[0.0] * (len(A) - 2)], K)
+    first = _lyapunov(c, delta)
+    np.testing.assert_allclose(first - closed.T @ first @ closed, 0.02 * np.eye(len(A)), atol=1e-9)
+    rng, tried = np.random.default_rng(4), {}
+    for alpha in _ALPHAS:
+        x = problem.attempt(alpha)
+        if x is None:
+            continue
+        P, _, a = _split(x, problem.n, problem.used)
+        tried[alpha] = np.linalg.inv(P)[0, 0] * (a[problem.used.a] @ problem.sizes**2) / alpha
+        assert problem.error_bound(x, alpha) == pytest.approx(tried[alpha])
+        for _ in range(20):  # nothing near it holds and has a smaller bound
+            near = x * (1.0 + 1e-3 * rng.normal(size=len(x)))
+            assert (
+                problem.violation(near, alpha) > 0.0
+                or problem.error_bound(near, alpha) > 0.999 * tried[alpha]
+            )
+    exact = {key: [*map(Fraction, x)] if isinstance(x, list) else x for key, x in c.items()}
+    found = solve({key: Fraction(x) if isinstance(x, float) else x for key, x in exact.items()})
+    assert found is not None
+    assert tried[float(found.alpha)] == min(tried.values())
+    assert len(tried) > 3
