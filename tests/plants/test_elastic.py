@@ -97,6 +97,53 @@ def test_what_pushes_a_link_and_what_its_motor_gives_change_the_momentum_of_both
     assert momentum == pytest.approx(0.1 * (2.0 - 0.7), rel=1e-6)
 
 
+def test_a_substep_is_the_step_of_rosenbrock_by_dense_matrices() -> None:
+    """ROS2 (Verwer et al. 1999) with links and motors in one system, and viscous friction after it."""
+    rng, n, h = np.random.default_rng(7), 3, 0.5e-3
+    stiff, damping, load = (
+        np.array([900.0, 1500.0, 700.0]),
+        np.array([3.0, 5.0, 2.0]),
+        np.array([0.7, -0.4, 0.2]),
+    )
+    visc_links, visc_motors, rate = np.array([0.9, 0.4, 0.2]), np.array([0.3, 0.6, 0.5]), 2.0 * math.pi * 60.0
+    plant = ElasticPlant(
+        ARM, (Step(load),), Friction(visc_motors, 0.0), gear_stiffness=stiff, gear_damping=damping,
+        current_bandwidth=60.0, link_viscous=visc_links, torque_ripple=0.2, cogging=0.5, ripple_period=0.3,
+        substeps=2,
+    )  # fmt: skip
+    q, v, theta, omega = rng.uniform(-0.5, 0.5, n), *rng.normal(size=(3, n))
+    theta, motor, tau = q + 0.02 * theta, np.array([4.0, -3.0, 2.0]), np.array([6.0, 5.0, -1.0])
+    after = plant.step(tau, ElasticState(0, q, v, theta, omega, motor, tau), 2.0 * h)
+    rotor, zero, one = np.diag(ARM.armature), np.zeros((n, n)), np.eye(n)
+    K, B, gamma = np.diag(stiff), np.diag(damping), 1.0 - math.sqrt(0.5)
+    for _ in range(2):
+        links = ARM.mass_matrix(q + 0.5 * h * v) - rotor
+        masses = np.linalg.inv(np.block([[links, zero], [zero, rotor]]))
+        springs = np.block([[-K, K, -B, B], [K, -K, B, -B]])
+        A = np.vstack([np.block([[zero, zero, one, zero], [zero, zero, zero, one]]), masses @ springs])
+        mean = tau + (motor - tau) * (1.0 - math.exp(-rate * h)) / (rate * h)
+        motor = tau + (motor - tau) * math.exp(-rate * h)
+
+        def slope(x: Array, mean: Array = mean, masses: Array = masses, springs: Array = springs) -> Array:
+            at, speed = x[:n], x[2 * n : 3 * n]
+            waves = (0.2 * mean + 0.5) * np.sin(2.0 * math.pi * x[n : 2 * n] / 0.3)
+            forces = np.concatenate([-ARM.nonlinear_effects(at, speed) - load, mean + waves])
+            return np.concatenate([x[2 * n :], masses @ (springs @ x + forces)])
+
+        x, left = np.concatenate([q, theta, v, omega]), np.eye(4 * n) - gamma * h * A
+        k1 = np.linalg.solve(left, slope(x))
+        k2 = np.linalg.solve(left, slope(x + h * k1) - 2.0 * k1)
+        x = x + 1.5 * h * k1 + 0.5 * h * k2
+        # Friction and what it stretches, of which half a step's way is implicit.
+        rubs = np.diag(np.concatenate([visc_links, visc_motors]))
+        tied = h * (0.5 * h * K + B)
+        held = np.block([[links + tied, -tied], [-tied, rotor + tied]]) + h * rubs
+        change = np.linalg.solve(held, -h * rubs @ x[2 * n :])
+        q, theta, v, omega = np.split(x + np.concatenate([0.5 * h * change, change]), 4)
+    for own, other in zip(after[1:6], (q, v, theta, omega, motor), strict=True):
+        np.testing.assert_allclose(own, other, rtol=1e-9)
+
+
 def test_a_substep_is_of_order_two() -> None:
     def end(substeps: int) -> Array:
         plant = ElasticPlant(UR5, gear_stiffness=STIFF, current_bandwidth=500.0, substeps=substeps)
