@@ -32,7 +32,7 @@ from armgpi.loop.rollout import Status
 from armgpi.parameter import Parameter, parameters
 from armgpi.plants.reality import Reality
 from armgpi.studies import page, rare, results, sample, workers
-from armgpi.studies.distributions import Distribution, shares
+from armgpi.studies.distributions import Distribution, distribution, shares
 from armgpi.studies.sample import Sweep
 from armgpi.studies.study import IDENTITY
 
@@ -607,6 +607,74 @@ def test_chains_that_never_move_count_as_one_point_each() -> None:
     assert found.shares == [0.1, 0.4]
     assert found.accepted == [0.0]
     assert found.deviation == pytest.approx(np.sqrt(0.9 / (0.1 * 100)) + np.sqrt(0.6 / (0.4 * 10)))
+
+
+def test_levels_and_their_estimate_are_those_that_are_worked_out_point_by_point() -> None:
+    def margin(points: Any, seeds: Any) -> Any:
+        return (points[:, 0] + 0.3 * points[:, 1]) / 3.5 + 0.02 * (np.asarray(seeds) % 7)
+
+    levels = rare.climb(margin, 2, 200, lambda place, level: level(np.random.default_rng(place + 5)))
+    assert len(levels) > 2
+    bounds, before = [], -math.inf
+    for number, level in enumerate(levels):
+        ordered = sorted(level[:, -1], reverse=True)
+        bound = 1.0 if ordered[19] > 1.0 else 0.5 * (ordered[19] + ordered[20])
+        assert bound > before  # of a margin without ties
+        bounds.append((bound, sum(x > 1.0 if bound == 1.0 else x >= bound for x in ordered) / 200))
+        before = bound
+        if number + 1 == len(levels):
+            break
+        random, step = np.random.default_rng(number + 6), 0.6
+        now = level[random.choice([i for i in range(200) if level[i, -1] >= bound], 20, replace=False)].copy()
+        spread, rows = [max(1e-6, now[:, j].std()) for j in range(2)], [now.copy()]
+        for move in range(1, 10):
+            size = np.minimum(1.0, step * np.array(spread))
+            moved = np.array(
+                [
+                    np.sqrt(1.0 - size**2) * x[:2] + size * y
+                    for x, y in zip(now, random.standard_normal((20, 2)), strict=True)
+                ]
+            )
+            seeds = random.integers(2**31, size=20)
+            accepted = 0
+            for i, near in enumerate(margin(moved, seeds)):
+                if near >= bound:
+                    now[i], accepted = [*moved[i], seeds[i], near], accepted + 1
+            step *= math.exp((accepted / 20 - 0.44) / math.sqrt(move))
+            rows.append(now.copy())
+        np.testing.assert_allclose(levels[number + 1], np.vstack(rows), rtol=1e-12)
+    deviation = 0.0
+    for place, (level, (bound, share)) in enumerate(zip(levels, bounds, strict=True)):
+        hits = (level[:, -1] > 1.0 if bound == 1.0 else level[:, -1] >= bound).reshape(10, 20)
+        related = 0.0
+        for lag in range(1, 10) if place else ():
+            pairs = [hits[k, i] * hits[k + lag, i] for k in range(10 - lag) for i in range(20)]
+            related += 2.0 * (1.0 - lag / 10.0) * (np.mean(pairs) - share**2) / (share * (1.0 - share))
+        deviation += math.sqrt((1.0 - share) / (share * 200) * (1.0 + max(0.0, related)))
+    found = rare.estimate(levels)
+    p = math.prod(share for _, share in bounds)
+    factor = math.exp(1.959963985 * math.sqrt(math.log(1.0 + deviation**2)))
+    np.testing.assert_allclose([found.bounds, found.shares], np.transpose(bounds))
+    np.testing.assert_allclose([found.deviation, *found.probability], [deviation, p, p / factor, p * factor])
+    assert found.points == 200 * len(levels)
+    changed = [np.diff(level[:, :2].reshape(10, 20, 2), axis=0).any(axis=-1).mean() for level in levels[1:]]
+    assert found.accepted == pytest.approx(changed)
+
+
+def test_whole_numbers_are_drawn_from_all_between_the_ends_alike() -> None:
+    nothing = dict.fromkeys(("log_uniform", "normal", "choices", "each"))
+    declared = Parameter("samples", kind="integer", least=0, most=2000)
+    for low, high, whole in ((2.0, 5.0, (2, 3, 4, 5)), (2.2, 5.7, (3, 4, 5)), (4.0, 4.0, (4,))):
+        found = distribution("plant.delay", SimpleNamespace(uniform=[low, high], **nothing), declared, 3)
+        assert found == ("choices", whole, 1)
+    with pytest.raises(ParameterError, match="a range of at most 1000"):
+        distribution("plant.delay", SimpleNamespace(uniform=[0, 1001], **nothing), declared, 3)
+    wide = distribution("plant.delay", SimpleNamespace(uniform=[0, 1000], **nothing), declared, 3)
+    assert wide.numbers == tuple(range(1001))
+    unsaid = SimpleNamespace(uniform=None, **nothing)
+    factors = Parameter("stiffness", least=0.0, log=True, search=(2.0, 8.0))
+    assert distribution("plant.x", unsaid, factors, 3) == ("log_uniform", (2.0, 8.0), 1)
+    assert distribution("plant.x", unsaid, Parameter("x", search=(2.0, 8.0)), 3) == ("uniform", (2.0, 8.0), 1)
 
 
 def test_a_level_rises_where_a_tenth_of_a_tenth_is_above_the_bound_before() -> None:
