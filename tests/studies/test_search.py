@@ -19,10 +19,10 @@ from armgpi.config.schema import KINDS
 from armgpi.errors import MissingPackage, NameNotFound, ParameterError, RolloutError
 from armgpi.plants.reality import stack_draws
 from armgpi.studies.evaluation import Evaluated, Evaluator, with_keys
-from armgpi.studies.objective import Constraint, Expression, Objective
-from armgpi.studies.optimise import Problem, Search
-from armgpi.studies.optimisers import METHODS, make
-from armgpi.studies.space import Range, Space, numbers
+from armgpi.studies.objective import Constraint, Expression, Judged, Objective
+from armgpi.studies.optimise import Problem, Row, Search
+from armgpi.studies.optimisers import METHODS, Swarm, make
+from armgpi.studies.space import Dimension, Range, Space, numbers
 from armgpi.studies.study import Identity, Study
 
 ARM = Robot.load("anthropomorphic3")
@@ -163,7 +163,53 @@ def test_candidates_rank_by_failures_then_by_what_they_break_then_by_their_objec
     assert np.isfinite(judged.scores()).all()
 
 
+def test_what_breaks_a_bound_or_a_budget_costs_by_how_much_of_it_that_is() -> None:
+    for text in ("peak_error <= 0.1", "0.1 >= peak_error"):
+        broken = Constraint(text).violation({"peak_error": np.array([[0.15, 0.05, np.nan]])})
+        np.testing.assert_allclose(broken, [[0.5, 0.0, np.inf]])
+    judged = Judged(np.array([2.0, 3.0, np.inf, 4.0]), np.array([0, 0, 0.25, 0]), np.array([0, 0.5, 0, 0]))
+    scores = judged.scores(np.array([0.0, 0.0, 0.0, 0.75]))
+    np.testing.assert_allclose(scores, [2.0, 1.5e12, 251e12, 1.75e12])
+    rows = [Row(0, 0, np.zeros(2), 5.0, 0.0, 0.0, {"total_variation": x}) for x in (100.0, 150.0)]
+    np.testing.assert_allclose(Search(problem())._scores(rows, 100.0), [5.0, 1.5e12])
+
+
+@pytest.mark.parametrize("log", [True, False])
+def test_a_number_is_at_its_place_between_its_ends(log: bool) -> None:
+    number = Dimension("omega", "", None, None, 2.0, 18.0, log, 3.0)
+    assert [number.value(x) for x in (-1.0, 0.0, 0.5, 1.0, 2.0)] == pytest.approx(
+        [2.0, 2.0, 6.0 if log else 10.0, 18.0, 18.0]
+    )
+    assert [number.place(x) for x in (1.0, 2.0, 6.0 if log else 10.0, 18.0, 99.0)] == pytest.approx(
+        [0.0, 0.0, 0.5, 1.0, 1.0]
+    )
+
+
 # What proposes.
+
+
+def test_a_swarm_is_drawn_to_its_own_best_places_and_that_of_all() -> None:
+    swarm, rng = Swarm(np.array([0.9, 0.1]), seed=6, population=3), np.random.default_rng(6)
+    x = rng.uniform(size=(3, 2))
+    x[0] = 0.9, 0.1
+    v = 0.25 * (rng.uniform(size=(3, 2)) - x)
+    best, least = x.copy(), np.full(3, np.inf)
+    for turn in range(6):
+        np.testing.assert_allclose(swarm.ask(), x)
+        scores = ((x - [0.3, 1.2]) ** 2).sum(axis=1) + 0.1 * turn
+        swarm.tell(scores)
+        for i in range(3):
+            if scores[i] < least[i]:
+                best[i], least[i] = x[i], scores[i]
+        own, common = rng.uniform(size=(2, 3, 2))
+        for i, j in np.ndindex(3, 2):
+            pull = own[i, j] * (best[i, j] - x[i, j]) + common[i, j] * (best[least.argmin(), j] - x[i, j])
+            v[i, j] = 0.7298 * v[i, j] + 1.49618 * pull
+            x[i, j] += v[i, j]
+            if not 0.0 <= x[i, j] <= 1.0:  # back from the wall at half the speed
+                x[i, j], v[i, j] = min(max(x[i, j], 0.0), 1.0), -0.5 * v[i, j]
+    swarm.inject(np.array([0.5, 0.5]))
+    assert swarm._x[least.argmax()].tolist() == [0.5, 0.5]
 
 
 @pytest.mark.parametrize("method", ["cma", "pso"])
