@@ -64,4 +64,4 @@ def contend(
     paths = [files.write(out / "contest.md", text)]
     data = json_data([entry._asdict() for entry in entries]) if as_json else None
     picture = out / "contest.png", lambda pictures: pictures.contest_picture(entries)
-    show("Contest of the laws", text, data, paths, report, *picture)
+    show("Contest of the laws", text, data, paths, report, picture)

@@ -66,7 +66,7 @@ def tune(
     text = results.report(search, found, default)
     data = json_data(results.as_data(search, found, default)) if as_json else None
     picture = out / "study.png", lambda pictures: pictures.study_picture(search, found, default)
-    show(f"Search on {file.name}", text, data, paths, report, *picture)
+    show(f"Search on {file.name}", text, data, paths, report, picture)
     if not found:
         sys.exit(FAILED)
 
@@ -77,8 +77,7 @@ def show(
     data: Any,
     paths: list[Path],
     report: Path | None,
-    place: Path | None = None,
-    draw: Callable[[Any], bytes] = lambda pictures: b"",
+    picture: tuple[Path, Callable[[Any], bytes]] | None = None,
 ) -> None:
     """Print tables, or data in their place; write a picture and a page where they are asked for.
 
@@ -88,24 +87,23 @@ def show(
         data: printed as JSON in place of them, where there are some.
         paths: what was written before.
         report: of the page.
-        place: of the picture.
-        draw: returns it, given :mod:`armgpi.studies.pictures`.
+        picture: where it goes, and what returns it, given :mod:`armgpi.studies.pictures`.
     """
-    picture = b""
-    if place is not None and find_spec("matplotlib") is not None:
+    drawn = b""
+    if picture is not None and find_spec("matplotlib") is not None:
         from armgpi.studies import pictures
 
-        picture = draw(pictures)
-        paths = [*paths, files.write(place, picture)]
-    elif place is not None:
+        drawn = picture[1](pictures)
+        paths = [*paths, files.write(picture[0], drawn)]
+    elif picture is not None:
         say("no picture: it needs the package 'matplotlib' (pip install 'armgpi[viz]')", err=True)
     say(text if data is None else json.dumps(data), lines=True)
     if report is not None:
         from armgpi.view import page
 
         sections = {"Result": page.from_markdown(text, "what was found")}
-        if picture:
-            sections["Pictures"] = page.picture(picture, title)
+        if drawn:
+            sections["Pictures"] = page.picture(drawn, title)
         paths = [*paths, files.write(report, page.document(title, "", sections))]
     for path in paths:
         say(f"wrote {path}", err=True)

@@ -13,7 +13,7 @@ from armgpi.arrays import Array
 from armgpi.errors import ParameterError, RolloutError
 from armgpi.studies.evaluation import Evaluator
 from armgpi.studies.objective import Judged, Objective
-from armgpi.studies.optimisers import make
+from armgpi.studies.optimisers import METHODS
 from armgpi.studies.space import Space
 from armgpi.studies.study import Part, unkept
 
@@ -122,7 +122,8 @@ class Search:
         self.problem = problem
         start = problem.space.start
         seeds = np.random.SeedSequence(problem.seed).generate_state(len(problem.budgets), np.uint64)
-        self._searches = [make(problem.method, start, int(seed) >> 1, problem.population) for seed in seeds]
+        method = METHODS[problem.method]
+        self._searches = [method(start, int(seed) >> 1, problem.population) for seed in seeds]
         self.rows: list[Row] = []
         self.fresh = 0
 
@@ -142,13 +143,10 @@ class Search:
             RolloutError: when what was kept is not what this search proposes.
             ParameterError: when no candidate has an objective.
         """
+        start = self.problem.space.start
         while not self.is_done:
             generation = self.rows[-1].generation + 1 if self.rows else 0
-            asked = (
-                [search.ask() for search in self._searches]
-                if generation
-                else [self.problem.space.start[None]]
-            )
+            asked = [search.ask() for search in self._searches] if generation else [start[None]]
             before = self.fresh
             new = self._generation(generation, asked, part)
             if generation:
@@ -178,9 +176,8 @@ class Search:
                 "the folder's generations are not those of this search: another version of armgpi or of its "
                 "optimiser wrote them; choose another folder"
             )
-        return [
-            self._row(each, generation, search) for each, search in zip(table, which.tolist(), strict=True)
-        ]
+        candidates = zip(table, which.tolist(), strict=True)
+        return [self._row(each, generation, search) for each, search in candidates]
 
     def _run_candidates(self, places: Array) -> Array:
         """Run candidates to search on and return their numbers."""

@@ -173,12 +173,3 @@ class Parzen:
 
 #: Name in files -> what proposes.
 METHODS: dict[str, type[CMA] | type[Swarm] | type[Parzen]] = {"cma": CMA, "pso": Swarm, "optuna": Parzen}
-
-
-def make(method: str, start: Array, seed: int, population: int | None = None) -> Optimiser:
-    """Return an optimiser by its name.
-
-    Raises:
-        MissingPackage: when its library is not installed.
-    """
-    return METHODS[method](start, seed, population)

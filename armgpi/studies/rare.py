@@ -212,9 +212,10 @@ def simulate(
         raise ParameterError("rollouts", count, f"at least {FEWEST} in each level")
     count = -(-count // _LENGTH) * _LENGTH
     margin = _margin(sweep)
+    key = draw_key(sweep.config.seed, *sweep.streams, f"rare {count}")  # none of its chunks has it
 
     def keep_level(place: int, level: Callable[[np.random.Generator], Array]) -> Array:
-        random = np.random.Generator(np.random.Philox(key=_key(sweep, count), counter=place << 192))
+        random = np.random.Generator(np.random.Philox(key=key, counter=place << 192))
         shape = (count, sweep.width + 2)
         return study.part(f"rare/{count}-{place:02d}", shape, lambda: level(random))
 
@@ -254,11 +255,6 @@ def climb(
             return levels
         level, before = levels[-1], bounds[-2]
         levels.append(kept(len(levels), lambda random: following(margin, level, random, before)))  # noqa: B023
-
-
-def _key(sweep: Sweep, count: int) -> int:
-    """Return the key of a study's random numbers: others than those of its chunks."""
-    return draw_key(sweep.config.seed, *sweep.streams, f"rare {count}")
 
 
 def _margin(sweep: Sweep) -> Margin:

@@ -163,11 +163,8 @@ def _strongest(maps: Mapping[str, list[dict[str, Any]]], failed: Any) -> list[st
     if not failed.any() or len(failed) < 4 * _LEAST:
         return []
 
-    def span(name: str) -> float:
-        shares: list[float] = [part["value"] for part in maps[name]]
-        return max(shares) - min(shares)
-
-    most = sorted(maps, key=span, reverse=True)[:_PAIRED]
+    spans = {name: np.ptp([part["value"] for part in parts]) for name, parts in maps.items()}
+    most = sorted(maps, key=lambda name: spans[name], reverse=True)[:_PAIRED]
     return [name for name in maps if name in most]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from importlib import import_module
@@ -43,29 +43,33 @@ def run(
         NoRoom: when a chunk cannot be written; those before it are there.
     """
     if workers == 1 and cluster is None:
-        return _here(folder, chunks, done)
+        return _gather(((*each, *_attempt(folder, *each)) for each in chunks), done)
     try:
         distributed: Any = import_module("dask.distributed")
     except ImportError:
         raise MissingPackage("dask", "cluster") from None
-    broken: dict[int, str] = {}
-    folder = folder.resolve()  # workers stand elsewhere
+    place = str(folder.resolve())  # workers stand elsewhere
     with _client(distributed, workers, cluster) as client:
-        rows = {
-            client.submit(_task, str(folder), chunk, count, pure=False, retries=_RETRIES): (chunk, count)
-            for chunk, count in chunks
-        }
+        rows = {client.submit(_task, place, *each, pure=False, retries=_RETRIES): each for each in chunks}
         # A chunk is on the disk before its future is done: a lost worker loses nothing that was finished.
-        for future in distributed.as_completed(list(rows)):
-            chunk, count = rows[future]
-            reason, room = _task_result(future)
-            if not room:
-                client.cancel(list(rows))
-                raise NoRoom(reason)
-            if reason:
-                broken[chunk] = reason
-            else:
-                done(count)
+        ended = distributed.as_completed(list(rows))
+        try:
+            return _gather(((*rows[future], *_task_result(future)) for future in ended), done)
+        except NoRoom:
+            client.cancel(list(rows))
+            raise
+
+
+def _gather(results: Iterable[tuple[int, int, str, bool]], done: Callable[[int], None]) -> dict[int, str]:
+    """Return the chunks that are broken, of results as they come: number, rollouts, and :func:`_attempt`."""
+    broken: dict[int, str] = {}
+    for chunk, count, reason, room in results:
+        if not room:
+            raise NoRoom(reason)
+        if reason:
+            broken[chunk] = reason
+        else:
+            done(count)
     return broken
 
 
@@ -85,29 +89,16 @@ def _task_result(future: Any) -> tuple[str, bool]:
     return done
 
 
-def _here(folder: Path, chunks: Sequence[tuple[int, int]], done: Callable[[int], None]) -> dict[int, str]:
-    """Run chunks in this process."""
-    broken = {}
-    for chunk, count in chunks:
-        try:
-            run_chunk(folder, chunk, count)
-            done(count)
-        except NoRoom:
-            raise
-        except ArmgpiError as error:
-            broken[chunk] = str(error)
-    return broken
-
-
 def _task(folder: str, chunk: int, rows: int) -> tuple[str, bool]:
-    """Run a chunk in a worker, which has one core.
-
-    Returns:
-        Why it could not be run, empty when it was, and whether it could be written.
-    """
+    """Do :func:`_attempt` in a worker, which has one core."""
     os.environ["OMP_NUM_THREADS"] = "1"
+    return _attempt(Path(folder), chunk, rows)
+
+
+def _attempt(folder: Path, chunk: int, rows: int) -> tuple[str, bool]:
+    """Run a chunk; return why it could not be run, empty when it was, and whether it could be written."""
     try:
-        run_chunk(Path(folder), chunk, rows)
+        run_chunk(folder, chunk, rows)
     except ArmgpiError as error:  # the same wherever it runs: no use in trying again
         return str(error), not isinstance(error, NoRoom)
     return "", True

@@ -21,7 +21,7 @@ from armgpi.plants.reality import stack_draws
 from armgpi.studies.evaluation import Evaluated, Evaluator, with_keys
 from armgpi.studies.objective import Constraint, Expression, Judged, Objective
 from armgpi.studies.optimise import Problem, Row, Search
-from armgpi.studies.optimisers import METHODS, Swarm, make
+from armgpi.studies.optimisers import METHODS, Swarm
 from armgpi.studies.space import Dimension, Range, Space, numbers
 from armgpi.studies.study import Identity, Study
 
@@ -218,7 +218,7 @@ def test_a_search_finds_the_least_of_a_bowl_and_leaves_other_generators_alone(me
     np.random.seed(3)  # noqa: NPY002 (the global generator is what must not change)
     state: Any = np.random.get_state
     before = state()[1].copy()
-    searches = [make(method, np.full(3, 0.9), seed=1) for _ in range(2)]
+    searches = [METHODS[method](np.full(3, 0.9), seed=1) for _ in range(2)]
     for _ in range(60):
         x, again = (search.ask() for search in searches)
         np.testing.assert_array_equal(x, again)
@@ -234,7 +234,7 @@ def test_optuna_begins_where_it_is_told_and_comes_near_the_least() -> None:
     aim, start = np.array([0.2, 0.7]), np.full(2, 0.9)
     state: Any = np.random.get_state
     before = state()[1].copy()
-    searches = [make("optuna", start, seed=2**40 + 1, population=8) for _ in range(2)]
+    searches = [METHODS["optuna"](start, seed=2**40 + 1, population=8) for _ in range(2)]
     best = math.inf
     for generation in range(10):
         x, again = (search.ask() for search in searches)
@@ -251,7 +251,7 @@ def test_optuna_begins_where_it_is_told_and_comes_near_the_least() -> None:
 
 
 def test_an_optimiser_takes_one_number_and_converges_more_than_once() -> None:
-    search = make("cma", np.array([0.5]), seed=0)
+    search = METHODS["cma"](np.array([0.5]), seed=0)
     sizes = set()
     for _ in range(300):
         x = search.ask()
@@ -274,7 +274,7 @@ def test_a_missing_library_is_named(
 
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(MissingPackage, match=rf"armgpi\[{extra}\]"):
-        make(method, np.array([0.5]), seed=0)
+        METHODS[method](np.array([0.5]), seed=0)
 
 
 # What a study does, on rollouts that cost nothing.

@@ -73,12 +73,9 @@ def reproduce(
     prepare(folder)
     runs.choose(backend)
     found = _run_all(runs.QUICK if quick else runs.FULL, quick, done)
-    sources = figures.Sources.of(found.ideal_gpi, found.ideal_pid, found.ablation)
     sheets, words = _sheets(found)
     endings = ("png",) if quick else ("png", "svg")
-    pictures = [
-        file for name in figures.names(sources) for file in figures.write(name, sources, folder, endings)
-    ]
+    pictures = figures.write(found.ideal_gpi, found.ideal_pid, found.ablation, folder, endings)
     files = [*_write(folder, sheets, words, pictures), *pictures]
     contenders = {
         "PID + inversion": runs.select(found.ideal_pid, runs.NEAR_PID, 1.0),

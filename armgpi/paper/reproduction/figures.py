@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -24,48 +25,41 @@ _POINTS = 4000
 _END_1, _END_2 = 18.0, 9.0 * math.pi
 
 
-class Sources(NamedTuple):
-    """What the figures are drawn from: rollouts, thinned.
+def write(
+    gpi: xr.Dataset, pid: xr.Dataset, ablation: xr.Dataset | None, folder: Path, endings: Sequence[str]
+) -> list[Path]:
+    """Draw the figures and write them in some formats.
 
-    Attributes:
-        one: scenario 5.1.
-        two: scenario 5.2.
-        calm: scenario 5.3 without disturbances, PID + inversion and the proposal.
-        pushed: scenario 5.3, likewise.
+    Args:
+        gpi: the proposal with ideal sensors, from :mod:`armgpi.paper.reproduction.runs`.
+        pid: PID + inversion, likewise.
         ablation: networks and fixed gains; None when they were not run.
+        folder: where to.
+        endings: of the files.
     """
-
-    one: xr.Dataset
-    two: xr.Dataset
-    calm: tuple[xr.Dataset, xr.Dataset]
-    pushed: tuple[xr.Dataset, xr.Dataset]
-    ablation: dict[int, dict[str, tuple[float, float]]] | None
-
-    @classmethod
-    def of(cls, gpi: xr.Dataset, pid: xr.Dataset, ablation: xr.Dataset | None) -> Sources:
-        """Pick the rollouts out of the batches of :mod:`armgpi.paper.reproduction.runs`."""
-        costs = None
-        if ablation is not None:
-            costs = {bits: tables.ablation_costs(ablation, bits) for bits in runs.ABLATION_BITS}
-        return cls(
-            one=_thin(gpi, runs.SCENARIO_1).sel(time=slice(None, _END_1)),
-            two=_thin(gpi, runs.SCENARIO_2).sel(time=slice(None, _END_2)),
-            calm=(_thin(pid, runs.UNDISTURBED), _thin(gpi, runs.UNDISTURBED)),
-            pushed=(_thin(pid, runs.NEAR_PID), _thin(gpi, runs.NETWORK)),
-            ablation=costs,
-        )
-
-
-def names(sources: Sources) -> tuple[str, ...]:
-    """Return the names of the figures that can be drawn."""
-    return tuple(name for name in _FIGURES if name != "ablation" or sources.ablation is not None)
-
-
-def write(name: str, sources: Sources, folder: Path, endings: Sequence[str]) -> list[Path]:
-    """Draw a figure and write it in some formats."""
-    with plots.styled():
-        figure = _FIGURES[name](sources)
-    return [plots.save(figure, folder / f"{name}.{ending}") for ending in endings]
+    one = _thin(gpi, runs.SCENARIO_1).sel(time=slice(None, _END_1))
+    two = _thin(gpi, runs.SCENARIO_2).sel(time=slice(None, _END_2))
+    calm = _thin(pid, runs.UNDISTURBED), _thin(gpi, runs.UNDISTURBED)
+    pushed = _thin(pid, runs.NEAR_PID), _thin(gpi, runs.NETWORK)
+    draw: dict[str, Callable[[], Figure]] = {
+        "figure-05": partial(_motion, one),
+        "figure-06": partial(_tuning, one),
+        "figure-07": partial(_gains, one),
+        "figure-09": partial(_cartesian, two),
+        "figure-10": partial(_motion, two),
+        "figure-11": partial(_disturbances, pushed[1]),
+        "figure-12": partial(_against, calm),
+        "figure-13": partial(_against, pushed),
+    }
+    if ablation is not None:
+        costs = {bits: tables.ablation_costs(ablation, bits) for bits in runs.ABLATION_BITS}
+        draw["ablation"] = partial(_pareto, costs)
+    files = []
+    for name, figure in draw.items():
+        with plots.styled():
+            drawn = figure()
+        files += [plots.save(drawn, folder / f"{name}.{ending}") for ending in endings]
+    return files
 
 
 def _motion(rollout: xr.Dataset) -> Figure:
@@ -157,9 +151,8 @@ def _against(rollouts: Sequence[xr.Dataset]) -> Figure:
     return _finish(figure, axes)
 
 
-def _pareto(every: dict[int, dict[str, tuple[float, float]]] | None) -> Figure:
+def _pareto(every: dict[int, dict[str, tuple[float, float]]]) -> Figure:
     """Return tracking against chatter: networks and fixed gains, a panel per encoder resolution."""
-    assert every is not None
     figure = Figure(figsize=(7.2, 5.0), layout="constrained")
     panels = np.ravel(figure.subplots(2, 2))
     for panel, (axes, (bits, costs)) in enumerate(zip(panels, every.items(), strict=True)):
@@ -215,16 +208,3 @@ def _thin(result: xr.Dataset, label: str) -> xr.Dataset:
     rollout = runs.select(result, label, 1.0)
     every = max(1, rollout.sizes["time"] // _POINTS)
     return rollout.isel(time=slice(None, None, every)).drop_vars(["label", "scale", "measurement", "knows"])
-
-
-_FIGURES: dict[str, Callable[[Sources], Figure]] = {
-    "figure-05": lambda sources: _motion(sources.one),
-    "figure-06": lambda sources: _tuning(sources.one),
-    "figure-07": lambda sources: _gains(sources.one),
-    "figure-09": lambda sources: _cartesian(sources.two),
-    "figure-10": lambda sources: _motion(sources.two),
-    "figure-11": lambda sources: _disturbances(sources.pushed[1]),
-    "figure-12": lambda sources: _against(sources.calm),
-    "figure-13": lambda sources: _against(sources.pushed),
-    "ablation": lambda sources: _pareto(sources.ablation),
-}

@@ -95,6 +95,10 @@ FULL = Setting()
 QUICK = Setting(1e-3, record_every=1, slower=3.0, candidates=((25.0,), (30.0,)), brief=True)
 
 
+#: That of rollouts with real sensors, recorded at every sample: torque may chatter.
+REAL = Setting(REAL_DT, 1)
+
+
 #: What computes; see :func:`armgpi.simulate`.
 _backend = "auto"
 
@@ -159,14 +163,14 @@ def real_gpi(setting: Setting) -> xr.Dataset:
     fixed = [{"GPI, fixed 25 rad/s": 25.0, "GPI, fixed 30 rad/s": 30.0}.get(label) for label in labels]
     rate = [0.12 if label == SLOW_NETWORK else 1e9 for label in labels]
     controller = GPI(_nominal(scales), REAL_DT, _networks_or_fixed(fixed, rate=rate), start="zero")
-    return _run(_real(), controller, _reference(), _real_setting(), labels, scales)
+    return _run(_real(), controller, _reference(), REAL, labels, scales)
 
 
 def real_literal() -> xr.Dataset:
     """Run the paper's controller to the letter behind encoders and a delay."""
     gains = _literal((22.0, 60.0), LITERAL_RATE)
     controller = GPI(_nominal(SCALES), REAL_DT, gains, realisation="paper", start="zero")
-    return _run(_real(), controller, _reference(), _real_setting(), [LITERAL] * len(SCALES), SCALES)
+    return _run(_real(), controller, _reference(), REAL, [LITERAL] * len(SCALES), SCALES)
 
 
 def real_pid(tuned: Poles) -> xr.Dataset:
@@ -178,7 +182,7 @@ def real_pid(tuned: Poles) -> xr.Dataset:
     scales = SCALES * 2
     controller = PIDInversion(_nominal(scales), REAL_DT, *gains, bias_robot=_arm())
     plant = _real(filters)
-    return _run(plant, controller, _reference(), _real_setting(), labels, scales)
+    return _run(plant, controller, _reference(), REAL, labels, scales)
 
 
 def candidates(setting: Setting) -> xr.Dataset:
@@ -189,7 +193,7 @@ def candidates(setting: Setting) -> xr.Dataset:
     controller = PIDInversion(_nominal(scales), REAL_DT, kp, ki, kd, bias_robot=_arm())
     plant = _real(filters[:, np.newaxis])
     labels = [TUNED_PID] * len(poles)
-    result = _run(plant, controller, _reference(), _real_setting(), labels, scales)
+    result = _run(plant, controller, _reference(), REAL, labels, scales)
     return result.assign_coords(pole=("rollout", poles), bandwidth=("rollout", filters))
 
 
@@ -244,7 +248,7 @@ def ablation() -> xr.Dataset:
     gains = _networks_or_fixed(fixed, error_range=counts, dead_zone=2.0 * counts)
     controller = GPI(_nominal(scales), REAL_DT, gains, start="zero")
     plant = _real(bits=np.array(bits, dtype=np.float64)[:, np.newaxis])
-    result = _run(plant, controller, _reference(), _real_setting(), labels, scales)
+    result = _run(plant, controller, _reference(), REAL, labels, scales)
     return result.assign_coords(bits=("rollout", list(bits)))
 
 
@@ -255,7 +259,7 @@ def sweep(realisation: str) -> xr.Dataset:
     gains = _literal((30.0, 60.0), [[rate] for rate in rates])
     controller = GPI(_nominal(scales), REAL_DT, gains, realisation=realisation, start="zero")
     plant = Saturated(RigidBodyPlant(_arm(), paper_disturbances()))
-    result = _run(plant, controller, _reference(), _real_setting(), [LITERAL] * len(rows), scales)
+    result = _run(plant, controller, _reference(), REAL, [LITERAL] * len(rows), scales)
     return result.assign_coords(learning_rate=("rollout", list(rates)))
 
 
@@ -329,9 +333,7 @@ def _horizon() -> float:
 
 def _reference(goal: float = 1.0, duration: float = 1.0, raised: float = 0.0) -> Waypoints:
     """Return the moves of scenario 5.3: way and duration times a factor, q2 raised everywhere."""
-    moves = _scenario("scenario-5.3").config.reference
-    assert moves.points is not None
-    assert moves.holds is not None
+    moves: Any = _scenario("scenario-5.3").config.reference
     points = [goal * np.array(point, dtype=np.float64) + [0.0, raised, 0.0] for point in moves.points]
     durations = np.broadcast_to(np.asarray(moves.durations, dtype=np.float64), len(points) - 1)
     return Waypoints(points, (duration * durations).tolist(), moves.holds)
@@ -354,10 +356,9 @@ def _paper_loads(loaded: Sequence[float]) -> list[Sine]:
 
 def _stated_networks() -> BSplineNetwork:
     """Return the networks of scenario 5.3."""
-    controller = _scenario("scenario-5.3").controllers["GPI with networks"]
-    assert isinstance(controller, GPI)
-    assert isinstance(controller.gains, BSplineNetwork)
-    return controller.gains
+    law: Any = _scenario("scenario-5.3").controllers["GPI with networks"]
+    gains: BSplineNetwork = law.gains
+    return gains
 
 
 def _box(setting: Setting) -> tuple[float, float]:
@@ -400,16 +401,10 @@ def _real(filters: Array | None = None, bits: PerJointInput = BITS) -> Plant:
     return Delayed(plant if filters is None else Differentiated(plant, filters), 1)
 
 
-def _real_setting() -> Setting:
-    """Return the setting of the rollouts with real sensors, recorded at every sample: torque may chatter."""
-    return Setting(REAL_DT, 1)
-
-
 def _near_pid() -> _PIDGains:
     """Return the gains of scenario 5.3: near the published figures."""
-    controller = _scenario("scenario-5.3").controllers["PID + inversion"]
-    assert isinstance(controller, PIDInversion)
-    return controller.kp, controller.ki, controller.kd
+    law: Any = _scenario("scenario-5.3").controllers["PID + inversion"]
+    return law.kp, law.ki, law.kd
 
 
 def _rows(labels: Sequence[str], near: _PIDGains, tuned: _PIDGains) -> _PIDGains:
