@@ -377,7 +377,7 @@ def test_a_zoo_goes_on_where_it_was_and_refuses_what_is_not_its_own(
     place = next((tmp_path / "cut").glob("arm-*.chunk"))
     before = place.stat()
     assert not run("cut", "twodof")
-    assert place.stat() == before
+    assert (place.stat().st_ino, place.stat().st_mtime_ns) == (before.st_ino, before.st_mtime_ns)
     assert contents(tmp_path / "cut") == contents(tmp_path / "whole")
     assert not called("zoo", str(arm), "twodof")
     assert (tmp_path / "cut" / "zoo.md").read_text() in capsys.readouterr().out
