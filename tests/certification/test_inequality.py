@@ -194,8 +194,9 @@ def test_the_checker_adds_up_what_a_sample_does(
 ) -> None:
     """Written again in floating point, as a form in states and disturbances and by the exponential."""
     rng = np.random.default_rng(integrators + 10 * delay)
-    m, h, names = integrators, 2e-3, ("kappa_v", "kappa_e", "kappa_g", "sigma", "sigma_error", "kappa_error")
-    names += ("torque", "shift", "count", "reference", "zone", "spread", "jump")
+    m, h = integrators, 2e-3
+    names = [*("kappa_v", "kappa_e", "kappa_g", "sigma", "sigma_error", "kappa_error")]
+    names += ["torque", "shift", "count", "reference", "zone", "spread", "jump"]
     c: dict[str, Any] = dict(zip(names, rng.uniform(0.3, 0.9, len(names)).tolist(), strict=True))
     c |= {"integrators": m, "rolloff": rolloff, "delay": delay, "sample_time": h, "omega": [9.0, 10.0, 13.0]}
     c |= {"zeta": 0.8, "pole_ratio": 1.2, "rolloff_ratio": 6.0, "second_ratio": 0.9, "second_zeta": 1.1}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -137,9 +137,9 @@ def test_a_tube_is_the_least_that_its_own_disturbances_do_not_leave() -> None:
 
     shapes = {"square": (n, n, n), **dict.fromkeys(("torque", "spread", "force", "motion"), (n,))}
     rest, answer = (Rest(**{x: draw(*shapes.get(x, (n, n))) for x in Rest._fields}) for _ in range(2))
-    loop = Channel(*draw(5, 3, n), draw(6, 3, n) / 9.0, 0.7, draw(n), 0.3)
-    make: Any = Along
-    known = make(*draw(1, n), rest, answer, *draw(4, n), draw(n, n), draw(3, n), draw(9, n), loop)
+    channel_of, along_of = (cast(Any, each) for each in (Channel, Along))
+    loop = channel_of(*draw(5, 3, n), draw(6, 3, n) / 9.0, 0.7, draw(n), 0.3)
+    known = along_of(*draw(1, n), rest, answer, *draw(4, n), draw(n, n), draw(3, n), draw(9, n), loop)
     wish: Any = SimpleNamespace(
         controller=SimpleNamespace(dt=h), delay=2, hidden=draw(n), zone=draw(n), force=3.0
     )

@@ -207,7 +207,7 @@ def test_a_swarm_is_drawn_to_its_own_best_places_and_that_of_all() -> None:
             v[i, j] = 0.7298 * v[i, j] + 1.49618 * pull
             x[i, j] += v[i, j]
             if not 0.0 <= x[i, j] <= 1.0:  # back from the wall at half the speed
-                x[i, j], v[i, j] = min(max(x[i, j], 0.0), 1.0), -0.5 * v[i, j]
+                x[i, j], v[i, j] = np.clip(x[i, j], 0.0, 1.0), -0.5 * v[i, j]
     swarm.inject(np.array([0.5, 0.5]))
     assert swarm._x[least.argmax()].tolist() == [0.5, 0.5]
 
