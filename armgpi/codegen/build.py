@@ -240,10 +240,8 @@ def find_library(name: str, flags: tuple[str, ...] = FLAGS) -> ctypes.CDLL | Non
         BackendError: when there is no compiler, or the library cannot be loaded.
     """
     key = _key(compiler(), name, package(), *flags)
-    if key not in _loaded:
-        with suppress(OSError), _open_folder(cache_folder()) as (place, opened):
-            if (kept := _load_kept(place, opened, key, _LIBRARY)) is not None:
-                _loaded[key] = kept
+    if key not in _loaded and (kept := _find(_LIBRARY, key)) is not None:
+        _loaded[key] = kept
     return _loaded.get(key)
 
 
@@ -271,13 +269,19 @@ def library(source: str, flags: tuple[str, ...] = FLAGS, name: str = "") -> ctyp
     return _loaded[key]
 
 
-def wasm(source: str, found: Compiler, flags: tuple[str, ...]) -> bytes:
+def wasm(source: str, found: Compiler, flags: tuple[str, ...], name: str = "") -> bytes:
     """Return WebAssembly of a C source, compiled now or before; it is kept as libraries are.
 
     Raises:
         BackendError: when the compiler fails.
     """
-    return _obtain(_Kind(".wasm", Path.read_bytes), source, _key(found, source, *flags), found, flags)
+    alias = _key(found, name, package()) if name else ""
+    return _obtain(_WASM, source, _key(found, source, *flags), found, flags, alias)
+
+
+def find_wasm(name: str, found: Compiler) -> bytes | None:
+    """Return the WebAssembly that was given this name once, by this version of the package."""
+    return _find(_WASM, _key(found, name, package()))
 
 
 _Made = TypeVar("_Made")
@@ -296,6 +300,14 @@ class _Kind(NamedTuple, Generic[_Made]):
 
 
 _LIBRARY = _Kind(".so", lambda path: ctypes.CDLL(str(path)))
+_WASM = _Kind(".wasm", Path.read_bytes)
+
+
+def _find(kind: _Kind[_Made], key: str) -> _Made | None:
+    """Return what is kept, None where it is not."""
+    with suppress(OSError), _open_folder(cache_folder()) as (place, opened):
+        return _load_kept(place, opened, key, kind)
+    return None
 
 
 def _obtain(

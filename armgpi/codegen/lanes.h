@@ -1,9 +1,19 @@
 /* Arithmetic on LANES numbers at once, one rollout in each: GCC's and Clang's vector types, nothing else.
    A rollout per lane, not a joint per lane: rollouts do the same at the same time and never wait for each other,
    whatever the number of joints, so no lane is idle and none exchanges numbers with another. */
-#include <math.h>
+#include <stddef.h>
 #include <stdint.h>
+#ifdef BARE /* no C library: what the compiler has itself, and names of what no code here may use then */
+#define memcpy __builtin_memcpy
+#define fabs __builtin_fabs
+#define sqrt __builtin_sqrt
+#define INFINITY __builtin_inf()
+#define NAN __builtin_nan("")
+double exp(double), log(double), tan(double), tanh(double), atan(double), fmod(double, double);
+#else
+#include <math.h>
 #include <string.h>
+#endif
 
 #if LANES > 1
 typedef double V __attribute__((vector_size(8 * LANES)));

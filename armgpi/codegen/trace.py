@@ -191,9 +191,13 @@ class Tracer:
     Attributes:
         trace: where symbols, values and calls are noted.
         declared: whether numbers that a class declares, and that may vary by rollout, become symbols as well.
+        anew: whether those of a part that was given other values do, where they are no arrays.
+        place: names of attributes, keys and places that lead to what is looked at.
     """
 
     declared = False
+    anew = True
+    place: tuple[Any, ...] = ()
 
     def __init__(self, trace: Trace, rollouts: int) -> None:
         """Note symbols, values and calls in `trace`, of a loop of so many rollouts."""
@@ -223,11 +227,18 @@ class Tracer:
         self._side_effects.watch(value)
         return value
 
+    def _below(self, step: Any, value: Any, numbers: bool) -> Any:
+        """Return the copy of what is a step further."""
+        before, self.place = self.place, (*self.place, step)
+        made = self(value, numbers)
+        self.place = before
+        return made
+
     def _container(self, value: Any, numbers: bool) -> Any:
         """Return a container of copies."""
         if isinstance(value, dict):
-            return {key: self(item, numbers) for key, item in value.items()}
-        items = [self(item, numbers) for item in value]
+            return {key: self._below(key, item, numbers) for key, item in value.items()}
+        items = [self._below(i, item, numbers) for i, item in enumerate(value)]
         return items if isinstance(value, list) else tuple.__new__(type(value), items)
 
     def _part(self, value: Any, numbers: bool) -> Any:
@@ -305,8 +316,8 @@ class Tracer:
                 object.__setattr__(made, name, self._seed(attribute))
             else:
                 # Those of a part as it was made stay literals, of which CasADi makes sums with others.
-                given_anew = name in varies and vars(value).get("remade", False)
-                object.__setattr__(made, name, self(attribute, numbers or given_anew))
+                given_anew = self.anew and name in varies and vars(value).get("remade", False)
+                object.__setattr__(made, name, self._below(name, attribute, numbers or given_anew))
         return self._note(value, made)
 
     def _repeat_of(self, made: Any) -> Any:
@@ -413,10 +424,10 @@ class Inventory(LoopTracer):
             own = _one_shape(value, rollouts)
             self.structure.append((path, type(value), value if isinstance(value, int) else own))
         self.trace.values.start = columns(parts, rollouts)
-        self(loop.plant)
-        self(loop.controller)
+        self._below("plant", loop.plant, False)
+        self._below("controller", loop.controller, False)
         if loop.reference.symbolic:
-            self(loop.reference)
+            self._below("reference", loop.reference, False)
         else:
             self.structure.append(("table", np.ndim(loop.reference.at(0.0).q)))
         if running is not None:
@@ -475,8 +486,8 @@ class Inventory(LoopTracer):
 
     def _container(self, value: Any, numbers: bool) -> Any:
         self.structure.append((type(value), tuple(value) if isinstance(value, dict) else len(value)))
-        for item in value.values() if isinstance(value, dict) else value:
-            self(item, numbers)
+        for step, item in value.items() if isinstance(value, dict) else enumerate(value):
+            self._below(step, item, numbers)
         return value
 
     def _part(self, value: Any, numbers: bool) -> Any:

@@ -167,7 +167,8 @@ class ElasticPlant(Arm):
         self._ripples = _acts(self.torque_ripple) or _acts(self.cogging)
         pairs = zip((self.link_viscous, self.link_coulomb), self.friction or (0.0, 0.0), strict=True)
         self._friction_of_both = Friction(*(_side_by_side(*pair, rotor) for pair in pairs))
-        self._rubs, self._sticks = map(_acts, (np.hstack(self._friction_of_both), self._friction_of_both[1]))
+        viscous, coulomb = map(_acts, self._friction_of_both)
+        self._rubs, self._sticks = viscous or coulomb, coulomb
 
     def _check_positive(self, name: str, value: Array) -> None:
         """Refuse what a joint lacks."""

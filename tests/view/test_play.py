@@ -28,7 +28,7 @@ from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.view import meshcat, play
 from armgpi.view.play import controls, module, variant
 from armgpi.view.play import page as play_page
-from armgpi.view.play.loops import movable, numbers
+from armgpi.view.play.loops import Listing, movable, tape_of
 
 READY = "window.armgpi && (armgpi.ready || armgpi.error)"
 PLAYED = """
@@ -53,16 +53,20 @@ def experiment(text: str) -> Experiment:
     return config.build(*config.parse(text, "played"))
 
 
+def make_few(patch: pytest.MonkeyPatch) -> None:
+    """Give a page fewer forms and loads than it has, for a shorter test."""
+    patch.setattr(controls, "_FORMS", {})
+    patch.setattr(controls, "_ROTORS", (0.0, 20.0, 30.0))
+    patch.setattr(controls, "_LOADS", 2)
+
+
 @pytest.fixture(scope="module", params=[PLAYED])
 def page(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[browsers.Page]:
     """The page of the paper's arm in a browser, with four forms of its loop."""
     if browsers.program() is None:
         pytest.skip(f"no browser is installed (looked for {', '.join(browsers.PROGRAMS)})")
     with pytest.MonkeyPatch.context() as patch:
-        # Fewer forms and loads than a page has, for a shorter test.
-        patch.setattr(controls, "_FORMS", {})
-        patch.setattr(controls, "_ROTORS", (0.0, 20.0, 30.0))
-        patch.setattr(controls, "_LOADS", 2)
+        make_few(patch)
         html = play.build(experiment(request.param))
     running = browsers.Browser(size=(1300, 850))
     shown = running.open(meshcat.write(html, tmp_path_factory.mktemp("play") / "page.html"), READY)
@@ -140,6 +144,17 @@ def test_controls_move_the_loop_and_the_bits_are_those_of_a_run(page: browsers.P
     move(page, "reference.points.1.2", 0)  # as far as the joint goes
     move(page, "plant.loads.0.amplitude.1", 1)
     assert_same_bits(page)
+
+
+@pytest.mark.slow
+def test_the_next_page_of_the_same_structure_compiles_nothing(
+    page: browsers.Page, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_few(monkeypatch)
+    monkeypatch.delattr(module, "compile_wasm")
+    other = PLAYED.replace("25.0", "22.5").replace("[0.6]", "[0.7]").replace("0.4, 0.2", "0.3, 0.1")
+    found = play_page.build_module(experiment(other), "gpi")
+    assert module.layouts(found.code)[0]
 
 
 @pytest.mark.slow
@@ -248,15 +263,20 @@ def test_gains_come_from_the_tuning_by_the_tape() -> None:
         (controller,) = experiment(
             PLAYED.replace("omega: 25.0", f"omega: 31.7, zeta: 0.83, {text}")
         ).controllers.values()
-        found = numbers(movable(ClosedLoop(made.plant, controller, made.reference)))
-        assert found.tape is not None
-        values = [*(found.shared[place] for place in found.tape.inputs), *found.tape.constants]
-        for operation, i, j in found.tape.steps:
-            a, b = values[i], values[j]
+        loop = movable(ClosedLoop(made.plant, controller, made.reference))
+        listed = Listing(loop)
+        shared, tape = listed.values.shared, tape_of(loop, listed)
+        assert tape is not None
+        values: list[float] = []
+        for operation, *steps in tape.steps:
+            if operation in ("place", "number"):
+                values.append(shared[steps[0]] if operation == "place" else steps[0])
+                continue
+            a, b = (values[step] for step in steps)
             values.append({"+": a + b, "-": a - b, "*": a * b}[operation] if operation != "/" else a / b)
-        assert len(found.tape.outputs) > made.robot.n
-        for at, place in found.tape.outputs:
-            assert values[at] == found.shared[place]
+        assert len(tape.outputs) > made.robot.n
+        for at, place in tape.outputs:
+            assert values[at] == shared[place]
 
 
 def test_a_movable_loop_has_the_bits_of_the_one_that_it_was_made_of() -> None:
@@ -272,6 +292,34 @@ def test_a_movable_loop_has_the_bits_of_the_one_that_it_was_made_of() -> None:
     assert np.array_equal(torque(made.plant, controller), torque(moved.plant, moved.controller))
 
 
+NOISY = PLAYED.replace("plant: {", "plant: {noise: {position: 1.0e-4, velocity: 1.0e-3}, ")
+
+
+@pytest.mark.parametrize(("text", "kind"), [(NOISY, "gpi"), (TWISTING, "network")], ids=["gpi", "network"])
+def test_a_slider_gives_the_numbers_of_a_loop_that_is_made_anew(text: str, kind: str) -> None:
+    made = experiment(text)
+    makers = play_page._Makers(made)
+    moved = controls.playable(made, "gpi", makers.siblings("gpi"))
+    form = {"controllers.0": kind, "controllers.0.rolloff": 1, "plant.friction": "urdf"}
+    form["controllers.0.feedforward"] = "none"
+    own = play_page._belonging(moved, form)
+    prober = variant.Prober(form, play_page.compose_config(moved, form), own, makers.loop, variant.Pool())
+    used = [*prober.trace()[1].layout.shared, *range(prober.shared, len(prober.first))]
+    told = []
+    for control in own:
+        if not prober._changes(control.id)[used].any():
+            continue
+        told.append(control.id)
+        values = prober._values(control.id)
+        for i in {0, len(values) // 2, len(values) - 1 - (values[-1] is None)}:
+            value = np.asarray(values[i]).tolist()
+            listed = Listing(movable(prober._loop({control.id: value})))
+            numbers = np.concatenate([listed.values.shared, listed.start[0]])
+            assert np.array_equal(numbers[used], prober._probed[control.id][i][used]), (control.id, value)
+    assert len(told) > 20
+    assert ("plant.noise.velocity" in told) == (text is NOISY)
+
+
 def test_a_start_that_no_table_holds_leaves_a_slider_out(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(variant, "_MOST", 20)  # 18 encoders times 13 factors of the nominal inertia are more
     made = experiment(PLAYED)
@@ -279,9 +327,13 @@ def test_a_start_that_no_table_holds_leaves_a_slider_out(monkeypatch: pytest.Mon
     form = {choice.id: choice.value for choice in moved.choices}
     own = [control for control in moved.controls if control.only is None]
     config = play_page.compose_config(moved, form)
-    traced = variant.trace_form(form, config, own, play_page._Makers(made).loop, variant.Pool())
-    assert "plant.encoder_bits" in traced.unmoved
-    assert max(table.values[..., 0].size for table in traced.tables) <= 20
+    pool = variant.Pool()
+    prober = variant.Prober(form, config, own, play_page._Makers(made).loop, pool)
+    _, sample = prober.trace()
+    pool.names = [kernel.name for kernel in prober.kernels(sample)]
+    found = prober.variant(sample)
+    assert "plant.encoder_bits" in found.unmoved
+    assert all(len(table.controls) == 1 or table.values[..., 0].size <= 20 for table in found.tables)
 
 
 def test_without_the_compiler_the_extra_is_named(

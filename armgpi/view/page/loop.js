@@ -195,39 +195,34 @@ class PlayNumbers {
     const { play } = this;
     const { index, variant } = this.variant();
     const controls = this.controls();
-    const numbers = { shared: this.array(variant.shared).slice(), start: this.array(variant.start).slice() };
+    const numbers = this.array(variant.numbers).slice();
     const place = (ids) => ids.reduce((at, id) => at * controls[id].values.length + Math.max(0, this.stop(controls[id])), 0);
-    for (const table of variant.tables) {
+    const moved = (id) => JSON.stringify(controls[id].value) !== JSON.stringify(this.moved[controls[id].key]);
+    for (const { controls: ids, at, column, values, unless: [own, other] } of variant.tables) {
       // Of two tables with controls that exclude each other the one that is moved counts.
-      const other = table.controls.map((id) => controls[id].excludes).find(Boolean);
-      if (other && variant.tables.some((each) => each.controls.includes(other))) {
-        const own = table.controls.find((id) => controls[id].excludes);
-        const neutral = JSON.stringify(controls[own].value) === JSON.stringify(this.moved[controls[own].key]);
-        const moved = JSON.stringify(controls[other].value) !== JSON.stringify(this.moved[controls[other].key]);
-        if (neutral && moved) continue;
-      }
-      const values = this.array(table.values), count = table.at.length, from = place(table.controls) * count;
-      table.at.forEach((at, i) => { numbers[table.to][at] = values[from + i]; });
+      if (other && moved(other) && !moved(own)) continue;
+      const all = this.array(values), from = place(ids) * (Math.max(...column) + 1);
+      at.forEach((to, i) => { numbers[to] = all[from + column[i]]; });
     }
     for (const move of variant.moves) {
       const value = this.moved[controls[move.control].key];
-      if (value === null) continue; // as the numbers are at first
       move.at.forEach((at, i) => {
-        const one = move.joint[i] < 0 ? (Array.isArray(value) ? value[0] : value) : value[move.joint[i]];
+        const one = move.joint[i] < 0 ? value : value[move.joint[i]];
         const signed = move.factor[i] < 0 ? -one : one;
-        numbers[move.to][at] = move.constant[i] === 0 ? signed : signed + move.constant[i];
+        numbers[at] = move.constant[i] === 0 ? signed : signed + move.constant[i];
       });
     }
-    if (variant.tape) PlayNumbers.worked_out(variant.tape, numbers.shared);
-    const shared = Float64Array.from(variant.used, (at) => numbers.shared[at]);
+    if (variant.tape) PlayNumbers.worked_out(variant.tape, numbers);
+    const { layout, draws } = variant;
+    const shared = Float64Array.from(layout.shared, (at) => numbers[at]), start = numbers.subarray(variant.shared);
     const kernels = [];
-    for (const arm of variant.arms) {
-      const from = place(arm.controls) * arm.calls.length;
-      arm.calls.forEach((call, i) => { kernels[call] = arm.which[from + i]; });
+    for (const { controls: ids, at, values } of variant.arms) {
+      const all = this.array(values), from = place(ids) * at.length;
+      at.forEach((call, i) => { kernels[call] = all[from + i]; });
     }
     return {
-      form: index, names: variant.names, n: this.n, steps: play.steps, shared, start: numbers.start, draws: variant.draws,
-      table: variant.table ? this.array(variant.table) : null, width: variant.width, kernels, divergence: play.divergence,
+      form: index, names: layout.names, n: this.n, steps: play.steps, shared, start, draws,
+      table: variant.table ? this.array(variant.table) : null, width: layout.table, kernels, divergence: play.divergence,
     };
   }
 
@@ -269,10 +264,12 @@ class PlayNumbers {
 
 /** Work numbers out of others: sums, differences, products and quotients in the order of the tape. */
 PlayNumbers.worked_out = (tape, shared) => {
-  const values = [...tape.inputs.map((at) => shared[at]), ...tape.constants];
+  const values = [];
   for (const [operation, i, j] of tape.steps) {
     const a = values[i], b = values[j];
-    values.push(operation === "+" ? a + b : operation === "-" ? a - b : operation === "*" ? a * b : a / b);
+    if (operation === "place") values.push(shared[i]);
+    else if (operation === "number") values.push(i);
+    else values.push(operation === "+" ? a + b : operation === "-" ? a - b : operation === "*" ? a * b : a / b);
   }
   for (const [from, to] of tape.outputs) shared[to] = values[from];
 };

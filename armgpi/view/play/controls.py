@@ -17,9 +17,8 @@ from armgpi.errors import ArmgpiError
 from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.loop.variables import variables, with_values
 from armgpi.parameter import Parameter, parameters
-from armgpi.plants.arm import Arm
-from armgpi.plants.plant import Wrapper, inside
-from armgpi.registry import classes_of
+from armgpi.plants.plant import inside
+from armgpi.plants.sensors import Delayed, DropOut, Encoder
 from armgpi.robot.robot import Robot
 
 #: A way to a key of an experiment file.
@@ -168,8 +167,13 @@ def playable(experiment: Experiment, label: str, siblings: Mapping[str, dict[str
         *_reference(config, robot),
     ]
     arm: Any = inside(experiment.plant)
-    if len(experiment.config.plant.loads) == len(arm.loads):
-        controls += _own_loads(experiment, label)
+    several = len(experiment.config.plant.loads) != len(arm.loads)  # by one entry of the file
+    known = {control.id for control in controls}
+    controls += [
+        control
+        for control in _own_numbers(experiment, label)
+        if control.id not in known and not (several and control.path[1] == "loads")
+    ]
     controls += _loads(config, experiment.t_final, robot)
     return Playable(config, sections, tuple(choices), tuple(controls))
 
@@ -242,7 +246,7 @@ def _nominal(sections: Mapping[str, dict[str, Any]], robot: Robot) -> Iterator[C
     scale: Path = ("controllers", 0, "inertia_scale")
     loaded: Path = ("controllers", 0, "payload_range", "heaviest")
     scales = tuple(sorted({*_SCALES, one["inertia_scale"]}))
-    yield Control(
+    scaled = Control(
         path=scale,
         label="inertia of the nominal model",
         text="factor of D(q) that the controller works with",
@@ -253,6 +257,8 @@ def _nominal(sections: Mapping[str, dict[str, Any]], robot: Robot) -> Iterator[C
         value=one["inertia_scale"],
         excludes=dotted_path(loaded),
     )
+    if not one.get("payload_range"):  # which is chosen for the arm as it is scaled
+        yield scaled
     if all("payload_range" in section for section in sections.values()):
         given = one["payload_range"] or {"lightest": 0.0, "heaviest": 0.0, "frame": None, "com": [0.0] * 3}
         masses = _masses(robot, given["heaviest"])
@@ -298,42 +304,31 @@ def _plant(config: dict[str, Any], robot: Robot) -> Iterator[Control]:
     )
     yield _rotors(plant["rotor_inertia"], robot)
     yield from _friction(config, robot)
-    numbers = {}
-    if plant["engine"] in classes_of(Arm):
-        known = parameters(classes_of(Arm)[plant["engine"]])
-        numbers = {each.key or name: each for name, each in known.items() if each.in_file}
-    for name, wrapper in sorted(classes_of(Wrapper).items(), key=lambda item: -item[1].order):
-        own = [each for each in parameters(wrapper).values() if each.in_file]
-        if len(own) == 1:
-            numbers[name] = own[0]
-    for name, declared in numbers.items():
-        value = plant.get(name)  # a class made since then is no key
-        if not declared.varies or isinstance(value, list | dict) or not stops_of(declared, value):
-            continue
-        if name == "encoder_bits":
-            control = _slider(("plant", name), declared, value, "encoder bits", "plant")
-            yield control._replace(stops=(*control.stops, None), values=(*control.values, None))
-        elif value is not None:
-            yield _slider(("plant", name), declared, value, name.replace("_", " "), "plant")
+    for wrapper in (Delayed, DropOut, Encoder):  # which a page has, whether the file has or not
+        name, exact = str(wrapper.config_name), (None,) if wrapper is Encoder else ()
+        declared = next(each for each in parameters(wrapper).values() if each.in_file)
+        if not isinstance(plant[name], list):
+            control = _slider(("plant", name), declared, plant[name], name.replace("_", " "), "plant")
+            yield control._replace(stops=(*control.stops, *exact), values=(*control.values, *exact))
 
 
-def _own_loads(experiment: Experiment, label: str) -> Iterator[Control]:
-    """Yield the controls of the file's loads: of each number that is one for all joints."""
+def _own_numbers(experiment: Experiment, label: str) -> Iterator[Control]:
+    """Yield the controls of what the file gives of plant, sensors and loads as one number."""
     loop = ClosedLoop(*experiment.runs[label], experiment.reference)
     for name, variable in variables(loop).items():
-        if not name.startswith("plant.loads.") or variable.fixed:
-            continue
+        path = keys.path_of(name)
         try:
             _, value = keys.find(experiment.config, name)
         except LookupError:  # of an entry of the file that is several loads
             continue
-        if isinstance(value, float):
-            _, _, *way = keys.path_of(name)
-            control = _slider(
-                keys.path_of(name), variable.declared, value, f"load {way[0]}: {way[1]}", "plant"
-            )
-            stops = tuple(x for x in control.stops if _is_possible(loop, name, x))
-            yield control._replace(stops=stops, values=stops)
+        if path[0] != "plant" or variable.fixed or not isinstance(value, float):
+            continue
+        if not stops_of(variable.declared, value):
+            continue
+        words = " ".join(map(str, path[1:])).replace("_", " ").replace("loads", "load")
+        control = _slider(path, variable.declared, value, words, "plant")
+        stops = tuple(x for x in control.stops if _is_possible(loop, name, x))
+        yield control._replace(stops=stops, values=stops)
 
 
 def _is_possible(loop: ClosedLoop, name: str, value: Any) -> bool:

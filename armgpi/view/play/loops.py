@@ -11,29 +11,46 @@ is noted as a tape: the sums, products and quotients in NumPy's order, which a p
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from armgpi.arrays import Array
-from armgpi.codegen.trace import Inventory
+from armgpi.codegen.trace import Inventory, Trace, columns
 from armgpi.gpi.gains import Tuning
 from armgpi.gpi.law import GPI
 from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.plants.plant import Plant, Wrapper
-from armgpi.plants.sensors import Delayed, DropOut
+from armgpi.plants.sensors import Delayed, DropOut, Encoder
 from armgpi.robot.dynamics import ScaledDynamics
 
+#: What is a number of a movable loop alone: the ids of their controls.
+SCALE, LATE = "controllers.0.inertia_scale", "plant.delay"
+LOST, BITS = "plant.drop_out", "plant.encoder_bits"
+#: Parts of a loop, in the order of its trace.
+PARTS = ("plant", "controller", "reference")
+#: What a page can work out.
+_OPERATIONS = {np.add: "+", np.subtract: "-", np.multiply: "*", np.divide: "/"}
 #: Longest delay of a page [samples].
 LONGEST = 20
 #: A count of encoders without counts: a power of two, by which rounding rounds nothing that matters.
 EXACT = 2.0**-500
 
 
-def movable(loop: ClosedLoop) -> ClosedLoop:
-    """Return a loop of which everything that a page moves is a number; its results have the same bits."""
+def movable(loop: ClosedLoop, rows: Mapping[str, Sequence[Any]] | None = None) -> ClosedLoop:
+    """Return a loop of which everything that a page moves is a number; its results have the same bits.
+
+    Args:
+        loop: the loop.
+        rows: what each of several rollouts has of what is a number here alone, by its id: the factor of the
+            nominal model, delay, drop-outs and encoder bits, None for exact positions.
+    """
+    rows = rows or {}
     made = copy.copy(loop)
-    made.plant = _add_sensors(loop.plant)
+    made.batch = next((len(values) for values in rows.values()), loop.batch)
+    made.plant = _add_sensors(loop.plant, rows, made.batch)
     made.controller = controller = copy.copy(loop.controller)
     # The nominal model for inertia and the one for what is fed forward; one may carry a load that the other
     # does not, and then they are two.
@@ -44,15 +61,18 @@ def movable(loop: ClosedLoop) -> ClosedLoop:
         dynamics = robot.dynamics
         if not isinstance(dynamics, ScaledDynamics):
             dynamics = ScaledDynamics(dynamics, 1.0)
-        scaled = ScaledDynamics(dynamics.base, np.array(dynamics.scale))
+        scale = np.array(dynamics.scale)
+        if SCALE in rows and (name == "robot" or vars(controller)["_as_given"][name] is None):
+            scale = np.array(rows[SCALE])[:, None]
+        scaled = ScaledDynamics(dynamics.base, scale)
         object.__setattr__(controller, name, robot._with_attributes(dynamics=scaled))
         if hasattr(controller, own):
             object.__setattr__(controller, own, scaled)
     return made
 
 
-def _add_sensors(plant: Plant) -> Plant:
-    """Return a plant with a delay and drop-outs that are numbers."""
+def _add_sensors(plant: Plant, rows: Mapping[str, Sequence[Any]], batch: int | None) -> Plant:
+    """Return a plant with a delay and drop-outs that are numbers; all rollouts draw what the first does."""
     late, lost, seed = 0, 0.0, 0
     chain: list[Wrapper] = []
     made: Plant = plant
@@ -66,9 +86,19 @@ def _add_sensors(plant: Plant) -> Plant:
             lost, seed = wrapper.probability, wrapper.seed
         else:
             made = _with(wrapper, plant=made)
+            if batch is not None and hasattr(made, "seed"):
+                made = _with(made, seed=np.full((batch, 1), made.seed % 2**64, dtype=np.uint64))
+            if isinstance(wrapper, Encoder) and BITS in rows:
+                bits = np.array([[np.nan if x is None else x] for x in rows[BITS]])
+                made = _with(made, step_size=np.nan_to_num(wrapper.robot.encoder_count(bits), nan=EXACT))
+
+    def number(name: str, value: float) -> Array:
+        """Return a number of every joint, and rollout."""
+        return np.outer(rows[name], np.ones(n)) if name in rows else np.full(n, float(value))
+
     n = plant.robot.n
-    made = _with(DropOut(made, 0.5, seed), probability=np.full(n, float(lost)))
-    queue: Plant = _with(Delayed(made, 0, longest=LONGEST), samples=np.full(n, float(late)))
+    made = _with(DropOut(made, 0.5, seed), probability=number(LOST, lost))
+    queue: Plant = _with(Delayed(made, 0, longest=LONGEST), samples=number(LATE, late))
     return queue
 
 
@@ -84,130 +114,87 @@ class Tape(NamedTuple):
     """Numbers that are worked out of others, one operation after the other.
 
     Attributes:
-        inputs: places of the numbers that are given.
-        constants: numbers that are always the same; they come after the inputs.
-        steps: operation ("+", "-", "*", "/") and places of its two operands: inputs, constants, then results.
-        outputs: place among all these, and of the number that it becomes.
+        steps: "place" and that of a number that is given, "number" and a constant, or an operation ("+", "-",
+            "*", "/") and the steps of its two operands.
+        outputs: a step, and the place of the number that its result is.
     """
 
-    inputs: list[int]
-    constants: list[float]
-    steps: list[tuple[str, int, int]]
+    steps: list[tuple[Any, ...]]
     outputs: list[tuple[int, int]]
 
 
-class Numbers(NamedTuple):
-    """The numbers of a loop.
+class Listing(Inventory):
+    """Lists the numbers of a loop in the order of its trace.
 
     Attributes:
-        shared: of its parts.
-        start: of the state at the start.
-        seeds: of random numbers.
-        tape: how some of them are worked out of others; None where none are.
+        arrays: what they are in, by the way to it.
+        start: those of the state at the start, shape (rollouts or 1, s).
     """
 
-    shared: Array
-    start: Array
-    seeds: list[int]
-    tape: Tape | None
+    anew = False  # a loop by the door has the numbers of one that was made with them
 
-
-class _Listing(Inventory):
-    """Lists the numbers of a loop, and where each array's are."""
-
-    def __init__(self, loop: ClosedLoop, state: Any) -> None:
-        self.where: dict[int, range] = {}
-        super().__init__(loop, state)
+    def __init__(self, loop: ClosedLoop, parts: Sequence[str] = PARTS) -> None:
+        """List the numbers of parts of a loop, and those that it starts with."""
+        self.arrays: dict[Any, Array] = {}
+        state = loop.init()
+        self.start = columns(state[1:], loop.true_state(state).q.shape[:-1]).T
+        super(Inventory, self).__init__(Trace(loop.plant.robot.n), 1)
+        self.structure = []
+        for part in parts:
+            if part != "reference" or loop.reference.symbolic:
+                self._below(part, getattr(loop, part), False)
 
     def array(self, values: Array) -> Any:
         """List an array."""
-        first = len(self.values.shared)
-        listed = super().array(values)
-        self.where[id(values)] = range(first, len(self.values.shared))
-        return listed
+        self.arrays[self.place] = values
+        return super().array(values)
+
+    def places(self) -> dict[Any, range]:
+        """Return where the numbers of each array are among those that all rollouts share."""
+        found, end = {}, 0
+        for way, array in self.arrays.items():
+            if self.kind(array) == "shared":
+                found[way] = range(end, end := end + array.size)
+        return found
 
 
-def numbers(loop: ClosedLoop, tape: bool = True) -> Numbers:
-    """Return the numbers of a loop, as prepared loops list them; with or without the tape."""
-    listed = _Listing(loop, loop.init())
-    found = listed.values
-    noted = _tape(loop, listed.where) if tape else None
-    return Numbers(np.array(found.shared), found.start[:, 0], found.seeds, noted)
-
-
-class _Taped:
+class _Taped(NDArrayOperatorsMixin):
     """A number that notes what is done with it."""
 
-    def __init__(self, steps: list[Any]) -> None:
-        self.steps = steps
+    def __init__(self, steps: list[tuple[Any, ...]], *step: Any) -> None:
+        self.steps, self.at = steps, len(steps)
+        steps.append(step)
 
-    def _note(self, operation: str, a: Any, b: Any) -> _Taped:
-        made = _Taped(self.steps)
-        self.steps.append((operation, a, b, made))
-        return made
-
-    def __add__(self, other: Any) -> _Taped:
-        return self._note("+", self, other)
-
-    def __radd__(self, other: Any) -> _Taped:
-        return self._note("+", other, self)
-
-    def __sub__(self, other: Any) -> _Taped:
-        return self._note("-", self, other)
-
-    def __rsub__(self, other: Any) -> _Taped:
-        return self._note("-", other, self)
-
-    def __mul__(self, other: Any) -> _Taped:
-        return self._note("*", self, other)
-
-    def __rmul__(self, other: Any) -> _Taped:
-        return self._note("*", other, self)
-
-    def __truediv__(self, other: Any) -> _Taped:
-        return self._note("/", self, other)
-
-    def __rtruediv__(self, other: Any) -> _Taped:
-        return self._note("/", other, self)
-
-    def __neg__(self) -> _Taped:
-        return self._note("*", -1.0, self)
+    def __array_ufunc__(self, ufunc: Any, method: str, *operands: Any) -> _Taped:
+        if ufunc is np.negative:
+            ufunc, operands = np.multiply, (-1.0, *operands)
+        numbers = (x if isinstance(x, _Taped) else _Taped(self.steps, "number", float(x)) for x in operands)
+        at = [number.at for number in numbers]
+        return _Taped(self.steps, _OPERATIONS[ufunc], *at)
 
 
-def _tape(loop: ClosedLoop, where: dict[int, range]) -> Tape | None:
-    """Return how the gains of a controller come from its tuning; `where` has the places of its arrays."""
+def tape_of(loop: ClosedLoop, listed: Listing) -> Tape | None:
+    """Return how the gains of a loop's controller come from its tuning; None where they do not."""
     controller = loop.controller
     if not isinstance(controller, GPI) or controller.gains.adaptive:
         return None
-    steps: list[Any] = []
-    given: list[tuple[int, _Taped]] = []
+    where = {id(listed.arrays[way]): places for way, places in listed.places().items()}
+    tape = Tape([], [])
 
-    def tape(values: Any) -> Any:
+    def note(values: Any) -> Any:
         """Return an array of numbers that note what is done with them."""
         if not isinstance(values, np.ndarray):
             return values
-        made = [_Taped(steps) for _ in range(values.size)]
-        given.extend(zip(where[id(values)], made, strict=True))
-        return np.array(made, dtype=object)
+        return np.array([_Taped(tape.steps, "place", at) for at in where[id(values)]], dtype=object)
 
     law: Any = copy.copy(controller._law)
     if (member := getattr(law, "member", None)) is not None:
-        ratios = {name: tape(value) for name, value in vars(member).items() if isinstance(value, np.ndarray)}
+        ratios = {name: note(value) for name, value in vars(member).items() if isinstance(value, np.ndarray)}
         law.member = _with(member, **ratios)
-    found = law.coefficients(Tuning(*map(tape, controller.gains.nominal())), controller.dt)
-    operands = (x for step in steps for x in step[1:3] if not isinstance(x, _Taped))
-    constants = list(dict.fromkeys(map(float, operands)))
-    first = len(given)
-    at = {value: first + i for i, value in enumerate(constants)}
-    places = {id(number): i for i, (_, number) in enumerate(given)}
-    made = []
-    for operation, a, b, result in steps:
-        made.append((operation, *(places[id(x)] if isinstance(x, _Taped) else at[float(x)] for x in (a, b))))
-        places[id(result)] = first + len(constants) + len(made) - 1
-    outputs = []
+    found = law.coefficients(Tuning(*map(note, controller.gains.nominal())), controller.dt)
     for values, own in zip(found, controller._nominal, strict=True):
         if isinstance(own, np.ndarray):
             entries = np.broadcast_to(np.asarray(values, dtype=object), own.shape).ravel()
             named = zip(entries, where[id(own)], strict=True)
-            outputs += [(places[id(x)], place) for x, place in named if id(x) in places]
-    return Tape([place for place, _ in given], constants, made, outputs)
+            tape.outputs.extend((x.at, place) for x, place in named if isinstance(x, _Taped))
+    return tape

@@ -1,60 +1,103 @@
 """The C of all forms of a loop in one module, and WebAssembly from it.
 
-The equations of motion stand in it once each, and a form calls them by a pointer for each of its calls. So
-another load is another pointer, and every load has the very C that a run with it compiles.
+A form calls the equations of motion by a pointer for each of its calls, so another load is another pointer.
+Every load has the very C that a run with it compiles; those that differ in constants alone share a function.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib.util import find_spec
 
 from armgpi.codegen import build, source
 from armgpi.codegen.emit import Dialect
+from armgpi.codegen.kernels import Kernel
+from armgpi.codegen.source import Layout
+from armgpi.codegen.trace import Trace
 from armgpi.errors import BackendError
-from armgpi.view.play.variant import Pool, Variant
+from armgpi.view.play.variant import Sample
 
 #: As native code is compiled, but for what other compilers and machines know.
 _FLAGS = (
-    *("-target", "wasm32-wasi", "-mexec-model=reactor", "-std=gnu11", "-O2", "-ffp-contract=off"),
-    *("-fno-math-errno", "-fno-trapping-math", "-w", "-s", "-Wl,--export=__heap_base", "-Wl,--export=choose"),
+    *("-std=gnu11", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-w", "-s"),
+    *(f"-Wl,--export={name}" for name in ("__heap_base", "choose", "layout")),
 )
+#: Without a C library, of which Zig makes one that takes as long as all else.
+_BARE = ("-target", "wasm32-freestanding", "-DBARE", "-nostdlib", "-mbulk-memory", "-Wl,--no-entry")
+#: With one, for what is of libm.
+_HOSTED = ("-target", "wasm32-wasi", "-mexec-model=reactor")
+_LIBM = re.compile(r"\bv_(?:exp|log|tan|tanh|atan|fmod)\((?!V )")
+#: How what is known of its layout begins in a module, and how it ends.
+_BEGIN, _END = "armgpi: ", " :armgpi"
 #: What every form has of its own.
 _OWN = ("Job", "NR", "v_mix", "draw", "record", "sample", "add_up", "add_early", "run")
 #: A call of a kernel in a sample.
 _CALL = re.compile(r"\b\w+\(x_(\d+), o \+ \d+, y\1\)")
+#: A constant in it.
+_CONSTANT = re.compile(r"v_set\((\([^()]+\)|[^()]+)\)")
 
 
-def text(variants: Sequence[Variant], pool: Pool) -> str:
+def text(traces: Sequence[Trace], samples: Sequence[Sample], kernels: Mapping[str, Kernel]) -> str:
     """Return the C of all forms: ``run_0``, ``run_1`` and so on, and ``choose(call, kernel)``."""
     dialect = Dialect()
-    calls = max(len(variant.trace.calls) for variant in variants)
-    parts = ["#define LANES 1", source.library_text("lanes.h")]
-    for kernel in pool.kernels:
-        parts += source.function(kernel, dialect)
-    names = ", ".join(kernel.name for kernel in pool.kernels)
+    calls = max(len(sample.calls) for sample in samples)
+    said = _BEGIN + json.dumps([list(kernels), samples]) + _END
+    parts = [f"const char layout[] = {json.dumps(said)};"]
+    parts += ["#define LANES 1", source.library_text("lanes.h")]
+    functions, entries = _share_functions(kernels, dialect)
     parts += [
-        "typedef void (*Kernel)(const V *restrict, const V *, V *restrict);",
-        f"static const Kernel kernels[] = {{{names}}};",
+        *functions,
+        "typedef void Function(const V *restrict, const V *, V *restrict);",
+        "typedef struct { Function *function; const V *constants; } Kernel;",
+        f"static const Kernel kernels[] = {{{', '.join(entries)}}};",
         f"static Kernel chosen[{calls}];",
         "void choose(int call, int kernel) { chosen[call] = kernels[kernel]; }",
     ]
-    for i, variant in enumerate(variants):
+    for i, traced in enumerate(traces):
         parts += [f"#define {name} {name}_{i}" for name in _OWN if name != "NR"]
-        sizes = source.sizes(variant.trace, 1)
+        sizes = source.sizes(traced, 1)
         parts += [f"#define {name} {value}" for name, value in sizes.items() if name != "LANES"]
-        parts += [_CALL.sub(_by_pointer, line) for line in source.sample(variant.trace, dialect)]
+        parts += [_CALL.sub(_by_pointer, line) for line in source.sample(traced, dialect)]
         parts.append(source.library_text("loop.h"))
         parts += [f"#undef {name}" for name in (*_OWN, *sizes) if name != "LANES"]
     return "\n".join(parts)
 
 
+def layouts(code: bytes) -> tuple[list[str], list[Sample]]:
+    """Return what is written in a module: the names of its kernels, and what is known of its forms."""
+    begin = code.index(_BEGIN.encode()) + len(_BEGIN)
+    names, samples = json.loads(code[begin : code.index(_END.encode(), begin)])
+    return names, [Sample(Layout(*layout), calls) for layout, calls in samples]
+
+
+def _share_functions(kernels: Mapping[str, Kernel], dialect: Dialect) -> tuple[list[str], list[str]]:
+    """Return functions of which each serves all kernels that differ in constants alone, and what each has."""
+    alike: dict[tuple[str, ...], dict[str, list[str]]] = {}
+    for name, kernel in kernels.items():
+        words = _CONSTANT.split("\n".join(source.function(replace(kernel, name="kernel"), dialect)))
+        alike.setdefault(tuple(words[::2]), {})[name] = words[1::2]
+    functions, entries = [], {}
+    for i, ((first, *words), rows) in enumerate(alike.items()):
+        functions.append(first.replace("kernel(", f"kernel_{i}("))
+        differ: list[tuple[str, ...]] = []
+        for word, values in zip(words, zip(*rows.values(), strict=True), strict=True):
+            same = len(set(values)) == 1
+            functions[-1] += (f"v_set({values[0]})" if same else f"m[{len(differ)}]") + word
+            differ += [] if same else [values]
+        for j, name in enumerate(rows):
+            constants = ", ".join(values[j] for values in differ) or "0.0"
+            entries[name] = f"{{kernel_{i}, (const V[]){{{constants}}}}}"
+    return functions, [entries[name] for name in kernels]
+
+
 def _by_pointer(call: re.Match[str]) -> str:
     """Return a call by the pointer for it."""
-    return f"chosen[{call[1]}](x_{call[1]}, o, y{call[1]})"
+    return f"chosen[{call[1]}].function(x_{call[1]}, chosen[{call[1]}].constants, y{call[1]})"
 
 
 def compiler() -> tuple[str, ...]:
@@ -70,21 +113,33 @@ def compiler() -> tuple[str, ...]:
         return (clang,)
     raise BackendError(
         "WebAssembly needs the compiler of the package 'ziglang', which is not installed: pip install "
-        "'armgpi[play]'; or Clang with lld, wasi-libc and compiler-rt for wasm32"
+        "'armgpi[play]'; or Clang with lld"
     )
 
 
-def compile_wasm(code: str, exports: Sequence[str]) -> bytes:
+def find(name: str) -> bytes | None:
+    """Return the module that this version of the package once compiled under a name; None without one."""
+    return build.find_wasm(name, _compiler()) if name else None
+
+
+def compile_wasm(code: str, name: str = "") -> bytes:
     """Return WebAssembly for C; what was compiled once is kept.
 
     Args:
         code: the C.
-        exports: functions that the page calls.
+        name: under which :func:`find` finds it without its source.
 
     Raises:
         BackendError: when there is no compiler, or it fails.
     """
+    system = _HOSTED if _LIBM.search(code) else _BARE
+    exports = (f"-Wl,--export={run}" for run in re.findall(r"#define run (run_\d+)", code))
+    return build.wasm(code, _compiler(), (*system, *_FLAGS, *exports), name)
+
+
+def _compiler() -> build.Compiler:
+    """Return the compiler for WebAssembly."""
     called = compiler()
     if (found := build.probe(called, os.environ.get("PATH"))) is None:
         raise BackendError(f"{' '.join(called)} does not run")
-    return build.wasm(code, found, (*_FLAGS, *(f"-Wl,--export={name}" for name in exports)))
+    return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,7 +24,7 @@ from armgpi.robot.markup import read_file
 from armgpi.view import page, scene, style
 from armgpi.view.play import module
 from armgpi.view.play.controls import Control, Playable, dotted_path, plain, playable, siblings
-from armgpi.view.play.variant import Pool, Variant, trace_form
+from armgpi.view.play.variant import Pool, Prober, Variant
 
 #: Called with what is being done and how much of it is done [0, 1].
 Progress = Callable[[str, float], None]
@@ -125,27 +125,20 @@ def _control(control: Control) -> dict[str, Any]:
 def _variant(variant: Variant, loop: ClosedLoop, steps: int, arrays: page.Arrays) -> dict[str, Any]:
     """Return what the page knows of a form."""
     table = None
-    if variant.trace.table:
+    if variant.layout.table:
         targets = loop.targets(np.arange(steps + 1) * np.float64(loop.dt))
         table = arrays.add(np.concatenate(targets, axis=-1), "float64")
-    return {
-        "form": variant.form,
-        "names": variant.names,
-        "states": len(variant.start),
-        "draws": [[str(seed), stream, ahead] for seed, stream, ahead in variant.draws],
-        "shared": arrays.add(variant.shared, "float64"),
-        "used": variant.used,
-        "tape": None if variant.tape is None else variant.tape._asdict(),
-        "start": arrays.add(variant.start, "float64"),
-        "table": table,
-        "width": len(variant.trace.table),
-        "moves": [move._asdict() for move in variant.moves],
-        "tables": [
-            {**each._asdict(), "values": arrays.add(each.values, "float64")} for each in variant.tables
-        ],
-        "arms": [{**each._asdict(), "which": each.which.ravel().tolist()} for each in variant.arms],
-        "unmoved": variant.unmoved,
-    }
+    data: dict[str, Any] = _with_arrays(variant, arrays)
+    return {**data, "table": table}
+
+
+def _with_arrays(data: Any, arrays: page.Arrays) -> Any:
+    """Return data as JSON has it, with arrays by their places."""
+    if isinstance(data, np.ndarray):
+        return arrays.add(data, "float64")
+    if hasattr(data, "_asdict"):
+        return {key: _with_arrays(value, arrays) for key, value in data._asdict().items()}
+    return [_with_arrays(item, arrays) for item in data] if isinstance(data, list | tuple) else data
 
 
 def _defaults(moved: Playable) -> dict[str, Any]:
@@ -188,18 +181,35 @@ def build_module(experiment: Experiment, label: str, progress: Progress = lambda
         others = makers.siblings(label)
         moved = _possible(playable(experiment, label, others), makers)
         pool = Pool()
-        forms = list(_forms(moved))
-        variants = []
-        for i, form in enumerate(forms):
-            progress("tracing", i / (len(forms) + 2))
+        probers = []
+        for form in _forms(moved):
             config = compose_config(moved, form)
-            try:
-                variants.append(trace_form(form, config, _belonging(moved, form), makers.loop, pool))
-            except NotElementwise as error:
-                raise BackendError(f"this loop has no generated code: {error}") from None
-    progress("compiling", len(forms) / (len(forms) + 2))
-    code = module.compile_wasm(module.text(variants, pool), [f"run_{i}" for i in range(len(variants))])
+            probers.append(Prober(form, config, _belonging(moved, form), makers.loop, pool))
+        try:
+            code = _module(probers, progress)
+        except NotElementwise as error:
+            raise BackendError(f"this loop has no generated code: {error}") from None
+        pool.names, samples = module.layouts(code)
+        variants = [prober.variant(sample) for prober, sample in zip(probers, samples, strict=True)]
     return Module(moved, variants, code)
+
+
+def _module(probers: Sequence[Prober], progress: Progress) -> bytes:
+    """Return WebAssembly of all forms, that which was made before where there is such."""
+    names = [prober.name for prober in probers]
+    name = "\n".join(names) if all(names) else ""
+    if (kept := module.find(name)) is not None:
+        return kept
+    traces, samples, kernels = [], [], {}
+    for i, prober in enumerate(probers):
+        progress("tracing", i / (len(probers) + 2))
+        traced, sample = prober.trace()
+        traces.append(traced)
+        samples.append(sample)
+        kernels.update({call.kernel.name: call.kernel for call in traced.calls})
+        kernels.update({kernel.name: kernel for kernel in prober.kernels(sample)})
+    progress("compiling", len(probers) / (len(probers) + 2))
+    return module.compile_wasm(module.text(traces, samples, kernels), name)
 
 
 def _possible(moved: Playable, makers: _Makers) -> Playable:
@@ -232,7 +242,7 @@ def _possible(moved: Playable, makers: _Makers) -> Playable:
 def compose_config(moved: Playable, form: dict[str, Any]) -> dict[str, Any]:
     """Return the experiment of a form, as plain data, as it is traced.
 
-    The plant has a load and the nominal model none, so that their equations of motion are two.
+    The plant has a load, so that its equations of motion are not the nominal model's.
     """
     config: dict[str, Any] = json.loads(json.dumps(moved.config))
     config["controllers"] = [dict(moved.sections[form["controllers.0"]])]
@@ -242,8 +252,6 @@ def compose_config(moved: Playable, form: dict[str, Any]) -> dict[str, Any]:
     for control in _belonging(moved, form):
         if control.arm == "plant" and control.whole is not None:
             control.put(config, control.values[1])
-        elif control.arm == "nominal" and control.whole is not None:
-            control.put(config, 0.0)
         elif control.joints and control.id.startswith("plant.loads"):
             control.put(config, [1.0] * len(control.joints))
     if config["plant"]["encoder_bits"] is None:

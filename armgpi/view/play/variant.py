@@ -1,30 +1,33 @@
 """How every control reaches the numbers of one form of the loop.
 
-Each control is moved while all else stays, and what changes among the loop's numbers is looked at. A number
-that is the value itself, or the value less a constant, is found as such; any other goes into a table over the
-slider's places. What the state at the start depends on by several controls together becomes one table over
-all of them.
+A loop is given all places of a slider at once, one for each rollout, by the door that sweeps use; the numbers
+that then differ between rollouts are those that the slider moves, and their values a table over its places.
+Numbers that several sliders move have one over all of their places. What has no places, as a goal that may be
+anywhere, is looked at in two, and is the value itself, or the value less a constant.
 """
 
 from __future__ import annotations
 
+import copy
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.codegen.kernels import Arm, Kernel, arm_of
-from armgpi.codegen.source import recorded_names, trace_used
-from armgpi.codegen.trace import Seed, Trace, columns, tracing
+from armgpi.codegen.source import Layout, layout, trace_used
+from armgpi.codegen.trace import Inventory, Trace, tracing
 from armgpi.errors import ArmgpiError, BackendError
 from armgpi.gpi.gains import Tuning
 from armgpi.loop.closed_loop import ClosedLoop
+from armgpi.loop.variables import check_values, spread_rows, variables, with_values
 from armgpi.robot.robot import Robot
 from armgpi.view.play.controls import Control
-from armgpi.view.play.loops import EXACT, Numbers, Tape, movable, numbers
+from armgpi.view.play.loops import BITS, LATE, LOST, PARTS, SCALE, Listing, Tape, movable, tape_of
 
 #: What a page records, if there is such a thing.
 _RECORDED = ("q", "v", "q_ref", "v_ref", "q_measured", "tau_command", "tau", Tuning._fields[0])
@@ -40,7 +43,6 @@ class Move(NamedTuple):
 
     Attributes:
         control: its id.
-        to: "shared" or "start".
         at: places of the numbers.
         joint: of each, the joint whose value it follows; -1 where all joints have one.
         factor: of each, 1 or -1.
@@ -48,7 +50,6 @@ class Move(NamedTuple):
     """
 
     control: str
-    to: str
     at: list[int]
     joint: list[int]
     factor: list[float]
@@ -56,33 +57,34 @@ class Move(NamedTuple):
 
 
 class Table(NamedTuple):
-    """Numbers that depend on controls by a table over the places of their sliders.
+    """Numbers, or kernels, that depend on controls by a table over the places of their sliders.
 
     Attributes:
         controls: their ids.
-        to: "shared" or "start".
-        at: places of the numbers.
-        values: shape (places of the first control, ..., numbers).
+        at: places of the numbers, or the calls of a sample.
+        column: of each, which of the values it is.
+        values: shape (places of the first control, ..., columns).
+        unless: ids of one of its controls and of another one: where that one is moved, and not this one,
+            another table counts; empty for none.
     """
 
     controls: tuple[str, ...]
-    to: str
     at: list[int]
+    column: list[int]
     values: Array
+    unless: tuple[str, ...] = ()
 
 
-class Kernels(NamedTuple):
-    """Equations of motion that depend on controls.
+class Sample(NamedTuple):
+    """The generated code of one form, without its kernels.
 
     Attributes:
-        controls: their ids.
-        calls: which calls of the sample use them.
-        which: shape (places of the first control, ..., calls): indices of kernels.
+        layout: of its numbers.
+        calls: of each call of a kernel, whose arm it is of and what it works out; of another "" and its name.
     """
 
-    controls: tuple[str, ...]
-    calls: list[int]
-    which: Any
+    layout: Layout
+    calls: list[tuple[str, str]]
 
 
 class Variant(NamedTuple):
@@ -90,77 +92,47 @@ class Variant(NamedTuple):
 
     Attributes:
         form: id of a choice -> its value.
-        trace: one sample of it.
-        names: what is recorded.
-        shared: the numbers of the loop at first, all of them.
-        used: places of those that the sample uses.
+        layout: of the numbers of its code.
+        numbers: those of the loop at first, all of them, then those of its state.
+        shared: how many are not of the state.
         tape: how some are worked out of others; None where none are.
-        start: those of its state.
         draws: random numbers: seed, stream and samples ahead of each.
         moves: numbers that follow one control.
         tables: numbers that depend on controls in another way.
-        arms: equations of motion that depend on controls.
+        arms: which kernels the calls are of.
         unmoved: ids of controls that change nothing here.
     """
 
     form: dict[str, Any]
-    trace: Trace
-    names: list[str]
-    shared: Array
-    used: list[int]
+    layout: Layout
+    numbers: Array
+    shared: int
     tape: Tape | None
-    start: Array
-    draws: list[tuple[int, int, int]]
+    draws: list[tuple[str, int, int]]
     moves: list[Move]
     tables: list[Table]
-    arms: list[Kernels]
+    arms: list[Table]
     unmoved: list[str]
 
 
 class Pool:
-    """All kernels of a page, each once.
+    """What the forms of a page have in common.
 
     Attributes:
-        kernels: in the order of their indices.
-        tables: by what they depend on; friction is none of it for states at the start.
+        names: of the kernels, in the order of their indices.
+        arms: whose equations of motion they are, by the sections of the experiment that decide it.
+        rows: numbers at all places of a control, of its part and of the start, by what decides them.
     """
 
     def __init__(self) -> None:
-        """Begin without kernels."""
-        self.kernels: list[Kernel] = []
-        self.tables: dict[str, Table] = {}
-        self._places: dict[str, int] = {}
-
-    def place(self, kernel: Kernel) -> int:
-        """Return the index of a kernel."""
-        if kernel.name not in self._places:
-            self._places[kernel.name] = len(self.kernels)
-            self.kernels.append(kernel)
-        return self._places[kernel.name]
-
-    def place_of(self, arm: Arm, method: str) -> int:
-        """Return the index of a kernel of an arm, which is made where no equal arm's is there yet."""
-        index = self._places.get(f"{method}_{arm.model.digest}")
-        return self.place(arm.kernel(method)) if index is None else index
+        """Begin with nothing."""
+        self.names: list[str] = []
+        self.arms: dict[str, list[dict[str, Arm]]] = {}
+        self.rows: dict[Any, dict[Any, Array]] = {}
 
 
-def trace_form(
-    form: dict[str, Any], config: dict[str, Any], controls: Sequence[Control], make: Make, pool: Pool
-) -> Variant:
-    """Return a form of the loop with all that its controls do.
-
-    Args:
-        form: id of a choice -> its value.
-        config: an experiment of this form, as plain data.
-        controls: those that it has.
-        make: makes the loop.
-        pool: where kernels go.
-    """
-    return _Prober(form, config, controls, make, pool).variant()
-
-
-class _Prober:
-    """Moves controls and looks at numbers."""
+class Prober:
+    """One form of the loop, and what its controls do."""
 
     def __init__(
         self,
@@ -170,224 +142,287 @@ class _Prober:
         make: Make,
         pool: Pool,
     ) -> None:
+        """Look at a form of the loop.
+
+        Args:
+            form: id of a choice -> its value.
+            config: an experiment of this form, as plain data.
+            controls: those that it has.
+            make: makes the loop.
+            pool: what it has in common with others.
+        """
         self.form, self.config, self.make, self.pool = form, config, make, pool
         self.controls = {control.id: control for control in controls}
-        self.loop = self._loop({})
-        with tracing():
-            self.trace = trace_used(self.loop, self.loop.init(), True)
-        recorded = self.trace.recorded
-        self.trace.recorded = {name: recorded[name] for name in _RECORDED if name in recorded}
-        self.first = first = numbers(self.loop)
-        self.used = list(self.trace.places[0])
-        self._known: dict[str, Numbers] = {}
-        self._matters = {
-            "shared": np.isin(np.arange(len(first.shared)), self.used),
-            "start": np.ones(len(first.start), dtype=bool),
-        }
-        if first.tape is not None:
-            # What is worked out of the tuning follows it, and the tuning matters where it is asked for.
-            asked = {place for _, *operands in first.tape.steps for place in operands}
-            for i, place in enumerate(first.tape.inputs):
-                self._matters["shared"][place] |= i in asked
-            for _, place in first.tape.outputs:
-                self._matters["shared"][place] = False
+        self._base = self._loop({})
+        self._probed: dict[str, Array] = {}
+        self._arms = {side: self._list_arms(side) for side in ("plant", "nominal")}
+        # What a load makes two models of has one without: which call is whose a trace with a load tells.
+        self._traced = movable(self._loop({c.id: c.values[-1] for c in controls if c.arm == "nominal"}))
+        self.loop = movable(self._base)
+        self._listed = Listing(self.loop)
+        self._ways = {way: slice(x.start, x.stop) for way, x in self._listed.places().items()}
+        self.first = np.concatenate([self._listed.values.shared, self._listed.start[0]])
+        self.shared = len(self._listed.values.shared)
 
-    def variant(self) -> Variant:
-        """Return what was found."""
-        moves: list[Move] = []
-        tables: list[Table] = []
-        unmoved, together = [], []
-        arms = self._arms()
-        for name, control in self.controls.items():
-            changed = self._changed_numbers(control)
-            if not control.arm and not any(changed.values()):
-                unmoved.append(name)
-            if rest := self._moves(control, "shared", changed["shared"], moves):
-                tables.append(self._table((name,), "shared", rest))
-            if self._moves(control, "start", changed["start"], moves):
-                together.append(name)
-        # Of a scaled nominal model and one with a load there is one at a time; see Control.excludes.
-        apart = [name for name in together if self.controls[name].excludes in together]
-        common = [name for name in together if name not in apart]
-        for group in [[*common, name] for name in apart] or ([common] if common else []):
-            while self._entries(group) > _MOST:
-                # The start of an arm with a state of its own depends on more than a table can hold.
-                group.remove(most := max(group, key=lambda name: len(self.controls[name].values)))
-                unmoved += [most] if most not in unmoved else []
-            changes = (self._changed_numbers(self.controls[name])["start"] for name in group)
-            places = sorted(set(itertools.chain(*changes)))
-            same = {key: value for key, value in self.form.items() if key != "plant.friction"}
-            key = repr((same, group, places))
-            if key not in self.pool.tables:
-                self.pool.tables[key] = self._table(tuple(group), "start", places)
-            tables.append(self.pool.tables[key])
+    @property
+    def name(self) -> str:
+        """The structure of its code as text; empty where something in it has none."""
+        own = Inventory(self._traced, self._traced.init()).name
+        arms = [arm.model.digest for arms in self._arms.values() for each in arms for arm in each.values()]
+        return f"{own} {arms}" if own else ""
+
+    def trace(self) -> tuple[Trace, Sample]:
+        """Return one sample of the loop, and what a page knows of its code."""
+        loop = self._traced
+        with tracing():
+            found = trace_used(loop, loop.init(), True)
+        recorded = found.recorded
+        found.recorded = {name: recorded[name] for name in _RECORDED if name in recorded}
+        owners = {
+            id(kernel): (name, method)
+            for side in self._arms
+            for name, arm in _arms_of(loop, side).items()
+            for method, kernel in arm.kernels.items()
+        }
+        calls = []
+        for call in found.calls:
+            owner = owners.get(id(call.kernel), ("", call.kernel.name))
+            if not owner[0] and not call.kernel.name.startswith("friction_"):
+                raise BackendError(f"{call.kernel.name}: whose arm it is of, and so its load, is not known")
+            calls.append(owner)
+        return found, Sample(layout(found), calls)
+
+    def kernels(self, sample: Sample) -> Iterator[Kernel]:
+        """Yield the equations of motion of all places of the sliders."""
+        for owner, method in dict.fromkeys(sample.calls):
+            for arms in self._arms[_side(owner)] if owner else ():
+                yield arms[owner].kernel(method)
+
+    def variant(self, sample: Sample) -> Variant:
+        """Return what its controls do."""
+        tape = tape_of(self.loop, self._listed)
+        matters = np.ones(len(self.first), dtype=bool)
+        matters[: self.shared] = np.isin(np.arange(self.shared), sample.layout.shared)
+        if tape is not None:
+            # What is worked out of the tuning follows it, and the tuning matters where it is asked for.
+            asked = {at for operation, *steps in tape.steps if operation in "+-*/" for at in steps}
+            matters[[step[1] for at, step in enumerate(tape.steps) if step[0] == "place" and at in asked]] = 1
+            matters[[place for _, place in tape.outputs]] = False
+        changed = {name: self._changes(name) & matters for name in self.controls}
+        moves = [
+            self._move(name, np.flatnonzero(places).tolist())
+            for name, places in changed.items()
+            if places.any() and self._anywhere(name)
+        ]
+        still = {name for name, places in changed.items() if not places.any() and not self.controls[name].arm}
+        tables = [
+            table
+            for half in (slice(0, self.shared), slice(self.shared, None))
+            for names, places in self._groups(changed, half)
+            for table in self._tables(names, places, still)
+        ]
+        seeds = self._listed.values.seeds
+        draws = [
+            (str((seeds[seed] if own else seed) % 2**64), stream, ahead)
+            for own, seed, stream, ahead in sample.layout.draws
+        ]
         return Variant(
             form=self.form,
-            trace=self.trace,
-            names=recorded_names(self.trace),
-            shared=self.first.shared,
-            used=self.used,
-            tape=self.first.tape,
-            start=self.first.start,
-            draws=list(self._draws()),
+            layout=sample.layout,
+            numbers=self.first,
+            shared=self.shared,
+            tape=tape,
+            draws=draws,
             moves=moves,
             tables=tables,
-            arms=arms,
-            unmoved=unmoved,
+            arms=list(self._kernels(sample)),
+            unmoved=sorted(still),
         )
 
-    def _draws(self) -> Iterator[tuple[int, int, int]]:
-        """Yield seed, stream and samples ahead of the random numbers."""
-        for draw in self.trace.draws:
-            seed = self.first.seeds[draw.seed.place] if isinstance(draw.seed, Seed) else draw.seed
-            yield seed % 2**64, draw.stream, draw.offset
-
     def _loop(self, moved: Mapping[str, Any]) -> ClosedLoop:
-        """Return the loop with some controls moved."""
-        config = _copy_data(self.config)
+        """Return the loop of an experiment in which some controls are moved."""
+        config = copy.deepcopy(self.config)
         for name, value in moved.items():
             self.controls[name].put(config, value)
-        return movable(self.make(config))
+        return self.make(config)
 
-    def _numbers(self, moved: Mapping[str, Any]) -> Numbers:
-        """Return the numbers of the loop with some controls moved."""
-        key = repr(sorted(moved.items()))
-        if key not in self._known:
-            found = numbers(self._loop(moved), tape=False)
-            if len(found.shared) != len(self.first.shared) or found.start.shape != self.first.start.shape:
-                raise ArmgpiError(f"{', '.join(moved)}: changes the form of the loop")
-            self._known[key] = found
-        return self._known[key]
+    def _anywhere(self, name: str) -> bool:
+        """Tell whether a control is looked at in two places alone: it may be anywhere, or ends a box."""
+        control = self.controls[name]
+        return bool(control.joints) or control.group == "pushes" or control.path[-1] in ("lower", "upper")
 
-    def _changed_numbers(self, control: Control) -> dict[str, list[int]]:
-        """Return which numbers a control changes."""
-        changed = {to: np.zeros_like(flags) for to, flags in self._matters.items()}
-        for value in self._probes(control):
-            found = self._numbers({control.id: value})
-            for to, flags in changed.items():
-                flags |= getattr(found, to) != getattr(self.first, to)
-        return {to: np.flatnonzero(flags & self._matters[to]).tolist() for to, flags in changed.items()}
-
-    def _probes(self, control: Control) -> list[Any]:
-        """Return values by which to see what a control does."""
+    def _values(self, name: str) -> Sequence[Any]:
+        """Return all places of a control, or two of what is looked at in two alone."""
+        control = self.controls[name]
         if control.joints:
             low, high = np.clip(np.array(control.joints), -7.3, 7.1).T
             shares = np.linspace(0.31, 0.47, len(low))
-            return [(low + share * (high - low)).tolist() for share in (shares, 1.0 - shares)]
-        values = [value for value in control.values if value is not None]
-        if control.excludes or control.id == "plant.encoder_bits":  # whose nearest places may round alike
-            return values
-        # Near what it is at first: an upper end must stay above the lower one.
-        stop = next((i for i, value in enumerate(values) if value == control.value), 0)
-        steps = (1, 2, 3) if stop + 3 < len(values) else (-1, -2, -3)
-        return [values[stop + step] for step in steps if -len(values) <= stop + step < len(values)]
+            return [low + share * (high - low) for share in (shares, 1.0 - shares)]
+        if not self._anywhere(name):
+            return control.values
+        # An upper end stays above the lower one.
+        size = -control.value if control.path[-1] == "lower" else control.value
+        return [control.value + share * size for share in (0.031, 0.047)] if size else (0.31, 0.47)
 
-    def _moves(self, control: Control, to: str, places: list[int], moves: list[Move]) -> list[int]:
-        """Note the numbers that are a control's value but for a constant; return the others."""
-        if not places:
-            return []
-        probes = [(value, getattr(self._numbers({control.id: value}), to)) for value in self._probes(control)]
-        found, rest = Move(control.id, to, [], [], [], []), []
-        for place in places:
-            if (way := _way([(np.ravel(v), x[place]) for v, x in probes], self._constants())) is None:
-                rest.append(place)
-                continue
-            lists: Any = (found.at, found.joint, found.factor, found.constant)
-            for entries, value in zip(lists, (place, *way), strict=True):
-                entries.append(value)
-        if found.at:
-            moves.append(found)
-        return rest
+    def _changes(self, name: str) -> Any:
+        """Return which numbers a control changes."""
+        with suppress(ArmgpiError):  # it decides the form of the loop
+            self._probed[name] = self._rows({name: self._values(name)})
+        return (self._probed.get(name, self.first[None]) != self.first).any(axis=0)
 
-    def _constants(self) -> list[float]:
-        """Return what may be added to a value: coordinates of the moves."""
-        points = self.config["reference"]["points"] or []
-        return [0.0, *sorted({float(x) for point in points for x in point})]
+    def _groups(self, changed: Mapping[str, Any], half: slice) -> Iterator[tuple[list[str], list[int]]]:
+        """Yield controls that change some of the same numbers, each with all that one of them changes."""
+        left = {
+            name: set((half.start + np.flatnonzero(flags[half])).tolist())
+            for name, flags in changed.items()
+            if flags[half].any() and not self._anywhere(name)
+        }
+        while left:
+            name = next(iter(left))
+            names, places = [name], left.pop(name)
+            while more := [name for name, others in left.items() if others & places]:
+                names += more
+                places = places.union(*map(left.pop, more))
+            yield names, sorted(places)
 
-    def _table(self, names: tuple[str, ...], to: str, places: Sequence[int]) -> Table:
-        """Return numbers at all places of the sliders of some controls."""
-        axes = [self.controls[name].values for name in names]
-        if not all(axes) or self._entries(names) > _MOST:
-            raise ArmgpiError(f"{' and '.join(names)}: too many values together for a page")
-        key = ""
-        if to == "shared":
-            # One that is the same at both ends and at the probes is the same: another form has made it.
-            probes = axes[0][0], axes[0][-1], *self._probes(self.controls[names[0]])
-            asked = [{names[0]: value} for value in probes]
-            key = repr([(each, self._numbers_at(each, to)[list(places)].tolist()) for each in asked])
-            if key in self.pool.tables:
-                return self.pool.tables[key]._replace(at=list(places))
-        rows = [
-            self._numbers_at(dict(zip(names, values, strict=True)), to)[list(places)]
-            for values in itertools.product(*axes)
-        ]
-        table = Table(names, to, list(places), np.array(rows).reshape(*map(len, axes), len(places)))
-        if key:
-            self.pool.tables[key] = table
-        return table
-
-    def _entries(self, names: Sequence[str]) -> int:
-        """Return how many values some controls have together."""
-        return math.prod(len(self.controls[name].values) for name in names)
-
-    def _numbers_at(self, moved: Mapping[str, Any], to: str) -> Array:
-        """Return numbers, of encoders that are exact too."""
-        exact = "plant.encoder_bits" in moved and moved["plant.encoder_bits"] is None
-        if to == "start":
-            return self._loop_start(moved)
-        moved = {**moved, "plant.encoder_bits": 16} if exact else moved
-        found: Array = getattr(self._numbers(moved), to).copy()
-        if exact:
-            found[self._changed_numbers(self.controls["plant.encoder_bits"])[to]] = EXACT
+    def _rows(self, moved: Mapping[str, Sequence[Any]]) -> Array:
+        """Return the numbers of the loop at some places of controls, a row for each."""
+        own_parts = {_part(self.controls[name]) for name in moved}
+        parts = [part for part in PARTS if part in own_parts]  # in their order, as they have arrays in common
+        ways = {way: places for way, places in self._ways.items() if way[0] in parts}
+        # Forms have parts in common, and controllers that measure the same start alike.
+        alike = b""
+        if parts == ["controller"]:
+            alike, ways["start"] = self.first[self.shared :].tobytes(), slice(self.shared, None)
+        key = (*moved, *(id(getattr(self._base, part)) for part in parts), alike)
+        count = len(next(iter(moved.values())))
+        found = np.tile(self.first, (count, 1))
+        if len(moved) == 1 and ways.keys() <= (known := self.pool.rows.get(key, {})).keys():
+            for way, places in ways.items():
+                found[:, places] = known[way]
+            return found
+        # Loads and rotors have equations of motion of their own, and so a loop.
+        alone = {name: values for name, values in moved.items() if self.controls[name].arm}
+        groups: dict[str, list[int]] = {}
+        for i in range(count):
+            groups.setdefault(repr([values[i] for values in alone.values()]), []).append(i)
+        for rows in groups.values():
+            first = {name: values[rows[0]] for name, values in alone.items()}
+            loop = self._loop(first) if alone else self._base
+            own = {name: [values[i] for i in rows] for name, values in moved.items() if name not in alone}
+            numbers = {name: own.pop(name) for name in (SCALE, LATE, LOST, BITS) if name in own}
+            if own:
+                checked = check_values(variables(loop), dict(self._door(loop, own)))
+                loop = with_values(loop, spread_rows(checked, len(rows)), len(rows))
+            listed = Listing(movable(loop, numbers), parts)
+            listed.arrays["start"] = start = listed.start
+            if start.shape[1] != len(self.first) - self.shared or not ways.keys() <= listed.arrays.keys():
+                raise ArmgpiError(f"{', '.join(moved)}: changes the form of the loop")
+            for way, places in ways.items():
+                array = listed.arrays[way]
+                found[rows, places] = array.reshape(-1, array.shape[-1]) if array.ndim > 1 else array
+            found[rows, self.shared :] = start
+        if alike or (found[:, self.shared :] == self.first[self.shared :]).all():
+            self.pool.rows[key] = {way: found[:, places] for way, places in ways.items()}
         return found
 
-    def _loop_start(self, moved: Mapping[str, Any]) -> Array:
-        """Return the numbers of the state at the start alone."""
-        return columns(self._loop(moved).init()[1:], ())[:, 0]
-
-    def _arms(self) -> list[Kernels]:
-        """Return the equations of motion that controls change."""
-        controls = {
-            side: tuple(name for name, control in self.controls.items() if control.arm == side)
-            for side in ("plant", "nominal")
-        }
-        traced = self.trace.calls
-        loop = self.loop
-        if controls["nominal"]:
-            # What a load makes two models of has one without: which call is whose a trace with a load tells.
-            loop = self._loop({name: self.controls[name].values[-1] for name in controls["nominal"]})
-            with tracing():
-                traced = trace_used(loop, loop.init(), True).calls
-        owners = {
-            id(kernel): (name, method)
-            for name, arm in _arms_of(loop).items()
-            for method, kernel in arm.kernels.items()
-        }
-        calls: dict[str, dict[int, tuple[str, str]]] = {"plant": {}, "nominal": {}}
-        fixed = {}
-        for i, call in enumerate(traced):
-            if (owner := owners.get(id(call.kernel))) is not None:
-                calls["plant" if owner[0] == "plant" else "nominal"][i] = owner
-            elif controls["nominal"] and not call.kernel.name.startswith("friction_"):
-                raise BackendError(f"{call.kernel.name}: whose arm it is of, and so its load, is not known")
+    def _door(self, loop: ClosedLoop, moved: Mapping[str, Sequence[Any]]) -> Iterator[tuple[str, Any]]:
+        """Yield names of a loop's variables and their values, which some places of controls are."""
+        single = "goal" in loop.reference.variables()
+        for name, values in moved.items():
+            first, *_, last = path = self.controls[name].path
+            if name == "reference.durations":
+                for i, times in enumerate(zip(*values, strict=True)):
+                    yield "reference.duration" if single else f"{name}.{i}", np.array(times)
+            elif first == "reference" and single:
+                yield "reference.goal", np.array(values)
+            elif last in ("lower", "upper"):
+                ends = {**self.config["controllers"][0][path[2]], last: np.array(values)}
+                yield f"controller.{path[2]}", (ends["lower"], ends["upper"])
             else:
-                fixed[i] = self.pool.place(call.kernel)
-        found = [Kernels((), list(fixed), np.array(list(fixed.values()), dtype=int))]
-        for side, own in calls.items():
-            names = controls[side]
+                own = name.replace("controllers.0", "controller").replace("robot.friction", "plant")
+                yield own, np.array(values, dtype=np.float64)
+
+    def _move(self, name: str, places: list[int]) -> Move:
+        """Return how numbers follow a control's value.
+
+        Raises:
+            ArmgpiError: when one is not that value but for a constant.
+        """
+        values, rows = self._values(name), self._probed[name]
+        points = self.config["reference"]["points"] or []
+        constants = [0.0, *sorted({float(x) for point in points for x in point})]
+        found: list[tuple[int, int, float, float]] = []
+        for place in places:
+            probes = [(np.ravel(value), row[place]) for value, row in zip(values, rows, strict=True)]
+            if (way := _way(probes, constants)) is None:
+                raise ArmgpiError(f"{name}: moves a number that is neither its value nor that less another")
+            found.append((place, *way))
+        return Move(name, *map(list, zip(*found, strict=True)))
+
+    def _tables(self, names: list[str], places: list[int], still: set[str]) -> Iterator[Table]:
+        """Yield tables of the numbers that some controls move together; who finds no room in one stays."""
+        # Of a scaled nominal model and one with a load there is one at a time; see Control.excludes.
+        pairs = [(name, other) for name in names if (other := self.controls[name].excludes) in names]
+        for unless in pairs or ((),):
+            group = [name for name in names if name not in unless[1:]]
+            while len(group) > 1 and math.prod(len(self.controls[name].values) for name in group) > _MOST:
+                # The start of an arm with a state of its own depends on more than a table can hold.
+                group.remove(most := max(group, key=lambda name: len(self.controls[name].values)))
+                still.add(most)
+            axes = [self.controls[name].values for name in group]
+            rows = self._probed[group[0]]
+            if len(group) > 1:
+                rows = self._rows(dict(zip(group, zip(*itertools.product(*axes), strict=True), strict=True)))
+            values, column = np.unique(rows[:, places], axis=1, return_inverse=True)
+            shape = (*map(len, axes), values.shape[1])
+            yield Table(tuple(group), places, column.ravel().tolist(), values.reshape(shape), unless)
+
+    def _list_arms(self, side: str) -> list[dict[str, Arm]]:
+        """Return the arms of the plant or of the controller, at all places of what changes them."""
+        names = [name for name, control in self.controls.items() if control.arm == side]
+        own = {**self.config["plant"], "friction": None} if side == "plant" else self.config["controllers"]
+        key = repr([side, names, self.config["robot"], own])
+        if key not in self.pool.arms:
             axes = [self.controls[name].values for name in names]
-            which = []
-            for values in itertools.product(*axes):
-                arms = _arms_of(self._loop(dict(zip(names, values, strict=True))))
-                which.append([self.pool.place_of(arms[name], method) for name, method in own.values()])
-            found.append(Kernels(names, list(own), np.array(which).reshape(*map(len, axes), len(own))))
-        return found
+            loops = (self._loop(dict(zip(names, values, strict=True))) for values in itertools.product(*axes))
+            self.pool.arms[key] = [_arms_of(loop, side) for loop in loops]
+        return self.pool.arms[key]
+
+    def _kernels(self, sample: Sample) -> Iterator[Table]:
+        """Yield which kernels the calls are of: those of arms that controls change, and others."""
+        place = self.pool.names.index
+        sides: dict[str, list[dict[str, Arm]]] = {**self._arms, "": [{}]}
+        for side, arms in sides.items():
+            own = {i: each for i, each in enumerate(sample.calls) if _side(each[0]) == side}
+            names = tuple(name for name, control in self.controls.items() if control.arm == side != "")
+            which = [
+                [
+                    place(f"{method}_{arm[owner].model.digest}" if owner else method)
+                    for owner, method in own.values()
+                ]
+                for arm in arms
+            ]
+            yield Table(names, list(own), list(range(len(own))), np.array(which, dtype=np.float64))
 
 
-def _arms_of(loop: ClosedLoop) -> dict[str, Arm]:
-    """Return the arms of a loop: the plant's, and those that its controller has by their names there."""
-    robots = {name: part for name, part in vars(loop.controller).items() if isinstance(part, Robot)}
-    arms = {name: robot.dynamics for name, robot in {**robots, "plant": loop.plant.robot}.items()}
+def _part(control: Control) -> str:
+    """Return the part of the loop that a control is of."""
+    sides = {"plant": "plant", "nominal": "controller", "": control.path[0]}
+    return {"robot": "plant", "controllers": "controller"}.get(part := str(sides[control.arm]), part)
+
+
+def _side(owner: str) -> str:
+    """Return whose arm it is: the plant's, a nominal one of the controller, or nobody's."""
+    return owner if owner in ("plant", "") else "nominal"
+
+
+def _arms_of(loop: ClosedLoop, side: str) -> dict[str, Arm]:
+    """Return the arm of the plant, or those that the controller has by their names there."""
+    robots: dict[str, Any] = {"plant": loop.plant.robot}
+    if side != "plant":
+        robots = {name: part for name, part in vars(loop.controller).items() if isinstance(part, Robot)}
+    arms = {name: robot.dynamics for name, robot in robots.items()}
     return {name: arm_of(getattr(each, "base", each)) for name, each in arms.items()}
 
 
@@ -401,10 +436,3 @@ def _way(probes: list[tuple[Array, float]], constants: list[float]) -> tuple[int
                     if all(factor * value[joint] + c == x for value, x in probes):
                         return (joint if count > 1 else -1), factor, c
     return None
-
-
-def _copy_data(config: Any) -> Any:
-    """Return a copy of plain data."""
-    if isinstance(config, dict):
-        return {key: _copy_data(value) for key, value in config.items()}
-    return [_copy_data(value) for value in config] if isinstance(config, list) else config
