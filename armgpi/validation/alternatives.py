@@ -23,15 +23,18 @@ Choice = tuple[str, ast.expr]
 #: Numbers from this on may be angles in degrees.
 _DEGREES = 5.0
 _ADDITIVE = (ast.Add, ast.Sub)
-_FACTORS = (ast.Mult, ast.Div, ast.MatMult, ast.Pow)
+_PRODUCTS = (ast.Mult, ast.Div, ast.MatMult)
+_FACTORS = (*_PRODUCTS, ast.Pow)
 _TURNS = {"sin": "cos", "cos": "sin"}
 #: Vectors that are combined to cross products, at most: their squares are tried; fewer where every product is
 #: compiled, in loops.
 _VECTORS, _IN_LOOPS = 24, 12
 #: Shapes of rotations, of matrices of Denavit and Hartenberg, and of those of spatial vectors.
 _SQUARE = ((3, 3), (4, 4), (6, 6))
-#: Terms of a vector's equation that are compiled in loops, the short ones.
-_TERMS = 300
+
+
+#: Shape of a twist, a wrench, a spatial velocity.
+_SPATIAL = (6,)
 
 
 class Scope(NamedTuple):
@@ -70,7 +73,10 @@ class Scope(NamedTuple):
     functions: Mapping[str, int] = {}
 
     def kind(self, node: ast.AST) -> Any:
-        """Return what a name or an attribute holds, None where that is not known."""
+        """Return what a name, an attribute or an entry of a list of arrays holds, None where not known."""
+        if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Name | ast.Constant | ast.BinOp):
+            kind = self.kinds.get(ast.unparse(node.value))
+            return kind[1:] if isinstance(kind, tuple) and len(kind) > 1 else None
         return self.kinds.get(ast.unparse(node)) if isinstance(node, ast.Name | ast.Attribute) else None
 
 
@@ -114,7 +120,7 @@ def scope_of(
     seen.add_counterparts()
     listed = _names_in_lists(tree)
     for name, kind in kinds.items():
-        if kind in ((2,), (3,)) and name not in listed:
+        if kind in ((2,), (3,), _SPATIAL) and name not in listed:
             seen.vectors[name] = attributes.get(name, ast.Name(name, ast.Load()))
         if kind in _SQUARE and name not in listed:
             seen.matrices[name] = attributes.get(name, ast.Name(name, ast.Load()))
@@ -269,7 +275,8 @@ class _Seen(ast.NodeVisitor):
         for name, kind in (one for one in kinds.items() if one[0].isidentifier()):
             entry = _entry(name, ast.Name(index, ast.Load()))
             if isinstance(kind, tuple) and len(kind) > 1:
-                into = self.vectors if kind[1:] == (3,) else self.matrices if kind[1:] in _SQUARE else {}
+                vector = kind[1:] in ((3,), _SPATIAL)
+                into = self.vectors if vector else self.matrices if kind[1:] in _SQUARE else {}
                 into[ast.unparse(entry)] = entry
             elif name in self._arguments and isinstance(kind, tuple):
                 self.scalars[ast.unparse(entry)] = entry
@@ -341,10 +348,6 @@ def alternatives(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
     yield from _of_arrays(node, parent, scope)
     if isinstance(node, ast.BinOp) and insertion(node, parent):
         for term in _siblings(node, scope):
-            yield "term", ast.BinOp(node, ast.Add(), term)
-            yield "term", ast.BinOp(node, ast.Sub(), term)
-    if scope.loops and _is_equation(node, parent):
-        for term in itertools.islice(vector_terms(scope), _TERMS):
             yield "term", ast.BinOp(node, ast.Add(), term)
             yield "term", ast.BinOp(node, ast.Sub(), term)
 
@@ -427,9 +430,13 @@ def _is_array(node: ast.expr, scope: Scope) -> bool:
     return kind not in ("float", "int") and ast.unparse(node) not in map(ast.unparse, scope.scalars)
 
 
-def names_in(node: ast.AST) -> set[str]:
-    """Return the names in an expression."""
-    return {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
+def names_in(node: ast.AST, known: dict[int, set[str]] | None = None) -> set[str]:
+    """Return the names in an expression; those of its parts are kept in `known`, while these are there."""
+    known = {} if known is None else known
+    if id(node) not in known:
+        own = {node.id} if isinstance(node, ast.Name) else set[str]()
+        known[id(node)] = own.union(*(names_in(part, known) for part in ast.iter_child_nodes(node)))
+    return known[id(node)]
 
 
 class _Renumbered(ast.NodeTransformer):
@@ -491,21 +498,6 @@ def summands(node: ast.expr) -> Iterator[ast.expr]:
         yield node
 
 
-def _is_equation(node: ast.expr, parent: Any) -> bool:
-    """Tell whether an expression may be a whole sum of vectors: it has a matrix's or a cross product."""
-    summed = isinstance(node, ast.BinOp) and isinstance(node.op, _ADDITIVE)
-    parts = ast.walk(node)
-    return (
-        insertion(node, parent)
-        and (summed or isinstance(parent, ast.Assign | ast.AugAssign | ast.Call))
-        and any(
-            (isinstance(x, ast.BinOp) and isinstance(x.op, ast.MatMult))
-            or (isinstance(x, ast.Call) and function_name(x) == "cross")
-            for x in parts
-        )
-    )
-
-
 def _is_term(node: ast.expr, parent: Any) -> bool:
     """Tell whether an expression is a whole product."""
     if isinstance(parent, ast.BinOp) and isinstance(parent.op, _FACTORS):
@@ -518,7 +510,7 @@ def _is_term(node: ast.expr, parent: Any) -> bool:
 
 def _of_term(node: ast.expr, scope: Scope) -> Iterator[Choice]:
     """Yield a product with one more factor, or one more term beside it."""
-    yield "sign", ast.UnaryOp(ast.USub(), node)
+    yield "sign", _negative(node)
     yield "factor", _times(ast.Constant(2), node)
     yield "factor", _times(ast.Constant(0.5), node)
     names = [name for name, kind in scope.kinds.items() if kind == "float"]
@@ -537,8 +529,9 @@ def vector_terms(scope: Scope) -> Iterator[ast.expr]:
     near = {ast.unparse(x): x for x in (*scope.products, *scope.vectors, *_relatives(scope))}
     found: dict[str, ast.expr] = {}
     simple = list(_crosses(scope, scope.cross)) if scope.cross is not None else []
+    simple += _spatial_terms(scope)
     found |= {ast.unparse(x): x for x in simple}
-    simple = [x for x in simple if isinstance(x, ast.Call) and not _has_call(x)]
+    simple = [x for x in simple if _length(x)[0] == 2 and not (isinstance(x, ast.Call) and _has_call(x))]
     for scalar in (x for x in scope.scalars if isinstance(x, ast.Subscript)):
         for x in (*(simple if scope.loops else ()), *scope.vectors):
             scaled = _times(scalar, x)
@@ -569,7 +562,7 @@ def _relatives(scope: Scope) -> Iterator[ast.expr]:
 
 def _crosses(scope: Scope, cross: ast.expr) -> Iterator[ast.expr]:
     """Yield cross products of two vectors, those of a vector with these, and I ω and ω × I ω."""
-    vectors = scope.vectors[: _IN_LOOPS if scope.loops else _VECTORS]
+    vectors = _of_space(scope)[: _IN_LOOPS if scope.loops else _VECTORS]
     plain = [x for x in scope.products if isinstance(x, ast.BinOp)]
     pairs = ((a, b) for a in vectors for b in (*vectors, *plain) if a is not b)
     for a, b in pairs:
@@ -578,6 +571,24 @@ def _crosses(scope: Scope, cross: ast.expr) -> Iterator[ast.expr]:
         if not _has_call(one):
             yield ast.Call(cross, [a, one], [])
     yield from _gyroscopic_terms(scope, cross)
+
+
+def _of_space(scope: Scope) -> list[ast.expr]:
+    """Return the vectors that have cross products."""
+    return [x for x in scope.vectors if scope.kind(x) != _SPATIAL]
+
+
+def _spatial_terms(scope: Scope) -> Iterator[ast.expr]:
+    """Yield what cross products are to spatial vectors: a matrix of one times another, or times I of it."""
+    vectors = [x for x in scope.vectors if scope.kind(x) == _SPATIAL]
+    inertias = [x for x in scope.matrices if scope.kind(x) == 2 * _SPATIAL]
+    for name in (name for name, count in scope.functions.items() if count == 1 and vectors):
+        for x, y in itertools.product(vectors, repeat=2):
+            matrix = ast.Call(ast.Name(name, ast.Load()), [x], [])
+            for one in (matrix, _transposed(matrix)):
+                yield ast.BinOp(one, ast.MatMult(), y)
+                for inertia in inertias:
+                    yield ast.BinOp(ast.BinOp(one, ast.MatMult(), inertia), ast.MatMult(), y)
 
 
 def _length(node: ast.expr) -> tuple[int, int]:
@@ -593,7 +604,7 @@ def _length(node: ast.expr) -> tuple[int, int]:
 def _gyroscopic_terms(scope: Scope, cross: ast.expr) -> Iterator[ast.expr]:
     """Yield I ω and ω × I ω of all matrices and vectors."""
     for matrix in scope.matrices:
-        for x in scope.vectors[: _IN_LOOPS if scope.loops else None]:
+        for x in _of_space(scope)[: _IN_LOOPS if scope.loops else None]:
             turned = ast.BinOp(matrix, ast.MatMult(), x)
             yield from (turned, ast.Call(cross, [x, turned], []))
 
@@ -609,7 +620,7 @@ def _of_operation(node: ast.BinOp) -> Iterator[Choice]:
         if isinstance(op, ast.Add):
             yield "sign", ast.BinOp(right, ast.Sub(), left)
         yield "extra", left
-        yield "extra", right if isinstance(op, ast.Add) else ast.UnaryOp(ast.USub(), right)
+        yield "extra", right if isinstance(op, ast.Add) else _negative(right)
     elif isinstance(op, ast.Mult):
         for one, rest in ((left, right), (right, left)):
             yield ("factor" if isinstance(one, ast.Constant) else "product"), rest
@@ -754,7 +765,17 @@ def _rename(func: ast.expr, name: str) -> ast.expr:
 
 
 def _times(factor: ast.expr, node: ast.expr) -> ast.expr:
+    """Return a product as it is written, 2 * a * b and not 2 * (a * b)."""
+    if isinstance(node, ast.BinOp) and isinstance(node.op, _PRODUCTS):
+        return ast.BinOp(_times(factor, node.left), node.op, node.right)
     return ast.BinOp(factor, ast.Mult(), node)
+
+
+def _negative(node: ast.expr) -> ast.expr:
+    """Return what has the other sign, -a * b and not -(a * b)."""
+    if isinstance(node, ast.BinOp) and isinstance(node.op, _PRODUCTS):
+        return ast.BinOp(_negative(node.left), node.op, node.right)
+    return node.operand if isinstance(node, ast.UnaryOp) else ast.UnaryOp(ast.USub(), node)
 
 
 def _power(node: ast.expr, exponent: int) -> ast.expr:

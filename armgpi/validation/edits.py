@@ -24,7 +24,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.validation.alternatives import Scope, alternatives, insertion, names_in, scope_of, vector_terms
+from armgpi.validation.alternatives import (
+    Scope,
+    alternatives,
+    function_name,
+    insertion,
+    names_in,
+    scope_of,
+    vector_terms,
+)
 from armgpi.validation.dictionary import Dictionary
 from armgpi.validation.graph import Expression, Matrix, Program, is_drawn, states_of
 from armgpi.validation.models import ARGUMENTS, Origin, States
@@ -157,13 +165,17 @@ def apply_changes(source: str, changes: tuple[Change, ...]) -> str:
 
 
 class Site(NamedTuple):
-    """An expression with its alternatives; the last one is the sum with a term that is solved for."""
+    """An expression with its alternatives; the last one is the sum with a term that is solved for.
+
+    Of a whole sum that before the last is the sum with what a function of the local variables gives.
+    """
 
     node: ast.expr
+    parent: Any
     choices: list[tuple[str, ast.expr]]
     fitted: bool
     literal: str  # name of a number that has one
-    whole: bool  # a sum, or all that is assigned
+    whole: bool  # a sum, or all that is assigned, where vectors may be missing
 
 
 class Pick(NamedTuple):
@@ -177,6 +189,7 @@ class Pick(NamedTuple):
     kind: str = ""
     new: str = ""
     sure: bool = False  # its effect is known to be what lacks
+    call: Callable[[dict[str, Any]], Any] | None = None  # gives the term from the local variables
 
     @property
     def constant(self) -> float:
@@ -255,23 +268,21 @@ class Block:
             return new
         if isinstance(getattr(node, "ctx", None), ast.Store | ast.Del):
             return new
-        later = self.later(node.lineno)
-        choices = [
-            one for one in alternatives(node, parent, self.scope) if not (later and later & names_in(one[1]))
-        ]
+        later, names = self.later(node.lineno), dict[int, set[str]]()
+        every = [*alternatives(node, parent, self.scope)]  # they share their parts
+        choices = [one for one in every if not (later and later & names_in(one[1], names))]
         literal = self.literals.get(node, "")
         choices += _other_values(node) if literal and isinstance(node, ast.Constant) else ()
         fitted = not _is_text(node) and (insertion(node, parent) or _is_coefficient(node, parent))
         number = len(self.sites)
+        whole = fitted and not self.rebuilds and _is_whole(node, parent)
         if fitted:
             at = ast.Subscript(ast.Name(self.names[1], ast.Load()), ast.Constant(number), ast.Load())
-            choices.append(("term", ast.BinOp(node, ast.Add(), at)))
+            there = ast.Call(at, [ast.Call(ast.Name("locals", ast.Load()), [], [])], [])
+            choices += [("term", ast.BinOp(node, ast.Add(), x)) for x in ([there] if whole else []) + [at]]
         if not choices:
             return new
-        whole = isinstance(parent, ast.Assign) or (
-            isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add)
-        )
-        self.sites.append(Site(node, choices, fitted, literal, fitted and whole))
+        self.sites.append(Site(node, parent, choices, fitted, literal, whole))
         return self._add_switch(number, [choice for _, choice in choices], new)
 
     def _add_switch(self, number: int, choices: list[ast.expr], new: ast.expr) -> ast.expr:
@@ -348,17 +359,11 @@ class Block:
         except Exception:  # a name that is not there yet, an index out of range, a variable of a loop
             return None
 
-    def vectors(self) -> dict[str, Array]:
-        """Return terms of a vector's equation that may be missing, with their values at the rows."""
-        if not self.once or self.scope.loops:
-            return {}
-        found = {}
-        for term in vector_terms(self.scope):
-            text = ast.unparse(term)
-            values = self.values(text)
-            if values is not None and values.ndim == 2 and np.abs(values).max() > 0.0:
-                found[text] = values
-        return found
+    @cached_property
+    def terms_of_vectors(self) -> dict[str, CodeType]:
+        """Terms of a vector's equation that may be missing, the short ones first."""
+        texts = map(ast.unparse, vector_terms(self.scope))
+        return {text: compile(text, "<term>", "eval") for text in texts}
 
 
 def _locate(module: ast.Module) -> ast.Module:
@@ -423,6 +428,13 @@ def _stored(statement: ast.AST) -> Iterator[str]:
 def _is_coefficient(node: ast.expr, parent: Any) -> bool:
     """Tell whether an expression is a number in a sum, such as 0.52 + 0.16 * c3."""
     return isinstance(node, ast.Constant) and isinstance(node.value, float) and isinstance(parent, ast.BinOp)
+
+
+def _is_whole(node: ast.expr, parent: Any) -> bool:
+    """Tell whether an expression is a sum, or all that is assigned or put at a list's end."""
+    appended = isinstance(parent, ast.Call) and function_name(parent) == "append"
+    summed = isinstance(node, ast.BinOp) and (isinstance(node.op, ast.Add) or appended)
+    return summed or isinstance(parent, ast.Assign | ast.AugAssign)
 
 
 def _is_text(node: ast.expr) -> bool:
@@ -789,6 +801,8 @@ class Editor:
             block.switch[pick.site] = pick.choice + 1
             if pick.values is not None:
                 self._terms[self.blocks.index(block), pick.site] = pick
+            if pick.call is not None:
+                block.terms[pick.site] = pick.call
         try:
             yield
         finally:
@@ -808,6 +822,8 @@ class Editor:
             text = text.replace("'", '"')  # as the file writes its keys
         where = (pick.block.name, site.literal, float(pick.bits), frozenset(pick.block.reaches))
         change = Change(pick.kind or kind, span, old, text, *where)
+        if kind == "sign" and (turned := _with_operator(self.source, site)) is not None:
+            return change._replace(**turned)
         # Brackets where the new expression would not hold together.
         safe = change._replace(new=f"({text})")
         plain, bracketed = (apply_changes(self.source, (one,)) for one in (change, safe))
@@ -816,6 +832,26 @@ class Editor:
         except SyntaxError:
             same = False
         return change if same else safe
+
+
+def _with_operator(source: str, site: Site) -> dict[str, Any] | None:
+    """Return where the other sign of a sum's last term stands, and both texts: + b for - b, not a - -b."""
+    node, parent = site.node, site.parent
+    if not (
+        isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Add | ast.Sub) and parent.right is node
+    ):
+        return None
+    left, line = parent.left, source.splitlines()[node.lineno - 1].encode()
+    if not left.end_lineno == node.lineno == node.end_lineno:
+        return None
+    begin, end = left.end_col_offset or 0, node.end_col_offset or 0
+    between = line[begin : node.col_offset].decode()
+    if between.strip() not in ("+", "-"):  # brackets
+        return None
+    start = begin + between.index(between.strip())
+    old = line[start:end].decode()
+    new = ("-" if old[0] == "+" else "+") + old[1:]
+    return {"span": (node.lineno, start, node.lineno, end), "old": old, "new": new}
 
 
 def _assignments(tree: ast.Module) -> list[ast.stmt]:

@@ -20,7 +20,7 @@ from armgpi.validation.edits import ALL, ROWS, Goal, Target
 from armgpi.validation.models import ARGUMENTS, States
 from armgpi.validation.problem import Problem
 from armgpi.validation.search import BUDGET, Repaired
-from armgpi.validation.slopes import scale_numbers, slopes
+from armgpi.validation.slopes import slopes, with_changes
 from armgpi.validation.tree import evaluate
 from armgpi.validation.units import numbers, with_numbers
 from armgpi.validation.worker import Worker
@@ -74,9 +74,13 @@ def _agrees_renumbered(model: Any, worker: Worker, found: Repaired, states: Stat
     # Shares that no products or ratios of few of them make one again.
     draw = np.random.default_rng(20261123).uniform(0.75, 1.3, size=len(named))
     changes = [(named[k], float(named[k].value) * draw[k]) for k in found.standing]  # type: ignore[arg-type]
-    shares = {j: float(draw[k]) for k, chosen in found.standing.items() for j in chosen}
+    moved: dict[int, float] = {}
+    for k, rates in found.standing.items():
+        grown = float(named[k].value) * (draw[k] - 1.0)  # type: ignore[arg-type]
+        for j, rate in rates.items():
+            moved[j] = moved.get(j, 0.0) + rate * grown
     other = copy.copy(problem)
-    other.tree = scale_numbers(problem.tree, shares)
+    other.tree = with_changes(problem.tree, moved)
     return agrees(model, worker, with_numbers(found.source, changes), states, other)
 
 
@@ -178,6 +182,10 @@ _WRONG = {
 }
 
 
+def _is_number(text: str) -> bool:
+    return text.lstrip("-").replace(".", "", 1).isdigit()
+
+
 def causes(repair: Repaired, source: str, problem: Problem) -> Iterator[Cause]:
     """Yield the mistakes that a repair undoes."""
     differing = tuple(problem.elements[k] for k in np.flatnonzero(~problem.agreeing))
@@ -193,7 +201,8 @@ def causes(repair: Repaired, source: str, problem: Problem) -> Iterator[Cause]:
             text = f"the model's {change.name} is {value:.6g}; with {expected:.6g} it agrees"
             text += phrasing.ratio(value / expected) if expected else ""
         else:
-            wrong = _WRONG.get(change.kind, "a number")
+            numbers_alone = _is_number(change.old) and _is_number(change.new)
+            wrong = _WRONG.get("" if numbers_alone else change.kind, "a number")
             text = f"{line}: {change.old} stands where {change.new} belongs ({wrong})"
         evidence = [f"{k}: {before[k - 1].strip()}" for k in range(first, last + 1)]
         if len(before) == len(after):

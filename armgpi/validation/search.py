@@ -16,6 +16,7 @@ import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from types import CodeType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -69,6 +70,8 @@ _REFINED = 3
 _SLOW = 0.7
 #: Effects beyond this are those of a change that divides by next to nothing.
 _HUGE = 1e12
+#: Entries of a vector in all passes of a loop, at most, and terms that are tried where it is not linear.
+_MOST_STEPS, _GUESSES = 60, 100
 #: A digit of a number costs so many bits.
 _DIGIT_BITS = 3.32
 
@@ -85,7 +88,8 @@ class Repaired(NamedTuple):
     checked: int = 0  # numbers that were changed to see that
     other: int = 0  # numbers that stand for others than those of the robot that are as large
     sure: bool = False  # whether nothing else is as good, as far as the numbers tell
-    standing: Mapping[int, tuple[int, ...]] = {}  # place among the source's numbers -> the robot's that it is
+    #: Place among the source's numbers -> the robot's that it is, and how they change with it.
+    standing: Mapping[int, Mapping[int, float]] = {}
 
     @property
     def rank(self) -> tuple[int, int, int, bool, float]:
@@ -147,7 +151,7 @@ def find_repair(
     # What brings some of it into agreement deserves time of its own.
     late = max(until, time.process_time() + 0.75 * BUDGET) if extra and steps else until
     best = _gone_on(trials, steps, again, goal, known, most, late)
-    return best or trials.first_that_agrees(trials.tried_pairs())
+    return best or (trials.first_that_agrees(trials.tried_pairs()) if most == MOST else None)
 
 
 def _gone_on(
@@ -161,12 +165,13 @@ def _gone_on(
 ) -> Repaired | None:
     """Return the shortest repair that begins with one of the best changes, None when there is no time."""
     best: Repaired | None = None
-    for pick in [step.pick for step in steps][:_BEAM]:
+    for k, pick in enumerate(step.pick for step in steps[:_BEAM]):
         now = time.process_time()
         if now > until or (best is not None and pick.bits + 0.5 * trials.usual > best.bits):
             continue  # it cannot be shorter
         if made := trials.build((pick,)):
-            rest = find_repair(made[1], again, goal, known, now + 0.6 * (until - now), most - 1)
+            share = (until - now) / (min(len(steps), _BEAM) - k)
+            rest = find_repair(made[1], again, goal, known, now + share, most - 1)
             if rest is not None:
                 changes = (*made[0].changes, *_before(rest.changes, made[0].changes[0]))
                 best = _shorter(best, rest._replace(changes=changes))
@@ -462,55 +467,67 @@ class _Trials:
         for block in self._blocks:
             if not block.reaches & differing:
                 continue
-            terms = block.vectors()
             for k, site in enumerate(block.sites):
                 if self.editor.is_right(site):
                     continue
                 kinds = [kind for kind, _ in site.choices]
-                for c, kind in enumerate(kinds[: len(kinds) - site.fitted]):
+                for c, kind in enumerate(kinds[: len(kinds) - site.fitted - site.whole]):
                     # Terms come in the order of their length.
                     rank = c + 1 - kinds.index(kind) if kind == "term" else kinds.count(kind)
                     found.append(Pick(block, k, c, self._bits(rank), None, kind))
-                if terms and site.whole:
-                    found += self._vector_picks(block, k, terms, differing)
+                if site.whole:
+                    found += self._vector_picks(block, k)
         return sorted(found, key=lambda pick: pick.bits)
 
     def _bits(self, rank: float) -> float:
         """Return the length of a description: which place, which kind, and which one of that kind."""
         return float(np.log2(self._sites * _KINDS * rank))
 
-    def _vector_picks(
-        self, block: Block, k: int, terms: Mapping[str, Array], differing: set[str]
-    ) -> Iterator[Pick]:
-        """Yield vectors that may be missing in a sum: where it is linear, those with a right effect."""
-        old = ast.unparse(block.sites[k].node)
-        now = block.values(old)
-        name = next(iter(self._differing(block.once_in or block.reaches)), None)
-        if now is None or now.shape[1:] not in ((2,), (3,)) or name is None:
-            return
-        size = now.shape[1]
-        terms = {text: values for text, values in terms.items() if values.shape == now.shape}
-        choice = len(block.sites[k].choices) - 1
-        effects = []
-        for step in (np.zeros(size), *np.eye(size), np.ones(size)):
-            with self.editor.making(Pick(block, k, choice, 0.0, {ALL: np.tile(step, (ROWS, 1))})):
-                outputs = self.editor.outputs([name], 1)
-            if outputs is None:
-                return
-            effects.append(outputs[name][0])
-        start, *axes, together = effects
-        slope = np.stack(axes) - start
-        rest = 1e-6 * (1.0 + np.abs(together).max())
-        linear = np.abs(together - start - slope.sum(axis=0)).max() <= rest
+    def _makes_right(self, name: str, start: Array, effect: Array, rest: float) -> bool:
+        """Tell whether an effect on a function makes some of it agree at the first state, and spoils none."""
         lacking, wrong = self._targets[name].values[0] - start, self._wrong[name]
-        for place, (text, values) in enumerate(terms.items()):
+        moved, right = np.abs(effect) > rest, np.abs(effect - lacking) <= rest
+        return bool((moved & right & wrong).any() and not (moved & ~wrong).any())
+
+    def _vector_picks(self, block: Block, k: int) -> Iterator[Pick]:
+        """Yield vectors that may be missing in a sum: where it is linear, those with a right effect.
+
+        In a loop a term has other values every time: what each entry moves is seen pass by pass.
+        """
+        choice, name = len(block.sites[k].choices) - 2, next(iter(self._differing(block.reaches)), None)
+        old, seen = ast.unparse(block.sites[k].node), list[dict[str, Any]]()
+        if name is None:
+            return
+
+        def given(call: Callable[[dict[str, Any]], Any]) -> Array | None:
+            with self.editor.making(Pick(block, k, choice, 0.0, call=call)):
+                outputs = self.editor.outputs([name], 1)
+            return None if outputs is None else outputs[name][0]
+
+        start = given(lambda names: seen.append(dict(names)) or 0.0)  # type: ignore[func-returns-value]
+        now = _at_every(compile(old, "<term>", "eval"), block.namespace, seen)
+        if start is None or now is None or not len(now) < now.size <= _MOST_STEPS:
+            return
+        steps = [step.reshape(now.shape) for step in (*np.eye(now.size), np.ones(now.size))]
+        effects = [x for step in steps if (x := given(partial(_next, iter(step)))) is not None]
+        if len(effects) < len(steps):
+            return
+        linear, slope, rest = _linear([start, *effects])
+        texts = [*block.terms_of_vectors.items()]
+        for place, (text, code) in enumerate(texts if linear else texts[:_GUESSES]):
+            values = _at_every(code, block.namespace, seen)
+            if values is None or values.shape != now.shape:
+                continue
             for sign in (1.0, -1.0):
-                effect = sign * values[0] @ slope
-                moved, right = np.abs(effect) > rest, np.abs(effect - lacking) <= rest
-                if not linear or ((moved & right & wrong).any() and not (moved & ~wrong).any()):
-                    new = f"{old} {'+' if sign > 0.0 else '-'} {text}"
-                    bits = self._bits(2 * place + 2)  # they come in the order of their length
-                    yield Pick(block, k, choice, bits, {ALL: sign * values}, "term", new, bool(linear))
+                # They come in the order of their length.
+                new, bits = f"{old} {'+' if sign > 0.0 else '-'} {text}", self._bits(2 * place + 2)
+                call = partial(_with_sign, sign, code, block.namespace)
+                pick = Pick(block, k, choice, bits, None, "term", new, linear, call)
+                effect = sign * values.ravel() @ slope
+                if linear:  # two of which each is wrong alone may add up
+                    self._tried.append(_Tried(pick, {name: effect}))
+                if not linear or self._makes_right(name, start, effect, rest):
+                    yield pick
 
     # Terms that are solved for.
 
@@ -681,6 +698,36 @@ class _Trials:
         return outputs is not None and not self._matters(self._off(outputs))
 
 
+def _linear(effects: Sequence[Array]) -> tuple[bool, Array, float]:
+    """Return whether a function is linear in a term, its slope, and how much is nothing.
+
+    Args:
+        effects: what it gives without the term, with every unit step of it, and with all of them.
+    """
+    start, *axes, together = effects
+    slope = np.stack(axes) - start
+    rest = 1e-6 * float(1.0 + np.abs(together).max())
+    return bool(np.abs(together - start - slope.sum(axis=0)).max() <= rest), slope, rest
+
+
+def _next(steps: Iterator[Array], _: dict[str, Any]) -> Array:
+    return next(steps)
+
+
+def _at_every(code: CodeType, namespace: dict[str, Any], seen: Sequence[dict[str, Any]]) -> Array | None:
+    """Return an expression's values at every pass of a loop, None where it has none or is nothing."""
+    try:
+        values = np.array([eval(code, namespace, names) for names in seen], dtype=np.float64)
+    except Exception:  # a name that is not there yet
+        return None
+    return values if values.any() else None
+
+
+def _with_sign(sign: float, code: CodeType, namespace: dict[str, Any], names: dict[str, Any]) -> Any:
+    """Return a term with its sign from the local variables."""
+    return sign * eval(code, namespace, names)
+
+
 def _by_ratios(source: str, changes: Sequence[Change]) -> Iterator[str]:
     """Yield sources with a ratio of two names for a number that a change puts: 4 may be (N1 / N2)²."""
     names = readings(source)
@@ -773,6 +820,8 @@ def _with_part(node: ast.expr, part: ast.expr, new: ast.expr) -> ast.expr:
 
 def _sum(old: str, term: str) -> str:
     """Return a sum as text."""
+    if old in ("0", "0.0"):
+        return term
     return f"{old} - {term.removeprefix('-')}" if term.startswith("-") else f"{old} + {term}"
 
 

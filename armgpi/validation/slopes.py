@@ -75,17 +75,18 @@ def own_numbers(tree: Tree) -> Iterator[tuple[Parameter, int]]:
             yield one, tree.n if one.kind == "tool" else link
 
 
-def scale_numbers(tree: Tree, shares: Mapping[int, float]) -> Tree:
-    """Return an arm with other numbers: place among its own -> by which factor."""
+def with_changes(tree: Tree, changes: Mapping[int, float]) -> Tree:
+    """Return an arm with other numbers: place among its own -> how much larger; gravity's is by its share."""
     known, found = list(own_numbers(tree)), tree
-    for k, share in shares.items():
+    for k, change in changes.items():
         if k == len(known):
+            share = 1.0 + change / float(np.linalg.norm(tree.gravity))
             found = replace(found, gravity=share * found.gravity)
             continue
-        change = known[k][0].instance(share * known[k][0].value).tree
-        if change is None:
+        make = known[k][0].instance(known[k][0].value + change).tree
+        if make is None:
             raise ValueError
-        found = change(found)
+        found = make(found)
     return found
 
 

@@ -155,8 +155,9 @@ class _Setter:
                 return self.form.number(f"{x:g}" if len(repr(x)) > 8 else repr(x)), _WHOLE
             case ast.Name(id=name):
                 return self.name(name), _WHOLE
-            case ast.UnaryOp(op=ast.USub(), operand=inner):
-                return self.form.row(self.form.sign("-"), self.least(inner, _PRODUCT)), _SIGN
+            case ast.UnaryOp(op=ast.USub() | ast.UAdd() as op, operand=inner):
+                sign = "-" if isinstance(op, ast.USub) else "+"
+                return self.form.row(self.form.sign(sign), self.least(inner, _PRODUCT)), _SIGN
             case ast.BinOp():
                 return self.operation(node)
             case ast.Call():

@@ -72,21 +72,27 @@ class Slopes(NamedTuple):
         felt = np.abs(self.columns).max(axis=0) * np.abs(self.values) > 1e-7
         return [int(j) for j in np.flatnonzero(near & felt)]
 
-    def standing(self, column: Array, value: float, used: Container[int] = ()) -> tuple[int, ...]:
-        """Return the robot's numbers that a model's is, others than those used; () for none.
+    def standing(self, column: Array, value: float, used: Container[int] = ()) -> dict[int, float]:
+        """Return the robot's numbers that a model's is, others than those used, and their changes by it.
 
-        All of them change by the same share as it does.
+        All of them change by the same share as it does. A length may move one more, as far as it grows: what
+        is counted from its end, as in the frames of Denavit and Hartenberg.
         """
         alike = [*self.alike(value), *self.alike(value, 0.5)]  # the centre of mass at half of a length
         alike = [j for j in alike if j not in used]
+        moves = [*itertools.product(np.flatnonzero([u == "m" for u in self.units]).tolist(), (1.0, -1.0))]
         for size in range(1, min(len(alike), _ALIKE) + 1):
             for chosen in itertools.combinations(alike, size):
-                if len({self.units[j] for j in chosen}) > 1:
+                if len(units := {self.units[j] for j in chosen}) > 1:
                     continue
+                rates = {j: float(self.values[j]) / value for j in chosen}
                 rest = column - self.columns[:, chosen] @ self.values[list(chosen)]
                 if self.same(rest, column):
-                    return chosen
-        return ()
+                    return rates
+                for j, way in moves if units == {"m"} else ():
+                    if j not in chosen and self.same(rest - way * value * self.columns[:, j], column):
+                        return {**rates, j: way}
+        return {}
 
 
 class Check(NamedTuple):
@@ -97,14 +103,14 @@ class Check(NamedTuple):
         other: how many are not what is as large in the robot.
         seen: how many were looked at.
         sure: whether each is of one link, families such as m1, m2 are in the links' order, and all are used.
-        standing: place among the numbers -> the robot's numbers that it is.
+        standing: place among the numbers -> the robot's numbers that it is, and how they change with it.
     """
 
     wrong: int
     other: int
     seen: int
     sure: bool
-    standing: Mapping[int, tuple[int, ...]]
+    standing: Mapping[int, Mapping[int, float]]
 
 
 def span(columns: Sequence[Array]) -> Array:
@@ -128,7 +134,7 @@ def check(source: str, values: Callable[[str], Array | None], known: Slopes, tex
     tree = ast.parse(source)
     named = list(numbers(tree))
     sure = len(named) <= _MOST and not _bare(tree, named)
-    standing: dict[int, tuple[int, ...]] = {}
+    standing: dict[int, dict[int, float]] = {}
     used, halves, unused = set[int](), set[int](), list[float]()
     families: dict[str, list[tuple[int, int]]] = {}
     words = set(re.findall(r"\w+", text))
@@ -149,9 +155,11 @@ def check(source: str, values: Callable[[str], Array | None], known: Slopes, tex
             continue
         seen += 1
         if chosen := known.standing(column, value, used):
-            standing[k], links = chosen, {known.links[j] for j in chosen}
-            used.update(chosen)
-            halves |= {j for j in chosen if j not in known.alike(value)}
+            standing[k], whole = chosen, known.alike(value)
+            own = [j for j in chosen if j in whole or j in known.alike(value, 0.5)]
+            links = {known.links[j] for j in own}
+            used.update(own)
+            halves |= {*own} - {*whole}
         else:
             found = known.of(column)
             wrong += None not in found

@@ -288,7 +288,7 @@ def _search(
         if origin is None or not edits.harmless(origin.source):
             return None
         np.cross = edits.cross  # this process ends with the search
-        functions = _as_graph(functions, again, goal)
+        functions = _as_graph(again(origin.source), again, goal)
         until = time.process_time() + budget
         return search.find_repair(functions, again, goal, known, until, extra=budget >= search.BUDGET)
     except Exception:

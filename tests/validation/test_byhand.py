@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from armgpi import validate
-from armgpi.validation import units
+from armgpi.validation import alternatives, edits, units
 
 
 @pytest.mark.parametrize("style", [*byhand.STYLES, *byhand.FOURTH, *byhand.FIFTH])
@@ -108,10 +108,14 @@ def test_a_derivative_is_that_of_the_robots_numbers_of_one_unit() -> None:
     known = units.Slopes(("gravity",), (1.0,), bases, values, ("kg", "m"), (0, 1), columns)
     assert known.of(-3.0 * mass) == {0}
     assert known.of(mass + length) == set()
-    assert known.standing(2.0 * mass, 2.0) == (0,)
-    assert known.standing(-0.5 * length, 0.5) == (1,)
-    assert known.standing(mass, 2.0) == ()  # half of what that mass would do
-    assert known.standing(mass, 0.5) == ()
+    assert known.standing(2.0 * mass, 2.0) == {0: 1.0}
+    assert known.standing(-0.5 * length, 0.5) == {1: -1.0}
+    assert known.standing(mass, 2.0) == {}  # half of what that mass would do
+    assert known.standing(mass, 0.5) == {}
+    # From its end: what the length moves as far as it grows.
+    columns, values = np.stack([length, mass], axis=-1), np.array([0.5, 0.2])
+    moving = units.Slopes(("gravity",), (1.0,), bases, values, ("m", "m"), (0, 1), columns)
+    assert moving.standing(0.5 * (length - mass), 0.5) == {0: 1.0, 1: -1.0}
 
 
 def test_numbers_that_have_a_name() -> None:
@@ -122,3 +126,80 @@ def test_numbers_that_have_a_name() -> None:
     ]  # fmt: skip
     changed = units.with_numbers(source, [(named[0][1], 9.5), (named[4][1], 7.5)]).splitlines()
     assert (changed[0], changed[4]) == ("a = 9.5", "v = [6.0, 7.5]")
+
+
+@pytest.mark.parametrize(
+    ("line", "belongs"),
+    [
+        ("x = m3-m4", "x = m3+m4"),
+        ("x = a + b * c", "x = a - b * c"),
+        ("x = a - b**2", "x = a + b**2"),
+    ],
+)
+def test_the_last_term_of_a_sum_has_its_sign_changed_once(line: str, belongs: str) -> None:
+    statement = ast.parse(line).body[0]
+    assert isinstance(statement, ast.Assign)
+    assert isinstance(statement.value, ast.BinOp)
+    site = edits.Site(statement.value.right, statement.value, [], False, "", False)
+    turned = edits._with_operator(line, site)
+    assert turned is not None
+    change = edits.Change("sign", where="", name="", bits=0.0, **turned)
+    assert edits.apply_changes(line, (change,)) == belongs
+
+
+def test_products_are_changed_as_they_are_written() -> None:
+    product = ast.parse("m2 * J.T @ J", mode="eval").body
+    assert ast.unparse(alternatives._negative(product)) == "-m2 * J.T @ J"
+    assert ast.unparse(alternatives._times(ast.Constant(2), product)) == "2 * m2 * J.T @ J"
+
+
+LOOP = """import numpy as np
+from numpy import cross
+
+m, l, c, I = [1.2, 0.8], [0.35, 0.0], [0.16, 0.13], [0.014, 0.007]
+z = np.array([0.0, -1.0, 0.0])
+
+
+def inverse_dynamics(q, v, a):
+    w, dw, dv, angle = np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 9.81]), 0.0
+    arms, coms, forces, moments = [], [], [], []
+    for i in range(2):
+        angle += q[i]
+        w = w + v[i] * z
+        dw = dw + a[i] * z
+        e = np.array([np.cos(angle), 0.0, np.sin(angle)])
+        s, p = c[i] * e, l[i] * e
+        forces.append(m[i] * (dv + cross(dw, s) + cross(w, cross(w, s))))
+        moments.append(I[i] * dw)
+        coms.append(s)
+        arms.append(p)
+        dv = dv + cross(dw, p) + cross(w, cross(w, p))
+    f, n, tau = np.zeros(3), np.zeros(3), np.zeros(2)
+    for i in (1, 0):
+        n = n + cross(arms[i], f) + moments[i] + cross(coms[i], forces[i])
+        f = f + forces[i]
+        tau[i] = z @ n
+    return tau
+"""
+
+
+@pytest.mark.parametrize(
+    "mistakes",
+    [
+        {"dv + cross(dw, p) + cross(w, cross(w, p))": "dv + cross(dw, p)"},
+        {"cross(dw, s) + cross(w, cross(w, s))": "cross(dw, s)", "I[i] * dw": "dw"},
+    ],
+)
+def test_vectors_missing_in_a_loop_are_named(mistakes: dict[str, str], tmp_path: Path) -> None:
+    wrong = LOOP
+    for right, other in mistakes.items():
+        assert right in wrong
+        wrong = wrong.replace(right, other)
+    path = tmp_path / "loop.py"
+    path.write_text(LOOP, encoding="utf-8")
+    assert validate(path, byhand.robot("homework")).agrees
+    path.write_text(wrong, encoding="utf-8")
+    report = validate(path, byhand.robot("homework"))
+    assert len(report.causes) == len(mistakes)
+    assert report.repaired is not None
+    assert byhand.same(report.repaired, LOOP, 2)
