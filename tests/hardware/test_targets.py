@@ -299,6 +299,7 @@ def test_a_franka_callback_ends_its_motion_when_the_arm_has_stopped(tmp_path: Pa
     (tmp_path / "loop.py").write_text(LOOP)
     said = run(sys.executable, "loop.py", "fci", "-", 50, folder=tmp_path)
     assert said.startswith("hold not_finite panda_joint2")
+    assert figures(said)["speed"] < 0.01
 
 
 @compiled

@@ -167,7 +167,7 @@ int report(const Arm& arm, bool ended, const std::string& log) {
   const Controller& controller = arm.controller();
   const bool fault = controller.reason() != ARMGPI_REASON_NONE;
   std::fprintf(stderr, "%s %s %s\n", status_name(controller.status()), reason_name(controller.reason()),
-               fault ? controller.fault_joint() : "");
+               fault ? controller.fault_joint() : "(no fault)");
   if (fault) {
     std::fprintf(stderr, interrupted != 0 ? "stopped by Ctrl-C\n" : "README.md says what to do\n");
   }
