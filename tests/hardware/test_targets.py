@@ -91,13 +91,13 @@ int main() {
     robot.time = franka::Duration{k};
     looker.look(robot);
   }
-  if (looker.controller().status() != ARMGPI_STATUS_RUN) return 4;
+  if (looker->controller().status() != ARMGPI_STATUS_RUN) return 4;
   std::function<franka::Torques(const franka::RobotState&, franka::Duration)> callback = mine;
   for (std::uint64_t k = 0; k < 900; ++k) {
     if (k < 200) robot.q[0] += 2e-5;
     const franka::Torques torques = callback(robot, franka::Duration{k == 0 ? 0U : 1U});
     for (double tau : torques.tau_J) if (!(std::fabs(tau) <= 87.0)) return 1;
-    const bool expected = mine.controller().reason() == ARMGPI_REASON_REFERENCE && k > 240;
+    const bool expected = mine->controller().reason() == ARMGPI_REASON_REFERENCE && k > 240;
     if (torques.motion_finished) return expected ? 0 : 2;
   }
   return 3;

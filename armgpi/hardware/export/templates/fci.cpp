@@ -53,12 +53,12 @@ int main(int argc, char* argv[]) {
       });
     } else {
       armgpi_controller::prepare(robot, setup);
-      arm.visit(asked);
+      arm->visit(asked);
       robot.control(arm, false, franka::kMaxCutoffFrequency);
     }
     ended = true;
   } catch (const franka::Exception& error) {
     std::fprintf(stderr, "%s\n", error.what());
   }
-  return armgpi_controller::report(arm, ended, asked.log);
+  return armgpi_controller::report(*arm, ended, asked.log);
 }

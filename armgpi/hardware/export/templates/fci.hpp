@@ -2,13 +2,13 @@
 //
 //   armgpi_controller::Fci arm;
 //   armgpi_controller::prepare(robot, {});   // thresholds, load, recovery: Setup
-//   arm.move_to(goal);       // before `control`, or from another thread; or arm.via(reference, samples) for a stream of
+//   arm->move_to(goal);      // before `control`, or from another thread; or arm->via(reference, samples) for a stream of
 //                            // setpoints; or give Fci a function of time
 //   Fci arm(Motion("motion.csv"));   // or a motion from a file, from where it begins
-//   arm.finish();            // end the motion when all goals are reached and the arm rests; arm.stop() stops it before
+//   arm->finish();           // end the motion when all goals are reached and the arm rests; arm->stop() stops it before
 //   robot.control(arm, false, franka::kMaxCutoffFrequency);   // franka::Robot::control of a torque callback
-//   if (arm.controller().reason() != ARMGPI_REASON_NONE) { ... }
-//   arm.log().write("motion.armlog");     // the last minute, for `armgpi log`
+//   if (arm->controller().reason() != ARMGPI_REASON_NONE) { ... }
+//   arm->log().write("motion.armlog");     // the last minute, for `armgpi log`
 //
 // The torque is without gravity and friction, as franka::Torques has to be, and changes by no more than the exported
 // rate against the torque that the robot has (tau_J_d), as libfranka counts. Its own limit is off here, and its low-pass,
@@ -18,6 +18,7 @@
 // automaticErrorRecovery leads back. Never tried on a robot.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <memory>
@@ -61,11 +62,9 @@ class Fci {
   // A reference of your own: seconds since the motion began -> what is asked for; it begins where the arm stands.
   explicit Fci(std::function<Reference(double)> reference) { loop_->reference = std::move(reference); }
 
-  bool move_to(const Vector& goal, double share = 0.5) noexcept { return loop_->move_to(goal, share); }
-  bool via(const Reference& to, std::uint32_t samples) noexcept { return loop_->via(to, samples); }
-  void visit(const Asked& asked) { loop_->visit(asked); }
-  void finish() noexcept { loop_->finish(); }
-  void stop() noexcept { loop_->stop(); }
+  // What copies share: goals, stop, controller and log; see goals.hpp.
+  Loop& operator*() const noexcept { return *loop_; }
+  Loop* operator->() const noexcept { return loop_.get(); }
 
   franka::Torques operator()(const franka::RobotState& robot, franka::Duration period) {
     const Vector applied = vector(robot.tau_J_d);
@@ -89,14 +88,9 @@ class Fci {
     }
   }
 
-  [[nodiscard]] const Controller& controller() const noexcept { return loop_->controller(); }
-  [[nodiscard]] const Log& log() const noexcept { return loop_->log(); }
-  [[nodiscard]] bool refused() const noexcept { return loop_->refused(); }
-
  private:
   static std::uint32_t samples(double seconds) noexcept {
-    const long passed = std::lround(seconds / Controller::dt);
-    return passed < 0 ? 0U : static_cast<std::uint32_t>(passed);
+    return static_cast<std::uint32_t>(std::lround(std::max(0.0, seconds) / Controller::dt));
   }
   static Vector vector(const std::array<double, 7>& values) noexcept {
     static_assert(ARMGPI_N == 7U, "libfranka's arms have seven joints");

@@ -162,8 +162,7 @@ class Loop {
 };
 
 // What it ended with; the exit code of a program.
-template <typename Arm>
-int report(const Arm& arm, bool ended, const std::string& log) {
+inline int report(const Loop& arm, bool ended, const std::string& log) {
   const Controller& controller = arm.controller();
   const bool fault = controller.reason() != ARMGPI_REASON_NONE;
   std::fprintf(stderr, "%s %s %s\n", status_name(controller.status()), reason_name(controller.reason()),

@@ -119,7 +119,11 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
       moves_.move_to((*motion_)(0.0).q);
     }
     to_ = moves_.next(0U);
-    return start() == ARMGPI_STATUS_FAULT ? CallbackReturn::ERROR : CallbackReturn::SUCCESS;
+    const Vector& q = q_;
+    const Reference& to = to_;
+    const armgpi_status_t status = controller_.init($wired);
+    log_->start(controller_, $wired);
+    return status == ARMGPI_STATUS_FAULT ? CallbackReturn::ERROR : CallbackReturn::SUCCESS;
   }
 
   CallbackReturn on_deactivate(const rclcpp_lifecycle::State&) override {
@@ -200,14 +204,6 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
   using Goal = std_msgs::msg::Float64MultiArray;
   using Text = std_msgs::msg::String;
   using Stop = std_srvs::srv::Trigger;
-
-  armgpi_status_t start() noexcept {
-    const Vector& q = q_;
-    const Reference& to = to_;
-    const armgpi_status_t status = controller_.init($wired);
-    log_->start(controller_, $wired);
-    return status;
-  }
 
   armgpi_status_t step(std::uint32_t elapsed) noexcept {
     const Vector& q = q_;
