@@ -198,12 +198,13 @@ class PlayNumbers {
     const numbers = this.array(variant.numbers).slice();
     const place = (ids) => ids.reduce((at, id) => at * controls[id].values.length + Math.max(0, this.stop(controls[id])), 0);
     const moved = (id) => JSON.stringify(controls[id].value) !== JSON.stringify(this.moved[controls[id].key]);
-    for (const { controls: ids, at, column, values, unless: [own, other] } of variant.tables) {
+    const put = ({ controls: ids, at, values, unless: [own, other] }, target) => {
       // Of two tables with controls that exclude each other the one that is moved counts.
-      if (other && moved(other) && !moved(own)) continue;
-      const all = this.array(values), from = place(ids) * (Math.max(...column) + 1);
-      at.forEach((to, i) => { numbers[to] = all[from + column[i]]; });
-    }
+      if (other && moved(other) && !moved(own)) return;
+      const all = this.array(values), from = place(ids) * at.length;
+      at.forEach((to, i) => { target[to] = all[from + i]; });
+    };
+    for (const table of variant.tables) put(table, numbers);
     for (const move of variant.moves) {
       const value = this.moved[controls[move.control].key];
       move.at.forEach((at, i) => {
@@ -216,10 +217,7 @@ class PlayNumbers {
     const { layout, draws } = variant;
     const shared = Float64Array.from(layout.shared, (at) => numbers[at]), start = numbers.subarray(variant.shared);
     const kernels = [];
-    for (const { controls: ids, at, values } of variant.arms) {
-      const all = this.array(values), from = place(ids) * at.length;
-      at.forEach((call, i) => { kernels[call] = all[from + i]; });
-    }
+    for (const table of variant.arms) put(table, kernels);
     return {
       form: index, names: layout.names, n: this.n, steps: play.steps, shared, start, draws,
       table: variant.table ? this.array(variant.table) : null, width: layout.table, kernels, divergence: play.divergence,

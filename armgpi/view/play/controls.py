@@ -6,6 +6,7 @@ import copy
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -61,7 +62,7 @@ class Control(NamedTuple):
         value: what it says at first.
         joints: lowest and highest value of every joint; empty for one slider.
         whole: the section that it is in, without it; where the value is None or zero there is none.
-        arm: "plant" or "nominal" where it changes the equations of motion of one.
+        arm: "plant" or "controller" where it changes the equations of motion of one.
         only: path -> value of the choice that it belongs to; None for all.
         excludes: id of a control that is as at first while this one is not.
     """
@@ -272,7 +273,7 @@ def _nominal(sections: Mapping[str, dict[str, Any]], robot: Robot) -> Iterator[C
             values=masses,
             value=given["heaviest"],
             whole={key: value for key, value in given.items() if key != "heaviest"},
-            arm="nominal",
+            arm="controller",
             excludes=dotted_path(scale),
         )
 
@@ -327,17 +328,12 @@ def _own_numbers(experiment: Experiment, label: str) -> Iterator[Control]:
             continue
         words = " ".join(map(str, path[1:])).replace("_", " ").replace("loads", "load")
         control = _slider(path, variable.declared, value, words, "plant")
-        stops = tuple(x for x in control.stops if _is_possible(loop, name, x))
-        yield control._replace(stops=stops, values=stops)
-
-
-def _is_possible(loop: ClosedLoop, name: str, value: Any) -> bool:
-    """Tell whether a loop may have a value: a disturbance ends after it begins, for one."""
-    try:
-        with_values(loop, {name: value}, 1)
-    except ArmgpiError:
-        return False
-    return True
+        stops = []
+        for x in control.stops:
+            with suppress(ArmgpiError):  # a disturbance ends after it begins, for one
+                with_values(loop, {name: x}, 1)
+                stops.append(x)
+        yield control._replace(stops=tuple(stops), values=tuple(stops))
 
 
 def _rotors(given: Any, robot: Robot) -> Control:

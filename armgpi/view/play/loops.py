@@ -26,9 +26,8 @@ from armgpi.plants.plant import Plant, Wrapper
 from armgpi.plants.sensors import Delayed, DropOut, Encoder
 from armgpi.robot.dynamics import ScaledDynamics
 
-#: What is a number of a movable loop alone: the ids of their controls.
-SCALE, LATE = "controllers.0.inertia_scale", "plant.delay"
-LOST, BITS = "plant.drop_out", "plant.encoder_bits"
+#: Controls of what is a number of a movable loop alone.
+SCALE, BITS = "controllers.0.inertia_scale", "plant.encoder_bits"
 #: Parts of a loop, in the order of its trace.
 PARTS = ("plant", "controller", "reference")
 #: What a page can work out.
@@ -44,8 +43,8 @@ def movable(loop: ClosedLoop, rows: Mapping[str, Sequence[Any]] | None = None) -
 
     Args:
         loop: the loop.
-        rows: what each of several rollouts has of what is a number here alone, by its id: the factor of the
-            nominal model, delay, drop-outs and encoder bits, None for exact positions.
+        rows: what each of several rollouts has of the nominal model's factor, and of encoder bits, None for
+            exact positions, by the ids of their controls.
     """
     rows = rows or {}
     made = copy.copy(loop)
@@ -73,7 +72,9 @@ def movable(loop: ClosedLoop, rows: Mapping[str, Sequence[Any]] | None = None) -
 
 def _add_sensors(plant: Plant, rows: Mapping[str, Sequence[Any]], batch: int | None) -> Plant:
     """Return a plant with a delay and drop-outs that are numbers; all rollouts draw what the first does."""
-    late, lost, seed = 0, 0.0, 0
+    late: Any = 0
+    lost: Any = 0.0
+    seed = 0
     chain: list[Wrapper] = []
     made: Plant = plant
     while isinstance(made, Wrapper):
@@ -92,13 +93,9 @@ def _add_sensors(plant: Plant, rows: Mapping[str, Sequence[Any]], batch: int | N
                 bits = np.array([[np.nan if x is None else x] for x in rows[BITS]])
                 made = _with(made, step_size=np.nan_to_num(wrapper.robot.encoder_count(bits), nan=EXACT))
 
-    def number(name: str, value: float) -> Array:
-        """Return a number of every joint, and rollout."""
-        return np.outer(rows[name], np.ones(n)) if name in rows else np.full(n, float(value))
-
-    n = plant.robot.n
-    made = _with(DropOut(made, 0.5, seed), probability=number(LOST, lost))
-    queue: Plant = _with(Delayed(made, 0, longest=LONGEST), samples=number(LATE, late))
+    none = np.zeros(plant.robot.n)
+    made = _with(DropOut(made, 0.5, seed), probability=lost + none)
+    queue: Plant = _with(Delayed(made, 0, longest=LONGEST), samples=late + none)
     return queue
 
 

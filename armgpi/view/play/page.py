@@ -24,7 +24,7 @@ from armgpi.robot.markup import read_file
 from armgpi.view import page, scene, style
 from armgpi.view.play import module
 from armgpi.view.play.controls import Control, Playable, dotted_path, plain, playable, siblings
-from armgpi.view.play.variant import Pool, Prober, Variant
+from armgpi.view.play.variant import Pool, Prober
 
 #: Called with what is being done and how much of it is done [0, 1].
 Progress = Callable[[str, float], None]
@@ -38,12 +38,12 @@ class Module(NamedTuple):
 
     Attributes:
         playable: what can be moved.
-        variants: the forms.
+        variants: the forms; see :meth:`Prober.variant`.
         code: WebAssembly.
     """
 
     playable: Playable
-    variants: list[Variant]
+    variants: list[dict[str, Any]]
     code: bytes
 
 
@@ -122,14 +122,13 @@ def _control(control: Control) -> dict[str, Any]:
     return data
 
 
-def _variant(variant: Variant, loop: ClosedLoop, steps: int, arrays: page.Arrays) -> dict[str, Any]:
+def _variant(variant: dict[str, Any], loop: ClosedLoop, steps: int, arrays: page.Arrays) -> dict[str, Any]:
     """Return what the page knows of a form."""
     table = None
-    if variant.layout.table:
+    if variant["layout"].table:
         targets = loop.targets(np.arange(steps + 1) * np.float64(loop.dt))
         table = arrays.add(np.concatenate(targets, axis=-1), "float64")
-    data: dict[str, Any] = _with_arrays(variant, arrays)
-    return {**data, "table": table}
+    return {**{key: _with_arrays(value, arrays) for key, value in variant.items()}, "table": table}
 
 
 def _with_arrays(data: Any, arrays: page.Arrays) -> Any:
@@ -225,14 +224,10 @@ def _possible(moved: Playable, makers: _Makers) -> Playable:
                 return False
         return True
 
-    # Neither friction nor what is fed forward matters to it.
-    same = {"plant.friction": "none", "controllers.0.feedforward": "none"}
-    forms = [
-        form for form in _forms(moved) if form == {**form, **{k: v for k, v in same.items() if k in form}}
-    ]
+    forms = [form for form in _forms(moved) if form["plant.friction"] == "none"]
     controls = []
     for control in moved.controls:
-        if control.arm == "nominal":
+        if control.arm == "controller":
             left = tuple(mass for mass in control.values if mass == control.value or serves(control, mass))
             control = control._replace(stops=left, values=left)
         controls.append(control)
@@ -257,6 +252,7 @@ def compose_config(moved: Playable, form: dict[str, Any]) -> dict[str, Any]:
     if config["plant"]["encoder_bits"] is None:
         config["plant"]["encoder_bits"] = 16
     config["plant"]["drop_out"] = config["plant"]["drop_out"] or 0.5  # drawn with the experiment's seed
+    config["plant"]["delay"] = config["plant"]["delay"] or 1
     return config
 
 

@@ -13,6 +13,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,7 +28,7 @@ from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.loop.variables import check_values, spread_rows, variables, with_values
 from armgpi.robot.robot import Robot
 from armgpi.view.play.controls import Control
-from armgpi.view.play.loops import BITS, LATE, LOST, PARTS, SCALE, Listing, Tape, movable, tape_of
+from armgpi.view.play.loops import BITS, PARTS, SCALE, Listing, movable, tape_of
 
 #: What a page records, if there is such a thing.
 _RECORDED = ("q", "v", "q_ref", "v_ref", "q_measured", "tau_command", "tau", Tuning._fields[0])
@@ -62,15 +63,13 @@ class Table(NamedTuple):
     Attributes:
         controls: their ids.
         at: places of the numbers, or the calls of a sample.
-        column: of each, which of the values it is.
-        values: shape (places of the first control, ..., columns).
+        values: of all at the first places of the sliders, then at the next one of the last slider, and so on.
         unless: ids of one of its controls and of another one: where that one is moved, and not this one,
             another table counts; empty for none.
     """
 
     controls: tuple[str, ...]
     at: list[int]
-    column: list[int]
     values: Array
     unless: tuple[str, ...] = ()
 
@@ -87,34 +86,7 @@ class Sample(NamedTuple):
     calls: list[tuple[str, str]]
 
 
-class Variant(NamedTuple):
-    """One form of the loop.
-
-    Attributes:
-        form: id of a choice -> its value.
-        layout: of the numbers of its code.
-        numbers: those of the loop at first, all of them, then those of its state.
-        shared: how many are not of the state.
-        tape: how some are worked out of others; None where none are.
-        draws: random numbers: seed, stream and samples ahead of each.
-        moves: numbers that follow one control.
-        tables: numbers that depend on controls in another way.
-        arms: which kernels the calls are of.
-        unmoved: ids of controls that change nothing here.
-    """
-
-    form: dict[str, Any]
-    layout: Layout
-    numbers: Array
-    shared: int
-    tape: Tape | None
-    draws: list[tuple[str, int, int]]
-    moves: list[Move]
-    tables: list[Table]
-    arms: list[Table]
-    unmoved: list[str]
-
-
+@dataclass
 class Pool:
     """What the forms of a page have in common.
 
@@ -124,11 +96,9 @@ class Pool:
         rows: numbers at all places of a control, of its part and of the start, by what decides them.
     """
 
-    def __init__(self) -> None:
-        """Begin with nothing."""
-        self.names: list[str] = []
-        self.arms: dict[str, list[dict[str, Arm]]] = {}
-        self.rows: dict[Any, dict[Any, Array]] = {}
+    names: list[str] = field(default_factory=list)
+    arms: dict[str, list[dict[str, Arm]]] = field(default_factory=dict)
+    rows: dict[Any, dict[Any, Array]] = field(default_factory=dict)
 
 
 class Prober:
@@ -155,9 +125,9 @@ class Prober:
         self.controls = {control.id: control for control in controls}
         self._base = self._loop({})
         self._probed: dict[str, Array] = {}
-        self._arms = {side: self._list_arms(side) for side in ("plant", "nominal")}
+        self._arms = {side: self._list_arms(side) for side in ("plant", "controller")}
         # What a load makes two models of has one without: which call is whose a trace with a load tells.
-        self._traced = movable(self._loop({c.id: c.values[-1] for c in controls if c.arm == "nominal"}))
+        self._traced = movable(self._loop({c.id: c.values[-1] for c in controls if c.arm == "controller"}))
         self.loop = movable(self._base)
         self._listed = Listing(self.loop)
         self._ways = {way: slice(x.start, x.stop) for way, x in self._listed.places().items()}
@@ -198,8 +168,8 @@ class Prober:
             for arms in self._arms[_side(owner)] if owner else ():
                 yield arms[owner].kernel(method)
 
-    def variant(self, sample: Sample) -> Variant:
-        """Return what its controls do."""
+    def variant(self, sample: Sample) -> dict[str, Any]:
+        """Return what a page knows of it: its code, its numbers at first, and what its controls do."""
         tape = tape_of(self.loop, self._listed)
         matters = np.ones(len(self.first), dtype=bool)
         matters[: self.shared] = np.isin(np.arange(self.shared), sample.layout.shared)
@@ -226,18 +196,18 @@ class Prober:
             (str((seeds[seed] if own else seed) % 2**64), stream, ahead)
             for own, seed, stream, ahead in sample.layout.draws
         ]
-        return Variant(
-            form=self.form,
-            layout=sample.layout,
-            numbers=self.first,
-            shared=self.shared,
-            tape=tape,
-            draws=draws,
-            moves=moves,
-            tables=tables,
-            arms=list(self._kernels(sample)),
-            unmoved=sorted(still),
-        )
+        return {
+            "form": self.form,
+            "layout": sample.layout,
+            "numbers": self.first,
+            "shared": self.shared,  # the others are of the state
+            "tape": tape,
+            "draws": draws,
+            "moves": moves,
+            "tables": tables,
+            "arms": list(self._kernels(sample)),
+            "unmoved": sorted(still),
+        }
 
     def _loop(self, moved: Mapping[str, Any]) -> ClosedLoop:
         """Return the loop of an experiment in which some controls are moved."""
@@ -310,7 +280,7 @@ class Prober:
             first = {name: values[rows[0]] for name, values in alone.items()}
             loop = self._loop(first) if alone else self._base
             own = {name: [values[i] for i in rows] for name, values in moved.items() if name not in alone}
-            numbers = {name: own.pop(name) for name in (SCALE, LATE, LOST, BITS) if name in own}
+            numbers = {name: own.pop(name) for name in (SCALE, BITS) if name in own}
             if own:
                 checked = check_values(variables(loop), dict(self._door(loop, own)))
                 loop = with_values(loop, spread_rows(checked, len(rows)), len(rows))
@@ -374,9 +344,7 @@ class Prober:
             rows = self._probed[group[0]]
             if len(group) > 1:
                 rows = self._rows(dict(zip(group, zip(*itertools.product(*axes), strict=True), strict=True)))
-            values, column = np.unique(rows[:, places], axis=1, return_inverse=True)
-            shape = (*map(len, axes), values.shape[1])
-            yield Table(tuple(group), places, column.ravel().tolist(), values.reshape(shape), unless)
+            yield Table(tuple(group), places, rows[:, places], unless)
 
     def _list_arms(self, side: str) -> list[dict[str, Arm]]:
         """Return the arms of the plant or of the controller, at all places of what changes them."""
@@ -403,18 +371,18 @@ class Prober:
                 ]
                 for arm in arms
             ]
-            yield Table(names, list(own), list(range(len(own))), np.array(which, dtype=np.float64))
+            yield Table(names, list(own), np.array(which, dtype=np.float64))
 
 
 def _part(control: Control) -> str:
     """Return the part of the loop that a control is of."""
-    sides = {"plant": "plant", "nominal": "controller", "": control.path[0]}
-    return {"robot": "plant", "controllers": "controller"}.get(part := str(sides[control.arm]), part)
+    part = control.arm or str(control.path[0])
+    return {"robot": "plant", "controllers": "controller"}.get(part, part)
 
 
 def _side(owner: str) -> str:
-    """Return whose arm it is: the plant's, a nominal one of the controller, or nobody's."""
-    return owner if owner in ("plant", "") else "nominal"
+    """Return the part whose arm it is, empty for none."""
+    return owner if owner in ("plant", "") else "controller"
 
 
 def _arms_of(loop: ClosedLoop, side: str) -> dict[str, Arm]:
