@@ -536,15 +536,19 @@ def cell(mine: list[Worst]) -> str:
 
 
 def beyond(rows: list[Worst]) -> Iterator[str]:
-    """Yield the lines of a table of what is not kept: an arm and a fault in a row, the farthest first."""
+    """Yield the lines of a table of what is not kept: faults that an arm takes alike, the farthest first."""
     yield "| target | arm, joint | gravity | fault | kept | travel [rad] | at rest after | ends as |"
     yield "|---|---|---|---|---|---|---|---|"
     late = [row for row in rows if row.kept < row.of and not row.excepted and not FAULT[row.fault].rest]
+    alike: dict[tuple[str, str], list[str]] = {}
     for row in sorted(late, key=lambda row: -row.travel):
         rest = f"{row.rest:.2f} s" if np.isfinite(row.rest) else "moves"
         ends = row.status.upper() + (f" ({row.reason.upper()})" if row.reason != "none" else "")
         found = f"{row.kept} of {row.of} | {row.travel:.3f} | {rest} | {ends}"
-        yield f"| `{row.case.target}` | {row.where} | {row.case.gravity} | {row.fault} | {found} |"
+        arm = f"`{row.case.target}` | {row.where} | {row.case.gravity}"
+        alike.setdefault((arm, found), []).append(row.fault)
+    for (arm, found), faults in alike.items():
+        yield f"| {arm} | {'; '.join(faults)} | {found} |"
 
 
 def limits_table(rows: list[Worst]) -> str:
