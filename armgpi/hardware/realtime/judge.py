@@ -377,7 +377,8 @@ def _answer(seen: _Seen, stage: Stage) -> Finding:
         return Finding("command order", name, said, "look at the order of torques and positions")
     if dev[j] * far[j] < 0.0:
         said += ", against its torque"
-        return Finding("command sign", name, said, "look at the sign of its torque and of its position")
+        remedy = "look at the sign of its torque and of its position, and at late measurements"
+        return Finding("command sign", name, said, remedy)
     return Finding("command unit", name, said, f"docs/reasons.md says what causes {reason}")
 
 
