@@ -734,6 +734,8 @@ def _indices(index: ast.expr, scope: Scope) -> Iterator[Choice]:
                 swapped[j], swapped[k] = items[k], items[j]
                 yield "index", ast.Tuple(swapped, ast.Load())
         case ast.Name(id=name) | ast.BinOp(left=ast.Name(id=name)):
+            if isinstance(index, ast.BinOp):
+                yield "index", index.left
             others = [other for other, kind in scope.kinds.items() if kind == "int" and other != name]
             yield from (("index", ast.Name(other, ast.Load())) for other in others)
             for step in (1, -1):

@@ -518,12 +518,12 @@ class _Trials:
             values = _at_every(code, block.namespace, seen)
             if values is None or values.shape != now.shape:
                 continue
-            for sign in (1.0, -1.0):
+            for factor in (1.0, -1.0, 2.0, -2.0) if linear else (1.0, -1.0):
                 # They come in the order of their length.
-                new, bits = f"{old} {'+' if sign > 0.0 else '-'} {text}", self._bits(2 * place + 2)
-                call = partial(_with_sign, sign, code, block.namespace)
+                new, bits = _sum(old, _multiple(factor, text)), self._bits(abs(factor) * (2 * place + 2))
+                call = partial(_times_factor, factor, code, block.namespace)
                 pick = Pick(block, k, choice, bits, None, "term", new, linear, call)
-                effect = sign * values.ravel() @ slope
+                effect = factor * values.ravel() @ slope
                 if linear:  # two of which each is wrong alone may add up
                     self._tried.append(_Tried(pick, {name: effect}))
                 if not linear or self._makes_right(name, start, effect, rest):
@@ -723,9 +723,14 @@ def _at_every(code: CodeType, namespace: dict[str, Any], seen: Sequence[dict[str
     return values if values.any() else None
 
 
-def _with_sign(sign: float, code: CodeType, namespace: dict[str, Any], names: dict[str, Any]) -> Any:
-    """Return a term with its sign from the local variables."""
-    return sign * eval(code, namespace, names)
+def _times_factor(factor: float, code: CodeType, namespace: dict[str, Any], names: dict[str, Any]) -> Any:
+    """Return a multiple of a term from the local variables."""
+    return factor * eval(code, namespace, names)
+
+
+def _multiple(factor: float, text: str) -> str:
+    """Return a multiple of a term as text."""
+    return ("-" if factor < 0.0 else "") + ("2 * " if abs(factor) > 1.0 else "") + text
 
 
 def _by_ratios(source: str, changes: Sequence[Change]) -> Iterator[str]:
