@@ -83,6 +83,26 @@ def test_no_configuration_exceeds_what_is_proved_and_some_come_near(arm: Robot, 
             assert number.value <= loose * (1.0 + 2.0 * TOLERANCE) * max(seen[name], 1e-12), name
 
 
+def test_what_is_proved_covers_the_whole_box_and_what_is_around_it(
+    arm: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lower, upper = np.array([-1.0, 0.2, 0.5]), np.array([0.4, 1.0, 2.7])
+    case = setting(arm, 0.25, 0.4)._replace(lower=lower, upper=upper, radius=np.array([0.02, 0.03, 0.05]))
+    prover, made = proofs._Prover(case, 0.1, 1.0), quantities.at_ends(case)
+    np.testing.assert_allclose(prover.star, [0.7, 0.4, 1.1])
+    np.testing.assert_allclose(prover.around, [0.72, 0.43, 1.15])
+    asked = []
+
+    def each(found: Any, which: Any, half: Any = None, tolerance: float = 0.1) -> Any:
+        asked.append(tolerance)
+        return tuple(found)
+
+    monkeypatch.setattr(prover, "each", each)
+    prover.of_motion(made)
+    # What is the root of a number is as near as the number is asked to be.
+    assert any(x == pytest.approx(math.sqrt(1.1) - 1.0) for x in asked if x is not None)
+
+
 @settings(max_examples=8)
 @given(robots(min_joints=2, max_joints=3), st.floats(0.0, 2.0), st.integers(0, 2**32 - 1))
 def test_no_configuration_of_any_arm_exceeds_what_is_proved(robot: Robot, load: float, seed: int) -> None:

@@ -153,6 +153,10 @@ def test_a_log_is_a_rollout_for_reports_and_identification(tmp_path: Path) -> No
     twice["number"][-1] = twice["number"][-2]
     with pytest.raises(RolloutError, match="increasing times"):
         logs.to_rollout(there._replace(rows=twice), ARM)
+    short = [there._replace(rows=there.rows[: len(there.rows) - len(there.samples) + n]) for n in (1, 2)]
+    assert logs.to_rollout(short[1], ARM).sizes["time"] == 2
+    with pytest.raises(RolloutError, match="at least two samples"):
+        logs.to_rollout(short[0], ARM)
 
 
 GOOD = {"joints": ["a"], "dt": 1e-3, "inputs": ["q_measured", "q_ref"]}

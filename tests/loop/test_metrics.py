@@ -84,6 +84,8 @@ def test_a_constant_error_has_its_closed_forms() -> None:
         (metrics.final_error, abs(c)),
     ):
         np.testing.assert_allclose(metric(run), [expected], **EXACT)
+    assert np.abs(run["q_ref"]).max() > 0.0
+    np.testing.assert_allclose(metrics.error(run).values, c, **EXACT)
 
 
 def test_a_ramp_of_error_has_its_closed_forms() -> None:

@@ -18,6 +18,7 @@ from armgpi.config.schema import VarySection
 from armgpi.errors import ArmgpiWarning, ConfigError, NameNotFound, ParameterError
 from armgpi.gpi.law import GPI
 from armgpi.loop import metrics
+from armgpi.loop.variables import robot_with
 from armgpi.parameter import Parameter, parameters
 from armgpi.studies import space
 from armgpi.studies.distributions import distribution
@@ -218,3 +219,13 @@ def test_a_number_that_nothing_gives_a_range_of_or_that_cannot_be_is_refused_in_
         with pytest.raises(ConfigError, match=re.escape(said)) as refused:
             Sweep.of(config.check({**data, "vary": {name: {}}}, config.Origin("test")))
         assert refused.value.key == f"vary.{name}"
+
+
+def test_what_each_rollout_has_of_an_arm_is_what_is_given_for_it_or_for_all() -> None:
+    arm, com = armgpi.Robot.load("ur5"), np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])
+    own = robot_with(arm, {"com": com, "payload": np.array([1.0, 2.0]), "frame": "tool0"}, 2)
+    same = robot_with(arm, {"com": com[0], "payload": 1.5, "frame": "tool0"}, 2)
+    np.testing.assert_array_equal(own.variation["com"], com)
+    np.testing.assert_array_equal(own.variation["payload"], [1.0, 2.0])
+    np.testing.assert_array_equal(same.variation["com"], com[[0, 0]])
+    np.testing.assert_array_equal(same.variation["payload"], [1.5, 1.5])

@@ -703,9 +703,23 @@ def test_a_histogram_tells_how_many_it_leaves_out() -> None:
 
 def test_a_map_has_as_many_columns_as_its_first_number_has_parts() -> None:
     ends = [(x, y) for x in (0.0, 1.0) for y in (5.0, 6.0, 7.0)]
-    parts = [{"from": [x, y], "to": [x + 1.0, y + 1.0], "value": 0.1, "rollouts": 50} for x, y in ends]
-    bars = re.findall(r'<rect x="([\d.]+)" y="([\d.]+)"', page._square(parts))
-    assert [len(set(axis)) for axis in zip(*bars, strict=True)] == [2, 3]
+    values = [0.1, 0.2, 0.4, 0.0, 0.3, None]
+    parts = [
+        {"from": [x, y], "to": [x + 1.0, y + 1.0], "value": value, "rollouts": 50}
+        for (x, y), value in zip(ends, values, strict=True)
+    ]
+    names = ("rect x", "y", "width", "height", "fill-opacity")
+    cell = "<" + ".*?".join(f'{name}="([\\d.]+)"' for name in names)
+    svg, high = page._square(parts), 2 * page._HEIGHT / 3
+    bars = [tuple(map(float, each)) for each in re.findall(cell, svg)]
+    wanted = [  # the first number to the right, the second upwards; none where there was no rollout
+        (150.0 * (x == 1.0), high * (7.0 - y), 149.0, high, 0.04 + 0.96 * value / 0.4)
+        for (x, y), value in zip(ends, values, strict=True)
+        if value is not None
+    ]
+    np.testing.assert_allclose(bars, wanted, atol=0.06)
+    assert "0 to 1 × 6 to 7: 20 % of 50" in svg
+    assert "0 to 2 × 5 to 8, up to 40 %" in svg
 
 
 def test_levels_that_random_rollouts_do_not_confirm_are_said_to_be_wrong() -> None:
