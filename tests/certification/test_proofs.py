@@ -183,6 +183,28 @@ def test_what_solves_is_in_the_set_that_is_told_and_comes_to_its_edge(n: int) ->
     assert 0.9 < max(shares) <= 1.0 + 1e-9
 
 
+def test_an_inertia_loses_all_that_it_may_change_by_between_two_configurations() -> None:
+    rng, n = np.random.default_rng(9), 3
+    there, far = rng.normal(size=(2, n, n, n))
+    rates = 0.05 * np.array(
+        [far + far.swapaxes(1, 2), there + there.swapaxes(1, 2)]
+    )  # the last is at the center
+    beyond, away = 1e-3 * np.ones((n, n, n)), np.array([0.2, 0.1, 0.3])
+    D = 4.0 * np.eye(n)[None] + np.diag(np.arange(n))
+    near: Any = SimpleNamespace(radius=0.5 * away, share=0.2)
+    found = proofs.Stiffness._apart_root(near, D, np.zeros((n, n)), rates, beyond)
+    assert found is not None
+    left = D[0].copy()
+    for j in range(n):
+        values, vectors = np.linalg.eigh(rates[-1, j])
+        left -= away[j] * (vectors * np.abs(values)) @ vectors.T
+        more = proofs._sizes(rates[0, j] - rates[-1, j]) + np.linalg.norm(beyond[j])
+        left -= away[j] * more * np.eye(n)
+    np.testing.assert_allclose(np.linalg.inv(found[0].T @ found[0]), left, rtol=1e-9, atol=1e-12)
+    far_away: Any = SimpleNamespace(radius=9.0 * away, share=0.2)
+    assert proofs.Stiffness._apart_root(far_away, D, np.zeros((n, n)), rates, beyond) is None
+
+
 @settings(max_examples=15)
 @given(
     robots(max_joints=3),
