@@ -491,7 +491,7 @@ def test_the_first_torque_is_off_by_no_more_than_it_changes_anywhere_in_a_count(
         assert (changed <= _start(wish, at, rng)[0] + 1e-9).all()
         wish.hidden, before = np.zeros(3), wish.hidden  # then it is off by what the load makes of it alone
         np.testing.assert_allclose(_start(wish, at, rng), np.zeros((1, 3)), atol=1e-12)
-        at.v, wish.hidden = [*at.v, [0.1, -0.2, 0.3]], np.zeros(3)
+        at.v = at.v + np.array([[0.1, -0.2, 0.3]])
         np.testing.assert_allclose(_start(wish, at, rng), [[0.1, 0.2, 0.3]], atol=1e-12)
         wish.hidden = before
 
