@@ -310,6 +310,17 @@ def test_a_candidate_that_fails_where_nobody_looked_is_never_the_best() -> None:
     assert all(search.problem.space.values(each.row.x)[0] <= 100.0 for each in found)
 
 
+def test_the_best_is_the_first_that_holds_where_nobody_looked() -> None:
+    search = Search(problem())
+    omega, zeta = search.problem.space.dimensions
+    places = np.array([[omega.place(x), zeta.place(0.8)] for x in (150.0, 120.0, 90.0, 80.0)])
+    search.rows = search.judge(search.problem.search, places)
+    (found,) = search.validate()
+    assert found.row is search.rows[2]
+    np.testing.assert_array_equal(found.held_out.x, found.row.x)
+    assert found.held_out.objective == pytest.approx(10.0 / 90.0 + 0.1)
+
+
 def assert_same(ours: Search, others: Search) -> None:
     for one, other in zip(ours.rows, others.rows, strict=True):
         np.testing.assert_array_equal(one.x, other.x)
