@@ -189,6 +189,11 @@ def test_a_tube_is_the_least_that_its_own_disturbances_do_not_leave() -> None:
     np.testing.assert_allclose(sum(made.parts.values()), 1.0, atol=0.4)
     assert _most(lambda x: x <= 0.37) == pytest.approx(0.37, rel=1.1e-3)
     assert _most(lambda x: x <= 0.37) <= 0.37
+    bears: Any = SimpleNamespace(
+        reasons=lambda torque, force=3.0: ["more"] * (torque > 0.2 or not 3.0 <= force <= 3.5)
+    )
+    made = tube.path_bound([bears])
+    assert [made.bears, made.bears_force] == pytest.approx([0.2, 0.5], rel=2e-3)
 
 
 def test_what_matrices_make_of_torques_is_added_up_by_size() -> None:

@@ -183,6 +183,20 @@ def test_what_solves_is_in_the_set_that_is_told_and_comes_to_its_edge(n: int) ->
     assert 0.9 < max(shares) <= 1.0 + 1e-9
 
 
+def test_what_may_be_beyond_a_matrix_is_taken_in_the_metric_by_its_size() -> None:
+    root, beyond = np.random.default_rng(1).normal(size=(2, 4, 3, 3))
+    beyond = np.abs(beyond[0])
+    by_hand = [
+        sum(
+            sum(abs(x[a, i]) * beyond[i, j] * abs(x[b, j]) for i in range(3) for j in range(3)) ** 2
+            for a in range(3)
+            for b in range(3)
+        )
+        for x in root
+    ]
+    np.testing.assert_allclose(proofs._error(root, beyond), np.sqrt(by_hand))
+
+
 def test_an_inertia_loses_all_that_it_may_change_by_between_two_configurations() -> None:
     rng, n = np.random.default_rng(9), 3
     there, far = rng.normal(size=(2, n, n, n))

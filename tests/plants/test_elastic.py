@@ -23,6 +23,7 @@ from armgpi import (
     Hold,
     RigidBodyPlant,
     Robot,
+    RobotBatch,
     Step,
     config,
     prepare,
@@ -142,6 +143,14 @@ def test_a_substep_is_the_step_of_rosenbrock_by_dense_matrices() -> None:
         q, theta, v, omega = np.split(x + np.concatenate([0.5 * h * change, change]), 4)
     for own, other in zip(after[1:6], (q, v, theta, omega, motor), strict=True):
         np.testing.assert_allclose(own, other, rtol=1e-9)
+
+
+def test_what_nothing_tells_of_arms_together_is_that_of_the_first() -> None:
+    arms = RobotBatch([ARM, ARM.scaled_inertia(2.0).with_armature(ARM.armature)])
+    both, alone = (ElasticPlant(robot, gear_stiffness=K) for robot in (arms, ARM))
+    np.testing.assert_allclose(
+        both.gear_damping, np.broadcast_to(alone.gear_damping, both.gear_damping.shape)
+    )
 
 
 def test_a_substep_is_of_order_two() -> None:

@@ -302,6 +302,9 @@ def test_points_in_order_are_followed_on_one_branch() -> None:
     with pytest.raises(ReachError, match="misses it by") as caught:
         follow(points + np.array([0.0, 0.0, 2.0]))
     assert caught.value.distance > 1.0
+    with pytest.raises(ReachError, match="misses it by") as caught:
+        follow(points[:1] + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]]))
+    assert caught.value.distance > 1.0
 
 
 @pytest.mark.parametrize(
