@@ -475,7 +475,7 @@ class _Trials:
                     # Terms come in the order of their length.
                     rank = c + 1 - kinds.index(kind) if kind == "term" else kinds.count(kind)
                     found.append(Pick(block, k, c, self._bits(rank), None, kind))
-                if site.whole:
+                if site.whole and not self._over():
                     found += self._vector_picks(block, k)
         return sorted(found, key=lambda pick: pick.bits)
 
