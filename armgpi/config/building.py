@@ -6,6 +6,7 @@ import math
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cache
 from itertools import pairwise
 from typing import Any, NamedTuple, TypeVar
 
@@ -218,19 +219,20 @@ class Parts:
             ConfigError: when something in it does not fit the robot; it names the key.
         """
         top = _Place(Origin())
-        robot = self._once(("robot",), config, ("robot",), lambda: _robot(config.robot, top.at("robot")))
+        text = cache(lambda key: repr(getattr(config, key)))
+        robot = self._once(("robot",), text, ("robot",), lambda: _robot(config.robot, top.at("robot")))
         context = _context(config, robot, top)
         plant = self._once(
-            ("plant",), config, ("robot", "plant", "sample_time", "seed"),
+            ("plant",), text, ("robot", "plant", "sample_time", "seed"),
             lambda: _plant(config, context, top.at("plant"), config.plant.engine),
         )  # fmt: skip
         section = config.controllers[0]
         law = self._once(
-            ("controller", repr(section)), config, ("robot", "sample_time"),
+            ("controller", repr(section)), text, ("robot", "sample_time"),
             lambda: controller(section.plain(), context),
         )  # fmt: skip
         reference = self._once(
-            ("reference",), config, ("robot", "reference"),
+            ("reference",), text, ("robot", "reference"),
             lambda: _reference(config.reference, robot, top.at("reference"))[0],
         )  # fmt: skip
         return plant, law, reference
@@ -238,12 +240,12 @@ class Parts:
     def _once(
         self,
         name: tuple[str, ...],
-        config: ExperimentConfig,
+        text: Callable[[str], str],
         keys: tuple[str, ...],
         make: Callable[[], _Part],
     ) -> _Part:
-        """Return a part that is made from some keys of an experiment."""
-        key = (*name, *(repr(getattr(config, key)) for key in keys))
+        """Return a part that is made from some keys of an experiment, of which `text` is what they say."""
+        key = (*name, *map(text, keys))
         if key not in self._made:
             self._made[key] = make()
         made: _Part = self._made[key]

@@ -8,8 +8,8 @@ anywhere, is looked at in two, and is the value itself, or the value less a cons
 
 from __future__ import annotations
 
-import copy
 import itertools
+import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -211,7 +211,7 @@ class Prober:
 
     def _loop(self, moved: Mapping[str, Any]) -> ClosedLoop:
         """Return the loop of an experiment in which some controls are moved."""
-        config = copy.deepcopy(self.config)
+        config = json.loads(json.dumps(self.config))  # some five times as fast as deepcopy
         for name, value in moved.items():
             self.controls[name].put(config, value)
         return self.make(config)
