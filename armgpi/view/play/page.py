@@ -205,8 +205,8 @@ def _module(probers: Sequence[Prober], progress: Progress) -> bytes:
         traced, sample = prober.trace()
         traces.append(traced)
         samples.append(sample)
-        kernels.update({call.kernel.name: call.kernel for call in traced.calls})
-        kernels.update({kernel.name: kernel for kernel in prober.kernels(sample)})
+        found = (*(call.kernel for call in traced.calls), *prober.kernels(sample))
+        kernels.update({kernel.name: kernel for kernel in found})
     progress("compiling", len(probers) / (len(probers) + 2))
     return module.compile_wasm(module.text(traces, samples, kernels), name)
 

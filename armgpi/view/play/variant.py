@@ -35,8 +35,9 @@ _RECORDED = ("q", "v", "q_ref", "v_ref", "q_measured", "tau_command", "tau", Tun
 #: Most entries of a table over several controls.
 _MOST = 6000
 
-#: Makes the loop of an experiment as plain data.
-Make = Callable[[dict[str, Any]], ClosedLoop]
+#: An experiment, or something else, as plain data; makes the loop of one.
+Data = dict[str, Any]
+Make = Callable[[Data], ClosedLoop]
 
 
 class Move(NamedTuple):
@@ -104,23 +105,8 @@ class Pool:
 class Prober:
     """One form of the loop, and what its controls do."""
 
-    def __init__(
-        self,
-        form: dict[str, Any],
-        config: dict[str, Any],
-        controls: Sequence[Control],
-        make: Make,
-        pool: Pool,
-    ) -> None:
-        """Look at a form of the loop.
-
-        Args:
-            form: id of a choice -> its value.
-            config: an experiment of this form, as plain data.
-            controls: those that it has.
-            make: makes the loop.
-            pool: what it has in common with others.
-        """
+    def __init__(self, form: Data, config: Data, controls: Sequence[Control], make: Make, pool: Pool) -> None:
+        """Look at a form (id of a choice -> its value) of an experiment, and at the controls that it has."""
         self.form, self.config, self.make, self.pool = form, config, make, pool
         self.controls = {control.id: control for control in controls}
         self._base = self._loop({})
@@ -168,7 +154,7 @@ class Prober:
             for arms in self._arms[_side(owner)] if owner else ():
                 yield arms[owner].kernel(method)
 
-    def variant(self, sample: Sample) -> dict[str, Any]:
+    def variant(self, sample: Sample) -> Data:
         """Return what a page knows of it: its code, its numbers at first, and what its controls do."""
         tape = tape_of(self.loop, self._listed)
         matters = np.ones(len(self.first), dtype=bool)
@@ -364,13 +350,7 @@ class Prober:
         for side, arms in sides.items():
             own = {i: each for i, each in enumerate(sample.calls) if _side(each[0]) == side}
             names = tuple(name for name, control in self.controls.items() if control.arm == side != "")
-            which = [
-                [
-                    place(f"{method}_{arm[owner].model.digest}" if owner else method)
-                    for owner, method in own.values()
-                ]
-                for arm in arms
-            ]
+            which = [[place(_kernel_name(arm, *call)) for call in own.values()] for arm in arms]
             yield Table(names, list(own), np.array(which, dtype=np.float64))
 
 
@@ -383,6 +363,11 @@ def _part(control: Control) -> str:
 def _side(owner: str) -> str:
     """Return the part whose arm it is, empty for none."""
     return owner if owner in ("plant", "") else "controller"
+
+
+def _kernel_name(arms: Mapping[str, Arm], owner: str, method: str) -> str:
+    """Return the name of the kernel of a call; see :class:`Sample`."""
+    return f"{method}_{arms[owner].model.digest}" if owner else method
 
 
 def _arms_of(loop: ClosedLoop, side: str) -> dict[str, Arm]:
