@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from strategies import decimals, robots_and_states
 from armgpi import InverseSolution, Robot, RobotBatch, TrackingInverse, inverse_kinematics
 from armgpi.errors import ArmgpiError, ArrayError, LimitError, NameNotFound, ParameterError, ReachError
 from armgpi.paper.arm import PaperArm
-from armgpi.robot.kinematics import random_configurations
+from armgpi.robot.kinematics import _try_again, random_configurations
 
 HAND = PaperArm()
 ARM = Robot.load("anthropomorphic3")
@@ -329,3 +330,21 @@ def test_what_cannot_be_followed_is_named(
 ) -> None:
     with pytest.raises(error, match=named):
         TrackingInverse(**{"robot": ARM, "frame": "tool", **arguments})
+
+
+def test_of_several_tries_the_reached_one_nearest_home_is_kept_or_the_one_that_misses_least() -> None:
+    q = np.array([[0.1, 0.0], [0.2, 0.0], [0.3, 0.0], [2.0, 2.0], [1.0, 0.5], [0.0, 0.1]])
+    position = np.array([0.1, 0.2, 0.05, 0.0, 0.0, 0.4])
+    turn, reached = np.array([0.3, 0.0, 0.5, 0.0, 0.0, 0.4]), np.arange(6) // 3 == 1
+    reached[5] = False
+    tried = InverseSolution(q, position, turn, reached, np.arange(6))
+    found = InverseSolution(
+        np.zeros((2, 2)), np.array([0.1, 0.0]), np.array([0.25, 0.1]), np.zeros(2, bool), np.zeros(2, int)
+    )
+    same: Any = SimpleNamespace(rows=lambda rows: None)
+    search: Any = SimpleNamespace(descend=lambda *_: tried)
+    arm: Any = SimpleNamespace(length=0.5, units=np.ones(2))
+    _try_again(arm, same, np.zeros((2, 2)), search, found, np.arange(2), np.zeros((2, 3, 2)))
+    # Missed by 0.1 / 0.5 + 0.3, 0.4 and 0.6, and before by 0.45; of two that reach it, the nearer one.
+    np.testing.assert_array_equal(found.q, q[[1, 4]])
+    assert found.reached.tolist() == [False, True]
