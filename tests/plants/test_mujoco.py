@@ -7,6 +7,7 @@ import sys
 import warnings
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import fromstring
 
 import numpy as np
 import pytest
@@ -33,6 +34,7 @@ from armgpi.config import experiment as experiments
 from armgpi.errors import MissingPackage, ParameterError, UrdfError
 from armgpi.health import zoo
 from armgpi.loop.provenance import Provenance
+from armgpi.plants.mujoco import _round
 
 ARM = Robot.load("anthropomorphic3")
 #: Two integrators of order 4 with the same stages, with ideal sensors: only rounding is left [rad].
@@ -265,3 +267,17 @@ def test_what_cannot_vary_by_rollout_says_why() -> None:
     with pytest.raises(ParameterError, match="MuJoCoPlant is made for the robot that it has"):
         loop.run({"plant.payload.mass": [0.0, 0.1]})
     assert loop.run({"controller.omega": [20.0, 25.0]}).sizes["rollout"] == 2
+
+
+def test_an_inertia_is_made_that_of_a_ball_where_no_rigid_body_has_it_alone() -> None:
+    text = (
+        '<link name="a"><inertial><mass value="2"/>'
+        '<inertia ixx="{}" iyy="{}" izz="{}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    )
+    for moments, changed in (((1.0, 2.0, 2.5), False), ((1.0, 1.0, 2.5), True), ((0.0, 1.0, 1.0), True)):
+        link = fromstring(text.format(*moments))
+        assert _round(link) == changed
+        found = link.find("inertial/inertia")
+        assert found is not None
+        wanted = [sum(moments) / 3.0] * 3 if changed else [*moments]
+        assert [float(found.get(key, "")) for key in ("ixx", "iyy", "izz")] == pytest.approx(wanted)
