@@ -353,8 +353,8 @@ def _same(path: Path, text: str | None) -> bool:
 def _differences(there: Any, here: Any) -> list[str]:
     """Return in words what differs between two sets of plain data, the first ones."""
     a, b = dict(_flat(there)), dict(_flat(here))
-    names = [name for name in {**a, **b} if a.get(name) != b.get(name)]
-    # The experiment says it already where a file has another name.
+    # A file's content is in its name: what is here tells it.
+    names = [x for x in {**a, **b} if a.get(x) != b.get(x) and (x in b or not x.startswith("files."))]
     words = [
         name.replace("files.", "the bytes of ")
         if name.startswith("files.")
