@@ -20,9 +20,13 @@ from armgpi.health.zoo import fingers
     "options",
     [
         {"torque": 0.001, "acceleration": 0.2},
-        {"torque": 0.001, "acceleration": 0.2, "delay": 1, "bits": 20},
+        pytest.param(
+            {"torque": 0.001, "acceleration": 0.2, "delay": 1, "bits": 20}, marks=pytest.mark.search
+        ),
         {"integrators": 1, "rolloff": 1, "rolloff_ratio": 6.0},
-        {"torque": 0.001, "jump": True, "payload": (0.0, 0.1), "delay": 1},
+        pytest.param(
+            {"torque": 0.001, "jump": True, "payload": (0.0, 0.1), "delay": 1}, marks=pytest.mark.search
+        ),
         {"torque": 0.001, "jump": True, "payload": (0.0, 0.1), "feedforward": "gravity"},
     ],
 )

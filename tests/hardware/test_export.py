@@ -173,7 +173,7 @@ def logged(controller: Controller, seconds: float = 1.0) -> ArmLog:
 @pytest.mark.slow
 @compiled
 @every
-@pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.parametrize("real", ["double", pytest.param("float", marks=pytest.mark.search)])
 def test_compiles_without_a_warning_and_needs_math_h_alone(name: str, real: str, tmp_path: Path) -> None:
     # What a supervisor leaves out is the same code for every law.
     others = [Supervisor(on_fault="zero", frozen_samples=0, jump=0.0)] if name in ("network", "pid") else []
