@@ -122,6 +122,13 @@ def ur5() -> Robot:
     return Robot.load("ur5").with_gravity(ZERO)
 
 
+def interface(target: str) -> tuple[Robot, float, Supervisor]:
+    """Arm, sample time and supervisor of a target."""
+    if target == "fci":
+        return panda(), 1e-3, Supervisor(torque_rate=1000.0)
+    return ur5(), 2e-3, Supervisor()
+
+
 def with_jaw(joints: int) -> Robot:
     """An arm of so many joints whose gripper moves, without gravity."""
     return Robot.from_xml(text(J("jaw", "tip", "prismatic", travel=0.05), arm=joints)).with_gravity(ZERO)
@@ -273,8 +280,7 @@ runpy.run_path(kind + ".py", run_name="__main__")
 @compiled
 @pytest.mark.parametrize("target", ["fci", "ur"])
 def test_a_dry_run_sends_nothing_and_logs_what_the_joints_carry(target: str, tmp_path: Path) -> None:
-    robot, dt = (panda(), 1e-3) if target == "fci" else (ur5(), 2e-3)
-    rate = Supervisor(torque_rate=1000.0) if target == "fci" else Supervisor()
+    robot, dt, rate = interface(target)
     export_controller(Supervised(GPI(robot, dt), rate), tmp_path, measure=False, target=target)
     (tmp_path / "look.py").write_text(LOOK)
     run(sys.executable, "look.py", target, ",".join(map(repr, robot.middle().tolist())), folder=tmp_path)
@@ -305,10 +311,9 @@ def test_a_franka_callback_ends_its_motion_when_the_arm_has_stopped(tmp_path: Pa
 @compiled
 @pytest.mark.parametrize("target", ["fci", "ur"])
 def test_the_recommended_law_moves_a_simulated_arm_to_its_goal(target: str, tmp_path: Path) -> None:
-    robot, dt = (panda(), 1e-3) if target == "fci" else (ur5(), 2e-3)
+    robot, dt, rate = interface(target)
     law = GPI.untuned(robot, dt, bits=18)
     assert law.feedforward != "none"
-    rate = Supervisor(torque_rate=1000.0) if target == "fci" else Supervisor()
     export_controller(Supervised(law, rate), tmp_path, measure=False, target=target)
     # The arm has the rotors that the law believes.
     load, rotors = ".with_gravity((0, 0, 0))\n", "robot = armgpi.robot.rotors.believe(robot)\n"
@@ -341,8 +346,7 @@ int main() {
 @compiled
 @pytest.mark.parametrize("target", ["fci", "ur"])
 def test_a_package_follows_the_motion_of_its_log(target: str, tmp_path: Path) -> None:
-    robot, dt = (panda(), 1e-3) if target == "fci" else (ur5(), 2e-3)
-    rate = Supervisor(torque_rate=1000.0) if target == "fci" else Supervisor()
+    robot, dt, rate = interface(target)
     controller = Supervised(GPI.untuned(believe(robot), dt, bits=18), rate)
     q = robot.middle()
     motion = Waypoints([q, q + 0.1, q], [0.5, 0.5])
@@ -438,9 +442,8 @@ def test_the_cpp_program_moves_a_simulated_arm_too(
 ) -> None:
     """Built by the folder's own CMakeLists.txt, and without a warning by both compilers."""
     monkeypatch.chdir(tmp_path)  # where it writes its log
-    robot, dt = (panda(), 1e-3) if target == "fci" else (ur5(), 2e-3)
+    robot, dt, rate = interface(target)
     robot = believe(robot)
-    rate = Supervisor(torque_rate=1000.0) if target == "fci" else Supervisor()
     export_controller(
         Supervised(GPI.untuned(robot, dt, bits=18), rate), tmp_path, measure=False, target=target
     )
@@ -517,8 +520,7 @@ def test_a_topic_moves_the_ros2_controller_and_a_service_stops_it(
 @compiled
 @pytest.mark.parametrize("target", ["fci", "ur"])
 def test_ctrl_c_stops_the_arm_under_control(target: str, tmp_path: Path) -> None:
-    robot, dt = (panda(), 1e-3) if target == "fci" else (ur5(), 2e-3)
-    rate = Supervisor(torque_rate=1000.0) if target == "fci" else Supervisor()
+    robot, dt, rate = interface(target)
     export_controller(Supervised(GPI(robot, dt), rate), tmp_path, measure=False, target=target)
     (tmp_path / "loop.py").write_text(LOOP)
     goal = ",".join(f"{x:.3f}" for x in robot.middle() + 0.2)
