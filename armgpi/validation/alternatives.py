@@ -31,8 +31,6 @@ _TURNS = {"sin": "cos", "cos": "sin"}
 _VECTORS, _IN_LOOPS = 24, 12
 #: Shapes of rotations, of matrices of Denavit and Hartenberg, and of those of spatial vectors.
 _SQUARE = ((3, 3), (4, 4), (6, 6))
-
-
 #: Shape of a twist, a wrench, a spatial velocity.
 _SPATIAL = (6,)
 

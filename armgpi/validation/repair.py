@@ -73,12 +73,12 @@ def _agrees_renumbered(model: Any, worker: Worker, found: Repaired, states: Stat
     named = [node for _, node in numbers(ast.parse(found.source))]
     # Shares that no products or ratios of few of them make one again.
     draw = np.random.default_rng(20261123).uniform(0.75, 1.3, size=len(named))
-    changes = [(named[k], float(named[k].value) * draw[k]) for k in found.standing]  # type: ignore[arg-type]
+    own = {k: float(named[k].value) for k in found.standing}  # type: ignore[arg-type]
+    changes = [(named[k], value * draw[k]) for k, value in own.items()]
     moved: dict[int, float] = {}
-    for k, rates in found.standing.items():
-        grown = float(named[k].value) * (draw[k] - 1.0)  # type: ignore[arg-type]
-        for j, rate in rates.items():
-            moved[j] = moved.get(j, 0.0) + rate * grown
+    for k, value in own.items():
+        for j, rate in found.standing[k].items():
+            moved[j] = moved.get(j, 0.0) + rate * (value * (draw[k] - 1.0))
     other = copy.copy(problem)
     other.tree = with_changes(problem.tree, moved)
     return agrees(model, worker, with_numbers(found.source, changes), states, other)

@@ -489,6 +489,12 @@ class _Trials:
         moved, right = np.abs(effect) > rest, np.abs(effect - lacking) <= rest
         return bool((moved & right & wrong).any() and not (moved & ~wrong).any())
 
+    def _output_with(self, pick: Pick, name: str) -> Array | None:
+        """Return what a function gives at the first state with a change."""
+        with self.editor.making(pick):
+            outputs = self.editor.outputs([name], 1)
+        return None if outputs is None else outputs[name][0]
+
     def _vector_picks(self, block: Block, k: int) -> Iterator[Pick]:
         """Yield vectors that may be missing in a sum: where it is linear, those with a right effect.
 
@@ -498,18 +504,14 @@ class _Trials:
         old, seen = ast.unparse(block.sites[k].node), list[dict[str, Any]]()
         if name is None:
             return
-
-        def given(call: Callable[[dict[str, Any]], Any]) -> Array | None:
-            with self.editor.making(Pick(block, k, choice, 0.0, call=call)):
-                outputs = self.editor.outputs([name], 1)
-            return None if outputs is None else outputs[name][0]
-
-        start = given(lambda names: seen.append(dict(names)) or 0.0)  # type: ignore[func-returns-value]
+        bare = Pick(block, k, choice, 0.0)
+        start = self._output_with(bare._replace(call=partial(_keep, seen)), name)
         now = _at_every(compile(old, "<term>", "eval"), block.namespace, seen)
         if start is None or now is None or not len(now) < now.size <= _MOST_STEPS:
             return
         steps = [step.reshape(now.shape) for step in (*np.eye(now.size), np.ones(now.size))]
-        effects = [x for step in steps if (x := given(partial(_next, iter(step)))) is not None]
+        picks = (bare._replace(call=partial(_next, iter(step))) for step in steps)
+        effects = [x for pick in picks if (x := self._output_with(pick, name)) is not None]
         if len(effects) < len(steps):
             return
         linear, slope, rest = _linear([start, *effects])
@@ -708,6 +710,12 @@ def _linear(effects: Sequence[Array]) -> tuple[bool, Array, float]:
     slope = np.stack(axes) - start
     rest = 1e-6 * float(1.0 + np.abs(together).max())
     return bool(np.abs(together - start - slope.sum(axis=0)).max() <= rest), slope, rest
+
+
+def _keep(seen: list[dict[str, Any]], names: dict[str, Any]) -> float:
+    """Keep local variables; what they give is nothing."""
+    seen.append(dict(names))
+    return 0.0
 
 
 def _next(steps: Iterator[Array], _: dict[str, Any]) -> Array:

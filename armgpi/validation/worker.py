@@ -288,6 +288,7 @@ def _search(
         if origin is None or not edits.harmless(origin.source):
             return None
         np.cross = edits.cross  # this process ends with the search
+        # Read anew, as `from numpy import cross` has the other one.
         functions = _as_graph(again(origin.source), again, goal)
         until = time.process_time() + budget
         return search.find_repair(functions, again, goal, known, until, extra=budget >= search.BUDGET)
