@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import typer
 from typer.core import TyperGroup
 
-from armgpi.cli.layout import WIDEST, Command
+from armgpi.cli.layout import WIDEST, Command, read_as_typed
 from armgpi.cli.options import with_rows
 
 
@@ -108,6 +108,11 @@ class Commands(TyperGroup):
         settings.setdefault("max_content_width", WIDEST)
         super().__init__(*arguments, context_settings=settings, **options)
         vars(self)["commands"] = _Loaded()
+
+    def parse_args(self, ctx: Any, args: list[str]) -> Any:
+        """Read the command line."""
+        read_as_typed(self.get_params(ctx))
+        return super().parse_args(ctx, args)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write a section for every group of commands."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from typer.core import TyperCommand
@@ -58,6 +59,11 @@ class Command(TyperCommand):
         settings.setdefault("max_content_width", WIDEST)
         super().__init__(*arguments, context_settings=settings, **options)
 
+    def parse_args(self, ctx: Any, args: list[str]) -> Any:
+        """Read the command line."""
+        read_as_typed(self.get_params(ctx))
+        return super().parse_args(ctx, args)
+
     def invoke(self, ctx: Any) -> Any:
         """Run the command; messages propose its options."""
         OFFERED.clear()
@@ -81,6 +87,25 @@ class Command(TyperCommand):
         for name in [*filter(groups.__contains__, order), *(name for name in groups if name not in order)]:
             with formatter.section(name):
                 formatter.write_dl(groups[name])
+
+
+def read_as_typed(params: list[Any]) -> None:
+    """Let arguments and options take text, and nothing where nothing is given, as it is.
+
+    Typer would import Pydantic for that, which takes half as long as Pinocchio.
+    """
+    for each in params:
+        vars(each)["process_value"] = partial(_read, each)
+
+
+def _read(parameter: Any, ctx: Any, value: Any) -> Any:
+    """Return the value of an argument or option."""
+    several = parameter.multiple or parameter.nargs == -1
+    kind = getattr(getattr(parameter, "type_descriptor", None), "annotation", None)  # none in older Typer
+    if parameter.required or kind is None or (value is not None and (several or kind is not str)):
+        return type(parameter).process_value(parameter, ctx, value)
+    value = () if value is None and several else value
+    return value if parameter.callback is None else parameter.callback(ctx, parameter, value)
 
 
 def _is_first(parameter: Any) -> bool:
