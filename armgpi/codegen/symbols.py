@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any, cast
 
 import numpy as np
@@ -112,16 +113,17 @@ class Scalar:
     def __neg__(self) -> Scalar:
         """Return the negative."""
         _numbers(self)
-        return Scalar(-self.sx)
+        return Scalar(ca.SX.unary(ca.OP_NEG, self.sx))
 
     def __pos__(self) -> Scalar:
         """Return the same."""
+        _numbers(self)
         return self
 
     def __abs__(self) -> Scalar:
         """Return the absolute value."""
         _numbers(self)
-        return Scalar(ca.fabs(self.sx))
+        return Scalar(ca.SX.unary(ca.OP_FABS, self.sx))
 
     def __pow__(self, power: Any) -> Any:
         """Return a whole power by multiplication, as NumPy's answer is one rounding from it."""
@@ -148,18 +150,28 @@ class Bool(Scalar):
     __slots__ = ()
 
 
+# Tuples, made once: these are asked for every operation.
+_ONES = (Scalar, int, float, np.number)
+_BOOLS = (Bool, bool, np.bool_)
+
+
 def _is_one(x: Any) -> bool:
     """Tell one number from an array, whose operators work through its entries."""
-    return isinstance(x, Scalar | int | float | np.number)
+    return isinstance(x, _ONES)
 
 
 def _sx(x: Any) -> Any:
-    """Return a scalar's expression, or a number as it is."""
-    return x.sx if isinstance(x, Scalar) else float(x)
+    """Return a scalar's expression, or that of a number."""
+    if isinstance(x, Scalar):
+        return x.sx
+    number = float(x)
+    return _constant(number) if number else ca.SX(number)  # zeros, of which there are two, are alike as keys
 
 
-# A tuple, made once: `is_bool` is called for every operation.
-_BOOLS = (Bool, bool, np.bool_)
+@lru_cache(maxsize=1 << 14)
+def _constant(number: float) -> Any:
+    """Return the expression of a number."""
+    return ca.SX(number)
 
 
 def is_bool(x: Any) -> bool:
@@ -184,16 +196,19 @@ def _free(*operands: Any) -> None:
 
 
 def _lift(
-    function: Callable[..., Any], kind: Any = Scalar, check: Callable[..., None] = _numbers
+    function: Callable[..., Any], code: int, kind: Any = Scalar, check: Callable[..., None] = _numbers
 ) -> Callable[..., Any]:
-    """Return a function of CasADi's as one of scalars and numbers; `kind` is what it gives."""
+    """Return a function of one or two numbers as one of scalars as well; `kind` is what it gives.
+
+    Of scalars it is the operation of CasADi's with a `code`. CasADi's operators and functions, which look for
+    what they are given, take ten times as long.
+    """
 
     def apply(*operands: Any) -> Any:
         check(*operands)
         if any(isinstance(x, Scalar) for x in operands):
-            # CasADi's operators take numbers on their right; each SX made of one takes its time.
-            first, *others = map(_sx, operands)
-            return kind(function(first if isinstance(first, ca.SX) else ca.SX(first), *others))
+            make = ca.SX.unary if len(operands) == 1 else ca.SX.binary
+            return kind(make(code, *map(_sx, operands)))
         return (bool if kind is Bool else float)(function(*map(float, operands)))
 
     return apply
@@ -223,15 +238,17 @@ def _difference(a: Any, b: Any) -> Any:
     return _number(a) if not isinstance(b, Scalar) and b == 0.0 else _subtract(a, b)
 
 
-_less, _not_above, _equal, _unequal = (
-    _lift(f, Bool, _free) for f in (operator.lt, operator.le, operator.eq, operator.ne)
-)
+_less = _lift(operator.lt, ca.OP_LT, Bool, _free)
+_not_above = _lift(operator.le, ca.OP_LE, Bool, _free)
+_equal = _lift(operator.eq, ca.OP_EQ, Bool, _free)
+_unequal = _lift(operator.ne, ca.OP_NE, Bool, _free)
 # What these are for has checked the operands.
-_multiply, _add, _subtract = (_lift(f, check=_free) for f in (operator.mul, operator.add, operator.sub))
-_divide = _lift(operator.truediv, check=_free)
-_modulo = _lift(ca.fmod)
-_lower, _higher = _lift(ca.fmin), _lift(ca.fmax)
-_not_zero = _lift(lambda x: x != 0.0, Bool, _free)
+_multiply = _lift(operator.mul, ca.OP_MUL, check=_free)
+_add = _lift(operator.add, ca.OP_ADD, check=_free)
+_subtract = _lift(operator.sub, ca.OP_SUB, check=_free)
+_divide = _lift(operator.truediv, ca.OP_DIV, check=_free)
+_modulo = _lift(ca.fmod, ca.OP_FMOD)
+_lower, _higher = _lift(ca.fmin, ca.OP_FMIN), _lift(ca.fmax, ca.OP_FMAX)
 
 
 def _number(x: Any) -> Any:
@@ -243,7 +260,7 @@ def _remainder(a: Any, b: Any) -> Any:
     """Return the remainder with the sign of the divisor, of the exact quotient as NumPy's."""
     rest = _modulo(a, b)
     # fmod has the sign of the dividend.
-    other = _both(_not_zero(rest), _unequal(_less(rest, 0.0), _less(b, 0.0)))
+    other = _both(_unequal(rest, 0.0), _unequal(_less(rest, 0.0), _less(b, 0.0)))
     return select(other, rest + b, rest)
 
 
@@ -263,8 +280,9 @@ def select(condition: Any, yes: Any, no: Any) -> Any:
     return kind(ca.if_else(condition.sx, _sx(yes), _sx(no)))
 
 
-_both, _either = (_lift(f, Bool, _free) for f in (ca.logic_and, ca.logic_or))
-_not = _lift(ca.logic_not, Bool, _free)
+_both = _lift(ca.logic_and, ca.OP_AND, Bool, _free)
+_either = _lift(ca.logic_or, ca.OP_OR, Bool, _free)
+_not = _lift(ca.logic_not, ca.OP_NOT, Bool, _free)
 
 
 #: What NumPy's functions are on one scalar.
@@ -284,28 +302,28 @@ _ELEMENTWISE: dict[Any, Callable[..., Any]] = {
     np.logical_and: _both,
     np.logical_or: _either,
     np.logical_not: _not,
-    np.bitwise_and: _lift(ca.logic_and, Bool, _booleans),
-    np.bitwise_or: _lift(ca.logic_or, Bool, _booleans),
-    np.invert: _lift(ca.logic_not, Bool, _booleans),
+    np.bitwise_and: _lift(ca.logic_and, ca.OP_AND, Bool, _booleans),
+    np.bitwise_or: _lift(ca.logic_or, ca.OP_OR, Bool, _booleans),
+    np.invert: _lift(ca.logic_not, ca.OP_NOT, Bool, _booleans),
     np.power: operator.pow,
     np.remainder: _remainder,
     np.fmod: _modulo,
-    np.negative: _lift(operator.neg),
-    np.positive: _lift(operator.pos),
-    np.absolute: _lift(ca.fabs),
-    np.fabs: _lift(ca.fabs),
+    np.negative: _lift(operator.neg, ca.OP_NEG),
+    np.positive: operator.pos,
+    np.absolute: _lift(ca.fabs, ca.OP_FABS),
+    np.fabs: _lift(ca.fabs, ca.OP_FABS),
     np.square: lambda x: x * x,
-    np.sin: _lift(ca.sin),
-    np.cos: _lift(ca.cos),
-    np.sqrt: _lift(ca.sqrt),
-    np.exp: _lift(ca.exp),
-    np.log: _lift(ca.log),
-    np.tan: _lift(ca.tan),
-    np.tanh: _lift(ca.tanh),
-    np.arctan: _lift(ca.atan),
-    np.floor: _lift(ca.floor),
+    np.sin: _lift(ca.sin, ca.OP_SIN),
+    np.cos: _lift(ca.cos, ca.OP_COS),
+    np.sqrt: _lift(ca.sqrt, ca.OP_SQRT),
+    np.exp: _lift(ca.exp, ca.OP_EXP),
+    np.log: _lift(ca.log, ca.OP_LOG),
+    np.tan: _lift(ca.tan, ca.OP_TAN),
+    np.tanh: _lift(ca.tanh, ca.OP_TANH),
+    np.arctan: _lift(ca.atan, ca.OP_ATAN),
+    np.floor: _lift(ca.floor, ca.OP_FLOOR),
     np.rint: lambda x: rint(x) if isinstance(x, Scalar) else float(np.rint(x)),
-    np.sign: _lift(ca.sign),
+    np.sign: _lift(ca.sign, ca.OP_SIGN),
     np.isfinite: lambda x: _less(abs(x), math.inf),
 }
 _VECTORISED = {ufunc: np.frompyfunc(f, ufunc.nin, 1) for ufunc, f in _ELEMENTWISE.items()}

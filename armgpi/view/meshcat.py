@@ -15,15 +15,16 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from os import PathLike
 from pathlib import Path
 from types import TracebackType
-from typing import Any
-
-import xarray as xr
+from typing import TYPE_CHECKING, Any
 
 from armgpi import files
 from armgpi.arrays import ArrayLike, as_joint_array
 from armgpi.errors import ArmgpiError, ParameterError, Remedy
 from armgpi.robot.robot import Robot
 from armgpi.view import page, scene
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: The only address that a page is served on.
 LOOPBACK = "127.0.0.1"

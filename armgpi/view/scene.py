@@ -11,13 +11,12 @@ import math
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
-import xarray as xr
 
 from armgpi.arrays import Array
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError, Remedy, RolloutError
@@ -28,6 +27,9 @@ from armgpi.robot.repairs import made_in
 from armgpi.robot.robot import Robot
 from armgpi.view import meshes, tracks
 from armgpi.view.meshes import MeshError, Triangles
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: Triangles of an arm that is drawn; larger meshes are simplified. And of its coarse version.
 TRIANGLES, COARSE = 150_000, 20_000

@@ -5,17 +5,19 @@ Plots, scenes and reports draw the same things; here is what they have in common
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from armgpi.arrays import Array
 from armgpi.errors import RolloutError
 from armgpi.loop.rollout import Status
 from armgpi.robot.robot import Robot
 from armgpi.view import style
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: More rollouts than this are drawn as a band.
 MOST_LINES = 14
@@ -136,6 +138,8 @@ def pareto_front(points: Array) -> npt.NDArray[np.bool_]:
 
 def _check(rollout: xr.Dataset) -> None:
     """Refuse a dataset that is no rollout, or has nothing to draw: files can hold anything."""
+    import xarray as xr
+
     if not isinstance(rollout, xr.Dataset):
         raise RolloutError(f"expected a rollout, as simulate returns it, got a {type(rollout).__name__}")
     if "time" not in rollout.dims or rollout.sizes["time"] < 1 or rollout.sizes.get("rollout", 1) < 1:
