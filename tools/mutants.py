@@ -1,39 +1,43 @@
 """Which planted bugs the tests find: `python tools/mutants.py --count 60 --seed 1`.
 
 Each mutant is one change of one module, in a copy of the tree: a sign, an index, off by one, a dropped term,
-a matrix that is not transposed, two factors of a matrix product swapped; as many of each package. First the
-tests run once and tell which of them reach which lines (`--reach FILE` keeps that, for other seeds too); then
-each mutant meets those of its line, of its own module first, until one fails. What tests take is counted in
-processor time, so a busy machine finds nothing. `--planted` takes the five that once survived the whole
-suite. What survives may be a change of no result.
+a matrix that is not transposed, two factors of a matrix product swapped; as many of each package, or all of
+the modules that are named. First the tests run once and tell which of them reach which lines (`--reach FILE`
+keeps that for as long as the lines stay, and takes in new tests). Then each mutant meets those of its line,
+of its own module first, until one fails, in a fork of the process that has collected the tests. What they
+take is counted in processor time, so a busy machine finds nothing. `--planted` takes the five that once
+survived the whole suite. What survives may be a change of no result.
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import contextlib
+import gc
+import importlib
+import inspect
 import json
 import os
+import pkgutil
 import random
 import resource
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import CodeType, FrameType
+from types import CodeType, FrameType, FunctionType
 from typing import Any, NamedTuple
 
 import pytest
 
-ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("robot", "plants", "loop", "studies", "certification")
-#: Folders of their tests.
-FOLDERS = ("laws", *PACKAGES)
-#: Processor time that the tests of one mutant take at most without it [s].
-SECONDS = 40.0
+#: How pytest runs the tests of these packages.
+PYTEST = ("-n", "0", "-p", "no:cacheprovider", "-o", "timeout=0", "-m", "not slow and not search")
 
 
 class Mutant(NamedTuple):
@@ -48,13 +52,13 @@ class Mutant(NamedTuple):
     @property
     def lines(self) -> range:
         """Return the lines of what is changed."""
-        text = (ROOT / self.path).read_bytes()
+        text = self.path.read_bytes()
         first, last = (text[:place].count(b"\n") + 1 for place in (self.begin, self.end))
         return range(first, last + 1)
 
     def __str__(self) -> str:
         """Return where it is and what it changes."""
-        old = (ROOT / self.path).read_bytes()[self.begin : self.end].decode()
+        old = self.path.read_bytes()[self.begin : self.end].decode()
         change = f"`{' '.join(old.split())}` -> `{' '.join(self.new.split())}`"
         return f"{self.path}:{self.lines[0]} | {self.kind} | {change}"
 
@@ -88,7 +92,7 @@ PLANTED = (
 def planted() -> Iterator[Mutant]:
     """Yield the mutants that once survived."""
     for name, old, new in PLANTED:
-        text = (ROOT / name).read_bytes()
+        text = Path(name).read_bytes()
         if text.count(old.encode()) != 1:
             raise LookupError(f"{name}: {old!r} is not there once")
         begin = text.index(old.encode())
@@ -97,7 +101,7 @@ def planted() -> Iterator[Mutant]:
 
 def mutants_of(path: Path) -> Iterator[Mutant]:
     """Yield every mutant of a module."""
-    text = (ROOT / path).read_bytes()
+    text = path.read_bytes()
     starts = [0]
     for line in text.splitlines(keepends=True):
         starts.append(starts[-1] + len(line))
@@ -140,9 +144,9 @@ def _changes(node: ast.AST) -> Iterator[tuple[str, ast.expr]]:
 
 def every_mutant(package: str) -> list[Mutant]:
     """Return all mutants of a package, and of intervals.py among those of studies."""
-    modules = sorted((ROOT / "armgpi" / package).rglob("*.py"))
-    modules += [ROOT / "armgpi" / "intervals.py"] if package == "studies" else []
-    return [each for path in modules for each in mutants_of(path.relative_to(ROOT))]
+    modules = sorted(Path("armgpi", package).rglob("*.py"))
+    modules += [Path("armgpi/intervals.py")] if package == "studies" else []
+    return [each for path in modules for each in mutants_of(path)]
 
 
 def draw(count: int, seed: int) -> list[Mutant]:
@@ -151,15 +155,14 @@ def draw(count: int, seed: int) -> list[Mutant]:
     return [each for name in PACKAGES for each in rng.sample(every_mutant(name), count // len(PACKAGES))]
 
 
-# Which tests reach what: this file is a plugin of pytest, too.
+# Which tests reach what, and which fail: this file is a plugin of pytest, which collects the tests once.
 
 
 class Reach:
     """Who comes by the lines that are asked for, test by test, and what each takes."""
 
-    def __init__(self, root: Path, file: Path, lines: dict[str, list[int]]) -> None:
-        self.root, self.file = root, file
-        self.lines = {str(root / name): frozenset(each) for name, each in lines.items()}
+    def __init__(self, file: Path, lines: dict[str, set[int]]) -> None:
+        self.file, self.lines = file, {str(Path(name).resolve()): each for name, each in lines.items()}
         self.left: dict[CodeType, set[int]] = {}  # what the present test has not come by
         self.hits: set[str] = set()
 
@@ -178,105 +181,167 @@ class Reach:
         def follow(frame: FrameType, event: str, _: Any) -> Any:
             if event == "line" and frame.f_lineno in left:
                 left.discard(frame.f_lineno)
-                self.hits.add(f"{Path(code.co_filename).relative_to(self.root)}:{frame.f_lineno}")
+                self.hits.add(f"{Path(code.co_filename).relative_to(Path.cwd())}:{frame.f_lineno}")
             return follow if left else None
 
         return follow
 
-    @pytest.hookimpl(hookwrapper=True)
-    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
-        """Write down what a test reached."""
-        self.hits.clear()
-        self.left.clear()
-        sys.settrace(self.enter)  # a test may have taken it away
-        begun = sum(os.times()[:4])
-        self.failed = False
-        yield
-        row = [item.nodeid, sum(os.times()[:4]) - begun, self.failed, sorted(self.hits)]
-        with self.file.open("a") as file:
-            print(json.dumps(row), file=file)
-
-    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Remember what failed by itself."""
-        self.failed = self.failed or report.failed
+    def of(self, items: list[pytest.Item]) -> None:
+        """Run tests, and write down what each took, whether it failed and what it reached."""
+        threading.settrace(self.enter)
+        for item, following in zip(items, [*items[1:], None], strict=True):
+            self.hits.clear()
+            self.left.clear()
+            sys.settrace(self.enter)  # a test may have taken it away
+            begun, failed = sum(os.times()[:4]), item.session.testsfailed
+            item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
+            took = sum(os.times()[:4]) - begun
+            row = [item.nodeid, took, item.session.testsfailed > failed, sorted(self.hits)]
+            with self.file.open("a") as file:
+                print(json.dumps(row), file=file)
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    """Follow every call from here on, where lines are asked for."""
-    if "ARMGPI_REACH" in os.environ:
-        file = Path(os.environ["ARMGPI_REACH"])
-        reach = Reach(config.rootpath, file, json.loads(file.read_text().splitlines()[0]))
-        config.pluginmanager.register(reach)
-        threading.settrace(reach.enter)
-        sys.settrace(reach.enter)
+def aside(work: Callable[[], object], seconds: float) -> bool:
+    """Do work in a fork, silently, in so much processor time at most; tell whether it says so in time."""
+    sys.stdout.flush()
+    child = os.fork()
+    if child == 0:
+        try:
+            os.setsid()
+            silent = os.open(os.devnull, os.O_RDWR)
+            for each in range(3):
+                os.dup2(silent, each)
+            resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds)))
+            signal.alarm(int(10.0 * seconds))  # who waits for ever takes no processor time
+            os._exit(0 if work() else 1)
+        finally:
+            os._exit(2)
+    _, status = os.waitpid(child, 0)
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(child, signal.SIGKILL)  # what it started
+    if os.waitstatus_to_exitcode(status) == 2:
+        raise RuntimeError("it could not be done")
+    return status == 0
 
 
-def run(tree: Path, *arguments: str, seconds: float, **environment: str) -> int:
-    """Run pytest in a tree and return how it ended; above so much processor time it is killed."""
+def order(mutant: Mutant, rows: list[list[Any]], seconds: float) -> tuple[list[str], float]:
+    """Return the tests that meet a mutant, and their time [s].
 
-    def bound() -> None:
-        resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds)))
-
-    paths = os.pathsep.join([str(tree), str(tree / "tools")])
-    command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", "-o", "timeout=0"]
-    try:
-        return subprocess.run(
-            [*command, *arguments],
-            cwd=tree,
-            env={**os.environ, "PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1", **environment},
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            preexec_fn=bound,
-            timeout=20.0 * seconds,  # who waits for ever takes no processor time
-            check=False,
-        ).returncode
-    except subprocess.TimeoutExpired:
-        return -1
-
-
-def reach(tree: Path, file: Path) -> list[list[Any]]:
-    """Return the tests, what each takes, whether it fails, and which lines of mutants it comes by."""
-    if not file.exists():
-        lines: dict[str, set[int]] = {}
-        for mutant in (*planted(), *(each for name in PACKAGES for each in every_mutant(name))):
-            lines.setdefault(str(mutant.path), set()).update(mutant.lines)
-        file.write_text(json.dumps({name: sorted(each) for name, each in sorted(lines.items())}) + "\n")
-        tests = [f"tests/{name}" for name in FOLDERS]
-        options = ("-p", "mutants", "-m", "not slow and not search")
-        run(tree, *options, *tests, seconds=7200.0, ARMGPI_REACH=str(file))
-    return [json.loads(line) for line in file.read_text().splitlines()[1:]]
-
-
-def order(mutant: Mutant, rows: list[list[Any]]) -> tuple[list[str], float]:
-    """Return the tests that reach a mutant, of its own module and package first, and their time [s]."""
+    Those that come by its lines, of its own module and package first; then others of its module, and of the
+    files of those: what one computed, others may look at.
+    """
     own = {f"{mutant.path}:{line}" for line in mutant.lines}
-    reaching = [(name, took) for name, took, failed, hits in rows if not failed and own.intersection(hits)]
-    total: dict[str, float] = {}
-    for name, took in reaching:
-        total[name.split("::")[0]] = total.get(name.split("::")[0], 0.0) + took
+    took, total, reaching = dict[str, float](), dict[str, float](), set[str]()
+    for name, time, failed, hits in rows:
+        file = name.split("::")[0]
+        if not failed:
+            took[name] = time
+        if not failed and own.intersection(hits):
+            reaching.add(name)
+            total[file] = total.get(file, 0.0) + time
 
-    def distance(row: tuple[str, float]) -> tuple[bool, bool, float, str, float]:
-        file = Path(row[0].split("::")[0])
+    def distance(name: str) -> tuple[bool, bool, bool, float, str, float]:
+        file = Path(name.split("::")[0])
         near = mutant.path.parent.name in file.parts or file.parent.name == "laws"
-        return file.stem != f"test_{mutant.path.stem}", not near, total[str(file)], str(file), row[1]
+        other = file.stem != f"test_{mutant.path.stem}"
+        return name not in reaching, other, not near, total.get(str(file), 0.0), str(file), took[name]
 
-    found, seconds = [], 0.0
-    for name, took in sorted(reaching, key=distance):
-        if seconds + took <= SECONDS:
+    found, spent = [], 0.0
+    for name in sorted(took, key=distance):
+        file = name.split("::")[0]
+        if (file in total or Path(file).stem == f"test_{mutant.path.stem}") and spent + took[name] <= seconds:
             found.append(name)
-            seconds += took
-    return found, seconds
+            spent += took[name]
+    return found, spent
 
 
-def survives(mutant: Mutant, tests: tuple[list[str], float], tree: Path) -> bool:
-    """Tell whether the tests that reach a mutant pass with it."""
-    place = tree / mutant.path
-    whole = place.read_bytes()
-    place.write_bytes(whole[: mutant.begin] + mutant.new.encode() + whole[mutant.end :])
+def codes(text: bytes) -> Iterator[CodeType]:
+    """Yield a module's functions, the inner ones as well, in their order."""
+    todo = [compile(text, "module", "exec", dont_inherit=True)]
+    while todo:
+        code = todo.pop()
+        yield code
+        todo += [each for each in code.co_consts if isinstance(each, CodeType)]
+
+
+def body(code: CodeType) -> tuple[object, ...]:
+    """Return what a function computes, without the functions in it."""
+    return code.co_code, code.co_names, [x for x in code.co_consts if not isinstance(x, CodeType)]
+
+
+def take(old: bytes, new: bytes, functions: list[FunctionType]) -> bool:
+    """Have the functions of an imported module compute what its new text says; tell whether they do."""
     try:
-        return not tests[0] or run(tree, "-x", *tests[0], seconds=60.0 + 5.0 * tests[1]) == 0
-    finally:
-        place.write_bytes(whole)
+        change = dict(zip(codes(old), codes(new), strict=True))
+        for function in functions:
+            function.__code__ = change[function.__code__]
+    except (ValueError, KeyError):  # a function less, or a variable less of the function around it
+        return False
+    return any(body(a) != body(b) for a, b in change.items() if a.co_flags & inspect.CO_OPTIMIZED)
+
+
+class Judge:
+    """Runs mutants and prints those that survive, in place of pytest's own loop."""
+
+    def __init__(self, chosen: list[Mutant], file: Path, seconds: float) -> None:
+        self.chosen, self.file, self.seconds = chosen, file, seconds
+        self.functions: dict[str, list[FunctionType]] = {}
+
+    def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        """Print the table."""
+        for module in pkgutil.walk_packages(["armgpi"], "armgpi."):
+            with contextlib.suppress(Exception):  # what needs an optional package
+                importlib.import_module(module.name)
+        for function in gc.get_objects():
+            if isinstance(function, FunctionType):
+                self.functions.setdefault(function.__code__.co_filename, []).append(function)
+        gc.freeze()  # a fork then shares its memory with this process
+        # One folder for all, where what is compiled is kept.
+        session.config._tmp_path_factory.getbasetemp()  # type: ignore[attr-defined]
+        items = {item.nodeid: item for item in session.items}
+        known = self.rows()
+        if new := [item for name, item in items.items() if name not in {row[0] for row in known}]:
+            lines: dict[str, set[int]] = {}
+            for mutant in (*planted(), *(each for name in PACKAGES for each in every_mutant(name))):
+                lines.setdefault(str(mutant.path), set()).update(mutant.lines)
+            aside(lambda: Reach(self.file, lines).of(new), 7200.0)
+        rows = [row for row in self.rows() if row[0] in items]
+        print("| mutant | kind | change | tests | |\n|---|---|---|---|---|")
+        survivors = 0
+        for mutant in self.chosen:
+            names, seconds = order(mutant, rows, self.seconds)
+            alive = self.survives(mutant, [items[name] for name in names], 10.0 + 3.0 * seconds)
+            survivors += alive
+            print(f"| {mutant} | {len(names)} | {'SURVIVES' if alive else 'found'} |", flush=True)
+        print(f"{survivors} of {len(self.chosen)} survive")
+        return True
+
+    def rows(self) -> list[list[Any]]:
+        """Return what is known of tests."""
+        return [json.loads(line) for line in self.file.read_text().splitlines()] if self.file.exists() else []
+
+    def survives(self, mutant: Mutant, items: list[pytest.Item], seconds: float) -> bool:
+        """Tell whether tests pass with a mutant, in their own processes too."""
+        place = mutant.path.resolve()
+        whole, when = place.read_bytes(), place.stat()
+        text = whole[: mutant.begin] + mutant.new.encode() + whole[mutant.end :]
+        place.write_bytes(text)
+
+        def passes() -> bool:
+            if not take(whole, text, self.functions.get(str(place), [])):
+                command = [sys.executable, "-m", "pytest", *PYTEST, "-x", *(item.nodeid for item in items)]
+                return subprocess.run(command, check=False).returncode == 0
+            for item, following in zip(items, [*items[1:], None], strict=True):
+                item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
+                if item.session.testsfailed:
+                    return False
+            return True
+
+        try:
+            return not items or aside(passes, seconds)
+        finally:
+            place.write_bytes(whole)
+            os.utime(place, (when.st_atime, when.st_mtime))
 
 
 def main() -> None:
@@ -286,22 +351,28 @@ def main() -> None:
     parser.add_argument("--seed", type=int, nargs="+", default=[0])
     parser.add_argument("--skip", type=int, default=0, help="so many of them, which were run before")
     parser.add_argument("--reach", type=Path, help="where it is kept which tests reach what")
+    parser.add_argument("--seconds", type=float, default=40.0, help="of processor time without it for each")
     parser.add_argument("--planted", action="store_true")
+    parser.add_argument("modules", type=Path, nargs="*", help="all mutants of these, instead")
     asked = parser.parse_args()
-    chosen = list(planted()) if asked.planted else [m for seed in asked.seed for m in draw(asked.count, seed)]
     with tempfile.TemporaryDirectory() as folder:
-        tree = Path(folder).resolve() / "tree"
+        tree, kept = Path(folder).resolve() / "tree", (asked.reach or Path(folder, "reach")).resolve()
         ignored = shutil.ignore_patterns(".git", ".venv", "build", "__pycache__", ".*_cache")
-        shutil.copytree(ROOT, tree, ignore=ignored)
-        rows = reach(tree, (asked.reach or Path(folder, "reach")).resolve())
-        print("| mutant | kind | change | tests | |\n|---|---|---|---|---|")
-        survivors = 0
-        for mutant in chosen[asked.skip :]:
-            tests = order(mutant, rows)
-            alive = survives(mutant, tests, tree)
-            survivors += alive
-            print(f"| {mutant} | {len(tests[0])} | {'SURVIVES' if alive else 'found'} |", flush=True)
-    print(f"{survivors} of {len(chosen[asked.skip :])} survive")
+        shutil.copytree(Path(__file__).resolve().parent.parent, tree, ignore=ignored)
+        os.chdir(tree)
+        if asked.planted:
+            chosen = list(planted())
+        elif asked.modules:
+            chosen = [each for path in asked.modules for each in mutants_of(path)]
+        else:
+            chosen = [each for seed in asked.seed for each in draw(asked.count, seed)]
+        sys.path.insert(0, str(tree))
+        sys.dont_write_bytecode = True
+        os.environ.update(PYTHONPATH=str(tree), PYTHONDONTWRITEBYTECODE="1")
+        few = {each.path.parts[1] for each in chosen} if asked.modules and kept.exists() else PACKAGES
+        tests = [f"tests/{name}" for name in ("laws", *PACKAGES) if name == "laws" or name in few]
+        judge = Judge(chosen[asked.skip :], kept, asked.seconds)
+        sys.exit(pytest.main([*PYTEST, "-q", "-s", f"--basetemp={folder}/tests", *tests], plugins=[judge]))
 
 
 if __name__ == "__main__":
