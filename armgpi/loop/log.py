@@ -162,10 +162,7 @@ class LogWriter:
 
     def log(self) -> ArmLog:
         """Return what is there, the oldest row first."""
-        room = len(self._rows)
-        first = self._count % room if self._count > room else 0
-        rows = np.roll(self._rows, -first) if first else self._rows[: self._count]
-        return ArmLog(self._header, rows.copy())
+        return ArmLog(self._header, np.roll(self._rows[: self._count], -self._count))
 
 
 def of_samples(
@@ -405,8 +402,9 @@ def to_rollout(log: ArmLog, robot: Any) -> xr.Dataset:
         )
     if len(rows) < 2 or not (np.diff(log.t) > 0.0).all():
         raise RolloutError(f"{log.source}: expected at least two samples at increasing times")
-    recording = Recording.new((robot.n,), len(rows) - 1, float(log.header["dt"]), 1)
+    recording = Recording.new((robot.n,), len(rows), float(log.header["dt"]), 1)
     recording.times = log.t - log.t[0]
+    recording.t_end = recording.times[-1:].copy()
     q, tau = rows["q_measured"], rows["tau"]
     v = rows["v_measured"] if "v_measured" in log.inputs else np.gradient(q, recording.times, axis=0)
     said = np.isfinite(rows["applied"])

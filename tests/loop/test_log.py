@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -182,6 +183,7 @@ def one_row(**values: Any) -> bytes:
         (b"time,q_a\n", "no log of an arm"),
         (content(GOOD, version=2), "format 2, expected 1; read it with"),
         (content(GOOD, length=1 << 31), "header of 2147483648 bytes is not whole"),
+        (content(GOOD, length=len(json.dumps(GOOD)) + 1), "bytes is not whole"),
         (content(b"{"), "no JSON"),
         (content(b"[" * 100000), "no JSON"),
         (content(b"\xff\xfe"), "no JSON"),
@@ -242,6 +244,80 @@ def test_damage_is_an_error_of_ours_or_another_log(tmp_path: Path) -> None:
             assert np.isfinite(there.tau).all()
             assert there.fault is None or isinstance(there.fault, str)
     assert refused > 30
+
+
+def by_hand(**columns: Any) -> logs.ArmLog:
+    """A log of the arm whose rows are those numbers, 2 ms apart."""
+    rows = np.zeros(len(columns["number"]), logs.row_type(("q_measured", "q_ref"), 3))
+    for name, values in columns.items():
+        rows[name] = values
+    header = {"joints": list(ARM.joint_names), "dt": 2e-3, "inputs": ["q_measured", "q_ref"]}
+    return logs.ArmLog(header, rows)
+
+
+def test_a_log_begins_and_ends_with_its_samples_and_tells_its_first_fault() -> None:
+    q, numbers = np.random.default_rng(0).normal(size=(5, 3)), [7, 8, 10, 11, 13]
+    there = by_hand(number=numbers, q_measured=q, reason=[0, 0, 5, 8, 4], joint=[0, 1, 2, 1, 0])
+    assert there.fault == f"0.02 s: REFERENCE ({ARM.joint_names[2]})"
+    stopped, whole = (logs.to_rollout(each, ARM) for each in (there, by_hand(number=numbers, q_measured=q)))
+    times = 2e-3 * np.array([0, 1, 3, 4, 6])
+    for found in (stopped, whole):
+        np.testing.assert_allclose(found["time"], times)
+        np.testing.assert_allclose(found["v"], np.gradient(q, times, axis=0))
+    told = ("status", "t_end", "fault", "fault_joint", "t_fault")
+    assert [float(stopped[name]) for name in told] == pytest.approx([3, 6e-3, 5, 2, 6e-3])
+    assert [float(whole[name]) for name in told[:4]] == pytest.approx([0, 12e-3, 0, -1])
+    assert np.isnan(whole["t_fault"])
+
+
+def test_samples_become_rows_after_a_start_with_the_first() -> None:
+    rng = np.random.default_rng(1)
+    inputs = {name: rng.normal(size=(4, 3)) for name in logs.INPUTS}
+    tau, reports = rng.normal(size=(4, 3)), np.arange(12).reshape(4, 3)
+    rows = logs.of_samples(ARM.joint_names, 1e-3, inputs, tau, reports).rows
+    for name, values in {**inputs, "tau": tau}.items():
+        np.testing.assert_array_equal(rows[name][1:], values)
+        np.testing.assert_array_equal(rows[name][0], 0.0 * tau[0] if name == "tau" else values[0])
+    told = np.array([rows[name] for name in ("number", "event", "elapsed")]).T
+    np.testing.assert_array_equal(told, [[0, 1, 0], [0, 0, 1], [1, 0, 1], [2, 0, 1], [3, 0, 1]])
+    np.testing.assert_array_equal([rows[name][1:] for name in ("status", "reason", "joint")], reports.T)
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        ({"event": [0, 3, 4, 0]}, "row 1: event is 3, expected below 3"),
+        ({"tau": [[0], [0], [np.nan], [np.nan]]}, "row 2: tau"),
+        ({"number": [4, 6, 5, 3]}, "row 2: number is 5 after 6"),
+        ({"number": [0, 0, 0, 2**53]}, None),
+        ({"number": [0, 0, 0, 2**53 + 2]}, "beyond 2^53"),
+    ],
+)
+def test_the_first_of_damaged_rows_is_named(columns: Any, said: str | None, tmp_path: Path) -> None:
+    path = logs.write(by_hand(**{"number": [0, 1, 2, 3], **columns}), tmp_path / "a.armlog")
+    if said is None:
+        assert logs.read(path).samples["number"][-1] == 2**53
+    else:
+        with pytest.raises(RolloutError, match=re.escape(said)):
+            logs.read(path)
+
+
+def test_a_file_and_its_header_may_be_as_long_as_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = logs.write(by_hand(number=[]), tmp_path / "a.armlog")
+    size = path.stat().st_size
+    monkeypatch.setattr(logs, "_LARGEST", size)
+    monkeypatch.setattr(logs, "_LONGEST", size - 16)
+    assert len(logs.read(path).rows) == 0
+    for name in ("_LARGEST", "_LONGEST"):
+        with monkeypatch.context() as smaller:
+            smaller.setattr(logs, name, getattr(logs, name) - 1)
+            with pytest.raises(RolloutError):
+                logs.read(path)
+    path.write_bytes(path.read_bytes()[:8] + struct.pack("<II", 1, 0))
+    with pytest.raises(RolloutError, match="no JSON"):
+        logs.read(path)
 
 
 # The command.
