@@ -272,10 +272,10 @@ def _search(setting: Setting, function: _Function, seed: int) -> tuple[Array, Ar
         found = [[function(setting, arm, points(setting, x)) for x in parts] for arm in setting.arms]
         return np.asarray(np.max([np.concatenate(each) for each in found], axis=0))
 
-    z = low + width * rng.random((_DRAWN, 3 * n))
+    share = rng.random((_DRAWN, 3 * n))
     # Extremes are often at the ends of the box and of the distance to the reference.
-    ends = rng.random(z.shape) < np.concatenate([np.full(n, 0.1), np.full(2 * n, 0.7)])
-    z = np.where(ends, low + width * np.rint((z - low) / width), z)
+    ends = rng.random(share.shape) < np.concatenate([np.full(n, 0.1), np.full(2 * n, 0.7)])
+    z = low + width * np.where(ends, np.rint(share), share)
     found = values(z)
     for closer in range(_ROUNDS):
         best = np.argsort(-found)[:_BEST]

@@ -136,9 +136,9 @@ def _nyquist(made: Certificate) -> str:
 def _box(asked: Asked, made: Certificate) -> str:
     """Return the largest share of each number along each joint of the box."""
     setting, n = asked.setting, asked.robot.n
-    low, width = ranges(setting)
-    z = low + width * np.random.default_rng(0).random((_DRAWN, 3 * n))
-    at, known = points(setting, z), functions(setting)
+    lowest, width = ranges(setting)
+    drawn = np.random.default_rng(0).random((_DRAWN, 3 * n))
+    at, known = points(setting, lowest + width * drawn), functions(setting)
     shares = {}
     for name in _COLOURS:
         best = 1.0 if name == "delta_high" else 0.0
@@ -147,21 +147,21 @@ def _box(asked: Asked, made: Certificate) -> str:
         shares[name] = (values - best) / room if room > 1e-9 else np.zeros(_DRAWN)
     figures = []
     for j, joint in enumerate(asked.robot.joint_names):
-        ends = setting.lower[j], setting.upper[j]
-        if not ends[1] > ends[0]:
+        low, high = setting.lower[j], setting.upper[j]
+        if not high > low:
             continue
-        drawing = Drawing((ends[0], ends[1]), (0.0, 1.05), height=150)
-        place = np.minimum((_PARTS * (z[:, j] - ends[0]) / (ends[1] - ends[0])).astype(int), _PARTS - 1)
-        middles = ends[0] + (np.arange(_PARTS) + 0.5) / _PARTS * (ends[1] - ends[0])
-        parts = [drawing.line([(ends[0], y), (ends[1], y)], _QUIET) for y in (0.0, 0.5, 1.0)]
-        parts += [drawing.text(ends[0], y - 0.09, f"{y:g}", "start") for y in (0.5, 1.0)]
+        drawing = Drawing((low, high), (0.0, 1.05), height=150)
+        place = (_PARTS * drawn[:, j]).astype(int)
+        middles = np.linspace(low, high, 2 * _PARTS + 1)[1::2]
+        parts = [drawing.line([(low, y), (high, y)], _QUIET) for y in (0.0, 0.5, 1.0)]
+        parts += [drawing.text(low, y - 0.09, f"{y:g}", "start") for y in (0.5, 1.0)]
         for name, colour in _COLOURS.items():
             largest = [shares[name][place == k].max(initial=0.0) for k in range(_PARTS)]
             parts.append(
                 drawing.line(list(zip(middles, largest, strict=True)), colour, dash=_DASHES[name][0])
             )
         unit = POSITION.symbol(asked.robot.prismatic[j])
-        said = f"{joint}: {ends[0]:.3g} to {ends[1]:.3g} {unit}"
+        said = f"{joint}: {low:.3g} to {high:.3g} {unit}"
         figures.append(figure(drawing.svg(parts, said), said))
     legend = ", ".join(
         f"<b><font color='{colour}'>{name}</font></b> ({_DASHES[name][1]})"

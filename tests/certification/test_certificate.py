@@ -10,6 +10,7 @@ import subprocess
 import sys
 from decimal import Context, Decimal
 from fractions import Fraction
+from html import escape
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -18,16 +19,22 @@ import numpy as np
 import pytest
 
 import armgpi
-from armgpi.certification import check_certificate
+from armgpi.certification import check_certificate, report
+from armgpi.certification.adversary import worst
 from armgpi.certification.certificate import seal
+from armgpi.certification.quantities import functions, points
 from armgpi.certification.refute import again
 from armgpi.certification.report import html
+from armgpi.certification.request import member_of
 from armgpi.certification.solve import merge_facts, solve
+from armgpi.certification.text import table, verdict
 from armgpi.cli import main
 from armgpi.cli.certify import _chosen_parts, _gains
 from armgpi.gpi.family import Member
 from armgpi.gpi.gains import Tuning
+from armgpi.gpi.margins import open_loop
 from armgpi.gpi.realisation import Bumpless
+from armgpi.view.drawing import Drawing
 
 checker: Any = check_certificate
 FILE = Path(check_certificate.__file__)
@@ -429,6 +436,13 @@ def test_a_gantry_whose_inertia_is_constant_has_a_certificate(prove: bool) -> No
     assert (np.diff(made.per_torque) > 0.0).all()  # the more mass an axis moves, the less it gives way
 
 
+def test_a_joint_of_a_box_may_stand_still() -> None:
+    robot, ends = armgpi.Robot.load("anthropomorphic3").with_armature(0.05), [0.2, 0.3, -1.0]
+    made = armgpi.certify(robot, speed=0.2, box={"lower": ends, "upper": [0.2, 0.6, -0.5]})
+    wider = armgpi.certify(robot, speed=0.2, box={"lower": ends, "upper": [0.3, 0.6, -0.5]})
+    assert 0.0 < float(made.data["numbers"]["sigma"]) <= float(wider.data["numbers"]["sigma"]) * 1.01
+
+
 def test_a_page_shows_claims_circle_box_and_what_is_in_the_way(made: armgpi.Certificate) -> None:
     robot = armgpi.Robot.load("anthropomorphic3")
     page = html(again(made, robot.with_armature(0.05)), made)
@@ -447,6 +461,78 @@ def test_a_page_shows_claims_circle_box_and_what_is_in_the_way(made: armgpi.Cert
     assert "not certified" in page
     assert "in the way: &lt;gravity&gt;" in page
     assert "What is certified" not in page
+
+
+class Drawn(Drawing):
+    """A drawing that keeps what is drawn, in its own numbers."""
+
+    def __init__(self, *sides: Any, **more: Any) -> None:
+        super().__init__(*sides, **more)
+        self.lines, self.words = list[Any](), dict[str, tuple[float, float]]()
+
+    def line(self, path: Any, *style: Any, **more: Any) -> str:
+        self.lines.append(np.array(path, float))
+        return super().line(path, *style, **more)
+
+    def text(self, x: float, y: float, text: str, *style: Any, **more: Any) -> str:
+        self.words[text] = x, y
+        return super().text(x, y, text, *style, **more)
+
+
+def test_a_page_draws_curve_circle_and_shares_where_they_are(
+    made: armgpi.Certificate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    every: list[Drawn] = []
+
+    def drawing(*sides: Any, **more: Any) -> Drawn:
+        every.append(Drawn(*sides, **more))
+        return every[-1]
+
+    monkeypatch.setattr(report, "Drawing", drawing)
+    monkeypatch.setattr(report, "worst", lambda asked, count: worst(asked, count // 20))
+    asked = again(made, armgpi.Robot.load("anthropomorphic3").with_armature(0.05))
+    page = html(asked, made)
+    assert re.findall(r"<p>([^<]*)</p><p class=good>([^<;]*)", page)[0] == (
+        escape(table(made)[0]),
+        escape(verdict(made)),
+    )
+    assert "% of its effort" in page
+    assert "claims for each joint" in page
+    assert "which switches at the worst times" in page
+    nyquist, *boxes = every
+    law, numbers = made.data["law"], made.data["numbers"]
+    low, high, sigma = (float(numbers[x]) for x in ("delta_low", "delta_high", "sigma"))
+    *_, circle, above, below = nyquist.lines
+    ends = -1.0 / np.array([low, high])
+    size = np.hypot(circle[:, 0] - ends.mean(), circle[:, 1])
+    np.testing.assert_allclose(size, 0.5 * abs(ends[1] - ends[0]), atol=1e-9)
+    assert np.ptp(circle[:, 1]) == pytest.approx(abs(ends[1] - ends[0]))
+    assert nyquist.words[f"-1/{low:.3g}"][0] < ends[0]
+    assert nyquist.words[f"-1/{high:.3g}"][0] > ends[1]
+    np.testing.assert_allclose(below, above * [1, -1])
+    omega, zeta, p = (float(x) for x in (law["omega"][0], law["zeta"], law["pole_ratio"]))
+    loop = open_loop(Tuning(np.array(omega), np.array(zeta), np.array(p * omega)), member_of(law))
+    s = 1j * np.geomspace(1e-2, 1e3, 4000) - sigma / (2.0 * omega)
+    curve = np.polyval(loop.numerator, s) / np.polyval(loop.denominator, s)
+    np.testing.assert_allclose(above @ [1.0, 1j], curve[np.abs(curve) < 4.4])
+    rng = np.random.default_rng(0).random((3000, 9))
+    setting = asked.setting
+    at = points(
+        setting,
+        np.hstack([setting.lower + (setting.upper - setting.lower) * rng[:, :3], 2.0 * rng[:, 3:] - 1.0]),
+    )
+    for j, box in enumerate(boxes):
+        lower, upper = setting.lower[j], setting.upper[j]
+        assert box.x == (lower, upper)
+        for line, name, best in ((box.lines[3], "delta_high", 1.0), (box.lines[6], "kappa_e", 0.0)):
+            values = np.max([functions(setting)[name](setting, arm, at) for arm in setting.arms], axis=0)
+            part = np.digitize(rng[:, j], np.arange(1, 24) / 24)
+            share = [(values[part == k].max() - best) / (float(numbers[name]) - best) for k in range(24)]
+            np.testing.assert_allclose(line[:, 1], share, rtol=1e-9)
+            np.testing.assert_allclose(line[:, 0], lower + (np.arange(24) + 0.5) / 24 * (upper - lower))
+        np.testing.assert_allclose([line[:, 0] for line in box.lines[:3]], [[lower, upper]] * 3)
+        for mark in ("0.5", "1"):
+            assert box.words[mark] == pytest.approx((lower, float(mark) - 0.09))  # below its line
 
 
 @pytest.mark.parametrize(

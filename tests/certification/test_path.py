@@ -21,6 +21,7 @@ from armgpi.certification.path import (
     Along,
     PathBound,
     Rest,
+    Wish,
     _Around,
     _at_rest,
     _bits,
@@ -214,6 +215,170 @@ def test_what_matrices_make_of_torques_is_added_up_by_size() -> None:
         forces = [np.linalg.norm(row) for row in left[k] @ torques["force"][k]]
         np.testing.assert_allclose(found["force"][k], forces)
         np.testing.assert_allclose(found["motion"][k], left[k] @ motion[k])
+
+
+class Spied:
+    """An object of which is known what it was asked."""
+
+    def __init__(self, of: Any) -> None:
+        self.of, self.asked = of, dict[str, list[Any]]()
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self.of, name)
+
+        def answer(*given: Any) -> Any:
+            self.asked.setdefault(name, []).append(given)
+            return found(*given)
+
+        return answer if callable(found) else found
+
+
+def slope_of(function: Any, q: Any, step: float = 1e-5) -> Any:
+    """By differences: how what a function gives changes with each joint, which comes last."""
+    return np.stack(
+        [(function(q + x) - function(q - x)) / (2.0 * step) for x in step * np.eye(q.shape[-1])], axis=-1
+    )
+
+
+def times_each(M: Any, x: Any) -> Any:
+    return np.einsum("kij,kj->ki", M, x)
+
+
+def resting(q: Any) -> Any:
+    return armgpi.Target(q, 0.0 * q, 0.0 * q)
+
+
+def held(law: GPI, arm: Robot, q: Any) -> Any:
+    """What a law asks for where it holds an arm."""
+    missing = arm.gravity(q) - law.ahead(q, resting(q))
+    return np.linalg.solve(law.robot.mass_matrix(q), missing[..., None])[..., 0]
+
+
+def rubs_by_hand(law: GPI, arm: Robot, v: Any, fastest: Any, latest: int) -> Any:
+    """How far friction is off at most from what is fed forward up to so many samples before."""
+    found, coulomb = np.zeros(3), np.broadcast_to(arm.friction.coulomb, 3)
+    for k, back in np.ndindex(len(v), latest + 1):
+        if back > k:
+            continue
+        off = law.add_friction(0.0 * v[k], v[k - back]) - arm.friction.viscous * v[k]
+        for j in range(3):
+            ways = [np.sign(v[k, j])] if abs(v[k, j]) > fastest[j] + 1e-2 else [-1.0, 1.0]
+            found[j] = max(found[j], *(abs(off[j] - coulomb[j] * way) for way in ways))
+    return found
+
+
+def torques_by_hand(law: GPI, arm: Robot, at: Any, gain: Any) -> dict[str, Any]:
+    """What disturbs at configurations, by differences: rows of a matrix are joints that it acts on."""
+    target, late, q, y, between = at
+    v, model = held(law, arm, target.q), law.robot
+
+    def holding(x: Any) -> Any:
+        return times_each(model.mass_matrix(x), v) + law.ahead(x, resting(target.q))
+
+    def coriolis(v: Any) -> Any:
+        return arm.nonlinear_effects(q, np.broadcast_to(v, q.shape)) - arm.gravity(q)
+
+    one, turning = np.eye(3), slope_of(holding, between)
+    rate = [(coriolis(late.v + 1e-4 * u) - coriolis(late.v - 1e-4 * u)) / 2e-4 for u in one]
+    pairs = [[0.5 * (coriolis(c + a) - coriolis(c) - coriolis(a)) for a in one] for c in one]
+    given = law.ahead(y, target) - law.ahead(y, resting(target.q))
+    return {
+        "mismatch": model.mass_matrix(y) - arm.mass_matrix(q) * gain,
+        "stiffness": turning - slope_of(arm.gravity, between),
+        "turning": turning,
+        "rate": np.stack(rate, axis=-1) + np.diag(np.broadcast_to(arm.friction.viscous, 3)),
+        "square": np.moveaxis(np.array(pairs), (0, 1, 2, 3), (2, 3, 0, 1)),
+        "force": slope_of(lambda x: arm.frame_pose(arm.tip, x).translation, q).swapaxes(1, 2),
+        "motion": given - coriolis(late.v) - times_each(arm.mass_matrix(q), target.a),
+    }
+
+
+def largest_of(*every: dict[str, Any]) -> dict[str, Any]:
+    """The largest sizes, and 3 % more."""
+    return {name: 1.03 * np.max([np.abs(x[name]).max(axis=0) for x in every], axis=0) for name in every[0]}
+
+
+def test_numbers_along_a_path_are_those_of_its_arms_at_configurations_around_it() -> None:
+    model = ARM.with_payload(ARM.tip, 0.08, (0.03, -0.02, 0.04)).with_friction([0.2, 0.1, 0.3], 0.1)
+    heavy = ARM.with_payload(ARM.tip, 0.15, (-0.04, 0.02, 0.01))
+    arms = [
+        Spied(ARM.with_friction([0.1, 0.3, 0.2], 0.08)),
+        Spied(heavy.with_friction(0.15, [0.05, 0.1, 0.2])),
+    ]
+    law, plain = (
+        GPI(model, 5e-3, FixedGains([12.0, 14.0, 13.0]), feedforward="model", friction_feedforward=rubs)
+        for rubs in (True, False)
+    )
+    controller: Any
+    controller, path = Spied(law), Spied(Bezier(GOAL - 0.4, GOAL, duration=0.8, t_start=0.2))
+    controller.robot, torque = Spied(model), np.array([0.1, 0.2, 0.3])
+    hidden, radius, fastest = np.array([[0.02, 0.03, 0.01], [0.1, 0.2, 0.15], [0.3, 0.2, 0.1]])
+    told: Any = (controller, tuple(arms), path, 1.2, torque, 2.0, True, hidden, 2, "wrong-load", 3)
+    wish = Wish(*told)
+    found = numbers_along(wish, radius, fastest)
+    every = path.of.at(5e-3 * np.arange(241.0))
+    _, (times,), (later,), _, _, *after = path.asked["at"]
+    target, late = path.of.at(times), path.of.at(later)
+    assert [(later - times).min(), (later - times).max()] == pytest.approx([0.0, 0.015])
+    speed = np.abs(every.v).max(axis=0)
+    moved = 0.015 * (speed + fastest) + hidden
+
+    def reach(x: Any, size: Any) -> None:  # all around, the corners as well
+        np.testing.assert_allclose([x.min(axis=0), x.max(axis=0)], [-size, size])
+
+    around, *seen = [], *(x[0] for x in controller.robot.asked["mass_matrix"])
+    for arm, y in zip(arms, seen[:2], strict=True):
+        (_, q), (_, between) = arm.asked["frame_jacobian"]
+        reach(q - late.q, radius)
+        reach(y - q, moved)
+        reach(between - target.q, radius + moved)
+        around.append((arm.of, np.linalg.inv(arm.of.mass_matrix(q)), (target, late, q, y, between)))
+    diagonals = [np.einsum("kij,kji->ki", x, model.mass_matrix(at[3])) for _, x, at in around]
+    gain = 0.5 * (np.min(diagonals, axis=(0, 1)) + np.max(diagonals, axis=(0, 1)))
+    np.testing.assert_allclose(found.gain, gain)
+    rest, answer, rows = list[Any](), list[Any](), list[Any]()
+    assert found.loop is not None
+    for (arm, inverse, at), (at_last,), where in zip(around, after, seen[2:], strict=True):
+        waited = (at_last - times)[at_last < 1.2]
+        assert 0.0 <= waited.min() < 0.1 * found.loop.memory
+        assert 0.9 * found.loop.memory < waited.max() <= found.loop.memory < 1.0
+        assert at_last.max() == 1.2
+        reach(where - path.of.at(at_last).q, radius + hidden)
+        acts = torques_by_hand(plain, arm, at, gain)
+        size = torque + rubs_by_hand(law, arm, every.v, fastest, 3)
+        for kept, left in ((rest, inverse), (answer, model.mass_matrix(where) @ inverse)):
+            made = {name: left @ acts[name] for name in ("mismatch", "stiffness", "turning", "rate")}
+            made["square"] = np.einsum("kij,kjca->kica", left, acts["square"])
+            made["force"] = np.linalg.norm(left @ acts["force"], axis=2)
+            made |= {"motion": times_each(left, acts["motion"]), "spread": np.abs(left).sum(axis=2)}
+            kept.append(made | {"torque": np.abs(left) @ size})
+        _, _, _, y, between = at
+        v = held(plain, arm, target.q)
+        rows.append(
+            {
+                "shift": held(plain, arm, path.of.at(times + 5e-3).q) - v,
+                "hold": times_each(model.mass_matrix(y), v) + law.ahead(y, target),
+                "reach": model.mass_matrix(y),
+                "jacobian": slope_of(lambda x, arm=arm: arm.frame_pose(arm.tip, x).translation, between),
+            }
+        )
+    jerk = [
+        np.max([np.abs(every.a[min(k + i, 240)] - every.a[k]) for i in (1, 2, 3)], axis=0) for k in range(241)
+    ]
+    wanted = largest_of(*rows) | {"jerk": 1.03 * np.array(jerk)}
+    for of, by_hand in (
+        (found, wanted),
+        (found.rest, largest_of(*rest)),
+        (found.answer, largest_of(*answer)),
+    ):
+        for name, x in by_hand.items():
+            size = 1e-6 * np.abs(x).max()
+            np.testing.assert_allclose(getattr(of, name), x, rtol=1e-5, atol=size, err_msg=name)
+    np.testing.assert_allclose(found.speed, speed)
+    begun = target.q[:1]
+    off = np.max([np.abs(held(plain, arm.of, begun) - held(plain, model, begun))[0] for arm in arms], axis=0)
+    assert (found.start >= 1.03 * off).all()
+    assert not numbers_along(wish._replace(start="held"), radius, fastest).start.any()
 
 
 def errors(made: PathBound, course: Any, arm: Robot, bits: int | None = None) -> Any:
