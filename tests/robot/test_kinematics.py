@@ -18,7 +18,9 @@ from strategies import decimals, robots_and_states
 from armgpi import InverseSolution, Robot, RobotBatch, TrackingInverse, inverse_kinematics
 from armgpi.errors import ArmgpiError, ArrayError, LimitError, NameNotFound, ParameterError, ReachError
 from armgpi.paper.arm import PaperArm
-from armgpi.robot.kinematics import _try_again, random_configurations
+from armgpi.robot import kinematics
+from armgpi.robot.frames import Pose
+from armgpi.robot.kinematics import _Arm, _goal, _try_again, random_configurations
 
 HAND = PaperArm()
 ARM = Robot.load("anthropomorphic3")
@@ -215,7 +217,8 @@ def test_a_joint_at_its_limit_lets_the_others_go_on(side: float) -> None:
     np.testing.assert_allclose(found.q, goal, atol=1e-6)
 
 
-def test_rates_clearance_and_what_is_missed_are_those_of_the_jacobian_by_hand() -> None:
+def crane() -> Robot:
+    """An arm that slides first, so that its units are not all one."""
     moves = (
         ("x", "1 0 0", 0.1, 0.9),
         ("z", "0 0 1", -0.5, 2.0),
@@ -232,7 +235,114 @@ def test_rates_clearance_and_what_is_missed_are_those_of_the_jacobian_by_hand() 
             f'<limit lower="{low}" upper="{high}" effort="9" velocity="9"/></joint>'
         )
     parts.append('<link name="tip"/><joint name="t" type="fixed"><parent link="w"/><child link="tip"/>')
-    arm = Robot.from_xml("".join([*parts, '<origin xyz="0.4 0 0"/></joint></robot>']))
+    return Robot.from_xml("".join([*parts, '<origin xyz="0.4 0 0"/></joint></robot>']))
+
+
+@pytest.mark.parametrize("asked", ["position", "direction", "rotation"])
+@pytest.mark.parametrize("name", ["crane", "panda"])
+def test_what_is_missing_to_a_goal_changes_as_its_jacobian_says(name: str, asked: str) -> None:
+    robot, frame = (crane(), "tip") if name == "crane" else load("panda")
+    arm, q = _Arm.of(robot, frame), anywhere(robot, 4)
+    pose, axis = robot.frame_pose(frame, q), np.array([0.6, 0.0, 0.8])
+    rotation = pose.rotation if asked == "rotation" else None
+    _, goal = _goal(pose.translation, rotation, pose.rotation @ axis if asked == "direction" else None, axis)
+    e, J = arm.linearise(goal, q)
+    np.testing.assert_allclose(e, 0.0, atol=1e-12)
+    assert J.shape == (4, goal.size, robot.n)
+    assert arm.units[0] == (arm.length if name == "crane" else 1.0)
+    for j, unit in enumerate(1e-5 * arm.units * np.eye(robot.n)):
+        ahead, behind = (arm.linearise(goal, q + step)[0] for step in (unit, -unit))
+        np.testing.assert_allclose(J[:, :, j], (behind - ahead) / 2e-5, atol=1e-8)
+        moved = robot.frame_pose(frame, q + unit).translation - pose.translation
+        np.testing.assert_allclose(arm.errors(goal, q + unit)[0], np.linalg.norm(moved, axis=1), rtol=1e-6)
+
+
+def test_an_axis_that_points_the_other_way_is_half_a_turn_off_and_one_that_is_there_none() -> None:
+    _, goal = _goal(np.zeros((2, 3)), None, [[0.0, 0.6, 0.8], [0.0, -0.6, -0.8]], [0.0, 0.6, 0.8])
+    there, off = goal.turn(Pose(np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3))))
+    np.testing.assert_array_equal(there, 0.0)
+    assert np.linalg.norm(off) == pytest.approx(np.pi)
+    assert off @ [0.0, 0.6, 0.8] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("keeps", [1e3, 1e-9])
+def test_joints_to_spare_go_home_by_steps_that_keep_the_frame(
+    monkeypatch: pytest.MonkeyPatch, keeps: float
+) -> None:
+    """Few steps, so that each counts: the change nearest to the wish of those that give what is missing."""
+    for name, value in {"_PROJECTION_STEPS": 2, "_CORRECTIONS": 1, "_PROJECTION_SHARE": 0.4}.items():
+        monkeypatch.setattr(kinematics, name, value)
+    arm, robot = _Arm.of(crane(), "tip"), crane()
+    lower, upper = robot.limits[:2]
+    q, home = np.random.default_rng(2).uniform(lower, upper, (2, 8, 4))
+    home[6:], off = q[6:], 0.1 * (np.arange(8) > 3)[:, None]
+    _, goal = _goal(robot.frame_pose("tip", q).translation + off, None, None, [0.0, 0.0, 1.0])
+    found = kinematics._Search(keeps, 1).null_space_projection(arm, goal, q, home)
+    moved = q.copy()
+    for share in (0.4, 0.4, 0.0):
+        for i, at in enumerate(moved):
+            J = robot.frame_jacobian("tip", at)[:3] * arm.units
+            missing, wish = (
+                goal.position[i] - robot.frame_pose("tip", at).translation,
+                share * (home[i] - at) / arm.units,
+            )
+            change = wish + np.linalg.lstsq(J, missing - J @ wish, rcond=None)[0]
+            moved[i] = np.clip(at + arm.units * change, lower, upper)
+    near, nearer = (np.linalg.norm((x - home) / arm.units, axis=1) for x in (q, moved))
+    missed = np.linalg.norm(robot.frame_pose("tip", moved).translation - goal.position, axis=1)
+    assert 0 < (nearer < near).sum() < 8
+    kept = (nearer < near) & (missed <= keeps)
+    np.testing.assert_allclose(found, np.where(kept[:, None], moved, q), atol=1e-9)
+
+
+def test_rates_and_newton_steps_give_a_frame_its_way_and_its_turn() -> None:
+    robot, frame = load("panda")
+    rng = np.random.default_rng(3)
+    q, linear, angular, wish = anywhere(robot, 5), *rng.normal(size=(2, 5, 3)), rng.normal(size=(5, 7))
+    pose = robot.frame_pose(frame, q[:1])
+    follow = TrackingInverse(robot, frame, rotation=pose.rotation[0])
+    J, rates = robot.frame_jacobian(frame, q), follow.resolve(q, linear, wish, angular)
+    np.testing.assert_allclose(np.einsum("kij,kj->ki", J, rates), np.hstack([linear, angular]), atol=1e-9)
+    for own, rate, asked in zip(J, rates, wish, strict=True):
+        np.testing.assert_allclose(null_space(own).T @ (rate - asked), 0.0, atol=1e-9)
+    still = np.einsum("kij,kj->ki", J, follow.resolve(q, linear, wish))
+    np.testing.assert_allclose(still, np.hstack([linear, 0.0 * linear]), atol=1e-9)
+    for arm, tip, at in ((robot, frame, q[0]), (crane(), "tip", crane().middle())):
+        near, goal = TrackingInverse(arm, tip), arm.frame_pose(tip, at + 0.02).translation
+        missed = [
+            float(near.missed(near.corrected(at[None], goal[None], n), goal[None])[0]) for n in range(4)
+        ]
+        assert missed[1] < 0.05 * missed[0]
+        assert missed[3] < 1e-9
+
+
+def test_the_point_of_several_that_is_not_reached_is_named() -> None:
+    robot, frame = load("ur5")
+    follow, q = TrackingInverse(robot, frame), anywhere(robot, 3)
+    points = robot.frame_pose(frame, q).translation
+    np.testing.assert_allclose(follow.closest(q, points), q, atol=1e-9)
+    points[1] = [0.0, 3.0, 0.0]
+    with pytest.raises(ReachError, match=r"does not reach \(0, 3, 0\) m") as caught:
+        follow.closest(q, points)
+    assert caught.value.distance == pytest.approx(3.0 - np.linalg.norm([0.0, 0.95, 0.0]), abs=0.4)
+
+
+def test_starts_are_drawn_all_over_the_limits_and_a_held_joint_takes_no_clearance() -> None:
+    lower, upper = np.array([0.5, -9.0, -1.0, 2.0, -0.2, 1.0]), np.array([0.9, 20.0, 0.4, 2.5, 0.7, 1.0])
+    arm = Robot.load("ur5").with_limits(lower=lower, upper=upper)
+    drawn, middle = random_configurations(arm, 3000, seed=1), 0.5 * (lower + upper)
+    half = np.minimum(0.5 * (upper - lower), np.pi)
+    assert (np.abs(drawn - middle) <= half * (1.0 + 1e-12)).all()
+    ends = [drawn.min(axis=0), drawn.max(axis=0)]
+    np.testing.assert_allclose(ends, [middle - half, middle + half], atol=0.01)
+    follow, q = TrackingInverse(arm, "tool0"), drawn[:4]
+    margin = np.min(1.0 - np.abs(q - middle)[:, :5] / (0.5 * (upper - lower)[:5]), axis=1)
+    J = arm.frame_jacobian("tool0", q)[:, :3] / _Arm.of(arm, "tool0").length
+    np.testing.assert_allclose(follow.clearance(q), margin * np.linalg.svd(J)[1][:, -1], rtol=1e-9)
+
+
+def test_rates_clearance_and_what_is_missed_are_those_of_the_jacobian_by_hand() -> None:
+    arm = crane()
     follow, rng = TrackingInverse(arm, "tip", rate=0.7), np.random.default_rng(5)
     lower, upper = arm.limits[:2]
     q = rng.uniform(lower, upper, (6, 4))
