@@ -42,7 +42,7 @@ class Supervisor(Parametrised):
     """What a supervisor takes for a fault, and how it stops the arm.
 
     A frozen sensor and an arm at rest both repeat one number. They differ in what was asked of the arm since
-    the number last changed: the reference has moved on by 16 counts, or the torque is at its limit.
+    the number last changed: the reference has moved on by 16 counts, or the torque has gone to its limit.
     """
 
     on_fault: str = parameter(

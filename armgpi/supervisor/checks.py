@@ -35,8 +35,8 @@ _FASTEST = 1e6
 #: Share of the reference's velocity above which a joint was in motion, and cannot stand still at once. Set by
 #: hand, like the 0.1 beside it; tools/alarms.py counts what they stop.
 _IN_MOTION = 0.5
-#: Errors below this say nothing of how a joint answers its torque [rad or m]. Set by hand: a fiftieth of what
-#: FOLLOWING allows.
+#: Errors below this, or :data:`COUNTS` counts, say nothing of how a joint answers its torque [rad or m]. Set
+#: by hand: a fiftieth of what FOLLOWING allows.
 ALERT = 0.01
 #: Samples in which a joint has to answer, at least: where there are few, laws are slow. Set by hand.
 _ANSWERS = 8
@@ -99,8 +99,8 @@ class Jump:
         )
         last, samples = np.abs(watch.change), 1.0 + watch.bad
         back: Mask = (last > turn) & (watch.v * watch.change > turn * last) & (watch.late == 0.0)
-        # One that decelerates to turn round is slower by then than it was, and has every right to.
-        back = back & (last > 0.5 * np.abs(watch.v))
+        # One that turns round by itself, as on a gear that swings, was twice as fast a sample ago, or rested.
+        back = back & (last > np.abs(watch.miss))
         back = back & (np.abs(change + samples * watch.change) <= 0.25 * samples * last)
         # From where it was, or where its last change leads, as what moves fast goes on doing so.
         near: Mask = np.abs(change - watch.change) <= self.bounds.jump * samples
@@ -152,10 +152,11 @@ class ReferenceJump:
 class Following:
     """FOLLOWING: a joint is too far from the reference."""
 
-    def __init__(self, bounds: Bounds, response: bool) -> None:
+    def __init__(self, bounds: Bounds, response: Response) -> None:
         self._most = bounds.following
-        # From ALERT on RESPONSE looks: one comparison for both.
-        self._nearest = np.minimum(tightest(bounds.following), ALERT if response else LARGEST)
+        # RESPONSE looks from its least error on: one comparison for both.
+        looks = tightest(response.least) if response.samples else LARGEST
+        self._nearest = np.minimum(tightest(bounds.following), looks)
 
     def nominal(self, e: Array) -> Iterator[Mask]:
         """Yield what holds where nothing is wrong; see above."""
@@ -200,6 +201,7 @@ class Frozen:
         self._lost = max(given.jump - 1.0, 0.0)
         # Where there is no torque limit, friction is no share of it.
         self.sticking = np.where(law.effort < LARGEST, given.sticking * law.effort, 0.0)
+        self._effort = law.effort
         self.braked = 2.0 * (bounds.travel / COUNTS) + 4.0 * given.sticking * pushed
 
     def nominal(self, change: Array, r: Array, watch: Watch) -> Iterator[Mask]:
@@ -210,13 +212,18 @@ class Frozen:
     def count(self, unmoved: Mask, q: Array, r: Array, watch: Watch) -> tuple[Array, Array]:
         """Return the samples for which a measurement should have changed, and how far the reference is ahead.
 
-        It should where, since it last did, the reference has moved on, or the torque has reached its limit. A
+        It should where, since it last did, the reference has moved on, or the torque has gone to its limit. A
         joint that is ahead of its reference waits for it.
         """
         mark = watch.frozen.reference_at_change
         ahead = np.maximum(np.minimum(r - mark, r - q), np.minimum(mark - r, q - r))
-        asked = unmoved & ((ahead > self.travel) | (watch.saturated_samples > 0.0))
+        asked = unmoved & ((ahead > self.travel) | self._gone_to_limit(watch))
         return np.where(asked, watch.frozen.unchanged_samples + 1.0, 0.0), ahead
+
+    def _gone_to_limit(self, watch: Watch) -> Mask:
+        """Tell which torques are at their limit, and were not near it when the measurement last changed."""
+        gone = np.abs(watch.tau - watch.frozen.torque_at_change) > self.sticking
+        return gone & (np.abs(watch.tau) >= self._effort)
 
     def fails(self, unmoved: Mask, unchanged_samples: Array, ahead: Array, watch: Watch) -> Mask:
         """Tell which joints fail."""
@@ -229,17 +236,19 @@ class Frozen:
         moving = went & (watch.v * watch.change > 0.1 * (watch.change * watch.change))
         moving = moving & (np.abs(watch.change) > self.braked)
         # Friction holds a joint at rest until its torque has changed by more.
-        pulled = np.abs(watch.tau - watch.frozen.torque_at_change) > self.sticking
-        pulled = pulled | (watch.saturated_samples > 0.0)
+        pulled = np.abs(watch.tau - watch.frozen.torque_when_asked) > self.sticking
+        pulled = pulled | self._gone_to_limit(watch)
         return ((unchanged_samples >= float(self.samples)) & pulled) | (unmoved & far & moving)
 
     def after(self, untrusted: Mask, seen: Sample, r: Array, tau: Array, watch: Watch) -> FrozenState:
         """Return what is kept, by the reference that is followed and the torque that is sent."""
         kept, samples = watch.frozen, seen.unchanged_samples
+        same = seen.q == watch.q
         return FrozenState(
             np.where(untrusted, COUNTED, samples),
-            np.where(seen.q == watch.q, kept.reference_at_change, r),
-            np.where(samples > 0.0, kept.torque_at_change, tau),
+            np.where(same, kept.reference_at_change, r),
+            np.where(same, kept.torque_at_change, tau),
+            np.where(samples > 0.0, kept.torque_when_asked, tau),
         )
 
 
@@ -271,12 +280,14 @@ class Response:
     Attributes:
         samples: for which a joint may; 0 for no check.
         overpowered: what half of its motor's torque changes of a joint's motion in a sample [rad or m].
+        least: errors that are worth a look [rad or m].
     """
 
-    def __init__(self, law: Controller, given: Supervisor) -> None:
+    def __init__(self, law: Controller, given: Supervisor, bounds: Bounds) -> None:
         self.samples = 0
         if given.response:
             self.samples = max(_ANSWERS, math.ceil(given.response / law.dt - 1e-9))
+        self.least = np.maximum(ALERT, bounds.travel)
         self._effort, inverse = law.effort, own_inverse_inertia(law)
         self._smoothing, self._forgotten = smoothing(law.dt, SMOOTHING), smoothing(law.dt, _FORGOTTEN)
         self.overpowered = 0.5 * law.dt**2 * np.minimum(law.effort, LARGEST) * inverse
@@ -288,7 +299,7 @@ class Response:
 
     def alert(self, opened: Mask, e: Array) -> Mask:
         """Tell whether any joint is far enough from its reference to say something, (1,) or (batch, 1)."""
-        return any_joint(~opened & (np.abs(e) > ALERT)) if self.samples else opened & ~opened
+        return any_joint(~opened & (np.abs(e) > self.least)) if self.samples else opened & ~opened
 
     def after(
         self, alert: Mask, looks: Mask, dead: Mask, model: Array, watch: Watch, e: Array, v: Array
@@ -321,7 +332,7 @@ class Response:
         limited = np.abs(watch.tau) >= self._effort
         pushed = limited & (watch.tau * e < 0.0)
         pushed = pushed & ((v - watch.v) * e > self.overpowered * np.abs(e))
-        wrong = np.where(looks, wrong, pushed) & (np.abs(e) > ALERT) & ((v - watch.rv) * e > 0.0)
+        wrong = np.where(looks, wrong, pushed) & (np.abs(e) > self.least) & ((v - watch.rv) * e > 0.0)
         adverse = np.where(looks | limited, 1.0, kept.adverse_samples)
         adverse = np.where(wrong, np.maximum(kept.adverse_samples, 1.0) + 1.0, adverse)
         after = ResponseState(adverse, torque, torque_lowpass, model_torque)

@@ -49,12 +49,14 @@ class FrozenState(NamedTuple):
         unchanged_samples: samples for which the measurement should have changed; :data:`COUNTED` of a joint
             that FAULT does not trust.
         reference_at_change: reference when the measurement last changed [rad or m].
-        torque_at_change: torque when it was first asked to change, the last one where it is not [N m or N].
+        torque_at_change: torque when the measurement last changed [N m or N].
+        torque_when_asked: torque when it was first asked to change, the last one where it is not [N m or N].
     """
 
     unchanged_samples: Array
     reference_at_change: Array
     torque_at_change: Array
+    torque_when_asked: Array
 
 
 class ResponseState(NamedTuple):
@@ -93,6 +95,7 @@ class Watch(NamedTuple):
         bad: samples in a row without a good measurement of the joint.
         q: last good measurement [rad or m].
         change: of it, in its sample, the last that was not zero and over no gap [rad or m].
+        miss: by how much it last missed where that change led, over no gap [rad or m].
         v: its velocity, smoothed [rad or m per sample].
         r: reference that is followed [rad or m].
         rv: its way in the last sample [rad or m].
@@ -114,6 +117,7 @@ class Watch(NamedTuple):
     bad: Array
     q: Array
     change: Array
+    miss: Array
     v: Array
     r: Array
     rv: Array

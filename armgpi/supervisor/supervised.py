@@ -87,8 +87,8 @@ class Supervised(Controller):
         self.jump = checks.Jump(law, bounds)
         self.position = checks.Position(bounds)
         self.reference = checks.ReferenceJump(law, bounds)
-        self.response = checks.Response(law, supervisor)
-        self.following = checks.Following(bounds, bool(supervisor.response))
+        self.response = checks.Response(law, supervisor, bounds)
+        self.following = checks.Following(bounds, self.response)
         self.speed = checks.Speed(bounds, supervisor)
         self.frozen = checks.Frozen(law, supervisor, bounds, self.jump.pushed)
         self.saturated = checks.Saturated(law, supervisor)
@@ -243,9 +243,15 @@ class Supervised(Controller):
         zero = np.zeros_like(q)
         kept = self._watch(zero, q=q, r=r + zero, tau=asked)._replace(
             change=np.where(change != 0.0, change, watch.change),
+            miss=change - watch.change,
             v=_gone(watch.v + self._smoothing * (change - watch.v)),
             rv=r - watch.r,
-            frozen=FrozenState(zero, np.where(change != 0.0, r, watch.frozen.reference_at_change), asked),
+            frozen=FrozenState(
+                zero,
+                np.where(change != 0.0, r, watch.frozen.reference_at_change),
+                np.where(change != 0.0, asked, watch.frozen.torque_at_change),
+                asked,
+            ),
         )
         return all_joints(sound), ControlStep(asked, SupervisedState(kept, after))
 
@@ -264,11 +270,12 @@ class Supervised(Controller):
             bad=zero,
             q=q,
             change=zero,
+            miss=zero,
             v=zero,
             r=r,
             rv=zero,
             tau=tau,
-            frozen=FrozenState(zero, r, tau),
+            frozen=FrozenState(zero, r, tau, tau),
             saturated_samples=zero,
             response=ResponseState(zero, zero, zero, zero),
             nominal=none + 1.0,
@@ -312,12 +319,8 @@ class Supervised(Controller):
         restless, travel, swings = self.stop.restless(watch)
         dead = (watch.status == float(State.FAULT)) | seen.dead | (~active & (seen.failing | swings))
         aim, way = self.stop.reference(seen, entering, stopping, target, watch)
-        # Not over a gap: a quotient there would not have the same bits in C.
-        gap = seen.bad + watch.bad > 0.0
-        change = seen.q - watch.q
         accused = self.response.accuses(watch)
-        v = self._velocity(np.where(gap, 0.0, change - watch.v), accused, watch)
-        change = np.where(gap | (change == 0.0), watch.change, change)
+        change, miss, v = self._motion(seen, accused, watch)
         lower, upper, caps = self._limits(watch, seen.q)
         # A torque that is not used needs no limits, and so no anti-windup: a step stays short.
         unused = dead | seen.lost
@@ -352,6 +355,7 @@ class Supervised(Controller):
             bad=seen.bad,
             q=seen.q,
             change=change,
+            miss=miss,
             v=v,
             r=aim.q,
             rv=way,
@@ -457,10 +461,17 @@ class Supervised(Controller):
         response = self.response.after(alert, looks, dead, model, watch, seen.e, v)
         return self.response.turned_round(dead, np.where(opened, model + torque, asked), v, watch, response)
 
-    def _velocity(self, new: Array, accused: Mask, watch: Watch) -> Array:
-        """Return the velocity, smoothed [rad or m per sample]: slower in FAULT, where gears may twist."""
+    def _motion(self, seen: Sample, accused: Mask, watch: Watch) -> tuple[Array, Array, Array]:
+        """Return the last change, its miss, and the velocity, smoothed; all in rad or m per sample.
+
+        It is smoothed for longer in FAULT, where gears may twist.
+        """
+        # Not over a gap: a quotient there would not have the same bits in C.
+        gap, change = seen.bad + watch.bad > 0.0, seen.q - watch.q
         soft = (watch.status == float(State.FAULT)) & ~accused
-        return _gone(watch.v + np.where(soft, self.stop.smoothing, self._smoothing) * new)
+        new = np.where(soft, self.stop.smoothing, self._smoothing) * np.where(gap, 0.0, change - watch.v)
+        miss = np.where(gap, watch.miss, change - watch.change)
+        return np.where(gap | (change == 0.0), watch.change, change), miss, _gone(watch.v + new)
 
     def _target(self, aim: Target, target: Target, stopping: Mask) -> Target:
         """Return the target for the law: its rates are those given, while there is no stop."""

@@ -468,6 +468,18 @@ def test_a_joint_that_turns_round_is_neither_frozen_nor_does_its_encoder_count_b
     assert supervised.report(state).reason == "none"
 
 
+@pytest.mark.parametrize("hertz", [12.0, 25.0, 36.0, 60.0, 120.0])
+def test_a_link_that_swings_on_its_gear_is_no_encoder_that_counts_backwards(hertz: float) -> None:
+    count, turn = ARM.encoder_count(16), 2.0 * np.pi * hertz * DT
+    for fastest in (10.0, 20.0, 40.0):  # counts in a sample, pushed from rest and left to swing
+        supervised, state = started(following=100.0, saturated=0.0, frozen_samples=0, response=0.0)
+        for k in range(100):
+            way = turn * k + np.array([0.0, 0.3, 0.6]) * turn
+            q = Q + count * np.round(fastest / turn * (1.0 - np.cos(way)))
+            state = held(supervised, state, q).state
+            assert supervised.report(state).reason == "none", (fastest, k)
+
+
 def test_a_reference_that_stops_dead_is_a_fault_where_it_is_asked_for() -> None:
     speed = np.array([0.0, 0.0, 0.5 * ARM.limits.velocity[2]])
     for bound, reason in ((2.0, "none"), (0.2, "reference")):
@@ -525,6 +537,18 @@ def test_a_joint_that_stands_still_is_frozen_once_its_torque_has_changed_by_more
     assert asked >= 50
     assert pulled[-2] > most
     assert asked == 50 or pulled[-3] <= most
+
+
+def test_a_motor_at_its_limit_that_just_holds_its_joint_has_no_frozen_encoder() -> None:
+    supervised, state = started(saturated=0.0, response=0.0)
+    away, count = np.array([0.0, 0.0, -0.1]), ARM.encoder_count(16)
+    k = 0
+    while abs(state.supervisor.tau[2]) < ARM.limits.effort[2] or k % 2:  # pushed off, and creeping
+        k += 1
+        state = held(supervised, state, Q + away * min(k / 100, 1.0) + count * (k % 2)).state
+    for _ in range(200):  # by less than a count
+        state = held(supervised, state, Q + away).state
+    assert supervised.report(state).reason == "none"
 
 
 def test_a_joint_ahead_of_its_reference_may_wait_for_it_and_no_longer() -> None:
@@ -621,6 +645,13 @@ def test_a_push_and_a_load_are_not_taken_for_a_motor_that_turns_the_other_way() 
     # A load that stays, of a fifth of each motor's torque.
     load = 0.2 * robot.limits.effort
     assert driven(robot, lambda k, tau: tau - load, 0.12).reasons == {"none"}
+
+
+@pytest.mark.parametrize("counts", [8, 15, 17])
+def test_fewer_than_16_counts_say_nothing_of_how_a_motor_turns(counts: int) -> None:
+    supervised, state = started(resolution=ARM.encoder_count(12), jump=0.0)
+    state = held(supervised, state, Q + counts * ARM.encoder_count(12)).state
+    assert state.supervisor.response.adverse_samples.any() == (counts > 16)
 
 
 @pytest.mark.parametrize("name", ARMS)
