@@ -58,6 +58,7 @@ class Run(NamedTuple):
     """What came of a draw: sample time [s], time of its fault [s], its reason and joint ("" for none).
 
     It is `able` when the motors can follow the reference, and `held` when all was well unsupervised.
+    It `swings` where, unsupervised, it does so at rest, and goes on.
     """
 
     reality: str
@@ -69,6 +70,7 @@ class Run(NamedTuple):
     bits: int
     able: bool
     held: bool
+    swings: bool
     reason: str
     joint: str
     time: float
@@ -96,14 +98,13 @@ def runs(
     section = section if isinstance(section, dict) else {"type": section}
     drawn = Reality(seed=seed, block=BLOCK, sample_time=SAMPLE_TIMES, **REALITIES[reality])
     draws, found = health.draws(drawn, name, count, drives), []
-    both = (health.rollouts(draws, section, supervisor=each) for each in (None, supervisor))
-    for (group, free), (_, watched) in zip(*both, strict=True):
+    for group, (free, watched) in health.rollouts(draws, section, supervisors=(None, supervisor)):
         for row, draw in enumerate(group):
             outcome, one = health.outcome(free.isel(rollout=row), draw, name), watched.isel(rollout=row)
             reason = Reason(int(one.fault))
             said = (reason.name, str(one.joint.values[int(one.fault_joint)])) if reason else ("", "")
             held = not outcome.lost and inside(free.isel(rollout=row), draw)
-            known = (draw.dt, draw.delay, draw.encoder_bits, outcome.feasible, held)
+            known = (draw.dt, draw.delay, draw.encoder_bits, outcome.feasible, held, outcome.swinging)
             found.append(Run(reality, law, name, draw.index, *known, *said, float(one.t_fault)))
     return found
 
@@ -148,16 +149,18 @@ def report(found: list[Run]) -> str:
             {
                 "reality": lambda run: run.reality,
                 "law": lambda run: run.law,
+                "arm": lambda run: run.arm,
                 "sample time [ms]": lambda run: round(1e3 * run.dt, 6),
                 "delay [samples]": lambda run: run.delay,
                 "bits": lambda run: run.bits,
+                "swings": lambda run: run.swings,
             },
         ),
     ]
     for run in healthy:
         if run.stopped:
             where = f"{run.arm} draw {run.draw}, {run.joint}, {run.time:.3f} s"
-            sampled = f"{1e3 * run.dt:g} ms, {run.delay} late, {run.bits} bits"
+            sampled = f"{1e3 * run.dt:g} ms, {run.delay} late, {run.bits} bits" + ", swings" * run.swings
             parts.append(f"- {run.reason}: {run.reality}, {run.law}, {where}; {sampled}")
     parts.append("\n| not healthy | draws | stopped [%] | reasons |\n|---|---|---|---|")
     for text, those in (

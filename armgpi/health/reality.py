@@ -151,31 +151,33 @@ def rollouts(
     found: Sequence[Draw],
     law: Mapping[str, Any],
     backend: str = "compiled",
-    supervisor: Supervisor | None = None,
-) -> Iterator[tuple[list[Draw], xr.Dataset]]:
-    """Yield draws of one arm that run together, and their rollouts.
+    supervisors: Sequence[Supervisor | None] = (None,),
+) -> Iterator[tuple[list[Draw], list[xr.Dataset]]]:
+    """Yield draws of one arm that run together, and their rollouts under each supervisor.
 
     Args:
         found: the draws.
         law: a controller's section of an experiment file, such as ``{"type": "gpi"}``.
         backend: as for :func:`armgpi.simulate`.
-        supervisor: what they run under, as it suits encoder and delay; nothing when not given.
+        supervisors: what they run under, as it suits encoder and delay; None for nothing.
 
     Raises:
         ArmgpiError: when the law cannot be made for the arm.
     """
     for group in batches(found):
+        every, under = stack_draws(group), []
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ArmgpiWarning)
-            suits = supervisor
-            if supervisor is not None:
-                every = stack_draws(group).context
-                own = supervisor.with_values(resolution=group[0].robot.encoder_count(every.bits))
-                plant = PlantSection(delay=group[0].delay)
-                suits = complete_settings(own, plant, config.controller(law, every))
-            loop = prepare_draws(group, law, backend=backend, supervisor=suits)
-            rollout = in_rows(loop.run(progress=False))
-        yield group, rollout
+            made = config.controller(law, every.context)
+            for supervisor in supervisors:
+                suits = supervisor
+                if supervisor is not None:
+                    own = supervisor.with_values(resolution=group[0].robot.encoder_count(every.context.bits))
+                    suits = complete_settings(own, PlantSection(delay=group[0].delay), made)
+                options: Any = {"backend": backend, "supervisor": suits}
+                loop = prepare(every.plant, made, every.reference, every.t_final, **options)
+                under.append(in_rows(loop.run(progress=False)))
+        yield group, under
 
 
 def outcomes(
@@ -199,7 +201,7 @@ def outcomes(
     """
     by_index = {}
     holds = {draw.index: ideal_law_holds(draw) for draw in found} if holds is None else holds
-    for group, rollout in rollouts(found, law, backend):
+    for group, (rollout,) in rollouts(found, law, backend):
         costs = zip(*_costs(rollout), strict=True)
         for row, (draw, own) in enumerate(zip(group, costs, strict=True)):
             one = outcome(rollout.isel(rollout=row), draw, name, own)

@@ -429,8 +429,7 @@ def test_rollouts_of_draws_are_supervised_by_what_suits_each_encoder_and_the_del
     reality = Reality.geared(2, sample_time=[4e-3], encoder_bits=(12, 20), t_final=2.8)
     found = [reality.draw(ARM, index) for index in (0, 1)]
     assert len({draw.encoder_bits for draw in found}) == 2
-    ((group, free),) = health.rollouts(found, {"type": "untuned"}, "numpy")
-    ((_, watched),) = health.rollouts(found, {"type": "untuned"}, "numpy", Supervisor())
+    ((group, (free, watched)),) = health.rollouts(found, {"type": "untuned"}, "numpy", (None, Supervisor()))
     assert [each.index for each in group] == [0, 1]
     assert "fault" not in free
     given = json.loads(watched.attrs["provenance"])["controller"]["supervisor"]
