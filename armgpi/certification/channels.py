@@ -153,13 +153,12 @@ def _responses(A: Array, inputs: Array, outputs: Array, h: float) -> tuple[Array
     """
     n, size, _ = A.shape
     x = inputs.copy()
-    pushed, sums, peaks = np.zeros((n, 3)), np.zeros((n, 3, inputs.shape[2])), np.zeros((n, 3))
+    sums, peaks = np.zeros((n, 3, inputs.shape[2])), np.zeros((n, 3))
     power = np.broadcast_to(np.eye(size), (n, size, size))
     weights, rows = np.zeros((n, 3, size)), outputs.copy()
     every = []
     for k in range(_LONGEST):
         y = outputs @ x
-        pushed += _swept(y[..., 0], y[..., 1], h)
         every.append(y[..., :2])
         sums += np.abs(y)
         peaks = np.maximum(peaks, np.abs(y[..., 3]))
@@ -173,8 +172,10 @@ def _responses(A: Array, inputs: Array, outputs: Array, h: float) -> tuple[Array
                 tail = weights.sum(axis=2)[..., None] * (norm / (1.0 - norm))[:, None, None]
                 ends = np.abs(inputs).max(axis=1)[:, None, :]
                 later = tail * ends
-                all_later = np.array(every).swapaxes(1, 2)
-                return pushed + h * (later[..., 0] + later[..., 1]), sums + later, peaks, all_later
+                outputs_later = np.array(every)
+                pushed = _swept(outputs_later[..., 0], outputs_later[..., 1], h).sum(axis=0)
+                pushed += h * (later[..., 0] + later[..., 1])
+                return pushed, sums + later, peaks, outputs_later.swapaxes(1, 2)
     raise ParameterError("controller", "its loop", "a loop of each joint that forgets within 200,000 samples")
 
 

@@ -570,7 +570,7 @@ class _Tube:
         loop, h = self.loop, self.wish.controller.dt
         assert loop is not None
         parts = self.parts(self.known.rest, old, torque, force)
-        rest = np.sum(list(parts.values()), axis=0)
+        rest = sum(parts.values(), np.zeros_like(old.rest))
         error, speed, asked = loop.rest * rest + self.fixed
         most = self.known.gain * asked + rest + self.known.jerk.max(axis=0)
         return Solution(error + h * speed + 0.5 * h * h * most, speed + h * most, asked, rest, parts)
@@ -591,9 +591,8 @@ class _Tube:
             old, found = found, self.step(found, torque, force)
             if not (found.error <= _WIDEST).all():
                 return None
-            if all(
-                np.allclose(x, y, rtol=_SETTLED, atol=0.0) for x, y in zip(found[:4], old[:4], strict=True)
-            ):
+            moved = np.abs(np.subtract(found[:4], old[:4]))
+            if (moved <= _SETTLED * np.abs(old[:4])).all():
                 break
         else:
             return None
@@ -611,7 +610,7 @@ class _Tube:
         """Return the torques that are asked for at most [N m or N], (n,); see :meth:`solve`."""
         known, loop = self.known, self.loop
         assert loop is not None
-        answer = loop.shared * np.sum(list(self.parts(known.answer, found, torque, force).values()), axis=0)
+        answer = loop.shared * sum(self.parts(known.answer, found, torque, force).values())
         answer = answer + known.reach @ (loop.own * found.rest + self.fixed[2])
         return np.asarray(known.hold + np.minimum(answer, known.reach @ found.asked))
 
