@@ -230,7 +230,9 @@ def order(mutant: Mutant, rows: list[list[Any]], seconds: float) -> tuple[list[s
     Those that come by its lines, of its own module and package first; then others of its module, and of the
     files of those: what one computed, others may look at.
     """
-    own = {f"{mutant.path}:{line}" for line in mutant.lines}
+    own, met = {f"{mutant.path}:{line}" for line in mutant.lines}, {x for *_, hits in rows for x in hits}
+    if not own & met:  # numbers that are there from the start: whoever comes by anything of the module
+        own = {hit for hit in met if hit.startswith(f"{mutant.path}:")}
     took, total, reaching = dict[str, float](), dict[str, float](), set[str]()
     for name, time, failed, hits in rows:
         file = name.split("::")[0]

@@ -27,7 +27,7 @@ from armgpi.certification.refute import again
 from armgpi.certification.report import html
 from armgpi.certification.request import member_of
 from armgpi.certification.solve import merge_facts, solve
-from armgpi.certification.text import table, verdict
+from armgpi.certification.text import _join, table, verdict
 from armgpi.cli import main
 from armgpi.cli.certify import _chosen_parts, _gains
 from armgpi.gpi.family import Member
@@ -434,6 +434,10 @@ def test_a_gantry_whose_inertia_is_constant_has_a_certificate(prove: bool) -> No
     )
     assert (largest > 10.0).all()  # N: motors of 200 N limit it, and no motion of D(q), which there is not
     assert (np.diff(made.per_torque) > 0.0).all()  # the more mass an axis moves, the less it gives way
+
+
+def test_numbers_that_are_the_same_for_all_joints_are_told_once() -> None:
+    assert [_join(x) for x in (["3"], ["3", "3.0"], ["3", "4.5"])] == ["3", "3", "3, 4.5"]
 
 
 def test_a_joint_of_a_box_may_stand_still() -> None:

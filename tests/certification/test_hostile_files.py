@@ -248,6 +248,16 @@ def test_a_pipe_a_folder_and_nothing_are_refused(tmp_path: Path) -> None:
         assert not run.stderr
 
 
+def test_all_that_does_not_hold_is_said(
+    data: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "arm.json"
+    path.write_text(json.dumps(data), encoding="utf-8")
+    monkeypatch.setattr(checker, "verify", lambda _: ["this", "and that"])
+    assert checker.main([str(path)]) == 1
+    assert capsys.readouterr().out == f"{path} DOES NOT HOLD: this; and that\n"
+
+
 def test_what_holds_is_said(data: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "arm.json"
     path.write_text(json.dumps(data), encoding="utf-8")

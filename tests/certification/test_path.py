@@ -183,6 +183,12 @@ def test_a_tube_is_the_least_that_its_own_disturbances_do_not_leave() -> None:
     answers = answers + known.reach @ (loop.own * found.rest + fixed[2])
     wanted = known.hold + np.minimum(answers, known.reach @ found.asked)
     np.testing.assert_allclose(tube.torques(found, 0.5, 4.0), wanted, rtol=1e-9)
+    # Where the law asks for much, and inertia is right, what disturbs is less.
+    light, much = answer._replace(mismatch=0.0 * answer.mismatch), found._replace(asked=1e6 * found.asked)
+    answers = loop.shared * np.array([disturbs(light, much, j) for j in range(n)])
+    answers = answers + known.reach @ (loop.own * found.rest + fixed[2])
+    less = _Tube(wish, np.ones(n), np.ones(n), known._replace(answer=light)).torques(much, 0.5, 4.0)
+    np.testing.assert_allclose(less, known.hold + answers, rtol=1e-9)
     made, alone = tube.path_bound([]), tube.solve(0.0, 3.0)
     assert alone is not None
     np.testing.assert_allclose(made.error, alone.error + 2.0 * h * known.speed, rtol=1e-9)

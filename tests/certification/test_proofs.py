@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -351,6 +351,28 @@ def test_what_may_be_beyond_a_matrix_is_taken_in_the_metric_by_its_size() -> Non
         for x in root
     ]
     np.testing.assert_allclose(proofs._error(root, beyond), np.sqrt(by_hand))
+
+
+def test_what_a_reference_is_away_turns_a_stiffness_by_no_more_than_each_joint_does() -> None:
+    rng, n, away = np.random.default_rng(2), 3, np.array([0.1, 0.3, 0.2])
+    N, v, slope, rates = (
+        rng.normal(size=(n, n, n)),
+        rng.normal(size=n),
+        *(rng.normal(size=(4, n, n, n)) for _ in "ab"),
+    )
+    slope, slope_more, rates_more = slope[..., 0], *(rng.uniform(size=(n, n, n)) for _ in "ab")
+    slope_more, near = slope_more[..., 0], cast(Any, SimpleNamespace(radius=away))
+    wanted: Any = 0.0
+    for j in range(n):
+        held = [[slope[k, m, j] - rates[k, m, j] @ v for m in range(n)] for k in range(4)]
+        turns = max(proofs._sizes(sum(x * N[m] for m, x in enumerate(row))) for row in held)
+        more: Any = np.linalg.norm([slope_more[m, j] + rates_more[m, j] @ np.abs(v) for m in range(n)])
+        more += 0.7 * (
+            max(proofs._sizes(rates[k, :, j]) for k in range(4)) + np.linalg.norm(rates_more[:, j])
+        )
+        wanted += away[j] * (turns + proofs._beside(N[None])[0] * more)
+    found = proofs.Stiffness._apart(near, N, v, 0.7, [slope, rates], [slope_more, rates_more])
+    assert found == pytest.approx(wanted, rel=1e-12)
 
 
 def test_an_inertia_loses_all_that_it_may_change_by_between_two_configurations() -> None:

@@ -21,6 +21,7 @@ from armgpi import (
     Reality,
     RigidBodyPlant,
     Robot,
+    Step,
     files,
     load,
     save,
@@ -261,6 +262,31 @@ def test_all_joints_without_a_torque_are_named_in_their_row_of_a_batch() -> None
 def test_ends_may_meet() -> None:
     held = UR5.with_limits(lower=Q, upper=Q).limits
     np.testing.assert_array_equal(held.lower, held.upper)
+
+
+def test_a_joint_that_nothing_drives_has_no_limit_of_torque_that_is_known(tmp_path: Path) -> None:
+    ball = '<geom type="sphere" size="0.1" mass="1" pos="0.2 0 0"/>'
+    (tmp_path / "arm.xml").write_text(
+        f'<mujoco><worldbody><body name="one"><joint name="a" axis="0 0 1"/>{ball}'
+        f'<body name="two" pos="0 0 1"><joint name="b" axis="0 1 0"/>{ball}</body></body></worldbody>'
+        '<actuator><motor joint="a" ctrllimited="true" ctrlrange="-5 5" gear="2"/></actuator></mujoco>'
+    )
+    np.testing.assert_array_equal(Robot.load(tmp_path / "arm.xml").limits.effort, [10.0, np.inf])
+
+
+def test_a_load_that_sets_in_with_a_sample_is_felt_from_that_sample_on() -> None:
+    push = np.array([3.0, -2.0, 1.0])
+    arm = Robot.load("anthropomorphic3")
+    with_, without = RigidBodyPlant(arm, Step(push, onset=2e-3), substeps=2), RigidBodyPlant(arm, substeps=2)
+    states = [plant.init(0.1 * push, 0.0 * push) for plant in (with_, without)]
+    for felt in (False, False, True):
+        states = [plant.step(push, x, 1e-3) for plant, x in zip((with_, without), states, strict=True)]
+        assert (states[0].v != states[1].v).any() == felt
+
+
+def test_positions_are_drawn_between_zeros_of_either_sign() -> None:
+    held = UR5.with_limits(lower=[0.0, *[-1.0] * 5], upper=[-0.0, *[1.0] * 5])
+    np.testing.assert_array_equal(held.random_positions(5)[:, 0], 0.0)
 
 
 def test_an_arm_of_one_joint_is_like_any_other(tmp_path: Path) -> None:

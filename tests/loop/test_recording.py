@@ -12,7 +12,12 @@ import xarray as xr
 
 from armgpi import GPI, Bezier, RigidBodyPlant, Robot, Step, Supervisor, load, metrics, prepare, simulate
 from armgpi.errors import ArmgpiError, NameNotFound, ParameterError, RolloutError
+from armgpi.gpi.gains import Tuning
+from armgpi.gpi.weights import Weights
 from armgpi.loop.memory import Memory
+from armgpi.loop.rollout import Recording, Status
+from armgpi.loop.weights import load_weights, save_weights
+from armgpi.supervisor import SIGNALS
 
 ARM = Robot.load("anthropomorphic3")
 MOVE = Bezier([0.0, 0.0, 0.0], [0.4, 0.3, -0.2], duration=0.3)
@@ -56,6 +61,35 @@ def test_chosen_and_narrow_variables_are_those_of_the_whole(backend: str, every:
     xr.testing.assert_identical(load(tmp_path / "run.nc").transpose("rollout", ...), some)
     with pytest.raises(RolloutError, match="q_ref"):
         metrics.peak_error(some)
+
+
+def test_weights_of_all_three_tunings_are_read_as_they_were_written(tmp_path: Path) -> None:
+    made = Weights(
+        **{name: np.random.default_rng(k).normal(size=(3, 4)) for k, name in enumerate(Tuning._fields)}
+    )
+    save_weights(made, tmp_path / "w.nc", ARM)
+    for name in Tuning._fields:
+        np.testing.assert_array_equal(
+            getattr(load_weights(tmp_path / "w.nc", ARM), name), getattr(made, name)
+        )
+
+
+def test_a_fault_is_told_at_the_sample_that_it_was_in() -> None:
+    """Of three rollouts: 4 samples ago, none, and diverged after it, with nothing stored since."""
+    kept = Recording.new((3, 2), 10, 1e-3, 1)
+    rows = np.full((4, 11, 3, 2), np.nan)
+    for k in range(11):
+        rows[:, k, 0], rows[:, k, 1] = np.array([[[3], [5 * (k > 5)], [1], [k - 6]], [[0], [0], [0], [0]]])
+    rows[:, :8, 2] = np.array([3.0, 8.0, 0.0, 2.0])[:, None, None]
+    for name, values in zip(SIGNALS, rows, strict=True):
+        kept.store(0, {name: values})
+    kept.diverge(np.array([2]), np.array([8]))
+    kept.note_faults()
+    np.testing.assert_array_equal(kept.faults["fault"], [5, 0, 8])
+    np.testing.assert_array_equal(kept.faults["fault_joint"], [1, -1, 0])
+    np.testing.assert_allclose(kept.faults["t_fault"], [5e-3, np.nan, 5e-3], atol=1e-12)
+    assert kept.status.tolist() == [Status.STOPPED, Status.FINISHED, Status.DIVERGED]
+    np.testing.assert_allclose(kept.t_end, [5e-3, 10e-3, 8e-3], atol=1e-12)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

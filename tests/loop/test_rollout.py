@@ -156,6 +156,7 @@ def test_a_rollout_of_another_format_is_refused(found: object, tmp_path: Path) -
         (lambda whole: whole.assign_attrs(provenance="{"), "provenance is no JSON"),
         (lambda whole: whole.assign_attrs(provenance="[]"), "provenance is empty"),
         (lambda whole: whole.assign_coords(time=whole["time"].values[::-1]), "times do not increase"),
+        (lambda whole: whole.assign_coords(time=np.arange(whole.sizes["time"]) // 2.0), "do not increase"),
         (
             lambda whole: whole.assign_coords(time=np.full(whole.sizes["time"], np.nan)),
             "times do not increase",

@@ -67,6 +67,13 @@ def test_two_coupled_rails_weigh_and_resist_as_levers_do() -> None:
     assert rails.total_mass == 3.5
 
 
+def test_ranges_of_leader_and_follower_may_meet_in_a_point() -> None:
+    limits = 'lower="-1.9" upper="-1.9" effort="1" velocity="3"'
+    meets = joint("x2", "base", "prismatic", "0 0 1", mimic("x1", -2.0, 0.1), limits)
+    rails = Robot.from_xml(robot_text(joint("x1", "base", "prismatic", "0 0 1"), meets), mimic="follow")
+    np.testing.assert_allclose([rails.limits.lower, rails.limits.upper], 1.0)
+
+
 def test_the_followers_range_and_speed_bound_the_leader() -> None:
     tight = joint(
         "x2",

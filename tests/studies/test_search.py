@@ -7,7 +7,8 @@ import math
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -17,12 +18,15 @@ from hypothesis import strategies as st
 from armgpi import ArmgpiWarning, Reality, Robot, config, metrics, simulate
 from armgpi.config.schema import KINDS
 from armgpi.errors import MissingPackage, NameNotFound, ParameterError, RolloutError
+from armgpi.parameter import Parameter
 from armgpi.plants.reality import stack_draws
+from armgpi.studies import found
+from armgpi.studies.contend import draws
 from armgpi.studies.evaluation import Evaluated, Evaluator, with_keys
 from armgpi.studies.objective import Constraint, Expression, Judged, Objective
 from armgpi.studies.optimise import Problem, Row, Search
-from armgpi.studies.optimisers import METHODS, Swarm
-from armgpi.studies.space import Dimension, Range, Space, numbers
+from armgpi.studies.optimisers import CMA, METHODS, Swarm
+from armgpi.studies.space import Dimension, Range, Space, _begin, numbers
 from armgpi.studies.study import Identity, Study
 
 ARM = Robot.load("anthropomorphic3")
@@ -54,6 +58,37 @@ def test_a_box_has_its_lower_end_below_its_upper_one(x: list[float]) -> None:
     made = space({"type": "network", "omega": {"lower": 20.0, "upper": 60.0}}, {"omega": Range(5.0, 100.0)})
     box = made.with_values(np.array(x))["omega"]
     assert 5.0 * (1 - 1e-12) <= box["lower"] <= box["upper"] <= 100.0 * (1 + 1e-12)
+
+
+def test_a_number_that_nothing_tells_begins_in_the_middle_and_one_dimension_is_searched_too() -> None:
+    robot: Any = SimpleNamespace(robot=SimpleNamespace(n=3))
+    by_factors = Parameter("x", least=0.0, log=True)
+    assert _begin(Parameter("x"), None, 2.0, 8.0, robot) == 5.0
+    assert _begin(by_factors, None, 2.0, 8.0, robot) == 4.0
+    search = CMA(np.array([0.3]), seed=1, population=4)
+    search.ask()
+    search.tell(np.arange(4.0))
+    search.inject(np.array([0.7]))
+    assert search.ask().shape == (4, 1)
+
+
+def test_a_search_keeps_its_whole_file_and_tells_the_default_as_its_first_candidate(tmp_path: Path) -> None:
+    wanted: Any = SimpleNamespace(
+        identity=Identity({"a": 1}, text="robot: ur5\n"), tune=SimpleNamespace(plain=lambda: {"budget": 3})
+    )
+    found.enter(tmp_path / "study", wanted, resume=False)
+    assert (tmp_path / "study" / found.STUDY).read_text().endswith("robot: ur5\ntune:\n  budget: 3\n")
+    rows: list[Any] = [
+        SimpleNamespace(_asdict=lambda k=k: {"number": k}, x=np.full(2, float(k))) for k in range(3)
+    ]
+    told = found.as_data(cast(Any, SimpleNamespace(rows=rows)), [], rows[2])
+    assert told["default"]["searched"] == {"number": 0, "x": [0.0, 0.0]}
+    assert (told["default"]["held_out"]["number"], told["candidates"]) == (2, 3)
+
+
+def test_a_contest_has_the_draws_from_its_first_one_on() -> None:
+    one = [np.concatenate(draw.move[:2]) for draw in draws(ARM, 3, first=5)]
+    np.testing.assert_array_equal(one[1:], [np.concatenate(draw.move[:2]) for draw in draws(ARM, 2, first=6)])
 
 
 @pytest.mark.parametrize("per_joint", [False, True])

@@ -15,6 +15,7 @@ import tracemalloc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ import pytest
 from test_sweep import RARE, TEXT, called, contents
 
 from armgpi import files
+from armgpi.codegen import build as compilers
 from armgpi.config import build, parse, read
 from armgpi.config import experiment as experiments
 from armgpi.errors import ArmgpiError, RolloutError
@@ -656,3 +658,10 @@ def test_a_damaged_file_that_is_read_back_ends_in_one_line(
     fuzz: Callable[[str, int], dict[str, int]], kind: str
 ) -> None:
     assert fuzz(kind, 40)["refused"] > 20
+
+
+def test_the_compiler_of_a_study_is_told_by_the_first_line_of_its_version(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(compilers, "compiler", lambda: SimpleNamespace(version="gcc 12.2\nCopyright"))
+    assert study.code()["compiler"] == "gcc 12.2"

@@ -671,6 +671,9 @@ def test_whole_numbers_are_drawn_from_all_between_the_ends_alike() -> None:
         distribution("plant.delay", SimpleNamespace(uniform=[0, 1001], **nothing), declared, 3)
     wide = distribution("plant.delay", SimpleNamespace(uniform=[0, 1000], **nothing), declared, 3)
     assert wide.numbers == tuple(range(1001))
+    assert distribution(
+        "plant.delay", SimpleNamespace(uniform=[1990, 1993], **nothing), declared, 3
+    ).numbers == (1990, 1991, 1992, 1993)
     unsaid = SimpleNamespace(uniform=None, **nothing)
     factors = Parameter("stiffness", least=0.0, log=True, search=(2.0, 8.0))
     assert distribution("plant.x", unsaid, factors, 3) == ("log_uniform", (2.0, 8.0), 1)
