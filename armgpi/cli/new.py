@@ -129,7 +129,8 @@ def _file(
     interface = COMPENSATING.get(target)
     load, load_note = answers.get("Heaviest load at the tool [kg]", typed["payload"], _load(arm), float)
     bits, bits_note = answers.get("Encoder resolution [bits per turn]", typed["encoder_bits"], _BITS, int)
-    late, late_note = answers.get("Delay of measurements [samples]", typed["delay"], _DELAY, int)
+    delay = max(_DELAY, interface.delays[0]) if interface else _DELAY
+    late, late_note = answers.get("Delay of measurements [samples]", typed["delay"], delay, int)
     step, step_note = answers.get("Sample time [s]", typed["dt"], interface.dt if interface else 1e-3, float)
     if interface is not None:
         section["gravity"] = "robot"

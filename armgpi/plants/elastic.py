@@ -334,6 +334,8 @@ def sag(robot: Robot, stiffness: Array | None = None, at_motor: Any = None) -> s
     twist = np.where(at_motor, robot.gravity(q) / stiffness, 0.0)
     moved = robot.frame_jacobian(robot.tip, q)[:, :3] @ twist[..., None]
     sunk = 1e3 * np.linalg.norm(moved[..., 0], axis=-1)
+    if not sunk.any():  # a robot that carries its weight by itself: its model has none
+        return ""
     return (
         f"gears twist under gravity, which encoders at motors do not see: the tool is off by "
         f"{np.median(sunk):.2g} mm (median), at most {sunk.max():.2g} mm, of {_CONFIGURATIONS} configurations"

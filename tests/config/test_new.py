@@ -104,6 +104,15 @@ def test_what_is_not_said_is_believed_and_marked_so(file: Path, cli: Callable[..
     assert "my_arm.yaml exists; choose another file, or add --force" in again.err
 
 
+@pytest.mark.parametrize(("target", "late"), [("bare", 1), ("fci", 1), ("ur", 2)])
+def test_measurements_are_believed_as_late_as_the_target_has_them(
+    target: str, late: int, cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    path = tmp_path / "arm.yaml"
+    assert cli("new", "ur5", "--target", target, "-o", str(path)).code == 0
+    assert f"  delay: {late}  #" in path.read_text(encoding="utf-8")
+
+
 def test_a_whole_robot_is_told_by_inspect_and_run_and_kept_by_the_name_of_a_chain() -> None:
     path = humanoid()
     found = chains.find(urdf.parse(urdf.read_file(path), str(path)))
