@@ -7,6 +7,7 @@ import html
 import io
 import math
 import re
+import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -23,8 +24,14 @@ _UNITS = {
 }
 #: Characters that mean something to LaTeX, and those that its fonts lack.
 _TEX = {c: "\\" + c for c in "&%$#_{}"} | {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\~{}"}
-_TEX |= {"½": r"$\frac12$", "²": "$^2$", "°": r"$^\circ$", "τ": r"$\tau$", "π": r"$\pi$", "∂": r"$\partial$"}
-_TEX |= {"q̇": r"$\dot q$", "Ḋ": r"$\dot D$", "≤": r"$\le$"}
+_TEX |= {"½": r"$\frac12$", "²": "$^2$", "°": r"$^\circ$", "∂": r"$\partial$", "×": r"$\times$", "−": "$-$"}
+_TEX |= {"q̇": r"$\dot q$", "Ḋ": r"$\dot D$", "≤": r"$\le$"} | {c: f"${c}$" for c in "<>|"}
+_GREEK = (
+    "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi omicron pi rho varsigma sigma tau "
+    "upsilon phi chi psi omega Gamma Delta Theta Lambda Xi Pi Sigma Phi Psi Omega"
+)
+_LETTERS = [*map(chr, range(0x3B1, 0x3CA)), *"ΓΔΘΛΞΠΣΦΨΩ"]
+_TEX |= {c: rf"$\{x}$" for c, x in zip(_LETTERS, _GREEK.split(), strict=True)} | {"ο": "o"}
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*([^\d\s].*)")
 
 
@@ -95,7 +102,14 @@ def csv_table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def latex_text(text: str) -> str:
-    """Return text for LaTeX."""
+    """Return text for LaTeX, in ASCII: what has no command becomes what is like it, or a question mark."""
     # A letter and the dot on it are two characters.
     text = text.replace("q̇", "\0")
-    return "".join(_TEX["q̇"] if c == "\0" else _TEX.get(c, c) for c in text)
+    return "".join(_TEX["q̇"] if c == "\0" else _TEX.get(c) or _alike(c) for c in text)
+
+
+def _alike(character: str) -> str:
+    """Return what a character is made of, as far as LaTeX has it."""
+    parts = unicodedata.normalize("NFKD", character)
+    plain = (c if c.isascii() and (c.isprintable() or c.isspace()) else "" for c in parts)
+    return "".join(_TEX.get(c) or x for c, x in zip(parts, plain, strict=True)) or "?"

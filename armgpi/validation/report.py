@@ -216,7 +216,7 @@ class DynamicsReport:
         return "\n".join([*lines, *(f"\n{note}" for note in self.notes)]) + "\n"
 
     def latex(self) -> str:
-        """Return the report as LaTeX: a table of the functions, and a list of what is wrong."""
+        """Return the report as LaTeX with amsmath: a table of the functions, and a list of what is wrong."""
         rows = [" & ".join(map(latex_text, _cells(t))) + r" \\" for t in self.functions]
         lines = [rf"\paragraph{{{latex_text(self.model)}}} {latex_text(self.verdict())}."]
         lines += [r"\begin{tabular}{lllll}", *rows, r"\end{tabular}"] if rows else []

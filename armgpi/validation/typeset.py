@@ -10,7 +10,7 @@ import ast
 import re
 from collections.abc import Sequence
 
-from armgpi.escape import html_text
+from armgpi.escape import html_text, latex_text
 
 #: Names of Greek letters, which are set as such.
 _GREEK = {
@@ -88,8 +88,9 @@ class _Tex(_Html):
     def symbol(self, text: str) -> str:
         if text in _GREEK or text in _FUNCTIONS:
             return rf"\{text} "
-        escaped = text.replace("_", r"\_")
-        return escaped if len(text) == 1 else rf"\mathrm{{{escaped}}}"
+        return (
+            text if len(text) == 1 and text.isascii() and text.isalpha() else rf"\text{{{latex_text(text)}}}"
+        )
 
     def sign(self, text: str) -> str:
         return text

@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from armgpi.escape import latex_text
 from armgpi.validation.typeset import mathml, tex
 
 #: Python -> LaTeX, written by hand.
@@ -47,3 +48,10 @@ def test_text_of_a_source_cannot_leave_its_formula() -> None:
     page = mathml("p['</math><script>alert(1)</script>']")
     assert page is not None
     assert [node.tag for node in ElementTree.fromstring(page).iter()] == ["math", "mi"]
+
+
+def test_whatever_a_report_says_is_latex() -> None:
+    # pdflatex stops at characters that it has no command for, and math at a key's % or _.
+    text = latex_text("θ Δt ℓ₂ é < ο ∑ q̇ 100 % a_b\x01")
+    assert text == r"$\theta$ $\Delta$t l2 e $<$ o ? $\dot q$ 100 \% a\_b?"
+    assert tex("θ * p['a%$_b']") == r"\text{$\theta$}\,\text{a\%\$\_b}"
