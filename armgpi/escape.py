@@ -27,8 +27,8 @@ _TEX = {c: "\\" + c for c in "&%$#_{}"} | {"\\": r"\textbackslash{}", "^": r"\^{
 _TEX |= {"½": r"$\frac12$", "²": "$^2$", "°": r"$^\circ$", "∂": r"$\partial$", "×": r"$\times$", "−": "$-$"}
 _TEX |= {"q̇": r"$\dot q$", "Ḋ": r"$\dot D$", "≤": r"$\le$"} | {c: f"${c}$" for c in "<>|"}
 _GREEK = (
-    "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi omicron pi rho varsigma sigma tau "
-    "upsilon phi chi psi omega Gamma Delta Theta Lambda Xi Pi Sigma Phi Psi Omega"
+    "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi omicron pi rho varsigma sigma "
+    "tau upsilon phi chi psi omega Gamma Delta Theta Lambda Xi Pi Sigma Phi Psi Omega"
 )
 _LETTERS = [*map(chr, range(0x3B1, 0x3CA)), *"ΓΔΘΛΞΠΣΦΨΩ"]
 _TEX |= {c: rf"$\{x}$" for c, x in zip(_LETTERS, _GREEK.split(), strict=True)} | {"ο": "o"}

@@ -1,7 +1,8 @@
 """What may stand in place of an expression when someone has made a mistake there.
 
 Everything is a change of Python's syntax tree. The kinds are those of mistakes: "sign", "factor", "square",
-"trig", "angle", "degrees", "name", "index", "transposed", "cross", "term", "extra", "product", "swapped".
+"trig", "angle", "degrees", "name", "index", "transposed", "cross", "term", "sum", "extra", "product",
+"swapped".
 Whether a choice means anything is not asked here: it is compiled and tried.
 """
 
@@ -11,7 +12,7 @@ import ast
 import copy
 import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
@@ -26,11 +27,14 @@ _ADDITIVE = (ast.Add, ast.Sub)
 _PRODUCTS = (ast.Mult, ast.Div, ast.MatMult)
 _FACTORS = (*_PRODUCTS, ast.Pow)
 _TURNS = {"sin": "cos", "cos": "sin"}
-#: Vectors that are combined to cross products, at most: their squares are tried; fewer where every product is
-#: compiled, in loops.
-_VECTORS, _IN_LOOPS = 24, 12
+#: Vectors that are combined to cross products, at most: their squares are tried.
+_VECTORS = 24
+#: Numbers of one list or array that are names, at most.
+_MOST_ENTRIES = 30
 #: Shapes of rotations, of matrices of Denavit and Hartenberg, and of those of spatial vectors.
 _SQUARE = ((3, 3), (4, 4), (6, 6))
+#: Shapes of SymPy's vectors.
+_COLUMNS = ((2, 1), (3, 1))
 #: Shape of a twist, a wrench, a spatial velocity.
 _SPATIAL = (6,)
 
@@ -50,7 +54,8 @@ class Scope(NamedTuple):
         entries: other entries of arguments and of lists of numbers, such as ``v[1]`` or ``masses[i]``.
         cross: how the function for cross products is called there.
         loops: whether variables have several values in one call.
-        attributes: numbers and arrays that objects have, such as ``self.m2``, by their text.
+        attributes: numbers and arrays that objects have, such as ``self.m2``, and parts of arrays, such as
+            ``T[k][:3, 3]``, by their text.
         functions: functions of the file by their names, and how many arguments they take.
         unused: what is assigned or given and read nowhere: it may have been forgotten.
     """
@@ -72,10 +77,20 @@ class Scope(NamedTuple):
 
     def kind(self, node: ast.AST) -> Any:
         """Return what a name, an attribute or an entry of a list of arrays holds, None where not known."""
+        if not isinstance(node, ast.Name | ast.Attribute | ast.Subscript):
+            return None
+        kind = self.kinds.get(ast.unparse(node))
         if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Name | ast.Constant | ast.BinOp):
-            kind = self.kinds.get(ast.unparse(node.value))
-            return kind[1:] if isinstance(kind, tuple) and len(kind) > 1 else None
-        return self.kinds.get(ast.unparse(node)) if isinstance(node, ast.Name | ast.Attribute) else None
+            of = self.kinds.get(ast.unparse(node.value))
+            return of[1:] if kind is None and isinstance(of, tuple) and len(of) > 1 else kind
+        return kind
+
+    def alike(self, node: ast.expr) -> Iterator[ast.expr]:
+        """Yield what else holds the same kind of thing as a name, an attribute or an entry."""
+        text, kind = ast.unparse(node), self.kind(node)
+        for other, its in self.kinds.items() if kind is not None else ():
+            if its == kind and other != text:
+                yield self.attributes.get(other) or ast.Name(other, ast.Load())
 
 
 def kind_of(value: Any) -> Any:
@@ -103,6 +118,11 @@ def scope_of(
     indices = set(_indexing(everywhere))
     kinds = {k: "float" if kind == "int" and k not in indices else kind for k, kind in kinds.items()}
     seen, attributes = _Seen(arguments), dict(_attributes(everywhere, values, kinds))
+    attributes |= {
+        text: ast.parse(text, mode="eval").body for text in _numbers_read(tree, everywhere, values, arguments)
+    }
+    kinds |= dict.fromkeys(attributes.keys() - kinds.keys(), "scalar")
+    attributes |= _parts(tree, values, kinds)
     seen.scalars |= {text: x for text, x in attributes.items() if kinds[text] == "scalar"}
     items: dict[str, ast.Subscript] = {}
     for node in ast.walk(everywhere):
@@ -196,6 +216,52 @@ def _attributes(
             if not name.startswith("_") and (kind in ("float", "int") or isinstance(value, np.ndarray)):
                 kinds[text] = kind if isinstance(kind, tuple) else "scalar"
                 yield text, ast.Attribute(ast.Name(owner, ast.Load()), name, ast.Load())
+
+
+def _numbers_read(
+    tree: ast.AST, everywhere: ast.AST, values: Mapping[str, Any], arguments: tuple[str, ...]
+) -> Iterator[str]:
+    """Yield the numbers of lists and arrays of which one is read alone: ``m[1]``, ``I[2][0, 0]``."""
+    own = {n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+    roots: dict[str, None] = {}
+    for node in (n for n in ast.walk(everywhere) if isinstance(n, ast.Subscript)):
+        root: ast.expr = node
+        while isinstance(root, ast.Subscript) and not names_in(root.slice):
+            root = root.value
+        if isinstance(root, ast.Name) and root.id not in (*arguments, *(own if arguments else ())):
+            roots[root.id] = None
+    for name in roots:
+        yield from itertools.islice(_numbers_in(name, values.get(name)), _MOST_ENTRIES)
+
+
+def _numbers_in(text: str, value: Any) -> Iterator[str]:
+    """Yield how the numbers of a list or an array are read, but for zeros."""
+    if isinstance(value, list | tuple):
+        for k, x in enumerate(value):
+            yield from [f"{text}[{k}]"] if isinstance(x, Expression) else _numbers_in(f"{text}[{k}]", x)
+    elif type(value) is np.ndarray and value.dtype.kind in "if":
+        yield from (f"{text}[{', '.join(map(str, at))}]" for at, x in np.ndenumerate(value) if at and x)
+    elif type(value) in (int, float) and value and "[" in text:
+        yield text
+
+
+def _parts(tree: ast.AST, values: Mapping[str, Any], kinds: dict[str, Any]) -> Iterator[tuple[str, ast.expr]]:
+    """Yield the parts of arrays that stand in a block, for other indices too, and add their kinds."""
+    counters = [ast.Name(name, ast.Load()) for name, kind in kinds.items() if kind == "int"]
+    for node in (n for n in ast.walk(tree) if isinstance(n, ast.Subscript)):
+        used = (x for x in counters if x.id in names_in(node))
+        others = [_Replaced(x.id, y).visit(copy.deepcopy(node)) for x in used for y in counters]
+        for one in (node, *others):
+            text = ast.unparse(one)
+            if text in kinds or any(isinstance(x, ast.Call) for x in ast.walk(one)):
+                continue
+            try:
+                kind = kind_of(eval(text, {"__builtins__": {}}, dict(values)))
+            except Exception:  # a name that is not there yet, an index out of range
+                continue
+            if kind in ((2,), (3,), _SPATIAL, *_SQUARE):
+                kinds[text] = kind
+                yield text, ast.parse(text, mode="eval").body
 
 
 def _entries_of_arguments(
@@ -345,7 +411,7 @@ def alternatives(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
     yield from _with_forgotten(node, parent, scope)
     yield from _of_arrays(node, parent, scope)
     if isinstance(node, ast.BinOp) and insertion(node, parent):
-        for term in _siblings(node, scope):
+        for term in _siblings(node, summands(node), scope):
             yield "term", ast.BinOp(node, ast.Add(), term)
             yield "term", ast.BinOp(node, ast.Sub(), term)
 
@@ -362,18 +428,16 @@ def _of_itself(node: ast.expr, scope: Scope) -> Iterator[Choice]:
             yield from _of_own(node, scope)
         case ast.Attribute(attr="T"):
             yield "transposed", node.value
-        case ast.Attribute() if (text := ast.unparse(node)) in scope.attributes:
-            others = scope.attributes.items()
-            yield from (
-                ("name", x) for one, x in others if one != text and scope.kinds[one] == scope.kinds[text]
-            )
+        case ast.Attribute():
+            yield from (("name", x) for x in scope.alike(node))
         case ast.Name():
             yield from _of_name(node, scope)
         case ast.Subscript():
             yield from _of_subscript(node, scope)
+            yield from (("name", x) for x in scope.alike(node))
             yield from _absolute(node, scope)
         case ast.Tuple() | ast.List() | ast.IfExp():
-            yield from _of_row(node)
+            yield from _of_row(node, scope)
         case ast.Constant(value=int() | float() as x) if abs(x) >= _DEGREES:
             yield "degrees", ast.BinOp(node, ast.Mult(), ast.Constant(math.pi / 180))
 
@@ -397,6 +461,11 @@ def _with_forgotten(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choic
         (target,) = parent.targets
         if isinstance(target, ast.Name) and target.id not in names_in(node):  # = for +=
             yield "term", ast.BinOp(ast.Name(target.id, ast.Load()), ast.Add(), node)
+    if isinstance(parent, ast.Assign) and isinstance(parent.targets[0], ast.Name):
+        kind = scope.kind(parent.targets[0])
+        for other in scope.alike(parent.targets[0]) if kind in _COLUMNS else ():
+            yield "sum", ast.BinOp(other, ast.Add(), node)
+            yield "sum", ast.BinOp(node, ast.Sub(), other)
 
 
 def _of_arrays(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
@@ -442,7 +511,7 @@ class _Renumbered(ast.NodeTransformer):
 
     def __init__(self, old: str, new: str, scope: Scope) -> None:
         self._old, self._new = old, new
-        self._known = {*scope.kinds, *scope.keys, *(x.split(".")[1] for x in scope.attributes)}
+        self._known = {*scope.kinds, *scope.keys, *(x.rpartition(".")[2] for x in scope.attributes)}
         self.good = True
 
     def _of(self, name: str) -> str:
@@ -469,9 +538,9 @@ class _Renumbered(ast.NodeTransformer):
         return ast.Subscript(self.visit(node.value), index, node.ctx)
 
 
-def _siblings(node: ast.BinOp, scope: Scope) -> Iterator[ast.expr]:
-    """Yield terms of a sum for another number: m1 * J1.T @ J1 beside m2 * J2.T @ J2."""
-    terms = {ast.unparse(term): term for term in summands(node)}
+def _siblings(node: ast.expr, parts: Iterable[ast.expr], scope: Scope) -> Iterator[ast.expr]:
+    """Yield parts for another number: m1 * J1.T @ J1 beside m2 * J2.T @ J2, (m3, c3) behind (m2, c2)."""
+    terms = {ast.unparse(term): term for term in parts}
     found = {}
     read = [x.slice for x in ast.walk(node) if isinstance(x, ast.Subscript)]
     indices = [x.value for x in read if isinstance(x, ast.Constant) and type(x.value) is int]
@@ -560,7 +629,7 @@ def _relatives(scope: Scope) -> Iterator[ast.expr]:
 
 def _crosses(scope: Scope, cross: ast.expr) -> Iterator[ast.expr]:
     """Yield cross products of two vectors, those of a vector with these, and I ω and ω × I ω."""
-    vectors = _of_space(scope)[: _IN_LOOPS if scope.loops else _VECTORS]
+    vectors = _of_space(scope)[:_VECTORS]
     plain = [x for x in scope.products if isinstance(x, ast.BinOp)]
     pairs = ((a, b) for a in vectors for b in (*vectors, *plain) if a is not b)
     for a, b in pairs:
@@ -602,7 +671,7 @@ def _length(node: ast.expr) -> tuple[int, int]:
 def _gyroscopic_terms(scope: Scope, cross: ast.expr) -> Iterator[ast.expr]:
     """Yield I ω and ω × I ω of all matrices and vectors."""
     for matrix in scope.matrices:
-        for x in _of_space(scope)[: _IN_LOOPS if scope.loops else None]:
+        for x in _of_space(scope):
             turned = ast.BinOp(matrix, ast.MatMult(), x)
             yield from (turned, ast.Call(cross, [x, turned], []))
 
@@ -686,11 +755,8 @@ def _of_own(node: ast.Call, scope: Scope) -> Iterator[Choice]:
 
 
 def _of_name(node: ast.Name, scope: Scope) -> Iterator[Choice]:
+    yield from (("name", x) for x in scope.alike(node))
     kind = scope.kinds.get(node.id)
-    if kind is not None:
-        for other, its in scope.kinds.items():
-            if other != node.id and its == kind and other not in scope.attributes:
-                yield "name", ast.Name(other, ast.Load())
     if isinstance(kind, tuple) and len(kind) == 2:
         yield "transposed", ast.Attribute(node, "T", ast.Load())
 
@@ -740,7 +806,7 @@ def _indices(index: ast.expr, scope: Scope) -> Iterator[Choice]:
                 yield "index", ast.BinOp(ast.Name(name, ast.Load()), ast.Add(), ast.Constant(step))
 
 
-def _of_row(node: ast.Tuple | ast.List | ast.IfExp) -> Iterator[Choice]:
+def _of_row(node: ast.Tuple | ast.List | ast.IfExp, scope: Scope) -> Iterator[Choice]:
     if isinstance(node, ast.IfExp):
         yield from (("extra", node.body), ("extra", node.orelse))
         return
@@ -749,6 +815,13 @@ def _of_row(node: ast.Tuple | ast.List | ast.IfExp) -> Iterator[Choice]:
         if ast.dump(items[k]) != ast.dump(items[k + 1]):
             swapped = [*items[:k], items[k + 1], items[k], *items[k + 2 :]]
             yield "swapped", type(node)(swapped, ast.Load())
+    if all(isinstance(x, ast.Tuple) for x in items):
+        more = _siblings(node, items, scope)
+        yield from (("term", type(node)([*items, x], ast.Load())) for x in more)
+    rows = [x.elts for x in items if isinstance(x, ast.List) and len(x.elts) == len(items) > 1]
+    if len(rows) == len(items):
+        columns = (ast.List([*column], ast.Load()) for column in zip(*rows, strict=True))
+        yield "transposed", ast.List([*columns], ast.Load())
     if len(items) == 6:  # a twist or an inertia with its other half first
         yield "swapped", type(node)([*items[3:], *items[:3]], ast.Load())
 

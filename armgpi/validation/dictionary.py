@@ -23,7 +23,7 @@ SAME = 1e-7
 #: Products that have the same value, at most.
 _SEVERAL = 40
 #: Names and expressions that take part, at most: their products are listed.
-_MOST_NAMES, _MOST_STATES = 20, 18
+_MOST_NAMES, _MOST_STATES = 30, 18
 
 
 class Term(NamedTuple):
@@ -80,7 +80,7 @@ class Dictionary:
             share = columns @ values / np.einsum("ij,ij->i", columns, columns)
             rest = np.linalg.norm(values - share[:, np.newaxis] * columns, axis=1)
         for k in np.flatnonzero(rest <= SAME * size)[:8]:
-            for found in self.constants(float(share[k])):
+            for found in self.constants(float(share[k])) or ([] if words[k] else self._sums(float(share[k]))):
                 text = " * ".join(
                     [*([found.text] if found.text != "1" or not words[k] else []), *_powers(words[k])]
                 )
@@ -119,6 +119,23 @@ class Dictionary:
                 bits = sum(p.bits for p in found if p) + 2 * np.log2(len(words))
                 return Term(" + ".join(texts), float(bits))
         return None
+
+    def _sums(self, value: float) -> list[Term]:
+        """Return sums of two products of numbers with a factor in common, such as m (x² + y²)."""
+        words, logs = self._products
+        few = [k for k, word in enumerate(words) if 1 < len(word) < 4]
+        sizes = np.exp(logs[few]) * [np.prod([self._signs[x] for x in words[k]]) for k in few]
+        order, near = np.argsort(sizes), SAME * abs(value)
+        low, high = np.searchsorted(sizes[order], [value - sizes - near, value - sizes + near])
+        pairs = (
+            (words[few[i]], words[few[order[j]]])
+            for i in np.flatnonzero(high > low)
+            for j in range(low[i], high[i])
+        )
+        found = {tuple(sorted(pair)) for pair in pairs if pair[0] != pair[1] and {*pair[0]} & {*pair[1]}}
+        terms = (" + ".join(" * ".join(_powers(word)) for word in pair) for pair in sorted(found))
+        bits = [sum(map(len, pair)) * np.log2(len(self._constants) + 1.0) for pair in sorted(found)]
+        return [Term(text, float(b)) for text, b in zip(terms, bits, strict=True)]
 
     def constants(self, value: float) -> list[Term]:
         """Return the simplest products of numbers, times a usual coefficient, that have a value.

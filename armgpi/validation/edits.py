@@ -34,7 +34,7 @@ from armgpi.validation.alternatives import (
     vector_terms,
 )
 from armgpi.validation.dictionary import Dictionary
-from armgpi.validation.graph import Expression, Matrix, Program, is_drawn, states_of
+from armgpi.validation.graph import GIVEN, Expression, Matrix, Program, is_drawn, states_of
 from armgpi.validation.models import ARGUMENTS, Origin, States
 from armgpi.validation.units import Slopes
 
@@ -391,11 +391,13 @@ def _bare(function: ast.FunctionDef) -> ast.FunctionDef:
 
 
 def _other_values(node: ast.Constant) -> Iterator[tuple[str, ast.expr]]:
-    """Yield a number in other units, and other values of gravity."""
+    """Yield a number in other units, other values of gravity, and the other sign."""
     if isinstance(node.value, float):
         yield from (("unit", ast.Constant(float(f"{node.value * unit:.12g}"))) for unit in _UNITS)
     if node.value in GRAVITY:
         yield from (("value", ast.Constant(g)) for g in GRAVITY if g != node.value)
+    else:
+        yield "sign", ast.UnaryOp(ast.USub(), node)
 
 
 def _literals(tree: ast.AST) -> dict[ast.AST, str]:
@@ -418,7 +420,9 @@ def _literals(tree: ast.AST) -> dict[ast.AST, str]:
 def _stored(statement: ast.AST) -> Iterator[str]:
     """Yield the names that a statement assigns, or assigns entries or attributes of."""
     for node in ast.walk(statement):
-        if isinstance(getattr(node, "ctx", None), ast.Store):
+        owner = _owner(node)
+        if owner is not None or isinstance(getattr(node, "ctx", None), ast.Store):
+            node = owner or node
             while isinstance(node, ast.Subscript | ast.Attribute):
                 node = node.value
             if isinstance(node, ast.Name):
@@ -434,6 +438,7 @@ def _is_whole(node: ast.expr, parent: Any) -> bool:
     """Tell whether an expression is a sum, or all that is assigned or put at a list's end."""
     appended = isinstance(parent, ast.Call) and function_name(parent) == "append"
     summed = isinstance(node, ast.BinOp) and (isinstance(node.op, ast.Add) or appended)
+    summed = summed or (isinstance(parent, ast.Call) and function_name(parent) == "cross")
     return summed or isinstance(parent, ast.Assign | ast.AugAssign)
 
 
@@ -597,7 +602,9 @@ class Editor:
                 block.namespace.setdefault(name, value)
             block.once, block.calls = len(frames) == 1, dict.fromkeys(self.goal.states, frames[:1] * ROWS)
         whole = [name for name, target in self.targets.items() if target.whole] if functions else []
-        for name, label, row in itertools.product(whole, self.goal.states, range(ROWS)):
+        # Drawn functions take long, and hardly compute anything themselves.
+        labels = [ALL] if self.drawn else self.goal.states
+        for name, label, row in itertools.product(whole, labels, range(ROWS)):
             arguments = self.goal.arguments(name, label, row)
             seen = self._locals_while(functions, lambda: self._calls[name](*arguments))  # noqa: B023
             for block, frames in seen.items():
@@ -666,15 +673,25 @@ class Editor:
         """Return an expression's values at the rows of some states."""
         entries = value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
         program, states = Program(entries), self.goal.states[label]
-        places = states_of(program.names)
-        own = vars(self._module).get("parameters", {})
-        rows = range(len(states.q))
-        return np.array(
-            [
-                program({**{s: float(getattr(states, x)[k][i]) for s, (x, i) in places.items()}, **own})
-                for k in rows
-            ]
-        )
+        own = {**self._given, **vars(self._module).get("parameters", {})}
+        places = {**states_of(program.names - own.keys()), **self._places}
+        at = [
+            {s: float(getattr(states, x)[k][i]) for s, (x, i) in places.items()} for k in range(len(states.q))
+        ]
+        return np.array([program({**own, **one}) for one in at])
+
+    @cached_property
+    def _given(self) -> dict[str, float]:
+        """Numbers that symbols stand for."""
+        return dict(GIVEN)
+
+    @cached_property
+    def _places(self) -> dict[str, tuple[str, int]]:
+        """Which entry of which argument the symbols are whose numbers are those of the first state."""
+        for target in self.targets.values():
+            self.goal.call(self._calls, target.function, ALL, 0)
+        flat = [(x, i, y) for x in States._fields for i, y in enumerate(getattr(self.goal.states[ALL], x)[0])]
+        return {name: (x, i) for name, number in GIVEN.items() for x, i, y in flat if number == y}
 
     def _nowhere(self) -> dict[str, list[dict[str, Any]]]:
         """Return no local variables, for every state."""
@@ -777,11 +794,15 @@ class Editor:
     def is_known(self, change: Change) -> bool:
         """Tell whether a change puts a number that the robot has too."""
         value = abs(float(change.new))
-        return bool((np.abs(self._known - value) <= 1e-6 * value).any())
+        return value in (0.0, 1.0) or bool((np.abs(self._known - value) <= 1e-6 * value).any())
 
     def is_constant(self, block: Block, site: int) -> bool:
         """Tell whether a term is the same number at all states."""
-        return block.rebuilds and (not self.drawn or bool(block.sites[site].literal))
+        one = block.sites[site]
+        entry = (
+            isinstance(one.parent, ast.List) and isinstance(one.node, ast.Constant) and one.node.value != 0
+        )
+        return block.rebuilds and (not self.drawn or bool(one.literal) or entry)
 
     def matrix(self) -> Array | None:
         """Return the Coriolis matrix at the first state, None when it raises."""
@@ -855,8 +876,14 @@ def _with_operator(source: str, site: Site) -> dict[str, Any] | None:
 
 
 def _assignments(tree: ast.Module) -> list[ast.stmt]:
-    """Return what a module computes."""
-    return [s for s in tree.body if isinstance(s, ast.Assign | ast.AugAssign | ast.For)]
+    """Return what a module computes: what it assigns, and calls such as ``numbers.update(...)``."""
+    return [s for s in tree.body if isinstance(s, ast.Assign | ast.AugAssign | ast.For) or _owner(s)]
+
+
+def _owner(statement: ast.AST) -> ast.expr | None:
+    """Return whose method is called where that is all that a statement is."""
+    call = statement.value if isinstance(statement, ast.Expr) else None
+    return call.func.value if isinstance(call, ast.Call) and isinstance(call.func, ast.Attribute) else None
 
 
 def _is_vector(value: Any) -> bool:

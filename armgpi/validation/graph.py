@@ -25,6 +25,8 @@ _LETTERS = {
     "a": r"(?:a|ddq|qdd|qddot|alpha)_?(\d+)|q_?(\d+)_?(?:dd|ddot)",
     "tau": r"(?:tau|u)_?(\d+)",
 }
+#: Symbol -> the number that it stood for last: put in its place, or given to what `lambdify` made.
+GIVEN: dict[str, float] = {}
 #: Symbol of time, of which coordinates may be functions.
 _TIME = "t"
 
@@ -236,7 +238,9 @@ def _pairs(changes: Sequence[Any]) -> dict[str, Expression]:
     first = changes[0]
     pairs = [changes] if len(changes) == 2 else first.items() if isinstance(first, Mapping) else first
     names = (_now(old).name if isinstance(old, Expression) else str(old) for old, _ in pairs)
-    return {name: _expression(new) for name, (_, new) in zip(names, pairs, strict=True)}
+    found = {name: _expression(new) for name, (_, new) in zip(names, pairs, strict=True)}
+    GIVEN.update({name: new.value for name, new in found.items() if new.op == "constant"})
+    return found
 
 
 def _substitute(nodes: Sequence[Expression], swap: Mapping[str, Expression]) -> list[Expression]:
@@ -362,6 +366,24 @@ class Matrix(np.ndarray):
         (x, y, z), (u, v, w) = np.ravel(self), np.ravel(other)
         return type(self)([y * w - z * v, z * u - x * w, x * v - y * u])
 
+    @classmethod
+    def vstack(cls, *parts: Any) -> Any:
+        """Return matrices below each other."""
+        return cls(np.concatenate([part.view(np.ndarray) for part in parts]))
+
+    @classmethod
+    def hstack(cls, *parts: Any) -> Any:
+        """Return matrices beside each other."""
+        return cls.vstack(*(part.T for part in parts)).T
+
+    def row_join(self, other: Any) -> Any:
+        """Return another matrix beside this one."""
+        return self.hstack(self, other)
+
+    def col_join(self, other: Any) -> Any:
+        """Return another matrix below this one."""
+        return self.vstack(self, other)
+
 
 class Grid(Matrix):
     """A matrix of CasADi: its product is that of the entries, and a single index counts down the columns."""
@@ -412,7 +434,9 @@ def _function(
             return outputs.subs(values)
         if not programs:
             programs.append(Program(outputs))
-        return shape(programs[0]({name: float(x) for name, x in values.items()}))
+        numbers = {name: float(x) for name, x in values.items()}
+        GIVEN.update(numbers)
+        return shape(programs[0](numbers))
 
     return call
 

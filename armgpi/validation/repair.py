@@ -19,14 +19,14 @@ from armgpi.validation.diagnose import Cause
 from armgpi.validation.edits import ALL, ROWS, Goal, Target
 from armgpi.validation.models import ARGUMENTS, States
 from armgpi.validation.problem import Problem
-from armgpi.validation.search import BUDGET, Repaired
+from armgpi.validation.search import BUDGET, Repaired, is_number
 from armgpi.validation.slopes import slopes, with_changes
 from armgpi.validation.tree import evaluate
 from armgpi.validation.units import numbers, with_numbers
 from armgpi.validation.worker import Worker
 
 #: Time of the processor for a search [s], and where a convention explains all.
-LONG, SHORT = BUDGET, 0.5
+LONG, SHORT = BUDGET, 0.3
 
 
 def search(
@@ -175,15 +175,11 @@ _WRONG = {
     "index": "one index for another",
     "transposed": "a matrix transposed",
     "cross": "the order of a cross product",
-    "term": "a term is missing",
+    **dict.fromkeys(("term", "sum"), "a term is missing"),
     "extra": "a term too much",
     "product": "a factor is missing, or too much",
     "swapped": "two values in each other's place",
 }
-
-
-def _is_number(text: str) -> bool:
-    return text.lstrip("-").replace(".", "", 1).isdigit()
 
 
 def causes(repair: Repaired, source: str, problem: Problem) -> Iterator[Cause]:
@@ -201,7 +197,7 @@ def causes(repair: Repaired, source: str, problem: Problem) -> Iterator[Cause]:
             text = f"the model's {change.name} is {value:.6g}; with {expected:.6g} it agrees"
             text += phrasing.ratio(value / expected) if expected else ""
         else:
-            numbers_alone = _is_number(change.old) and _is_number(change.new)
+            numbers_alone = is_number(change.old) and is_number(change.new)
             wrong = _WRONG.get("" if numbers_alone else change.kind, "a number")
             text = f"{line}: {change.old} stands where {change.new} belongs ({wrong})"
         evidence = [f"{k}: {before[k - 1].strip()}" for k in range(first, last + 1)]

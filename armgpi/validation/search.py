@@ -58,7 +58,7 @@ _FEW = 2
 _KINDS = 14
 #: Kinds of changes of which there are few at a place.
 _USUAL = frozenset(
-    "sign factor square trig angle degrees extra transposed cross swapped unit value name index".split()  # noqa: SIM905
+    "sign factor square trig angle degrees extra sum transposed cross swapped unit value name index".split()  # noqa: SIM905
 )
 #: Change of a term that shows what it moves: large enough for the digits, small enough for what is curved.
 _NUDGE = 1e-4
@@ -72,6 +72,8 @@ _SLOW = 0.7
 _HUGE = 1e12
 #: Entries of a vector in all passes of a loop, at most, and terms that are tried where it is not linear.
 _MOST_STEPS, _GUESSES = 60, 100
+#: Time that it takes to list the terms of a vector's equation [s].
+_LISTED = 0.3
 #: A digit of a number costs so many bits.
 _DIGIT_BITS = 3.32
 
@@ -174,7 +176,7 @@ def _gone_on(
             rest = find_repair(made[1], again, goal, known, now + share, most - 1)
             if rest is not None:
                 changes = (*made[0].changes, *_before(rest.changes, made[0].changes[0]))
-                best = _shorter(best, rest._replace(changes=changes))
+                best = _shorter(best, trials.without_idle(rest._replace(changes=changes)))
                 if best is not None and not best.doubts and best.bits <= trials.usual:
                     break
     return best
@@ -262,10 +264,23 @@ class _Trials:
             self._proved[key] = None
             changes = tuple(self.editor.change(pick) for pick in picks)
             repair = Repaired(changes, apply_changes(self.editor.source, changes))
-            found = self._values(repair.source)
-            if found is not None and not any(self._away(name, x).any() for name, x in found.items()):
+            if self._agrees(repair.source):
                 self._proved[key] = self._with_doubts(repair)
         return self._proved[key]
+
+    def without_idle(self, repair: Repaired) -> Repaired:
+        """Return a repair without the changes that it does not need: what came first may be undone later."""
+        for change in repair.changes if len(repair.changes) > 1 else ():
+            fewer = Repaired(tuple(one for one in repair.changes if one is not change), "")
+            fewer = fewer._replace(source=apply_changes(self.editor.source, fewer.changes))
+            if self._agrees(fewer.source):
+                return self.without_idle(self._with_doubts(fewer))
+        return repair
+
+    def _agrees(self, source: str) -> bool:
+        """Tell whether the functions of another source give what they should."""
+        found = self._values(source)
+        return found is not None and not any(self._away(name, x).any() for name, x in found.items())
 
     def _values(self, source: str) -> dict[str, Array] | None:
         """Return what the functions of another source give at all rows, None when they do not work."""
@@ -297,8 +312,9 @@ class _Trials:
         wrong = found.wrong + sum(
             not self.editor.is_known(one) for one in repair.changes if one.kind == "value"
         )
-        if found.seen:  # a formula in names lacks no bare number
-            wrong += sum(one.kind == "term" and _is_bare(one.new) for one in repair.changes)
+        for one in repair.changes if found.seen else ():  # a formula in names lacks no bare number
+            number = is_number(one.old) and is_number(one.new)
+            wrong += one.kind == "term" and (not self.editor.is_known(one) if number else _is_bare(one.new))
         sure = found.sure and not (wrong or found.other)
         # Numbers in each other's place may as well be names in each other's place.
         sure = sure and not any(one.kind == "swapped" and _has_no_names(one.old) for one in repair.changes)
@@ -468,14 +484,15 @@ class _Trials:
             if not block.reaches & differing:
                 continue
             for k, site in enumerate(block.sites):
-                if self.editor.is_right(site):
-                    continue
                 kinds = [kind for kind, _ in site.choices]
+                right = self.editor.is_right(site)  # but for its sign
                 for c, kind in enumerate(kinds[: len(kinds) - site.fitted - site.whole]):
+                    if right and kind != "sign":
+                        continue
                     # Terms come in the order of their length.
                     rank = c + 1 - kinds.index(kind) if kind == "term" else kinds.count(kind)
                     found.append(Pick(block, k, c, self._bits(rank), None, kind))
-                if site.whole and not self._over():
+                if site.whole and self._until - time.process_time() > _LISTED:
                     found += self._vector_picks(block, k)
         return sorted(found, key=lambda pick: pick.bits)
 
@@ -483,11 +500,11 @@ class _Trials:
         """Return the length of a description: which place, which kind, and which one of that kind."""
         return float(np.log2(self._sites * _KINDS * rank))
 
-    def _makes_right(self, name: str, start: Array, effect: Array, rest: float) -> bool:
-        """Tell whether an effect on a function makes some of it agree at the first state, and spoils none."""
+    def _makes_right(self, name: str, start: Array, effects: Array, rest: float) -> Any:
+        """Tell which effects on a function make some of it agree at the first state, and spoil none."""
         lacking, wrong = self._targets[name].values[0] - start, self._wrong[name]
-        moved, right = np.abs(effect) > rest, np.abs(effect - lacking) <= rest
-        return bool((moved & right & wrong).any() and not (moved & ~wrong).any())
+        moved, right = np.abs(effects) > rest, np.abs(effects - lacking) <= rest
+        return (moved & right & wrong).any(axis=1) & ~(moved & ~wrong).any(axis=1)
 
     def _output_with(self, pick: Pick, name: str) -> Array | None:
         """Return what a function gives at the first state with a change."""
@@ -507,7 +524,7 @@ class _Trials:
         bare = Pick(block, k, choice, 0.0)
         start = self._output_with(bare._replace(call=partial(_keep, seen)), name)
         now = _at_every(compile(old, "<term>", "eval"), block.namespace, seen)
-        if start is None or now is None or not len(now) < now.size <= _MOST_STEPS:
+        if start is None or now is None or now.ndim != 2 or now.size > _MOST_STEPS:
             return
         steps = [step.reshape(now.shape) for step in (*np.eye(now.size), np.ones(now.size))]
         picks = (bare._replace(call=partial(_next, iter(step))) for step in steps)
@@ -515,20 +532,23 @@ class _Trials:
         if len(effects) < len(steps):
             return
         linear, slope, rest = _linear([start, *effects])
-        texts = [*block.terms_of_vectors.items()]
-        for place, (text, code) in enumerate(texts if linear else texts[:_GUESSES]):
-            values = _at_every(code, block.namespace, seen)
-            if values is None or values.shape != now.shape:
-                continue
-            for factor in (1.0, -1.0, 2.0, -2.0) if linear else (1.0, -1.0):
+        texts = [*enumerate(block.terms_of_vectors.items())]
+        known = [
+            (one, _at_every(one[1][1], block.namespace, seen))
+            for one in (texts if linear else texts[:_GUESSES])
+        ]
+        fitting = [(one, x.ravel()) for one, x in known if x is not None and x.shape == now.shape]
+        moves = np.array([x for _, x in fitting]).reshape(len(fitting), now.size) @ slope
+        for factor in (1.0, -1.0, 2.0, -2.0) if linear else (1.0, -1.0):
+            good = self._makes_right(name, start, factor * moves, rest)
+            for ((place, (text, code)), _), move, right in zip(fitting, moves, good, strict=True):
                 # They come in the order of their length.
                 new, bits = _sum(old, _multiple(factor, text)), self._bits(abs(factor) * (2 * place + 2))
                 call = partial(_times_factor, factor, code, block.namespace)
                 pick = Pick(block, k, choice, bits, None, "term", new, linear, call)
-                effect = factor * values.ravel() @ slope
                 if linear:  # two of which each is wrong alone may add up
-                    self._tried.append(_Tried(pick, {name: effect}))
-                if not linear or self._makes_right(name, start, effect, rest):
+                    self._tried.append(_Tried(pick, {name: factor * move}))
+                if not linear or right:
                     yield pick
 
     # Terms that are solved for.
@@ -760,6 +780,11 @@ def _has_no_names(text: str) -> bool:
     return not any(isinstance(x, ast.Name) for x in ast.walk(ast.parse(text.strip())))
 
 
+def is_number(text: str) -> bool:
+    """Tell whether a text is a number."""
+    return text.lstrip("-").replace(".", "", 1).isdigit()
+
+
 def _constants(text: str) -> list[ast.Constant]:
     return [x for x in ast.walk(ast.parse(text, mode="eval")) if isinstance(x, ast.Constant)]
 
@@ -842,8 +867,8 @@ def _number(site: Site, change: float) -> Iterator[tuple[str, float]]:
     """Yield another number in place of one: one in another unit, one of few digits."""
     assert isinstance(site.node, ast.Constant)
     old = float(site.node.value)  # type: ignore[arg-type]
-    new = old + change
-    text = next(t for digits in range(1, 18) if abs(float(t := f"{new:.{digits}g}") - new) <= 1e-9 * abs(new))
+    new = 0.0 if abs(old + change) <= 1e-9 * abs(old) else old + change
+    text = next(t for digits in range(1, 18) if abs(float(t := f"{new:.{digits}g}") - new) <= 1e-7 * abs(new))
     if (new * old <= 0.0 and site.literal) or not np.isfinite(new) or old in GRAVITY:
         return  # nothing has the other sign by chance, and gravity is what it is
     # A coefficient that was printed has more digits than one of a formula.

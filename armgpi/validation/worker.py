@@ -288,8 +288,7 @@ def _search(
         if origin is None or not edits.harmless(origin.source):
             return None
         np.cross = edits.cross  # this process ends with the search
-        # Read anew, as `from numpy import cross` has the other one.
-        functions = _as_graph(again(origin.source), again, goal)
+        functions = _as_graph(functions, again, goal)
         until = time.process_time() + budget
         return search.find_repair(functions, again, goal, known, until, extra=budget >= search.BUDGET)
     except Exception:
@@ -297,10 +296,14 @@ def _search(
 
 
 def _as_graph(functions: models.Functions, again: search.Again, goal: edits.Goal) -> models.Functions:
-    """Return a model with its expressions drawn as a graph, which is changed fast, if that gives the same."""
+    """Return a model read anew, drawn as a graph, which is changed fast, if that gives the same.
+
+    Anew, as `from numpy import cross` has another one.
+    """
     origin = functions.origin
-    if origin is None or not {"sympy", "casadi"} & sys.modules.keys():
-        return functions
+    assert origin is not None
+    if not {"sympy", "casadi"} & sys.modules.keys():
+        return again(origin.source)
     names = [name for name, target in goal.targets.items() if target.whole]
     real = [goal.call(functions.calls, name, edits.ALL, 0) for name in names]
     uninstall = graph.install()
@@ -312,7 +315,7 @@ def _as_graph(functions: models.Functions, again: search.Again, goal: edits.Goal
         return other
     except Exception:  # it uses more of them
         uninstall()
-        return functions
+        return again(origin.source)
 
 
 def _answer_calls(

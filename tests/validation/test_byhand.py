@@ -69,12 +69,73 @@ def test_a_name_holds_for_other_numbers(style: str, line: int, tmp_path: Path) -
         ("composite", 5),  # in a function that is called several times, names of it were not known
         ("exponentials", 29),  # = for += in a loop
         ("printed", 8),  # a number in a sum
+        ("swingers", 11),  # m (x² + y²) dropped
     ],
 )
 def test_a_recursion_is_repaired(style: str, line: int, tmp_path: Path) -> None:
     (mistake,) = (one for one in byhand.mistakes(style) if one.line == line)
     found = byhand.outcome(mistake, tmp_path)
     assert found.right, found.text
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("I[0][2, 2] + I[1][2, 2]", "I[0][2, 2]"),  # entries of arrays were no names
+        ("m[1] * (l[0] ** 2", "m[0] * (l[0] ** 2"),
+        ("lc[1] ** 2 + 2", "l[1] ** 2 + 2"),
+    ],
+)
+def test_entries_of_arrays_are_names(old: str, new: str, tmp_path: Path) -> None:
+    right = """
+import numpy as np
+m, l, lc = np.array([1.2, 0.8]), [0.35, 0.29], [0.16, 0.13]
+I = [np.diag([0.014, 0.014, 0.014]), np.diag([0.007, 0.007, 0.007])]
+
+
+def mass_matrix(q):
+    d = I[1][2, 2] + m[1] * (lc[1] ** 2 + l[0] * lc[1] * np.cos(q[1]))
+    inertia = I[0][2, 2] + I[1][2, 2] + m[0] * lc[0] ** 2
+    a = inertia + m[1] * (l[0] ** 2 + lc[1] ** 2 + 2 * l[0] * lc[1] * np.cos(q[1]))
+    return np.array([[a, d], [d, I[1][2, 2] + m[1] * lc[1] ** 2]])
+"""
+    path, arm = tmp_path / "arrays.py", byhand.robot("homework")
+    path.write_text(right.replace(old, new), encoding="utf-8")
+    repaired = validate(path, arm).repaired
+    assert repaired is not None
+    assert byhand.same(repaired, right, 2)
+
+
+def test_a_sum_of_vectors_in_sympy_is_repaired(tmp_path: Path) -> None:
+    # Of symbols that other names mean, with numbers by `update`, and what hstack joins.
+    right = """
+import numpy as np
+import sympy as sp
+
+th = sp.Matrix(sp.symbols("th1 th2"))
+m1, m2, L, r1, r2, J1, J2 = sp.symbols("m1 m2 L r1 r2 J1 J2")
+values = {m1: 1.2, m2: 0.8, L: 0.35}
+values.update({r1: 0.16, r2: 0.13, J1: 0.014, J2: 0.007})
+a = th[0] + th[1]
+o2 = L * sp.Matrix([sp.cos(th[0]), sp.sin(th[0])])
+p1 = r1 * sp.Matrix([sp.cos(th[0]), sp.sin(th[0])])
+p2 = o2 + r2 * sp.Matrix([sp.cos(a), sp.sin(a)])
+ones = sp.Matrix.hstack(sp.Matrix([1]), sp.Matrix([1]))
+M = sp.diag(J1, 0) + J2 * ones.T * ones
+for m, p in ((m1, p1), (m2, p2)):
+    M += m * p.jacobian(th).T * p.jacobian(th)
+f = sp.lambdify([*th], M.subs(values))
+
+
+def mass_matrix(q):
+    return f(*q)
+"""
+    path, arm = tmp_path / "points.py", byhand.robot("homework")
+    path.write_text(right.replace("p2 = o2 + ", "p2 = "), encoding="utf-8")
+    report = validate(path, arm)
+    (cause,) = report.causes
+    assert "o2 + r2" in cause.text
+    assert cause.confirmed
 
 
 @pytest.mark.parametrize("line", [18, 21])
