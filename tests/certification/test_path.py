@@ -16,6 +16,7 @@ from soundness import Course
 
 import armgpi
 from armgpi import GPI, Bezier, Encoder, FixedGains, Measurement, Robot, bound_path
+from armgpi.certification import stopping
 from armgpi.certification.channels import Channel, channel, sampled_loops
 from armgpi.certification.path import (
     Along,
@@ -650,6 +651,26 @@ def test_a_stop_of_the_supervisor_ends_within_its_way_and_error() -> None:
     assert 0.3 * stop.distance < away.max() <= stop.distance + stop.error
     rest = run["q"].values[round((begin + stop.time) / 1e-3) + 2 :]
     assert (np.abs(rest - rest[-1]) <= 2.0 * made.error).all()
+
+
+@pytest.mark.parametrize("delay", [0, 3])
+def test_a_path_that_is_stopped_rests_until_what_was_late_is_seen(
+    delay: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Seen(Exception):
+        """What a retimed path is made of."""
+
+    def retimed(*parts: Any) -> None:
+        raise Seen(*parts)
+
+    monkeypatch.setattr(stopping, "Retimed", retimed)
+    wish: Any = SimpleNamespace(controller=LAW, arms=(ARM,), reference=PATH, delay=delay)
+    wish.samples = 1e-3 * np.arange(2600.0)
+    with pytest.raises(Seen) as seen:
+        bound_stop(cast(Any, SimpleNamespace(wish=wish)), 0.25)
+    q, v, _ = PATH.at(wish.samples)
+    speed = np.linalg.norm(np.einsum("kij,kj->ki", ARM.frame_jacobian(ARM.tip, q)[:, :3], v), axis=1).max()
+    assert seen.value.args == (PATH, pytest.approx(0.25 / speed), pytest.approx((delay + 2) * 1e-3))
 
 
 def test_the_first_torque_is_off_by_no_more_than_it_changes_anywhere_in_a_count() -> None:

@@ -168,6 +168,13 @@ def test_hunting_is_the_swing_at_rest_of_the_last_fifth_or_1_2_seconds() -> None
         np.testing.assert_allclose(metrics.hunting_frequency(settles), [0.5 / window], rtol=1e-2)
 
 
+def test_a_rollout_ends_where_its_reference_does() -> None:
+    run = rollout(np.random.default_rng(1).normal(size=(len(TIME), 2)))
+    lost = run.assign(q_ref=run["q_ref"].where(run["time"] < TIME[-5], np.nan))
+    for metric in (metrics.iae, metrics.peak_error):
+        np.testing.assert_array_equal(metric(lost), metric(run.isel(time=slice(-5))))
+
+
 # Laws.
 
 SHAPE = st.tuples(st.integers(2, 20), st.integers(1, 4))
