@@ -34,8 +34,9 @@ STRETCH = 2e-3
 #: Median ITAE of a law that believes gears over that of one for stiff gears, on arms with stiff gears
 #: (docs/drives.md, `undriven`).
 SOFT_COST = 9.4
-#: An effort or velocity limit from here on, or of zero, is a word for none [N m or N, rad/s or m/s].
-_NO_EFFORT, _NO_VELOCITY = 1000.0, 100.0
+#: An effort or velocity limit from here on, or of zero, is a word for none [N m or N, rad/s or m/s]; so is a
+#: velocity below the last: a turn takes a week.
+_NO_EFFORT, _NO_VELOCITY, _STILL = 1000.0, 100.0, 1e-5
 #: Most that an arm's strongest joint may have over its largest gravity torque: limits above are no motors'.
 _MOST_GRAVITY = 20.0
 #: Where nothing tells the torque or speed of a motor: so many times the joint's largest gravity torque,
@@ -55,7 +56,7 @@ def silent(robot: Robot) -> tuple[str, ...]:
 def believable(robot: Robot) -> Array:
     """Return the rotor inertia that each joint of an arm is believed to have [kg m^2 or kg], (n,)."""
     velocity = np.abs(robot.limits.velocity)
-    speed = np.where((velocity > 0.0) & (velocity < _NO_VELOCITY), velocity, _SPEED)
+    speed = np.where((velocity > _STILL) & (velocity < _NO_VELOCITY), velocity, _SPEED)
     return np.asarray(SPIN_UP * motor_torque(robot) / speed)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import runpy
 from contextlib import nullcontext
 from pathlib import Path
@@ -67,6 +68,14 @@ def test_limits_that_no_motor_has_say_nothing(effort: float) -> None:
     believed = rotors.believable(UR5.with_limits(effort=effort))
     assert (believed > 0.0).all()
     assert believed.max() < 5.0
+
+
+@pytest.mark.parametrize("velocity", ["0", "1e-308"])
+def test_velocities_that_no_motor_has_say_nothing(velocity: str) -> None:
+    file = (Path(__file__).parents[2] / "urdf" / "anthropomorphic3.urdf").read_text(encoding="utf-8")
+    texts = [re.sub('velocity="[^"]*"', f'velocity="{x}"', file) for x in (velocity, "1000")]
+    told, nothing = (rotors.believable(Robot.from_xml(text)) for text in texts)
+    np.testing.assert_array_equal(told, nothing)
 
 
 @pytest.mark.parametrize("arm", [PANDA, UR5], ids=["panda", "ur5"])
