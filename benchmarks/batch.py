@@ -76,10 +76,6 @@ def main() -> None:
         rows += _goals(name, networks, batches[-1], samples)
     print("\n## Goals\n")
     print(table(["", "goal", "found", "kept"], rows))
-    _page.say(
-        "Without a law, `mujoco.rollout` is MuJoCo's part of the work alone; Euler is less work than "
-        "Runge-Kutta. Drake and Pinocchio have no rollouts of a batch."
-    )
     for missing, label in ((_arms.mujoco, "MuJoCo"),):
         if missing is None:
             print(f"\n{label} is not installed and so not in the tables: pip install 'armgpi[mujoco]'.")

@@ -43,12 +43,9 @@ def main() -> None:
     page = _page.begin(__file__, "How cost grows")
     rounds = 2 if page.quick else 5
     _page.say(
-        "Microseconds per rollout-step of compiled loops (of processor time; with two threads of wall time), "
-        f"median (least..greatest) of {rounds} rounds in which all values of a quantity take turns. All else "
-        f"is {', '.join(f'{value} {name}' for name, value in BASE.items())}. The slope is that of the whole "
-        "run's time over the quantity, between two values, both logarithmic: 1 is linear. Bytes are those of "
-        f"the result, per rollout, whose metrics are kept where no variable is recorded; rollouts have {FEW} "
-        "samples. Code was made before. What workers gain is on the page of sweeps."
+        f"Microseconds per rollout-step of compiled loops, {rounds} rounds in turns. All else is "
+        f"{', '.join(f'{value} {name}' for name, value in BASE.items())}; rollouts have {FEW} samples. "
+        "Slope: of a run's time over the quantity, both logarithmic. Bytes: of the result, per rollout."
     )
     rows: list[list[object]] = []
     for axis, values in ({**AXES, **QUICK} if page.quick else AXES).items():

@@ -68,11 +68,7 @@ def main() -> None:
         print(table(["", *(x for name in found for x in (f"{name}, n = {Arm(name).n}", "×"))], rows))
         counts = ", ".join(f"{count} for {name}" for name, count in operations.items())
         print(f"\nOperations in the generated code: {counts}.")
-    _page.say(
-        "In parallel: abaInParallel and rneaInParallel, whose threads run C++ alone. dynibo has only the "
-        "mass matrix for D(q) v, and a gravity of 9.80665 m/s². MuJoCo and Drake refuse the first arm: no "
-        "rigid body has the inertia of its link 2."
-    )
+    _page.say("In parallel: abaInParallel and rneaInParallel, whose threads run C++ alone.")
     for missing, word in ((_arms.dynibo, "dynibo"), (_arms.mujoco, "MuJoCo"), (_arms.drake, "Drake")):
         if missing is None:
             print(f"\n{word} is not installed and so not in the tables: pip install 'armgpi[bench,peers]'.")

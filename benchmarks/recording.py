@@ -27,10 +27,9 @@ def main() -> None:
     rounds, units = (3, 400_000) if page.quick else (9, 1_600_000)
     arm = Arm("panda")
     _page.say(
-        f"Microseconds per rollout-step of {arm.title}, fixed gains, about {units} rollout-steps of a "
-        f"prepared loop, {rounds} rounds in which all take turns; × is how many times longer than what keeps "
-        f"the {NOTHING}. All is {8 * arm.n * len(SAMPLED)} bytes a rollout-step. Fresh memory: a loop for "
-        "each run; what the machine has not touched before costs most. A file is new each time."
+        f"Microseconds per rollout-step of {arm.title}, fixed gains, prepared, {rounds} rounds in turns; × "
+        f"is over what keeps the {NOTHING}. All is {8 * arm.n * len(SAMPLED)} bytes a rollout-step. Fresh "
+        "memory: a loop for each run."
     )
     rows: list[list[object]] = []
     for threads in (1, 2):

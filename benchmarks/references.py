@@ -47,7 +47,7 @@ def main() -> None:
 def _contenders(batch: int) -> dict[str, Contender]:
     """Return runs of the same moves, asked for in different ways."""
     robot = armgpi.Robot.load("ur5")
-    goals = robot.middle() + 0.02 * np.random.default_rng(0).standard_normal((batch, robot.n))
+    goals = robot.middle() + 0.01 * np.random.default_rng(0).standard_normal((batch, robot.n))
     rest = robot.middle()
     times = np.linspace(0.0, 0.15, 9)
     moves = [armgpi.Bezier(rest, goal, 0.15) for goal in goals]

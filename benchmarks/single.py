@@ -56,7 +56,6 @@ def main() -> None:
     found += _paper(page, 2 if page.quick else 5)
     print("\n## Goals\n")
     print(table(["", "at most", "found", "kept"], found))
-    _page.say("Euler and Runge-Kutta 3 are less work than armgpi's Runge-Kutta 4.")
     page.write()
 
 

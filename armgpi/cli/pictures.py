@@ -116,7 +116,7 @@ def page_to_play_with(experiment: Experiment, **options: Any) -> str:
     from armgpi.view.play import build
 
     if not sys.stderr.isatty():
-        say("making the page: some 15 s the first time, 4 for the next one of the same arm", err=True)
+        say("making the page: some 12 s the first time, 3 for the next one of the same arm", err=True)
     with progress() as told:
         return build(
             experiment, progress=lambda what, share: told(f"{what} the loop: {share:4.0%}"), **options
