@@ -117,7 +117,6 @@ class Scalar:
 
     def __pos__(self) -> Scalar:
         """Return the same."""
-        _numbers(self)
         return self
 
     def __abs__(self) -> Scalar:
@@ -309,7 +308,7 @@ _ELEMENTWISE: dict[Any, Callable[..., Any]] = {
     np.remainder: _remainder,
     np.fmod: _modulo,
     np.negative: _lift(operator.neg, ca.OP_NEG),
-    np.positive: operator.pos,
+    np.positive: _lift(operator.pos, ca.OP_ASSIGN),
     np.absolute: _lift(ca.fabs, ca.OP_FABS),
     np.fabs: _lift(ca.fabs, ca.OP_FABS),
     np.square: lambda x: x * x,

@@ -673,7 +673,7 @@ class Editor:
         """Return an expression's values at the rows of some states."""
         entries = value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
         program, states = Program(entries), self.goal.states[label]
-        own = {**self._given, **vars(self._module).get("parameters", {})}
+        own = {**self._symbol_numbers, **vars(self._module).get("parameters", {})}
         places = {**states_of(program.names - own.keys()), **self._places}
         at = [
             {s: float(getattr(states, x)[k][i]) for s, (x, i) in places.items()} for k in range(len(states.q))
@@ -681,7 +681,7 @@ class Editor:
         return np.array([program({**own, **one}) for one in at])
 
     @cached_property
-    def _given(self) -> dict[str, float]:
+    def _symbol_numbers(self) -> dict[str, float]:
         """Numbers that symbols stand for."""
         return dict(GIVEN)
 

@@ -44,10 +44,10 @@ def test_responses_are_those_of_the_joints_laws_on_an_arm_that_is_frozen(
     nominal, inverse = asked.setting.nominal, np.linalg.inv(arm.mass_matrix(q))
     v = np.linalg.solve(nominal.mass_matrix(q), arm.gravity(q))
 
-    def held(x: Any) -> Any:  # what gravity takes, less what holds the arm
+    def excess(x: Any) -> Any:  # what gravity takes, less what holds the arm
         return arm.gravity(x) - nominal.mass_matrix(x) @ v
 
-    columns = [(held(q + x) - held(q - x)) / (2.0 * step) for x in step * np.eye(3)]
+    columns = [(excess(q + x) - excess(q - x)) / (2.0 * step) for x in step * np.eye(3)]
     for j in range(3):
         x, answers = inverse[:, j, None] * loops.push, []
         for _ in range(300):

@@ -255,7 +255,7 @@ def resting(q: Any) -> Any:
     return armgpi.Target(q, 0.0 * q, 0.0 * q)
 
 
-def held(law: GPI, arm: Robot, q: Any) -> Any:
+def at_rest(law: GPI, arm: Robot, q: Any) -> Any:
     """What a law asks for where it holds an arm."""
     missing = arm.gravity(q) - law.ahead(q, resting(q))
     return np.linalg.solve(law.robot.mass_matrix(q), missing[..., None])[..., 0]
@@ -277,7 +277,7 @@ def rubs_by_hand(law: GPI, arm: Robot, v: Any, fastest: Any, latest: int) -> Any
 def torques_by_hand(law: GPI, arm: Robot, at: Any, gain: Any) -> dict[str, Any]:
     """What disturbs at configurations, by differences: rows of a matrix are joints that it acts on."""
     target, late, q, y, between = at
-    v, model = held(law, arm, target.q), law.robot
+    v, model = at_rest(law, arm, target.q), law.robot
 
     def holding(x: Any) -> Any:
         return times_each(model.mass_matrix(x), v) + law.ahead(x, resting(target.q))
@@ -360,10 +360,10 @@ def test_numbers_along_a_path_are_those_of_its_arms_at_configurations_around_it(
             made |= {"motion": times_each(left, acts["motion"]), "spread": np.abs(left).sum(axis=2)}
             kept.append(made | {"torque": np.abs(left) @ size})
         _, _, _, y, between = at
-        v = held(plain, arm, target.q)
+        v = at_rest(plain, arm, target.q)
         rows.append(
             {
-                "shift": held(plain, arm, path.of.at(times + 5e-3).q) - v,
+                "shift": at_rest(plain, arm, path.of.at(times + 5e-3).q) - v,
                 "hold": times_each(model.mass_matrix(y), v) + law.ahead(y, target),
                 "reach": model.mass_matrix(y),
                 "jacobian": slope_of(lambda x, arm=arm: arm.frame_pose(arm.tip, x).translation, between),
@@ -383,7 +383,9 @@ def test_numbers_along_a_path_are_those_of_its_arms_at_configurations_around_it(
             np.testing.assert_allclose(getattr(of, name), x, rtol=1e-5, atol=size, err_msg=name)
     np.testing.assert_allclose(found.speed, speed)
     begun = target.q[:1]
-    off = np.max([np.abs(held(plain, arm.of, begun) - held(plain, model, begun))[0] for arm in arms], axis=0)
+    off = np.max(
+        [np.abs(at_rest(plain, arm.of, begun) - at_rest(plain, model, begun))[0] for arm in arms], axis=0
+    )
     assert (found.start >= 1.03 * off).all()
     assert not numbers_along(wish._replace(start="held"), radius, fastest).start.any()
 
