@@ -109,8 +109,8 @@ class Supervisor(Parametrised):
         key="frozen",
     )
     sticking: float = parameter(
-        "FROZEN: share of its limit by which a joint's torque may change while friction holds it: twice the "
-        "friction of its gear; 0 for a joint without any",
+        "FROZEN: share of its limit, or of twice what gravity asks of it at most, by which a joint's torque "
+        "may change while friction holds it: twice the friction of its gear; 0 for a joint without any",
         default=0.1,
         least=0.0,
         most=1.0,
@@ -321,12 +321,21 @@ def heaviest(law: Controller) -> Array:
     )
 
 
+def largest_gravity(law: Controller) -> Array:
+    """Return the most that gravity asks of each joint's motor [N m or N]."""
+    return np.asarray(np.max([np.abs(model_of(law).gravity(q)) for q in _configurations(law)], axis=0))
+
+
 def _inertias(law: Controller) -> Iterator[Array]:
-    """Yield the model's D(q) in some configurations, always the same."""
-    robot = model_of(law)
-    lower, upper = (np.clip(x, -math.pi, math.pi) for x in robot.limits[:2])
-    for share in np.random.default_rng(0).uniform(size=(_POSES, robot.n)):
-        yield robot.mass_matrix(lower + share * (upper - lower))
+    """Yield the model's D(q) in some configurations."""
+    return (model_of(law).mass_matrix(q) for q in _configurations(law))
+
+
+def _configurations(law: Controller) -> Iterator[Array]:
+    """Yield some configurations, always the same."""
+    lower, upper = (np.clip(x, -math.pi, math.pi) for x in model_of(law).limits[:2])
+    for share in np.random.default_rng(0).uniform(size=(_POSES, law.robot.n)):
+        yield lower + share * (upper - lower)
 
 
 def complete_settings(supervisor: Supervisor, plant: Any, controller: Controller) -> Supervisor:

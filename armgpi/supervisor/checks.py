@@ -23,6 +23,7 @@ from armgpi.supervisor.bounds import (
     Bounds,
     Supervisor,
     frozen_samples,
+    largest_gravity,
     own_inverse_inertia,
     smoothing,
     turning,
@@ -199,8 +200,9 @@ class Frozen:
         self.samples = frozen_samples(law.dt) if given.frozen_samples is None else given.frozen_samples
         self.travel, self._tightest = bounds.travel, tightest(bounds.travel)
         self._lost = max(given.jump - 1.0, 0.0)
-        # Where there is no torque limit, friction is no share of it.
-        self.sticking = np.where(law.effort < LARGEST, given.sticking * law.effort, 0.0)
+        # Where there is no torque limit, friction is no share of it; a limit that was lowered lessens none.
+        motor = np.maximum(law.effort, 2.0 * largest_gravity(law))
+        self.sticking = np.where(law.effort < LARGEST, given.sticking * motor, 0.0)
         self._effort = law.effort
         self.braked = 2.0 * (bounds.travel / COUNTS) + 4.0 * given.sticking * pushed
 

@@ -539,6 +539,22 @@ def test_a_joint_that_stands_still_is_frozen_once_its_torque_has_changed_by_more
     assert asked == 50 or pulled[-3] <= most
 
 
+def test_a_lowered_torque_limit_lessens_no_friction() -> None:
+    lower, upper = (np.clip(limit, -np.pi, np.pi) for limit in ARM.limits[:2])
+    grid = np.random.default_rng(5).uniform(lower, upper, size=(2000, 3))
+    most = np.abs(ARM.gravity(grid)).max(axis=0)
+
+    def sticking(effort: Any) -> Any:
+        return Supervised(GPI(ARM.with_limits(effort=effort), DT), Supervisor()).frozen.sticking
+
+    plenty = 3.0 * most + 1.0
+    np.testing.assert_array_equal(sticking(plenty), 0.1 * plenty)
+    low = sticking(1.2 * most + 1e-3)
+    np.testing.assert_array_equal(low, sticking(1.5 * most + 1e-3))
+    assert (low <= 0.2 * most + 1e-3).all()  # which 16 configurations need not meet, by the half
+    assert (low >= 0.1 * most).all()
+
+
 def test_a_motor_at_its_limit_that_just_holds_its_joint_has_no_frozen_encoder() -> None:
     supervised, state = started(saturated=0.0, response=0.0)
     away, count = np.array([0.0, 0.0, -0.1]), ARM.encoder_count(16)
