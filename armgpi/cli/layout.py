@@ -102,7 +102,7 @@ def _read(parameter: Any, ctx: Any, value: Any) -> Any:
     """Return the value of an argument or option."""
     several = parameter.multiple or parameter.nargs == -1
     kind = getattr(getattr(parameter, "type_descriptor", None), "annotation", None)  # none in older Typer
-    if parameter.required or kind is None or (value is not None and (several or kind is not str)):
+    if kind is None or (parameter.required if value is None else several or kind is not str):
         return type(parameter).process_value(parameter, ctx, value)
     value = () if value is None and several else value
     return value if parameter.callback is None else parameter.callback(ctx, parameter, value)
