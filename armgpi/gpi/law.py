@@ -321,10 +321,12 @@ class GPI(Controller):
         e = q - target.q
         hold = np.zeros_like(e)
         if self.start == "hold":
-            held = self.limited(self._bias.gravity(q))
+            weight = self._bias.gravity(q)
+            held = self.limited(weight)
             if self.feedforward != "none":
                 # All that it gives at rest: what it gives to accelerate is no part of holding.
-                held = held - self._bias.gravity(self._where(q, target.q + np.zeros_like(q)))
+                at = self._where(q, target.q + np.zeros_like(q))
+                held = held - (weight if at is q else self._bias.gravity(at))
             hold = self._dynamics.inertia_solve(q, held)
         learn = np.ones_like(e)
         return GPIState(self._law.init(hold, self._nominal), self.gains.init(e), learn)
