@@ -414,12 +414,12 @@ def numbers_along(wish: Wish, radius: Array, fastest: Array) -> Along:
     for away in range(1, wish.delay + 2):
         jerk[:-away] = np.maximum(jerk[:-away], np.abs(every.a[away:] - every.a[:-away]))
 
-    def enlarged(values: dict[str, Array]) -> dict[str, Array]:
+    def enlarge(values: dict[str, Array]) -> dict[str, Array]:
         return {name: (1.0 + MARGIN) * x for name, x in values.items()}
 
     found["jerk"] = jerk
-    others: Any = enlarged(found)
-    return Along(gain, Rest(**enlarged(rest)), Rest(**enlarged(answer)), speed=speed, loop=loop, **others)
+    others: Any = enlarge(found)
+    return Along(gain, Rest(**enlarge(rest)), Rest(**enlarge(answer)), speed=speed, loop=loop, **others)
 
 
 def _keep_largest(found: dict[str, Array], values: Mapping[str, Array]) -> None:
@@ -548,7 +548,7 @@ class _Tube:
         self.loop = loop = self.known.loop
         if loop is not None:
             self.fixed = loop.measured * wish.hidden + loop.shift * self.known.shift + loop.zone * wish.zone
-            self.fixed = self.fixed + loop.start * self.known.start + _convolved(loop, self.known.jerk)
+            self.fixed = self.fixed + loop.start * self.known.start + _convolve(loop, self.known.jerk)
 
     def parts(self, rest: Rest, old: Solution, torque: float, force: float) -> dict[str, Array]:
         """Return what the rest is made of, by what it comes from, for errors within bounds."""
@@ -669,7 +669,7 @@ class _Tube:
         parts = {name: loop.rest[0] * x / size for name, x in found.parts.items()}
         fixed = loop.measured[0] * wish.hidden + loop.shift[0] * known.shift
         parts["encoders and lateness"] = parts["encoders and lateness"] + fixed / size
-        jerks = _convolved(loop, known.jerk)[0]
+        jerks = _convolve(loop, known.jerk)[0]
         parts["motion of the reference"] = parts["motion of the reference"] + jerks / size
         own = found.error + wish.delay * wish.controller.dt * known.speed
         return PathBound(
@@ -685,7 +685,7 @@ class _Tube:
         )
 
 
-def _convolved(loop: Channel, course: Array) -> Array:
+def _convolve(loop: Channel, course: Array) -> Array:
     """Return what loops make of accelerations whose sizes are known at each sample, at most; (3, n)."""
     later = loop.rest - loop.course.sum(axis=0)  # beyond the samples that were looked at
     found = later * course.max(axis=0)

@@ -115,7 +115,7 @@ def _join(references: list[Any]) -> Any:
     """Return one reference for the rollouts of several of one kind."""
     first = references[0]
     if isinstance(first, Recorded):
-        return first.widened(references[1:])
+        return first.widen(references[1:])
     given = [reference.variables() for reference in references]
     columns = {name: np.array([values[name] for values in given], dtype=float) for name in given[0]}
     return first.with_values(**{name: x if x.ndim == 2 else x[:, None] for name, x in columns.items()})

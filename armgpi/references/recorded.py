@@ -177,7 +177,7 @@ class Recorded(Reference):
         v, a = v / self._duration, a / self._duration**2
         return Target(q, np.where(moving, v, 0.0), np.where(moving, a, 0.0))
 
-    def widened(self, others: Sequence[Recorded]) -> Recorded:
+    def widen(self, others: Sequence[Recorded]) -> Recorded:
         """Return this and others at the same times as one recording of all their joints, in their order."""
         every = [self, *others]
         wide = copy.copy(self)

@@ -58,7 +58,7 @@ class Track:
         for step in range(1, _SCOUT_STEPS if len(q) > 1 else 0):
             t = np.full(len(rows), _SCOUT_STEP * step)
             ahead = q + _SCOUT_STEP * inverse.flow(q, self._path.at(t - _SCOUT_STEP).v, home[rows])
-            ahead = inverse.corrected(ahead, self._path.at(t).x, steps=2)
+            ahead = inverse.correct(ahead, self._path.at(t).x, steps=2)
             clearance = np.minimum(clearance, inverse.clearance(ahead))
             going = (np.abs(ahead - q).max(axis=-1) < _LONGEST) & (clearance > 0.0)
             going &= inverse.missed(ahead, self._path.at(t).x) < _SCOUT_MISS
@@ -82,7 +82,7 @@ class Track:
         self._grow(int(before.max(initial=0)) + 2)
         wish = self._between(times / _STEP - before, before)
         point = self._path.at(times)
-        q = self.inverse.corrected(wish.q, point.x, steps=2)
+        q = self.inverse.correct(wish.q, point.x, steps=2)
         astray = ~(np.abs(q - wish.q).max(axis=-1, initial=0.0) < _ASTRAY)
         if astray.any():
             row = int(np.argmax(astray))
@@ -123,7 +123,7 @@ class Track:
             for part in range(parts):
                 guess = self._runge_kutta_step(node, t + part * h, h)
                 point = self._path.at(np.array([t + (part + 1) * h])).x
-                node = self.inverse.corrected(guess, point, steps=3)
+                node = self.inverse.correct(guess, point, steps=3)
                 sound = np.abs(node - guess).max() < _ASTRAY
                 if not sound or self.inverse.missed(node, point)[0] > _MISS:
                     break

@@ -346,7 +346,7 @@ class TrackingInverse:
         missing = asked - _times(J, wished)
         return self._arm.units * (wished + _times(_pseudoinverse(J), missing))
 
-    def corrected(self, q: Array, points: Array, steps: int) -> Array:
+    def correct(self, q: Array, points: Array, steps: int) -> Array:
         """Return the nearest configurations with the frame on the points, by Newton steps.
 
         Args:

@@ -309,9 +309,7 @@ def test_rates_and_newton_steps_give_a_frame_its_way_and_its_turn() -> None:
     np.testing.assert_allclose(still, np.hstack([linear, 0.0 * linear]), atol=1e-9)
     for arm, tip, at in ((robot, frame, q[0]), (crane(), "tip", crane().middle())):
         near, goal = TrackingInverse(arm, tip), arm.frame_pose(tip, at + 0.02).translation
-        missed = [
-            float(near.missed(near.corrected(at[None], goal[None], n), goal[None])[0]) for n in range(4)
-        ]
+        missed = [float(near.missed(near.correct(at[None], goal[None], n), goal[None])[0]) for n in range(4)]
         assert missed[1] < 0.05 * missed[0]
         assert missed[3] < 1e-9
 

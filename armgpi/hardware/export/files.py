@@ -472,11 +472,11 @@ def _faults(controller: Supervised) -> dict[str, str]:
         Reason.SATURATED: f"a torque was at its limit for {given.saturated:g} s" * bool(given.saturated),
         Reason.FOLLOWING: f"a position is farther than {_few(bounds.following)} rad or m from the reference",
         Reason.REFERENCE: "the reference is not finite"
-        + _jumped(bounds.step, robot, ", or") * bool(given.reference_jump),
+        + _jump_text(bounds.step, robot, ", or") * bool(given.reference_jump),
         Reason.POSITION: "a position is beyond its limits by more than "
         f"{_few(np.broadcast_to(given.position_margin, (robot.n,)))} rad or m",
         Reason.FROZEN: _frozen_text(controller),
-        Reason.JUMP: _jumped(bounds.jump, robot, "a position") * bool(given.jump),
+        Reason.JUMP: _jump_text(bounds.jump, robot, "a position") * bool(given.jump),
         Reason.RESPONSE: f"a joint ran away from its reference for {given.response:g} s while its torque "
         "pushed back; the state is FAULT, and that joint brakes by its torque turned round"
         * bool(given.response),
@@ -506,7 +506,7 @@ out.
 """
 
 
-def _jumped(jump: Array, robot: Any, what: str) -> str:
+def _jump_text(jump: Array, robot: Any, what: str) -> str:
     """Return when something has jumped; "" for a robot without velocity limits."""
     checked = jump < FARTHEST
     if not checked.any():
