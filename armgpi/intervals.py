@@ -64,7 +64,7 @@ def quantile(values: Array, share: float, level: float = LEVEL) -> Estimate:
     n, tail = len(ordered), 0.5 * (1.0 - level)
     low = int(binom.ppf(tail, n, share)) - 1
     high = int(binom.ppf(1.0 - tail, n, share))
-    middle = ordered[max(0, min(n - 1, int(np.ceil(share * n)) - 1))]
+    middle = ordered[int(np.ceil(share * n)) - 1]
     lower = ordered[low] if low >= 0 else -np.inf
     upper = ordered[high] if high < n else np.inf
     return Estimate(float(middle), float(lower), float(upper))

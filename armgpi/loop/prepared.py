@@ -427,11 +427,9 @@ def _check_reference(loop: ClosedLoop, t_final: float) -> None:
     numbers = math.prod(loop._target_shape)
     times = np.linspace(0.0, t_final, max(_FEWEST_CHECKS, min(_MOST_CHECKS, _CHECKED_NUMBERS // numbers)))
     target = loop.targets(times)
-    rank = 2 if target.q.ndim == 3 or robot.batch is not None else 1
-    q = target.q if target.q.ndim == rank + 1 else target.q[:, None]
     if not all(np.isfinite(part).all() for part in target):
         raise ArrayError("reference", "expected finite positions, velocities and accelerations")
-    outside = robot.outside(q)
+    outside = robot.outside(target.q[:, None])  # whether arms and targets are one or many
     if outside is not None:
         what = f"the reference at t = {times[outside.place[0]]:.4g} s"
         remedy = "choose another goal, or other limits with robot.with_limits(...)"

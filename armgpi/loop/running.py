@@ -267,7 +267,7 @@ class Totals:
         """Range of the error in the last seconds [rad or m]; 0 where the reference moves then."""
         with np.errstate(invalid="ignore"):
             rests = ~(self.target_high - self.target_low > ROUNDING)
-            return np.where(rests & (self.high >= self.low), self.high - self.low, 0.0)
+            return np.where(rests, np.fmax(self.high - self.low, 0.0), 0.0)
 
 
 def fold(times: Array, q: Array, q_ref: Array, tau: Array, limits: Any) -> Totals:

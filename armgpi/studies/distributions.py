@@ -151,7 +151,7 @@ def shares(sampling: str, seed: int, first: int, rows: int, names: Sequence[str]
         with warnings.catch_warnings():  # that a part of 2^k points is less even: it is a part of them
             warnings.simplefilter("ignore", UserWarning)
             points = sobol.random(rows)
-    return np.asarray(np.clip(points, 2.0**-53, 1.0 - 2.0**-53))
+    return np.asarray(np.maximum(points, 2.0**-53))  # they are below 1 already
 
 
 def draw_key(seed: int, *names: str) -> int:

@@ -207,19 +207,17 @@ class Search:
         for index, (search, count) in enumerate(zip(self._searches, counts, strict=True)):
             own, begin = new[begin : begin + count], begin + count
             search.tell(self._scores(own, self.problem.budgets[index]))
-            if len(self._searches) > 1:
-                everyone = [*self.rows, *new]
-                scores = self._scores(everyone, self.problem.budgets[index])
-                best = int(np.argmin(scores))
-                if everyone[best].search != index and everyone[best].generation:
-                    search.inject(everyone[best].x)
+            everyone = [*self.rows, *new]
+            best = everyone[int(np.argmin(self._scores(everyone, self.problem.budgets[index])))]
+            if best.search != index and best.generation:
+                search.inject(best.x)
 
     def _scores(self, rows: Sequence[Row], budget: float) -> Array:
         """Return what is minimised, under a budget."""
         columns = (np.array([getattr(row, name) for row in rows]) for name in Judged._fields)
         spent = np.array([row.means[self.problem.against] for row in rows])
         with np.errstate(all="ignore"):
-            beyond = np.where(spent > budget, (spent - budget) / budget, 0.0)
+            beyond = np.fmax((spent - budget) / budget, 0.0)  # and 0 of an infinite budget
         return Judged(*columns).scores(beyond)
 
     def rank(self, budget: float = math.inf) -> list[Row]:

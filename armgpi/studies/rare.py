@@ -119,7 +119,7 @@ def estimate(levels: list[Array]) -> Rare:
     deviations: list[float] = []
     accepted: list[float] = []
     for place, (level, bound, share) in enumerate(zip(levels, bounds, shares, strict=True)):
-        reached = level[:, -1] >= bound if bound < 1.0 else level[:, -1] > 1.0
+        reached = level[:, -1] >= bound
         related = 0.0
         if place:
             chains = reached.reshape(_LENGTH, -1).astype(float)
@@ -277,8 +277,8 @@ def summary(sweep: Sweep, found: Rare, last: Array, check: Array) -> dict[str, A
     unless the chains went astray.
     """
     second = min(1, len(found.bounds) - 1)
-    margins, bound = check[:, -1], found.bounds[second]
-    reached = int((margins > 1.0 if bound == 1.0 else margins >= bound).sum())
+    bound = found.bounds[second]
+    reached = int((check[:, -1] >= bound).sum())
     failed = last[last[:, -1] > 1.0]
     drawn = sweep.drawn_at(ndtr(failed[:, :-2]))
     shares = (0.05, 0.5, 0.95)

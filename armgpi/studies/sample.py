@@ -113,9 +113,7 @@ class Sweep:
         each = (varied[name] for name in apart)
         forms = math.prod(len(x.numbers) if x.kind == "choices" and x.joints == 1 else math.inf for x in each)
         most = _FEWEST if forms > _MOST_LOOPS else _MOST_DRAWS if drawn else _MOST
-        size = (
-            min(most, max(_FEWEST, 1 << math.floor(math.log2(_WORK / steps)))) if steps < _WORK else _FEWEST
-        )
+        size = min(most, max(_FEWEST, 1 << math.floor(math.log2(max(1.0, _WORK / steps)))))
         found = replace(made, varied=varied, apart=apart, size=size)
         object.__setattr__(found, "identity", identify(config, {**asked, "size": size}))
         return found

@@ -48,7 +48,7 @@ from armgpi import (
     simulate,
 )
 from armgpi.codegen import build
-from armgpi.errors import ArrayError, NameNotFound, ParameterError
+from armgpi.errors import ArrayError, LimitError, NameNotFound, ParameterError
 from armgpi.loop import prepared as preparing
 from armgpi.parameter import with_parameters
 from armgpi.plants.plant import Wrapper
@@ -483,6 +483,26 @@ def test_results_of_runs_are_apart() -> None:
     xr.testing.assert_identical(third, kept)
     assert not np.array_equal(second["itae"], third["itae"])
     assert loop.run({"controller.omega": [10.0] * 3}).sizes["rollout"] == 3
+
+
+def test_times_are_whole_numbers_of_samples_one_at_least() -> None:
+    assert [preparing.whole_steps(t, 0.25) for t in (0.25, 0.2, 0.9, 2.5e14)] == [1, 1, 4, 10**15]
+    for t_final, said in ((2.5e14 + 0.25, "at most"), (0.12, "at least one")):
+        with pytest.raises(ParameterError, match=said):
+            preparing.whole_steps(t_final, 0.25)
+
+
+@pytest.mark.parametrize("batch", [None, 2])
+@pytest.mark.parametrize("apart", [False, True])
+def test_a_reference_is_refused_where_it_leaves_the_limits_at_any_of_its_times(
+    batch: int | None, apart: bool
+) -> None:
+    arm = ARM if batch is None else RobotBatch([ARM, ARM])
+    goal = np.array([0.0, 0.0, 2.71]) if not apart else np.array([[0.0, 0.0, 0.1], [0.0, 0.0, 2.71]])
+    move = Bezier(0.0 * goal, goal, 1.0)
+    with pytest.raises(LimitError, match=r"the reference at t = 0.82 s of joint 'q3' is 2.70") as refused:
+        prepare(RigidBodyPlant(arm), GPI(ARM, 1e-3), move, 1.0, backend="numpy").run()
+    assert 2.7 < refused.value.value < 2.71
 
 
 def test_a_bar_is_shown_of_what_takes_long_alone(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,7 @@ from armgpi import GPI, Bezier, RigidBodyPlant, Robot, Step, Supervisor, load, m
 from armgpi.errors import ArmgpiError, NameNotFound, ParameterError, RolloutError
 from armgpi.gpi.gains import Tuning
 from armgpi.gpi.weights import Weights
+from armgpi.loop import rollout
 from armgpi.loop.memory import Memory
 from armgpi.loop.rollout import Recording, Status
 from armgpi.loop.weights import load_weights, save_weights
@@ -72,6 +75,34 @@ def test_weights_of_all_three_tunings_are_read_as_they_were_written(tmp_path: Pa
         np.testing.assert_array_equal(
             getattr(load_weights(tmp_path / "w.nc", ARM), name), getattr(made, name)
         )
+
+
+@pytest.mark.parametrize("every", [1, 3, 4])
+def test_what_is_stored_in_parts_is_the_whole_thinned(every: int) -> None:
+    kept, whole = Recording.new((2, 3), 11, 0.1, every), np.random.default_rng(1).normal(size=(12, 2, 3))
+    for begin, end in ((0, 4), (4, 5), (4, 5), (5, 10), (10, 12)):  # one of them twice
+        kept.store(begin, {"q": whole[begin:end]})
+        assert kept.stored == len(range(0, end, every))
+    np.testing.assert_array_equal(kept.variables["q"], whole[::every])
+    np.testing.assert_allclose(kept.times, 0.1 * np.arange(12)[::every])
+    kept.interrupt(7)
+    assert (kept.t_end.tolist(), kept.kept_samples) == ([0.7000000000000001] * 2, len(kept.times))
+
+
+def test_a_recording_is_refused_from_the_first_byte_on_that_is_not_there(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    # Five times, and numbers of four bytes: two variables of 2 rollouts and 3 joints.
+    needed = 5 * (8 + 2 * 2 * 3 * 4)
+    on_disk = SimpleNamespace(on_disk=True)
+    for asked, bytes_ in (
+        ({"names": frozenset("qv"), "dtype": "float32"}, needed),
+        ({"memory": on_disk}, 40),
+    ):
+        for missing in (0, 1):
+            monkeypatch.setattr(rollout, "machine_bytes", lambda there=bytes_ - missing: there)
+            with pytest.raises(RolloutError, match="does not fit") if missing else nullcontext():
+                Recording.new((2, 3), 13, 0.1, 3, **asked)  # type: ignore[arg-type]
 
 
 def test_a_fault_is_told_at_the_sample_that_it_was_in() -> None:

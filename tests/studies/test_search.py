@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+import csv
 import math
 import warnings
 from collections.abc import Mapping, Sequence
@@ -14,19 +15,20 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.colors import to_hex
 
 from armgpi import ArmgpiWarning, Reality, Robot, config, metrics, simulate
 from armgpi.config.schema import KINDS
 from armgpi.errors import MissingPackage, NameNotFound, ParameterError, RolloutError
 from armgpi.parameter import Parameter
 from armgpi.plants.reality import stack_draws
-from armgpi.studies import found
+from armgpi.studies import found, pictures
 from armgpi.studies.contend import draws
 from armgpi.studies.evaluation import Evaluated, Evaluator, with_keys
 from armgpi.studies.objective import Constraint, Expression, Judged, Objective
-from armgpi.studies.optimise import Problem, Row, Search
+from armgpi.studies.optimise import KEPT, Problem, Row, Search, Validated
 from armgpi.studies.optimisers import CMA, METHODS, Swarm
-from armgpi.studies.space import Dimension, Range, Space, _begin, numbers
+from armgpi.studies.space import Dimension, Range, Space, _begin, _ends, numbers
 from armgpi.studies.study import Identity, Study
 
 ARM = Robot.load("anthropomorphic3")
@@ -65,6 +67,8 @@ def test_a_number_that_nothing_tells_begins_in_the_middle_and_one_dimension_is_s
     by_factors = Parameter("x", least=0.0, log=True)
     assert _begin(Parameter("x"), None, 2.0, 8.0, robot) == 5.0
     assert _begin(by_factors, None, 2.0, 8.0, robot) == 4.0
+    with pytest.raises(ParameterError, match="varied by factors"):
+        _ends("x", by_factors, Range(0.0, 1.0), None)
     search = CMA(np.array([0.3]), seed=1, population=4)
     search.ask()
     search.tell(np.arange(4.0))
@@ -102,6 +106,24 @@ def test_weights_are_numbers_to_search(per_joint: bool) -> None:
     config.controller(section, DRAWS[0].context)
 
 
+def test_numbers_are_called_by_key_end_place_and_joint_and_begin_at_the_mean_of_what_they_stand_for() -> None:
+    section = {
+        "type": "network",
+        "zeta": [0.7, 0.9, 1.4],
+        "omega": {"lower": [5.0, 20.0, 40.0], "upper": 50.0},
+        "weights": {"omega": [[1.0, -2.0, 3.0, 90.0], [5.0, 0.0, 1.0, 2.0], [0.0, 8.0, -90.0, 4.0]]},
+    }
+    table = np.clip(section["weights"]["omega"], -40.0, 40.0)  # type: ignore[call-overload]
+    made = space(section, dict.fromkeys(("zeta", "omega", "weights.omega"), Range()))
+    assert made.names == ["zeta", "omega.lower", "omega.upper", *(f"weights.omega.{k}" for k in (1, 2, 3, 4))]
+    wanted = [np.prod([0.7, 0.9, 1.4]) ** (1 / 3), 4000.0 ** (1 / 3), 50.0, *table.mean(axis=0)]
+    np.testing.assert_allclose([each.start for each in made.dimensions], wanted)
+    own = space(section, dict.fromkeys(("zeta", "weights.omega"), Range(per_joint=True)))
+    assert own.names[:4] == [*(f"zeta {name}" for name in ARM.joint_names), "weights.omega.1 q1"]
+    np.testing.assert_allclose([each.start for each in own.dimensions], [0.7, 0.9, 1.4, *table.ravel()])
+    np.testing.assert_allclose(own.with_values(own.start)["weights"]["omega"], table)
+
+
 @pytest.mark.parametrize("name", sorted(KINDS))
 def test_whatever_is_free_makes_a_controller(name: str) -> None:
     random = np.random.default_rng(1)
@@ -118,6 +140,7 @@ def test_whatever_is_free_makes_a_controller(name: str) -> None:
     [
         ({"omega": Range(low=-1.0)}, ParameterError, "positive"),
         ({"omega": Range(low=50.0, high=20.0)}, ParameterError, "lowest"),
+        ({"omega": Range(low=20.0, high=20.0)}, ParameterError, "lowest"),
         ({"omgea": Range()}, NameNotFound, "omega"),
         ({"realisation": Range()}, NameNotFound, "realisation"),
         ({}, ParameterError, "omega"),
@@ -156,6 +179,8 @@ def test_an_expression_is_its_arithmetic(a: float, b: float) -> None:
         ("itae +", ParameterError),
         ("max(itae)", ParameterError),
         ("itae + 1" + 400 * "0", ParameterError),
+        ("itae + 1e300", ParameterError),
+        ("itae + " + "1" * 494, ParameterError),
         ("(" * 600 + "itae" + ")" * 600, ParameterError),
         (3.0, ParameterError),
     ],
@@ -163,6 +188,10 @@ def test_an_expression_is_its_arithmetic(a: float, b: float) -> None:
 def test_what_is_no_arithmetic_on_metrics_is_refused(text: Any, error: type[Exception]) -> None:
     with pytest.raises(error):
         Expression(text)
+
+
+def test_the_longest_expression_is_one_of_500_characters() -> None:
+    assert Expression("itae" + 492 * " " + "+  2")({"itae": np.ones(1)}) == 3.0
 
 
 @pytest.mark.parametrize("text", ["itae + 1/0", "9.0**9999 * itae", "0**(0 - 1) + itae", "itae * (-8)**0.5"])
@@ -183,6 +212,11 @@ def test_objectives_over_scenarios_are_means_and_tails() -> None:
         for over in ("mean", "median", "worst", "cvar")
     }
     assert found == {"mean": 2.5, "median": 2.5, "worst": 4.0, "cvar": 3.5}
+    # Of 30 scenarios a tenth are 3, though 0.1 * 30 is a little more by its rounding; of 31 they are 4.
+    for scenarios, worst in ((30, 3), (31, 4)):
+        rows = np.arange(1.0, scenarios + 1.0)[None]
+        judged = Objective("itae", "cvar", 0.1).judge({"itae": rows}, rows < 0.0)
+        assert judged.objective[0] == rows[0, -worst:].mean()
 
 
 def test_candidates_rank_by_failures_then_by_what_they_break_then_by_their_objective() -> None:
@@ -202,6 +236,8 @@ def test_what_breaks_a_bound_or_a_budget_costs_by_how_much_of_it_that_is() -> No
     for text in ("peak_error <= 0.1", "0.1 >= peak_error"):
         broken = Constraint(text).violation({"peak_error": np.array([[0.15, 0.05, np.nan]])})
         np.testing.assert_allclose(broken, [[0.5, 0.0, np.inf]])
+    both = dict.fromkeys(("itae", "peak_error"), np.array([np.inf, 2.0]))
+    assert Constraint("itae <= peak_error").violation(both).tolist() == [0.0, 0.0]
     judged = Judged(np.array([2.0, 3.0, np.inf, 4.0]), np.array([0, 0, 0.25, 0]), np.array([0, 0.5, 0, 0]))
     scores = judged.scores(np.array([0.0, 0.0, 0.0, 0.75]))
     np.testing.assert_allclose(scores, [2.0, 1.5e12, 251e12, 1.75e12])
@@ -229,9 +265,9 @@ def test_a_swarm_is_drawn_to_its_own_best_places_and_that_of_all() -> None:
     x[0] = 0.9, 0.1
     v = 0.25 * (rng.uniform(size=(3, 2)) - x)
     best, least = x.copy(), np.full(3, np.inf)
-    for turn in range(6):
+    for _turn in range(6):
         np.testing.assert_allclose(swarm.ask(), x)
-        scores = ((x - [0.3, 1.2]) ** 2).sum(axis=1) + 0.1 * turn
+        scores = np.ceil(4.0 * ((x - [0.3, 1.2]) ** 2).sum(axis=1))  # of as good places the first one stays
         swarm.tell(scores)
         for i in range(3):
             if scores[i] < least[i]:
@@ -243,6 +279,7 @@ def test_a_swarm_is_drawn_to_its_own_best_places_and_that_of_all() -> None:
             x[i, j] += v[i, j]
             if not 0.0 <= x[i, j] <= 1.0:  # back from the wall at half the speed
                 x[i, j], v[i, j] = np.clip(x[i, j], 0.0, 1.0), -0.5 * v[i, j]
+    assert [len(METHODS[name](np.full(3, 0.5), 0).ask()) for name in ("pso", "cma")] == [13, 7]
     swarm.inject(np.array([0.5, 0.5]))
     assert swarm._x[least.argmax()].tolist() == [0.5, 0.5]
 
@@ -277,6 +314,7 @@ def test_optuna_begins_where_it_is_told_and_comes_near_the_least() -> None:
         assert ((x >= 0.0) & (x <= 1.0)).all()
         if not generation:
             np.testing.assert_array_equal(x[0], start)
+            assert len(METHODS["optuna"](start, seed=0).ask()) == 12
         scores = ((x - aim) ** 2).sum(axis=1)
         best = min(best, float(scores.min()))
         for search in searches:
@@ -371,13 +409,15 @@ def test_a_search_that_was_stopped_ends_as_one_that_was_not(
     whole = Search(problem(method=method, budgets=budgets, evaluations=count))
     whole.run()
     last = whole.rows[-1].generation
-    study = Study.enter(tmp_path, Identity({}, {}))
+    study, told = Study.enter(tmp_path, Identity({}, {})), list[int]()
     for stop in (0, 1, last // 2, last):
         for generation in range(stop + 1, last + 1):
             study.place(f"generations/{generation:06d}").unlink(missing_ok=True)
+        told.clear()
         again = Search(problem(method=method, budgets=budgets, evaluations=count))
-        again.run(part=study.part)
+        again.run(lambda search: told.append(search.rows[-1].generation), study.part)
         assert_same(again, whole)
+        assert told == [*range(stop + 1 if stop else 0, last + 1)]  # those that were kept are not told
         assert again.fresh == sum(row.generation > stop or stop == 0 for row in whole.rows)
 
 
@@ -407,10 +447,101 @@ def test_what_another_search_kept_is_refused(tmp_path: Path) -> None:
 
 
 def test_an_objective_without_a_value_anywhere_is_named() -> None:
-    hopeless = problem()._replace(objective=Objective("sqrt(-itae)"))
-    for each in (hopeless, hopeless._replace(evaluations=9)):
-        with pytest.raises(ParameterError, match="sqrt"):
-            Search(each).run()
+    hopeless = problem(population=13)._replace(objective=Objective("sqrt(-itae)"))
+    for evaluations, tried in ((120, 40), (9, 14), (14, 14)):
+        with pytest.raises(ParameterError, match=rf"none of {tried} candidates .*sqrt"):
+            Search(hopeless._replace(evaluations=evaluations)).run()
+
+
+# What is told of it.
+
+
+def told_search(budgets: tuple[float, ...], *more: tuple[float, float, float, float]) -> Search:
+    """Return a search with candidates of these objectives, variations, failures and violations."""
+    search = Search(problem(budgets=budgets))
+    rows = ((5.0, 300.0, 0.0, 0.0), (3.0, 400.0, 0.0, 0.0), (3.0, 900.0, 0.0, 0.0), (2.0, 2500.0, 0.0, 0.0))
+    rows += ((1.0, 350.0, 0.0, 0.2), (math.inf, 200.0, 0.25, 0.0), (4.0, 400.0, 0.0, 0.0), *more)
+    search.rows = [
+        Row(
+            min(k, 1),
+            k % 2,
+            np.array([k / 10.0, 1.0 - k / 10.0]),
+            a,
+            c,
+            d,
+            {**dict.fromkeys(KEPT, a), "total_variation": b},
+        )
+        for k, (a, b, c, d) in enumerate(rows)
+    ]
+    return search
+
+
+def test_tables_of_a_search_are_what_its_rows_say() -> None:
+    search = told_search((400.0, 2500.0, 250.0))
+    rows, space = search.rows, search.problem.space
+    own = [Validated(400.0, rows[1], rows[2]), Validated(2500.0, rows[3], rows[0])]
+    tables = (found.front_table(search, own), found.gains_table(search, own), found.evaluations_table(search))
+    front, gains, tried = ([*csv.DictReader(text.splitlines())] for text in tables)
+    # Of those that are sound: whom nobody equals in one cost and beats in the other.
+    costs = [(row.objective, row.means["total_variation"]) for row in rows if row.sound]
+    unbeaten = [a for a in costs if not any(b != a and b[0] <= a[0] and b[1] <= a[1] for b in costs)]
+    assert [(float(x["objective"]), float(x["total_variation"])) for x in front] == unbeaten
+    assert [x["held_out_objective"] for x in front] == ["", "3.0", "5.0"]
+    assert [x["held_out_total_variation"] for x in front] == ["", "900.0", "300.0"]
+    for k, number in enumerate(space.dimensions):
+        wanted = [
+            number.start,
+            number.value(rows[1].x[k]),
+            number.value(rows[3].x[k]),
+            number.low,
+            number.high,
+        ]
+        assert [
+            float(gains[k][x]) for x in ("default", "best-400", "best-2500", "low", "high")
+        ] == pytest.approx(wanted)
+    for k, (row, line) in enumerate(zip(rows, tried, strict=True), start=1):
+        for budget in search.problem.budgets:
+            kept = [x.objective for x in rows[:k] if x.sound and x.means["total_variation"] <= budget]
+            assert float(line[f"best-{budget:g}"]) == min(kept, default=math.inf)
+        assert [float(line[f"x {name}"]) for name in space.names] == pytest.approx(row.x)
+        assert (int(line["search"]), float(line["failed"])) == (row.search, row.failed)
+    text = found.report(search, own, rows[2])
+    assert "| default | 5 | 300 | 3 | 900 |" in text
+    assert "| best, total_variation up to 400 | 3 | 400 | 3 | 900 |" in text
+    assert text.endswith("\nFor 1 of the budgets no candidate holds.\n")
+    assert "no candidate" not in found.report(search, [*own, own[0]], rows[2])
+    assert "| best | 1 (breaks a constraint) | 350 | fails in 25 % | 200 |" in found.report(
+        told_search((math.inf,)), [Validated(math.inf, rows[4], rows[5])], rows[0]
+    )
+    assert "holds on the held-out" in found.report(told_search((math.inf,)), [], rows[0])
+
+
+def test_a_picture_of_a_search_shows_its_rows_each_kind_in_a_colour_of_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    drawn: list[Any] = []
+    monkeypatch.setattr(pictures, "png", lambda figure: drawn.append(figure) or b"")
+    search = told_search((400.0, 2500.0))
+    own = [
+        Validated(400.0, search.rows[1], search.rows[2]),
+        Validated(2500.0, search.rows[3], search.rows[0]),
+    ]
+    for each, taken in ((search, own), (told_search((math.inf,), (0.0, 3000.0, 0.0, 0.0)), own[:1])):
+        pictures.study_picture(each, taken, search.rows[6])
+    (left, middle, right), (one, other, _) = (figure.axes for figure in drawn)
+    for line, best in zip(left.lines, found.convergence(search), strict=True):
+        np.testing.assert_array_equal(line.get_xdata(), np.arange(1, 8))
+        np.testing.assert_array_equal(line.get_ydata(), np.where(np.isinf(best), np.nan, best))
+    assert left.get_legend() is not None
+    assert one.get_legend() is None
+    assert (middle.get_yscale(), other.get_yscale(), other.get_xscale()) == ("log", "linear", "log")
+    ends = {each.get_label(): each.get_offsets().tolist() for each in middle.collections}
+    assert ends["best, held out"] == [[900.0, 3.0], [300.0, 5.0]]
+    assert ends["default, held out"] == [[400.0, 4.0]]
+    assert middle.lines[0].get_xydata().tolist() == [[300.0, 5.0], [400.0, 3.0], [2500.0, 2.0]]
+    colours = [to_hex(each.get_facecolor()[0]) for each in middle.collections]
+    assert len({*colours, to_hex(middle.lines[0].get_color())}) == 4
+    assert to_hex(right.collections[0].get_facecolor()[0]) == colours[2]
 
 
 # What candidates are, on real rollouts.

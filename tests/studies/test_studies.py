@@ -660,6 +660,22 @@ def test_a_damaged_file_that_is_read_back_ends_in_one_line(
     assert fuzz(kind, 40)["refused"] > 20
 
 
+def test_a_file_of_a_study_may_be_as_long_as_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    own, part = study.Study.enter(tmp_path, study.Identity({}, {})), np.arange(6.0).reshape(2, 3)
+    own.write("part", part)
+    head, whole = (path.stat().st_size for path in (own.place("part"), tmp_path / study.IDENTITY))
+    monkeypatch.setattr(study, "_HEAD", head - part.nbytes)
+    monkeypatch.setattr(study, "_MOST", whole)
+    np.testing.assert_array_equal(own.read("part", (2, 3)), part)
+    assert study.read_identity(tmp_path)["codes"]
+    monkeypatch.setattr(study, "_HEAD", head - part.nbytes - 1)
+    monkeypatch.setattr(study, "_MOST", whole - 1)
+    with pytest.raises(RolloutError, match="is damaged"):
+        own.read("part", (2, 3))
+    with pytest.raises(RolloutError, match="holds no study"):
+        study.read_identity(tmp_path)
+
+
 def test_the_compiler_of_a_study_is_told_by_the_first_line_of_its_version(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -9,6 +9,7 @@ import re
 import signal
 import socket
 from contextlib import suppress
+from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from scipy.stats import binom
+from scipy.stats import binom, loguniform, norm, uniform
 
 from armgpi import files
 from armgpi.cli import main
@@ -31,7 +32,7 @@ from armgpi.loop import metrics
 from armgpi.loop.rollout import Status
 from armgpi.parameter import Parameter, parameters
 from armgpi.plants.reality import Reality
-from armgpi.studies import page, rare, results, sample, workers
+from armgpi.studies import distributions, page, rare, results, sample, workers
 from armgpi.studies.distributions import Distribution, distribution, shares
 from armgpi.studies.sample import Sweep
 from armgpi.studies.study import IDENTITY
@@ -163,6 +164,8 @@ def test_what_a_sweep_says_is_in_its_files(done: Path) -> None:
     parts = said["failure by what was drawn"]["plant.delay"]
     assert [part["from"] for part in parts] == [0.0, 1.0, 2.0]
     assert sum(part["rollouts"] for part in parts) == 40
+    assert found["rollout"].values.tolist() == [*range(40)]
+    assert all((done / name).read_text().endswith("}\n") for name in ("summary.json", IDENTITY))
 
 
 #: Of a cluster of Dask that is not the only one on its machine.
@@ -372,8 +375,10 @@ def test_the_plain_check_counts_the_points_at_the_bound_as_the_levels_do() -> No
     stub: Any = SimpleNamespace(
         identity=own, label="", failure={}, drawn_names=[], drawn_at=lambda u: u[:, :0]
     )
-    check = np.column_stack([np.zeros((100, 2)), np.repeat([2.0, 1.0, 0.0], (3, 7, 90))])
-    said = rare.summary(stub, found, levels[-1], check)["plain check"]
+    check = np.column_stack([np.zeros((100, 2)), np.repeat([2.0, np.nextafter(1.0, 0.0), 0.0], (3, 7, 90))])
+    whole = rare.summary(stub, found, levels[-1], check)
+    assert whole["unseen is more probable than"] == 3.0 / 200.0  # one in so many is seen with 95 %
+    said = whole["plain check"]
     assert (said["value"], said["by the levels"]) == (0.03, pytest.approx(0.04))
     one = rare.summary(stub, found._replace(bounds=[0.25], shares=[0.2]), levels[-1], levels[0])
     assert one["plain check"]["value"] == one["plain check"]["by the levels"] == 0.2
@@ -399,20 +404,26 @@ def test_points_fill_the_unit_cube(sampling: str) -> None:
             assert len(np.unique((column * 2048).astype(int))) == 2048
 
 
-@pytest.mark.parametrize(
-    ("kind", "numbers", "mean"),
-    [
-        ("uniform", (1.0, 3.0), 2.0),
-        ("log_uniform", (1.0, math.e), math.e - 1.0),
-        ("normal", (5.0, 2.0), 5.0),
-        ("choices", (1.0, 2.0, 6.0), 3.0),
-    ],
-)
-def test_distributions_have_their_means(kind: str, numbers: tuple[float, ...], mean: float) -> None:
-    u = (np.arange(10_000) + 0.5) / 10_000
-    drawn = Distribution(kind, numbers)
-    np.testing.assert_allclose(drawn.of(u).mean(), mean, rtol=1e-3)
-    assert drawn.ends[0] <= drawn.of(u).min() <= drawn.of(u).max() <= drawn.ends[1]
+def test_more_numbers_than_sobol_has_dimensions_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(distributions, "_MOST_DIMENSIONS", 3)
+    assert shares("sobol", 1, 0, 4, ("a", "b", "c")).shape == (4, 3)
+    with pytest.raises(ParameterError, match="have 3 dimensions"):
+        shares("sobol", 1, 0, 4, ("a", "b", "c", "d"))
+
+
+def test_distributions_have_their_quantiles_up_to_their_ends() -> None:
+    u = np.array([[2.0**-53, 0.2, 0.4], [0.7, 0.9, 1.0 - 2.0**-53]])
+    twins = {
+        ("uniform", (-1.0, 3.0)): (uniform(-1.0, 4.0).ppf(u), (-1.0, 3.0)),
+        ("log_uniform", (0.2, 5.0)): (loguniform(0.2, 5.0).ppf(u), (0.2, 5.0)),
+        ("normal", (5.0, 2.0)): (np.clip(norm(5.0, 2.0).ppf(u), -3.0, 13.0), (-3.0, 13.0)),
+        ("choices", (2.0, 6.0, 1.0)): (np.array([[2.0, 2.0, 6.0], [1.0, 1.0, 1.0]]), (1.0, 6.0)),
+        ("choices", (2.0,)): (np.full((2, 3), 2.0), (2.0, 2.0)),
+    }
+    for (kind, numbers), (values, ends) in twins.items():
+        np.testing.assert_allclose(Distribution(kind, numbers).of(u), values, rtol=1e-12)
+        assert Distribution(kind, numbers).ends == ends
+    assert Distribution("choices", (2.0, 6.0, 1.0)).of(np.array([1.0])) == 1.0
 
 
 def test_intervals_hold_at_both_ends() -> None:
@@ -440,14 +451,29 @@ def test_quantiles_are_between_order_statistics_and_open_where_there_is_none() -
     # No value is above the 99 % quantile with a probability of 0.37.
     assert quantile(values, 0.99)[1:] == (97.0, math.inf)
     assert quantile(values, 0.01)[1:] == (-math.inf, 4.0)
-    for n, share in ((20, 0.5), (50, 0.9), (200, 0.9)):
-        _, low, high = quantile(np.arange(1.0, n + 1.0), share)
+    for n, share in product((1, 2, 5, 6, 20, 50, 200), (0.01, 0.5, 0.9)):
+        middle, low, high = quantile(np.arange(1.0, n + 1.0), share)
+        assert middle == min(k for k in range(1, n + 1) if k >= round(share * n, 9))
         # Whoever is below the quantile is binomial: no tail has more than 2.5 %, and a narrower one would.
         above = binom.cdf(np.arange(-1, n + 1), n, share)
         if math.isfinite(low):
-            assert above[int(low)] <= 0.025 < above[int(low) + 1]
+            assert above[int(low)] <= 0.025
+        assert above[max(0, int(max(low, 0.0))) + 1] > 0.025
         if math.isfinite(high):
-            assert 1.0 - above[int(high)] <= 0.025 < 1.0 - above[int(high) - 1]
+            assert 1.0 - above[int(high)] <= 0.025
+        assert 1.0 - above[int(min(high, n + 1.0)) - 1] > 0.025
+
+
+@pytest.mark.parametrize(("k", "n", "level"), [(3, 17, 0.95), (1, 5, 0.8), (40, 41, 0.99)])
+def test_an_interval_ends_where_a_tail_is_as_probable_as_its_level_leaves(
+    k: int, n: int, level: float
+) -> None:
+    tail, (share, low, high) = 0.5 * (1.0 - level), clopper_pearson(k, n, level)
+    np.testing.assert_allclose([binom.sf(k - 1, n, low), binom.cdf(k, n, high), share], [tail, tail, k / n])
+    share, *ends = wilson(k, n, level)
+    assert ends[0] < share < ends[1]
+    np.testing.assert_allclose([norm.sf(abs(share - p) / math.sqrt(p * (1.0 - p) / n)) for p in ends], tail)
+    assert all(wilson(m, m, level).upper == 1.0 for m in range(1, 40))
 
 
 BAD: dict[str, tuple[str, str]] = {
@@ -460,6 +486,7 @@ BAD: dict[str, tuple[str, str]] = {
     "no kind": ("robot.effort: {each: joint}", "from where to where"),
     "upside down": ("plant.payload.mass: {uniform: [1, 0]}", "lowest, highest"),
     "logarithm of zero": ("plant.payload.mass: {log_uniform: [0, 1]}", "positive"),
+    "no deviation": ("plant.payload.mass: {normal: [0.1, 0]}", "the second positive"),
     "no whole numbers": ("plant.delay: {normal: [2, 0.1]}", "choices"),
     "halves": ("plant.delay: {choices: [0.5]}", "whole"),
     "one for each joint": ("plant.payload.mass: {uniform: [0, 1], each: joint}", "each rollout"),
@@ -606,6 +633,9 @@ def test_chains_that_never_move_count_as_one_point_each() -> None:
     found = rare.estimate([first, np.tile(chains, (10, 1))])
     assert found.shares == [0.1, 0.4]
     assert found.accepted == [0.0]
+    tied = rare.estimate([first, np.tile(np.where(chains == 1.1, 0.95, chains), (10, 1))])
+    assert (tied.bounds[1], tied.shares[1]) == (0.95, 1.0)
+    assert tied.deviation == pytest.approx(np.sqrt(0.9 / (0.1 * 100)))  # all reach the second bound
     assert found.deviation == pytest.approx(np.sqrt(0.9 / (0.1 * 100)) + np.sqrt(0.6 / (0.4 * 10)))
 
 
@@ -659,6 +689,7 @@ def test_levels_and_their_estimate_are_those_that_are_worked_out_point_by_point(
     assert found.points == 200 * len(levels)
     changed = [np.diff(level[:, :2].reshape(10, 20, 2), axis=0).any(axis=-1).mean() for level in levels[1:]]
     assert found.accepted == pytest.approx(changed)
+    assert rare._correlation(np.ones((10, 4)), 1.0) == 0.0  # of a level that all of which reach its bound
 
 
 def test_whole_numbers_are_drawn_from_all_between_the_ends_alike() -> None:
@@ -676,6 +707,11 @@ def test_whole_numbers_are_drawn_from_all_between_the_ends_alike() -> None:
     ).numbers == (1990, 1991, 1992, 1993)
     unsaid = SimpleNamespace(uniform=None, **nothing)
     factors = Parameter("stiffness", least=0.0, log=True, search=(2.0, 8.0))
+    from_zero = Parameter("stiffness", least=0.0, log=True, search=(0.0, 8.0))
+    assert distribution("plant.x", unsaid, from_zero, 3) == ("uniform", (0.0, 8.0), 1)
+    for kind in ("uniform", "log_uniform"):  # a number that stays what it is
+        one = SimpleNamespace(**{**nothing, "uniform": None, kind: [2.0, 2.0]})
+        assert distribution("plant.x", one, factors, 3) == (kind, (2.0, 2.0), 1)
     assert distribution("plant.x", unsaid, factors, 3) == ("log_uniform", (2.0, 8.0), 1)
     assert distribution("plant.x", unsaid, Parameter("x", search=(2.0, 8.0)), 3) == ("uniform", (2.0, 8.0), 1)
 
@@ -685,6 +721,9 @@ def test_a_level_rises_where_a_tenth_of_a_tenth_is_above_the_bound_before() -> N
     margins[7] = 0.6
     level = np.column_stack([np.zeros((100, 2)), margins])
     assert rare._level_bound(level, 0.5) == (0.6, 0.01)
+    for failed, before, wanted in ((10, -1.0, (1.0, 0.1)), (9, -1.0, (0.5, 1.0)), (9, 0.5, (1.0, 0.09))):
+        few = np.column_stack([np.zeros((100, 2)), np.where(np.arange(100) < failed, 1.2, 0.5)])
+        assert rare._level_bound(few, before) == wanted
     assert rare._level_bound(level, 0.6) == (0.6, 1.0)
 
 
@@ -723,6 +762,23 @@ def test_a_map_has_as_many_columns_as_its_first_number_has_parts() -> None:
     np.testing.assert_allclose(bars, wanted, atol=0.06)
     assert "0 to 1 × 6 to 7: 20 % of 50" in svg
     assert "0 to 2 × 5 to 8, up to 40 %" in svg
+
+
+def test_a_chunk_has_the_power_of_two_that_its_steps_and_its_loops_allow(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sample, "_MOST", 4096)
+    head, own = TEXT[: TEXT.index("vary:")], "vary:\n  plant.substeps: {choices: %s}\n"
+    for forms, size in ((4, 4096), (32, 4096), (33, 16)):  # of more loops than are kept each has few rollouts
+        assert made(head + own % [*range(1, forms + 1)]).size == size
+    for t_final, size in ((3.0, 2048), (100.0, 64), (500.0, 16), (2e4, 16)):  # 2^23 steps, 16 at least
+        assert made(TEXT.replace("t_final: 0.25", f"t_final: {t_final}")).size == size
+
+
+def test_a_rollout_has_failed_beyond_a_bound_or_where_it_has_no_number() -> None:
+    table = {"peak_error": np.array([[0.0, 0.01], [0.01, 0.011], [0.0, np.nan], [0.0, 0.0], [0.0, 0.0]])}
+    ends = np.array([*[Status.FINISHED] * 3, Status.STOPPED, Status.DIVERGED])
+    assert made().fails({**table, "status": ends}).tolist() == [False, True, True, True, True]
 
 
 def test_levels_that_random_rollouts_do_not_confirm_are_said_to_be_wrong() -> None:
