@@ -13,6 +13,7 @@ from fractions import Fraction
 from html import escape
 from itertools import chain
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ import armgpi
 from armgpi.certification import check_certificate, report
 from armgpi.certification.adversary import worst
 from armgpi.certification.certificate import seal
+from armgpi.certification.diagnosis import _less, beyond
 from armgpi.certification.quantities import functions, points
 from armgpi.certification.refute import again
 from armgpi.certification.report import html
@@ -589,3 +591,56 @@ def test_shares_of_what_disturbs_are_told_and_add_up() -> None:
     assert coarse["encoder"] == pytest.approx(2.0 * fine["encoder"], rel=0.1)
     assert shares(torque=0.002) == {"disturbance": 100.0}
     assert not shares()
+
+
+def test_claims_are_the_bounds_of_their_solutions_and_of_the_largest_torque_that_stays_within(
+    made: armgpi.Certificate,
+) -> None:
+    data = made.data
+    limits = checker.exact({key: data["limits"][key] for key in ("radius", "effort")})
+    for name, solution in data["solutions"].items():
+        numbers = {key: solution[key] for key in ("P", "alpha", "t", "a")}
+
+        def bounds(factor: float, name: str = name, numbers: Any = numbers) -> Any:
+            torque = repr(factor * float(data["inputs"][name]["torque"]))
+            facts = merge_facts(
+                data["limits"], data["law"], data["numbers"], {**data["inputs"][name], "torque": torque}
+            )
+            return checker.bounds(facts, checker.exact(numbers), name)
+
+        exact = bounds(1.0)
+        for what, values in exact.items():
+            shares = [
+                float(said) / float(x) for said, x in zip(solution["claims"][what], values, strict=True)
+            ]
+            assert all(1.0 < share < 1.0 + 3e-6 for share in shares), (name, what)
+        if name == "gain":
+            ends = {
+                "errors": limits["radius"],
+                "torques": limits["effort"],
+                "speed": [Fraction(data["inputs"][name]["spread"])],
+            }
+            within = [
+                all(x <= y for what, most in ends.items() for x, y in zip(found[what], most, strict=True))
+                for found in (exact, bounds(1.00001))
+            ]
+            assert within == [True, False]
+
+
+def test_what_is_in_the_way_is_told_of_what_is_beyond_alone() -> None:
+    numbers = {"delta_low": "0.9", "delta_high": "1.8", "kappa_e": "40"}
+    assert _less(numbers, "kappa_e", 0.25)["kappa_e"] == "10.0"
+    assert _less(numbers, "delta_high", 0.5) == {**numbers, "delta_high": "1.4"}
+    above = _less({**numbers, "delta_low": "1.2"}, "delta_high", 0.0)
+    assert (above["delta_low"], above["delta_high"]) == ("1.0", "1.0")
+    assert _less({**numbers, "delta_high": "0.95"}, "delta_high", 0.5)["delta_high"] == "1.0"
+    robot = armgpi.Robot.load("anthropomorphic3").with_limits(effort=[2.0, 3.0, 4.0])
+    asked: Any = SimpleNamespace(robot=robot, radius=np.array([0.1, 0.2, 0.3]))
+    edge = {"errors": [0.1, 0.2, 0.3], "torques": [2.0, 3.0, 4.0], "speed": [0.5]}
+    assert beyond(asked, None, 0.5, edge) == []
+    off = beyond(asked, "a load", 0.49, {**edge, "errors": [0.11, 0.24, 0.3], "torques": [1.0, 3.0, 4.1]})
+    assert [re.sub(" allows.*| and its.*|: less.*", "", each) for each in off] == [
+        "under a load joint 'q2' may be 0.24 off and radius",
+        "under a load joint 'q3' may need 4.1",
+        "under a load no bound on the speed of the error implies itself",
+    ]

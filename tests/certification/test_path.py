@@ -41,6 +41,7 @@ from armgpi.certification.stopping import Retimed, bound_stop
 from armgpi.errors import ParameterError
 from armgpi.gpi.gains import Tuning, betas
 from armgpi.loop.rollout import describe_end
+from armgpi.supervisor.bounds import bounds_of
 
 ARM = Robot.load("anthropomorphic3").with_armature(0.1)
 GOAL = np.array([0.4, 0.6, -0.1])
@@ -653,6 +654,97 @@ def test_a_stop_of_the_supervisor_ends_within_its_way_and_error() -> None:
     assert 0.3 * stop.distance < away.max() <= stop.distance + stop.error
     rest = run["q"].values[round((begin + stop.time) / 1e-3) + 2 :]
     assert (np.abs(rest - rest[-1]) <= 2.0 * made.error).all()
+
+
+class Turning(armgpi.Reference):
+    """Joints that turn from the first moment on."""
+
+    def at(self, t: Any) -> armgpi.Target:
+        t = np.asarray(t, float)[..., None] + np.array([0.3, 0.1, -0.2])
+        return armgpi.Target(np.sin(t), np.cos(t), -np.sin(t))
+
+
+def test_a_path_is_retimed_after_its_rest_and_stopped_after_its_moment() -> None:
+    times, rng = np.array([0.0, 0.2, 0.4, 0.402, 1.9, 1.904, 1.906, 2.5]), np.random.default_rng(0)
+    path = Retimed(Turning(), 0.5, 0.4)
+    stop = armgpi.Target(*rng.normal(size=(3, 3, 3)))
+    found, stopped = path.at(times), stopping.Stopped(path, 1.9, 2e-3, stop).at(times)
+    for k, t in enumerate(times):
+        q, v, a = Turning().at(0.5 * max(0.0, t - 0.4))
+        wanted = armgpi.Target(q, 0.5 * v * (t > 0.4), 0.25 * a * (t > 0.4))
+        after = round((t - 1.9) / 2e-3)
+        for each, part, own, end in zip(found, wanted, stopped, stop, strict=True):
+            np.testing.assert_allclose(each[k], part, atol=1e-15)
+            np.testing.assert_allclose(own[k], end[min(after, 2)] if after > 0 else part, atol=1e-15)
+
+
+def test_stops_are_those_of_each_joint_sample_by_sample(monkeypatch: pytest.MonkeyPatch) -> None:
+    h, most = 2e-3, np.array([1e-3, 2e-3, 4e-3])
+    stop: Any = SimpleNamespace(bounds=SimpleNamespace(stop_velocity=most))
+    stop.deceleration = lambda v, k: 1e-5 * (1.0 + k) * np.array([1.0, 2.0, 3.0]) + 0.0 * v
+    q, v = np.random.default_rng(1).normal(size=(2, 4, 3))
+    found = stopping.stops(stop, h, q, v)
+    for i, j in np.ndindex(4, 3):
+        way, speed = q[i, j], max(-most[j], min(most[j], h * v[i, j]))
+        for k in range(len(found.q)):
+            got = [x[k, i, j] for x in found[:2]]
+            np.testing.assert_allclose(got, [way, speed / h], rtol=1e-12, atol=1e-15)
+            slows = max(-1e-5 * (1.0 + k) * (j + 1.0), min(1e-5 * (1.0 + k) * (j + 1.0), speed))
+            way, speed = way + speed - 0.5 * slows, speed - slows
+            if k + 2 < len(found.q):
+                np.testing.assert_allclose(found.a[k + 1, i, j], -slows / h**2, rtol=1e-9, atol=1e-12)
+    moving = (found.v != 0.0).any(axis=(1, 2))
+    assert moving[:-2].all()
+    assert not moving[-2:].any()
+    assert not found.a[[0, -1]].any()
+    monkeypatch.setattr(stopping, "_LONGEST", 5)
+    assert len(stopping.stops(stop, h, q, v).q) == 6
+
+
+@pytest.mark.parametrize("error", [stopping.NEAR, stopping.NEAR + 1e-9])
+def test_a_stop_is_bounded_from_its_longest_way_and_moments_between(
+    error: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Any] = []
+    monkeypatch.setattr(
+        stopping,
+        "bound_wish",
+        lambda wish, bears: (
+            asked.append(wish)
+            or SimpleNamespace(error=np.full(3, error), tool=np.array([1e-3 * len(asked)]), reasons=())
+        ),
+    )
+    law, samples = GPI(ARM, 1e-3, FixedGains(20.0)), 1e-3 * np.arange(2600.0)
+    wish = cast(Any, SimpleNamespace(controller=law, arms=(ARM,), reference=PATH, delay=2, samples=samples))
+    wish._replace = lambda **new: SimpleNamespace(**new)
+    found = bound_stop(cast(Any, SimpleNamespace(wish=wish)), 0.25)
+
+    def speed(q: Any, v: Any) -> Any:
+        return np.linalg.norm((ARM.frame_jacobian(ARM.tip, q)[:, :3] @ v[..., None])[..., 0], axis=1)
+
+    fast = speed(*PATH.at(samples)[:2])
+    pace = 0.25 / fast.max()
+    moving = samples[fast > 0.01 * fast.max()] / pace + 4e-3
+    stop = stopping.Stop(law, armgpi.Supervisor().on_fault, bounds_of(law, armgpi.Supervisor()))
+    begins = [each.reference.begin for each in asked]
+    path, every = (
+        asked[0].reference.path,
+        stopping.stops(stop, 1e-3, *Retimed(PATH, pace, 4e-3).at(moving)[:2]),
+    )
+    assert (path.path, path.pace, path.rest) == (PATH, pytest.approx(pace), pytest.approx(4e-3))
+    ways = sum(1e-3 * speed(q, v) for q, v in zip(every.q, every.v, strict=True))
+    assert found.distance == pytest.approx(ways.max(), rel=0.02)
+    assert found.time == pytest.approx(1e-3 * (len(every.q) - 1), abs=2e-3)
+    assert len(begins) == 4
+    np.testing.assert_allclose(np.quantile(begins, [0.0, 1.0]), np.quantile(moving, [0.25, 0.75]), atol=0.01)
+    assert min(abs(np.array(begins) - moving[ways.argmax()])) < 0.05
+    for each in asked:
+        assert each.t_final == pytest.approx(each.reference.begin + found.time + 0.3)
+        np.testing.assert_allclose(each.reference.stop.q[0], path.at(each.reference.begin).q, atol=1e-12)
+    assert (found.error, bool(found.reasons)) == (4e-3, error > stopping.NEAR)
+    wish.reference = armgpi.Hold(GOAL)
+    with pytest.raises(ParameterError, match="a tool that rests"):
+        bound_stop(cast(Any, SimpleNamespace(wish=wish)), 0.25)
 
 
 @pytest.mark.parametrize("delay", [0, 3])

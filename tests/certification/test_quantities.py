@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import itertools
+import math
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from scipy.linalg import sqrtm
 from scipy.optimize import minimize
 from strategies import robots
 
 import armgpi
 from armgpi.arrays import Array
-from armgpi.certification import quantities
+from armgpi.certification import quantities, request
+from armgpi.certification.box import box_of
 from armgpi.certification.quantities import (
     Points,
     Setting,
@@ -136,6 +140,115 @@ def test_stiffness_and_jump_are_those_of_differences_at_a_configuration() -> Non
         assert found == pytest.approx(np.sqrt(change @ D @ change), rel=1e-9)
 
 
+@pytest.mark.parametrize("feedforward", ["none", "gravity"])
+@pytest.mark.parametrize("hull", [False, True])
+def test_every_number_at_a_point_is_what_its_words_say_in_the_metric_of_the_arm(
+    feedforward: str, hull: bool
+) -> None:
+    """By roots of matrices, differences and all corners; star, arm and gradient at three places."""
+    arm = armgpi.Robot.load("anthropomorphic3").with_armature([0.02, 0.01, 0.03])
+    heavy, known = arm.with_payload(arm.tip, 0.25, [0.1, 0.0, 0.05]), arm.with_payload(arm.tip, 0.1)
+    arms = (arm, arm.with_payload(arm.tip, 0.4), heavy) if hull else (arm, heavy)
+    rng, zero = np.random.default_rng(2), np.zeros(3)
+    sizes = dict(zip(quantities.Setting._fields[8:], rng.uniform(0.1, 1.0, (7, 3)), strict=True))
+    case = Setting(arms, heavy, known, zero, zero, zero, np.array([0.5, 0.2, 0.9]), feedforward, **sizes)
+    star, q, between = rng.uniform(-1.2, 1.2, (3, 3))
+    at, signs = Points(star[None], q[None], between[None]), [*itertools.product((1.0, -1.0), repeat=3)]
+    every = functions(case)
+    assert {*every} == {
+        *("-delta_low", "delta_high", "sigma", "kappa_v", "kappa_e", "kappa_g", "sigma_error", "kappa_error"),
+        *(f"{name}.{j}" for name in ("inverse", "hold", "reach") for j in range(3)),
+        *("jump", "kappa_f", "torque", "friction", "velocity", "acceleration", "encoder", "zone", "shift"),
+    }
+
+    def slope(function: Any, x: Array) -> Array:  # derivatives along the last axis
+        return np.stack([(function(x + h) - function(x - h)) / 2e-5 for h in 1e-5 * np.eye(3)], axis=-1)
+
+    def asked(each: armgpi.Robot, x: Array) -> Array:
+        ahead = 0.0 if feedforward == "none" else known.gravity(x)
+        return np.linalg.solve(heavy.mass_matrix(x), each.gravity(x) - ahead)
+
+    for each in arms:
+        D, H = each.mass_matrix(q), heavy.mass_matrix(q)
+        root = np.linalg.inv(sqrtm(D))
+        rate, v = slope(each.mass_matrix, q), asked(each, star)
+        gradient = slope(lambda x, each=each, v=v: each.gravity(x) - heavy.mass_matrix(x) @ v, between)
+        speeds = case.speed * np.array(signs)
+        turn = np.array(
+            [
+                [[rate[i, j, k] + rate[i, k, j] - rate[j, k, i] for k in range(3)] for j in range(3)]
+                for i in range(3)
+            ]
+        )
+        C = [0.5 * np.einsum("ijk,k->ij", turn, x) for x in speeds]
+        held = H @ v + (0.0 if feedforward == "none" else known.gravity(star))
+        deltas = np.sort(np.linalg.eigvals(np.linalg.solve(D, H)).real)
+        first = arms[0] if each is heavy else each
+        moved = asked(heavy, star) - asked(first, star)
+        shift = slope(lambda x, each=each: asked(each, x), star)
+
+        def longest(bound: Array, metric: Array) -> float:
+            return max(float(np.sqrt((bound * x) @ metric @ (bound * x))) for x in signs)
+
+        wanted = {
+            "-delta_low": -deltas[0],
+            "delta_high": deltas[-1],
+            "sigma": max(np.abs(np.linalg.eigvals(np.linalg.solve(D, rate @ x))).max() for x in speeds),
+            "kappa_v": max(np.linalg.norm(root @ x @ root, 2) for x in C),
+            "kappa_e": np.linalg.norm(root @ gradient @ root, 2),
+            "kappa_g": np.linalg.norm(root @ slope(each.gravity, between) @ root, 2),
+            "kappa_f": np.linalg.eigvals(np.linalg.solve(D, np.diag(case.viscous))).real.max(),
+            "jump": np.sqrt(moved @ D @ moved),
+            "shift": max(
+                np.sqrt(x @ heavy.mass_matrix(q) @ x) for x in (case.velocity * np.array(signs)) @ shift.T
+            ),
+            **{name: longest(getattr(case, name), np.linalg.inv(D)) for name in ("torque", "friction")},
+            **{
+                name: longest(getattr(case, name), D)
+                for name in ("velocity", "acceleration", "encoder", "zone")
+            },
+        }
+        for j in range(3):
+            wanted[f"inverse.{j}"], wanted[f"hold.{j}"] = np.linalg.inv(D)[j, j], abs(held[j])
+            wanted[f"reach.{j}"] = np.sqrt(H[j] @ np.linalg.solve(D, H[j]))
+        for name, value in wanted.items():
+            np.testing.assert_allclose(
+                every[name](case, each, at), [value], rtol=2e-6, atol=1e-9, err_msg=name
+            )
+
+
+def test_deltas_are_moved_away_from_one_and_motion_is_longer_between_the_ends(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    case = setting()
+    for low, high, wanted in ((0.8, 2.0, (0.794, 2.03)), (1.2, 0.9, (1.0 + 0.2 / 1.03, 1.0 - 0.1 / 1.03))):
+        values = ({"-delta_low": -low, "delta_high": high}.get(name, 0.5) for name in functions(case))
+        monkeypatch.setattr(quantities, "largest", lambda *_, values=values: next(values))
+        found = quantities.at_ends(case)
+        assert (found.delta_low.value, found.delta_high.value) == pytest.approx(wanted)
+        whole, least = quantities.between_ends(case, found), min(1.0, found.delta_low.value)
+        factors = dict.fromkeys(("sigma_error", "kappa_error"), math.sqrt(found.delta_high.value / least))
+        for name in found._fields:
+            longer = {**factors, "shift": least**-0.5}.get(name, 1.0)
+            pair = (getattr(x, name) for x in (found, whole))
+            before, after = ((x,) if isinstance(x, quantities.Number) else x for x in pair)
+            assert [x.value for x in after] == pytest.approx([longer * x.value for x in before]), name
+        assert quantities.between_ends(case._replace(arms=case.arms[1:]), found) is found
+
+
+def test_a_search_comes_near_what_is_largest_inside_and_holds_other_arms_against_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    case, best = setting(), np.array([0.31, -0.17, 0.73])
+    assert largest(case, lambda _, arm, at: -((at.star - best) ** 2).sum(axis=1)) > -2e-4  # drawn alone: 0.01
+    monkeypatch.setattr(quantities, "MARGIN", 0.0)
+    one = case._replace(arms=case.arms[1:])
+    found = search_numbers(one)
+    near, far = (case.nominal.with_payload(case.nominal.tip, x) for x in (0.0, 0.1))
+    assert quantities.count_outside(one, found, []) == 0
+    assert quantities.count_outside(one, found, [near, far, near], seed=0) == 1
+
+
 def test_what_a_search_found_is_raised_by_its_margin(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(quantities, "largest", lambda *_: 0.8)
     found = quantities.at_ends(setting())
@@ -181,3 +294,98 @@ def test_a_range_of_loads_tells_when_delta_leaves_the_certified_sector() -> None
     assert "leaves the certified sector, 1 to 2" in str(near)
     made = armgpi.certify(arm, speed=1e-3, payload=(0.0, 1.05 * most.certifiable), box=0.5)
     assert not made.data["solutions"]
+
+
+def test_what_is_asked_for_is_put_together_joint_by_joint() -> None:
+    arm = armgpi.Robot.load("anthropomorphic3").with_friction([0.3, 0.2, 0.1], [0.05, 0.04, 0.03])
+    two = arm.with_friction([0.1, 0.4, 0.1], [0.06, 0.01, 0.02])
+    speed, radius = np.array([0.1, 0.2, 0.3]), np.array([0.03, 0.01, 0.02])
+    stated: dict[str, Any] = {
+        "acceleration": [1.0, 2.0, 3.0],
+        "torque": [0.1, 0.2, 0.3],
+        "rest_dead_zone": [0.1, 0.0, 0.2],
+    }
+    asked = ask(
+        arm, 2e-3, speed=speed, radius=radius, delay=3, bits=12, friction=True, payload=(0.1, 0.3), **stated
+    )
+    found, count = asked.setting, 0.5 * arm.encoder_count(12)
+    np.testing.assert_allclose(found.radius, radius + 4 * 2e-3 * speed + count)
+    np.testing.assert_allclose(found.friction, np.array([0.3, 0.2, 0.1]) * speed + [0.05, 0.04, 0.03])
+    wanted = {
+        "speed": speed,
+        "velocity": speed,
+        "encoder": count,
+        "viscous": [0.3, 0.2, 0.1],
+        "zone": [0.1, 0.0, 0.2],
+    }
+    for name, value in {**wanted, **{x: stated[x] for x in ("acceleration", "torque")}}.items():
+        np.testing.assert_allclose(getattr(found, name), value, err_msg=name)
+    assert asked.loads == (0.1, 0.3)
+    q = np.array([0.1, 0.4, -0.3])
+
+    def held(*arms: armgpi.Robot) -> list[list[float]]:
+        return [each.gravity(q).tolist() for each in arms]
+
+    light, heavy = (arm.with_payload(arm.tip, x) for x in (0.1, 0.3))
+    assert held(*found.arms, found.nominal) == held(light, heavy, heavy)
+    hull = ask(arm, 2e-3, speed=speed, payload=(0.1, 0.3), arms=(two, arm), others=(two,), friction=True)
+    ends = [each.with_payload(arm.tip, x) for x in (0.1, 0.3) for each in (two, arm)]
+    assert held(*hull.setting.arms) == held(*ends, light, heavy)
+    assert held(*hull.others) == held(ends[0], ends[2])
+    np.testing.assert_allclose(hull.setting.friction, [0.06, 0.04, 0.03])  # at rest: what sticks
+    np.testing.assert_allclose(hull.setting.radius, 0.02 + 2e-3 * speed)
+    none = ask(arm, 2e-3, speed=speed, arms=(two,)).setting
+    assert held(*none.arms) == held(two, arm)
+    assert not any(x.any() for x in (none.velocity, none.acceleration, none.encoder))
+
+
+@pytest.mark.parametrize("feedforward", ["none", "gravity", "model"])
+def test_numbers_and_inputs_of_a_certificate_are_those_that_were_found_and_no_smaller(
+    feedforward: str,
+) -> None:
+    arm, rng = armgpi.Robot.load("anthropomorphic3"), np.random.default_rng(4)
+    asked = ask(arm, 1e-3, speed=[0.1, 0.2, 0.3], acceleration=1.0, bits=9, feedforward=feedforward)
+    drawn = {name: rng.uniform(0.1, 1.0, 3) for name in quantities.Numbers._fields}
+    each = {
+        name: tuple(map(quantities.Number, x)) if name in quantities.PER_JOINT else quantities.Number(x[0])
+        for name, x in drawn.items()
+    }
+    found, one = quantities.Numbers(**each), {name: x[0] for name, x in drawn.items()}
+    model = feedforward == "model"
+    turned = one["sigma"] * max(asked.setting.radius / asked.setting.speed)
+    more = 1.0 + math.sqrt(one["delta_high"] * math.exp(turned)) if model else 1.0
+    shares = {
+        "disturbance": one["torque"],
+        "friction": one["friction"],
+        "velocity of the reference": more * one["kappa_v"] * one["velocity"],
+        "acceleration of the reference": more * one["acceleration"],
+    }
+    assert request.shares_of(asked, found) == pytest.approx(shares)
+    inputs = {"torque": sum(shares.values()), "shift": one["shift"], "reference": one["velocity"]}
+    inputs |= {"count": one["encoder"], "zone": one["zone"]}
+    assert request.inputs_of(asked, found).keys() == inputs.keys()
+    told = {**request.numbers_of(asked, found), **request.inputs_of(asked, found)}
+    push = one["kappa_v"] * one["velocity"] + one["acceleration"] if model else 0.0
+    wanted = {**one, **inputs, "count_time": max(asked.setting.encoder / asked.setting.speed)}
+    wanted |= {name: drawn[name] for name in quantities.PER_JOINT}
+    wanted["hold"] = drawn["hold"] + push * drawn["reach"]
+    for name, text in told.items():
+        ratio = np.array([float(x) for x in ([text] if isinstance(text, str) else text)]) / wanted[name]
+        assert (abs(ratio - 1.0) < 1.1e-9).all(), name
+        assert (ratio < 1.0 if name == "delta_low" else ratio > 1.0).all(), name
+
+
+def test_a_box_is_where_it_was_asked_for_or_a_turn_about_the_middle() -> None:
+    arm = armgpi.Robot.load("anthropomorphic3")
+    arm = arm.with_limits(lower=[-8.0, -1.0, 0.5], upper=[5.0, 2.0, 0.7])
+    middle = np.array([-1.5, 0.5, 0.6])
+    for wanted, lower, upper in (
+        (None, [-1.5 - math.pi, -1.0, 0.5], [-1.5 + math.pi, 2.0, 0.7]),
+        (0.3, middle - 0.3, middle + 0.3),
+        ({"around": [1.0, 0.1, 0.2], "by": [0.1, 0.2, 0.3]}, [0.9, -0.1, -0.1], [1.1, 0.3, 0.5]),
+        ({"around": 0.6}, [0.6 - math.pi, -0.9, 0.5], [0.6 + math.pi, 2.1, 0.7]),
+        ({"lower": [0.1, 0.2, 0.6]}, [0.1, 0.2, 0.6], [-1.5 + math.pi, 2.0, 0.7]),
+        ({"upper": {"q1": 0.0}}, [-1.5 - math.pi, -1.0, 0.5], [0.0, 2.0, 0.7]),
+    ):
+        found = box_of(arm, wanted)
+        np.testing.assert_allclose(found, [lower, upper], err_msg=str(wanted))
