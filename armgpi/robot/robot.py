@@ -348,7 +348,7 @@ class Robot(Edits):
         half = 0.5 * np.where(self.prismatic, _WIDEST_SLIDE, _WIDEST_TURN)
         lower, upper = np.maximum(lower, middle - half), np.minimum(upper, middle + half)
         # Adding 0 makes -0 to 0: NumPy takes a range from 0 to -0 for a negative one.
-        return np.random.default_rng(seed).uniform(lower + 0.0, upper + 0.0, (count, self.n))
+        return np.random.default_rng(seed).uniform(lower, upper + 0.0, (count, self.n))
 
     def _repr_html_(self) -> str:
         """Return its joints as a table, for notebooks."""

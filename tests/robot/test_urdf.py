@@ -11,12 +11,14 @@ import os
 import warnings
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
 from armgpi import ArmgpiWarning, Robot
 from armgpi.errors import ArmgpiError, ArrayError, NameNotFound, UrdfError
+from armgpi.robot import markup, urdf, urdf_model
 from armgpi.robot.urdf import MAX_BYTES, MAX_JOINTS
 from armgpi.robot.urdf_model import MAX_MOVING_JOINTS
 
@@ -401,6 +403,61 @@ def test_more_joints_than_pinocchio_stands_are_refused() -> None:
     assert f"{MAX_MOVING_JOINTS + 1} moving joints" in str(many)
     assert "keep=" in str(many)
     assert f"more than {MAX_JOINTS} joints" in str(refusal(chain(["fixed"] * 5000)))
+
+
+def test_a_file_holds_as_much_as_is_said_and_no_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, root = tmp_path / "arm.urdf", ElementTree.fromstring(THREE)
+
+    def depth(element: ElementTree.Element) -> int:
+        return 1 + max(map(depth, element), default=0)
+
+    path.write_text(THREE)
+    counts = [
+        (markup, "MAX_BYTES", len(THREE.encode())),
+        (markup, "MAX_DEPTH", depth(root)),
+        (markup, "MAX_ELEMENTS", sum(1 for _ in root.iter())),
+        (markup, "MAX_ATTRIBUTES", max(len(each.attrib) for each in root.iter())),
+        (urdf, "MAX_JOINTS", len(root.findall("link"))),
+        (urdf_model, "MAX_MOVING_JOINTS", len(root.findall("joint"))),
+    ]
+    for module, name, count in counts:
+        with monkeypatch.context() as patch:
+            patch.setattr(module, name, count)
+            assert Robot.load(path).n == 3, name
+            patch.setattr(module, name, count - 1)
+            with pytest.raises(UrdfError, match=r"more than|bytes"):
+                Robot.load(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "least", "beyond"),
+    [
+        (MASS, '<mass value="{}"/>', "1e15", "1.001e15"),
+        ('iyy="0.01"', 'iyy="{}"', "1e15", "1.001e15"),
+        ('damping="0.5"', 'damping="{}"', "1e15", "1.001e15"),
+        ('xyz="0.2 0 0"', 'xyz="0.2 {} 0"', "-1e15", "-1.001e15"),
+        ("<dynamics", '<mimic joint="shoulder" multiplier="{}"/><dynamics', "-1e6", "-1.001e6"),
+        ("<dynamics", '<mimic joint="shoulder" offset="{}"/><dynamics', "1e6", "1.001e6"),
+        ("<dynamics", '<mimic joint="shoulder" multiplier="{}"/><dynamics', "1e-6", "0.999e-6"),
+        ('damping="0.5"', 'damping="{}"', "0", "-1e-300"),
+    ],
+)
+def test_numbers_are_read_up_to_what_no_robot_has(old: str, new: str, least: str, beyond: str) -> None:
+    urdf.parse(changed((old, new.format(least))), "arm")
+    with pytest.raises(UrdfError, match=r"larger than any|no gear has|negative"):
+        urdf.parse(changed((old, new.format(beyond))), "arm")
+
+
+def test_limits_from_1e15_on_are_none_and_a_range_may_be_one_place() -> None:
+    for given, wanted in (
+        ("1e15 1e15 -1e15 1e15", (1e15, 1e15, -np.inf, np.inf)),
+        ("1.1e15 1.1e15 -9e14 9e14", (np.inf, np.inf, -9e14, 9e14)),
+        ("0 0 0.5 0.5", (0.0, 0.0, 0.5, 0.5)),
+    ):
+        names = ("effort", "velocity", "lower", "upper")
+        limit = " ".join(f'{name}="{x}"' for name, x in zip(names, given.split(), strict=True))
+        elbow = urdf.parse(changed((LIMIT, f"<limit {limit}/>")), "arm").joints["elbow"]
+        assert (elbow.effort, elbow.velocity, elbow.lower, elbow.upper) == wanted
 
 
 # --- Elements with something wrong ---------------------------------------------------------------

@@ -729,9 +729,9 @@ def test_a_level_rises_where_a_tenth_of_a_tenth_is_above_the_bound_before() -> N
 
 def test_bars_of_a_picture_stand_on_one_line() -> None:
     svg = page._bars(np.array([0.25, 1.0]), ["a", "b", "c"], "red", [(0.1, 0.5), (0.8, 1.0)])
-    bars = re.findall(r'y="([\d.]+)" width="[\d.]+" height="([\d.]+)"', svg)
-    assert [float(y) + float(high) for y, high in bars] == [92.0, 92.0]
-    assert [float(high) for _, high in bars] == [23.0, 92.0]
+    bars = re.findall(r'rect x="([\d.]+)" y="([\d.]+)" width="([\d.]+)" height="([\d.]+)"', svg)
+    assert [(float(x), float(y) + float(high)) for x, y, _, high in bars] == [(0.0, 92.0), (150.0, 92.0)]
+    assert [(float(wide), float(high)) for *_, wide, high in bars] == [(149.0, 23.0), (149.0, 92.0)]
     # Intervals: in the middle of their bars, the lower end below the upper one.
     assert 'points="75.0,82.8 75.0,46.0"' in svg
     assert 'points="225.0,18.4 225.0,0.0"' in svg
@@ -741,6 +741,21 @@ def test_a_histogram_tells_how_many_it_leaves_out() -> None:
     svg = page._histogram(np.array([1.0, 1.0, 2.0, 1.0, np.inf]))
     assert "bars up to 3 of 5; 1 infinite" in svg
     assert [float(x) for x in re.findall(r">([\d.]+)</text>", svg)] == [1.0, 2.0]
+    assert "infinite" not in page._histogram(np.array([1.0, 2.0]))
+    for values, log in (([2.0, 200.0], False), ([2.0, 201.0], True), ([0.0, 9.0], False)):
+        assert ("log scale" in page._histogram(np.array(values))) == log
+        assert f">{values[0]:g}</text>" in page._histogram(np.array(values))
+
+
+def test_a_map_of_one_number_goes_from_its_least_to_its_largest() -> None:
+    rows = [
+        {"from": 3.0 + k, "to": 4.0 + k, "value": 0.1 * k, "lower": 0.05 * k, "upper": 0.2 * k, "rollouts": k}
+        for k in range(4)
+    ]
+    svg = page._map(rows)  # the first of which has no rollouts
+    assert re.findall(r">([^<>]+)</text>", svg) == ["4", "up to 60 %", "7"]
+    heights = re.findall(r'height="([\d.]+)" fill="#c', svg)
+    np.testing.assert_allclose([float(x) for x in heights], 92.0 * np.array([1.0, 2.0, 3.0]) / 6.0, atol=0.06)
 
 
 def test_a_map_has_as_many_columns_as_its_first_number_has_parts() -> None:
