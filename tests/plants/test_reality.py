@@ -19,6 +19,7 @@ from armgpi.health import reality as health
 from armgpi.intervals import clopper_pearson, wilson
 from armgpi.parameter import parameters
 from armgpi.plants.reality import Draw, Gears, Numbers, batches, scales, stack_draws
+from armgpi.references.bezier import PEAK_VELOCITY
 from armgpi.robot import rotors
 
 ARM = Robot.load("anthropomorphic3")
@@ -256,6 +257,43 @@ def test_a_draw_is_the_arm_with_what_was_drawn() -> None:
         own = np.maximum(least, draw.numbers.effort * scale.effort)
         np.testing.assert_allclose(draw.effort, np.minimum(own, ARM.limits.effort), rtol=1e-9)
         ARM.check_position(draw.move.goal, "the goal")
+
+
+def test_a_move_is_the_first_of_those_drawn_on_which_the_arm_is_held() -> None:
+    arm = ARM.with_limits(lower=[0.2, -1.8, -2.7], velocity={"q2": math.inf, "q3": 0.0})
+    kept = []
+    for share, index in ((0.6, 0), (0.1, 1), (0.1, 2), (0.01, 3), (0.01, 4)):
+        reality, scale = Reality.geared(7, gravity_share=share), scales(arm)
+        found, held = reality._move(arm, scale, index)
+        start, way = (reality._random(index, x, 192).reshape(64, 3) for x in ("configuration", "direction"))
+        moves = []
+        for u, direction, size in zip(start, way, reality._uniform(index, "distance", 64), strict=True):
+            middle = [1.75, 0.45, 0.0]
+            low = [max(x, m - math.pi) for x, m in zip(arm.limits.lower, middle, strict=True)]
+            high = [min(x, m + math.pi) for x, m in zip(arm.limits.upper, middle, strict=True)]
+            begin = np.array([a + (b - a) * x for a, b, x in zip(low, high, u, strict=True)])
+            goal = np.clip(begin + size * (2.0 * direction - 1.0), arm.limits.lower, arm.limits.upper)
+            gravity = np.max([abs(arm.gravity(begin + s / 20 * (goal - begin))) for s in range(21)], axis=0)
+            moves.append((max(gravity / scale.effort), begin, goal, gravity))
+        first = next((each for each in moves if each[0] <= share), min(moves, key=lambda each: each[0]))
+        kept.append(next((k for k, each in enumerate(moves) if each[0] <= share), None))
+        np.testing.assert_allclose([found.start, found.goal, held], first[1:])
+        shortest = max(PEAK_VELOCITY * abs(first[2] - first[1]) / [10.0, 1.0, 1.0])
+        wanted = np.clip(shortest * reality._uniform(index, "speed")[0], 0.15, 2.5)
+        assert (found.duration, found.begin) == (pytest.approx(wanted), 0.3)
+    assert set(kept) > {None, 0}  # of some the first is not held, of some none
+
+
+def test_gears_are_as_stiff_and_as_damped_as_their_rotors_and_the_mode_say() -> None:
+    draw = Reality("elastic", 5).draw(ARM, 3)
+    found, drawn_, rotor = gears_of(draw), draw.numbers, draw.arm.armature / draw.numbers.rotor_inertia
+    links = np.diag(draw.arm.mass_matrix(ARM.middle())) - draw.arm.armature
+    share = found.stiffness / (drawn_.stiffness_share * rotor)
+    np.testing.assert_allclose(share, share[0])
+    both = 1.0 / (1.0 / links + 1.0 / draw.arm.armature)
+    np.testing.assert_allclose(found.damping, 2.0 * drawn_.gear_damping * np.sqrt(found.stiffness * both))
+    np.testing.assert_allclose(found.cogging, drawn_.cogging * scales(ARM).gravity)
+    np.testing.assert_array_equal(found.current, drawn_.current)
 
 
 def test_rotor_inertia_of_the_urdf_is_the_nominal_one() -> None:

@@ -17,9 +17,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from machines import sled, swing
 from scipy.integrate import solve_ivp
+from scipy.optimize import root
 from strategies import State, robots_and_states, states, urdf_texts
 
-from armgpi import RigidBodyPlant, Robot, RobotBatch, Sine
+from armgpi import Friction, RigidBodyPlant, Robot, RobotBatch, Sine, Step
 from armgpi.errors import ArmgpiError, ParameterError
 from armgpi.plants.plant import PlantState
 from armgpi.robot.robots import locate
@@ -49,6 +50,47 @@ def energy(robot: Robot) -> Callable[[Array, Array], float]:
     model = robot.pinocchio_model()
     data = model.createData()
     return lambda q, v: float(pin.computeMechanicalEnergy(model, data, q, v))
+
+
+@pytest.mark.parametrize("sticks", [False, True])
+def test_a_step_is_runge_kuttas_under_its_loads_and_then_its_frictions_balance(sticks: bool) -> None:
+    rng, dt, k = np.random.default_rng(3), 4e-3, 300  # beyond the samples whose loads are worked out at once
+    q, v, tau = rng.normal(size=(3, 2, 3))
+    loads = Sine(rng.normal(size=(2, 3)), 40.0, 0.3), Step([3.0, -2.0, 1.0], onset=k * dt + dt / 2)
+    viscous, coulomb = rng.uniform(0.1, 0.5, (2, 3)), rng.uniform(0.1, 0.9, (2, 3)) * sticks
+    options: Any = {"substeps": 2, "stick_velocity": 0.2}
+    found = RigidBodyPlant(ARM, loads, Friction(viscous, coulomb), **options).step(
+        tau, PlantState(k, q, v, 0.0 * q), dt
+    )
+
+    def moves(t: float, x: Array, y: Array) -> tuple[Array, Array]:
+        late = (
+            t - 1e-9 if abs(t - k * dt - dt / 2) < 1e-12 and t > begin else t
+        )  # what sets in there comes then
+        push = sum(each.torque(np.array([late]))[..., :] for each in loads)
+        return y, ARM.forward_dynamics(x, y, tau - push.reshape(-1, 3) * np.ones((2, 1)))
+
+    h = dt / 2
+    for begin in (k * dt, k * dt + h):
+        a = moves(begin, q, v)
+        b = moves(begin + h / 2, q + h / 2 * a[0], v + h / 2 * a[1])
+        c = moves(begin + h / 2, q + h / 2 * b[0], v + h / 2 * b[1])
+        d = moves(begin + h, q + h * c[0], v + h * c[1])
+        free_q, free_v = (x + h / 6 * (a[i] + 2 * b[i] + 2 * c[i] + d[i]) for i, x in enumerate((q, v)))
+
+        inertia = ARM.mass_matrix(q)
+
+        def lacks(x: Array, D: Array = inertia, free: Array = free_v) -> Array:
+            x = x.reshape(2, 3)
+            rubs = viscous * x + coulomb * x / np.sqrt(x * x + 0.04)
+            return np.asarray((np.einsum("kij,kj->ki", D, x - free) + h * rubs).ravel())
+
+        v = root(lacks, free_v.ravel(), tol=1e-14).x.reshape(2, 3)
+        q = free_q + h / 2 * (v - free_v)
+    np.testing.assert_allclose(found.q, q, rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(found.v, v, rtol=1e-7, atol=1e-8)
+    assert found.k == k + 1
+    np.testing.assert_array_equal(found.tau, tau)
 
 
 @pytest.mark.parametrize("substeps", [1, 3])
