@@ -42,6 +42,7 @@ from armgpi.errors import ParameterError
 from armgpi.gpi.gains import Tuning, betas
 from armgpi.loop.rollout import describe_end
 from armgpi.supervisor.bounds import bounds_of
+from armgpi.supervisor.stop import NEAR, Stop
 
 ARM = Robot.load("anthropomorphic3").with_armature(0.1)
 GOAL = np.array([0.4, 0.6, -0.1])
@@ -701,19 +702,17 @@ def test_stops_are_those_of_each_joint_sample_by_sample(monkeypatch: pytest.Monk
     assert len(stopping.stops(stop, h, q, v).q) == 6
 
 
-@pytest.mark.parametrize("error", [stopping.NEAR, stopping.NEAR + 1e-9])
+@pytest.mark.parametrize("error", [NEAR, NEAR + 1e-9])
 def test_a_stop_is_bounded_from_its_longest_way_and_moments_between(
     error: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[Any] = []
-    monkeypatch.setattr(
-        stopping,
-        "bound_wish",
-        lambda wish, bears: (
-            asked.append(wish)
-            or SimpleNamespace(error=np.full(3, error), tool=np.array([1e-3 * len(asked)]), reasons=())
-        ),
-    )
+
+    def bound(wish: Any, bears: bool) -> Any:
+        asked.append(wish)
+        return SimpleNamespace(error=np.full(3, error), tool=np.array([1e-3 * len(asked)]), reasons=())
+
+    monkeypatch.setattr(stopping, "bound_wish", bound)
     law, samples = GPI(ARM, 1e-3, FixedGains(20.0)), 1e-3 * np.arange(2600.0)
     wish = cast(Any, SimpleNamespace(controller=law, arms=(ARM,), reference=PATH, delay=2, samples=samples))
     wish._replace = lambda **new: SimpleNamespace(**new)
@@ -725,7 +724,7 @@ def test_a_stop_is_bounded_from_its_longest_way_and_moments_between(
     fast = speed(*PATH.at(samples)[:2])
     pace = 0.25 / fast.max()
     moving = samples[fast > 0.01 * fast.max()] / pace + 4e-3
-    stop = stopping.Stop(law, armgpi.Supervisor().on_fault, bounds_of(law, armgpi.Supervisor()))
+    stop = Stop(law, armgpi.Supervisor().on_fault, bounds_of(law, armgpi.Supervisor()))
     begins = [each.reference.begin for each in asked]
     path, every = (
         asked[0].reference.path,
@@ -741,7 +740,7 @@ def test_a_stop_is_bounded_from_its_longest_way_and_moments_between(
     for each in asked:
         assert each.t_final == pytest.approx(each.reference.begin + found.time + 0.3)
         np.testing.assert_allclose(each.reference.stop.q[0], path.at(each.reference.begin).q, atol=1e-12)
-    assert (found.error, bool(found.reasons)) == (4e-3, error > stopping.NEAR)
+    assert (found.error, bool(found.reasons)) == (4e-3, error > NEAR)
     wish.reference = armgpi.Hold(GOAL)
     with pytest.raises(ParameterError, match="a tool that rests"):
         bound_stop(cast(Any, SimpleNamespace(wish=wish)), 0.25)

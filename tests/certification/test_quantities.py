@@ -166,7 +166,7 @@ def test_every_number_at_a_point_is_what_its_words_say_in_the_metric_of_the_arm(
 
     def asked(each: armgpi.Robot, x: Array) -> Array:
         ahead = 0.0 if feedforward == "none" else known.gravity(x)
-        return np.linalg.solve(heavy.mass_matrix(x), each.gravity(x) - ahead)
+        return np.asarray(np.linalg.solve(heavy.mass_matrix(x), each.gravity(x) - ahead))
 
     for each in arms:
         D, H = each.mass_matrix(q), heavy.mass_matrix(q)

@@ -6,7 +6,7 @@ import json
 import runpy
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple, get_args
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 import pytest
@@ -142,7 +142,7 @@ def test_limit_excess_is_how_far_a_joint_went_beyond_its_limits(e: float, expect
 
 
 #: Steps that are equal, from 0, from later and for long; others, of which the first is none.
-GRIDS: dict[str, Array] = {
+GRIDS: dict[str, np.ndarray] = {
     "even": np.arange(56) * 0.02,  # whose last fifth begins at a sample but for rounding
     "later": 3.7 + np.arange(40) * 0.05,
     "long": np.arange(91) * 0.1,
@@ -155,7 +155,7 @@ def test_every_metric_is_what_its_words_say_joint_by_joint(grid: str) -> None:
     time, random = GRIDS[grid], np.random.default_rng(5)
     n, span = len(time), time[-1] - time[0]
     effort = np.array([[2.0, 1.0, np.inf], [3.0, 1.5, 4.0]])
-    lower, upper = np.array([-1.5, -1.0, -9.0]) * np.ones((2, 1)), np.array([1.0, 9.0, 1.2]) * np.ones((2, 1))
+    lower, upper = np.array([[-1.5, -1.0, -9.0]] * 2), np.array([[1.0, 9.0, 1.2]] * 2)
     e, q_ref, tau = random.normal(size=(3, n, 2, 3))
     e[-1, 1] *= 9.0
     q_ref[n // 3 :, :, :2] = 0.3
@@ -176,7 +176,7 @@ def test_every_metric_is_what_its_words_say_joint_by_joint(grid: str) -> None:
         rests = np.ptp(q_ref[late, i, j]) <= 1e-12
         swing = np.ptp((q - q_ref)[late, i, j]) if rests else 0.0
         way = sum(abs((q - q_ref)[k, i, j] - (q - q_ref)[k - 1, i, j]) for k in late[1:])
-        wanted = {
+        wanted: dict[str, Any] = {
             "itae": trapezoid(time * error, time),
             "iae": trapezoid(error, time),
             "ise": squared,

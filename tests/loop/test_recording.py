@@ -102,7 +102,7 @@ def test_a_recording_is_refused_from_the_first_byte_on_that_is_not_there(
         for missing in (0, 1):
             monkeypatch.setattr(rollout, "machine_bytes", lambda there=bytes_ - missing: there)
             with pytest.raises(RolloutError, match="does not fit") if missing else nullcontext():
-                Recording.new((2, 3), 13, 0.1, 3, **asked)  # type: ignore[arg-type]
+                Recording.new((2, 3), 13, 0.1, 3, **asked)
 
 
 def test_a_fault_is_told_at_the_sample_that_it_was_in() -> None:

@@ -280,7 +280,7 @@ def test_a_move_is_the_first_of_those_drawn_on_which_the_arm_is_held() -> None:
         np.testing.assert_allclose([found.start, found.goal, held], first[1:])
         shortest = max(PEAK_VELOCITY * abs(first[2] - first[1]) / [10.0, 1.0, 1.0])
         wanted = np.clip(shortest * reality._uniform(index, "speed")[0], 0.15, 2.5)
-        assert (found.duration, found.begin) == (pytest.approx(wanted), 0.3)
+        assert (found.duration, found.begin) == pytest.approx((wanted, 0.3))
     assert set(kept) > {None, 0}  # of some the first is not held, of some none
 
 

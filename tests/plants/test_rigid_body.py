@@ -67,8 +67,8 @@ def test_a_step_is_runge_kuttas_under_its_loads_and_then_its_frictions_balance(s
         late = (
             t - 1e-9 if abs(t - k * dt - dt / 2) < 1e-12 and t > begin else t
         )  # what sets in there comes then
-        push = sum(each.torque(np.array([late]))[..., :] for each in loads)
-        return y, ARM.forward_dynamics(x, y, tau - push.reshape(-1, 3) * np.ones((2, 1)))
+        push = np.sum([each.torque(np.array([late])) * np.ones((2, 3)) for each in loads], axis=0)
+        return y, ARM.forward_dynamics(x, y, tau - push)
 
     h = dt / 2
     for begin in (k * dt, k * dt + h):

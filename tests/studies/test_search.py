@@ -107,13 +107,13 @@ def test_weights_are_numbers_to_search(per_joint: bool) -> None:
 
 
 def test_numbers_are_called_by_key_end_place_and_joint_and_begin_at_the_mean_of_what_they_stand_for() -> None:
-    section = {
+    section: dict[str, Any] = {
         "type": "network",
         "zeta": [0.7, 0.9, 1.4],
         "omega": {"lower": [5.0, 20.0, 40.0], "upper": 50.0},
         "weights": {"omega": [[1.0, -2.0, 3.0, 90.0], [5.0, 0.0, 1.0, 2.0], [0.0, 8.0, -90.0, 4.0]]},
     }
-    table = np.clip(section["weights"]["omega"], -40.0, 40.0)  # type: ignore[call-overload]
+    table = np.clip(section["weights"]["omega"], -40.0, 40.0)
     made = space(section, dict.fromkeys(("zeta", "omega", "weights.omega"), Range()))
     assert made.names == ["zeta", "omega.lower", "omega.upper", *(f"weights.omega.{k}" for k in (1, 2, 3, 4))]
     wanted = [np.prod([0.7, 0.9, 1.4]) ** (1 / 3), 4000.0 ** (1 / 3), 50.0, *table.mean(axis=0)]
@@ -459,7 +459,7 @@ def test_an_objective_without_a_value_anywhere_is_named() -> None:
 def told_search(budgets: tuple[float, ...], *more: tuple[float, float, float, float]) -> Search:
     """Return a search with candidates of these objectives, variations, failures and violations."""
     search = Search(problem(budgets=budgets))
-    rows = ((5.0, 300.0, 0.0, 0.0), (3.0, 400.0, 0.0, 0.0), (3.0, 900.0, 0.0, 0.0), (2.0, 2500.0, 0.0, 0.0))
+    rows = [(5.0, 300.0, 0.0, 0.0), (3.0, 400.0, 0.0, 0.0), (3.0, 900.0, 0.0, 0.0), (2.0, 2500.0, 0.0, 0.0)]
     rows += ((1.0, 350.0, 0.0, 0.2), (math.inf, 200.0, 0.25, 0.0), (4.0, 400.0, 0.0, 0.0), *more)
     search.rows = [
         Row(
@@ -520,7 +520,7 @@ def test_a_picture_of_a_search_shows_its_rows_each_kind_in_a_colour_of_its_own(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     drawn: list[Any] = []
-    monkeypatch.setattr(pictures, "png", lambda figure: drawn.append(figure) or b"")
+    monkeypatch.setattr(pictures, "png", drawn.append)
     search = told_search((400.0, 2500.0))
     own = [
         Validated(400.0, search.rows[1], search.rows[2]),
