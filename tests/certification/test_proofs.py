@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from strategies import FOLLOWS, robots
 
 from armgpi import Robot
-from armgpi.certification import proofs, quantities
+from armgpi.certification import proofs, quantities, trigonometric
 from armgpi.certification.quantities import Numbers, Setting
 from armgpi.certification.trigonometric import pieces, polynomials_of
 from armgpi.errors import ParameterError
@@ -302,7 +302,12 @@ def test_every_value_in_a_cell_is_within_the_hull_of_its_corners(
         index = np.array(np.unravel_index(found, count))
         place = center - halves + (2 * index + 1) * whole.half
         found += 1
-        cell = whole.halves(int(rng.integers(robot.n)))[int(rng.integers(2))]
+        joint = int(rng.integers(robot.n))
+        pair = whole.halves(joint)
+        step = np.where(np.arange(robot.n) == joint, 0.5, 0.0) * whole.half
+        assert sorted(each.center[joint] for each in pair) == [-step[joint], step[joint]]
+        assert all((each.half == whole.half - step).all() for each in pair)
+        cell = pair[int(rng.integers(2))]
         for part in (whole, cell, whole._replace(half=whole.half + 0.02)):
             q = place + part.center + part.half * rng.uniform(-1.0, 1.0, (50, robot.n))
             q[0], q[1] = place + part.center - part.half, place + part.center + part.half
@@ -317,6 +322,52 @@ def test_every_value_in_a_cell_is_within_the_hull_of_its_corners(
                 assert np.all(np.abs(corners[0] - values[0].ravel()) <= rounding)
                 assert np.all(np.abs(corners[-1] - values[1].ravel()) <= rounding)
     assert found == np.prod(count)
+
+
+@pytest.mark.parametrize("half", [0.05, 0.7, 1.39, 1.6, 2.5, 4.0])
+def test_a_joints_functions_are_those_about_another_center_and_its_triangle_holds_their_curve(
+    half: float,
+) -> None:
+    center, t = 0.9, np.linspace(-1.0, 1.0, 4001) * min(half, np.pi)
+    middle, near = 0.5 * (1.0 + np.cos(t).min()), 0.25 * (1.0 + 3.0 * np.cos(t[0]))
+    x, away = np.cos(t) - middle, 0.5 * np.ptp(np.cos(t))
+    parts = np.stack([t**0, np.sin(t), x, np.sin(2 * t) - 2 * near * np.sin(t), 2 * x * x - away**2])
+    matrix, most = trigonometric._local(center, half, False)
+    turned = t + center
+    wanted = [t**0, np.cos(turned), np.sin(turned), np.cos(2 * turned), np.sin(2 * turned)]
+    np.testing.assert_allclose(matrix.T @ parts, wanted, atol=1e-12)
+    np.testing.assert_allclose(most, np.abs(parts).max(axis=1), rtol=1e-5, atol=1e-9)
+    corners = trigonometric._corners(center, half, False)
+    shares = np.linalg.solve(corners.T, wanted[:3])  # of each corner in a point of the curve
+    assert shares.min() >= -1e-12
+    if half > 1.4:  # around the whole circle: the middle of each side touches it
+        sides = 0.5 * (corners + np.roll(corners, 1, axis=0))
+        np.testing.assert_allclose(np.linalg.norm(sides[:, 1:], axis=1), 1.0)
+    else:
+        np.testing.assert_allclose(corners[[0, 2], 1:].T, np.array(wanted)[1:3, [0, -1]])
+    np.testing.assert_allclose(trigonometric._local(center, half, True)[1], [1.0, half, half * half])
+    slides = trigonometric._corners(center, half, True)
+    along = center + half * np.linspace(-1.0, 1.0, 101)
+    shares = np.linalg.solve(slides.T, [along**0, along, along**2])
+    assert shares.min() >= -1e-9
+    assert shares[:, 0].tolist() == pytest.approx([1.0, 0.0, 0.0], abs=1e-9)
+    assert shares[:, -1].tolist() == pytest.approx([0.0, 0.0, 1.0], abs=1e-9)
+
+
+def test_a_range_is_cut_into_the_fewest_parts_that_leave_little_out(arm: Robot) -> None:
+    case = off_axis(arm, "none")
+    ((D, _),) = polynomials_of([case.nominal], 0.5 * (case.lower + case.upper))
+    size = np.sqrt(np.diagonal(D.coefficients[0, 0, 0]))
+    half, table = np.array([0.9, 0.4, 0.2]), D.coefficients.reshape(*D.coefficients.shape[:3], -1)
+    cut = trigonometric._Cut(D, half, np.full(3, 1e-3), table)
+    least = 3e-4 * np.outer(size, size).ravel()
+    assert max(cut.counts) > 1
+    for j, count in enumerate(cut.counts):
+        if not count:
+            continue
+        left = [next(iter(cut._parts(j, x, cut.table, cut.sups)))[2] for x in (count, count - 1) if x]
+        assert (left[0] <= least).all()
+        assert count == max(1, np.ceil(half[j] / 0.7)) or (left[1] > least).any()
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])

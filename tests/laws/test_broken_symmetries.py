@@ -267,11 +267,13 @@ def test_ends_may_meet() -> None:
 def test_a_joint_that_nothing_drives_has_no_limit_of_torque_that_is_known(tmp_path: Path) -> None:
     ball = '<geom type="sphere" size="0.1" mass="1" pos="0.2 0 0"/>'
     (tmp_path / "arm.xml").write_text(
-        f'<mujoco><worldbody><body name="one"><joint name="a" axis="0 0 1"/>{ball}'
+        f'<mujoco><worldbody><body name="one"><joint name="a" axis="0 0 1" range="-10 10"/>{ball}'
         f'<body name="two" pos="0 0 1"><joint name="b" axis="0 1 0"/>{ball}</body></body></worldbody>'
         '<actuator><motor joint="a" ctrllimited="true" ctrlrange="-5 5" gear="2"/></actuator></mujoco>'
     )
-    np.testing.assert_array_equal(Robot.load(tmp_path / "arm.xml").limits.effort, [10.0, np.inf])
+    arm = Robot.load(tmp_path / "arm.xml")  # though MuJoCo's limits push where the two are compared
+    np.testing.assert_array_equal(arm.limits.effort, [10.0, np.inf])
+    np.testing.assert_allclose(arm.limits.upper, [np.pi / 18.0, np.inf])
 
 
 def test_a_load_that_sets_in_with_a_sample_is_felt_from_that_sample_on() -> None:

@@ -485,6 +485,18 @@ def test_results_of_runs_are_apart() -> None:
     assert loop.run({"controller.omega": [10.0] * 3}).sizes["rollout"] == 3
 
 
+def test_what_runs_have_taken_by_numpy_is_what_a_compiler_may_take() -> None:
+    loop = prepare(RigidBodyPlant(ARM), gpi(), MOVE, 0.2, backend="auto")
+    state, shape = loop.loop.init(), SimpleNamespace(shape=(4, 3))
+
+    def leaves(part: Any) -> int:
+        return sum(map(leaves, part)) if isinstance(part, tuple) else 1
+
+    once = 200 * (5e-6 * (leaves(state) - 1) + 1.2e-6 * 12)
+    for runs in (1, 2, 3):
+        assert loop._patience(state, shape) == pytest.approx(runs * once)
+
+
 def test_times_are_whole_numbers_of_samples_one_at_least() -> None:
     assert [preparing.whole_steps(t, 0.25) for t in (0.25, 0.2, 0.9, 2.5e14)] == [1, 1, 4, 10**15]
     for t_final, said in ((2.5e14 + 0.25, "at most"), (0.12, "at least one")):
@@ -508,7 +520,7 @@ def test_a_reference_is_refused_where_it_leaves_the_limits_at_any_of_its_times(
 def test_a_bar_is_shown_of_what_takes_long_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     shown: list[Any] = []
     monkeypatch.setattr("rich.progress.Progress.start", lambda bar: shown.append(bar))
-    clock = iter([100.0, 101.9, 102.1])
+    clock = iter([100.0, 102.0, 102.1])
     monkeypatch.setattr(preparing, "time", SimpleNamespace(monotonic=lambda: next(clock)))
     with preparing._progress_bar(10, True) as advance:
         advance(1)

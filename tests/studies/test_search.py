@@ -5,6 +5,7 @@ from __future__ import annotations
 import builtins
 import csv
 import math
+import re
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -22,8 +23,7 @@ from armgpi.config.schema import KINDS
 from armgpi.errors import MissingPackage, NameNotFound, ParameterError, RolloutError
 from armgpi.parameter import Parameter
 from armgpi.plants.reality import stack_draws
-from armgpi.studies import found, pictures
-from armgpi.studies.contend import draws
+from armgpi.studies import contend, found, pictures
 from armgpi.studies.evaluation import Evaluated, Evaluator, with_keys
 from armgpi.studies.objective import Constraint, Expression, Judged, Objective
 from armgpi.studies.optimise import KEPT, Problem, Row, Search, Validated
@@ -91,8 +91,10 @@ def test_a_search_keeps_its_whole_file_and_tells_the_default_as_its_first_candid
 
 
 def test_a_contest_has_the_draws_from_its_first_one_on() -> None:
-    one = [np.concatenate(draw.move[:2]) for draw in draws(ARM, 3, first=5)]
-    np.testing.assert_array_equal(one[1:], [np.concatenate(draw.move[:2]) for draw in draws(ARM, 2, first=6)])
+    one = [np.concatenate(draw.move[:2]) for draw in contend.draws(ARM, 3, first=5)]
+    np.testing.assert_array_equal(
+        one[1:], [np.concatenate(draw.move[:2]) for draw in contend.draws(ARM, 2, first=6)]
+    )
 
 
 @pytest.mark.parametrize("per_joint", [False, True])
@@ -542,6 +544,68 @@ def test_a_picture_of_a_search_shows_its_rows_each_kind_in_a_colour_of_its_own(
     colours = [to_hex(each.get_facecolor()[0]) for each in middle.collections]
     assert len({*colours, to_hex(middle.lines[0].get_color())}) == 4
     assert to_hex(right.collections[0].get_facecolor()[0]) == colours[2]
+
+
+def test_tables_of_a_contest_have_medians_classes_and_the_best_of_each(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    inertia, whole = ("positions only, knows " + x for x in ("the inertia matrix", "the whole model"))
+    given: list[tuple[str, str, list[float] | None, list[list[float]]]] = [
+        ("super-twisting", whole, None, [[math.inf, 4.0, 2.0, 2.0, 2.0, 2.0]]),
+        (
+            "ADRC, order 3",
+            inertia,
+            [3.0, 200.0],
+            [[1.1, 4.0, 3.0, 2.0, 1.0, 1.0], [1.1, math.inf, 9.0, 2.0, 1.0, 3.0]],
+        ),
+        ("GPI, printed law", inertia, [7.0, 50.0], [[1.0, 3.0, 4.0, math.inf, 2.0, math.inf]]),
+    ]
+    names = contend.budgets_of("anthropomorphic3")
+    entries = [
+        contend.Entry(
+            "anthropomorphic3",
+            law,
+            known,
+            seed,
+            untuned,
+            {x: {"held_out": y} for x, y in zip(names, row, strict=True) if y < math.inf},
+        )
+        for law, known, untuned, rows in given
+        for seed, row in enumerate(rows)
+    ]
+    table = [[x.strip() for x in line.split("|")[1:-1]] for line in contend.markdown(entries).splitlines()]
+    assert table[0] == [
+        "anthropomorphic3: law (numbers), variation up to [N m]",
+        *names,
+        "where its search begins (variation)",
+    ]
+    assert {len(line) for line in table} == {8}
+    assert table[2:] == [
+        [f"*{whole}*", *[""] * 7],
+        ["super-twisting (4)", "-", *["**4**", *["**2**"] * 4], "-"],
+        [f"*{inertia}*", *[""] * 7],
+        ["GPI, printed law (3)", "**1**", "**3**", "**4**", "-", "2", "-", "7 (50)"],
+        ["ADRC, order 3 (2)", "**1.1**", "-", "6", "**2**", "**1**", "**2**", "3 (200)"],
+    ]
+    assert (
+        contend.verdict(entries).splitlines()[0]
+        == "| class | arm | " + " | ".join(f"budget {k}" for k in range(1, 7)) + " |"
+    )
+    ratios = ["0.91", "GPI alone", "0.67", "others alone", "2.00", "others alone"]
+    assert contend.verdict(entries).splitlines()[2:] == [
+        "| " + " | ".join([inertia, "anthropomorphic3", *ratios]) + " |"
+    ]
+    drawn: list[Any] = []
+    monkeypatch.setattr(pictures, "png", drawn.append)
+    pictures.contest_picture(entries)
+    (panel,) = drawn[0].axes  # the class of a single law has none
+    assert re.fullmatch("anthropomorphic3, kn.*the inertia matrix", panel.get_title())
+    curves = {line.get_label(): line.get_ydata() for line in panel.lines}
+    np.testing.assert_array_equal(curves["ADRC, order 3"], [1.1, np.nan, 6.0, 2.0, 1.0, 2.0])
+    np.testing.assert_array_equal(curves["GPI, printed law"], [1.0, 3.0, 4.0, np.nan, 2.0, np.nan])
+    for least, first in ((3.0, 150.0), (2.99, 9.375)):  # the budgets of a small arm are a sixteenth
+        monkeypatch.setattr(contend, "scales", lambda _, x=least: SimpleNamespace(gravity=np.array([1.0, x])))
+        assert contend.budgets(ARM)[0] == first
 
 
 # What candidates are, on real rollouts.
