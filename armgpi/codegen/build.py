@@ -44,6 +44,8 @@ FLAGS = (
 )
 #: For one number at a time: operations that wait for each other are put farther apart.
 SCALAR = ("-fschedule-insns",)
+#: Passes of GCC that find nothing in straight lines, for up to a third of its time. Clang lacks the names.
+_FRUITLESS = ("-fno-tree-pta", "-fno-gcse", "-fno-rerun-cse-after-loop", "-fno-tree-pre")
 #: Entries kept at most, a library has one or two; the ones used least recently go.
 _KEPT = 512
 #: What they are called.
@@ -68,6 +70,11 @@ class Compiler(NamedTuple):
 
     command: tuple[str, ...]
     version: str
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """What it alone knows."""
+        return _FRUITLESS if "Free Software Foundation" in self.version else ()
 
 
 @lru_cache(maxsize=4)
@@ -455,7 +462,8 @@ def _compile(source: str, name: str, found: Compiler, flags: tuple[str, ...], fo
     try:
         (work / "loop.c").write_text(source, encoding="utf-8")
         built = work / f"loop.{suffix}"
-        run_compiler(found.command, [str(work / "loop.c"), *flags, "-o", str(built)], built, _PATIENCE)
+        arguments = [str(work / "loop.c"), *flags, *found.flags, "-o", str(built)]
+        run_compiler(found.command, arguments, built, _PATIENCE)
         built.chmod(0o700)  # whatever the umask
         digest = hashlib.sha256(built.read_bytes()).hexdigest()[:16]
         built.replace(folder / f"{key}-{digest}.{suffix}")
