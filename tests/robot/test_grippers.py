@@ -90,6 +90,40 @@ def test_an_arm_of_two_joints_has_a_gripper_and_one_joint_with_two_on_it_none() 
         assert [each.joints for each in found] == [("x", "y")][: arm - 1]
 
 
+def row(name: str, count: int, mimic: str = "", follows: bool = False) -> list[J]:
+    """Return joints one after the other, the first on the tip; all but the first follow it, or all."""
+    return [
+        J(f"{name}{k}", "tip" if k == 1 else f"L_{name}{k - 1}", mimic=mimic if k > 1 or follows else "")
+        for k in range(1, count + 1)
+    ]
+
+
+TOOL = J("tool0", "tip", "fixed")
+PAIR = [*row("x", 3, "x1"), *row("y", 3, "x1", True)]
+
+
+@pytest.mark.parametrize(
+    ("joints", "arm", "other", "arm_of_other"),
+    [
+        ([J("x", "tip", "prismatic", travel=0.1)], 4, [J("x", "tip", "prismatic", travel=0.11)], 4),
+        ([J("x", "tip", "prismatic", travel=0.1)], 4, [J("x", "tip", "prismatic", travel=0.1)], 3),
+        ([TOOL, J("x", "tip", travel=3.19)], 2, [TOOL, J("x", "tip", travel=3.2)], 2),
+        ([J("jaw", "tip")], 2, [J("jaw", "tip")], 1),
+        (row("thumb", 8), 2, row("thumb", 9), 2),
+        ([*row("x", 2), *row("y", 2)], 3, [*row("x", 3), *row("y", 3)], 3),
+        ([*row("x", 8), *row("y", 8)], 9, [*row("x", 9), *row("y", 9)], 10),
+        (PAIR, 2, PAIR, 1),
+        (PAIR, 2, row("x", 3, "x1"), 2),
+    ],
+)  # fmt: skip
+def test_how_long_an_arm_and_a_finger_are_tells_grippers_from_arms(
+    joints: list[J], arm: int, other: list[J], arm_of_other: int
+) -> None:
+    (found,) = grippers.find(urdf.parse(text(*joints, arm=arm), "gripper"))
+    assert list(found.joints) == [each.name for each in joints if each.type != "fixed"]
+    assert grippers.find(urdf.parse(text(*other, arm=arm_of_other), "none")) == ()
+
+
 def test_two_arms_on_a_body_are_arms() -> None:
     # A torso of two joints that branches into arms of three is no hand with fingers.
     arms = [J(f"{side}{k}", "tip" if k == 1 else f"L_{side}{k - 1}") for side in "lr" for k in (1, 2, 3)]
