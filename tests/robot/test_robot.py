@@ -370,6 +370,7 @@ def test_a_load_that_cannot_be_is_refused(arguments: tuple[Any, ...], error: typ
 def test_an_inertia_factor_is_positive(factor: float) -> None:
     with pytest.raises(ParameterError, match="factor must be positive"):
         ARM.scaled_inertia(factor)
+    assert ARM.scaled_inertia(1e-30).total_mass > 0.0
 
 
 @pytest.mark.parametrize("factor", [np.nan, np.inf, [1.0, 2.0], "1", True])

@@ -70,7 +70,7 @@ def test_limits_that_no_motor_has_say_nothing(effort: float) -> None:
     assert believed.max() < 5.0
 
 
-@pytest.mark.parametrize("velocity", ["0", "1e-308"])
+@pytest.mark.parametrize("velocity", ["0", "1e-308", "1e-5", "100"])
 def test_velocities_that_no_motor_has_say_nothing(velocity: str) -> None:
     file = (Path(__file__).parents[2] / "urdf" / "anthropomorphic3.urdf").read_text(encoding="utf-8")
     texts = [re.sub('velocity="[^"]*"', f'velocity="{x}"', file) for x in (velocity, "1000")]

@@ -448,6 +448,15 @@ def test_numbers_are_read_up_to_what_no_robot_has(old: str, new: str, least: str
         urdf.parse(changed((old, new.format(beyond))), "arm")
 
 
+def test_commas_between_numbers_and_within_them_are_told_apart() -> None:
+    for given, said in (
+        ("0.2,0,0", "by spaces, not by commas"),
+        ("0.2, 0, 0", "by spaces"),
+        ("0,2 0 0", "1.5, not 1,5"),
+    ):
+        assert said in str(refusal(changed(('xyz="0.2 0 0"', f'xyz="{given}"'))))
+
+
 def test_limits_from_1e15_on_are_none_and_a_range_may_be_one_place() -> None:
     for given, wanted in (
         ("1e15 1e15 -1e15 1e15", (1e15, 1e15, -np.inf, np.inf)),
