@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import shutil
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +21,7 @@ from hypothesis import strategies as st
 
 from armgpi import GPI, Bezier, RigidBodyPlant, Robot, RobotBatch, Status, Step, load, save, simulate
 from armgpi.errors import RolloutError
+from armgpi.loop import logs
 from armgpi.loop.rollout import FORMAT, describe_end
 
 ARM = Robot.load("anthropomorphic3")
@@ -244,3 +249,57 @@ def test_netcdf_tools_other_than_ours_can_read_the_file(saved: Path, tmp_path: P
     with h5py.File(copy) as file:
         np.testing.assert_array_equal(file["q"][...], make()["q"])
         assert file["q"].attrs["units"] == "rad"
+
+
+def test_a_log_for_other_tools_has_each_rollout_until_it_ends_in_the_order_of_times(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng, times = np.random.default_rng(3), np.array([0.0, 0.5, 1.25])
+    names = ("q", "v", "tau", "q_ref", "v_ref", "q_measured")
+    run = xr.Dataset(
+        {name: (("rollout", "time", "joint"), rng.normal(size=(2, 3, 2))) for name in names},
+        coords={"time": times, "joint": ["a", "b"], "label": ("rollout", ["gpi", "pid"])},
+    )
+    run["q"][1, 2] = np.nan  # the second ends before
+    series = logs._series(run)
+    for i, (label, end) in enumerate((("gpi", 3), ("pid", 2))):
+        for entity, states in logs._STATES.items():
+            if not any(name in run for name in states):
+                continue
+            at, fields = series[f"{label}/{entity}"]
+            assert len(fields) == sum(name in run for name in states if name)
+            np.testing.assert_array_equal(at, times[:end])
+            for field, name in zip(logs._FIELDS, states, strict=False):
+                if name in run:
+                    np.testing.assert_array_equal(fields[field], run[name].values[i, :end])
+    reader = pytest.importorskip("mcap.reader")
+    whole = reader.make_reader(io.BytesIO(logs._mcap(series, ["a", "b"])))
+    read = [
+        (message.log_time, channel.topic, json.loads(message.data))
+        for _, channel, message in whole.iter_messages(log_time_order=False)
+    ]
+    assert [stamp for stamp, *_ in read] == sorted(stamp for stamp, *_ in read)
+    assert {stamp for stamp, *_ in read} == {0, 500_000_000, 1_250_000_000}
+    assert len(read) == sum(len(at) for at, _ in series.values())
+    for stamp, topic, message in read:
+        at, fields = series[topic.removeprefix("/")]
+        assert message["timestamp"] == {"sec": stamp // 10**9, "nsec": stamp % 10**9}
+        assert all(
+            message[field] == values[at == stamp / 1e9][0].tolist() for field, values in fields.items()
+        )
+    sent: dict[str, Any] = {}
+    stream = SimpleNamespace(
+        memory_recording=lambda: SimpleNamespace(drain_as_bytes=lambda: b""),
+        send_columns=lambda name, clock, columns: sent.update({name: (clock[0], columns)}),
+    )
+    fake = SimpleNamespace(
+        RecordingStream=lambda *_, **__: stream,
+        TimeColumn=lambda _, duration: duration,
+        Scalars=SimpleNamespace(columns=lambda scalars: scalars),
+    )
+    monkeypatch.setitem(sys.modules, "rerun", fake)
+    logs._rerun(series, ["a", "b"])
+    for name, (at, fields) in series.items():
+        for field, values in fields.items():
+            for j, joint in enumerate("ab"):
+                np.testing.assert_array_equal(sent[f"{name}/{field}/{joint}"], (at, values[:, j]))
