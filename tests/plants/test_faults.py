@@ -22,6 +22,8 @@ from armgpi import (
 from armgpi.config import build, parse
 from armgpi.config import experiment as experiments
 from armgpi.errors import ArrayError, ConfigError, ParameterError
+from armgpi.plants import faults
+from armgpi.plants.plant import PlantState
 
 DT, ONSET = 1e-3, 0.05
 ARM = Robot.load("anthropomorphic3")
@@ -50,11 +52,18 @@ def test_a_sensor_that_fails_measures_what_it_says(gain: float, offset: float, b
 
 
 def test_a_sensor_that_is_lost_measures_nan() -> None:
-    found = run(sensor(end=0.051, lost=SECOND), supervisor=Supervisor())
+    found = run(sensor(end=0.051, lost=SECOND + 0.5 * (1.0 - SECOND)), supervisor=Supervisor())
     nan = np.isnan(found["q_measured"].values)
     assert nan[50, 1]
     assert nan.sum() == 1
     assert np.isfinite(found["tau"].values).all()
+
+
+def test_a_fault_begins_with_the_sample_to_which_it_is_nearest() -> None:
+    zero = np.zeros(3)
+    for onset, first in ((0.0, 0), (0.3, 1), (0.375, 1), (0.376, 2), (1.0, 4)):
+        begun = [faults._has_begun(PlantState(k, zero, zero, zero), onset, 0.25).tolist() for k in range(6)]
+        assert begun == [[float(k >= first)] * 3 for k in range(6)]
 
 
 @pytest.mark.parametrize("backend", ["numpy", "compiled"])

@@ -24,7 +24,7 @@ from armgpi.errors import MissingPackage, NameNotFound, ParameterError, RolloutE
 from armgpi.parameter import Parameter
 from armgpi.plants.reality import stack_draws
 from armgpi.studies import contend, found, pictures
-from armgpi.studies.evaluation import Evaluated, Evaluator, with_keys
+from armgpi.studies.evaluation import Evaluated, Evaluator, by_rollout, with_keys
 from armgpi.studies.objective import Constraint, Expression, Judged, Objective
 from armgpi.studies.optimise import KEPT, Problem, Row, Search, Validated
 from armgpi.studies.optimisers import CMA, METHODS, Swarm
@@ -442,7 +442,8 @@ def test_what_another_search_kept_is_refused(tmp_path: Path) -> None:
         Search(problem(seed=5)).run(part=study.part)
     place = study.place("generations/000001")
     whole = place.read_bytes()
-    for damaged in (b"", whole[:-8], whole + bytes(8), whole.replace(b"000001", b"000002")):
+    flipped = whole[:-1] + bytes([whole[-1] ^ 1])
+    for damaged in (b"", whole[:-8], whole + bytes(8), flipped, whole.replace(b"000001", b"000002")):
         place.write_bytes(damaged)
         with pytest.raises(RolloutError, match="is damaged"):
             Search(problem()).run(part=study.part)
@@ -507,6 +508,7 @@ def test_tables_of_a_search_are_what_its_rows_say() -> None:
             assert float(line[f"best-{budget:g}"]) == min(kept, default=math.inf)
         assert [float(line[f"x {name}"]) for name in space.names] == pytest.approx(row.x)
         assert (int(line["search"]), float(line["failed"])) == (row.search, row.failed)
+    assert [row.objective for row in search.rank(400.0)] == [3.0, 4.0, 5.0]  # the budget itself is kept
     text = found.report(search, own, rows[2])
     assert "| default | 5 | 300 | 3 | 900 |" in text
     assert "| best, total_variation up to 400 | 3 | 400 | 3 | 900 |" in text
@@ -609,6 +611,34 @@ def test_tables_of_a_contest_have_medians_classes_and_the_best_of_each(
 
 
 # What candidates are, on real rollouts.
+
+
+@pytest.mark.parametrize("each", [False, True])
+def test_values_of_candidates_stand_once_for_each_scenario(each: bool) -> None:
+    rng = np.random.default_rng(0)
+    table = rng.normal(size=(3, 3, 4) if each else (3, 4))
+    candidates = [
+        {
+            "omega": {"lower": [1.0 + k, 2.0, 3.0], "upper": [9.0, 8.0, 7.0 + k]},
+            "leak": 0.5 * k,
+            "weights.omega": table[k].tolist(),
+        }
+        for k in range(3)
+    ]
+    kinds = {"omega": "box", "leak": "number", "weights.omega": "table"}
+    known = {
+        f"controller.{key}": SimpleNamespace(declared=SimpleNamespace(kind=x)) for key, x in kinds.items()
+    }
+    loop: Any = SimpleNamespace(loop=SimpleNamespace(plant=SimpleNamespace(robot=ARM)), parameters=known)
+    given = by_rollout(candidates, 2, loop)
+    for row in range(6):  # two scenarios of the first candidate, then of the second
+        own = candidates[row // 2]
+        np.testing.assert_array_equal(
+            [end[row] for end in given["controller.omega"]], [*own["omega"].values()]
+        )
+        assert given["controller.leak"][row] == own["leak"]
+        whole = np.broadcast_to(own["weights.omega"], (3, 4))
+        np.testing.assert_array_equal(given["controller.weights.omega"][row], whole)
 
 
 def test_a_generation_is_its_candidates_one_by_one() -> None:

@@ -170,6 +170,11 @@ def test_sources_of_plugins_and_models_by_name_are_part_of_a_study(
         (tmp_path / name).write_text("x = 1")
         seen.append(sources())
     assert len({*seen}) == 4
+    (tmp_path / "of_mine/cli.py").write_text("of_mine/d.pyx = 1")
+    seen = [sources()]
+    (tmp_path / "of_mine/cli.py").write_text("")
+    (tmp_path / "of_mine/d.py").write_text("x = 1")  # what is a name is no content
+    assert sources() != seen[0]
     nominal = TEXT.replace("omega: 20", "omega: 20, nominal: anthropomorphic3").replace(
         "robot: {name: anthropomorphic3}", "robot: {name: arm.urdf}"
     )

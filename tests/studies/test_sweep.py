@@ -360,7 +360,13 @@ def test_the_parts_of_a_map_follow_one_another_from_the_least_to_the_largest() -
     found = found.assign(failed=("rollout", drawn > 0.9))
     parts = results.failure_map(found, ["a"])
     assert [part["to"] for part in parts[:-1]] == [part["from"] for part in parts[1:]]
-    assert (parts[0]["from"], parts[-1]["to"]) == (drawn.min(), drawn.max())
+    assert (parts[0]["from"], parts[-1]["to"], len(parts)) == (drawn.min(), drawn.max(), 8)
+    for few, named in ((80, ["a"]), (79, [])):  # a map by two numbers has 20 rollouts in each of four parts
+        failed = np.arange(few) < 40
+        assert (
+            results._strongest({"a": results.failure_map(found.isel(rollout=slice(few)), ["a"])}, failed)
+            == named
+        )
     assert [part["to"] for part in results.failure_map(found, ["b"])] == [0.0, 1.0, 2.0]
     found["drawn.b"] = ("rollout", np.where(chosen > 0.0, np.arange(800) % 8.0, 0.0))  # most of them 0
     assert [part["to"] for part in results.failure_map(found, ["b"])] == [*np.arange(8.0)]
@@ -788,6 +794,18 @@ def test_a_chunk_has_the_power_of_two_that_its_steps_and_its_loops_allow(
         assert made(head + own % [*range(1, forms + 1)]).size == size
     for t_final, size in ((3.0, 2048), (100.0, 64), (500.0, 16), (2e4, 16)):  # 2^23 steps, 16 at least
         assert made(TEXT.replace("t_final: 0.25", f"t_final: {t_final}")).size == size
+
+
+def test_seeds_are_counted_from_that_of_the_study(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Any] = []
+    monkeypatch.setattr(Sweep, "table", lambda _, drawn, seeds: seen.append((drawn, seeds)))
+    monkeypatch.setattr(Sweep, "_flat", lambda self, table: np.zeros((5, 1)))
+    found = made(TEXT.replace("t_final: 0.25", "t_final: 0.25\nseed: 7"))
+    found.run(3, 5)
+    np.testing.assert_array_equal(seen[0][0], found.numbers(3, 5))
+    assert seen[0][1].tolist() == [7 + 48 + k for k in range(5)]
+    row = dict(zip(found.drawn_names, seen[0][0][1].tolist(), strict=True))
+    assert (found.config_of(row, 49).seed, found.config_of(row, 49, seed=3).seed) == (56, 3)
 
 
 def test_a_rollout_has_failed_beyond_a_bound_or_where_it_has_no_number() -> None:

@@ -129,6 +129,7 @@ def test_a_folder_with_a_study_is_not_overwritten(
         ({"free": []}, "tune.free"),
         ({"method": "gradient"}, "tune.method"),
         ({"evaluations": 0}, "tune.evaluations"),
+        ({"seed": 2**63}, "tune.seed"),
         ({"budgets": [-1.0]}, "tune.budgets"),
         ({"controller": "pdi"}, "pdi"),
         ({"nonsense": 1}, "nonsense"),
@@ -142,6 +143,14 @@ def test_bad_input_is_one_line_that_names_it(
     assert answer.code == 2, answer.err
     assert last.startswith("error: ")
     assert named in last
+
+
+def test_draws_that_are_held_out_begin_far_from_those_that_are_searched_on(tmp_path: Path) -> None:
+    path = study_file(tmp_path, seed=2**63 - 1)
+    path.write_text(path.read_text().replace("reality:\n", "reality:\n  index: 5\n"))
+    found = setup.read(path, backend="numpy").problem
+    first = [[draw.index for draw in each.draws] for each in (found.search, found.held_out)]
+    assert (first, found.seed) == ([[5, 6], [5 + 2**20, 6 + 2**20]], 2**63 - 1)
 
 
 def test_files_that_are_no_study_are_refused(cli: Callable[..., Answer], tmp_path: Path) -> None:
