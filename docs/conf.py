@@ -13,6 +13,7 @@ from armgpi.health import report as _report  # noqa: F401  # registers the check
 from armgpi.loop import metrics as _metrics
 from armgpi.parameter import REQUIRED as _REQUIRED
 from armgpi.parameter import parameters as _parameters
+from armgpi.plants.arm import Arm as _Arm
 from armgpi.plants.loads import Load as _Load
 from armgpi.plants.plant import Wrapper as _Wrapper
 from armgpi.plants.reality import Reality as _Reality
@@ -170,9 +171,9 @@ def plant_table():
     return _table(rows)
 
 
-def _by_type(base):
-    """Return the keys of all named classes below `base`."""
-    rows = [("`type`", *_HEADS[0]), ("---",) * 5]
+def _by_type(base, key="type"):
+    """Return the keys of all named classes below `base`, which a key of the file names."""
+    rows = [(f"`{key}`", *_HEADS[0]), ("---",) * 5]
     for name, cls in _registered(base).items():
         own = _rows(_parameters(cls)) or [("", cls.__doc__.partition("\n")[0], "", "")]
         rows += [(f"`{name}`" if index == 0 else "", *row) for index, row in enumerate(own)]
@@ -206,6 +207,7 @@ myst_substitutions = {
     "supervisor_table": _table([*_HEADS, *_rows(_parameters(_Supervisor))]),
     "reasons_table": _reasons.table(),
     "reality_table": _table([*_HEADS, *_rows(_parameters(_Reality))]),
+    "engines_table": _by_type(_Arm, "engine"),
     "loads_table": _by_type(_Load),
     "controllers_table": controllers_table(),
     "paths_table": _by_type(_Path),

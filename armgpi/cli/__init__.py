@@ -186,9 +186,10 @@ def main() -> None:
             text = f"error: {error}; `armgpi doctor` checks what is installed"
             say(text, err=True, fg="red")
             sys.exit(BAD_INPUT)
-        except OSError as error:  # the output: files have errors of their own
+        except OSError as error:  # the output mostly: files have errors of their own
             sys.stdout = open(os.devnull, "w")  # noqa: SIM115 (so that nothing is flushed at the end)
-            say(f"error: cannot write the output: {error.strerror or error}", err=True, fg="red")
+            what = f"use {error.filename}" if error.filename else "write the output"
+            say(f"error: cannot {what}: {error.strerror or error}", err=True, fg="red")
             sys.exit(BAD_INPUT)
         except KeyboardInterrupt:
             say("interrupted", err=True, fg="yellow")

@@ -16,7 +16,7 @@ from armgpi.codegen.algebra import ca
 from armgpi.codegen.emit import CallSite, Code, Dialect, straight_line
 from armgpi.codegen.model import SymbolicModel, varied_table, varying
 from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat
-from armgpi.plants.rigid_body import ImplicitFriction
+from armgpi.plants.friction import ImplicitFriction
 from armgpi.robot.dynamics import (
     CoupledDynamics,
     Dynamics,

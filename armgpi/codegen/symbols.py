@@ -136,7 +136,7 @@ class Scalar:
                     result = base if result is None else result * base
                 base, left = base * base, left >> 1
             return result
-        raise NotElementwise(f"it raises to the power {power!r}; only whole powers from 1 to 16 are known")
+        raise NotElementwise(f"it raises to the power {power!r}; C has powers from 1 to 16, and np.sqrt")
 
     def __mod__(self, other: Any) -> Any:
         """Return the remainder with the sign of the divisor, as Python's."""

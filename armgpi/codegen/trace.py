@@ -33,8 +33,8 @@ from armgpi.gpi.weights import Weights
 from armgpi.loop.running import TOTALS, Running
 from armgpi.parameter import parameters
 from armgpi.plants.arm import LoadTable
+from armgpi.plants.friction import ImplicitFriction
 from armgpi.plants.loads import Load
-from armgpi.plants.rigid_body import ImplicitFriction
 from armgpi.references.reference import Reference, Target
 from armgpi.robot.batch import AnyRobot, RobotBatch
 from armgpi.robot.dynamics import Dynamics, ScaledDynamics

@@ -135,8 +135,8 @@ def check(data: Mapping[Any, Any], origin: Origin) -> ExperimentConfig:
     Raises:
         ConfigError: when something in it is not as it should be; it names the key.
     """
-    # A section of which every key is commented out is null: as if it were not there.
-    data = {key: value for key, value in data.items() if value is not None}
+    # A section of which every key is commented out is null: as if it were not there. `tune` is a search's.
+    data = {key: value for key, value in data.items() if value is not None and key != "tune"}
     if isinstance(data.get("robot"), str):
         data["robot"] = {"name": data["robot"]}
     data.setdefault("controllers", [{"type": standard_law(data)}])

@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from armgpi import registry
 from armgpi.arrays import Array
-from armgpi.errors import RolloutError
+from armgpi.errors import NameNotFound, RolloutError
 from armgpi.loop.rollout import Recorded, Status
 from armgpi.loop.running import ROUNDING, Totals, fold
 from armgpi.loop.units import POSITION, TORQUE, Unit, prismatic
@@ -158,6 +158,17 @@ def declared() -> Mapping[str, Metric]:
     """Return every metric by the name that it has in files, those of plugins too."""
     registry.load_plugins()
     return ALL
+
+
+def without_rollouts() -> dict[str, Metric]:
+    """Return the metrics that a run without trajectories has, as in sweeps and searches, by their names."""
+    return {name: each for name, each in declared().items() if not each.of_rollout}
+
+
+def not_found(name: str, known: Iterable[str]) -> NameNotFound:
+    """Return the error for a name that is none of the metrics of such a run."""
+    remedy = "it is of whole rollouts, which sweeps and searches do not keep" if name in declared() else ""
+    return NameNotFound("metric", name, sorted(known), remedy)
 
 
 def shown_in(table: Table) -> list[Metric]:
@@ -317,8 +328,7 @@ def of_totals(totals: Totals, diverged: npt.NDArray[np.bool_]) -> dict[str, Arra
     with np.errstate(all="ignore"):
         return {
             name: np.where(diverged[..., None], np.inf, each.function(totals))
-            for name, each in declared().items()
-            if not each.of_rollout
+            for name, each in without_rollouts().items()
         }
 
 

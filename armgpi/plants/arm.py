@@ -13,6 +13,7 @@ from armgpi.arrays import Array, new, not_negative, per_joint
 from armgpi.control.controller import FullState, batches, common_batch
 from armgpi.errors import ArrayError, ParameterError
 from armgpi.parameter import Parametrised, parameter, with_parameters
+from armgpi.plants.friction import STICK_VELOCITY, ImplicitFriction
 from armgpi.plants.loads import Load
 from armgpi.plants.plant import Plant, PlantState
 from armgpi.registry import Context
@@ -35,10 +36,12 @@ class Arm(Parametrised, Plant):
             ``Friction(viscous, coulomb)`` for others, None for none.
         substeps: integration steps per sample.
         config_name: its `engine` in experiment files; None for one that has none there.
+        feels: which of "loads" and "friction" its step has; others are refused.
         varies: whether one robot with other numbers in each rollout will do (:meth:`armgpi.Robot.varied`).
     """
 
     config_name: ClassVar[str | None] = None
+    feels: ClassVar[tuple[str, ...]] = ()
     varies: ClassVar[bool] = True
 
     robot: AnyRobot = field()
@@ -62,6 +65,12 @@ class Arm(Parametrised, Plant):
         loads_now = [np.zeros(self._check_load(load)) for load in self.loads]
         self.batch = common_batch(*batches(self), *loads_now)
         self._table = LoadTable(self, self.substeps) if self.loads else None
+        for name in ("loads", "friction"):
+            if (given := getattr(self, name)) and name not in self.feels:
+                raise ParameterError(name, given, f"none: {type(self).__name__} does not name it in `feels`")
+        # What differs by rollout was declared to vary, whatever it is.
+        coulomb = np.zeros(0) if self.friction is None else self.friction.coulomb
+        self._brake = ImplicitFriction(coulomb.ndim == 2 or bool(coulomb.any()))
 
     @classmethod
     def configured(
@@ -95,6 +104,20 @@ class Arm(Parametrised, Plant):
         """Return the state itself."""
         return state
 
+    def acting_torques(self, tau: Array, k: int, substep: int, dt: float) -> tuple[Array, Array, Array]:
+        """Return what loads leave of `tau` at the beginning, middle and end of a substep of sample `k`."""
+        if self._table is None:
+            return tau, tau, tau
+        begin, middle, end = self._table.at(k, substep, dt)
+        return tau - begin, tau - middle, tau - end
+
+    def velocity_after_friction(self, q: Array, v: Array, h: float, stick: float = STICK_VELOCITY) -> Array:
+        """Return what friction leaves of the velocity `v` that a step of `h` from `q` gave without it."""
+        if self.friction is None:
+            return v
+        viscous, coulomb = self.friction
+        return self._brake(self.robot.dynamics.mass_matrix(q), v, viscous, coulomb, h, stick)
+
     def disturbance(self, t: Array) -> Array | None:
         """Return the sum of the loads; see :meth:`Plant.disturbance`."""
         if not self.loads:
@@ -111,9 +134,7 @@ class Arm(Parametrised, Plant):
             "plant": type(self).__name__,
             "robot": self.robot.provenance,
             "loads": [load.describe() for load in self.loads],
-            "friction": None
-            if friction is None
-            else {name: value.tolist() for name, value in friction._asdict().items()},
+            "friction": friction and {name: value.tolist() for name, value in friction._asdict().items()},
             **self.values(),
         }
 
@@ -125,9 +146,7 @@ class Arm(Parametrised, Plant):
         """Return the friction coefficients, None when there is no friction."""
         if friction is None:
             return None
-        if isinstance(friction, str):
-            if friction != "urdf":
-                raise ParameterError("friction", friction, '"urdf", Friction(viscous, coulomb) or None')
+        if isinstance(friction, str) and friction == "urdf":
             return self.robot.friction
         if not isinstance(friction, tuple) or len(friction) != 2:
             raise ParameterError("friction", friction, '"urdf", Friction(viscous, coulomb) or None')

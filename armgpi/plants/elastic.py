@@ -12,8 +12,8 @@ from armgpi.control.controller import FullState
 from armgpi.errors import ParameterError
 from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.plants.arm import Arm
+from armgpi.plants.friction import STICK_VELOCITY, after_friction, solve
 from armgpi.plants.plant import PlantState
-from armgpi.plants.rigid_body import STICK_VELOCITY, after_friction, solve
 from armgpi.robot.batch import AnyRobot
 from armgpi.robot.equations import Friction
 from armgpi.robot.kinematics import random_configurations
@@ -88,6 +88,7 @@ class ElasticPlant(Arm):
     """
 
     config_name: ClassVar[str | None] = "elastic"
+    feels: ClassVar[tuple[str, ...]] = ("loads", "friction")
 
     gear_stiffness: PerJoint = parameter(
         "stiffness of the gears",
@@ -103,7 +104,7 @@ class ElasticPlant(Arm):
         "damping of the gears",
         unit="N m s/rad or N s/m",
         default=None,
-        none="that of the drives",
+        none="that of the drives, else 3 % of each joint's own mode",
         least=0.0,
         per_joint=True,
     )
@@ -111,7 +112,7 @@ class ElasticPlant(Arm):
         "bandwidth of the current loops",
         unit="Hz",
         default=None,
-        none="that of the drives",
+        none="that of the drives, else at once",
         least=1e-3,
         per_joint=True,
         log=True,

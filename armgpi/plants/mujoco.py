@@ -58,6 +58,7 @@ class MuJoCoPlant(Arm):
     """
 
     config_name: ClassVar[str | None] = "mujoco"
+    feels: ClassVar[tuple[str, ...]] = ("loads", "friction")
     varies: ClassVar[bool] = False
 
     integrator: str = parameter(
@@ -99,9 +100,7 @@ class MuJoCoPlant(Arm):
     def step(self, tau: Array, state: PlantState, dt: float) -> PlantState:
         """Return the state after `tau` was held for `dt`; see :meth:`Plant.step`."""
         k, q, v, _ = state
-        push = [
-            tau if self._table is None else tau - self._table.at(k, i, dt)[1] for i in range(self.substeps)
-        ]
+        push = [self.acting_torques(tau, k, i, dt)[1] for i in range(self.substeps)]
         advance = self._memory.one if q.ndim == 1 and self.robot.batch is None else self._memory.many
         q, v = advance(q, v, push, dt / self.substeps)
         return new(PlantState, (k + 1, q, v, tau))

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armgpi.arrays import Array
-from armgpi.errors import NameNotFound, ParameterError
+from armgpi.errors import ParameterError
 from armgpi.loop import metrics
 
 _FUNCTIONS: Mapping[str, Callable[..., Any]] = {
@@ -42,7 +42,7 @@ def known_names() -> dict[str, str]:
 
     They are the metrics that a loop adds up while it runs.
     """
-    known = {name: each for name, each in metrics.declared().items() if not each.of_rollout}
+    known = metrics.without_rollouts()
     found = {each.heading.casefold(): name for name, each in known.items()}
     return {key: name for key, name in found.items() if key.isidentifier()} | {name: name for name in known}
 
@@ -83,7 +83,7 @@ class Expression:
         """Return the names in a tree, refusing what is no arithmetic."""
         if isinstance(node, ast.Name):
             if node.id not in self._known:
-                raise NameNotFound("metric", node.id, sorted(self._known))
+                raise metrics.not_found(node.id, self._known)
             return [node.id]
         number: Any = getattr(node, "value", None)
         if type(number) in (int, float) and number < _LARGEST:

@@ -101,10 +101,9 @@ class Sweep:
             said = f"a sweep runs generated code, which {config.plant.engine!r} has none of; take armgpi"
             raise origin.error(("plant", "engine"), said)
         failure = dict(config.failure or FAILURE)
-        unknown = [name for name in failure if name not in metrics.declared()]
-        if unknown:
-            reason = str(NameNotFound("metric", unknown[0], metrics.declared()))
-            raise origin.error(("failure", unknown[0]), reason)
+        for name in failure:
+            if name not in (known := metrics.without_rollouts()):
+                raise origin.error(("failure", name), str(metrics.not_found(name, known)))
         asked = {"method": "sweep", "sampling": sampling, "failure": failure}
         made = cls(config, experiment, label, {}, failure, sampling)
         varied, apart = made._distributions(origin)
@@ -179,7 +178,7 @@ class Sweep:
     @property
     def metrics(self) -> list[str]:
         """Names of the metrics that are kept."""
-        return [name for name, each in metrics.declared().items() if not each.of_rollout]
+        return [*metrics.without_rollouts()]
 
     def _columns_of(self, name: str, drawn: Distribution) -> list[str]:
         """Return the names of the numbers of what is drawn, once for a rollout or several times."""

@@ -15,6 +15,7 @@ from armgpi.config import Experiment, Origin
 from armgpi.config.building import expand
 from armgpi.config.reading import beside, check_section, read_data
 from armgpi.errors import ArmgpiError, ArmgpiWarning, NameNotFound, ParameterError
+from armgpi.loop import metrics
 from armgpi.parameter import parameters
 from armgpi.plants.reality import Reality
 from armgpi.robot import rotors
@@ -82,6 +83,11 @@ def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "c
     if experiment.supervisor is not None:
         said = "candidates are searched without the supervisor of the file; run what is found under it"
         warnings.warn(str(origin.error(("supervisor",), said)), ArmgpiWarning, stacklevel=2)
+    left = [key for key in given.plant.given if key not in ("delay", "encoder_bits")]
+    if left and given.reality is None:
+        said = "candidates are searched on drawn arms; without a reality these have the file's delay and "
+        said += f"encoder, not its {', '.join(left)}"
+        warnings.warn(str(origin.error(("plant",), said)), ArmgpiWarning, stacklevel=2)
     index = _find_controller(tune, experiment, origin)
     label = list(experiment.controllers)[index]
     section = {**data["controllers"][index]}
@@ -119,7 +125,7 @@ def _problem(
         space = Space(section, experiment.controllers[label], free)
         objective = Objective(tune.objective, tune.over, tune.share, tune.constraints)
         if tune.against not in known_names():
-            raise NameNotFound("metric", tune.against, sorted(known_names()))
+            raise metrics.not_found(tune.against, known_names())
     except (ParameterError, NameNotFound) as error:
         raise origin.error(_path(error, tune), str(error)) from error
     against = known_names()[tune.against]

@@ -222,6 +222,7 @@ def test_any_key_of_an_experiment_is_set(cli: Callable[..., Answer], tmp_path: P
         "plant.payload.mass=0.1",
         "controller.omega=q1=20,q2=25,q3=30",
         "plant.engine=armgpi",
+        "plant.loads=[{type: step, amplitude: 2, onset: 0.1}]",
     )
     words = [word for each in given for word in ("--set", each)]
     done = cli(
@@ -231,6 +232,7 @@ def test_any_key_of_an_experiment_is_set(cli: Callable[..., Answer], tmp_path: P
     found = config.read(out / "experiment.yaml").config
     assert found.plant.plain()["delay"] == 2
     assert found.plant.plain()["payload"]["mass"] == 0.1
+    assert [each.type for each in found.plant.loads] == ["step"]
     wanted = {"q1": 20.0, "q2": 25.0, "q3": 30.0}
     assert [each.omega for each in found.controllers] == [wanted] * 2
 
@@ -242,6 +244,7 @@ def test_any_key_of_an_experiment_is_set(cli: Callable[..., Answer], tmp_path: P
         ("plant.delay=-1", "--set plant.delay: expected 0 or more, got -1"),
         ("plant.delay", "--set: expected KEY=VALUE"),
         ("controller.omega.3=2", "omega"),
+        ("plant.loads=[{type: step", "--set:1: is not valid YAML"),
         ("sample_time.0=2", "--set: the experiment has no 'sample_time.0'"),
     ],
 )

@@ -221,6 +221,11 @@ def test_runs_with_a_fault_or_a_metric_of_ones_own_have_the_records_of_their_dat
     assert_same_records(runs)
 
 
+def test_a_run_leaves_the_search_of_its_file_out() -> None:
+    text = "robot: {name: anthropomorphic3}\n"
+    assert config.parse(f"{text}tune: {{free: [omega]}}", "file.yaml").config == config.parse(text, "").config
+
+
 def test_the_metrics_of_a_diverged_rollout_are_null() -> None:
     fast = "robot: {name: anthropomorphic3, effort: 1e9}\ncontrollers: [{type: gpi, omega: 3000}]\nt_final: 2"
     with pytest.warns(UserWarning, match="too fast"):

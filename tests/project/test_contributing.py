@@ -219,7 +219,7 @@ from armgpi.studies.objective import Expression
 armgpi.metrics.summary(armgpi.load("measured/rollout.nc"))["mean_error"].to_netcdf("metric.nc")
 print(Expression("itae + 2 * mean_error").names)
 """
-#: The laws of the metrics, with that of the recipe among them.
+#: The laws of metrics and plants, with those of the recipes among them.
 LAWS = """
 import sys, pytest
 from armgpi.loop import metrics
@@ -246,10 +246,13 @@ def test_the_metric_is_in_reports_files_sweeps_and_objectives(run: Run, folder: 
     assert any("mean_error" in text for text in texts)
 
 
-def test_the_laws_of_metrics_hold_for_that_of_the_recipe(run: Run) -> None:
-    laws = [str(ROOT / "tests/loop/test_metrics.py"), "-q", "-p", "no:cacheprovider", f"--rootdir={ROOT}"]
-    # Those of the other metrics ran where they stand.
-    assert " passed" in run("-c", LAWS, *laws, "-k", "mean_error", module=())
+@pytest.mark.parametrize(
+    ("file", "name"), [("loop/test_metrics", "mean_error"), ("plants/test_arms", "springs")]
+)
+def test_the_laws_of_metrics_and_plants_hold_for_those_of_the_recipes(run: Run, file: str, name: str) -> None:
+    laws = [str(ROOT / f"tests/{file}.py"), "-q", "-p", "no:cacheprovider", f"--rootdir={ROOT}"]
+    # Those of the others ran where they stand.
+    assert " passed" in run("-c", LAWS, *laws, "-k", name, module=())
 
 
 def test_the_check_is_in_the_output_of_inspect_and_in_its_json(run: Run, folder: Path) -> None:

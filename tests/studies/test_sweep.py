@@ -9,6 +9,7 @@ import re
 import signal
 import socket
 from contextlib import suppress
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
@@ -34,6 +35,7 @@ from armgpi.parameter import Parameter, parameters
 from armgpi.plants.reality import Reality
 from armgpi.studies import distributions, page, rare, results, sample, workers
 from armgpi.studies.distributions import Distribution, distribution, shares
+from armgpi.studies.objective import Expression
 from armgpi.studies.sample import Sweep
 from armgpi.studies.study import IDENTITY
 
@@ -524,6 +526,13 @@ def test_bad_distributions_are_refused_by_name(case: str) -> None:
 def test_bad_studies_are_refused(text: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         made(text)
+
+
+def test_a_metric_of_whole_rollouts_bounds_no_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(metrics.ALL, "peak_error", replace(metrics.ALL["peak_error"], of_rollout=True))
+    for failing in (lambda: made(TEXT), lambda: Expression("peak_error")):
+        with pytest.raises(ArmgpiError, match=r"'peak_error'.*it is of whole rollouts, which sweeps"):
+            failing()
 
 
 def test_a_folder_of_another_study_is_refused(done: Path) -> None:

@@ -68,6 +68,13 @@ def test_a_search_says_that_it_leaves_the_supervisor_out(tmp_path: Path) -> None
         setup.read(path)
 
 
+def test_a_search_says_what_of_the_plant_its_scenarios_do_not_have(tmp_path: Path) -> None:
+    path = tmp_path / "study.yaml"
+    path.write_text("robot: {name: anthropomorphic3}\nplant: {delay: 1, payload: {mass: 0.1}}\n")
+    with pytest.warns(ArmgpiWarning, match=r"plant: candidates .* delay and encoder, not its payload"):
+        setup.read(path)
+
+
 def test_a_study_leaves_what_it_found(whole: Path, cli: Callable[..., Answer]) -> None:
     folder = whole / "study"
     with (folder / "evaluations.csv").open() as file:
