@@ -435,6 +435,26 @@ def test_a_franka_sees_no_faster_torque_with_packets_lost(program: str, tmp_path
     assert all(each["away"] < 0.09 for each in found)
 
 
+def looks_on(program: Path, robot: Robot) -> None:
+    """A dry run sends nothing; of a packet that comes twice one is stepped on, and a missed one counts."""
+    packets = [k for k in range(300) for _ in range(1 + (k == 7)) if k != 9]
+    numbers = ([2e-3 * k, *(robot.middle() + 1e-4 * k).tolist(), *[1.0] * 6] for k in packets)
+    done = subprocess.run(
+        [str(program), "127.0.0.1", "--dry-run", "--log", "look.armlog"],
+        input="\n".join(" ".join(map(repr, row)) for row in numbers),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (0, ""), done.stderr
+    log = logs.read(Path("look.armlog"))
+    assert len(log.samples) == 299
+    assert (log.samples["applied"] == 1.0).all()
+    np.testing.assert_allclose(np.diff(log.t[7:10]), [0.002, 0.004])
+    np.testing.assert_allclose(log.samples["q_measured"][9], robot.middle() + 1e-3)
+    assert log.fault is None
+
+
 @compiled
 @pytest.mark.parametrize("target", ["fci", "ur"])
 def test_the_cpp_program_moves_a_simulated_arm_too(
@@ -477,6 +497,8 @@ def test_the_cpp_program_moves_a_simulated_arm_too(
     arm = tool["Arm"](RigidBodyPlant(robot), dt, robot.middle(), ctrl_c=round(0.3 / dt))
     assert tool["run_cpp"](tmp_path, arm, [goal]) == 1
     is_stopped(arm.report(goal), tmp_path)
+    if target == "ur":
+        looks_on(program, robot)
     # A motion begins with a move to where it begins.
     arm = tool["Arm"](RigidBodyPlant(robot), dt, robot.middle() + 0.05)
     assert tool["run_cpp"](tmp_path, arm, ["--motion", "motion.csv", "--log", "stage.armlog"]) == 0

@@ -10,6 +10,7 @@
 // not stepped on. Never tried on a robot.
 #pragma once
 
+#include <chrono>
 #include <cmath>
 #include <stdexcept>
 
@@ -52,21 +53,38 @@ class Ur : public Loop {
     return sent;
   }
 
+  // Dry run: law and supervisor look on while the arm is moved by freedrive or by its own program, and nothing is sent. The
+  // log has the torque that the robot's own controller aims at. Until Ctrl-C; false: the robot says no more.
+  bool look(urcl::rtde_interface::RTDEClient& client) {
+    bool heard = client.init(1U) && client.start();
+    urcl::rtde_interface::DataPackage packet(client.getOutputRecipe());
+    urcl::vector6d_t q{};
+    urcl::vector6d_t aimed{};
+    double time = 0.0;
+    while (heard && interrupted == 0) {
+      heard = client.getDataPackage(packet, std::chrono::milliseconds(100)) && packet.getData("timestamp", time) &&
+              packet.getData("actual_q", q) && packet.getData("target_moment", aimed);
+      const long passed = begun_ ? std::lround((time - last_) / Controller::dt) : 0L;
+      if (heard && (!begun_ || passed > 0)) {
+        Loop::look(static_cast<std::uint32_t>(passed), vector(q), vector(aimed));
+        begun_ = true;
+        last_ = time;
+      }
+    }
+    return heard;
+  }
+
   // A packet: the robot's time [s] and positions -> the torque to send. False: it is over.
   bool take(double time, const urcl::vector6d_t& measured, urcl::vector6d_t& torque) {
-    static_assert(ARMGPI_N == 6U, "UR's arms have six joints");
     const long passed = begun_ ? std::lround((time - last_) / Controller::dt) : 0L;
     stale_ = begun_ && passed < 1 ? stale_ + 1U : 0U;
     last_ = time;
     if (stale_ > 0U && stale_ <= ARMGPI_MISSED) {
       return true;  // the packet is the last one, once more
     }
-    Vector q{};
     Vector tau{};
-    for (std::size_t i = 0; i < q.size(); ++i) {
-      q[i] = static_cast<armgpi_real_t>(measured[i]);
-    }
-    const bool goes_on = Loop::take(stale_ > 0U ? stale_ + 1U : static_cast<std::uint32_t>(passed), q, tau);
+    const std::uint32_t elapsed = stale_ > 0U ? stale_ + 1U : static_cast<std::uint32_t>(passed);
+    const bool goes_on = Loop::take(elapsed, vector(measured), tau);
     begun_ = true;
     for (std::size_t i = 0; i < tau.size(); ++i) {
       torque[i] = static_cast<double>(tau[i]);
@@ -75,6 +93,15 @@ class Ur : public Loop {
   }
 
  private:
+  static Vector vector(const urcl::vector6d_t& values) noexcept {
+    static_assert(ARMGPI_N == 6U, "UR's arms have six joints");
+    Vector found{};
+    for (std::size_t i = 0; i < found.size(); ++i) {
+      found[i] = static_cast<armgpi_real_t>(values[i]);
+    }
+    return found;
+  }
+
   double last_{0.0};
   bool begun_{false};
   std::uint32_t stale_{0U};
