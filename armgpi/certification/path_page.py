@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -25,12 +26,13 @@ ASSUMPTIONS = (
 )
 
 
-def write_page(found: PathBound, run: Any) -> str:
+def write_page(found: PathBound, run: Any, notes: Sequence[str] = ()) -> str:
     """Return the page, without scripts and without anything from elsewhere.
 
     Args:
         found: the bound, or why there is none.
         run: a rollout along the path; None for none.
+        notes: what is said beside the bound, as of a stop.
     """
     verdict, *rest = describe(found)
     good = found.holds and not found.weaker_than_friction()
@@ -39,7 +41,7 @@ def write_page(found: PathBound, run: Any) -> str:
         sections = {"What is in the way, and what would do": page.bullets(found.reasons)}
         return page.document("Bound along a path", summary, sections)
     robot: Any = found.wish.controller.robot
-    summary += "".join(f"<p>{page.text(line.strip())}</p>" for line in rest[: -robot.n])
+    summary += "".join(f"<p>{page.text(line.strip())}</p>" for line in [*rest[: -robot.n], *notes])
     rows = []
     told = [what for what, x in found.parts.items() if x.max() >= _TOLD]
     for j, name in enumerate(robot.joint_names):

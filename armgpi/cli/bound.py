@@ -96,11 +96,11 @@ def bound(
     data = json_data({**found.plain(), "stop": None if stop is None else stop._asdict()})
     if out is not None:
         write(out, json.dumps(data, indent=1) + "\n", "--out")
+    unseen = "a stop by the supervisor is not in it" * (experiment.supervisor is not None and stop is None)
+    notes = [*filter(None, (str(stop or ""), unseen, _gears(found)))]
     if report is not None:
-        write(report, _page(found, experiment), "--report")
-    unseen = experiment.supervisor is not None and stop is None
-    notes = [str(stop or ""), "a stop by the supervisor is not in it" if unseen else "", _gears(found)]
-    say(json.dumps(data) if as_json else "\n  ".join([str(found), *filter(None, notes)]), lines=True)
+        write(report, _page(found, experiment, notes), "--report")
+    say(json.dumps(data) if as_json else "\n  ".join([str(found), *notes]), lines=True)
     sys.exit(OK if found.holds else FAILED)
 
 
@@ -164,14 +164,14 @@ def _arms(arms: list[Any], loads: tuple[float, float] | None, within: float | No
     return arms
 
 
-def _page(found: Any, experiment: Any) -> str:
-    """Return the page of a bound, with a run of its experiment."""
+def _page(found: Any, experiment: Any, notes: list[str]) -> str:
+    """Return the page of a bound and of what is said beside it, with a run of its experiment."""
     from armgpi.certification.path_page import write_page
     from armgpi.loop.simulation import simulate
 
     law, reference = found.wish.controller, found.wish.reference
     run = simulate(experiment.plant, law, reference, experiment.t_final) if found.holds else None
-    return write_page(found, run)
+    return write_page(found, run, notes)
 
 
 def _gears(found: Any) -> str:

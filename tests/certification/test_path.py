@@ -587,11 +587,14 @@ def test_the_command_prints_it_and_writes_page_and_file(cli: Any, tmp_path: Path
         "reference: {points: [[0, 0.4, -0.4], [0.4, 0.6, -0.1]], durations: 2}\n"
     )
     out, page = tmp_path / "bound.json", tmp_path / "bound.html"
-    answer = cli("bound", file, "--torque", "0.1", "--out", out, "--report", page)
+    answer = cli("bound", file, "--torque", "0.1", "--tool-speed", "0.1", "--out", out, "--report", page)
     assert answer.code == 0, answer.err
     assert answer.out.startswith("the tool stays within")
     assert '"holds": true' in out.read_text()
     assert "class=good" in page.read_text()
+    for line in answer.out.splitlines()[-2:]:  # the stop, and the gears
+        assert f"<p>{line.strip()}</p>" in page.read_text()
+    assert "the supervisor stops the tool" in answer.out
     file.write_text(f"{file.read_text()}plant: {{gear_stiffness: 1e4, engine: elastic}}\n")
     refused = cli("bound", file)
     assert refused.code == 2
