@@ -41,6 +41,7 @@ from armgpi.certification.stopping import Retimed, bound_stop
 from armgpi.errors import ParameterError
 from armgpi.gpi.gains import Tuning, betas
 from armgpi.loop.rollout import describe_end
+from armgpi.plants.elastic import sag
 from armgpi.supervisor.bounds import bounds_of
 from armgpi.supervisor.stop import NEAR, Stop
 
@@ -592,9 +593,11 @@ def test_the_command_prints_it_and_writes_page_and_file(cli: Any, tmp_path: Path
     assert answer.out.startswith("the tool stays within")
     assert '"holds": true' in out.read_text()
     assert "class=good" in page.read_text()
-    for line in answer.out.splitlines()[-2:]:  # the stop, and the gears
+    for line in answer.out.splitlines()[-3:]:  # the stop, the gears, and what they let the tool sink
         assert f"<p>{line.strip()}</p>" in page.read_text()
     assert "the supervisor stops the tool" in answer.out
+    arm = armgpi.believe_drives(ARM, "soft")
+    assert f"beside it, {sag(arm)} (stiffness believed)" in answer.out
     file.write_text(f"{file.read_text()}plant: {{gear_stiffness: 1e4, engine: elastic}}\n")
     refused = cli("bound", file)
     assert refused.code == 2
