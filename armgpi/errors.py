@@ -316,8 +316,9 @@ class BackendError(ArmgpiError):
 
 def _listing(names: Sequence[str], limit: int = 20) -> str:
     """Join names for a message, shortening long lists."""
-    shown = ", ".join(names[:limit])
-    return shown if len(names) <= limit else f"{shown}, ... {len(names) - limit} more"
+    comma = "; " if any("," in name for name in names) else ", "
+    shown = comma.join(names[:limit])
+    return shown if len(names) <= limit else f"{shown}{comma}... {len(names) - limit} more"
 
 
 class MissingPackage(ArmgpiError):

@@ -104,7 +104,7 @@ class Space:
         Args:
             section: of a controller, plain data.
             made: the controller that it describes, for the values to begin with.
-            free: keys and how they are searched; all that declare a range of search when not given.
+            free: keys and how they are searched; when not given all that declare a range of search.
 
         Raises:
             NameNotFound: when a key is not one of the controller's numbers.
@@ -167,8 +167,8 @@ def numbers(made: Controller) -> dict[str, Variable]:
 def _default(known: Mapping[str, Variable], section: Mapping[str, Any]) -> list[str]:
     """Return the keys that are free when nothing is said."""
     declared = {key: each.declared for key, each in known.items() if each.declared.kind != "table"}
-    needs = (key for key, each in declared.items() if each.search)
-    return [key for key in needs if key not in _NEEDS or section.get(_NEEDS[key])]
+    searched = [key for key, each in declared.items() if each.search] or declared  # who declares none has all
+    return [key for key in searched if key not in _NEEDS or section.get(_NEEDS[key])]
 
 
 def _ends(key: str, declared: Parameter, searched: Range, value: Any) -> tuple[float, float]:

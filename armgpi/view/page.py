@@ -47,11 +47,11 @@ class Page(str):
 
 
 class Arrays:
-    """Arrays of a page: packed into one block, referred to from the JSON."""
+    """Arrays of a page: packed into one block, each once, referred to from the JSON."""
 
     def __init__(self) -> None:
         """Begin without arrays."""
-        self._parts: list[bytes] = []
+        self._offsets: dict[bytes, int] = {}
         self._length = 0
 
     def add(self, array: npt.ArrayLike, dtype: str) -> dict[str, Any]:
@@ -59,14 +59,13 @@ class Arrays:
         values = np.ascontiguousarray(array, dtype=np.dtype(dtype).newbyteorder("<"))
         content = values.tobytes()
         content += b"\0" * (-len(content) % 8)
-        reference = {"type": _TYPES[dtype], "offset": self._length, "length": int(values.size)}
-        self._parts.append(content)
-        self._length += len(content)
-        return reference
+        offset = self._offsets.setdefault(content, self._length)
+        self._length = max(self._length, offset + len(content))
+        return {"type": _TYPES[dtype], "offset": offset, "length": int(values.size)}
 
     def text(self) -> str:
         """Return all arrays, compressed, as text; the same arrays make the same text."""
-        return base64.b64encode(gzip.compress(b"".join(self._parts), 6, mtime=0)).decode()
+        return base64.b64encode(gzip.compress(b"".join(self._offsets), 6, mtime=0)).decode()
 
 
 def arm_data(scene: Scene, arrays: Arrays) -> dict[str, Any]:

@@ -173,12 +173,17 @@ def test_the_recipes_have_the_style_of_the_house(tmp_path: Path) -> None:
         assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_the_controller_is_in_files_help_tables_reports_and_c(run: Run, folder: Path) -> None:
+def test_the_controller_is_in_files_help_reports_sweeps_searches_pages_and_c(run: Run, folder: Path) -> None:
     helped = run("run", "--help-all")
     assert all(word in helped for word in ("gravity_pd", "--stiffness", "--damping", "[1/s^2]"))
     said = shown(run, "gravity_pd.yaml")
     assert "gravity_pd: finished; measures positions and velocities" in said["compare"]
     assert "gravity_pd" in (folder / "compared.html").read_text(encoding="utf-8")
+    gains = (folder / "tuned" / "gains.csv").read_text(encoding="utf-8").splitlines()
+    assert [line.partition(",")[0] for line in gains] == ["number", "stiffness", "damping"]
+    with xr.open_dataset(folder / "varied" / "results.nc") as results:
+        assert "drawn.controller.damping" in results
+    assert '"id":"controllers.0.damping"' in (folder / "gravity_pd.html").read_text(encoding="utf-8")
     entries = json.loads((folder / "compared" / "metrics.json").read_text(encoding="utf-8"))
     assert [entry["label"] for entry in entries] == ["gravity_pd", "gpi"]
     provenance = Provenance.from_rollout(armgpi.load(folder / "compared" / "rollout.nc"))

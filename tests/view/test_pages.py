@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import gzip
 import io
 import json
 import re
@@ -608,3 +609,11 @@ def test_the_viewer_in_the_wheel_is_that_of_meshcat_and_its_licence_goes_along()
     ours = page.meshcat_script()
     assert ours.endswith((viewer / "dist" / "main.min.js").read_text(encoding="utf-8"))
     assert (viewer / "LICENSE").read_text(encoding="utf-8") in ours
+
+
+def test_an_array_is_in_a_page_once_whoever_refers_to_it() -> None:
+    arrays, zeros, ones = page.Arrays(), np.zeros(3), np.ones(5)
+    places = [arrays.add(each, "float64") for each in (zeros, ones, zeros.copy(), [], ones, [2.0])]
+    assert [each["offset"] for each in places] == [0, 24, 0, 64, 24, 64]
+    packed = gzip.decompress(base64.b64decode(arrays.text()))
+    assert np.frombuffer(packed).tolist() == [0.0] * 3 + [1.0] * 5 + [2.0]
