@@ -10,6 +10,7 @@ from __future__ import annotations
 import pkgutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import Field
 from functools import cache
 from importlib import import_module, metadata
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -98,13 +99,16 @@ def classes_of(base: type) -> dict[str, Any]:
     """Return the classes that come from `base` and have a name, by their names.
 
     Raises:
-        ConfigError: when two of them have the same name.
+        ConfigError: when two of them have the same name, or one declares parameters and has no constructor.
     """
     found: dict[str, type] = {}
     for each in subclasses(base):
         name = vars(each).get("config_name")
         if name is None:
             continue
+        if any(isinstance(value, Field) for value in vars(each).values()):
+            said = "declares parameters, but has no @with_parameters before it"
+            raise ConfigError(f"{each.__module__}.{each.__qualname__}", "", said)
         if name in found and found[name] is not each:
             other = f"{found[name].__module__}.{found[name].__qualname__}"
             message = f"config_name {name!r} is that of {other} as well; choose another one"

@@ -153,7 +153,7 @@ def read_classes() -> Declared:
 
 def _read_options() -> list[Option]:
     """Return the options of sensors and actuators, of controllers, and of plants."""
-    from armgpi.config.schema import KINDS
+    from armgpi.config.schema import KINDS, SENSORS
     from armgpi.parameter import parameters
     from armgpi.plants.arm import Arm
     from armgpi.plants.plant import Wrapper
@@ -165,13 +165,13 @@ def _read_options() -> list[Option]:
             found[name] = _option(_flag(name), name, (), own[0])
     for owner, kind in KINDS.items():
         for key, each in _having(kind.parameters):
-            owners = (*(found[key].owners if key in found else ()), owner)
-            found[key] = _option(_flag(key), key, owners, each)
+            # One that a sensor has as well begins with controller, one that a controller has with plant.
+            name = f"controller.{key}" if key in SENSORS else key
+            owners = (*(found[name].owners if name in found else ()), owner)
+            found[name] = _option(_flag(name), key, owners, each)
     for arm in registry.classes_of(Arm).values():
         for key, each in _having(parameters(arm)):
-            # One that a controller has as well begins with plant.
-            flag = _flag(f"plant-{key}" if key in found else key)
-            found[f"plant.{key}"] = _option(flag, key, (), each)
+            found[f"plant.{key}"] = _option(_flag(f"plant.{key}" if key in found else key), key, (), each)
     return list(found.values())
 
 
@@ -210,7 +210,7 @@ def _option(flag: str, key: str, owners: tuple[str, ...], each: Parameter) -> Op
 
 
 def _flag(key: str) -> str:
-    return f"--{key.replace('_', '-')}"
+    return f"--{key.replace('_', '-').replace('.', '-')}"
 
 
 def _click_options(wanted: Iterable[Option]) -> list[Any]:

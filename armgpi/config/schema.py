@@ -30,6 +30,7 @@ from armgpi.config.section import (
     plain_number,
     section,
     text,
+    union,
     vector,
     word,
 )
@@ -197,17 +198,20 @@ class PlantSection(Section):
             that is declared. Its parameters are keys as well.
     """
 
-    keys: ClassVar[Mapping[str, Key]] = {
-        "payload": Key(PayloadSection.read, None, optional=True),
-        **{name: _change(name) for name in PLANT_CHANGES},
-        "drives": Key(mapping(anything), None, optional=True),
-        "bodies": Key(mapping(listing(plain_number, 10, 10)), None, optional=True),
-        "friction": _choice("none", "urdf", "none"),
-        "loads": Key(listing(one_of(LOADS)), []),
-        "engine": _choice("armgpi", *classes_of(Arm), "both"),
-        **{name: each.key for name, each in ARM_KEYS.items()},
-        **{name: _wrapper(name, cls) for name, cls in classes_of(Wrapper).items()},
-    }
+    keys: ClassVar[Mapping[str, Key]] = union(
+        "plant",
+        {
+            "payload": Key(PayloadSection.read, None, optional=True),
+            **{name: _change(name) for name in PLANT_CHANGES},
+            "drives": Key(mapping(anything), None, optional=True),
+            "bodies": Key(mapping(listing(plain_number, 10, 10)), None, optional=True),
+            "friction": _choice("none", "urdf", "none"),
+            "loads": Key(listing(one_of(LOADS)), []),
+            "engine": _choice("armgpi", *classes_of(Arm), "both"),
+        },
+        {name: each.key for name, each in ARM_KEYS.items()},
+        {name: _wrapper(name, cls) for name, cls in classes_of(Wrapper).items()},
+    )
 
 
 class Kind(NamedTuple):
@@ -237,14 +241,14 @@ class Kind(NamedTuple):
 
 def _kinds() -> dict[str, Kind]:
     """Return what controllers may be, by their names."""
-    found = {name: Kind(cls) for name, cls in classes_of(Controller).items()}
+    found = [{name: Kind(cls) for name, cls in classes_of(Controller).items()}]
     for law in subclasses(Controller):
         own = inspect.get_annotations(law)  # a class that comes from it does not take over its names
         for part in parameters(law).values():
             if part.name in own and part.kind == "variant" and part.group is not None:
                 variants = classes_of(part.group).items()
-                found |= {name: Kind(law, variant, part.name) for name, variant in variants}
-    return dict(sorted(found.items()))
+                found.append({name: Kind(law, variant, part.name) for name, variant in variants})
+    return dict(sorted(union("controllers", *found).items()))
 
 
 _SCALE = key_of(CHANGES["inertia_scale"], 1.0)

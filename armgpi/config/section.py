@@ -9,7 +9,7 @@ from dataclasses import FrozenInstanceError
 from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar
 
-from armgpi.errors import NameNotFound
+from armgpi.errors import ConfigError, NameNotFound
 from armgpi.escape import in_si, quote
 from armgpi.parameter import REQUIRED, Parameter, parameters
 
@@ -353,6 +353,18 @@ def keys_of(declared: Mapping[str, Parameter]) -> dict[str, Key]:
     return {each.key or name: key_of(each) for name, each in declared.items() if each.in_file}
 
 
+def union(where: str, *parts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return mappings as one.
+
+    Raises:
+        ConfigError: when a name is in two of them, as that of a plugin and one of ours.
+    """
+    names = [name for part in parts for name in part]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise ConfigError(where, twice[0], "is taken already; choose another name")
+    return {name: value for part in parts for name, value in part.items()}
+
+
 def section(
     cls: type, declared: Mapping[str, Parameter] | None = None, more: Mapping[str, Key] | None = None
 ) -> type[Section]:
@@ -363,5 +375,5 @@ def section(
         declared: its parameters, when they are not all.
         more: further keys.
     """
-    keys = {**(more or {}), **keys_of(parameters(cls) if declared is None else declared)}
+    keys = union(cls.__name__, more or {}, keys_of(parameters(cls) if declared is None else declared))
     return type(f"{cls.__name__}Section", (Section,), {"keys": keys, "__doc__": cls.__doc__})

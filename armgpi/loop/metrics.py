@@ -203,12 +203,7 @@ def itae(run: Totals) -> Array:
 
 
 @metric(
-    "IAE",
-    Unit(position=1, time=1),
-    "errors",
-    long_name="integral of absolute error",
-    tables=(),
-    total=True,
+    "IAE", Unit(position=1, time=1), "errors", long_name="integral of absolute error", tables=(), total=True
 )
 def iae(run: Totals) -> Array:
     """Return the integral of absolute error, ``∫ |e| dt``."""
@@ -216,12 +211,7 @@ def iae(run: Totals) -> Array:
 
 
 @metric(
-    "ISE",
-    Unit(position=2, time=1),
-    "errors",
-    long_name="integral of squared error",
-    tables=(),
-    total=True,
+    "ISE", Unit(position=2, time=1), "errors", long_name="integral of squared error", tables=(), total=True
 )
 def ise(run: Totals) -> Array:
     """Return the integral of squared error, ``∫ e² dt``."""

@@ -104,7 +104,7 @@ class Arm(Parametrised, Plant):
         """Return the state itself."""
         return state
 
-    def acting_torques(self, tau: Array, k: int, substep: int, dt: float) -> tuple[Array, Array, Array]:
+    def acting_torques(self, tau: Any, k: int, substep: int, dt: float) -> tuple[Array, Array, Array]:
         """Return what loads leave of `tau` at the beginning, middle and end of a substep of sample `k`."""
         if self._table is None:
             return tau, tau, tau

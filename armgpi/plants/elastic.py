@@ -220,10 +220,7 @@ class ElasticPlant(Arm):
         turned = h * self._rate
         left = np.exp(-turned)
         for i in range(self.substeps):
-            begin: Any = 0.0
-            end: Any = 0.0
-            if self._table is not None:
-                begin, _, end = self._table.at(k, i, dt)
+            begin, _, end = self.acting_torques(0.0, k, i, dt)
             missing = motor - tau
             motor = tau + left * missing
             x = self._substep(x, tau + (1.0 - left) / turned * missing, begin, end, h)
@@ -240,12 +237,12 @@ class ElasticPlant(Arm):
         tied = (_GAMMA * h) * (stretched + self.gear_damping)
         matrix = self._links(inertia, self._rotor, tied)
 
-        def stage(y: _Motion, load: Any, before: _Motion, forces: _Motion) -> tuple[_Motion, _Motion]:
+        def stage(y: _Motion, push: Any, before: _Motion, forces: _Motion) -> tuple[_Motion, _Motion]:
             """Return a stage k, and it with forces in place of accelerations; zero before the first."""
             q, theta = y.v - 2.0 * before.q, y.omega - 2.0 * before.theta
             gear = self.gear_stiffness * (y.theta - y.q) + self.gear_damping * (y.omega - y.v)
             gear = gear + stretched * (theta - q)
-            link = gear - self.robot.dynamics.nonlinear_effects(y.q, y.v) - load - 2.0 * forces.v
+            link = gear - self.robot.dynamics.nonlinear_effects(y.q, y.v) + push - 2.0 * forces.v
             rotor = motor - gear - 2.0 * forces.omega
             if self._ripples:
                 rotor = rotor + (self.torque_ripple * motor + self.cogging) * np.sin(self._wave * y.theta)

@@ -83,8 +83,7 @@ def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "c
     if experiment.supervisor is not None:
         said = "candidates are searched without the supervisor of the file; run what is found under it"
         warnings.warn(str(origin.error(("supervisor",), said)), ArmgpiWarning, stacklevel=2)
-    left = [key for key in given.plant.given if key not in ("delay", "encoder_bits")]
-    if left and given.reality is None:
+    if given.reality is None and (left := sorted({*given.plant.given} - {"delay", "encoder_bits"})):
         said = "candidates are searched on drawn arms; without a reality these have the file's delay and "
         said += f"encoder, not its {', '.join(left)}"
         warnings.warn(str(origin.error(("plant",), said)), ArmgpiWarning, stacklevel=2)

@@ -18,6 +18,7 @@ import armgpi
 from armgpi import GPI, PIDInversion, RigidBodyPlant, Robot, config
 from armgpi.cli import declared
 from armgpi.config import schema
+from armgpi.config.section import union
 from armgpi.control.controller import Controller
 from armgpi.errors import ArmgpiError, ArrayError, ConfigError, ParameterError
 from armgpi.parameter import REQUIRED, PerJoint, again, parameter, parameters, with_parameters
@@ -295,6 +296,33 @@ def test_a_name_belongs_to_one_class() -> None:
             classes_of(Load)
     finally:
         First.config_name = None
+
+
+def test_a_class_whose_parameters_nobody_made_is_named() -> None:
+    class Bare(Load):
+        config_name: ClassVar[str | None] = "bare"
+        size: float = parameter("size")
+
+        def torque(self, t: Any) -> Any: ...
+
+    try:
+        with pytest.raises(ConfigError, match=r"Bare: declares parameters, but has no @with_parameters"):
+            classes_of(Load)
+    finally:
+        Bare.config_name = None
+
+
+def test_a_key_belongs_to_one_declaration(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ConfigError, match="plant: coulomb: is taken already"):
+        union("plant", {"coulomb": 1}, {"viscous": 2}, {"coulomb": 3})
+
+    @with_parameters
+    class Late(PIDInversion):
+        delay: float = parameter("what it takes for the delay", default=0.0)
+
+    monkeypatch.setitem(schema.KINDS, "late", schema.Kind(Late))
+    owners = {each.flag: each.owners for each in declared.read_classes().options if "delay" in each.flag}
+    assert owners == {"--delay": (), "--controller-delay": ("late",)}
 
 
 def test_a_class_that_comes_from_a_law_does_not_take_over_its_names() -> None:
