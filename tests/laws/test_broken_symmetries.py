@@ -182,18 +182,6 @@ def test_positions_are_drawn_to_either_side_of_the_middle() -> None:
         np.testing.assert_allclose(drawn.max(axis=0), middle + half, atol=0.05 * half.max())
 
 
-def test_metrics_do_not_depend_on_when_the_clock_began() -> None:
-    arm = Robot.load("anthropomorphic3")
-    parts = RigidBodyPlant(arm), GPI(arm, 1e-3), Hold(np.zeros(3)), 0.3
-    rollout = prepare(*parts).run(q0=np.array([0.2, -0.1, 0.05]))
-    later = rollout.assign_coords(time=rollout["time"] + 60.0)
-    for name, metric in metrics.declared().items():
-        if not metric.of_rollout and name != "itae":  # which weighs by the clock's time
-            expected = getattr(metrics, name)(rollout).values
-            found = getattr(metrics, name)(later).values
-            np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-12, err_msg=name)
-
-
 def test_an_angle_is_moved_by_the_full_turns_that_bring_it_nearest_inside_its_limits() -> None:
     arm, rng = UR5.with_limits(lower=[-7.0] * 6, upper=[5.0] * 6), np.random.default_rng(0)
     turns = 2.0 * np.pi * np.arange(-9, 10)[:, None, None]

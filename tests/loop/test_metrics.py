@@ -127,20 +127,6 @@ def test_a_sine_of_torque_has_its_closed_forms() -> None:
     np.testing.assert_allclose(metrics.peak_torque(run), [a], **EXACT)
 
 
-def test_saturated_time_is_how_long_the_torque_stood_at_either_limit() -> None:
-    tau = np.select([TIME < 1.0, TIME < 1.5, TIME < 2.0], [10.0, -10.0, 9.9], 0.0)
-    np.testing.assert_allclose(metrics.saturated_time(rollout(column(0.0), column(tau))), [1.5], **EXACT)
-    unlimited = rollout(column(0.0), column(tau), effort=np.inf)
-    np.testing.assert_array_equal(metrics.saturated_time(unlimited), [0.0])
-
-
-@pytest.mark.parametrize(("e", "expected"), [(0.0, 0.0), (6.0, 1.0), (-7.0, 2.0)])
-def test_limit_excess_is_how_far_a_joint_went_beyond_its_limits(e: float, expected: float) -> None:
-    time = np.array([0.0, np.pi, 2.0 * np.pi])  # sin(t) = 0
-    run = rollout(np.array([[0.0], [e], [0.0]]), time=time)
-    np.testing.assert_allclose(metrics.limit_excess(run), [expected], atol=1e-12)
-
-
 #: Steps that are equal, from 0, from later and for long; others, of which the first is none.
 GRIDS: dict[str, np.ndarray] = {
     "even": np.arange(56) * 0.02,  # whose last fifth begins at a sample but for rounding
