@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.integrate import trapezoid
 
@@ -28,7 +29,7 @@ from armgpi import (
     simulate,
 )
 from armgpi.certification import check_certificate
-from armgpi.errors import ArrayError, EffortError, ParameterError
+from armgpi.errors import ArrayError, EffortError, ParameterError, UrdfError
 from armgpi.loop import metrics
 from armgpi.loop.prepared import prepare
 from armgpi.robot.batch import check_powered
@@ -252,7 +253,9 @@ def test_ends_may_meet() -> None:
     np.testing.assert_array_equal(held.lower, held.upper)
 
 
-def test_a_joint_that_nothing_drives_has_no_limit_of_torque_that_is_known(tmp_path: Path) -> None:
+def test_a_joint_that_nothing_drives_has_no_limit_of_torque_that_is_known(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     ball = '<geom type="sphere" size="0.1" mass="1" pos="0.2 0 0"/>'
     (tmp_path / "arm.xml").write_text(
         f'<mujoco><worldbody><body name="one"><joint name="a" axis="0 0 1" range="-10 10"/>{ball}'
@@ -262,6 +265,10 @@ def test_a_joint_that_nothing_drives_has_no_limit_of_torque_that_is_known(tmp_pa
     arm = Robot.load(tmp_path / "arm.xml")  # though MuJoCo's limits push where the two are compared
     np.testing.assert_array_equal(arm.limits.effort, [10.0, np.inf])
     np.testing.assert_allclose(arm.limits.upper, [np.pi / 18.0, np.inf])
+    real = pin.rnea
+    monkeypatch.setattr(pin, "rnea", lambda *given: real(*given) + np.array([0.5, 0.0]))
+    with pytest.raises(UrdfError, match="other torques for joint 'a'"):  # though that of b is larger
+        Robot.load(tmp_path / "arm.xml")
 
 
 def test_a_load_that_sets_in_with_a_sample_is_felt_from_that_sample_on() -> None:

@@ -357,7 +357,7 @@ def test_no_load_is_no_change() -> None:
         (("tool", 1.0, [0.0, 0.0, np.nan]), ArrayError),
         (("tool", 1.0, 0.1), ArrayError),
         (("tool", 1.0, (0.0, 0.0, 0.0), np.eye(2)), ArrayError),
-        (("tool", 1.0, (0.0, 0.0, 0.0), -np.eye(3)), ArrayError),
+        (("tool", 1.0, (0.0, 0.0, 0.0), np.diag([1.0, -0.1, 1.0])), ArrayError),
         (("tool", 1.0, (0.0, 0.0, 0.0), np.triu(np.ones((3, 3)))), ArrayError),
     ],
 )
