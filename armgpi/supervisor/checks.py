@@ -36,6 +36,9 @@ _FASTEST = 1e6
 #: Share of the reference's velocity above which a joint was in motion, and cannot stand still at once. Set by
 #: hand, like the 0.1 beside it; tools/alarms.py counts what they stop.
 _IN_MOTION = 0.5
+#: Share of the last change that the smoothed velocity has where a joint goes on: more than one that swings
+#: within five samples leaves at 1 and 2 ms. Set by hand.
+_STEADY = 0.75
 #: Errors below this, or :data:`COUNTS` counts, say nothing of how a joint answers its torque [rad or m]. Set
 #: by hand: a fiftieth of what FOLLOWING allows.
 ALERT = 0.01
@@ -99,7 +102,8 @@ class Jump:
             self.bounds.turn, self.pushed + self.driven * largest(self.share * np.abs(watch.tau))
         )
         last, samples = np.abs(watch.change), 1.0 + watch.bad
-        back: Mask = (last > turn) & (watch.v * watch.change > turn * last) & (watch.late == 0.0)
+        steady = np.maximum(turn, _STEADY * last)
+        back: Mask = (last > turn) & (watch.v * watch.change > steady * last) & (watch.late == 0.0)
         # One that turns round by itself, as on a gear that swings, was twice as fast a sample ago, or rested.
         back = back & (last > np.abs(watch.miss))
         back = back & (np.abs(change + samples * watch.change) <= 0.25 * samples * last)
@@ -237,8 +241,10 @@ class Frozen:
         went = watch.change * watch.rv > _IN_MOTION * (watch.rv * watch.rv)
         moving = went & (watch.v * watch.change > 0.1 * (watch.change * watch.change))
         moving = moving & (np.abs(watch.change) > self.braked)
-        # Friction holds a joint at rest until its torque has changed by more.
-        pulled = np.abs(watch.tau - watch.frozen.torque_when_asked) > self.sticking
+        # Friction holds a joint at rest until its torque has changed by more, towards the reference: other
+        # joints may change it either way.
+        pull = watch.tau - watch.frozen.torque_when_asked
+        pulled = (np.abs(pull) > self.sticking) & (pull * (watch.r - watch.q) > 0.0)
         pulled = pulled | self._gone_to_limit(watch)
         return ((unchanged_samples >= float(self.samples)) & pulled) | (unmoved & far & moving)
 

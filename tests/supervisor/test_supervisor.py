@@ -480,6 +480,20 @@ def test_a_link_that_swings_on_its_gear_is_no_encoder_that_counts_backwards(hert
             assert supervised.report(state).reason == "none", (fastest, k)
 
 
+def test_nor_is_one_that_swings_within_five_samples() -> None:
+    h, count = 2e-3, ARM.encoder_count(16)
+    weak = ARM.with_gravity((0.0, 0.0, 0.0)).with_limits(effort=0.01 * ARM.limits.effort)
+    for phase in np.linspace(0.0, 1.2, 9):
+        still = {"following": 100.0, "saturated": 0.0, "frozen_samples": 0, "response": 0.0}
+        supervised = Supervised(GPI(weak, h), Supervisor(**still))
+        state = supervised.init(Measurement(Q), Target(Q, np.zeros(3), np.zeros(3)))
+        for k in range(40):  # it builds up
+            way = 0.4 * np.pi * k + phase + np.array([0.0, 2.0, 4.0])
+            q = Q + count * np.round(40.0 * min(k / 20.0, 1.0) * np.cos(way))
+            state = held(supervised, state, q).state
+        assert supervised.report(state).reason == "none", phase
+
+
 def test_a_reference_that_stops_dead_is_a_fault_where_it_is_asked_for() -> None:
     speed = np.array([0.0, 0.0, 0.5 * ARM.limits.velocity[2]])
     for bound, reason in ((2.0, "none"), (0.2, "reference")):
