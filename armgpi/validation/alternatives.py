@@ -107,6 +107,8 @@ def kind_of(value: Any) -> Any:
         return (len(value), *value[0].shape)
     if _are_numbers(value):
         return f"list of {len(value)}"
+    if str(type(value).__module__).startswith("sympy.physics"):  # frames, points
+        return type(value).__name__
     return None
 
 
@@ -208,14 +210,21 @@ def _attributes(
     tree: ast.AST, values: Mapping[str, Any], kinds: dict[str, Any]
 ) -> Iterator[tuple[str, ast.expr]]:
     """Yield the numbers and arrays of the objects whose attributes are read, and add their kinds."""
-    read = (n for n in ast.walk(tree) if isinstance(n, ast.Attribute) and isinstance(n.value, ast.Name))
-    for owner in dict.fromkeys(n.value.id for n in read if isinstance(n.value, ast.Name)):
-        thing = values.get(owner)
+    owners = {ast.unparse(n.value): n.value for n in ast.walk(tree) if isinstance(n, ast.Attribute)}
+    for owner, node in owners.items():
+        thing = _held(node, values)
         for name, value in {**vars(type(thing)), **getattr(thing, "__dict__", {})}.items():
             kind, text = kind_of(value), f"{owner}.{name}"
             if not name.startswith("_") and (kind in ("float", "int") or isinstance(value, np.ndarray)):
                 kinds[text] = kind if isinstance(kind, tuple) else "scalar"
-                yield text, ast.Attribute(ast.Name(owner, ast.Load()), name, ast.Load())
+                yield text, ast.Attribute(node, name, ast.Load())
+
+
+def _held(node: ast.expr, values: Mapping[str, Any]) -> Any:
+    """Return what a name holds, or an attribute of what it holds."""
+    if isinstance(node, ast.Attribute):
+        return getattr(_held(node.value, values), node.attr, None)
+    return values.get(node.id) if isinstance(node, ast.Name) else None
 
 
 def _numbers_read(
@@ -690,7 +699,9 @@ def _of_operation(node: ast.BinOp) -> Iterator[Choice]:
         yield "extra", right if isinstance(op, ast.Add) else _negative(right)
     elif isinstance(op, ast.Mult):
         for one, rest in ((left, right), (right, left)):
-            yield ("factor" if isinstance(one, ast.Constant) else "product"), rest
+            number = one.operand if isinstance(one, ast.UnaryOp) else one  # -m for -2 * m
+            kept = rest if number is one or not isinstance(number, ast.Constant) else _negative(rest)
+            yield ("factor" if isinstance(number, ast.Constant) else "product"), kept
     elif isinstance(op, ast.Div):
         yield "product", left
         yield "product", ast.BinOp(left, ast.Mult(), right)
@@ -841,6 +852,8 @@ def _times(factor: ast.expr, node: ast.expr) -> ast.expr:
     """Return a product as it is written, 2 * a * b and not 2 * (a * b)."""
     if isinstance(node, ast.BinOp) and isinstance(node.op, _PRODUCTS):
         return ast.BinOp(_times(factor, node.left), node.op, node.right)
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):  # -2 * a, not 2 * -a
+        return ast.BinOp(ast.UnaryOp(node.op, factor), ast.Mult(), node.operand)
     return ast.BinOp(factor, ast.Mult(), node)
 
 

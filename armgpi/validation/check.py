@@ -16,7 +16,7 @@ from armgpi.robot.equations import PerJoint
 from armgpi.robot.robot import Robot
 from armgpi.validation import laws, repair, samples
 from armgpi.validation.conventions import declare_convention
-from armgpi.validation.diagnose import ALTERNATIVES, UNNAMED, Cause, diagnose
+from armgpi.validation.diagnose import ALTERNATIVES, UNNAMED, Cause, diagnose, join_equal
 from armgpi.validation.edits import harmless
 from armgpi.validation.hypotheses import CONVENTIONS
 from armgpi.validation.models import ARGUMENTS, States
@@ -24,6 +24,7 @@ from armgpi.validation.problem import Mask, Problem
 from armgpi.validation.report import DynamicsReport, FunctionReport
 from armgpi.validation.samples import Sampled
 from armgpi.validation.tree import evaluate, from_robot
+from armgpi.validation.units import numbers
 from armgpi.validation.worker import Worker
 
 #: Without a reference, a model may have so many joints: all numbers up to this are tried.
@@ -206,10 +207,13 @@ def _causes(
     if found is not None and len(found.changes) > 2 and len(told) == 1 and told[0].kind not in UNNAMED:
         return _rank(told, causes), found.source
     # What the values say is believed before a change that agrees at the numbers of the file alone.
-    if causes and found is not None and not found.doubtful:
-        return _rank(causes, told), None if found is None else found.source
+    if causes and found is not None:
+        # A number that the source does not have is none that someone mistyped.
+        number = told[0].value if len(told) == len(causes) == 1 else None
+        if not found.doubtful or not (number is None or _is_typed(number, found.source)):
+            return _rank(causes, told), found.source
     if worker.source is not None and harmless(worker.source):
-        told = [_in_doubt(one, worker.source) for one in told]
+        told = join_equal(_in_doubt(one, worker.source) for one in told)
     return _rank(told, causes), None
 
 
@@ -218,15 +222,30 @@ def _in_doubt(cause: Cause, source: str) -> Cause:
 
     So is a wrong number of which the source has the right value.
     """
-    numbers = (x.value for x in ast.walk(ast.parse(source)) if isinstance(x, ast.Constant))
-    has = [float(x) for x in numbers if isinstance(x, int | float)]
-    typed = cause.expected is None or not any(np.isclose(abs(cause.expected), has, rtol=1e-6, atol=0.0))
-    if (typed and not cause.structural) or cause.kind in (*UNNAMED, *CONVENTIONS, "gravity"):
+    typed = cause.expected is not None and _is_typed(cause.expected, source)
+    if not (typed or cause.structural) or cause.kind in ("consequence", *CONVENTIONS, "gravity"):
         return cause
     text = "not named: no usual change of the source makes the model agree"
-    return cause._replace(
-        kind=UNNAMED[0], text=text, alternatives=(cause.text, *cause.alternatives)[:ALTERNATIVES]
-    )
+    other = cause.alternatives if cause.kind in UNNAMED else (cause.text, *cause.alternatives)
+    scope, evidence = "model" if cause.scope == "model" else "elements", (*_unread(source), *cause.evidence)
+    told = cause._replace(kind=UNNAMED[0], text=text, scope=scope, evidence=evidence)
+    return told._replace(alternatives=other[:ALTERNATIVES])
+
+
+def _unread(source: str) -> list[str]:
+    """Return where names are given numbers that nothing reads: what uses them may have been forgotten."""
+    names = [x for x in ast.walk(ast.parse(source)) if isinstance(x, ast.Name)]
+    read = {x.id for x in names if isinstance(x.ctx, ast.Load)}
+    stored = {x.id: x.lineno for x in names if isinstance(x.ctx, ast.Store) and x.id not in read}
+    given = (name for name, _ in numbers(ast.parse(source)) if name in stored)
+    return [f"{stored[name]}: {name} is read nowhere" for name in given][:ALTERNATIVES]
+
+
+def _is_typed(number: float, source: str) -> bool:
+    """Tell whether a number stands in a source."""
+    numbers = (x.value for x in ast.walk(ast.parse(source)) if isinstance(x, ast.Constant))
+    has = [float(x) for x in numbers if isinstance(x, int | float)]
+    return bool(np.isclose(abs(number), has, rtol=1e-6, atol=0.0).any())
 
 
 def _rank(first: list[Cause], second: list[Cause]) -> list[Cause]:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -185,7 +185,7 @@ class _Search:
         scope = ~(self.differing & ~left)
         if consequences and left.any() and (found := self.best(scope, left)):
             return [self.cause(found, left, "model"), *consequences]
-        return [*_join_equal(self.by_function(left)), *consequences]
+        return [*join_equal(self.by_function(left)), *consequences]
 
     def by_function(self, left: Mask) -> Iterator[Cause]:
         """Yield causes for every quantity of every function alone."""
@@ -198,7 +198,7 @@ class _Search:
             if found := self.best(part & ~(self.differing & ~left), mine):
                 yield self.cause(found, mine, "function")
                 continue
-            causes = _join_equal(
+            causes = join_equal(
                 self.cause(_best_first(self.entry(int(k))), np.arange(len(mine)) == k, "elements")
                 for k in np.flatnonzero(mine)
             )
@@ -527,17 +527,17 @@ class _Fitted:
         return x
 
 
-def _join_equal(causes: Iterator[Cause]) -> list[Cause]:
+def join_equal(causes: Iterable[Cause]) -> list[Cause]:
     """Return causes with equal ones made one."""
     found: dict[tuple[str, str, str], Cause] = {}
     for cause in causes:
         key = (cause.kind, cause.text, cause.scope)
         if key in found:
             before = found[key]
-            evidence = tuple(dict.fromkeys(before.evidence + cause.evidence))[:SHOWN]
             cause = before._replace(
                 elements=before.elements + cause.elements,
-                evidence=evidence,
+                alternatives=tuple(dict.fromkeys(before.alternatives + cause.alternatives))[:ALTERNATIVES],
+                evidence=tuple(dict.fromkeys(before.evidence + cause.evidence))[:SHOWN],
                 formulas=(before.formulas + cause.formulas)[: 2 * SHOWN],
             )
         found[key] = cause

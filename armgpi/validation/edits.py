@@ -579,9 +579,14 @@ class Editor:
     def _called_first(self, known: Mapping[FunctionType, Block]) -> Iterator[tuple[FunctionType, Block]]:
         """Yield the functions that only the module's statements call, such as one that returns functions."""
         todo, seen = [x.id for s in self._body for x in ast.walk(s) if isinstance(x, ast.Name)], set[str]()
+        space: Mapping[str, Any] = vars(self._module)
         while todo:
             name = todo.pop()
-            function = _plain(vars(self._module).get(name))
+            called = space.get(name)
+            if isinstance(called, type):  # what its constructor calls, its methods too
+                space = {**vars(called), **space}
+                called = vars(called).get("__init__")
+            function = _plain(called)
             if name in seen or function is None or function.__code__.co_filename != self._path:
                 continue
             seen.add(name)
@@ -601,6 +606,7 @@ class Editor:
             for name, value in _numbers(frames[0]).items() if len(frames) == 1 else ():
                 block.namespace.setdefault(name, value)
             block.once, block.calls = len(frames) == 1, dict.fromkeys(self.goal.states, frames[:1] * ROWS)
+            self.drawn = self.drawn or any(map(is_drawn, frames[0].values()))
         whole = [name for name, target in self.targets.items() if target.whole] if functions else []
         # Drawn functions take long, and hardly compute anything themselves.
         labels = [ALL] if self.drawn else self.goal.states

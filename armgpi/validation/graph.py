@@ -518,6 +518,16 @@ def _sympy() -> dict[str, Any]:
     }
 
 
+def _solve(a: Any, b: Any, *_: Any) -> Grid:
+    """Return the solution of a system of equations, whose pivots are those of a mass matrix."""
+    rows = np.hstack([a, b]).view(np.ndarray)
+    for k in range(len(rows)):
+        rows[k] = rows[k] / rows[k, k]
+        for j in {*range(len(rows))} - {k}:
+            rows[j] = rows[j] - rows[j, k] * rows[k]
+    return Grid(rows[:, len(rows) :])
+
+
 def _casadi() -> dict[str, Any]:
     """Return what computes as CasADi does."""
     zeros = _sizes(np.zeros, Grid)
@@ -567,6 +577,7 @@ def _casadi() -> dict[str, Any]:
         "hessian": lambda e, x: (jacobian(jacobian(e, x).T, x), jacobian(e, x).T),
         "jtimes": lambda value, symbols, v: jacobian(value, symbols) @ grid(v),
         "mtimes": multiply,
+        "solve": _solve,
         "dot": lambda a, b: grid(a).dot(grid(b)),
         "cross": lambda a, b: grid(a).cross(grid(b)),
         "sumsqr": lambda a: grid(a).dot(grid(a)),

@@ -37,6 +37,7 @@ from armgpi.validation.edits import (
     impatient,
     stack_values,
 )
+from armgpi.validation.graph import joint_of
 from armgpi.validation.models import POSITIONS, Functions
 from armgpi.validation.units import USUAL, check, readings
 
@@ -466,7 +467,8 @@ class _Trials:
         site = pick.block.sites[pick.site]
         if pick.kind == "sign" and pick.values is None:
             node, negated = site.node, isinstance(site.choices[pick.choice][1], ast.UnaryOp)
-            joints = isinstance(node, ast.Name) and node.id in POSITIONS
+            of = node.value if isinstance(node, ast.Subscript) else node
+            joints = isinstance(of, ast.Name) and (of.id in POSITIONS or joint_of(f"{of.id}_1") is not None)
             if negated and (joints or (isinstance(node, ast.Call) and function_name(node) == "array")):
                 return True
         target = self._targets.get("coriolis_matrix")
@@ -491,6 +493,9 @@ class _Trials:
                         continue
                     # Terms come in the order of their length.
                     rank = c + 1 - kinds.index(kind) if kind == "term" else kinds.count(kind)
+                    # A sign that is there is wrong sooner than one that is not.
+                    if kind == "sign":
+                        rank = rank + 1 if isinstance(site.choices[c][1], ast.UnaryOp) else 1
                     found.append(Pick(block, k, c, self._bits(rank), None, kind))
                 if site.whole and self._until - time.process_time() > _LISTED:
                     found += self._vector_picks(block, k)
