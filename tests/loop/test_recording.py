@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,7 +18,7 @@ from armgpi.errors import ArmgpiError, NameNotFound, ParameterError, RolloutErro
 from armgpi.gpi.gains import Tuning
 from armgpi.gpi.weights import Weights
 from armgpi.loop import rollout
-from armgpi.loop.memory import Memory
+from armgpi.loop.memory import Memory, NetCDF
 from armgpi.loop.rollout import Recording, Status
 from armgpi.loop.weights import load_weights, save_weights
 from armgpi.supervisor import SIGNALS
@@ -209,3 +210,13 @@ def test_a_file_has_its_room_before_the_run(tmp_path: Path, monkeypatch: pytest.
     run("compiled", file=tmp_path / "run.nc", record=("q", "tau")).close()
     assert [end - begin for begin, end in taken] == [8 * 201 * 11 * 3] * 2
     assert max(begin for begin, _ in taken) >= min(end for _, end in taken)  # beside each other
+
+
+def test_a_variable_takes_all_that_is_free_and_no_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, size = NetCDF(tmp_path / "a.nc"), 5 * 3 * 8
+    for free, fits in ((size, True), (size - 1, False)):
+        monkeypatch.setattr(shutil, "disk_usage", lambda folder, free=free: SimpleNamespace(free=free))
+        with nullcontext() if fits else pytest.raises(OSError, match="No space"):
+            assert file.array(f"q{fits}", (5, 3), "float64").shape == (5, 3)
