@@ -500,6 +500,7 @@ LAW = GPI(ARM, 1e-3, FixedGains(20.0))
     ("law", "path", "options", "says"),
     [
         (LAW, Bezier(GOAL - 0.3, GOAL, duration=1.0, t_start=-0.5), {}, "at rest"),
+        (LAW, Bezier(GOAL - 0.3, GOAL, duration=0.01), {}, "at rest"),  # until the next sample
         (LAW, JUMP, {}, "jumps"),
         (LAW, RAMP, {}, "jump"),
         (LAW, Bezier(np.zeros(2), np.ones(2), duration=1.0), {}, "3 joints"),
