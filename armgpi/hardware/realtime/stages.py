@@ -62,12 +62,13 @@ class Caps(NamedTuple):
     way: float = 0.0
 
 
-#: Kind -> its caps. Set by hand, so that each of tools/bringup.py's wrong robots travels 0.05 rad at most.
+#: Kind -> its caps. Set by hand, so that tools/bringup.py's wrong robots travel 0.055 rad at most, and few of
+#: tools/sound.py's are stopped for friction that the file does not tell.
 CAPS = {
     "pulse": Caps(torque=0.15, held=0.1, speed=0.1, following=0.035, bandwidth=8.0, way=0.03),
     "joint": Caps(torque=0.3, held=0.2, speed=0.25, following=0.04, bandwidth=15.0, way=0.1),
-    "excite": Caps(torque=0.6, held=0.6, speed=1.0, following=0.05, bandwidth=math.inf),
-    "slow": Caps(torque=0.6, held=0.6, speed=1.0, following=0.05, bandwidth=math.inf),
+    "excite": Caps(torque=0.6, held=0.6, speed=1.0, following=0.075, bandwidth=math.inf),
+    "slow": Caps(torque=0.6, held=0.6, speed=1.0, following=0.075, bandwidth=math.inf),
 }
 #: How much slower than the file the whole arm moves first, and beyond its limits at full speed, as a share.
 _SLOWER, _OVERSPEED = 4.0, 0.2
