@@ -212,7 +212,7 @@ def _attributes(
     """Yield the numbers and arrays of the objects whose attributes are read, and add their kinds."""
     owners = {ast.unparse(n.value): n.value for n in ast.walk(tree) if isinstance(n, ast.Attribute)}
     for owner, node in owners.items():
-        thing = _held(node, values)
+        thing = _value_at(node, values)
         for name, value in {**vars(type(thing)), **getattr(thing, "__dict__", {})}.items():
             kind, text = kind_of(value), f"{owner}.{name}"
             if not name.startswith("_") and (kind in ("float", "int") or isinstance(value, np.ndarray)):
@@ -220,10 +220,10 @@ def _attributes(
                 yield text, ast.Attribute(node, name, ast.Load())
 
 
-def _held(node: ast.expr, values: Mapping[str, Any]) -> Any:
+def _value_at(node: ast.expr, values: Mapping[str, Any]) -> Any:
     """Return what a name holds, or an attribute of what it holds."""
     if isinstance(node, ast.Attribute):
-        return getattr(_held(node.value, values), node.attr, None)
+        return getattr(_value_at(node.value, values), node.attr, None)
     return values.get(node.id) if isinstance(node, ast.Name) else None
 
 

@@ -227,12 +227,13 @@ def _in_doubt(cause: Cause, source: str) -> Cause:
         return cause
     text = "not named: no usual change of the source makes the model agree"
     other = cause.alternatives if cause.kind in UNNAMED else (cause.text, *cause.alternatives)
-    scope, evidence = "model" if cause.scope == "model" else "elements", (*_unread(source), *cause.evidence)
+    scope = "model" if cause.scope == "model" else "elements"
+    evidence = (*_unread_names(source), *cause.evidence)
     told = cause._replace(kind=UNNAMED[0], text=text, scope=scope, evidence=evidence)
     return told._replace(alternatives=other[:ALTERNATIVES])
 
 
-def _unread(source: str) -> list[str]:
+def _unread_names(source: str) -> list[str]:
     """Return where names are given numbers that nothing reads: what uses them may have been forgotten."""
     names = [x for x in ast.walk(ast.parse(source)) if isinstance(x, ast.Name)]
     read = {x.id for x in names if isinstance(x.ctx, ast.Load)}
@@ -243,8 +244,8 @@ def _unread(source: str) -> list[str]:
 
 def _is_typed(number: float, source: str) -> bool:
     """Tell whether a number stands in a source."""
-    numbers = (x.value for x in ast.walk(ast.parse(source)) if isinstance(x, ast.Constant))
-    has = [float(x) for x in numbers if isinstance(x, int | float)]
+    constants = (x.value for x in ast.walk(ast.parse(source)) if isinstance(x, ast.Constant))
+    has = [float(x) for x in constants if isinstance(x, int | float)]
     return bool(np.isclose(abs(number), has, rtol=1e-6, atol=0.0).any())
 
 
