@@ -164,14 +164,14 @@ def test_every_number_at_a_point_is_what_its_words_say_in_the_metric_of_the_arm(
     def slope(function: Any, x: Array) -> Array:  # derivatives along the last axis
         return np.stack([(function(x + h) - function(x - h)) / 2e-5 for h in 1e-5 * np.eye(3)], axis=-1)
 
-    def asked(each: armgpi.Robot, x: Array) -> Array:
+    def acceleration_to_hold(each: armgpi.Robot, x: Array) -> Array:
         ahead = 0.0 if feedforward == "none" else known.gravity(x)
         return np.asarray(np.linalg.solve(heavy.mass_matrix(x), each.gravity(x) - ahead))
 
     for each in arms:
         D, H = each.mass_matrix(q), heavy.mass_matrix(q)
         root = np.linalg.inv(sqrtm(D))
-        rate, v = slope(each.mass_matrix, q), asked(each, star)
+        rate, v = slope(each.mass_matrix, q), acceleration_to_hold(each, star)
         gradient = slope(lambda x, each=each, v=v: each.gravity(x) - heavy.mass_matrix(x) @ v, between)
         speeds = case.speed * np.array(signs)
         turn = np.array(
@@ -184,8 +184,8 @@ def test_every_number_at_a_point_is_what_its_words_say_in_the_metric_of_the_arm(
         held = H @ v + (0.0 if feedforward == "none" else known.gravity(star))
         deltas = np.sort(np.linalg.eigvals(np.linalg.solve(D, H)).real)
         first = arms[0] if each is heavy else each
-        moved = asked(heavy, star) - asked(first, star)
-        shift = slope(lambda x, each=each: asked(each, x), star)
+        moved = acceleration_to_hold(heavy, star) - acceleration_to_hold(first, star)
+        shift = slope(lambda x, each=each: acceleration_to_hold(each, x), star)
 
         def longest(bound: Array, metric: Array) -> float:
             return max(float(np.sqrt((bound * x) @ metric @ (bound * x))) for x in signs)
@@ -323,19 +323,19 @@ def test_what_is_asked_for_is_put_together_joint_by_joint() -> None:
     assert asked.loads == (0.1, 0.3)
     q = np.array([0.1, 0.4, -0.3])
 
-    def held(*arms: armgpi.Robot) -> list[list[float]]:
+    def weights(*arms: armgpi.Robot) -> list[list[float]]:
         return [each.gravity(q).tolist() for each in arms]
 
     light, heavy = (arm.with_payload(arm.tip, x) for x in (0.1, 0.3))
-    assert held(*found.arms, found.nominal) == held(light, heavy, heavy)
+    assert weights(*found.arms, found.nominal) == weights(light, heavy, heavy)
     hull = ask(arm, 2e-3, speed=speed, payload=(0.1, 0.3), arms=(two, arm), others=(two,), friction=True)
     ends = [each.with_payload(arm.tip, x) for x in (0.1, 0.3) for each in (two, arm)]
-    assert held(*hull.setting.arms) == held(*ends, light, heavy)
-    assert held(*hull.others) == held(ends[0], ends[2])
+    assert weights(*hull.setting.arms) == weights(*ends, light, heavy)
+    assert weights(*hull.others) == weights(ends[0], ends[2])
     np.testing.assert_allclose(hull.setting.friction, [0.06, 0.04, 0.03])  # at rest: what sticks
     np.testing.assert_allclose(hull.setting.radius, 0.02 + 2e-3 * speed)
     none = ask(arm, 2e-3, speed=speed, arms=(two,)).setting
-    assert held(*none.arms) == held(two, arm)
+    assert weights(*none.arms) == weights(two, arm)
     assert not any(x.any() for x in (none.velocity, none.acceleration, none.encoder))
 
 

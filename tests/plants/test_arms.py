@@ -18,7 +18,7 @@ from armgpi.plants.plant import inside
 from armgpi.registry import classes_of
 
 
-def moved(engine: str, **section: Any) -> Array:
+def motion_after(engine: str, **section: Any) -> Array:
     """Return position and velocity of a joint that turned upright, without torque, after 50 ms."""
     if engine == "mujoco":
         pytest.importorskip("mujoco", reason="an engine of its own")
@@ -37,10 +37,10 @@ def moved(engine: str, **section: Any) -> Array:
 
 @pytest.mark.parametrize("engine", sorted(classes_of(Arm)))
 def test_loads_oppose_the_motors_and_friction_slows(engine: str) -> None:
-    free = moved(engine)
+    free = motion_after(engine)
     load = {"type": "step", "amplitude": {"q1": 0.2}, "onset": 0.01}
-    assert (moved(engine, loads=[load]) < free).all()
-    assert (moved(engine, friction="urdf") < free).all()
+    assert (motion_after(engine, loads=[load]) < free).all()
+    assert (motion_after(engine, friction="urdf") < free).all()
 
 
 @pytest.mark.parametrize("given", [{"loads": armgpi.Step(np.ones(3))}, {"friction": "urdf"}])

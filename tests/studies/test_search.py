@@ -459,7 +459,7 @@ def test_an_objective_without_a_value_anywhere_is_named() -> None:
 # What is told of it.
 
 
-def told_search(budgets: tuple[float, ...], *more: tuple[float, float, float, float]) -> Search:
+def search_with_rows(budgets: tuple[float, ...], *more: tuple[float, float, float, float]) -> Search:
     """Return a search with candidates of these objectives, variations, failures and violations."""
     search = Search(problem(budgets=budgets))
     rows = [(5.0, 300.0, 0.0, 0.0), (3.0, 400.0, 0.0, 0.0), (3.0, 900.0, 0.0, 0.0), (2.0, 2500.0, 0.0, 0.0)]
@@ -480,7 +480,7 @@ def told_search(budgets: tuple[float, ...], *more: tuple[float, float, float, fl
 
 
 def test_tables_of_a_search_are_what_its_rows_say() -> None:
-    search = told_search((400.0, 2500.0, 250.0))
+    search = search_with_rows((400.0, 2500.0, 250.0))
     rows, space = search.rows, search.problem.space
     own = [Validated(400.0, rows[1], rows[2]), Validated(2500.0, rows[3], rows[0])]
     tables = (found.front_table(search, own), found.gains_table(search, own), found.evaluations_table(search))
@@ -515,9 +515,9 @@ def test_tables_of_a_search_are_what_its_rows_say() -> None:
     assert text.endswith("\nFor 1 of the budgets no candidate holds.\n")
     assert "no candidate" not in found.report(search, [*own, own[0]], rows[2])
     assert "| best | 1 (breaks a constraint) | 350 | fails in 25 % | 200 |" in found.report(
-        told_search((math.inf,)), [Validated(math.inf, rows[4], rows[5])], rows[0]
+        search_with_rows((math.inf,)), [Validated(math.inf, rows[4], rows[5])], rows[0]
     )
-    assert "holds on the held-out" in found.report(told_search((math.inf,)), [], rows[0])
+    assert "holds on the held-out" in found.report(search_with_rows((math.inf,)), [], rows[0])
 
 
 def test_a_picture_of_a_search_shows_its_rows_each_kind_in_a_colour_of_its_own(
@@ -525,12 +525,12 @@ def test_a_picture_of_a_search_shows_its_rows_each_kind_in_a_colour_of_its_own(
 ) -> None:
     drawn: list[Any] = []
     monkeypatch.setattr(pictures, "png", drawn.append)
-    search = told_search((400.0, 2500.0))
+    search = search_with_rows((400.0, 2500.0))
     own = [
         Validated(400.0, search.rows[1], search.rows[2]),
         Validated(2500.0, search.rows[3], search.rows[0]),
     ]
-    for each, taken in ((search, own), (told_search((math.inf,), (0.0, 3000.0, 0.0, 0.0)), own[:1])):
+    for each, taken in ((search, own), (search_with_rows((math.inf,), (0.0, 3000.0, 0.0, 0.0)), own[:1])):
         pictures.study_picture(each, taken, search.rows[6])
     (left, middle, right), (one, other, _) = (figure.axes for figure in drawn)
     for line, best in zip(left.lines, found.convergence(search), strict=True):

@@ -4,9 +4,9 @@ from math import cos, sin
 
 import numpy as np
 
-thigh = dict(m=7.4, L=0.41, r=0.178, I=0.13)  # noqa: C408
-shank = dict(m=3.2, L=0.43, r=0.186, I=0.061)  # noqa: C408
-foot = dict(m=1.1, L=0.17, r=0.074, I=0.0041)  # noqa: C408
+thigh = dict(m=7.4, L=0.41, r=0.178, I=0.13)
+shank = dict(m=3.2, L=0.43, r=0.186, I=0.061)
+foot = dict(m=1.1, L=0.17, r=0.074, I=0.0041)
 g = 9.81
 
 

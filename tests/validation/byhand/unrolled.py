@@ -53,6 +53,6 @@ def inverse_dynamics(q, qd, qdd):
     n3 = N3 + np.cross(Pc3, F3)
     f2 = R23 @ f3 + F2
     n2 = N2 + R23 @ n3 + np.cross(Pc2, F2) + np.cross(P2, R23 @ f3)
-    f1 = R12 @ f2 + F1  # noqa: F841
+    f1 = R12 @ f2 + F1
     n1 = N1 + R12 @ n2 + np.cross(Pc1, F1) + np.cross(P1, R12 @ f2)
     return np.array([n1 @ Z, n2 @ Z, f3 @ Z])
