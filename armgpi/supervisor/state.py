@@ -50,13 +50,14 @@ class FrozenState(NamedTuple):
             that FAULT does not trust.
         reference_at_change: reference when the measurement last changed [rad or m].
         torque_at_change: torque when the measurement last changed [N m or N].
-        torque_when_asked: torque when it was first asked to change, the last one where it is not [N m or N].
+        pull_when_asked: torque less the model's (:class:`ResponseState`) when it was first asked to change,
+            the last one where it is not [N m or N].
     """
 
     unchanged_samples: Array
     reference_at_change: Array
     torque_at_change: Array
-    torque_when_asked: Array
+    pull_when_asked: Array
 
 
 class ResponseState(NamedTuple):
@@ -64,7 +65,7 @@ class ResponseState(NamedTuple):
 
     Attributes:
         adverse_samples: 1, and the samples for which the joint has answered its torque the wrong way, from
-            where an error was worth a look; 0 elsewhere.
+            where an error was worth a look, or FROZEN counts; 0 elsewhere.
         torque: torque, smoothed [N m or N]. In FAULT, of a joint that answers the wrong way, the velocity
             from which on it gets none [rad or m per sample].
         torque_lowpass: the same, smoothed again [N m or N].

@@ -360,7 +360,9 @@ class Supervised(Controller):
             r=aim.q,
             rv=way,
             tau=tau,
-            frozen=self.frozen.after(self._loses_trust(dead, seen, watch), seen, aim.q, tau, watch),
+            frozen=self.frozen.after(
+                self._loses_trust(dead, seen, watch), seen, aim.q, tau, response.model_torque_lowpass, watch
+            ),
             saturated_samples=np.where(entering, 0.0, watch.saturated_samples),
             response=response,
         )
@@ -453,7 +455,7 @@ class Supervised(Controller):
         """
         turned = self.response.fails(watch.response)
         torque, motion = self.stop.open_loop(opened, dead, turned, accused, seen, v, aim, watch)
-        alert = self.response.alert(opened, seen.e)
+        alert = self.response.alert(opened, seen)
         looks = alert & ~any_joint((asked <= limits[0]) | (asked >= limits[1]))
         rate = 1.0 / self.dt
         measured = np.ones_like(watch.ready), seen.q, v * rate, (v - watch.v) * (rate * rate)

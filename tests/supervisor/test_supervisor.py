@@ -553,6 +553,23 @@ def test_a_joint_that_stands_still_is_frozen_once_its_torque_has_changed_by_more
     assert asked == 50 or pulled[-3] <= most
 
 
+@pytest.mark.parametrize("towards", [1.0, -1.0])
+def test_a_joint_that_sticks_while_others_change_what_holds_it_is_not_frozen(towards: float) -> None:
+    supervised = Supervised(PIDInversion(ARM, DT), Supervisor(resolution=1e-6, sticking=0.01))
+    state = supervised.init(FullState(Q, REST), Target(Q, REST, REST))
+    ahead, taus, held_by = 2.0 * supervised.bounds.travel[2], [], []
+    for k in range(1000):
+        q, v = Q + np.array([0.0, towards * k * DT, 0.0]), np.array([0.0, towards, 0.0])
+        target = Target(q - np.array([0.0, 0.0, towards * k * DT * ahead]), v, REST)
+        tau, state = supervised.step(FullState(q, v), target, state)
+        taus.append(tau[2])
+        held_by.append(ARM.gravity(q)[2])
+    assert supervised.report(state).reason == "none"
+    # They changed it by more than what friction may hold.
+    assert np.ptp(held_by) > 1.5 * supervised.frozen.sticking[2]
+    assert np.ptp(taus) > 1.5 * supervised.frozen.sticking[2]
+
+
 def test_a_lowered_torque_limit_lessens_no_friction() -> None:
     lower, upper = (np.clip(limit, -np.pi, np.pi) for limit in ARM.limits[:2])
     grid = np.random.default_rng(5).uniform(lower, upper, size=(2000, 3))
