@@ -405,7 +405,7 @@ def errors(made: PathBound, course: Any, arm: Robot, bits: int | None = None) ->
     return run["q"].values - run["q_ref"].values, run["tau"].values
 
 
-@settings(max_examples=5)
+@settings(max_examples=2)
 @given(
     st.integers(0, 10**6),
     st.sampled_from(["none", "gravity", "model", "computed"]),

@@ -49,7 +49,7 @@ from armgpi.plants.loads import paper_disturbances
 
 pytest.importorskip("casadi", reason="casadi writes the C")
 from armgpi.codegen import build
-from armgpi.hardware.export.code import generate
+from armgpi.hardware.export.code import Code, generate
 from armgpi.hardware.export.files import _state_bytes, record
 
 FUZZ = (Path(__file__).parent / "fuzz.c").read_text()
@@ -170,38 +170,52 @@ def logged(controller: Controller, seconds: float = 1.0) -> ArmLog:
 # What compilers say.
 
 
+def write(code: Code, folder: Path) -> None:
+    """Write generated code, and C that compiles where the size of its state is as it is said to be."""
+    (folder / "armgpi_controller.h").write_text(code.header)
+    (folder / "armgpi_controller.c").write_text(code.source)
+    right = f"typedef char right[sizeof(armgpi_state_t) == {_state_bytes(code)}U ? 1 : -1];"
+    (folder / "size.c").write_text(f'#include "armgpi_controller.h"\n{right}\n')
+
+
 @pytest.mark.slow
 @compiled
 @every
 @pytest.mark.parametrize("real", ["double", pytest.param("float", marks=pytest.mark.search)])
-def test_compiles_without_a_warning_and_needs_math_h_alone(name: str, real: str, tmp_path: Path) -> None:
-    # What a supervisor leaves out is the same code for every law.
-    others = [Supervisor(on_fault="zero", frozen_samples=0, jump=0.0)] if name in ("network", "pid") else []
+def test_compiles_without_a_warning_needs_math_h_alone_and_has_the_size_that_it_says(
+    name: str, real: str, tmp_path: Path
+) -> None:
+    # What a supervisor leaves out is the same code for every law, and levels of optimisation are below.
+    both = name in ("network", "pid")
+    others = [Supervisor(on_fault="zero", frozen_samples=0, jump=0.0)] if both else []
+    level = "-O2" if both or real == "float" else "-O1"
     for supervisor in (Supervisor(), *(others if real == "double" else ())):
         code = generate(CONTROLLERS[name](), real, supervisor)
-        (tmp_path / "armgpi_controller.h").write_text(code.header)
-        (tmp_path / "armgpi_controller.c").write_text(code.source)
+        write(code, tmp_path)
         assert "malloc" not in code.source
-        for compiler in ("gcc", "clang"):
-            if shutil.which(compiler) is None:
-                continue
-            command = [
-                compiler,
-                *STRICT,
-                "-c" if compiler == "gcc" else "-fsyntax-only",
-                "armgpi_controller.c",
-            ]
-            done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-            assert done.returncode == 0, done.stderr
-            if compiler == "gcc" and shutil.which("nm"):
-                listed = subprocess.run(
-                    ["nm", "-u", "armgpi_controller.o"],
-                    cwd=tmp_path,
-                    capture_output=True,
-                    text=True,
-                    check=True,
-                )
-                assert set(re.findall(r"U (\w+)", listed.stdout)) <= MATHS
+        checked = [
+            ("gcc", level, "-c", "armgpi_controller.c"),
+            ("clang", "-fsyntax-only", "armgpi_controller.c"),
+        ]
+        for compiler, *rest in (*checked, ("cc", "-fsyntax-only", "size.c")):
+            if shutil.which(compiler) is not None:
+                command = [compiler, *(STRICT if rest[-1] != "size.c" else ("-std=c99",)), *rest]
+                done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+                assert done.returncode == 0, done.stderr
+        if shutil.which("gcc") and shutil.which("nm"):
+            assert undefined(tmp_path) <= MATHS
+
+
+@pytest.mark.slow
+@compiled
+@pytest.mark.parametrize("name", ["network", "pid", "own", "schedule"])
+def test_single_precision_compiles_without_a_warning_and_has_the_size_that_it_says(
+    name: str, tmp_path: Path
+) -> None:
+    write(generate(CONTROLLERS[name](), "float", Supervisor(on_fault="zero", frozen_samples=0)), tmp_path)
+    compiler = need("gcc")
+    for flags, file in ((STRICT, "armgpi_controller.c"), (("-std=c99",), "size.c")):
+        subprocess.run([compiler, *flags, "-fsyntax-only", file], cwd=tmp_path, check=True)
 
 
 @compiled
@@ -210,9 +224,7 @@ def test_compiles_without_a_warning_and_needs_math_h_alone(name: str, real: str,
 def test_no_optimisation_makes_it_need_more(compiler: str, level: str, tmp_path: Path) -> None:
     need(compiler)
     need("nm")
-    code = generate(CONTROLLERS["network"]())
-    (tmp_path / "armgpi_controller.h").write_text(code.header)
-    (tmp_path / "armgpi_controller.c").write_text(code.source)
+    write(generate(CONTROLLERS["network"]()), tmp_path)
     command = [compiler, *STRICT, level, "-c", "armgpi_controller.c"]
     subprocess.run(command, cwd=tmp_path, check=True)
     assert undefined(tmp_path) <= MATHS
@@ -235,8 +247,7 @@ def test_samples_of_any_bits_give_torque_within_limits_and_rate_under_the_saniti
     code = generate(CONTROLLERS[name](), real, Supervisor(on_fault=action, jump=50.0, torque_rate=rate))
     count = len(code.law.inputs)
     arrays = ", ".join(f"in[{i}]" for i in range(count))
-    (tmp_path / "armgpi_controller.h").write_text(code.header)
-    (tmp_path / "armgpi_controller.c").write_text(code.source)
+    write(code, tmp_path)
     fuzz = (
         f"#define ARGUMENTS {count}\n#define STEP(state, tau) armgpi_step(state, {arrays}, tau)\n"
         f"#define INIT(state) (void)armgpi_reset(state, {arrays})\n"
@@ -426,19 +437,6 @@ def test_single_precision_tracks_as_well_in_a_closed_loop() -> None:
     assert float(np.abs(theirs["q"] - ours["q"]).max()) < 3.0 * count
     assert single.real == "float"
     assert single.state_bytes < 0.6 * ExportedController.of(controller).state_bytes
-
-
-@pytest.mark.slow
-@compiled
-@every
-@pytest.mark.parametrize("real", ["double", "float"])
-def test_the_size_of_the_state_is_known_without_a_compiler(name: str, real: str, tmp_path: Path) -> None:
-    for supervisor in (Supervisor(), Supervisor(on_fault="zero", frozen_samples=0)):
-        code = generate(CONTROLLERS[name](), real, supervisor)
-        (tmp_path / "armgpi_controller.h").write_text(code.header)
-        right = f"typedef char right[sizeof(armgpi_state_t) == {_state_bytes(code)}U ? 1 : -1];"
-        (tmp_path / "size.c").write_text(f'#include "armgpi_controller.h"\n{right}\n')
-        subprocess.run(["cc", "-std=c99", "-fsyntax-only", "size.c"], cwd=tmp_path, check=True)
 
 
 # Faults.

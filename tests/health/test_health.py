@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import json
 import math
 import re
@@ -20,7 +19,8 @@ from armgpi.cli.parsing import as_option
 from armgpi.errors import ArmgpiError, NameNotFound, Remedy, UrdfError
 from armgpi.health import findings
 from armgpi.health.findings import Finding
-from armgpi.robot import rotors
+from armgpi.robot import rotors, urdf
+from armgpi.robot.meshes import MeshFinder
 
 BODY = (
     '<inertial><origin xyz="0.1 0 0" rpy="0 0 0"/><mass value="1.0"/>'
@@ -60,12 +60,6 @@ def report(tmp_path: Path) -> Any:
         return health.inspect(path, **options)
 
     return inspect
-
-
-@functools.cache
-def inspected(name: str) -> health.HealthReport:
-    """Return the report of a robot of the catalogue."""
-    return health.inspect(name)
 
 
 def serious(found: health.HealthReport) -> list[Finding]:
@@ -335,14 +329,20 @@ def test_the_docs_list_the_checks_there_are() -> None:
 
 def test_every_mesh_of_example_robot_data_is_there() -> None:
     for name in robots.names():
-        assert not [f for f in inspected(name).findings if f.kind == "mesh"], name
+        path, _ = robots.locate(name)
+        document, finder = urdf.parse(urdf.read_file(path), str(path)), MeshFinder(path)
+        for link in document.links.values():
+            assert all(finder.find(mesh).path for mesh in link.meshes), name
 
 
-def test_every_check_of_every_row_gives_its_levels_alone(report: Any) -> None:
+@pytest.mark.parametrize(
+    "names", [robots.names()[::6], pytest.param(robots.names(), marks=pytest.mark.search)]
+)
+def test_every_check_of_every_row_gives_its_levels_alone(every: int) -> None:
     levels = {kind: {level for row in findings.CHECKS if row.kind == kind for level in row.levels}
               for kind in {row.kind for row in findings.CHECKS}}  # fmt: skip
-    for name in robots.names():
-        found = health.with_payload(inspected(name), 50.0).findings
+    for name in robots.names()[::every]:
+        found = health.with_payload(health.inspect(name), 50.0).findings
         assert all(finding.level in levels[finding.kind] for finding in found), name
         # A Python user has no options; the command line makes them of the remedies.
         assert not any("--" in str(finding) for finding in found), name

@@ -114,7 +114,7 @@ def test_where_a_robot_is_it_stays(drawn: Any, turned: bool) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(robots_and_states(max_joints=6), st.tuples(*[decimals(-3.0, 3.0)] * 6))
 def test_what_it_says_is_so_for_every_robot_and_point(drawn: Any, asked: Any) -> None:
     robot, state = drawn

@@ -9,10 +9,10 @@ from __future__ import annotations
 import csv
 import json
 import os
-import resource
 import stat
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ import pytest
 
 FOLDER = Path(__file__).parents[1] / "fixtures" / "urdf_cases"
 MEMORY, SECONDS = 2 * 1024**3, 10
+Inspected = Callable[..., subprocess.CompletedProcess[str]]
 
 
 def cases() -> list[tuple[str, ...]]:
@@ -27,18 +28,73 @@ def cases() -> list[tuple[str, ...]]:
         return [tuple(row.values()) for row in csv.DictReader(file, delimiter="\t")]
 
 
-def inspected(path: Path | str, *options: str) -> subprocess.CompletedProcess[str]:
-    """Return how `armgpi inspect` ends with 10 s and 2 GiB; it never shows a traceback."""
-    done = subprocess.run(
-        [sys.executable, "-m", "armgpi.cli", "inspect", str(path), *options],
-        capture_output=True,
-        text=True,
+#: Imports what `armgpi inspect` does once, and has a child of its own do it for each line that it reads.
+CHILDREN = f"""
+import json, os, resource, signal, sys, tempfile, traceback
+from contextlib import redirect_stdout, suppress
+from armgpi.cli import main
+
+def call(words):
+    sys.argv = ["armgpi", "inspect", *words]
+    try:
+        main()
+    except SystemExit as end:
+        return end.code or 0
+    except BaseException:
+        traceback.print_exc()
+    return 99
+
+with open(os.devnull, "w") as nothing, redirect_stdout(nothing):
+    call(["anthropomorphic3"])
+for line in sys.stdin:
+    files = [tempfile.TemporaryFile("w+", encoding="utf-8") for _ in range(2)]
+    child = os.fork()
+    if not child:
+        resource.setrlimit(resource.RLIMIT_AS, ({MEMORY}, {MEMORY}))
+        signal.alarm({SECONDS})
+        sys.stdout, sys.stderr = files
+        for i, file in enumerate(files):
+            os.dup2(file.fileno(), i + 1)
+        code = call(json.loads(line))
+        for file in files:
+            file.flush()
+        os._exit(code)
+    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    for file in files:
+        file.seek(0)
+    print(json.dumps([code, *(file.read() for file in files)]), flush=True)
+"""
+
+
+@pytest.fixture(scope="module")
+def children() -> Iterator[subprocess.Popen[str]]:
+    with subprocess.Popen(
+        [sys.executable, "-c", CHILDREN],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
         encoding="utf-8",
-        timeout=SECONDS,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY)),
         env={**os.environ, "OMP_NUM_THREADS": "1", "PYTHONIOENCODING": "utf-8"},
-        check=False,
-    )
+    ) as process:
+        yield process
+        assert process.stdin is not None
+        process.stdin.close()
+
+
+@pytest.fixture
+def inspected(children: subprocess.Popen[str]) -> Inspected:
+    """How `armgpi inspect` ends, in a process of its own with 10 s and 2 GiB."""
+
+    def call(*words: Path | str) -> subprocess.CompletedProcess[str]:
+        assert children.stdin is not None
+        assert children.stdout is not None
+        print(json.dumps([*map(str, words)]), file=children.stdin, flush=True)
+        return ended(subprocess.CompletedProcess(words, *json.loads(children.stdout.readline())))
+
+    return call
+
+
+def ended(done: subprocess.CompletedProcess[str]) -> subprocess.CompletedProcess[str]:
+    """The end of a process that shows no traceback."""
     assert "Traceback" not in done.stderr + done.stdout
     assert done.returncode in (0, 1, 2), done.stderr
     return done
@@ -59,7 +115,7 @@ def test_every_file_has_a_verdict() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "verdict", "words"), cases(), ids=[name for name, _, _ in cases()])
-def test_a_file_ends_as_its_verdict_says(name: str, verdict: str, words: str) -> None:
+def test_a_file_ends_as_its_verdict_says(inspected: Inspected, name: str, verdict: str, words: str) -> None:
     done = inspected(FOLDER / name, "--json")
     if verdict == "refuse":
         line = reason(done)
@@ -83,7 +139,7 @@ def good() -> str:
     return (FOLDER / "00_good.urdf").read_text(encoding="utf-8")
 
 
-def test_what_is_no_file_of_text_is_refused_at_once(tmp_path: Path) -> None:
+def test_what_is_no_file_of_text_is_refused_at_once(inspected: Inspected, tmp_path: Path) -> None:
     fifo, zero, device = tmp_path / "fifo.urdf", tmp_path / "zero.urdf", tmp_path / "null.urdf"
     os.mkfifo(fifo)
     zero.symlink_to("/dev/zero")
@@ -97,14 +153,14 @@ def test_what_is_no_file_of_text_is_refused_at_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root reads everything")
-def test_a_file_that_may_not_be_read_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_may_not_be_read_is_refused(inspected: Inspected, tmp_path: Path) -> None:
     path = tmp_path / "secret.urdf"
     path.write_text(good(), encoding="utf-8")
     path.chmod(stat.S_IWUSR)
     assert "ermission" in reason(inspected(path))
 
 
-def test_twenty_thousand_links_in_a_row_are_refused(tmp_path: Path) -> None:
+def test_twenty_thousand_links_in_a_row_are_refused(inspected: Inspected, tmp_path: Path) -> None:
     chain = (
         f'<link name="l{i + 1}"/><joint name="j{i}" type="fixed">'
         f'<parent link="l{i}"/><child link="l{i + 1}"/></joint>'
@@ -115,14 +171,14 @@ def test_twenty_thousand_links_in_a_row_are_refused(tmp_path: Path) -> None:
     assert "more than 2000 joints" in reason(inspected(path))
 
 
-def test_ten_megabytes_of_comments_are_no_obstacle(tmp_path: Path) -> None:
+def test_ten_megabytes_of_comments_are_no_obstacle(inspected: Inspected, tmp_path: Path) -> None:
     path = tmp_path / "comments.urdf"
     comment = f"<!-- {'x' * 995} -->\n"
     path.write_text(good().replace("</robot>", f"{comment * 10_000}</robot>"), encoding="utf-8")
     assert inspected(path).returncode == 0
 
 
-def test_millions_of_elements_and_attributes_are_refused(tmp_path: Path) -> None:
+def test_millions_of_elements_and_attributes_are_refused(inspected: Inspected, tmp_path: Path) -> None:
     path = tmp_path / "many.urdf"
     path.write_text(good().replace("</robot>", f"{'<a/>' * 7_000_000}</robot>"), encoding="utf-8")
     assert "XML elements" in reason(inspected(path))

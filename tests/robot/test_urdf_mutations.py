@@ -124,7 +124,7 @@ def inspected(path: Path, mimic: Any) -> health.HealthReport | None:
     return None
 
 
-@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(mutated(), st.sampled_from(["lock", "follow"]))
 def test_a_mutated_urdf_is_refused_or_its_dynamics_are_numbers(tmp_path: Path, text: str, mimic: Any) -> None:
     path = tmp_path / "mutated.urdf"

@@ -321,8 +321,9 @@ def _run_replay(texts: dict[str, str | bytes], found: build.Compiler) -> Measure
             (folder / file).write_bytes(text.encode() if isinstance(text, str) else text)
         sources = sorted((file for file in texts if file.endswith(".c")), key=lambda file: file != "main.c")
         stack, controller = None, folder / sources[1]
-        # Not every compiler knows this option, so it does not belong to the build itself.
-        apart = _run([*found.command, *_BUILD, "-fstack-usage", "-c", controller.name], folder)
+        # Not every compiler knows these options, so they do not belong to the build itself.
+        more = (*found.flags, "-fstack-usage", "-c", controller.name)
+        apart = _run([*found.command, *_BUILD, *more], folder)
         with suppress(OSError, ValueError):
             text = controller.with_suffix(".su").read_text(encoding="utf-8")
             stack = sum(int(line.split("\t")[1]) for line in text.splitlines())
