@@ -149,10 +149,10 @@ class Supervisor(Parametrised):
         least=0.0,
     )
     response: float = parameter(
-        "RESPONSE: how long a joint may answer its torque the wrong way, running away from its reference; "
-        "it brakes by its torque turned round then; 0 for no check",
+        "RESPONSE: how long, after eight samples, a joint may answer its torque the wrong way, running away "
+        "from its reference; it brakes by its torque turned round then; 0 for no check",
         unit="s",
-        default=0.012,
+        default=0.004,
         least=0.0,
     )
     speed: float | None = parameter(

@@ -42,9 +42,9 @@ _STEADY = 0.75
 #: Errors below this, or :data:`COUNTS` counts, say nothing of how a joint answers its torque [rad or m]. Set
 #: by hand: a fiftieth of what FOLLOWING allows.
 ALERT = 0.01
-#: Samples in which a joint has to answer, at least: where there are few, laws are slow. Set by hand: links
-#: on gears swing the wrong way for eight, of 2 ms, after a push (docs/supervisor.md).
-_ANSWERS = 10
+#: Samples in which a joint has to answer, beside `response`. Set by hand: links on gears swing the wrong way
+#: for 20 ms after a push, of 2 ms and three late; at 4 ms arms run away in ten (docs/supervisor.md).
+_ANSWERS = 8
 #: Time in which torques and what answers them are forgotten [s]: what changes faster is looked at. Set by
 #: hand, as long as a push of half the motor's torque looks like a wrong sign (docs/supervisor.md).
 _FORGOTTEN = 0.01
@@ -300,7 +300,7 @@ class Response:
     def __init__(self, law: Controller, given: Supervisor, bounds: Bounds) -> None:
         self.samples = 0
         if given.response:
-            self.samples = max(_ANSWERS, math.ceil(given.response / law.dt - 1e-9))
+            self.samples = _ANSWERS + math.ceil(given.response / law.dt - 1e-9)
         self.least = np.maximum(ALERT, bounds.travel)
         self._effort, inverse = law.effort, own_inverse_inertia(law)
         self._smoothing, self._forgotten = smoothing(law.dt, SMOOTHING), smoothing(law.dt, _FORGOTTEN)

@@ -473,7 +473,7 @@ def test_rollouts_of_draws_are_supervised_by_what_suits_each_encoder_and_the_del
     given = json.loads(watched.attrs["provenance"])["controller"]["supervisor"]
     np.testing.assert_array_equal(given["resolution"], [ARM.encoder_count(x.encoder_bits) for x in found])
     assert given["frozen_samples"] == 13 + found[0].delay
-    assert given["response"] == 0.012 + 4e-3 * found[0].delay
+    assert given["response"] == 0.004 + 4e-3 * found[0].delay
 
 
 def test_every_arm_is_either_for_fitting_or_held_out_and_families_stay_together() -> None:

@@ -478,8 +478,8 @@ def _faults(controller: Supervised) -> dict[str, str]:
         f"{_few(np.broadcast_to(given.position_margin, (robot.n,)))} rad or m",
         Reason.FROZEN: _frozen_text(controller),
         Reason.JUMP: _jump_text(bounds.jump, robot, "a position") * bool(given.jump),
-        Reason.RESPONSE: f"a joint ran away from its reference for {given.response:g} s while its torque "
-        "pushed back; the state is FAULT, and that joint brakes by its torque turned round"
+        Reason.RESPONSE: f"a joint ran away from its reference for eight samples and {given.response:g} s "
+        "while its torque pushed back; the state is FAULT, and that joint brakes by its torque turned round"
         * bool(given.response),
         Reason.SPEED: f"a joint was faster than {_few(bounds.speed / controller.dt)} rad/s or m/s"
         * (given.speed is not None or given.speed_cap is not None),
