@@ -766,7 +766,7 @@ CASES: dict[str, Case] = {
         slow=True,
     ),
     "suggest_urdf": Case(
-        armgpi.suggest_urdf, {"model": "paper", "robot": ARM, "joints": None, "time_limit": 5.0}, slow=True
+        armgpi.suggest_urdf, {"model": "paper", "robot": ARM, "joints": None, "time_limit": 2.0}, slow=True
     ),
     "identify": Case(
         armgpi.identify,

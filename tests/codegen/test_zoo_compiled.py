@@ -18,7 +18,9 @@ SECONDS = 1.0
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(x, marks=pytest.mark.search if x == "ur5" else ()) for x in ARMS]
+)
 def test_agreement_up_to_an_edge(name: str) -> None:
     case = experiment(name)
     arguments = (case.plant, case.controller, case.reference, SECONDS)

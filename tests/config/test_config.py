@@ -179,7 +179,7 @@ EXPERIMENT = section(
 
 
 @pytest.mark.slow
-@settings(max_examples=60)
+@settings(max_examples=25)
 @given(EXPERIMENT)
 @pytest.mark.filterwarnings("ignore::armgpi.ArmgpiWarning")  # gains too fast for the sample time
 def test_what_is_written_is_read_back_the_same(data: dict[str, Any]) -> None:
