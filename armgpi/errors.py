@@ -1,8 +1,17 @@
 """Every exception and warning that armgpi raises, and the findings that it has.
 
-One root, :class:`ArmgpiError`, so that a caller can catch all of them and a program can tell our refusal
-from a bug. The leaves carry the data (joint, value, bound, ...) and their text says what was found, what
-was expected and what to do.
+One root, so that a caller can catch all of them and a program can tell our refusal from a bug::
+
+    ArmgpiError
+      an argument:    ParameterError, ArrayError, NameNotFound, LimitError
+      a file:         UrdfError, ConfigError, ModelError, UnreadableTrajectory, UnfitLog
+      an arm:         EffortError, ReachError, PayloadError
+      a run:          RolloutError
+      a machine:      BackendError, MissingPackage
+    ArmgpiWarning
+
+The leaves carry the data (joint, value, bound, ...) and their text says what was found, what was expected
+and what to do.
 """
 
 from __future__ import annotations
@@ -61,6 +70,13 @@ class Finding(NamedTuple):
 class ArmgpiError(Exception):
     """Root of all errors raised on purpose by armgpi.
 
+    For example::
+
+        try:
+            robot = armgpi.Robot.load("arm.urdf")
+        except armgpi.ArmgpiError as error:
+            print(error, error.remedies)
+
     Attributes:
         remedies: changes that would help, any one of them; the text says them in words.
     """
@@ -83,6 +99,13 @@ def show_value(value: object) -> str:
         return " ".join(text.split()) if "\n" in (text := repr(value)) else text
     except Exception:  # a user's object, a whole number of thousands of digits, a list in itself
         return f"a {type(value).__name__}"
+
+
+def _listing(names: Sequence[str], limit: int = 20) -> str:
+    """Join names for a message, shortening long lists."""
+    comma = "; " if any("," in name for name in names) else ", "
+    shown = comma.join(names[:limit])
+    return shown if len(names) <= limit else f"{shown}{comma}... {len(names) - limit} more"
 
 
 class ArrayError(ArmgpiError):
@@ -168,10 +191,8 @@ class LimitError(ArmgpiError):
         self, what: str, joint: str, value: float, lower: float, upper: float, remedy: str = ""
     ) -> None:
         """Describe which quantity of which joint left which interval."""
-        self.joint = joint
-        self.value = float(value)
-        self.lower = float(lower)
-        self.upper = float(upper)
+        self.joint, self.value = joint, float(value)
+        self.lower, self.upper = float(lower), float(upper)
         text = f"{what} of joint {joint!r} is {value:.6g}, outside [{lower:.6g}, {upper:.6g}]"
         super().__init__(text + (f"; {remedy}" if remedy else ""))
 
@@ -190,10 +211,15 @@ class UnfitLog(ArmgpiError):
 
 
 class UnreadableTrajectory(ArmgpiError):
-    """A file that is no trajectory of an arm's joints."""
+    """A file that is no trajectory of an arm's joints.
+
+    Attributes:
+        source: the file.
+    """
 
     def __init__(self, source: object, message: str) -> None:
         """Describe what is wrong in which file."""
+        self.source = str(source)
         super().__init__(f"{source}: {message}")
 
 
@@ -259,11 +285,8 @@ class PayloadError(ArmgpiError):
         lightest: float,
     ) -> None:
         """Describe the range asked for, what it leaves, and the ranges that would do."""
-        self.asked = asked
-        self.delta = float(delta)
-        self.omega_c = float(omega_c)
-        self.heaviest = float(heaviest)
-        self.lightest = float(lightest)
+        self.asked, self.delta, self.omega_c = asked, float(delta), float(omega_c)
+        self.heaviest, self.lightest = float(heaviest), float(lightest)
         super().__init__(
             f"no bandwidth serves {asked[0]:g} to {asked[1]:g} kg at {frame!r} of {robot!r}: a nominal "
             f"model with {asked[1]:g} kg has {delta:.3g} times too much inertia when the arm carries "
@@ -312,13 +335,6 @@ class RolloutError(ArmgpiError):
 
 class BackendError(ArmgpiError):
     """Generated code that cannot be made here: no compiler, or a loop that has none."""
-
-
-def _listing(names: Sequence[str], limit: int = 20) -> str:
-    """Join names for a message, shortening long lists."""
-    comma = "; " if any("," in name for name in names) else ", "
-    shown = comma.join(names[:limit])
-    return shown if len(names) <= limit else f"{shown}{comma}... {len(names) - limit} more"
 
 
 class MissingPackage(ArmgpiError):

@@ -56,6 +56,10 @@ class ControlStep(NamedTuple):
 class Controller(Parametrised, ABC):
     """A sampled torque controller.
 
+    From a measurement y, a target r and a state z, at every sample::
+
+        tau, z' = step(y, r, z)    -effort <= tau <= effort    z = init(y, r) before the first
+
     Its parameters do not change; what changes is its state, which goes in and out of :meth:`step`. Steps
     are elementwise in the joints except for D(q) x and D(q)^-1 x of its nominal model.
 
@@ -158,6 +162,9 @@ class Controller(Parametrised, ABC):
             measurement: of the type that :attr:`measurement_type` names; arrays (n,) or (batch, n).
             target: what is asked for now.
             state: from :meth:`init` or the step before.
+
+        Returns:
+            The torque, within +-`effort` [N m or N], of the shape of the positions, and the next state.
         """
 
     def limited(self, tau: Array) -> Array:

@@ -45,6 +45,10 @@ class LoopStep(NamedTuple):
 class ClosedLoop:
     """A plant under a controller that follows a reference, one sample at a time.
 
+    Of states x of the plant and z of the controller, at the times t = k dt::
+
+        y = measure(x)    tau, z' = control(y, reference(t), z)    x' = plant(tau, x, dt)
+
     :func:`simulate` is a loop over :meth:`step`; use this class for a loop of your own.
 
     Attributes:
@@ -111,8 +115,10 @@ class ClosedLoop:
             raise ArrayError("q0", "expected at least one rollout, got an empty batch")
         shape = (robot.n,) if batch is None else (batch, robot.n)
         q, v = (np.ascontiguousarray(np.broadcast_to(x, shape)) for x in (q, v))
-        state = self.plant.init(q, v)
-        return LoopState(0, state, self.controller.init(self._measurement(self.plant.measure(state)), target))
+        plant = self.plant.init(q, v)
+        measured = self.plant.measure(plant)
+        seen = measured if self._measures_velocity else Measurement(measured.q)
+        return LoopState(0, plant, self.controller.init(seen, target))
 
     def targets(self, times: Array) -> Target:
         """Return the targets at some times [s], shape (k,): arrays (k, n) or (k, batch, n).
@@ -171,10 +177,6 @@ class ClosedLoop:
             "measurement": self.controller.measurement_type.__name__,
             "knows": self.controller.knows,
         }
-
-    def _measurement(self, measured: FullState) -> Measurement | FullState:
-        """Return the part of a measurement that the controller is given."""
-        return measured if self._measures_velocity else Measurement(measured.q)
 
 
 def _arrays(target: Any) -> Target:

@@ -116,19 +116,16 @@ class NumPyRun:
             inputs: record as well what else a controller may be given: `v_measured` and `a_ref`.
             running: what adds up samples in place of recording them; the sums are in `sums`.
         """
-        self.loop = loop
-        self.state = state
-        self.recording = recording
-        self.divergence = divergence
-        self.signals = signals
-        self.inputs = inputs
-        self.running = running
+        # What does not change.
+        self.loop, self.divergence, self.running = loop, divergence, running
+        self.signals, self.inputs = signals, inputs
+        self.chunk = max(16, min(_CHUNK, _CHUNK_NUMBERS // math.prod(recording.shape)))
+        # The loop after `done` samples, and what is kept of them.
+        self.state, self.done, self.recording = state, 0, recording
         shape = (len(recording.status), recording.shape[-1])
         self.sums: Any = None if running is None else running.init(shape)
         self.last: dict[str, Array] = {}
-        self.done = 0
-        self.chunk = max(16, min(_CHUNK, _CHUNK_NUMBERS // math.prod(recording.shape)))
-        # What ClosedLoop._sample returns, sample by sample.
+        # The samples since: what ClosedLoop._sample returned, and the targets.
         self._samples: list[tuple[Any, Any, FullState, Array]] = []
 
     def take(self, count: int) -> int:
@@ -161,10 +158,28 @@ class NumPyRun:
 
     def _keep(self) -> None:
         """Look for divergence in the samples taken, then move them to the recording."""
-        samples, count = self._samples, len(self._samples)
-        if not count:
+        if not (count := len(self._samples)):
             return
-        plants, controllers, measured, commands = zip(*samples, strict=True)
+        plant, controller, _, command = self._samples[-1]
+        rows, targets = self._rows()
+        last = {name: values[-1].copy() for name, values in rows.items()} if self.running else {}
+        self._mark_diverged(rows, targets["q_ref"])
+        state = LoopState(self.done + count, plant, controller)
+        if self.running is None:
+            self.recording.store(self.done, {**rows, **targets})
+        else:
+            seen = rows["q"], targets["q_ref"], rows["tau"]
+            self.sums = self.running.add_all(self.done, *seen, self.sums)
+            self.last = last
+        # Assignments only from here on: no Ctrl-C comes between them.
+        self._last_command = command
+        self.state = state
+        self.done = state.k
+        self._samples = []
+
+    def _rows(self) -> tuple[dict[str, Array], dict[str, Array]]:
+        """Return what was sampled, and the targets, each (samples, rollouts, n); one run is one rollout."""
+        plants, controllers, measured, commands = zip(*self._samples, strict=True)
         after = [self.loop.plant.true_state(state) for state in plants]
         before = [self.loop.true_state(self.state), *after[:-1]]
         columns = {
@@ -174,35 +189,19 @@ class NumPyRun:
             "tau_command": commands,
             "tau": [truth.tau for truth in after],
         }
-        controller = self.loop.controller
-        said = controller.signals if self.signals else controller.reported
+        said = self.loop.controller.signals if self.signals else self.loop.controller.reported
         values = [said(state) for state in controllers]
         columns.update({name: [value[name] for value in values] for name in values[0]})
         if self.inputs:
             columns["v_measured"] = [seen.v for seen in measured]
-        # One row per rollout, a single run being one row: (samples, rollouts, n).
-        n = self.loop.plant.robot.n
+        count, n = len(plants), self.loop.plant.robot.n
         rows = {name: np.concatenate(parts).reshape(count, -1, n) for name, parts in columns.items()}
         # What was interrupted used the beginning of its stretch of targets.
-        targets = {
+        return rows, {
             f"{name}_ref": np.broadcast_to(x[:count].reshape(count, -1, n), rows["q"].shape)
             for name, x in self._block._asdict().items()
             if name != "a" or self.inputs
         }
-        last = {name: values[-1].copy() for name, values in rows.items()} if self.running else {}
-        self._mark_diverged(rows, targets["q_ref"])
-        after_all = LoopState(self.done + count, plants[-1], controllers[-1])
-        if self.running is None:
-            self.recording.store(self.done, {**rows, **targets})
-        else:
-            seen = rows["q"], targets["q_ref"], rows["tau"]
-            self.sums = self.running.add_all(self.done, *seen, self.sums)
-            self.last = last
-        # Assignments only from here on: no Ctrl-C comes between them.
-        self._last_command = commands[-1]
-        self.state = after_all
-        self.done = after_all.k
-        self._samples = []
 
     def _mark_diverged(self, rows: Mapping[str, Array], q_ref: Array) -> None:
         """Note which rollouts have diverged and when, and blank what came after."""
