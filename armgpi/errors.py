@@ -18,7 +18,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
-from typing import Literal, NamedTuple, TypeVar
+from importlib import import_module
+from typing import Any, Literal, NamedTuple, TypeVar
 
 Level = Literal["error", "warning", "info"]
 _Error = TypeVar("_Error", bound="ArmgpiError")
@@ -349,3 +350,20 @@ class MissingPackage(ArmgpiError):
         """Say which package is missing and how to get it."""
         self.package, self.extra = package, extra
         super().__init__(f"needs the package {package!r}: pip install 'armgpi[{extra}]'")
+
+
+def import_extra(module: str, extra: str, package: str = "") -> Any:
+    """Return a module that only some uses of armgpi need.
+
+    Args:
+        module: its name.
+        extra: the extra of armgpi that brings it.
+        package: what it is called where it is installed from, when that is another name.
+
+    Raises:
+        MissingPackage: when it is not installed.
+    """
+    try:
+        return import_module(module)
+    except ImportError:
+        raise MissingPackage(package or module.partition(".")[0], extra) from None

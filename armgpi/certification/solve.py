@@ -15,7 +15,7 @@ from scipy import linalg, sparse
 
 from armgpi.arrays import Array
 from armgpi.certification import check_certificate
-from armgpi.errors import MissingPackage
+from armgpi.errors import import_extra
 
 checker: Any = check_certificate  # generic over number types, so without annotations
 
@@ -179,7 +179,7 @@ class _Problem:
 
     def solve_at(self, alpha: float, margin: float) -> Array | None:
         """Return the unknowns as Clarabel has them; None for numbers that are not finite."""
-        clarabel = _clarabel()
+        clarabel = import_extra("clarabel", "certify")
         n, (unknowns, corners, size, _) = self.n, self.basis.shape
         matrices = self._matrices - alpha * self._units
         relative = self.sizes / self.sizes.max()
@@ -278,12 +278,3 @@ def _matrix(x: Array) -> Array:
 def _text(value: float) -> str:
     """Return a decimal number."""
     return f"{value:.{_DIGITS}g}"
-
-
-def _clarabel() -> Any:
-    """Return the solver's module."""
-    try:
-        import clarabel
-    except ImportError:
-        raise MissingPackage("clarabel", "certify") from None
-    return clarabel

@@ -1,10 +1,7 @@
 """CasADi, which writes the expressions of generated code; without it our error says what to install."""
 
-from armgpi.errors import MissingPackage
+from armgpi.errors import import_extra
 
-try:
-    import casadi as ca
-except ImportError:
-    raise MissingPackage("casadi", "compiled") from None
+ca = import_extra("casadi", "compiled")
 
 __all__ = ["ca"]

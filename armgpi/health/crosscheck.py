@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.errors import ArmgpiError, MissingPackage
+from armgpi.errors import ArmgpiError, import_extra
 from armgpi.health.findings import Finding
 from armgpi.health.report import HealthReport
 from armgpi.robot import repairs, tree, urdf
@@ -62,10 +62,7 @@ def cross_check(robot: Robot) -> CrossCheck:
         MissingPackage: when yourdfpy is not installed.
         ArmgpiError: when the robot has no file, or another one by now.
     """
-    try:
-        import yourdfpy
-    except ImportError:
-        raise MissingPackage("yourdfpy", "check") from None
+    yourdfpy = import_extra("yourdfpy", "check")
     source = robot.provenance["source"]
     text = urdf.read_file(Path(source))
     document = urdf.parse(text, source, repairs.made_in(robot.provenance))

@@ -12,7 +12,7 @@ import pinocchio as pin
 from scipy import linalg, sparse
 
 from armgpi.arrays import Array
-from armgpi.errors import MissingPackage, ParameterError
+from armgpi.errors import ParameterError, import_extra
 from armgpi.identification.weak_form import BODY, COLUMNS, COULOMB, OFFSET, ROTOR, VISCOUS
 from armgpi.plants.reality import scales
 from armgpi.robot.repairs import SUPPOSE, made_in
@@ -219,7 +219,7 @@ def project(free: Array, information: Array, prior: Prior) -> Array:
     Raises:
         MissingPackage: when Clarabel is not installed.
     """
-    clarabel = _clarabel()
+    clarabel = import_extra("clarabel", "certify")
     rows, right, cones = _constraints(clarabel, prior)
     scale = 1.0 / float(np.mean(np.diag(information)))
     settings = clarabel.DefaultSettings()
@@ -274,12 +274,3 @@ def _pseudo_basis() -> Array:
         else:
             basis[4 + k, i, j] = basis[4 + k, j, i] = -1.0
     return basis
-
-
-def _clarabel() -> Any:
-    """Return the solver's module."""
-    try:
-        import clarabel
-    except ImportError:
-        raise MissingPackage("clarabel", "certify") from None
-    return clarabel

@@ -14,7 +14,7 @@ import xarray as xr
 
 from armgpi import files
 from armgpi.arrays import check_path, check_type
-from armgpi.errors import MissingPackage, ParameterError
+from armgpi.errors import ParameterError, import_extra
 
 #: Topic or entity -> variables of a rollout: its position, velocity and effort, as a joint state has them.
 _STATES = {
@@ -89,12 +89,8 @@ def _series(rollout: xr.Dataset) -> _Series:
 
 def _mcap(series: _Series, joints: list[str]) -> bytes:
     """Return an MCAP file; its messages are JSON, in the order of their times."""
-    try:
-        from mcap.writer import Writer
-    except ImportError:
-        raise MissingPackage("mcap", "mcap") from None
     content = io.BytesIO()
-    writer: Any = Writer(content)
+    writer = import_extra("mcap.writer", "mcap").Writer(content)
     writer.start(profile="", library="armgpi")
     schema = writer.register_schema("JointState", "jsonschema", json.dumps(_SCHEMA).encode())
     channels = {name: writer.register_channel(f"/{name}", "json", schema) for name in series}
@@ -113,10 +109,7 @@ def _mcap(series: _Series, joints: list[str]) -> bytes:
 
 def _rerun(series: _Series, joints: list[str]) -> bytes:
     """Return a Rerun recording: a scalar for every entity, field and joint."""
-    try:
-        import rerun
-    except ImportError:
-        raise MissingPackage("rerun-sdk", "rerun") from None
+    rerun = import_extra("rerun", "rerun", "rerun-sdk")
     stream = rerun.RecordingStream("armgpi", recording_id="armgpi")
     memory = stream.memory_recording()
     for name, (times, fields) in series.items():

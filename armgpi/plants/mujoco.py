@@ -18,7 +18,7 @@ from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
 import numpy as np
 
 from armgpi.arrays import Array, check_path, is_listing, new
-from armgpi.errors import MissingPackage, ParameterError, UrdfError
+from armgpi.errors import ParameterError, UrdfError, import_extra
 from armgpi.parameter import parameter, with_parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.plant import PlantState
@@ -340,11 +340,7 @@ def _mujoco() -> Any:
     Raises:
         MissingPackage: when it is not installed.
     """
-    try:
-        import mujoco
-    except ImportError:
-        raise MissingPackage("mujoco", "mujoco") from None
-    return mujoco
+    return import_extra("mujoco", "mujoco")
 
 
 @contextmanager

@@ -30,6 +30,7 @@ from armgpi.errors import (
     NameNotFound,
     ParameterError,
     UnreadableTrajectory,
+    import_extra,
 )
 from armgpi.references.reference import Reference, Target
 from armgpi.robot.equations import Equations
@@ -274,13 +275,9 @@ def joint_states(source: Path, topic: str, fields: Sequence[str]) -> dict[str, d
 
 def _messages(source: Path, topic: str, fields: Sequence[str]) -> Iterator[tuple[float, dict[str, Any]]]:
     """Return time [s] and fields of the messages on a topic."""
-    try:
-        from mcap.reader import make_reader
-        from mcap_ros2.decoder import DecoderFactory
-    except ImportError:
-        raise MissingPackage("mcap", "mcap") from None
+    make_reader = import_extra("mcap.reader", "mcap").make_reader
+    ros = import_extra("mcap_ros2.decoder", "mcap", "mcap").DecoderFactory()
     with source.open("rb") as file:
-        ros = DecoderFactory()
         for schema, channel, message in make_reader(file).iter_messages(topics=[topic]):
             time = message.log_time * 1e-9
             if channel.message_encoding == "json":

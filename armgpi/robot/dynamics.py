@@ -150,15 +150,25 @@ class Workspace(threading.local):
         return Workspace, (self.model,)
 
 
-class _Conditional:
-    """What dynamics give only where it is asked for."""
+class _ByInverse:
+    """What inverse dynamics give."""
 
     def inverse_where(self: Any, on: Array, q: Array, v: Array, a: Array) -> Array:
         """Return `on` times the torque; see :meth:`Dynamics.inverse_where`."""
         return on * self.inverse(q, v, a) if np.count_nonzero(on) else np.zeros_like(q)
 
+    def nonlinear_effects(self: Any, q: Array, v: Array) -> Array:
+        """Return C(q, v) v + G(q); see :meth:`Dynamics.nonlinear_effects`."""
+        tau: Array = self.inverse(q, v, np.zeros_like(q))
+        return tau
 
-class PinocchioDynamics(_Conditional):
+    def gravity(self: Any, q: Array) -> Array:
+        """Return G(q); see :meth:`Dynamics.gravity`."""
+        tau: Array = self.inverse(q, np.zeros_like(q), np.zeros_like(q))
+        return tau
+
+
+class PinocchioDynamics(_ByInverse):
     """Kernels of one Pinocchio model.
 
     Batches go through Pinocchio's parallel versions, which agree with the single ones bit by bit (in
@@ -227,14 +237,6 @@ class PinocchioDynamics(_Conditional):
         a[rows] = self._parallel(pin.abaInParallel, self._free_workspace, q, np.zeros_like(q), tau_rows)
         return a
 
-    def nonlinear_effects(self, q: Array, v: Array) -> Array:
-        """Return C(q, v) v + G(q); see :meth:`Dynamics.nonlinear_effects`."""
-        return self.inverse(q, v, np.zeros_like(q))
-
-    def gravity(self, q: Array) -> Array:
-        """Return G(q); see :meth:`Dynamics.gravity`."""
-        return self.inverse(q, np.zeros_like(q), np.zeros_like(q))
-
     def mass_matrix(self, q: Array) -> Array:
         """Return D(q); see :meth:`Dynamics.mass_matrix`.
 
@@ -262,7 +264,7 @@ class _Rows(threading.local):
         self.data = self.model.createData()
 
 
-class VariedDynamics(_Conditional):
+class VariedDynamics(_ByInverse):
     """One arm with another load, rotor inertia or gravity in each row of a batch.
 
     What varies is what was declared to, whatever the numbers are: generated code has it as an input.
@@ -310,14 +312,6 @@ class VariedDynamics(_Conditional):
         solved = self._each(lambda model, data, *x: _aba(model, data, *x, _WORLD), True, q, rest, tau)
         solved[~tau.any(axis=-1)] = 0.0
         return solved
-
-    def nonlinear_effects(self, q: Array, v: Array) -> Array:
-        """Return C(q, v) v + G(q); see :meth:`Dynamics.nonlinear_effects`."""
-        return self.inverse(q, v, np.zeros_like(q))
-
-    def gravity(self, q: Array) -> Array:
-        """Return G(q); see :meth:`Dynamics.gravity`."""
-        return self.inverse(q, np.zeros_like(q), np.zeros_like(q))
 
     def mass_matrix(self, q: Array) -> Array:
         """Return D(q); see :meth:`Dynamics.mass_matrix`."""
@@ -367,7 +361,7 @@ class VariedDynamics(_Conditional):
             model.gravity = pin.Motion(self.gravity_vector[i], np.zeros(3))
 
 
-class CoupledDynamics(_Conditional):
+class CoupledDynamics(_ByInverse):
     """Equations of motion of joints that others follow: all coordinates are ``ratio @ q + offset``.
 
     The ratio J is constant, so the equations are those of the whole model projected on the free joints:
@@ -399,14 +393,6 @@ class CoupledDynamics(_Conditional):
     def inertia_solve(self, q: Array, tau: Array) -> Array:
         """Return D(q)^-1 tau; see :meth:`Dynamics.inertia_solve`."""
         return self._solve(q, tau) if np.count_nonzero(tau) else tau
-
-    def nonlinear_effects(self, q: Array, v: Array) -> Array:
-        """Return C(q, v) v + G(q); see :meth:`Dynamics.nonlinear_effects`."""
-        return self.inverse(q, v, np.zeros_like(q))
-
-    def gravity(self, q: Array) -> Array:
-        """Return G(q); see :meth:`Dynamics.gravity`."""
-        return self.inverse(q, np.zeros_like(q), np.zeros_like(q))
 
     def mass_matrix(self, q: Array) -> Array:
         """Return D(q); see :meth:`Dynamics.mass_matrix`."""
@@ -499,7 +485,7 @@ def stack_dynamics(parts: Sequence[Dynamics]) -> Dynamics:
     return groups[0][0] if len(groups) == 1 else StackedDynamics(groups)
 
 
-class StackedDynamics(_Conditional):
+class StackedDynamics(_ByInverse):
     """One robot per row of the batch, equal ones in groups, so that each is called once per batch.
 
     Attributes:

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from armgpi.arrays import Array
-from armgpi.errors import MissingPackage, UrdfError
+from armgpi.errors import UrdfError, import_extra
 
 #: By how much the two readings may differ, of the largest number: MuJoCo keeps some poses to 1e-9.
 _SAME = 1e-6
@@ -32,10 +32,7 @@ def model_of(path: Path) -> Any:
         MissingPackage: when MuJoCo is not installed.
         UrdfError: when it cannot be read, has what a rigid arm has not, or is read differently by the two.
     """
-    try:
-        import mujoco
-    except ImportError:
-        raise MissingPackage("mujoco", "mujoco") from None
+    mujoco = import_extra("mujoco", "mujoco")
     try:
         theirs = mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, TypeError) as error:  # TypeError for a name that is no text

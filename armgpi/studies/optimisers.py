@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.errors import MissingPackage
+from armgpi.errors import import_extra
 
 #: First step size, as a share of the range.
 _STEP = 0.25
@@ -45,13 +45,9 @@ class CMA:
         Raises:
             MissingPackage: when the library is not installed.
         """
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of plotting, which is not used
-                import cma
-        except ModuleNotFoundError:
-            raise MissingPackage("cma", "tune") from None
-        self._library = cma
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of plotting, which is not used
+            self._library = import_extra("cma", "tune")
         self._random = np.random.default_rng(seed)
         self._population = population
         self._restart(np.asarray(start, dtype=np.float64))
@@ -141,10 +137,7 @@ class Parzen:
         Raises:
             MissingPackage: when the library is not installed.
         """
-        try:
-            import optuna
-        except ModuleNotFoundError:
-            raise MissingPackage("optuna", "optuna") from None
+        optuna = import_extra("optuna", "optuna")
         optuna.logging.set_verbosity(optuna.logging.ERROR)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of `constant_liar`, without which a generation is one place

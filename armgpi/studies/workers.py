@@ -7,11 +7,10 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from armgpi.errors import ArmgpiError, BackendError, MissingPackage
+from armgpi.errors import ArmgpiError, BackendError, import_extra
 from armgpi.studies.sample import run_chunk
 from armgpi.studies.study import NoRoom
 
@@ -44,10 +43,7 @@ def run(
     """
     if workers == 1 and cluster is None:
         return _gather(((*each, *_attempt(folder, *each)) for each in chunks), done)
-    try:
-        distributed: Any = import_module("dask.distributed")
-    except ImportError:
-        raise MissingPackage("dask", "cluster") from None
+    distributed = import_extra("dask.distributed", "cluster")
     place = str(folder.resolve())  # workers stand elsewhere
     with _client(distributed, workers, cluster) as client:
         rows = {client.submit(_task, place, *each, pure=False, retries=_RETRIES): each for each in chunks}

@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from armgpi import interrupts
 from armgpi.arrays import Array
-from armgpi.errors import ArmgpiError, MissingPackage
+from armgpi.errors import ArmgpiError, MissingPackage, import_extra
 from armgpi.robot.meshes import Found, MeshFinder
 from armgpi.robot.robot import Robot
 
@@ -220,13 +220,9 @@ def toolbox() -> Any:
     Raises:
         MissingPackage: when it is not installed.
     """
-    try:
-        # trimesh takes whatever is raised while it imports other packages for a package that is not there.
-        with nullcontext() if "trimesh" in sys.modules else interrupts.hold():
-            import trimesh
-    except ImportError:
-        raise MissingPackage("trimesh") from None
-    return trimesh
+    # trimesh takes whatever is raised while it imports other packages for a package that is not there.
+    with nullcontext() if "trimesh" in sys.modules else interrupts.hold():
+        return import_extra("trimesh", "viz")
 
 
 def box(x: float, y: float, z: float) -> Triangles:
