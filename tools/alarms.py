@@ -7,9 +7,10 @@ Usage:
     python tools/alarms.py --seed 1 --realities elastic undriven     as gears of arms twist
 
 Each draw of a reality runs twice, without and with a supervisor. It is healthy where the motors can follow
-the reference, and the arm, without one, was not lost (armgpi.health.reality) and kept within its position
-limits and the supervisor's margin: a stop is a false alarm then. Intervals are those of Clopper and Pearson,
-of 95 %. Draws of one arm are alike: for a new arm they are somewhat too narrow.
+the reference, and the arm, without one, was not lost (armgpi.health.reality), does not swing for good at
+rest, and kept within its position limits and the supervisor's margin: a stop is a false alarm then.
+Intervals are those of Clopper and Pearson, of 95 %. Draws of one arm are alike: for a new arm they are
+somewhat too narrow.
 """
 
 from __future__ import annotations
@@ -78,7 +79,7 @@ class Run(NamedTuple):
     @property
     def healthy(self) -> bool:
         """Whether nothing is wrong with it."""
-        return self.able and self.held
+        return self.able and self.held and not self.swings
 
     @property
     def stopped(self) -> bool:
@@ -153,18 +154,18 @@ def report(found: list[Run]) -> str:
                 "sample time [ms]": lambda run: round(1e3 * run.dt, 6),
                 "delay [samples]": lambda run: run.delay,
                 "bits": lambda run: run.bits,
-                "swings": lambda run: run.swings,
             },
         ),
     ]
     for run in healthy:
         if run.stopped:
             where = f"{run.arm} draw {run.draw}, {run.joint}, {run.time:.3f} s"
-            sampled = f"{1e3 * run.dt:g} ms, {run.delay} late, {run.bits} bits" + ", swings" * run.swings
+            sampled = f"{1e3 * run.dt:g} ms, {run.delay} late, {run.bits} bits"
             parts.append(f"- {run.reason}: {run.reality}, {run.law}, {where}; {sampled}")
     parts.append("\n| not healthy | draws | stopped [%] | reasons |\n|---|---|---|---|")
     for text, those in (
         ("lost, or out of its limits", [run for run in found if not run.held]),
+        ("held, and swings for good", [run for run in found if run.held and run.able and run.swings]),
         ("held, though not feasible", [run for run in found if run.held and not run.able]),
     ):
         parts.append(f"| {text} | {len(those)} | {share(those)} | {reasons(those)} |")

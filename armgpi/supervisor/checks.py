@@ -232,8 +232,10 @@ class Frozen:
         gone = np.abs(watch.tau - watch.frozen.torque_at_change) > self.sticking
         return gone & (np.abs(watch.tau) >= self._effort)
 
-    def fails(self, unmoved: Mask, unchanged_samples: Array, ahead: Array, watch: Watch) -> Mask:
-        """Tell which joints fail."""
+    def fails(
+        self, unmoved: Mask, unchanged_samples: Array, ahead: Array, gravity: Array, watch: Watch
+    ) -> Mask:
+        """Tell which joints fail, by the torque of gravity where they are."""
         if not self.samples:
             return unmoved & ~unmoved
         # A joint that moved with its reference cannot stand still at once: there is no need to wait. One that
@@ -242,27 +244,24 @@ class Frozen:
         went = watch.change * watch.rv > _IN_MOTION * (watch.rv * watch.rv)
         moving = went & (watch.v * watch.change > 0.1 * (watch.change * watch.change))
         moving = moving & (np.abs(watch.change) > self.braked)
-        # Friction holds a joint at rest until its torque has changed by more, towards the reference, than
-        # gravity and other joints change what holds it.
-        pull = watch.tau - watch.response.model_torque_lowpass - watch.frozen.pull_when_asked
+        # Friction holds a joint at rest until its torque has changed by more, towards the reference, beside
+        # what gravity has: other joints change that.
+        pull = watch.tau - gravity - watch.frozen.pull_when_asked
         pulled = (np.abs(pull) > self.sticking) & (pull * (watch.r - watch.q) > 0.0)
         pulled = pulled | self._gone_to_limit(watch)
-        return ((unchanged_samples >= float(self.samples)) & pulled) | (unmoved & far & moving)
+        return ((unchanged_samples >= float(max(self.samples, 2))) & pulled) | (unmoved & far & moving)
 
-    def after(
-        self, untrusted: Mask, seen: Sample, r: Array, tau: Array, model: Array, watch: Watch
-    ) -> FrozenState:
-        """Return what is kept, by the reference that is followed, and the torques sent and of the model."""
+    def after(self, untrusted: Mask, seen: Sample, r: Array, tau: Array, watch: Watch) -> FrozenState:
+        """Return what is kept, by the reference that is followed and the torque that is sent."""
         kept, samples = watch.frozen, seen.unchanged_samples
         same = seen.q == watch.q
-        # Where the model is asked for the first time, or no more, the pull begins anew.
-        known, knew = model != 0.0, watch.response.model_torque_lowpass != 0.0
-        goes_on = (samples > 0.0) & ((known & knew) | ~(known | knew))
         return FrozenState(
             np.where(untrusted, COUNTED, samples),
             np.where(same, kept.reference_at_change, r),
             np.where(same, kept.torque_at_change, tau),
-            np.where(goes_on, kept.pull_when_asked, np.where(samples > 0.0, watch.tau, tau) - model),
+            np.where(
+                samples > 1.0, kept.pull_when_asked, np.where(samples > 0.0, watch.tau - seen.gravity, 0.0)
+            ),
         )
 
 
@@ -311,10 +310,9 @@ class Response:
         adverse = kept.adverse_samples
         return adverse > float(self.samples) if self.samples else adverse < 0.0
 
-    def alert(self, opened: Mask, seen: Sample) -> Mask:
-        """Tell whether FROZEN counts a joint, or an error says something, (1,) or (batch, 1)."""
-        says = (np.abs(seen.e) > self.least) | (seen.unchanged_samples > 0.0)
-        return any_joint(~opened & says) if self.samples else opened & ~opened
+    def alert(self, opened: Mask, e: Array) -> Mask:
+        """Tell whether any joint is far enough from its reference to say something, (1,) or (batch, 1)."""
+        return any_joint(~opened & (np.abs(e) > self.least)) if self.samples else opened & ~opened
 
     def after(
         self, alert: Mask, looks: Mask, dead: Mask, model: Array, watch: Watch, e: Array, v: Array

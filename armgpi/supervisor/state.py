@@ -50,8 +50,8 @@ class FrozenState(NamedTuple):
             that FAULT does not trust.
         reference_at_change: reference when the measurement last changed [rad or m].
         torque_at_change: torque when the measurement last changed [N m or N].
-        pull_when_asked: torque less the model's (:class:`ResponseState`) when it was first asked to change,
-            the last one where it is not [N m or N].
+        pull_when_asked: torque beside that of gravity when it was first asked to change, 0 where it is not
+            [N m or N].
     """
 
     unchanged_samples: Array
@@ -65,7 +65,7 @@ class ResponseState(NamedTuple):
 
     Attributes:
         adverse_samples: 1, and the samples for which the joint has answered its torque the wrong way, from
-            where an error was worth a look, or FROZEN counts; 0 elsewhere.
+            where an error was worth a look; 0 elsewhere.
         torque: torque, smoothed [N m or N]. In FAULT, of a joint that answers the wrong way, the velocity
             from which on it gets none [rad or m per sample].
         torque_lowpass: the same, smoothed again [N m or N].
@@ -142,6 +142,7 @@ class Sample(NamedTuple):
         joint: first joint that it concerns, (1,).
         unchanged_samples: see :class:`FrozenState`.
         e: distance from the reference [rad or m].
+        gravity: torque of gravity at q, 0 where FROZEN counts no joint [N m or N].
         distrusted: which joints do not measure well.
     """
 
@@ -154,6 +155,7 @@ class Sample(NamedTuple):
     joint: Array
     unchanged_samples: Array
     e: Array
+    gravity: Array
     distrusted: Mask
 
 

@@ -250,7 +250,7 @@ class Supervised(Controller):
                 zero,
                 np.where(change != 0.0, r, watch.frozen.reference_at_change),
                 np.where(change != 0.0, asked, watch.frozen.torque_at_change),
-                asked,
+                zero,
             ),
         )
         return all_joints(sound), ControlStep(asked, SupervisedState(kept, after))
@@ -275,7 +275,7 @@ class Supervised(Controller):
             r=r,
             rv=zero,
             tau=tau,
-            frozen=FrozenState(zero, r, tau, tau),
+            frozen=FrozenState(zero, r, tau, zero),
             saturated_samples=zero,
             response=ResponseState(zero, zero, zero, zero),
             nominal=none + 1.0,
@@ -360,9 +360,7 @@ class Supervised(Controller):
             r=aim.q,
             rv=way,
             tau=tau,
-            frozen=self.frozen.after(
-                self._loses_trust(dead, seen, watch), seen, aim.q, tau, response.model_torque_lowpass, watch
-            ),
+            frozen=self.frozen.after(self._loses_trust(dead, seen, watch), seen, aim.q, tau, watch),
             saturated_samples=np.where(entering, 0.0, watch.saturated_samples),
             response=response,
         )
@@ -405,7 +403,9 @@ class Supervised(Controller):
         q = np.where(good, given, watch.q)
         unmoved = good & (change == 0.0)
         unchanged_samples, ahead = self.frozen.count(unmoved, q, r, watch)
-        frozen = good & self.frozen.fails(unmoved, unchanged_samples, ahead, watch)
+        counted = np.where(any_joint(unchanged_samples > 0.0), 1.0, 0.0)
+        gravity = self._brakes.inverse_where(counted, q, np.zeros_like(q), np.zeros_like(q))
+        frozen = good & self.frozen.fails(unmoved, unchanged_samples, ahead, gravity, watch)
         e = q - r
         away, cut = self.following.fails(e), self.saturated.fails(watch.saturated_samples)
         failing, turned = away | cut, self.response.fails(watch.response)
@@ -433,7 +433,17 @@ class Supervised(Controller):
         dead = any_joint(dead)
         worst, joint = worst_joint(code)
         return Sample(
-            q, bad, any_joint(~good), dead, any_joint(failing), worst, joint, unchanged_samples, e, distrusted
+            q,
+            bad,
+            lost=any_joint(~good),
+            dead=dead,
+            failing=any_joint(failing),
+            worst=worst,
+            joint=joint,
+            unchanged_samples=unchanged_samples,
+            e=e,
+            gravity=gravity,
+            distrusted=distrusted,
         )
 
     def _torque(
@@ -455,7 +465,7 @@ class Supervised(Controller):
         """
         turned = self.response.fails(watch.response)
         torque, motion = self.stop.open_loop(opened, dead, turned, accused, seen, v, aim, watch)
-        alert = self.response.alert(opened, seen)
+        alert = self.response.alert(opened, seen.e)
         looks = alert & ~any_joint((asked <= limits[0]) | (asked >= limits[1]))
         rate = 1.0 / self.dt
         measured = np.ones_like(watch.ready), seen.q, v * rate, (v - watch.v) * (rate * rate)
