@@ -157,7 +157,14 @@ CARRIERS = {
 }
 
 
-@pytest.mark.parametrize(("name", "com", "dt", "empty", "loaded"), CARRIERS.values(), ids=CARRIERS)
+@pytest.mark.parametrize(
+    ("name", "com", "dt", "empty", "loaded"),
+    # Those further out are harder; at the flange so101 is the hardest.
+    [
+        pytest.param(*row, id=x, marks=pytest.mark.search if x in ("ur10", "xarm7", "z1") else ())
+        for x, row in CARRIERS.items()
+    ],
+)
 def test_half_a_kilogram_comes_and_goes(name: str, com: Any, dt: float, empty: float, loaded: float) -> None:
     robot = load(name)
     start = robot.middle()

@@ -9,6 +9,7 @@ import runpy
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,8 @@ from armgpi.hardware.export.targets import _tests
 compiled = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 ARM = Robot.load("anthropomorphic3")
 ZERO = (0.0, 0.0, 0.0)
+#: Writes a target's law to a folder; returns its robot and sample time.
+Export = Callable[[str, Path], tuple[Robot, float]]
 #: Of a move of that arm, and a program that prints it.
 ENDS = [[0.1, 0.2, -0.3], [0.6, 0.7, -0.6]]
 MOVE = """#include <math.h>
@@ -127,6 +130,38 @@ def interface(target: str) -> tuple[Robot, float, Supervisor]:
     if target == "fci":
         return panda(), 1e-3, Supervisor(torque_rate=1000.0)
     return ur5(), 2e-3, Supervisor()
+
+
+@pytest.fixture(scope="module")
+def quick_compiler(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A C compiler that is soon done: the bits are those of any level."""
+    path = tmp_path_factory.mktemp("compiler") / "cc"
+    path.write_text('#!/bin/sh\nexec cc "$@" -O0\n')
+    path.chmod(0o700)
+    return path
+
+
+@pytest.fixture
+def soon_compiled(quick_compiler: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What Python and CMake compile of a folder is there soon."""
+    monkeypatch.setenv("CC", str(quick_compiler))
+
+
+@pytest.fixture(scope="module")
+def fixed_gains(tmp_path_factory: pytest.TempPathFactory) -> Export:
+    """Write the law with fixed gains of a target to a folder; it is generated once."""
+    folders: dict[str, Path] = {}
+
+    def write(target: str, folder: Path) -> tuple[Robot, float]:
+        robot, dt, supervisor = interface(target)
+        if target not in folders:
+            folders[target] = tmp_path_factory.mktemp(target)
+            law = Supervised(GPI(robot, dt), supervisor)
+            export_controller(law, folders[target], measure=False, target=target)
+        shutil.copytree(folders[target], folder, dirs_exist_ok=True)
+        return robot, dt
+
+    return write
 
 
 def with_jaw(joints: int) -> Robot:
@@ -278,10 +313,12 @@ runpy.run_path(kind + ".py", run_name="__main__")
 
 
 @compiled
+@pytest.mark.usefixtures("soon_compiled")
 @pytest.mark.parametrize("target", ["fci", "ur"])
-def test_a_dry_run_sends_nothing_and_logs_what_the_joints_carry(target: str, tmp_path: Path) -> None:
-    robot, dt, rate = interface(target)
-    export_controller(Supervised(GPI(robot, dt), rate), tmp_path, measure=False, target=target)
+def test_a_dry_run_sends_nothing_and_logs_what_the_joints_carry(
+    target: str, fixed_gains: Export, tmp_path: Path
+) -> None:
+    robot, _ = fixed_gains(target, tmp_path)
     (tmp_path / "look.py").write_text(LOOK)
     run(sys.executable, "look.py", target, ",".join(map(repr, robot.middle().tolist())), folder=tmp_path)
     log = logs.read(tmp_path / "motion.armlog")
@@ -291,10 +328,11 @@ def test_a_dry_run_sends_nothing_and_logs_what_the_joints_carry(target: str, tmp
 
 
 @compiled
-def test_a_franka_callback_ends_its_motion_when_the_arm_has_stopped(tmp_path: Path) -> None:
-    robot = panda()
-    controller = Supervised(GPI(robot, 1e-3), Supervisor(torque_rate=1000.0))
-    export_controller(controller, tmp_path, measure=False, target="fci")
+@pytest.mark.usefixtures("soon_compiled")
+def test_a_franka_callback_ends_its_motion_when_the_arm_has_stopped(
+    fixed_gains: Export, tmp_path: Path
+) -> None:
+    robot, _ = fixed_gains("fci", tmp_path)
     assert "without gravity" in (tmp_path / "README.md").read_text().splitlines()[2]
     (tmp_path / "motion.cpp").write_text(MOTION % ", ".join(map(repr, robot.middle().tolist())))
     run("cc", "-std=c99", "-c", *(f"armgpi_{x}.c" for x in PARTS), folder=tmp_path)
@@ -309,6 +347,7 @@ def test_a_franka_callback_ends_its_motion_when_the_arm_has_stopped(tmp_path: Pa
 
 
 @compiled
+@pytest.mark.usefixtures("soon_compiled")
 @pytest.mark.parametrize("target", ["fci", "ur"])
 def test_the_recommended_law_moves_a_simulated_arm_to_its_goal(target: str, tmp_path: Path) -> None:
     robot, dt, rate = interface(target)
@@ -344,6 +383,7 @@ int main() {
 
 
 @compiled
+@pytest.mark.usefixtures("soon_compiled")
 @pytest.mark.parametrize("target", ["fci", "ur"])
 def test_a_package_follows_the_motion_of_its_log(target: str, tmp_path: Path) -> None:
     robot, dt, rate = interface(target)
@@ -419,6 +459,7 @@ for bits in range(14, 19):
 
 
 @compiled
+@pytest.mark.usefixtures("soon_compiled")
 @pytest.mark.parametrize("program", ["run_python", "run_cpp"])
 def test_a_franka_sees_no_faster_torque_with_packets_lost(program: str, tmp_path: Path) -> None:
     """The law as printed, whose torque of single counts is above the rate with 14 bits."""
@@ -456,6 +497,7 @@ def looks_on(program: Path, robot: Robot) -> None:
 
 
 @compiled
+@pytest.mark.usefixtures("soon_compiled")
 @pytest.mark.parametrize("target", ["fci", "ur"])
 def test_the_cpp_program_moves_a_simulated_arm_too(
     target: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
@@ -540,10 +582,10 @@ def test_a_topic_moves_the_ros2_controller_and_a_service_stops_it(
 
 
 @compiled
+@pytest.mark.usefixtures("soon_compiled")
 @pytest.mark.parametrize("target", ["fci", "ur"])
-def test_ctrl_c_stops_the_arm_under_control(target: str, tmp_path: Path) -> None:
-    robot, dt, rate = interface(target)
-    export_controller(Supervised(GPI(robot, dt), rate), tmp_path, measure=False, target=target)
+def test_ctrl_c_stops_the_arm_under_control(target: str, fixed_gains: Export, tmp_path: Path) -> None:
+    robot, dt = fixed_gains(target, tmp_path)
     (tmp_path / "loop.py").write_text(LOOP)
     goal = ",".join(f"{x:.3f}" for x in robot.middle() + 0.2)
     said = run(sys.executable, "loop.py", target, goal, -round(0.3 / dt), folder=tmp_path)
@@ -554,8 +596,9 @@ def test_ctrl_c_stops_the_arm_under_control(target: str, tmp_path: Path) -> None
 
 
 @compiled
-def test_a_ur_controller_without_direct_torque_is_refused(tmp_path: Path) -> None:
-    export_controller(GPI(ur5(), 2e-3), tmp_path, measure=False, target="ur")
+@pytest.mark.usefixtures("soon_compiled")
+def test_a_ur_controller_without_direct_torque_is_refused(fixed_gains: Export, tmp_path: Path) -> None:
+    fixed_gains("ur", tmp_path)
     (tmp_path / "loop.py").write_text(LOOP)
     for old in ("5.25.1", "3.15.8", "10.12.0"):
         done = subprocess.run(
