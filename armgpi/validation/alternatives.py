@@ -29,6 +29,8 @@ _FACTORS = (*_PRODUCTS, ast.Pow)
 _TURNS = {"sin": "cos", "cos": "sin"}
 #: Vectors that are combined to cross products, at most: their squares are tried.
 _VECTORS = 24
+#: Numbers by which products of matrices are scaled, and combinations of names in a term, at most.
+_FACTORS_TRIED, _TWINS = 8, 60
 #: Numbers of one list or array that are names, at most.
 _MOST_ENTRIES = 30
 #: Shapes of rotations, of matrices of Denavit and Hartenberg, and of those of spatial vectors.
@@ -58,6 +60,7 @@ class Scope(NamedTuple):
             ``T[k][:3, 3]``, by their text.
         functions: functions of the file by their names, and how many arguments they take.
         unused: what is assigned or given and read nowhere: it may have been forgotten.
+        neighbours: array -> what its entries are assigned.
     """
 
     kinds: Mapping[str, Any]
@@ -74,6 +77,7 @@ class Scope(NamedTuple):
     attributes: Mapping[str, ast.expr] = {}
     unused: tuple[ast.expr, ...] = ()
     functions: Mapping[str, int] = {}
+    neighbours: Mapping[str, tuple[ast.expr, ...]] = {}
 
     def kind(self, node: ast.AST) -> Any:
         """Return what a name, an attribute or an entry of a list of arrays holds, None where not known."""
@@ -107,7 +111,7 @@ def kind_of(value: Any) -> Any:
         return (len(value), *value[0].shape)
     if _are_numbers(value):
         return f"list of {len(value)}"
-    if str(type(value).__module__).startswith("sympy.physics"):  # frames, points
+    if str(type(value).__module__).startswith(("sympy.physics", "sympy.core.symbol")):  # frames, points
         return type(value).__name__
     return None
 
@@ -166,7 +170,18 @@ def scope_of(
         attributes,
         tuple(_unread_names(tree, arguments)),
         {n.name: len(n.args.args) for n in getattr(everywhere, "body", ()) if isinstance(n, ast.FunctionDef)},
+        _neighbours(tree),
     )
+
+
+def _neighbours(tree: ast.AST) -> dict[str, tuple[ast.expr, ...]]:
+    """Return what the entries of each array are assigned."""
+    found: dict[str, tuple[ast.expr, ...]] = {}
+    for node in ast.walk(tree):
+        match node:
+            case ast.Assign(targets=[ast.Subscript(value=ast.Name(id=name))], value=value):
+                found[name] = (*found.get(name, ()), value)
+    return found
 
 
 def _unread_names(tree: ast.AST, arguments: tuple[str, ...]) -> Iterator[ast.expr]:
@@ -268,8 +283,8 @@ def _parts(tree: ast.AST, values: Mapping[str, Any], kinds: dict[str, Any]) -> I
                 kind = kind_of(eval(text, {"__builtins__": {}}, dict(values)))
             except Exception:  # a name that is not there yet, an index out of range
                 continue
-            if kind in ((2,), (3,), _SPATIAL, *_SQUARE):
-                kinds[text] = kind
+            if kind in ("float", (2,), (3,), _SPATIAL, *_SQUARE):
+                kinds[text] = "scalar" if kind == "float" else kind
                 yield text, ast.parse(text, mode="eval").body
 
 
@@ -411,6 +426,11 @@ def alternatives(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
         yield from _of_subscript(node, scope) if isinstance(node, ast.Subscript) else ()
         return
     yield from _of_itself(node, scope)
+    yield from _of_neighbours(parent, scope)
+    if isinstance(parent, ast.List) and isinstance(node, ast.Constant) and node.value in (0, 1):
+        yield "index", ast.Constant(1 - node.value)  # another axis or row
+    if isinstance(parent, ast.Call) and scope.kind(node) == "int":
+        yield from (("index", ast.BinOp(node, ast.Add(), ast.Constant(step))) for step in (1, -1))
     summed = isinstance(node, ast.BinOp) and isinstance(node.op, _ADDITIVE)
     number = scope.kind(node) == "scalar"
     if summed or number or isinstance(node, ast.Name | ast.Subscript | ast.Call):
@@ -451,6 +471,16 @@ def _of_itself(node: ast.expr, scope: Scope) -> Iterator[Choice]:
             yield "degrees", ast.BinOp(node, ast.Mult(), ast.Constant(math.pi / 180))
 
 
+def _of_neighbours(parent: Any, scope: Scope) -> Iterator[Choice]:
+    """Yield what other entries of an array are assigned with two names swapped: Jyy as Jxx, with x for y."""
+    match parent:
+        case ast.Assign(targets=[ast.Subscript(value=ast.Name(id=name))]):
+            for other in scope.neighbours.get(name, ()):
+                names = sorted(x for x in names_in(other) if scope.kinds.get(x) == "float")
+                for a, b in itertools.combinations(names, 2):
+                    yield "swapped", _with_names(other, {a: b, b: a})
+
+
 def _absolute(node: ast.Subscript, scope: Scope) -> Iterator[Choice]:
     """Yield q[0] + q[1] for q[1]: an angle from the base for one from the link before, or its rate."""
     if ast.unparse(node) in map(ast.unparse, scope.scalars):
@@ -466,6 +496,12 @@ def _with_forgotten(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choic
         for other in scope.unused:
             yield "term", ast.BinOp(other, ast.Add(), node)
             yield "term", ast.BinOp(node, ast.Sub(), other)
+        for other in scope.unused if isinstance(node, ast.BinOp) and insertion(node, parent) else ():
+            names = (ast.Name(name, ast.Load()) for name, kind in scope.kinds.items() if kind == "float")
+            for x in (*names, *scope.scalars):  # of a spring, a mass: half of its product with a square
+                yield "term", ast.BinOp(node, ast.Add(), _times(other, x))
+                half = _times(ast.Constant(0.5), _times(other, _power(x, 2)))
+                yield "term", ast.BinOp(node, ast.Add(), half)
     if scope.loops and isinstance(parent, ast.Assign) and len(parent.targets) == 1:
         (target,) = parent.targets
         if isinstance(target, ast.Name) and target.id not in names_in(node):  # = for +=
@@ -483,10 +519,21 @@ def _of_arrays(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
         for other in (x for x in scope.vectors if scope.kind(x) == (3,) and ast.dump(x) != ast.dump(node)):
             yield "term", ast.BinOp(node, ast.Sub(), other)
             yield "term", ast.BinOp(node, ast.Add(), other)
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.MatMult):
+        shape = scope.kind(node.right)
+        square = isinstance(shape, tuple) and len(shape) == 2 and shape[0] == shape[1]
+        inner = scope.alike(node.right) if square else scope.matrices
+        between = (ast.BinOp(node.left, node.op, matrix) for matrix in inner)
+        yield from (("product", ast.BinOp(one, node.op, node.right)) for one in between)
     if _is_array(node, scope):
         taken = (name for name, count in scope.functions.items() if count == 1)
         yield from (("product", ast.Call(ast.Name(name, ast.Load()), [node], [])) for name in taken)
+        if scope.kind(node) in _SQUARE:
+            for term in _squares(node, scope):
+                yield "term", ast.BinOp(node, ast.Sub(), term)
+                yield "term", ast.BinOp(node, ast.Add(), term)
         for matrix in scope.matrices:
+            yield "product", ast.BinOp(node, ast.MatMult(), matrix)
             back = ast.Attribute(matrix, "T", ast.Load())
             for one, other in ((matrix, back), (back, matrix)):
                 yield "product", (product := ast.BinOp(one, ast.MatMult(), node))
@@ -494,10 +541,20 @@ def _of_arrays(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
                     yield "product", ast.BinOp(product, ast.MatMult(), other)
 
 
+def _squares(node: ast.expr, scope: Scope) -> Iterator[ast.expr]:
+    """Yield products of two matrices of the shape of one, also times a number."""
+    alike = [x for x in scope.matrices if scope.kind(x) == scope.kind(node)]
+    factors = [ast.Name(name, ast.Load()) for name, kind in scope.kinds.items() if kind == "float"]
+    for one, other in itertools.product(alike, repeat=2):
+        yield ast.BinOp(one, ast.MatMult(), other)
+        scaled = (ast.BinOp(x, ast.Mult(), one) for x in factors[:_FACTORS_TRIED])
+        yield from (ast.BinOp(x, ast.MatMult(), other) for x in scaled)
+
+
 def _is_array(node: ast.expr, scope: Scope) -> bool:
     """Tell whether an expression may be a vector or a matrix."""
     if isinstance(node, ast.Call):
-        return function_name(node) == "array"
+        return function_name(node) == "array" or function_name(node) in scope.functions
     if not isinstance(node, ast.Name | ast.Subscript | ast.Attribute):
         return False
     kind = scope.kind(node)
@@ -562,7 +619,31 @@ def _siblings(node: ast.expr, parts: Iterable[ast.expr], scope: Scope) -> Iterat
                 other = renamed.visit(copy.deepcopy(term))
                 if renamed.good:
                     found[ast.unparse(other)] = other
+    for term in terms.values():
+        found |= {ast.unparse(x): x for x in itertools.islice(_twins(term, scope), _TWINS)}
     yield from (term for text, term in found.items() if text not in terms)
+
+
+def _twins(term: ast.expr, scope: Scope) -> Iterator[ast.expr]:
+    """Yield a term of another body: mw * wheel[1] beside mp * pole[1], with numbers of the same letter."""
+    names = {x.id: scope.kinds.get(x.id) for x in ast.walk(term) if isinstance(x, ast.Name)}
+    choices = [
+        [x for x in scope.kinds if scope.kinds[x] == kind and (kind != "float" or x[0] == name[0])]
+        for name, kind in names.items()
+    ]
+    bodies = [name for name, kind in names.items() if kind not in ("float", "int", None)]
+    for chosen in itertools.product(*(ones or [name] for ones, name in zip(choices, names, strict=True))):
+        swap = dict(zip(names, chosen, strict=True))
+        if all(x.isidentifier() for x in chosen) and any(swap[name] != name for name in bodies):
+            yield _with_names(term, swap)
+
+
+def _with_names(node: ast.expr, swap: Mapping[str, str]) -> ast.expr:
+    """Return an expression with other names."""
+    other = copy.deepcopy(node)
+    for x in (x for x in ast.walk(other) if isinstance(x, ast.Name)):
+        x.id = swap.get(x.id, x.id)
+    return other
 
 
 def summands(node: ast.expr) -> Iterator[ast.expr]:
@@ -703,7 +784,7 @@ def _of_operation(node: ast.BinOp) -> Iterator[Choice]:
             kept = rest if number is one or not isinstance(number, ast.Constant) else _negative(rest)
             yield ("factor" if isinstance(number, ast.Constant) else "product"), kept
     elif isinstance(op, ast.Div):
-        yield "product", left
+        yield ("factor" if isinstance(right, ast.Constant) else "product"), left
         yield "product", ast.BinOp(left, ast.Mult(), right)
     elif isinstance(op, ast.Pow):
         yield "square", left

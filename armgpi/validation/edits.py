@@ -40,8 +40,12 @@ from armgpi.validation.units import Slopes
 
 #: Time of the processor that one changed call of the model may take [s]: a change may make it endless.
 PATIENCE = 0.5
+#: A trial that takes so long is rare: the search of such a model takes three times as long [s].
+_LONG = 0.03
 #: Configurations at which changes are tried.
 ROWS = 8
+#: Rows of an array of which an entry may have been forgotten.
+_LARGEST = 4
 #: Modules that a source may import when changes of it are tried, and names that it must not have: a change
 #: may make it do anything with a file.
 _HARMLESS = frozenset(
@@ -176,6 +180,7 @@ class Site(NamedTuple):
     fitted: bool
     literal: str  # name of a number that has one
     whole: bool  # a sum, or all that is assigned, where vectors may be missing
+    statement: str = ""  # what a forgotten one begins with: "M[0, 0] += "
 
 
 class Pick(NamedTuple):
@@ -251,7 +256,7 @@ class Block:
     def _rebuilt(self, node: Any, parent: Any = None, field: str = "") -> Any:
         """Return a copy in which every expression can be switched to its alternatives."""
         if isinstance(node, list):
-            return [self._rebuilt(x, parent, field) for x in node]
+            return [y for x in node for y in (self._rebuilt(x, parent, field), *self._with_forgotten(x))]
         kept = isinstance(node, ast.arguments | ast.JoinedStr) or (
             node in self.others and node not in self.body
         )
@@ -284,6 +289,49 @@ class Block:
             return new
         self.sites.append(Site(node, parent, choices, fitted, literal, whole))
         return self._add_switch(number, [choice for _, choice in choices], new)
+
+    def _with_forgotten(self, statement: Any) -> Iterator[ast.stmt]:
+        """Yield statements that may be missing after one, each behind its switch."""
+        at: dict[str, Any] = {
+            "lineno": getattr(statement, "end_lineno", 0),
+            "col_offset": getattr(statement, "end_col_offset", 0),
+        }
+        for begin in self._statements.get(statement, ()):
+            number, switch, term = len(self.sites), *self.names
+            nothing = ast.Constant(0, **at, end_lineno=at["lineno"], end_col_offset=at["col_offset"])
+            self.sites.append(Site(nothing, statement, [("term", nothing)], True, "", False, begin))
+            yield from ast.parse(f"if {switch}[{number}]: {begin}{term}[{number}]").body
+
+    @cached_property
+    def _statements(self) -> dict[ast.stmt, list[str]]:
+        """How statements begin that set an entry nothing sets, or add to one, after those on its array."""
+        last, zeros, given = dict[str, ast.stmt](), set[str](), set[str]()
+        inside = self.body[0].body if self.name and not self.rebuilds else []  # type: ignore[attr-defined]
+        for statement in inside:
+            for node in ast.walk(statement):
+                if not isinstance(getattr(node, "ctx", None), ast.Store):
+                    continue
+                owner = node.value if isinstance(node, ast.Subscript) else node
+                if isinstance(owner, ast.Name):
+                    last[owner.id] = statement
+                    value = getattr(statement, "value", None)
+                    if isinstance(node, ast.Name) and isinstance(value, ast.Call):
+                        zeros |= {owner.id} if function_name(value) == "zeros" else set()
+                given.add(ast.unparse(node))
+        found: dict[ast.stmt, list[str]] = {}
+        for name, statement in last.items():
+            shape = self.scope.kinds.get(name)
+            if not isinstance(shape, tuple) or max(shape) > _LARGEST or len({*shape}) > 1:
+                continue
+            places = {at: f"{name}[{', '.join(map(str, at))}]" for at in np.ndindex(*shape)}
+            if name in zeros:
+                free = [at for at, text in places.items() if text not in given]
+                begins = [f"{places[at]} = {places[at[::-1]]} = " for at in free if at < at[::-1] in free]
+                begins += [f"{places[at]} = " for at in free]
+            else:
+                begins = [f"{text} += " for at, text in places.items() if len(at) == 2 and at == at[::-1]]
+            found.setdefault(statement, []).extend(begins)
+        return found
 
     def _add_switch(self, number: int, choices: list[ast.expr], new: ast.expr) -> ast.expr:
         """Return an expression that gives one of the choices when its switch says so."""
@@ -743,6 +791,12 @@ class Editor:
         finally:
             space.update(saved)
 
+    def is_slow(self) -> bool:
+        """Tell whether a trial derives the equations anew for long, as by Kane's method."""
+        start, rebuilds = time.process_time(), any(block.rebuilds for block in self.blocks)
+        outputs = self.outputs([*self.targets][:1], 1, anew=True) if rebuilds else None
+        return outputs is not None and time.process_time() - start > _LONG
+
     def seconds(self, name: str) -> float:
         """Return how long a function takes that is drawn anew, 0 for others."""
         if name not in self._seconds:
@@ -843,6 +897,12 @@ class Editor:
         node = site.node
         kind, new = site.choices[pick.choice]
         span = (node.lineno, node.col_offset, node.end_lineno or 0, node.end_col_offset or 0)
+        if site.statement:
+            line = self.source.splitlines()[site.parent.lineno - 1]
+            added = f"\n{line[: len(line) - len(line.lstrip())]}{site.statement}{pick.new}"
+            return Change(
+                "term", span, "", added, pick.block.name, "", pick.bits, frozenset(pick.block.reaches)
+            )
         old = ast.get_source_segment(self.source, node) or ast.unparse(node)
         text = pick.new or ast.unparse(new)
         if self.source.count('"') > self.source.count("'") and '"' not in text:

@@ -200,6 +200,8 @@ def causes(repair: Repaired, source: str, problem: Problem) -> Iterator[Cause]:
             numbers_alone = is_number(change.old) and is_number(change.new)
             wrong = _WRONG.get("" if numbers_alone else change.kind, "a number")
             text = f"{line}: {change.old} stands where {change.new} belongs ({wrong})"
+            if not change.old:
+                text = f"{line}: after it {change.new.strip()} is missing (a statement)"
         evidence = [f"{k}: {before[k - 1].strip()}" for k in range(first, last + 1)]
         if len(before) == len(after):
             evidence += [f"{k}: {after[k - 1].strip()}   <- so it has to be" for k in range(first, last + 1)]

@@ -137,7 +137,9 @@ def find_repair(
     """
     until = time.process_time() + BUDGET if until is None else until
     assert functions.origin is not None
-    trials = _Trials(Editor(functions.origin, goal, known), again, until, _DOUBTED if most == MOST else 40)
+    editor = Editor(functions.origin, goal, known)
+    until += 2.0 * BUDGET if extra and editor.is_slow() else 0.0
+    trials = _Trials(editor, again, until, _DOUBTED if most == MOST else 40)
     best: Repaired | None = None
     steps: list[_Step] = []
     for k, steps in enumerate(trials.stages()):
@@ -356,6 +358,7 @@ class _Trials:
         for stage in (
             (self._helpful(usual, first=True), self._helpful_in_parts(), self._fits()),
             (self._helpful(others, first=True), self._helpful(picks, first=False), self._helpful_in_parts()),
+            (self._fits(statements=True),),
         ):
             step: _Step | None = None
             for pick in itertools.chain(*stage):
@@ -558,13 +561,15 @@ class _Trials:
 
     # Terms that are solved for.
 
-    def _fits(self) -> Iterator[Pick]:
-        """Yield terms that are missing: what each has to be is solved for, and looked up."""
+    def _fits(self, statements: bool = False) -> Iterator[Pick]:
+        """Yield terms that are missing, or statements: what each has to be is solved for, and looked up."""
         for block in sorted(self._blocks, key=lambda b: not b.rebuilds):  # constants are found fast
             if not block.once or len(block.calls.get(ALL, ())) < ROWS:
                 continue
             for k, site in enumerate(block.sites):
-                if not site.fitted or self._over() or self.editor.is_right(site):
+                if not site.fitted or bool(site.statement) != statements:
+                    continue
+                if self._over() or self.editor.is_right(site):
                     continue
                 if (values := self._solve(block, k)) is None:
                     continue
@@ -791,12 +796,12 @@ def is_number(text: str) -> bool:
 
 
 def _constants(text: str) -> list[ast.Constant]:
-    return [x for x in ast.walk(ast.parse(text, mode="eval")) if isinstance(x, ast.Constant)]
+    return [x for x in ast.walk(ast.parse(text)) if isinstance(x, ast.Constant)]
 
 
 def _is_bare(text: str) -> bool:
     """Tell whether a text is, or adds, a number that means something only where no numbers have names."""
-    node = ast.parse(text.strip(), mode="eval").body
+    node: Any = ast.parse(text.strip()).body[0].value  # type: ignore[attr-defined]
     added = isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)
     turns = any(isinstance(x, ast.Call) for x in ast.walk(node))  # 1 - cos(q) is usual
     parts = [node, node.right] if isinstance(node, ast.BinOp) and added and not turns else [node]

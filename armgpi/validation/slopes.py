@@ -12,8 +12,8 @@ from armgpi.validation.hypotheses import Parameter, parameters
 from armgpi.validation.models import States
 from armgpi.validation.problem import Problem
 from armgpi.validation.samples import SAFETY
-from armgpi.validation.tree import Quantities, Tree, evaluate
-from armgpi.validation.units import STEP, Slopes, span
+from armgpi.validation.tree import Body, Quantities, Tree, evaluate
+from armgpi.validation.units import JOINED, STEP, Slopes, span
 
 #: Kind of a number of the robot -> its unit.
 _UNITS = {"mass": "kg", "com": "m", "length": "m", "tool": "m", "inertia": "kg m²", "armature": "kg m²"}
@@ -48,6 +48,12 @@ def slopes(problem: Problem, states: States, names: Sequence[str]) -> Slopes:
         groups.setdefault((unit, link), []).append(values_of)
     for (unit, _), rows in list(groups.items()):
         groups.setdefault((unit, None), []).extend(rows)
+    joined: dict[tuple[str, int | None], list[Array]] = {}
+    for unit, link, both in _with_loads(tree):
+        own = groups.get((unit, link if unit == "kg" else None), [])
+        pair = column(*[evaluate(x, states.q, want) for x in both])
+        joined.setdefault((JOINED + unit, link), [*own]).append(pair)
+    groups |= joined
     strength = float(np.linalg.norm(tree.gravity))
     along = tree.gravity / strength if strength else tree.gravity
     ends = [evaluate(_under(tree, s * along), states.q, want) for s in (1.0, -1.0)]
@@ -64,6 +70,24 @@ def slopes(problem: Problem, states: States, names: Sequence[str]) -> Slopes:
         * max(problem.noise[name] / size for name, size in zip(names, sizes, strict=True))
         / (2.0 * STEP),
     )
+
+
+def _with_loads(tree: Tree) -> Iterator[tuple[str, int, tuple[Tree, Tree]]]:
+    """Yield a unit and a link with a load at one of its joints, more and less of it, or to both sides."""
+    for i, body in enumerate(tree.bodies):
+        end = tree.next_joint(i)
+        if end is None or not body.mass:
+            continue
+
+        def with_load(mass: float, at: Array, i: int = i, body: Body = body) -> Tree:
+            total, away = body.mass + mass, at - body.com
+            turned = mass * body.mass / total * (away @ away * np.eye(3) - np.outer(away, away))
+            com = body.com + mass / total * away
+            return tree.with_body(i, mass=total, com=com, inertia=body.inertia + turned)
+
+        step = STEP * body.mass
+        yield from (("kg", i, (with_load(step, at), with_load(-step, at))) for at in (end, 0.0 * end))
+        yield from (("m", i, (with_load(step, end + e), with_load(step, end - e))) for e in np.eye(3))
 
 
 def own_numbers(tree: Tree) -> Iterator[tuple[Parameter, int]]:

@@ -29,6 +29,8 @@ _MOST = 30
 _ALIKE = 6
 #: A name with a number in it: m1, lc2, I_3.
 _FAMILY = re.compile(r"(.*?)_?(\d+)$")
+#: Before the unit of what a link's number is where the model takes it apart: a motor sits at its end.
+JOINED = "joined "
 #: Coefficients that a formula may have, without a name.
 USUAL = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 9.81, 9.8, 9.80665)
 
@@ -61,9 +63,18 @@ class Slopes(NamedTuple):
         least = self.noise * np.sqrt(len(column))
         return bool(np.linalg.norm(rest) <= _SAME * np.linalg.norm(column) + least)
 
-    def of(self, column: Array) -> set[int | None]:
-        """Return the links whose numbers of one unit give a derivative, with None if those of all give it."""
-        rests = [(link, column - basis @ (basis.T @ column)) for (_, link), basis in self.bases.items()]
+    def of(self, column: Array, stated: Sequence[float]) -> set[int | None]:
+        """Return the links whose numbers of one unit give a derivative, with None if those of all give it.
+
+        A link whose mass is none of those that the model states may be joined of several bodies there.
+        """
+        masses = [j for j, unit in enumerate(self.units) if unit == "kg"]
+        whole = {self.links[j] for j in masses if np.isclose(self.values[j], stated, rtol=1e-6).any()}
+        rests = [
+            (link, column - basis @ (basis.T @ column))
+            for (unit, link), basis in self.bases.items()
+            if not (unit.startswith(JOINED) and link in whole)
+        ]
         return {link for link, rest in rests if self.same(rest, column)}
 
     def alike(self, value: float, share: float = 1.0) -> list[int]:
@@ -161,8 +172,8 @@ def check(source: str, values: Callable[[str], Array | None], known: Slopes, tex
             used.update(own)
             halves |= {*own} - {*whole}
         else:
-            found = known.of(column)
-            wrong += None not in found
+            found = known.of(column, [float(x.value) for _, x in named])  # type: ignore[arg-type]
+            wrong += not found
             other += bool(known.alike(value))
             links = {link for link in found if link is not None}
             sure = sure and bool(links)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from armgpi import validate
-from armgpi.validation import alternatives, edits, units
+from armgpi.validation import alternatives, check, edits, units
 
 
 @pytest.mark.parametrize("style", [*byhand.STYLES, *byhand.FOURTH, *byhand.FIFTH, *byhand.SIXTH])
@@ -82,12 +82,12 @@ def test_a_formula_is_believed_before_a_number_that_nobody_typed(line: int, tmp_
     assert not found.confirmed
 
 
-def test_what_is_read_nowhere_is_told(tmp_path: Path) -> None:
+def test_what_is_read_nowhere_is_told_and_a_forgotten_statement_named(tmp_path: Path) -> None:
     (mistake,) = (one for one in byhand.mistakes("wrist") if one.line == 12)
-    path = tmp_path / "wrist.py"
-    path.write_text(mistake.source, encoding="utf-8")
-    (cause,) = validate(path, byhand.robot("wrist")).causes
-    assert "5: Ir is read nowhere" in cause.evidence
+    assert check._unread_names(mistake.source) == ["5: Ir is read nowhere"]
+    found = byhand.outcome(mistake, tmp_path)
+    assert found.right
+    assert "after it M[0, 0] += Ir is missing" in found.text
 
 
 @pytest.mark.parametrize(
@@ -100,6 +100,21 @@ def test_what_is_read_nowhere_is_told(tmp_path: Path) -> None:
         ("exponentials", 29),  # = for += in a loop
         ("printed", 8),  # a number in a sum
         ("swingers", 11),  # m (x² + y²) dropped
+        ("params", 10),  # a motor at the end of a link, which is one body in the robot
+        ("wrist", 1),  # another axis in a list of numbers
+        # A forgotten entry that is used later; in helpers: a number of a list, an index, a matrix between
+        # others, a formula copied from the line before; a term that is read nowhere, one of another body.
+        *(
+            pytest.param(style, line, marks=pytest.mark.search)
+            for style, lines in {
+                "stanford": (10,),
+                "uicker": (8, 11, 13, 15, 23),
+                "stacked": (2, 5, 14),
+                "wheel": (10, 15),
+                "mechanics": (8, 14, 17),
+            }.items()
+            for line in lines
+        ),
     ],
 )
 def test_a_recursion_is_repaired(style: str, line: int, tmp_path: Path) -> None:
@@ -197,8 +212,12 @@ def test_a_derivative_is_that_of_the_robots_numbers_of_one_unit() -> None:
     }
     columns, values = np.stack([mass, length], axis=-1), np.array([2.0, -0.5])
     known = units.Slopes(("gravity",), (1.0,), bases, values, ("kg", "m"), (0, 1), columns)
-    assert known.of(-3.0 * mass) == {0}
-    assert known.of(mass + length) == set()
+    assert known.of(-3.0 * mass, []) == {0}
+    assert known.of(mass + length, []) == set()
+    # Unless the link is one of several bodies: the model has no mass of 2.
+    joined = known._replace(bases={**known.bases, (f"{units.JOINED}kg", 0): units.span([mass, length])})
+    assert joined.of(mass + length, [3.0]) == {0}
+    assert joined.of(mass + length, [2.0]) == set()
     assert known.standing(2.0 * mass, 2.0) == {0: 1.0}
     assert known.standing(-0.5 * length, 0.5) == {1: -1.0}
     assert known.standing(mass, 2.0) == {}  # half of what that mass would do
