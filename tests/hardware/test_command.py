@@ -47,7 +47,7 @@ def export(cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch) -> Calla
 
 
 @pytest.fixture
-def uncompiled(monkeypatch: pytest.MonkeyPatch) -> None:
+def without_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
     """As where there is no C compiler: for laws of what is written, not of the replay."""
     monkeypatch.setenv("CC", "no-such-compiler")
 
@@ -90,7 +90,7 @@ def test_figures_come_as_json(export: Callable[..., Answer], tmp_path: Path) -> 
     assert "v_measured" in header
 
 
-@pytest.mark.usefixtures("uncompiled")
+@pytest.mark.usefixtures("without_compiler")
 def test_an_experiment_file_defines_the_controller(export: Callable[..., Answer], tmp_path: Path) -> None:
     (tmp_path / "mine.yaml").write_text(
         f"robot: {{name: {ARM}}}\n"
@@ -103,7 +103,7 @@ def test_an_experiment_file_defines_the_controller(export: Callable[..., Answer]
     assert "GAINS_OMEGA_C_1" in (tmp_path / "c" / "armgpi_controller.c").read_text()
 
 
-@pytest.mark.usefixtures("uncompiled")
+@pytest.mark.usefixtures("without_compiler")
 def test_without_a_compiler_the_folder_is_written_all_the_same(
     export: Callable[..., Answer], tmp_path: Path
 ) -> None:
@@ -156,7 +156,7 @@ def test_bad_input_ends_in_one_line(
     assert not (tmp_path / "new").exists()
 
 
-@pytest.mark.usefixtures("uncompiled")
+@pytest.mark.usefixtures("without_compiler")
 def test_a_name_of_its_own(export: Callable[..., Answer], tmp_path: Path) -> None:
     code, out, err = export(ARM, "--t-final", "0.05", "--name", "left_arm", "-o", tmp_path)
     assert code == 0, out + err
@@ -171,7 +171,7 @@ def test_a_name_of_its_own(export: Callable[..., Answer], tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(("robot", "target"), [("panda", "fci"), ("ur5", "ur")])
-@pytest.mark.usefixtures("uncompiled")
+@pytest.mark.usefixtures("without_compiler")
 def test_the_default_for_a_geared_robot_holds_it(
     export: Callable[..., Answer], robot: str, target: str, tmp_path: Path
 ) -> None:
@@ -213,7 +213,7 @@ def test_a_geared_robot_without_rotors_is_refused_by_what_it_lacks(
         assert all(way in " ".join(err.split()) for way in ("believed", "--drives FILE", "armgpi identify"))
 
 
-@pytest.mark.usefixtures("uncompiled")
+@pytest.mark.usefixtures("without_compiler")
 def test_direct_drives_have_neither_rotors_nor_gears(export: Callable[..., Answer], tmp_path: Path) -> None:
     short = ("--t-final", "0.1", "-o", tmp_path)
     code, out, err = export("anthropomorphic3", "--controller", "untuned", "--direct-drive", *short)
@@ -225,7 +225,7 @@ def test_direct_drives_have_neither_rotors_nor_gears(export: Callable[..., Answe
     assert "mutually exclusive" in err
 
 
-@pytest.mark.usefixtures("uncompiled")
+@pytest.mark.usefixtures("without_compiler")
 def test_another_law_for_a_geared_robot_is_told(export: Callable[..., Answer], tmp_path: Path) -> None:
     """What is asked for is what is written."""
     if "ur5" not in armgpi.robots.names():

@@ -142,7 +142,7 @@ def quick_compiler(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def soon_compiled(quick_compiler: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def compile_quickly(quick_compiler: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What Python and CMake compile of a folder is there soon."""
     monkeypatch.setenv("CC", str(quick_compiler))
 
@@ -313,7 +313,7 @@ runpy.run_path(kind + ".py", run_name="__main__")
 
 
 @compiled
-@pytest.mark.usefixtures("soon_compiled")
+@pytest.mark.usefixtures("compile_quickly")
 @pytest.mark.parametrize("target", ["fci", "ur"])
 def test_a_dry_run_sends_nothing_and_logs_what_the_joints_carry(
     target: str, fixed_gains: Export, tmp_path: Path
@@ -328,7 +328,7 @@ def test_a_dry_run_sends_nothing_and_logs_what_the_joints_carry(
 
 
 @compiled
-@pytest.mark.usefixtures("soon_compiled")
+@pytest.mark.usefixtures("compile_quickly")
 def test_a_franka_callback_ends_its_motion_when_the_arm_has_stopped(
     fixed_gains: Export, tmp_path: Path
 ) -> None:
@@ -347,7 +347,7 @@ def test_a_franka_callback_ends_its_motion_when_the_arm_has_stopped(
 
 
 @compiled
-@pytest.mark.usefixtures("soon_compiled")
+@pytest.mark.usefixtures("compile_quickly")
 @pytest.mark.parametrize("target", ["fci", "ur"])
 def test_the_recommended_law_moves_a_simulated_arm_to_its_goal(target: str, tmp_path: Path) -> None:
     robot, dt, rate = interface(target)
@@ -383,7 +383,7 @@ int main() {
 
 
 @compiled
-@pytest.mark.usefixtures("soon_compiled")
+@pytest.mark.usefixtures("compile_quickly")
 @pytest.mark.parametrize("target", ["fci", "ur"])
 def test_a_package_follows_the_motion_of_its_log(target: str, tmp_path: Path) -> None:
     robot, dt, rate = interface(target)
@@ -459,7 +459,7 @@ for bits in range(14, 19):
 
 
 @compiled
-@pytest.mark.usefixtures("soon_compiled")
+@pytest.mark.usefixtures("compile_quickly")
 @pytest.mark.parametrize("program", ["run_python", "run_cpp"])
 def test_a_franka_sees_no_faster_torque_with_packets_lost(program: str, tmp_path: Path) -> None:
     """The law as printed, whose torque of single counts is above the rate with 14 bits."""
@@ -497,7 +497,7 @@ def looks_on(program: Path, robot: Robot) -> None:
 
 
 @compiled
-@pytest.mark.usefixtures("soon_compiled")
+@pytest.mark.usefixtures("compile_quickly")
 @pytest.mark.parametrize("target", ["fci", "ur"])
 def test_the_cpp_program_moves_a_simulated_arm_too(
     target: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
@@ -582,7 +582,7 @@ def test_a_topic_moves_the_ros2_controller_and_a_service_stops_it(
 
 
 @compiled
-@pytest.mark.usefixtures("soon_compiled")
+@pytest.mark.usefixtures("compile_quickly")
 @pytest.mark.parametrize("target", ["fci", "ur"])
 def test_ctrl_c_stops_the_arm_under_control(target: str, fixed_gains: Export, tmp_path: Path) -> None:
     robot, dt = fixed_gains(target, tmp_path)
@@ -596,7 +596,7 @@ def test_ctrl_c_stops_the_arm_under_control(target: str, fixed_gains: Export, tm
 
 
 @compiled
-@pytest.mark.usefixtures("soon_compiled")
+@pytest.mark.usefixtures("compile_quickly")
 def test_a_ur_controller_without_direct_torque_is_refused(fixed_gains: Export, tmp_path: Path) -> None:
     fixed_gains("ur", tmp_path)
     (tmp_path / "loop.py").write_text(LOOP)

@@ -20,7 +20,7 @@ import pytest
 
 FOLDER = Path(__file__).parents[1] / "fixtures" / "urdf_cases"
 MEMORY, SECONDS = 2 * 1024**3, 10
-Inspected = Callable[..., subprocess.CompletedProcess[str]]
+Inspect = Callable[..., subprocess.CompletedProcess[str]]
 
 
 def cases() -> list[tuple[str, ...]]:
@@ -81,19 +81,19 @@ def children() -> Iterator[subprocess.Popen[str]]:
 
 
 @pytest.fixture
-def inspected(children: subprocess.Popen[str]) -> Inspected:
+def inspect_file(children: subprocess.Popen[str]) -> Inspect:
     """How `armgpi inspect` ends, in a process of its own with 10 s and 2 GiB."""
 
     def call(*words: Path | str) -> subprocess.CompletedProcess[str]:
         assert children.stdin is not None
         assert children.stdout is not None
         print(json.dumps([*map(str, words)]), file=children.stdin, flush=True)
-        return ended(subprocess.CompletedProcess(words, *json.loads(children.stdout.readline())))
+        return check_end(subprocess.CompletedProcess(words, *json.loads(children.stdout.readline())))
 
     return call
 
 
-def ended(done: subprocess.CompletedProcess[str]) -> subprocess.CompletedProcess[str]:
+def check_end(done: subprocess.CompletedProcess[str]) -> subprocess.CompletedProcess[str]:
     """The end of a process that shows no traceback."""
     assert "Traceback" not in done.stderr + done.stdout
     assert done.returncode in (0, 1, 2), done.stderr
@@ -115,8 +115,8 @@ def test_every_file_has_a_verdict() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "verdict", "words"), cases(), ids=[name for name, _, _ in cases()])
-def test_a_file_ends_as_its_verdict_says(inspected: Inspected, name: str, verdict: str, words: str) -> None:
-    done = inspected(FOLDER / name, "--json")
+def test_a_file_ends_as_its_verdict_says(inspect_file: Inspect, name: str, verdict: str, words: str) -> None:
+    done = inspect_file(FOLDER / name, "--json")
     if verdict == "refuse":
         line = reason(done)
         assert not words or any(word in line for word in words.split("|")), line
@@ -139,28 +139,28 @@ def good() -> str:
     return (FOLDER / "00_good.urdf").read_text(encoding="utf-8")
 
 
-def test_what_is_no_file_of_text_is_refused_at_once(inspected: Inspected, tmp_path: Path) -> None:
+def test_what_is_no_file_of_text_is_refused_at_once(inspect_file: Inspect, tmp_path: Path) -> None:
     fifo, zero, device = tmp_path / "fifo.urdf", tmp_path / "zero.urdf", tmp_path / "null.urdf"
     os.mkfifo(fifo)
     zero.symlink_to("/dev/zero")
     device.symlink_to("/dev/null")
     for path in (fifo, zero, device):
-        assert "no regular file" in reason(inspected(path))
-    assert "a folder" in reason(inspected(tmp_path))
+        assert "no regular file" in reason(inspect_file(path))
+    assert "a folder" in reason(inspect_file(tmp_path))
     loop = tmp_path / "loop.urdf"
     loop.symlink_to(loop)
-    assert "no such file" in reason(inspected(loop))
+    assert "no such file" in reason(inspect_file(loop))
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root reads everything")
-def test_a_file_that_may_not_be_read_is_refused(inspected: Inspected, tmp_path: Path) -> None:
+def test_a_file_that_may_not_be_read_is_refused(inspect_file: Inspect, tmp_path: Path) -> None:
     path = tmp_path / "secret.urdf"
     path.write_text(good(), encoding="utf-8")
     path.chmod(stat.S_IWUSR)
-    assert "ermission" in reason(inspected(path))
+    assert "ermission" in reason(inspect_file(path))
 
 
-def test_twenty_thousand_links_in_a_row_are_refused(inspected: Inspected, tmp_path: Path) -> None:
+def test_twenty_thousand_links_in_a_row_are_refused(inspect_file: Inspect, tmp_path: Path) -> None:
     chain = (
         f'<link name="l{i + 1}"/><joint name="j{i}" type="fixed">'
         f'<parent link="l{i}"/><child link="l{i + 1}"/></joint>'
@@ -168,21 +168,21 @@ def test_twenty_thousand_links_in_a_row_are_refused(inspected: Inspected, tmp_pa
     )
     path = tmp_path / "chain.urdf"
     path.write_text(f'<robot name="c"><link name="l0"/>{"".join(chain)}</robot>', encoding="utf-8")
-    assert "more than 2000 joints" in reason(inspected(path))
+    assert "more than 2000 joints" in reason(inspect_file(path))
 
 
-def test_ten_megabytes_of_comments_are_no_obstacle(inspected: Inspected, tmp_path: Path) -> None:
+def test_ten_megabytes_of_comments_are_no_obstacle(inspect_file: Inspect, tmp_path: Path) -> None:
     path = tmp_path / "comments.urdf"
     comment = f"<!-- {'x' * 995} -->\n"
     path.write_text(good().replace("</robot>", f"{comment * 10_000}</robot>"), encoding="utf-8")
-    assert inspected(path).returncode == 0
+    assert inspect_file(path).returncode == 0
 
 
-def test_millions_of_elements_and_attributes_are_refused(inspected: Inspected, tmp_path: Path) -> None:
+def test_millions_of_elements_and_attributes_are_refused(inspect_file: Inspect, tmp_path: Path) -> None:
     path = tmp_path / "many.urdf"
     path.write_text(good().replace("</robot>", f"{'<a/>' * 7_000_000}</robot>"), encoding="utf-8")
-    assert "XML elements" in reason(inspected(path))
+    assert "XML elements" in reason(inspect_file(path))
     for count, said in ((40_000, "attributes"), (2_000_000, "tag is longer")):
         crowd = " ".join(f'a{i}=""' for i in range(count))
         path.write_text(good().replace("</robot>", f"<gazebo {crowd}/></robot>"), encoding="utf-8")
-        assert said in reason(inspected(path))
+        assert said in reason(inspect_file(path))
