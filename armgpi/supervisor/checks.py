@@ -249,19 +249,19 @@ class Frozen:
         pull = watch.tau - gravity - watch.frozen.pull_when_asked
         pulled = (np.abs(pull) > self.sticking) & (pull * (watch.r - watch.q) > 0.0)
         pulled = pulled | self._gone_to_limit(watch)
+        # From the second sample on: in the first there is nothing to compare the pull with.
         return ((unchanged_samples >= float(max(self.samples, 2))) & pulled) | (unmoved & far & moving)
 
     def after(self, untrusted: Mask, seen: Sample, r: Array, tau: Array, watch: Watch) -> FrozenState:
         """Return what is kept, by the reference that is followed and the torque that is sent."""
         kept, samples = watch.frozen, seen.unchanged_samples
         same = seen.q == watch.q
+        pull = np.where(samples > 0.0, watch.tau - seen.gravity, 0.0)
         return FrozenState(
             np.where(untrusted, COUNTED, samples),
             np.where(same, kept.reference_at_change, r),
             np.where(same, kept.torque_at_change, tau),
-            np.where(
-                samples > 1.0, kept.pull_when_asked, np.where(samples > 0.0, watch.tau - seen.gravity, 0.0)
-            ),
+            np.where(samples > 1.0, kept.pull_when_asked, pull),
         )
 
 

@@ -460,8 +460,9 @@ class Supervised(Controller):
     ) -> tuple[Array, ResponseState]:
         """Return the torque before its limits, and how the joints answer theirs.
 
-        The nominal model is asked once in a sample: for a torque in open loop, for that of the motion
-        measured, or by the law for what a torque cut leaves. So no step takes much longer than others.
+        The nominal model is asked once: for a torque in open loop, for that of the motion measured, or by the
+        law for what a torque cut leaves. So no step takes much longer than others, though it was asked for
+        gravity where FROZEN counts.
         """
         turned = self.response.fails(watch.response)
         torque, motion = self.stop.open_loop(opened, dead, turned, accused, seen, v, aim, watch)

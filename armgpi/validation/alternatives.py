@@ -79,6 +79,10 @@ class Scope(NamedTuple):
     functions: Mapping[str, int] = {}
     neighbours: Mapping[str, tuple[ast.expr, ...]] = {}
 
+    def numbers(self) -> list[ast.expr]:
+        """Return the names of numbers."""
+        return [ast.Name(name, ast.Load()) for name, kind in self.kinds.items() if kind == "float"]
+
     def kind(self, node: ast.AST) -> Any:
         """Return what a name, an attribute or an entry of a list of arrays holds, None where not known."""
         if not isinstance(node, ast.Name | ast.Attribute | ast.Subscript):
@@ -497,8 +501,10 @@ def _with_forgotten(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choic
             yield "term", ast.BinOp(other, ast.Add(), node)
             yield "term", ast.BinOp(node, ast.Sub(), other)
         for other in scope.unused if isinstance(node, ast.BinOp) and insertion(node, parent) else ():
-            names = (ast.Name(name, ast.Load()) for name, kind in scope.kinds.items() if kind == "float")
-            for x in (*names, *scope.scalars):  # of a spring, a mass: half of its product with a square
+            for x in (
+                *scope.numbers(),
+                *scope.scalars,
+            ):  # of a spring, a mass: half of its product with a square
                 yield "term", ast.BinOp(node, ast.Add(), _times(other, x))
                 half = _times(ast.Constant(0.5), _times(other, _power(x, 2)))
                 yield "term", ast.BinOp(node, ast.Add(), half)
@@ -544,7 +550,7 @@ def _of_arrays(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
 def _squares(node: ast.expr, scope: Scope) -> Iterator[ast.expr]:
     """Yield products of two matrices of the shape of one, also times a number."""
     alike = [x for x in scope.matrices if scope.kind(x) == scope.kind(node)]
-    factors = [ast.Name(name, ast.Load()) for name, kind in scope.kinds.items() if kind == "float"]
+    factors = scope.numbers()
     for one, other in itertools.product(alike, repeat=2):
         yield ast.BinOp(one, ast.MatMult(), other)
         scaled = (ast.BinOp(x, ast.Mult(), one) for x in factors[:_FACTORS_TRIED])
@@ -670,8 +676,7 @@ def _of_term(node: ast.expr, scope: Scope) -> Iterator[Choice]:
     yield "sign", _negative(node)
     yield "factor", _times(ast.Constant(2), node)
     yield "factor", _times(ast.Constant(0.5), node)
-    names = [name for name, kind in scope.kinds.items() if kind == "float"]
-    factors = [*(ast.Name(name, ast.Load()) for name in names), *scope.scalars, *scope.entries]
+    factors = [*scope.numbers(), *scope.scalars, *scope.entries]
     for factor in factors:
         yield "product", _times(factor, node)
         yield "product", ast.BinOp(node, ast.Div(), factor)

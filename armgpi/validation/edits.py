@@ -306,8 +306,8 @@ class Block:
     def _statements(self) -> dict[ast.stmt, list[str]]:
         """How statements begin that set an entry nothing sets, or add to one, after those on its array."""
         last, zeros, given = dict[str, ast.stmt](), set[str](), set[str]()
-        inside = self.body[0].body if self.name and not self.rebuilds else []  # type: ignore[attr-defined]
-        for statement in inside:
+        function = self.body[0] if self.name and not self.rebuilds else None
+        for statement in function.body if isinstance(function, ast.FunctionDef) else ():
             for node in ast.walk(statement):
                 if not isinstance(getattr(node, "ctx", None), ast.Store):
                     continue

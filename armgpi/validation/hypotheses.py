@@ -238,10 +238,9 @@ def _absolute(tree: Tree) -> Iterator[Hypothesis]:
         yield Hypothesis("angle-absolute", rates, affine=Affine(eye, zero, B))
 
 
-def _steiner(body: Body) -> Array:
+def steiner(mass: float, c: Array) -> Array:
     """Return the parallel-axis term, m (c.c I - c c')."""
-    c = body.com
-    return np.asarray(body.mass * (c @ c * np.eye(3) - np.outer(c, c)))
+    return np.asarray(mass * (c @ c * np.eye(3) - np.outer(c, c)))
 
 
 def _bodies(tree: Tree) -> Iterator[Hypothesis]:
@@ -252,9 +251,9 @@ def _bodies(tree: Tree) -> Iterator[Hypothesis]:
         (
             "parallel-axis",
             "the parallel-axis (Steiner) term m c² is missing",
-            lambda b: b.inertia - _steiner(b),
+            lambda b: b.inertia - steiner(b.mass, b.com),
         ),
-        ("inertia-about-joint", twice, lambda b: b.inertia + _steiner(b)),
+        ("inertia-about-joint", twice, lambda b: b.inertia + steiner(b.mass, b.com)),
         (
             "no-inertia",
             "a point mass: its inertia about the centre of mass is missing",

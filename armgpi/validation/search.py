@@ -801,7 +801,8 @@ def _constants(text: str) -> list[ast.Constant]:
 
 def _is_bare(text: str) -> bool:
     """Tell whether a text is, or adds, a number that means something only where no numbers have names."""
-    node: Any = ast.parse(text.strip()).body[0].value  # type: ignore[attr-defined]
+    statement: Any = ast.parse(text.strip()).body[0]
+    node = statement.value
     added = isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)
     turns = any(isinstance(x, ast.Call) for x in ast.walk(node))  # 1 - cos(q) is usual
     parts = [node, node.right] if isinstance(node, ast.BinOp) and added and not turns else [node]

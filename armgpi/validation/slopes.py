@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.validation.hypotheses import Parameter, parameters
+from armgpi.validation.hypotheses import Parameter, parameters, steiner
 from armgpi.validation.models import States
 from armgpi.validation.problem import Problem
 from armgpi.validation.samples import SAFETY
@@ -81,9 +81,11 @@ def _with_loads(tree: Tree) -> Iterator[tuple[str, int, tuple[Tree, Tree]]]:
 
         def with_load(mass: float, at: Array, i: int = i, body: Body = body) -> Tree:
             total, away = body.mass + mass, at - body.com
-            turned = mass * body.mass / total * (away @ away * np.eye(3) - np.outer(away, away))
-            com = body.com + mass / total * away
-            return tree.with_body(i, mass=total, com=com, inertia=body.inertia + turned)
+            com, inertia = (
+                body.com + mass / total * away,
+                body.inertia + steiner(mass * body.mass / total, away),
+            )
+            return tree.with_body(i, mass=total, com=com, inertia=inertia)
 
         step = STEP * body.mass
         yield from (("kg", i, (with_load(step, at), with_load(-step, at))) for at in (end, 0.0 * end))

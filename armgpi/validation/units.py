@@ -144,6 +144,7 @@ def check(source: str, values: Callable[[str], Array | None], known: Slopes, tex
     wrong = other = seen = 0
     tree = ast.parse(source)
     named = list(numbers(tree))
+    stated = [float(node.value) for _, node in named]  # type: ignore[arg-type]
     sure = len(named) <= _MOST and not _bare(tree, named)
     standing: dict[int, dict[int, float]] = {}
     used, halves, unused = set[int](), set[int](), list[float]()
@@ -154,7 +155,7 @@ def check(source: str, values: Callable[[str], Array | None], known: Slopes, tex
     for k, (name, node) in order:
         if (wrong or other) and re.findall(r"\w+", name)[-1] not in words:
             break
-        value = float(node.value)  # type: ignore[arg-type]
+        value = stated[k]
         if value == 0.0 or name in ("n", "N"):
             continue
         ends = [values(with_numbers(source, [(node, value * (1.0 + s * STEP))])) for s in (1.0, -1.0)]
@@ -172,7 +173,7 @@ def check(source: str, values: Callable[[str], Array | None], known: Slopes, tex
             used.update(own)
             halves |= {*own} - {*whole}
         else:
-            found = known.of(column, [float(x.value) for _, x in named])  # type: ignore[arg-type]
+            found = known.of(column, stated)
             wrong += not found
             other += bool(known.alike(value))
             links = {link for link in found if link is not None}

@@ -31,7 +31,7 @@ def cases() -> list[tuple[str, ...]]:
 #: Imports what `armgpi inspect` does once, and has a child of its own do it for each line that it reads.
 CHILDREN = f"""
 import json, os, resource, signal, sys, tempfile, traceback
-from contextlib import redirect_stdout, suppress
+from contextlib import redirect_stdout
 from armgpi.cli import main
 
 def call(words):

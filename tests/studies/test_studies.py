@@ -311,7 +311,7 @@ def filled(folder: Path, chunks: int) -> tuple[Sweep, study.Study]:
 def test_a_result_takes_as_many_bytes_as_promised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sample, "_MOST", 1024)
 
-    def taken(chunks: int, traced: bool = True) -> Any:
+    def count_bytes(chunks: int, traced: bool = True) -> Any:
         whole, there = filled(tmp_path / str(chunks), chunks)
         if traced:
             tracemalloc.start()
@@ -322,8 +322,8 @@ def test_a_result_takes_as_many_bytes_as_promised(tmp_path: Path, monkeypatch: p
         tracemalloc.stop()
         return both
 
-    taken(1, traced=False)  # imports
-    held, most = (taken(6) - taken(2)) / (4 * 1024)
+    count_bytes(1, traced=False)  # imports
+    held, most = (count_bytes(6) - count_bytes(2)) / (4 * 1024)
     whole = Sweep.of(*parse(TEXT, "study.yaml"))
     bound = 64 + 8 * len(whole.metrics) * whole.robot.n
     assert held <= bound
