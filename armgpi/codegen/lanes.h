@@ -31,10 +31,40 @@ static inline U v_bits(V x) { U u; memcpy(&u, &x, sizeof u); return u; }
 static inline V v_from(U u) { V x; memcpy(&x, &u, sizeof x); return x; }
 #endif
 
+#if LANES > 1 && defined __AVX__
+#if defined __clang__ || __GNUC__ > 14
+#include <immintrin.h>
+#else /* GCC's own names (9 to 14): its header has 64,000 lines, half of what a small loop takes to compile */
+typedef unsigned char __mmask8;
+typedef double __m256d __attribute__((vector_size(32), may_alias));
+typedef double __m512d __attribute__((vector_size(64), may_alias));
+typedef long long __m512i __attribute__((vector_size(64), may_alias));
+enum { _CMP_EQ_OQ = 0, _CMP_NEQ_UQ = 4, _CMP_LT_OQ = 17, _CMP_LE_OQ = 18 };
+#define ALL (__mmask8)-1
+#define NOW 4 /* the rounding that is set */
+#define _mm512_cmp_pd_mask(a, b, how) (__mmask8)__builtin_ia32_cmppd512_mask(a, b, how, ALL, NOW)
+#define _mm512_maskz_mov_pd(m, x) __builtin_ia32_movapd512_mask(x, (__m512d){0}, m)
+#define _mm512_mask_blend_pd(m, x, y) __builtin_ia32_blendmpd_512_mask(x, y, m)
+#define _mm512_set1_epi64(x) ((__m512i){0} + (x))
+#define _mm512_test_epi64_mask(x, y) (__mmask8)__builtin_ia32_ptestmq512(x, y, ALL)
+#define _mm512_min_pd(a, b) __builtin_ia32_minpd512_mask(a, b, (__m512d){0}, ALL, NOW)
+#define _mm512_max_pd(a, b) __builtin_ia32_maxpd512_mask(a, b, (__m512d){0}, ALL, NOW)
+#define _kand_mask8(a, b) (__mmask8)__builtin_ia32_kandqi(a, b)
+#define _kor_mask8(a, b) (__mmask8)__builtin_ia32_korqi(a, b)
+#define _mm512_load_pd(from) *(const __m512d *)(from)
+#define _mm512_stream_pd(to, x) __builtin_ia32_movntpd512(to, x)
+#define _mm256_blendv_pd(x, y, m) __builtin_ia32_blendvpd256(x, y, m)
+#define _mm256_min_pd(a, b) __builtin_ia32_minpd256(a, b)
+#define _mm256_max_pd(a, b) __builtin_ia32_maxpd256(a, b)
+#define _mm256_load_pd(from) *(const __m256d *)(from)
+#define _mm256_stream_pd(to, x) __builtin_ia32_movntpd256(to, x)
+#define _mm_sfence() __builtin_ia32_sfence()
+#endif
+#endif
+
 /* M holds a boolean for each lane: a mask register where there are such, else all bits of a number. Both sides
    of a decision are worked out, and the mask selects: lanes cannot branch apart. */
 #if LANES == 8 && defined __AVX512F__ && defined __AVX512DQ__
-#include <immintrin.h>
 typedef __mmask8 M;
 #define v_lt(a, b) _mm512_cmp_pd_mask((__m512d)(a), (__m512d)(b), _CMP_LT_OQ)
 #define v_le(a, b) _mm512_cmp_pd_mask((__m512d)(a), (__m512d)(b), _CMP_LE_OQ)
@@ -89,7 +119,6 @@ static inline M v_holding(const int *flags)
     return m;
 }
 #if LANES == 4 && defined __AVX__
-#include <immintrin.h>
 static inline V v_select(M m, V x, V y) { return (V)_mm256_blendv_pd((__m256d)y, (__m256d)x, (__m256d)m); }
 static inline V v_lower(V a, V b) { return (V)_mm256_min_pd((__m256d)b, (__m256d)a); }
 static inline V v_upper(V a, V b) { return (V)_mm256_max_pd((__m256d)b, (__m256d)a); }
