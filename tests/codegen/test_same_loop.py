@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -204,6 +204,20 @@ REFERENCES: dict[str, Callable[[], Any]] = {
     "shared, of a user": lambda: Tilted([[0.0, 0.0, 0.0], [0.2, 0.1, 0.3]], 0.1),
 }
 
+#: What a case beside them has in it as well: `make search` runs these by themselves.
+PARTS = {
+    *("step", "ramp", "sine", "sine with all its own", "pulse", "own step", "own ramp"),  # all
+    *("saturated", "rate", "noise", "late", "lost", "differences"),  # lost, late, noisy
+    *("cut", "told a payload", "own scales", "network", "network, rate", "network, cut", "PID"),
+    "model ahead, network, roll-off",
+    *("viscous", "friction", "payload", "scaled", "hold", "own holds", "waypoints", "own moves"),
+}
+
+
+def sampled(table: Mapping[str, Any]) -> list[Any]:
+    """Return the names of a table, those that others have in them for `make search` alone."""
+    return [pytest.param(name, marks=pytest.mark.search if name in PARTS else ()) for name in table]
+
 
 def fitting(plant: Any) -> tuple[Any, Any]:
     """Return a controller and a move for a plant's robot."""
@@ -213,31 +227,31 @@ def fitting(plant: Any) -> tuple[Any, Any]:
     return GPI(robot, DT, FixedGains(20.0)), Bezier(robot.middle(), robot.middle() + 0.1, 0.2)
 
 
-@pytest.mark.parametrize("name", LOADS)
+@pytest.mark.parametrize("name", sampled(LOADS))
 def test_loads(name: str) -> None:
     check(Loop(plant=RigidBodyPlant(ARM, LOADS[name])))
 
 
-@pytest.mark.parametrize("name", WIRES)
+@pytest.mark.parametrize("name", sampled(WIRES))
 def test_wires(name: str) -> None:
     # The baseline looks at velocities as well.
     check(Loop(plant=WIRES[name](RigidBodyPlant(ARM)), controller=PIDInversion(ARM, DT)))
 
 
-@pytest.mark.parametrize("name", CONTROLLERS)
+@pytest.mark.parametrize("name", sampled(CONTROLLERS))
 def test_controllers(name: str) -> None:
     # Networks make of an error of 1e-4 rad all of their range: rounding is a million times larger there.
     check(Loop(controller=CONTROLLERS[name]()), 1e-9 if "network" in name else 1e-10)
 
 
-@pytest.mark.parametrize("name", PLANTS)
+@pytest.mark.parametrize("name", sampled(PLANTS))
 def test_plants(name: str) -> None:
     plant = PLANTS[name]()
     controller, move = fitting(plant)
     check(Loop(plant, controller, move))
 
 
-@pytest.mark.parametrize("name", REFERENCES)
+@pytest.mark.parametrize("name", sampled(REFERENCES))
 def test_references(name: str) -> None:
     check(Loop(reference=REFERENCES[name]()))
 

@@ -93,7 +93,8 @@ def test_what_is_read_nowhere_is_told_and_a_forgotten_statement_named(tmp_path: 
 @pytest.mark.parametrize(
     ("style", "line"),
     [
-        ("newton", 4),  # a dropped ω×(ω×p), of which another stands beside it
+        # 17 s: a dropped ω×(ω×p), of which another stands beside it; LOOP has one that is the last.
+        pytest.param("newton", 4, marks=pytest.mark.search),
         ("spatial", 20),  # one half of a vector of six for the other
         ("basenewton", 21),  # R.T @ I @ R for R @ I @ R.T, where I is an attribute
         ("composite", 5),  # in a function that is called several times, names of it were not known

@@ -92,7 +92,9 @@ def test_a_module_an_instance_and_a_class() -> None:
     "symbols",
     [
         'q1, q2, v1, v2 = symbols("q1 q2 v1 v2")',
-        'q1, q2, v1, v2 = symbols("theta_1 theta_2 dq1 dq2", real=True)',
+        pytest.param(
+            'q1, q2, v1, v2 = symbols("theta_1 theta_2 dq1 dq2", real=True)', marks=pytest.mark.search
+        ),
         'import sympy; t = symbols("t"); q1, q2 = (sympy.Function(f"q{i}")(t) for i in (1, 2))\n'
         "v1, v2 = q1.diff(t), q2.diff(t)",
     ],

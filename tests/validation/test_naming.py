@@ -47,8 +47,9 @@ CASES = {
     "a factor forgotten in a loop of SymPy": ("prr_lagrange", "c * V[k] / 2", "c * V[k]"),
     "the wrong frame": ("ne4", "mu = R[i + 1] @ f, R[i + 1] @ mu", "mu = R[i] @ f, R[i + 1] @ mu"),
 }
-#: Each takes 15 to 35 s to name: `make search` has them, and everything else what is like them.
+#: Each takes 8 to 35 s to name: `make search` has them, and everything else what is like them.
 LONG = (
+    *("ω × I ω forgotten", "a rotation transposed"),
     *("ω × I ω forgotten in a loop", "a factor forgotten in a function of a comprehension"),
     *("a factor forgotten in a loop of SymPy", "the wrong frame", "an acceleration forgotten in a loop"),
 )
