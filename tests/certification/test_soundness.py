@@ -93,8 +93,8 @@ def test_evolution_finds_more_than_drawing_and_exceeds_no_claim(
 ) -> None:
     asked, made = jumping
     assert set(made.data["solutions"]) == set(Observed._fields[1:])
-    drawn, evolved = (observe(asked, made, 2000, claims=["jump"], generations=each) for each in (1, 10))
-    assert drawn.rollouts == evolved.rollouts == 2000
+    drawn, evolved = (observe(asked, made, 1000, claims=["jump"], generations=each) for each in (1, 10))
+    assert drawn.rollouts == evolved.rollouts == 1000
     assert 1.05 * drawn.jump.max() < evolved.jump.max() <= 1.0
 
 

@@ -87,7 +87,7 @@ CASES: dict[str, tuple[Callable[[], Robot], Callable[[Robot], xr.Dataset]]] = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "case", [pytest.param(x, marks=pytest.mark.search if x == "ur5" else ()) for x in CASES]
+    "case", [pytest.param(x, marks=pytest.mark.search if x == "kinova" else ()) for x in CASES]
 )
 def test_links_are_where_pinocchio_puts_them(case: str, chromium: browsers.Browser, tmp_path: Path) -> None:
     load, make = CASES[case]
