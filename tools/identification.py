@@ -12,6 +12,7 @@ import argparse
 import json
 import math
 import re
+import tempfile
 import time
 import warnings
 from contextlib import suppress
@@ -23,7 +24,7 @@ import pinocchio as pin
 
 import armgpi
 from armgpi.arrays import Array
-from armgpi.errors import ParameterError, UnfitLog
+from armgpi.errors import ArmgpiError, ParameterError, UnfitLog
 from armgpi.gpi.two_mass import Gears, free_modes
 from armgpi.health.zoo import fingers
 from armgpi.identification.arm import Identified, identify
@@ -32,6 +33,7 @@ from armgpi.identification.excitation import FIRST_SHARE, excite
 from armgpi.identification.logs import Log
 from armgpi.identification.resonance import shake
 from armgpi.identification.weak_form import BODY, COLUMNS, COULOMB, ROTOR, VISCOUS, inverse_rows
+from armgpi.identification.writing import write_identified
 from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.plants import noise
 from armgpi.plants.plant import Wrapper
@@ -91,9 +93,8 @@ class Unmodelled(Wrapper):
 def truth(robot: armgpi.Robot, seed: int) -> armgpi.Robot:
     """Return a random arm: bodies transformed congruently, so always physical; rotors, friction, a load."""
     rng, n, size = np.random.default_rng(seed), robot.n, scales(robot)
-    model = robot.pinocchio_model()
     bodies = []
-    for body in list(model.inertias)[1:]:
+    for body in moving(robot):
         pseudo = body.toPseudoInertia().toMatrix()
         change = np.eye(4)
         change[:3, :3] *= math.sqrt(rng.uniform(0.7, 1.3)) * np.diag(rng.uniform(0.93, 1.07, 3))
@@ -112,8 +113,7 @@ def truth(robot: armgpi.Robot, seed: int) -> armgpi.Robot:
 def unknowns(arm: armgpi.Robot) -> Array:
     """Return the true unknowns of an arm, (n, 14)."""
     table = np.zeros((arm.n, len(COLUMNS)))
-    bodies = list(arm.pinocchio_model().inertias)[1:]
-    table[:, : len(BODY)] = [body.toDynamicParameters() for body in bodies]
+    table[:, : len(BODY)] = [body.toDynamicParameters() for body in moving(arm)]
     table[:, ROTOR], (table[:, VISCOUS], table[:, COULOMB]) = arm.armature, arm.friction
     return table
 
@@ -348,6 +348,34 @@ def follow(known: armgpi.Robot, plant: Any, reference: Any) -> Log:
     return Log(run["time"].values[:end], q[:end], np.clip(tau[:end], -limit, limit), "truth")
 
 
+def measure_written(name: str, _count: int, seed: int) -> dict[str, Any]:
+    """Return whether an arm, by name or file, goes all the way: motion, log, fit, folder, loaded again.
+
+    `same` is the largest difference of D over its largest element; an arm refused in one line is told by it.
+    """
+    row: dict[str, Any] = {"arm": Path(name).stem, "case": "written"}
+    try:
+        robot = armgpi.Robot.load(name, lock=fingers(name))
+        reference = excite(robot, 10.0, FIRST_SHARE, seed=7).reference
+        (log,) = record(robot, [truth(robot, seed)], reference, 10.0, most=0.1)
+        found = identify(log, robot, check_first=False)
+        with tempfile.TemporaryDirectory() as folder:
+            write_identified(found, Path(folder))
+            again = armgpi.Robot.load(folder)
+    except ArmgpiError as error:
+        return {**row, "refused": f'"{error}"'}
+    q = robot.random_positions(20)
+    masses = found.robot.mass_matrix(q)
+    least = min(np.linalg.eigvalsh(x.toPseudoInertia().toMatrix())[0] for x in moving(found.robot))
+    same = float(np.abs(again.mass_matrix(q) - masses).max() / np.abs(masses).max())
+    return {**row, "n": robot.n, "length": float(log.t[-1]), "same": same, "physical": bool(least > 0.0)}
+
+
+def moving(arm: armgpi.Robot) -> list[Any]:
+    """Return the inertias of the bodies that move."""
+    return list(arm.pinocchio_model().inertias)[1:]
+
+
 def summary(name: str, case: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Return medians, tails and coverage over truths."""
 
@@ -378,10 +406,19 @@ def summary(name: str, case: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
+#: Cases that are measured in a way of their own.
+OWN = {
+    "load": measure_load,
+    "first": measure_first,
+    "resonance": measure_resonance,
+    "written": measure_written,
+}
+
+
 def main() -> None:
     """Measure and print, one line for each arm and case."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("cases", nargs="+", choices=[*sorted(CASES), "load", "first", "resonance"])
+    parser.add_argument("cases", nargs="+", choices=[*sorted(CASES), *OWN])
     parser.add_argument("--arms", nargs="+", default=["panda", "ur5", "anthropomorphic3"])
     parser.add_argument("--count", type=int, default=20)
     parser.add_argument("--seed", type=int, default=100)
@@ -391,10 +428,9 @@ def main() -> None:
     found = []
     for name in given.arms:
         for case in given.cases:
-            own = {"load": measure_load, "first": measure_first, "resonance": measure_resonance}
             row = (
-                own[case](name, given.count, given.seed)
-                if case in own
+                OWN[case](name, given.count, given.seed)
+                if case in OWN
                 else measure(name, case, given.count, given.seed)
             )
             found.append(row)

@@ -7,6 +7,9 @@ here: clone it yourself, and name the folder.
     python tools/ur10e.py dynamic_calibration
 
 Currents become torques by the drive gains that are named there (De Luca). Rows without motion are cut.
+
+``--control MOVES`` runs random moves under `untuned` laws on the arm that the whole log gives: laws for the
+file without rotors, for the rotors of the rule, for the first 20 s, and for that arm itself.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 import armgpi
+from armgpi.health.reality import END, LOST_END, LOST_PEAK
 from armgpi.identification.arm import identify
 from armgpi.identification.logs import Log
 
@@ -32,6 +36,8 @@ TRAIN, HELD_OUT, SLOW = (
     ("ur-20_02_12-40sec_12harm", "ur-20_02_10-30sec_12harm", "ur-20_02_05-20sec_8harm"),
     "ur-20_01_17-ptp_10_points",
 )
+#: Sample time of the law [s], log that it is made from [s], and the seed of its moves.
+DT, PART, SEED = 2e-3, 20.0, 1
 #: Slower than this the arm rests [rad/s].
 _STILL = 0.01
 
@@ -59,6 +65,38 @@ def cut(log: Log, seconds: float) -> Log:
     return Log(*(part[:count] for part in log[:3]), log.source)
 
 
+def control(file: armgpi.Robot, part: armgpi.Robot, truth: armgpi.Robot, moves: int, drives: str) -> None:
+    """Print what laws for several models make of moves that the motors can follow, from rest to rest."""
+    rng, speed = np.random.default_rng(SEED), file.limits.velocity
+    ends = rng.uniform(-2.0, 2.0, (8 * moves, 2, file.n)) + file.middle()
+    paths = [armgpi.Bezier(*each, velocity_limit=0.6 * speed, acceleration_limit=4.0) for each in ends]
+    paths = [path for path in paths if _needed(truth, path) < 1.0][:moves]
+    seconds = max(path.duration for path in paths) + 1.5
+    plant = armgpi.RigidBodyPlant(armgpi.RobotBatch([truth] * len(paths)), friction="urdf")
+    real = armgpi.Delayed(armgpi.Encoder(armgpi.Saturated(plant, file.limits.effort), 16), 1)
+    itae, lost = {}, {}
+    laws = {"file": (file, "rigid"), "rule": (file, drives), "20 s": (part, drives), "50 s": (truth, drives)}
+    for label, (model, believed) in laws.items():
+        law = armgpi.GPI.untuned(model, DT, delay=DT, bits=16, drives=believed)
+        run = armgpi.simulate(real, law, armgpi.ReferenceBatch(paths), seconds, progress=False)
+        error = np.abs(run["q"].values - run["q_ref"].values)
+        error[~np.isfinite(error)] = np.inf
+        lost[label] = error.max(axis=(1, 2)) > LOST_PEAK
+        lost[label] |= error[:, run["time"].values > seconds - END].max(axis=(1, 2)) > LOST_END
+        itae[label] = (error * run["time"].values[:, None]).sum(axis=(1, 2))
+    print(f"{len(paths)} moves: lost, ITAE over that of the law for the whole log's arm (median)")
+    for label, each in itae.items():
+        print(f"{label}: {lost[label].sum()} lost, {np.median(each / itae['50 s']):.3g}")
+
+
+def _needed(arm: armgpi.Robot, path: armgpi.Bezier) -> float:
+    """Return the largest share of a motor's torque that a move takes."""
+    target = path.at(np.linspace(0.0, path.duration, 100))
+    friction = arm.friction.viscous * target.v + arm.friction.coulomb * np.sign(target.v)
+    tau = arm.inverse_dynamics(target.q, target.v, target.a) + friction
+    return float(np.max(np.abs(tau) / arm.limits.effort))
+
+
 def row(label: str, shares: Sequence[float]) -> str:
     """Return residuals over torques as a row of a table [%]."""
     cells = (f"{100.0 * x:.2g}" for x in (*shares, float(np.nanmean(shares))))
@@ -70,6 +108,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, help="the clone")
     parser.add_argument("--seconds", type=float, nargs="+", default=[5.0, 10.0, 20.0, 30.0, 50.0])
+    parser.add_argument("--control", type=int, default=0, metavar="MOVES", help="random moves that are run")
+    parser.add_argument("--drives", default="believed", help="what laws believe: stiff gears, or 'soft'")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     robot = armgpi.Robot.load(find(given.folder, "ur10e.urdf"))
@@ -88,6 +128,9 @@ def main() -> None:
     print(row("the same, slow point to point", checked[SLOW].identified))
     print(f"lag of each joint [ms]: {np.round(1e3 * last.lag, 1).tolist()}")
     print(f"width of the sign of friction [rad/s]: {last.width.tolist()}")
+    if given.control:
+        part = identify(cut(train, PART), robot, current=GAINS, check_first=False)
+        control(robot, part.robot, last.robot, given.control, given.drives)
 
 
 if __name__ == "__main__":

@@ -152,8 +152,10 @@ def _scale(
             return np.asarray(scale)
         # The joints that ask for too much first: it is mostly their own rotors.
         scale = np.where(beyond | (turn > _ROUNDS // 2), _SLOWER, 1.0) * scale
-    name = robot.joint_names[int(np.argmax(torque / robot.limits.effort))]
-    raise ParameterError("robot", robot.name, f"an arm whose {name} has the torque to hold it")
+    worst = int(np.argmax(torque / np.maximum(robot.limits.effort, 1e-300)))
+    limit = f"above its limit of {robot.limits.effort[worst]:g} in the file"
+    wanted = f"an arm whose {robot.joint_names[worst]} has the torque to hold it, {limit}"
+    raise ParameterError("robot", robot.name, wanted)
 
 
 def _torque(robot: Robot, q: Array, v: Array, a: Array, share: float) -> Array:
