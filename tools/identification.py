@@ -51,6 +51,7 @@ CASES: dict[str, dict[str, Any]] = {
     "unmodelled": {"unmodelled": True},
     "unmodelled10": {"unmodelled": True, "seconds": 10.0},
     "unmodelled60": {"unmodelled": True, "seconds": 60.0},
+    "late0": {"delay": 0},
     "late3": {"delay": 3},
     "late5": {"delay": 5},
     "slow": {"share": 0.12},
