@@ -40,11 +40,12 @@ from armgpi import (
     simulate,
 )
 from armgpi.arrays import Array
+from armgpi.config.schema import PlantSection
 from armgpi.errors import ArmgpiWarning
 from armgpi.gpi import geared, two_mass
 from armgpi.robot import rotors
 from armgpi.robot.kinematics import random_configurations
-from armgpi.supervisor import Reason
+from armgpi.supervisor import Reason, complete_settings
 
 DT, BITS, LATE = 1e-3, 16, 1
 #: Rotors [kg m^2] and stiffness [N m/rad] of typical size: assumed, not identified.
@@ -264,7 +265,7 @@ def stops(seed: int) -> None:
     for name, (rotor, stiffness) in ARMS.items():
         robot = arm(name).with_armature(rotor)
         law, start = untuned(robot, drives="believed"), robot.middle()
-        given = Supervisor(resolution=robot.encoder_count(BITS), response=0.012 + LATE * DT)
+        given = complete_settings(Supervisor(), PlantSection(encoder_bits=BITS, delay=LATE), law)
         for side, factor in itertools.product(("motor", "link"), TIMES):
             plant = Saturated(elastic(robot, factor * np.array(stiffness), side))
             late, move = Delayed(Encoder(plant, BITS), LATE), Bezier(start, start + 0.5, 3.0)
