@@ -34,8 +34,8 @@ from armgpi.robot.rotors import SCATTER, believe_gears
 #: stiffness is believed, or none of these can be had: which share of the fastest stable bandwidth is taken,
 #: and of that of joints that are faster than the weakest: at 0.85 late loops lose so101 (fit).
 SENSITIVITIES, STABLE_SHARE, RAISED_SHARE = (2.5, 4.0, 6.3), 0.85, 0.7
-#: Largest sensitivity peak at which gears are as good as rigid ones.
-RIGID_SENSITIVITY = 3.0
+#: Largest sensitivity peak at which gears are as good as rigid ones, or over that of rigid ones.
+RIGID_SENSITIVITY, AS_RIGID = 3.0, 1.1
 #: How far a told stiffness may be off either way. Damping ratios and current loop [Hz] of which nothing is
 #: known, 1 to 5 % and 300 to 1000 Hz being usual: loops are judged at the first, and stable at the second.
 STIFFNESS_OFF, DAMPINGS, CURRENT = 0.3, (0.03, 0.01), 500.0
@@ -224,6 +224,11 @@ class Loops:
                 self._each.insert(0, self._each.pop(i))  # most likely the one that the next bandwidth loses
                 return False
         return True
+
+    def sensitivity(self, omega: float | Array) -> float:
+        """Return the largest sensitivity peak of all loops."""
+        own = self._own(omega)
+        return max(case.arm.sensitivity(around(own, D, steep)) for case, D, steep in self._each)
 
     def _own(self, omega: float | Array) -> Law:
         tuning = Tuning(omega * np.ones(self.joints), np.ones(self.joints), omega * np.ones(self.joints))

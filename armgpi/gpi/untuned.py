@@ -189,8 +189,14 @@ def _twists(robot: AnyRobot, dt: float, delay: float, law: Mapping[str, Any]) ->
     (one,) = known
     loads, bias = law.get("payload"), one if law["feedforward"] == "computed" else None
     nominal = one if loads is None else loads.choose(one, dt, delay, 1e-9, member(law)).nominal
-    loops = geared.Loops(geared.cases(one, dt, _samples(dt, delay)), nominal, bias, member(law), dt)
-    return not loops.holds(np.ravel(law["omega_c"])[: one.n], geared.RIGID_SENSITIVITY)
+    omega, samples = np.ravel(law["omega_c"])[: one.n], _samples(dt, delay)
+
+    def loops_of(cases: tuple[geared.Case, ...]) -> geared.Loops:
+        return geared.Loops(cases, nominal, bias, member(law), dt)
+
+    # A late loop is sensitive with rigid gears as well.
+    most = geared.AS_RIGID * loops_of(geared.rigid_cases(one, dt, samples)).sensitivity(omega)
+    return not loops_of(geared.cases(one, dt, samples)).holds(omega, max(geared.RIGID_SENSITIVITY, most))
 
 
 def _samples(dt: float, delay: float) -> int:

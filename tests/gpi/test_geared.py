@@ -25,8 +25,8 @@ GEARS = {PANDA: [14e3] * 4 + [8e3] * 3, UR5: [20e3, 20e3, 15e3, 5e3, 5e3, 5e3]}
 DT = 1e-3
 
 
-def rule(robot: Robot, drives: str | None = None) -> GPI:
-    return GPI.untuned(robot, DT, delay=DT, bits=16, drives=drives)
+def rule(robot: Robot, drives: str | None = None, late: int = 1) -> GPI:
+    return GPI.untuned(robot, DT, delay=late * DT, bits=16, drives=drives)
 
 
 def told(robot: Robot, factor: float, side: str) -> Robot:
@@ -115,8 +115,10 @@ def test_behind_encoders_at_the_link_believed_gears_may_be_as_soft_as_any() -> N
     assert ArmLoop(UR5, q, gears, DT, 1).growth(two_mass.law(law, q)) < 1.0
 
 
-def test_gears_told_stiff_change_nothing() -> None:
-    stiff, rigid = rule(told(UR5, 1e3, "motor")), rule(UR5.with_armature(ROTORS[UR5]), "believed")
+@pytest.mark.parametrize("late", [1, 3])
+def test_gears_told_stiff_change_nothing(late: int) -> None:
+    stiff = rule(told(UR5, 1e3, "motor"), late=late)
+    rigid = rule(UR5.with_armature(ROTORS[UR5]), "believed", late)
     assert stiff.values()["rolloff_ratio"] == rigid.values()["rolloff_ratio"]
     assert (stiff.feedforward, stiff.rotor_factor) == (rigid.feedforward, 1.0)
     np.testing.assert_array_equal(stiff.gains.nominal(), rigid.gains.nominal())
