@@ -15,6 +15,7 @@ from __future__ import annotations
 import inspect
 import math
 import re
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, FrozenInstanceError, dataclass, field, fields, is_dataclass, replace
 from enum import Enum
@@ -23,7 +24,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
-from typing_extensions import dataclass_transform
 
 from armgpi.arrays import (
     Array,
@@ -38,6 +38,11 @@ from armgpi.arrays import (
     sizes,
 )
 from armgpi.errors import ArrayError, NameNotFound, ParameterError, show_value
+
+if sys.version_info >= (3, 11):  # quick to import
+    from typing import dataclass_transform
+else:
+    from typing_extensions import dataclass_transform
 
 
 class _Required(Enum):

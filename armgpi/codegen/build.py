@@ -230,8 +230,12 @@ def package() -> str:
     """Return a name for what decides what is generated: this package's code, and what it generates with."""
     content = hashlib.sha256(" ".join(map(version, ("casadi", "numpy"))).encode())
     root = Path(__file__).parents[1]
-    for path in sorted(path for path in root.rglob("*") if path.suffix in (".py", ".h")):
-        content.update(f"{path.relative_to(root)}\0".encode() + path.read_bytes())
+    for folder, folders, names in os.walk(root):  # in half of the time of Path.rglob
+        folders.sort()
+        for name in sorted(name for name in names if name.endswith((".py", ".h"))):
+            path = os.path.join(folder, name)
+            with open(path, "rb") as file:
+                content.update(f"{path.removeprefix(str(root))}\0".encode() + file.read())
     return content.hexdigest()
 
 
