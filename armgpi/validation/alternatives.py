@@ -31,6 +31,8 @@ _TURNS = {"sin": "cos", "cos": "sin"}
 _VECTORS = 24
 #: Numbers by which products of matrices are scaled, and combinations of names in a term, at most.
 _FACTORS_TRIED, _TWINS = 8, 60
+#: Matrices of which all products are tried: those of ten were two thirds of a search.
+_FEW_MATRICES = 4
 #: Numbers of one list or array that are names, at most.
 _MOST_ENTRIES = 30
 #: Shapes of rotations, of matrices of Denavit and Hartenberg, and of those of spatial vectors.
@@ -548,10 +550,11 @@ def _of_arrays(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
 
 
 def _squares(node: ast.expr, scope: Scope) -> Iterator[ast.expr]:
-    """Yield products of two matrices of the shape of one, also times a number."""
+    """Yield products of two matrices of the shape of one, of many the squares, also times a number."""
     alike = [x for x in scope.matrices if scope.kind(x) == scope.kind(node)]
     factors = scope.numbers()
-    for one, other in itertools.product(alike, repeat=2):
+    pairs = itertools.product(alike, repeat=2)
+    for one, other in pairs if len(alike) <= _FEW_MATRICES else zip(alike, alike, strict=True):
         yield ast.BinOp(one, ast.MatMult(), other)
         scaled = (ast.BinOp(x, ast.Mult(), one) for x in factors[:_FACTORS_TRIED])
         yield from (ast.BinOp(x, ast.MatMult(), other) for x in scaled)
