@@ -17,7 +17,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from types import CodeType, FrameType, FunctionType, ModuleType
 from typing import Any, NamedTuple
 
@@ -448,6 +448,7 @@ def _other_values(node: ast.Constant) -> Iterator[tuple[str, ast.expr]]:
         yield "sign", ast.UnaryOp(ast.USub(), node)
 
 
+@lru_cache(maxsize=1)
 def _literals(tree: ast.AST) -> dict[ast.AST, str]:
     """Return the numbers that are given a name, by an assignment or as an item of a dictionary."""
     found: list[tuple[str, ast.AST]] = []

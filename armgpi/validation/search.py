@@ -210,10 +210,11 @@ class _Step(NamedTuple):
 
 
 class _Tried(NamedTuple):
-    """A change and what it changes, at the first rows."""
+    """Changes of one kind, each made when asked for, and what they change at one state, (changes, m)."""
 
-    pick: Pick
-    effects: dict[str, Array]
+    kind: str
+    at: Callable[[int], Pick]
+    effects: Mapping[str, Array]
 
 
 class _Trials:
@@ -401,8 +402,8 @@ class _Trials:
             if outputs is None:
                 continue
             if first:
-                effects = {n: x[-1] - self._start[n][len(x) - 1] for n, x in outputs.items()}
-                self._tried.append(_Tried(pick, effects))
+                effects = {n: x[-1:] - self._start[n][len(x) - 1] for n, x in outputs.items()}
+                self._tried.append(_Tried(pick.kind, [pick].__getitem__, effects))
             if self._helps(outputs):
                 yield pick
             elif self._touches_wrong_alone(outputs):
@@ -548,16 +549,18 @@ class _Trials:
         fitting = [(one, x.ravel()) for one, x in known if x is not None and x.shape == now.shape]
         moves = np.array([x for _, x in fitting]).reshape(len(fitting), now.size) @ slope
         for factor in (1.0, -1.0, 2.0, -2.0) if linear else (1.0, -1.0):
-            good = self._makes_right(name, start, factor * moves, rest)
-            for ((place, (text, code)), _), move, right in zip(fitting, moves, good, strict=True):
+
+            def pick_at(k: int, factor: float = factor) -> Pick:
+                (place, (text, code)), _ = fitting[k]
                 # They come in the order of their length.
                 new, bits = _sum(old, _multiple(factor, text)), self._bits(abs(factor) * (2 * place + 2))
                 call = partial(_times_factor, factor, code, block.namespace)
-                pick = Pick(block, k, choice, bits, None, "term", new, linear, call)
-                if linear:  # two of which each is wrong alone may add up
-                    self._tried.append(_Tried(pick, {name: factor * move}))
-                if not linear or right:
-                    yield pick
+                return bare._replace(bits=bits, kind="term", new=new, sure=linear, call=call)
+
+            if linear:  # two of which each is wrong alone may add up
+                self._tried.append(_Tried("term", pick_at, {name: factor * moves}))
+            good = self._makes_right(name, start, factor * moves, rest) if linear else np.ones(len(moves))
+            yield from map(pick_at, np.flatnonzero(good).tolist())
 
     # Terms that are solved for.
 
@@ -671,18 +674,19 @@ class _Trials:
 
     # Two changes at once.
 
-    def _candidates(self) -> tuple[str, list[_Tried], Array, Array]:
+    def _candidates(self) -> tuple[str, list[tuple[_Tried, int]], Array, Array]:
         """Return a function that differs, what was tried on it with the effects, and what it lacks."""
         differing = self._differing(self._targets)
-        count = {n: sum(n in one.effects for one in self._tried) for n in differing}
+        count = {n: sum(len(one.effects.get(n, ())) for one in self._tried) for n in differing}
         name = max(count, key=lambda n: count[n], default="")
         if self._start is None or not count.get(name):
             return name, [], np.zeros((0, 0)), np.zeros(0)
         unit = 1e3 * self._targets[name].tolerance
         last = _FEW - 1 if name == "potential_energy" else 0
         lacking = (self._targets[name].values[last] - self._start[name][last]) / unit
-        tried = [one for one in self._tried if name in one.effects]
-        effects = np.stack([one.effects[name] / unit for one in tried])
+        groups = [one for one in self._tried if name in one.effects]
+        tried = [(one, k) for one in groups for k in range(len(one.effects[name]))]
+        effects = np.concatenate([one.effects[name] for one in groups]) / unit
         size = np.abs(effects).max(axis=1)
         good = (size > 0.0) & (size < _HUGE / unit.min())
         return name, [one for one, g in zip(tried, good, strict=True) if g], effects[good], lacking
@@ -696,11 +700,12 @@ class _Trials:
 
         near = 1e-2 * np.sqrt(len(lacking))
         _, places = cKDTree(effects).query(lacking - effects, k=20, distance_upper_bound=near)
-        pairs = ((i, int(j)) for i, row in enumerate(places) for j in row if i < j < len(tried))
-        found = [(tried[i].pick.bits + tried[j].pick.bits, i, j) for i, j in pairs]
-        for _, i, j in sorted(found)[:50]:
-            if self._both(tried[i].pick, tried[j].pick):
-                yield tried[i].pick, tried[j].pick
+        first, column = np.nonzero((places > np.arange(len(tried))[:, np.newaxis]) & (places < len(tried)))
+        pairs = [*zip(first.tolist(), places[first, column].tolist(), strict=True)]
+        picks = {i: tried[i][0].at(tried[i][1]) for i in {*itertools.chain.from_iterable(pairs)}}
+        for i, j in sorted(pairs, key=lambda pair: (picks[pair[0]].bits + picks[pair[1]].bits, pair))[:50]:
+            if self._both(picks[i], picks[j]):
+                yield picks[i], picks[j]
 
     def tried_pairs(self) -> Iterator[tuple[Pick, Pick]]:
         """Yield the pairs of usual changes that make all agree, of those that touch nothing that is right."""
@@ -709,7 +714,7 @@ class _Trials:
             return
         right = ~self._wrong[name]
         inside = np.abs(effects[:, right]).max(axis=1, initial=0.0) <= 1e-3
-        picks = [one.pick for one, i in zip(tried, inside, strict=True) if i and one.pick.kind in _USUAL]
+        picks = [one.at(k) for (one, k), i in zip(tried, inside, strict=True) if i and one.kind in _USUAL]
         rows = _FEW if name == "potential_energy" else 1
         # In the order of the longer one of both.
         for later, two in enumerate(picks):
