@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import cache
 from typing import Any, ClassVar, NamedTuple
 
@@ -181,22 +182,30 @@ def _rigid(robot: AnyRobot, dt: float, delay: float, bits: Any, given: Mapping[s
 
 
 def _twists(robot: AnyRobot, dt: float, delay: float, law: Mapping[str, Any]) -> bool:
-    """Tell whether gears are known, and too soft for the law of an arm whose gears are rigid."""
+    """Tell whether gears are known, and of some arm too soft for the law of one whose gears are rigid."""
     robots = robot.robots if isinstance(robot, RobotBatch) else (robot,)
-    known = [one for one in dict.fromkeys(robots) if geared.is_known(one)]
-    if not known or len(known) > 1 or "omega_c" not in law:
+    known = {one: k for k, one in enumerate(robots) if geared.is_known(one)}
+    if not known or "omega_c" not in law:
         return bool(known)
-    (one,) = known
-    loads, bias = law.get("payload"), one if law["feedforward"] == "computed" else None
-    nominal = one if loads is None else loads.choose(one, dt, delay, 1e-9, member(law)).nominal
-    omega, samples = np.ravel(law["omega_c"])[: one.n], _samples(dt, delay)
+    loads, samples = law.get("payload"), _samples(dt, delay)
+    omega = np.broadcast_to(law["omega_c"], (len(robots), robot.n))
+    heaviest = None if loads is None else np.broadcast_to(np.ravel(loads.heaviest), len(robots))
 
-    def loops_of(cases: tuple[geared.Case, ...]) -> geared.Loops:
-        return geared.Loops(cases, nominal, bias, member(law), dt)
+    def is_too_soft(one: Robot, k: int) -> bool:
+        bias, nominal = one if law["feedforward"] == "computed" else None, one
+        if loads is not None and heaviest is not None:
+            own = replace(loads, heaviest=float(heaviest[k]))
+            nominal = own.choose(one, dt, delay, 1e-9, member(law)).nominal
 
-    # A late loop is sensitive with rigid gears as well.
-    most = geared.AS_RIGID * loops_of(geared.rigid_cases(one, dt, samples)).sensitivity(omega)
-    return not loops_of(geared.cases(one, dt, samples)).holds(omega, max(geared.RIGID_SENSITIVITY, most))
+        def loops_of(cases: tuple[geared.Case, ...]) -> geared.Loops:
+            return geared.Loops(cases, nominal, bias, member(law), dt)
+
+        # A late loop is sensitive with rigid gears as well.
+        rigid = geared.AS_RIGID * loops_of(geared.rigid_cases(one, dt, samples)).sensitivity(omega[k])
+        most = max(geared.RIGID_SENSITIVITY, rigid)
+        return not loops_of(geared.cases(one, dt, samples)).holds(omega[k], most)
+
+    return any(is_too_soft(one, k) for one, k in known.items())
 
 
 def _samples(dt: float, delay: float) -> int:

@@ -124,6 +124,16 @@ def test_gears_told_stiff_change_nothing(late: int) -> None:
     np.testing.assert_array_equal(stiff.gains.nominal(), rigid.gains.nominal())
 
 
+def test_a_batch_has_the_soft_law_where_one_of_its_gears_is_soft() -> None:
+    stiff, stiffer, soft = (told(UR5, factor, "motor") for factor in (1e3, 2e3, 1.0))
+    law = GPI.untuned(RobotBatch([stiffer, stiff]), DT, delay=DT, bits=16)
+    alone = rule(stiff)
+    assert (law.feedforward, law.rotor_factor) == (alone.feedforward, alone.rotor_factor)
+    np.testing.assert_allclose(law.gains.nominal().omega_c[1], alone.gains.nominal().omega_c)
+    mixed = GPI.untuned(RobotBatch([stiff, soft]), DT, delay=DT, bits=16)
+    assert mixed.feedforward == "computed" != law.feedforward
+
+
 def test_heavier_rotors_are_those_of_the_feedback_alone() -> None:
     arm = UR5.with_armature(ROTORS[UR5])
     law = GPI(arm, DT, rotor_factor=3.0, feedforward="computed")
