@@ -92,7 +92,7 @@ class Watch(NamedTuple):
         late: 1 when the measurement that comes is too late.
         ready: 1 when there was a good measurement.
         restless: samples for which the arm has yet to rest before it is HOLD.
-        travel: to and fro since the reference rests, of the fastest joint, over what FOLLOWING allows [-].
+        travel: past the reference since a stop began, of the fastest joint, over what FOLLOWING allows [-].
         bad: samples in a row without a good measurement of the joint.
         q: last good measurement [rad or m].
         change: of it, in its sample, the last that was not zero and over no gap [rad or m].

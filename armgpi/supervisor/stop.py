@@ -32,7 +32,7 @@ _DAMPING, _DAMPED_AT_ONCE = 60.0, 0.3
 _SOFT_DAMPING, _SOFT_SMOOTHING = 8.0, 0.02
 #: Velocity below which a joint rests [rad/s or m/s]. HOLD waits for it: so long, less where samples of rest
 #: count several times [s]. An arm whose reference rests, and that does not for so long, swings; so does one
-#: that travels to and fro as far as FOLLOWING allows. Set by hand.
+#: that goes past its reference, to and fro, as far as FOLLOWING allows. Set by hand.
 _REST, _RESTED, _AT_REST, _SWINGING = 0.1, 0.01, 4.0, 2.0
 
 
@@ -73,7 +73,10 @@ class Stop:
             np.maximum(watch.restless + one, self.rested),
             np.maximum(watch.restless - _AT_REST * one, 0.0),
         )
-        travel = np.where(after > 0.0, watch.travel + one * largest(speed * self._share), 0.0)
+        # The law may be what swings: how a joint goes past the reference tells before that rests.
+        past = np.abs(watch.v - watch.rv)
+        past = np.where(past > self.rest, past * self._share, 0.0)
+        travel = np.where(after > 0.0, watch.travel + largest(past), 0.0)
         return after, travel, (after > self._longest) | (travel > 1.0)
 
     def reference(
