@@ -32,9 +32,9 @@ static inline V v_from(U u) { V x; memcpy(&x, &u, sizeof x); return x; }
 #endif
 
 #if LANES > 1 && defined __AVX__
-#if defined __clang__ || __GNUC__ > 14
+#if defined __clang__ || (__GNUC__ != 11 && __GNUC__ != 12)
 #include <immintrin.h>
-#else /* GCC's own names (9 to 14): its header has 64,000 lines, half of what a small loop takes to compile */
+#else /* names of GCC 11 and 12 themselves, tried with both: the header takes half of what a small loop does */
 typedef unsigned char __mmask8;
 typedef double __m256d __attribute__((vector_size(32), may_alias));
 typedef double __m512d __attribute__((vector_size(64), may_alias));

@@ -189,11 +189,11 @@ def _twists(robot: AnyRobot, dt: float, delay: float, law: Mapping[str, Any]) ->
         return bool(known)
     loads, samples = law.get("payload"), _samples(dt, delay)
     omega = np.broadcast_to(law["omega_c"], (len(robots), robot.n))
-    heaviest = None if loads is None else np.broadcast_to(np.ravel(loads.heaviest), len(robots))
+    heaviest = np.broadcast_to(np.ravel(getattr(loads, "heaviest", 0.0)), len(robots))
 
     def is_too_soft(one: Robot, k: int) -> bool:
         bias, nominal = one if law["feedforward"] == "computed" else None, one
-        if loads is not None and heaviest is not None:
+        if loads is not None:
             own = replace(loads, heaviest=float(heaviest[k]))
             nominal = own.choose(one, dt, delay, 1e-9, member(law)).nominal
 
