@@ -17,13 +17,14 @@ from __future__ import annotations
 import argparse
 import warnings
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 import armgpi
-from armgpi.health.reality import END, LOST_END, LOST_PEAK
-from armgpi.identification.arm import identify
+from armgpi.health.reality import is_lost, torques_of
+from armgpi.identification.arm import Identified, identify
 from armgpi.identification.logs import Log
 
 #: Torque at the joint for a current [N m/A].
@@ -70,7 +71,7 @@ def control(file: armgpi.Robot, part: armgpi.Robot, truth: armgpi.Robot, moves: 
     rng, speed = np.random.default_rng(SEED), file.limits.velocity
     ends = rng.uniform(-2.0, 2.0, (8 * moves, 2, file.n)) + file.middle()
     paths = [armgpi.Bezier(*each, velocity_limit=0.6 * speed, acceleration_limit=4.0) for each in ends]
-    paths = [path for path in paths if _needed(truth, path) < 1.0][:moves]
+    paths = [path for path in paths if _torque_share(truth, path) < 1.0][:moves]
     seconds = max(path.duration for path in paths) + 1.5
     plant = armgpi.RigidBodyPlant(armgpi.RobotBatch([truth] * len(paths)), friction="urdf")
     real = armgpi.Delayed(armgpi.Encoder(armgpi.Saturated(plant, file.limits.effort), 16), 1)
@@ -81,19 +82,16 @@ def control(file: armgpi.Robot, part: armgpi.Robot, truth: armgpi.Robot, moves: 
         run = armgpi.simulate(real, law, armgpi.ReferenceBatch(paths), seconds, progress=False)
         error = np.abs(run["q"].values - run["q_ref"].values)
         error[~np.isfinite(error)] = np.inf
-        lost[label] = error.max(axis=(1, 2)) > LOST_PEAK
-        lost[label] |= error[:, run["time"].values > seconds - END].max(axis=(1, 2)) > LOST_END
+        lost[label] = sum(is_lost(each, run["time"].values) for each in error)
         itae[label] = (error * run["time"].values[:, None]).sum(axis=(1, 2))
     print(f"{len(paths)} moves: lost, ITAE over that of the law for the whole log's arm (median)")
     for label, each in itae.items():
-        print(f"{label}: {lost[label].sum()} lost, {np.median(each / itae['50 s']):.3g}")
+        print(f"{label}: {lost[label]} lost, {np.median(each / itae['50 s']):.3g}")
 
 
-def _needed(arm: armgpi.Robot, path: armgpi.Bezier) -> float:
+def _torque_share(arm: armgpi.Robot, path: armgpi.Bezier) -> float:
     """Return the largest share of a motor's torque that a move takes."""
-    target = path.at(np.linspace(0.0, path.duration, 100))
-    friction = arm.friction.viscous * target.v + arm.friction.coulomb * np.sign(target.v)
-    tau = arm.inverse_dynamics(target.q, target.v, target.a) + friction
+    tau = torques_of(arm, path.at(np.linspace(0.0, path.duration, 100)), arm.friction)
     return float(np.max(np.abs(tau) / arm.limits.effort))
 
 
@@ -115,10 +113,15 @@ def main() -> None:
     robot = armgpi.Robot.load(find(given.folder, "ur10e.urdf"))
     train = read(find(given.folder, f"{TRAIN}.csv"))
     judges = {name: read(find(given.folder, f"{name}.csv")) for name in (*HELD_OUT, SLOW)}
+
+    @cache
+    def fit(seconds: float) -> Identified:
+        return identify(cut(train, seconds), robot, current=GAINS, check_first=False)
+
     print(f"| residual over torque [%] | {' | '.join(robot.joint_names)} | mean |")
     print("|---|" + "---|" * (robot.n + 1))
     for seconds in given.seconds:
-        found = identify(cut(train, seconds), robot, current=GAINS, check_first=False)
+        found = fit(seconds)
         checked = {name: found.validate(log) for name, log in judges.items()}
         seen = [checked[name] for name in HELD_OUT]
         if seconds == given.seconds[0]:
@@ -129,8 +132,7 @@ def main() -> None:
     print(f"lag of each joint [ms]: {np.round(1e3 * last.lag, 1).tolist()}")
     print(f"width of the sign of friction [rad/s]: {last.width.tolist()}")
     if given.control:
-        part = identify(cut(train, PART), robot, current=GAINS, check_first=False)
-        control(robot, part.robot, last.robot, given.control, given.drives)
+        control(robot, fit(PART).robot, last.robot, given.control, given.drives)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import cache
 from typing import Any, ClassVar, NamedTuple
 
@@ -187,18 +186,16 @@ def _twists(robot: AnyRobot, dt: float, delay: float, law: Mapping[str, Any]) ->
     known = {one: k for k, one in enumerate(robots) if geared.is_known(one)}
     if not known or "omega_c" not in law:
         return bool(known)
-    loads, samples = law.get("payload"), _samples(dt, delay)
+    own, loads, samples = member(law), law.get("payload"), _samples(dt, delay)
+    loaded = robot if loads is None else loads.choose(robot, dt, delay, 1e-9, own).nominal
+    nominal = loaded.robots if isinstance(loaded, RobotBatch) else (loaded,)
     omega = np.broadcast_to(law["omega_c"], (len(robots), robot.n))
-    heaviest = np.broadcast_to(np.ravel(getattr(loads, "heaviest", 0.0)), len(robots))
 
     def is_too_soft(one: Robot, k: int) -> bool:
-        bias, nominal = one if law["feedforward"] == "computed" else None, one
-        if loads is not None:
-            own = replace(loads, heaviest=float(heaviest[k]))
-            nominal = own.choose(one, dt, delay, 1e-9, member(law)).nominal
+        bias = one if law["feedforward"] == "computed" else None
 
         def loops_of(cases: tuple[geared.Case, ...]) -> geared.Loops:
-            return geared.Loops(cases, nominal, bias, member(law), dt)
+            return geared.Loops(cases, nominal[k], bias, own, dt)
 
         # A late loop is sensitive with rigid gears as well.
         rigid = geared.AS_RIGID * loops_of(geared.rigid_cases(one, dt, samples)).sensitivity(omega[k])

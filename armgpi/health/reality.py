@@ -37,8 +37,10 @@ from armgpi.loop import metrics
 from armgpi.loop.prepared import PreparedLoop, prepare
 from armgpi.loop.rollout import Status, describe_measurement
 from armgpi.plants.reality import Draw, Reality, batches, stack_draws
+from armgpi.references.reference import Target
 from armgpi.robot import rotors
 from armgpi.robot.batch import with_heavier_rotors
+from armgpi.robot.equations import Friction
 from armgpi.robot.robot import Robot
 from armgpi.supervisor import Supervisor, complete_settings
 
@@ -221,9 +223,7 @@ def outcome(rollout: xr.Dataset, draw: Draw, name: str = "", costs: Sequence[Any
         return Outcome(name, draw.index, True, False, False, False, *(math.inf,) * 3, needed)
     error = np.abs((rollout["q"] - rollout["q_ref"]).values + sunk(draw, rollout["q_ref"].values))
     time = rollout["time"].values
-    end = time > time[-1] - END
-    peak = float(error.max())
-    lost = peak > LOST_PEAK or bool(error[end].max() > LOST_END)
+    end, peak, lost = time > time[-1] - END, float(error.max()), is_lost(error, time)
     itae, variation = map(float, _costs(rollout) if costs is None else costs)
     rest, still = rollout["q"].values[end], rest_band(draw)
     moved = np.ptp(rest, axis=0)
@@ -243,6 +243,11 @@ def outcome(rollout: xr.Dataset, draw: Draw, name: str = "", costs: Sequence[Any
         demand=needed,
         returning=returning,
     )
+
+
+def is_lost(error: Array, time: Array) -> bool:
+    """Tell whether errors, (samples, n), lose an arm: at any time, or at the end."""
+    return bool(error.max() > LOST_PEAK or error[time > time[-1] - END].max() > LOST_END)
 
 
 def swings(q: Array, band: Array) -> bool:
@@ -272,13 +277,18 @@ def sunk(draw: Draw, q: Array) -> Array:
 def demand(draw: Draw) -> float:
     """Return the largest share of a motor's torque that following the reference exactly takes."""
     time = np.linspace(0.0, draw.t_final, MOMENTS)
-    target = draw.reference.at(time)
-    tau = draw.arm.inverse_dynamics(target.q, target.v, target.a)
-    if draw.friction is not None:
-        tau = tau + draw.friction.viscous * target.v + draw.friction.coulomb * np.sign(target.v)
+    tau = torques_of(draw.arm, draw.reference.at(time), draw.friction)
     begin, end = draw.step_time
     pushed = tau + np.outer((time >= begin) & (time <= end), draw.torque_step)
     return float((np.maximum(np.abs(tau), np.abs(pushed)) / draw.effort).max())
+
+
+def torques_of(arm: Robot, target: Target, friction: Friction | None) -> Array:
+    """Return the torques that a motion takes, with friction, (samples, n)."""
+    tau = arm.inverse_dynamics(*target)
+    if friction is not None:
+        tau = tau + friction.viscous * target.v + friction.coulomb * np.sign(target.v)
+    return np.asarray(tau)
 
 
 def ideal_law_holds(draw: Draw) -> bool:

@@ -65,7 +65,7 @@ class Stop:
     def restless(self, watch: Watch) -> tuple[Array, Array, Mask]:
         """Return `restless` and `travel` of :class:`Watch` now, and whether the arm swings, each (1,)."""
         speed = np.abs(watch.v)
-        one = np.where(any_joint(watch.rv != 0.0), 0.0, 1.0)  # nothing is counted before the reference rests
+        one = np.where(any_joint(watch.rv != 0.0), 0.0, 1.0)  # none counts before the reference rests
         twice = 1.0 + np.where(watch.status == float(State.HOLD), 1.0, 0.0)  # HOLD does not flicker
         moves = any_joint(speed > twice * self.rest)
         after = np.where(

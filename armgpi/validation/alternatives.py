@@ -502,11 +502,9 @@ def _with_forgotten(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choic
         for other in scope.unused:
             yield "term", ast.BinOp(other, ast.Add(), node)
             yield "term", ast.BinOp(node, ast.Sub(), other)
+        factors = (*scope.numbers(), *scope.scalars)
         for other in scope.unused if isinstance(node, ast.BinOp) and insertion(node, parent) else ():
-            for x in (
-                *scope.numbers(),
-                *scope.scalars,
-            ):  # of a spring, a mass: half of its product with a square
+            for x in factors:  # of a spring, a mass: half of its product with a square
                 yield "term", ast.BinOp(node, ast.Add(), _times(other, x))
                 half = _times(ast.Constant(0.5), _times(other, _power(x, 2)))
                 yield "term", ast.BinOp(node, ast.Add(), half)

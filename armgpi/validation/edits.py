@@ -849,7 +849,7 @@ class Editor:
         """Tell whether a number with a name is one that the robot has too: hardly the wrong one."""
         if not (site.literal and isinstance(site.node, ast.Constant)):
             return False
-        value = abs(float(site.node.value))  # type: ignore[arg-type]
+        value = abs(float(ast.literal_eval(site.node)))
         return bool((np.abs(self._known - value) <= 1e-7 * value).any())
 
     def is_known(self, change: Change) -> bool:

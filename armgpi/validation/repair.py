@@ -73,7 +73,7 @@ def _agrees_renumbered(model: Any, worker: Worker, found: Repaired, states: Stat
     named = [node for _, node in numbers(ast.parse(found.source))]
     # Shares that no products or ratios of few of them make one again.
     draw = np.random.default_rng(20261123).uniform(0.75, 1.3, size=len(named))
-    own = {k: float(named[k].value) for k in found.standing}  # type: ignore[arg-type]
+    own = {k: float(ast.literal_eval(named[k])) for k in found.standing}
     changes = [(named[k], value * draw[k]) for k, value in own.items()]
     moved: dict[int, float] = {}
     for k, value in own.items():

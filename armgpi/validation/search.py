@@ -882,7 +882,7 @@ def _sum(old: str, term: str) -> str:
 def _number(site: Site, change: float) -> Iterator[tuple[str, float]]:
     """Yield another number in place of one: one in another unit, one of few digits."""
     assert isinstance(site.node, ast.Constant)
-    old = float(site.node.value)  # type: ignore[arg-type]
+    old = float(ast.literal_eval(site.node))
     new = 0.0 if abs(old + change) <= 1e-9 * abs(old) else old + change
     text = next(t for digits in range(1, 18) if abs(float(t := f"{new:.{digits}g}") - new) <= 1e-7 * abs(new))
     if (new * old <= 0.0 and site.literal) or not np.isfinite(new) or old in GRAVITY:

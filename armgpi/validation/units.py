@@ -144,7 +144,7 @@ def check(source: str, values: Callable[[str], Array | None], known: Slopes, tex
     wrong = other = seen = 0
     tree = ast.parse(source)
     named = list(numbers(tree))
-    stated = [float(node.value) for _, node in named]  # type: ignore[arg-type]
+    stated = [float(ast.literal_eval(node)) for _, node in named]
     sure = len(named) <= _MOST and not _bare(tree, named)
     standing: dict[int, dict[int, float]] = {}
     used, halves, unused = set[int](), set[int](), list[float]()
@@ -226,7 +226,7 @@ def numbers(tree: ast.AST) -> Iterator[tuple[str, ast.Constant]]:
 def readings(source: str) -> dict[str, float]:
     """Return how the numbers of a source are read in it, and what they are."""
     tree = ast.parse(source)
-    values = {name.strip("'").split(".")[-1]: float(x.value) for name, x in numbers(tree)}  # type: ignore[arg-type]
+    values = {name.strip("'").split(".")[-1]: float(ast.literal_eval(x)) for name, x in numbers(tree)}
     found = {}
     for node in ast.walk(tree):
         match node:
