@@ -28,9 +28,8 @@ def main() -> None:
     page = _page.begin(__file__, "References of each rollout")
     rounds, batches = (3, (64, 1024)) if page.quick else (7, (64, 1024, 16_384, 100_000))
     _page.say(
-        f"Microseconds of processor time per rollout-step of UR5, {STEPS} samples, nothing recorded, median "
-        f"(least..greatest) of {rounds} rounds in which all take turns; × is how many times longer than "
-        f"{ARRAYS}. Code and references were made before."
+        f"Microseconds of processor time per rollout-step of UR5, {STEPS} samples, nothing recorded, "
+        f"{rounds} rounds; × is how many times longer than {ARRAYS}."
     )
     rows: list[list[object]] = []
     for batch in batches:

@@ -30,10 +30,8 @@ def main() -> None:
     page = _page.begin(__file__, "Supervisor")
     rounds = 3 if page.quick else 25
     _page.say(
-        f"Nanoseconds of processor time per sample and rollout, median (least..greatest) of {rounds} rounds "
-        "in which all take turns; × is how many times longer with a supervisor. At most "
-        f"{GOAL:g} was asked for. The arm moves all the time. From each time that of a run of {FEW} samples "
-        "is taken off: a run costs a millisecond or two besides its samples."
+        f"Nanoseconds of processor time per sample and rollout, beyond a run of {FEW} samples, {rounds} "
+        f"rounds; × is how many times longer with a supervisor, goal at most {GOAL:g}."
     )
     rows = []
     for name in _arms.ROBOTS:
