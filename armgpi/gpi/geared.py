@@ -7,7 +7,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -58,6 +58,8 @@ _RAISES = (2.0, 2.0**0.5, 2.0**0.25)
 _RIGID = (1000.0 * math.pi) ** 2
 #: Configurations, the middle the first, and a rotor at least, as a share of the joint's own link inertia.
 CONFIGURATIONS, _LEAST_ROTOR = 4, 0.01
+
+_Found = TypeVar("_Found", float, Array)
 
 
 class Case(NamedTuple):
@@ -192,6 +194,25 @@ def borne(law: Any, robot: Robot, late: int) -> tuple[float, float]:
     return (usual * 10.0 ** (0.5 * exponents[low]) if low < len(exponents) else math.inf), usual
 
 
+class _Closed(NamedTuple):
+    """A loop: a case, and inertia and dG/dq of the law that closes it there."""
+
+    case: Case
+    inertia: Array
+    steep: Array | None
+
+    def holds(self, own: Law, most: float) -> bool:
+        """Tell whether it is stable, and where it is judged no more sensitive than `most`."""
+        law = around(own, self.inertia, self.steep)
+        if self.case.judged and most < math.inf:
+            return self.case.arm.sensitivity(law) <= most
+        return self.case.arm.growth(law) < 1.0
+
+    def sensitivity(self, own: Law) -> float:
+        """Return its sensitivity peak [-]."""
+        return self.case.arm.sensitivity(around(own, self.inertia, self.steep))
+
+
 class Loops:
     """The loops of an arm's cases under the laws of one nominal model, as fast as one wants.
 
@@ -212,23 +233,44 @@ class Loops:
             dt: sample time [s].
         """
         self._realisation, self._dt, self.joints = Bumpless(member), dt, nominal.n
-        steep = {id(case.q): None if bias is None else gravity_stiffness(bias, case.q) for case in cases}
-        self._each = [(case, nominal.mass_matrix(case.q), steep[id(case.q)]) for case in cases]
+        at = {id(case.q): case.q for case in cases}
+        steep = {i: None if bias is None else gravity_stiffness(bias, q) for i, q in at.items()}
+        inertia = {i: nominal.mass_matrix(q) for i, q in at.items()}
+        # Those that refused some bandwidth so far, which most likely refuse the next one as well; the others.
+        self._critical: list[_Closed] = []
+        self._others = [_Closed(case, inertia[id(case.q)], steep[id(case.q)]) for case in cases]
 
     def holds(self, omega: float | Array, most: float = math.inf) -> bool:
         """Tell whether all loops are stable, with a sensitivity peak of at most `most`."""
+        if not self.may_hold(omega, most):
+            return False
         own = self._own(omega)
-        for i, (case, inertia, steep) in enumerate(self._each):
-            law, judged = around(own, inertia, steep), case.judged and most < math.inf
-            if case.arm.growth(law) >= 1.0 or (judged and case.arm.sensitivity(law) > most):
-                self._each.insert(0, self._each.pop(i))  # most likely the one that the next bandwidth loses
+        for i, loop in enumerate(self._others):
+            if not loop.holds(own, most):
+                self._critical.append(self._others.pop(i))
                 return False
         return True
+
+    def may_hold(self, omega: float | Array, most: float = math.inf) -> bool:
+        """Tell whether the loops hold that refused something so far: a few of all."""
+        own = self._own(omega)
+        return all(loop.holds(own, most) for loop in self._critical)
+
+    def settle(self, find: Callable[[], _Found], most: float = math.inf) -> _Found:
+        """Return what a search by :meth:`may_hold` finds once all loops hold there.
+
+        Where another one does not it refuses from now on, and the search begins anew. What is zero or refused
+        already was found for want of something better.
+        """
+        while True:
+            found = find()
+            if not np.all(found) or not self.may_hold(found, most) or self.holds(found, most):
+                return found
 
     def sensitivity(self, omega: float | Array) -> float:
         """Return the largest sensitivity peak of all loops."""
         own = self._own(omega)
-        return max(case.arm.sensitivity(around(own, D, steep)) for case, D, steep in self._each)
+        return max(loop.sensitivity(own) for loop in (*self._critical, *self._others))
 
     def _own(self, omega: float | Array) -> Law:
         tuning = Tuning(omega * np.ones(self.joints), np.ones(self.joints), omega * np.ones(self.joints))
@@ -236,7 +278,7 @@ class Loops:
 
     def fastest(self, highest: float, most: float = math.inf) -> float:
         """Return the largest bandwidth up to `highest` that all loops bear [rad/s]; zero for none."""
-        return _largest(lambda omega: self.holds(omega, most), highest)
+        return self.settle(lambda: _largest(lambda omega: self.may_hold(omega, most), highest), most)
 
 
 def _largest(holds: Callable[[float], bool], highest: float) -> float:
@@ -296,10 +338,14 @@ def raise_joints(alike: Alike, loops: Loops, highest: float) -> Array:
     The weakest joint limits what all bear alike; wrists bear several times that.
     """
     share, of_raised = alike.shares
-    found = alike.fastest * np.ones(loops.joints)
-    for joint, factor in itertools.product(reversed(range(loops.joints)), _RAISES):
-        faster = found.copy()
-        faster[joint] = min(factor * found[joint], highest / share)
-        if faster[joint] > found[joint] and loops.holds(faster, alike.most):
-            found = faster
-    return np.maximum(alike.omega, of_raised * found)
+
+    def raise_all() -> Array:
+        found = alike.fastest * np.ones(loops.joints)
+        for joint, factor in itertools.product(reversed(range(loops.joints)), _RAISES):
+            faster = found.copy()
+            faster[joint] = min(factor * found[joint], highest / share)
+            if faster[joint] > found[joint] and loops.may_hold(faster, alike.most):
+                found = faster
+        return found
+
+    return np.maximum(alike.omega, of_raised * loops.settle(raise_all, alike.most))
