@@ -24,6 +24,7 @@ ROWS = {
     "columns NAMES": "What columns of CSV files are called: 'time=t,q=pos_JOINT,tau=i_NUMBER' (from 1).",
     "identify.resonance LOG": "A log of excite --resonance: stiffness of the gears, first mode.",
     "excite.resonance": "Joint by joint, 2 to 60 Hz, in a few degrees: shows the gears.",
+    "experiment FILE": "The experiment of the first log: simulated with the arm found, a second opinion.",
     "load LOG": "A log of the same arm with a load at its tip: what it is.",
     "anyway": "Fit although the check before it fails.",
     "out --out -o FOLDER": "Where the files go.",
@@ -46,6 +47,7 @@ def identify(
     current: str | None = None,
     columns: str | None = None,
     resonance: Path | None = None,
+    experiment: Path | None = None,
     load: Path | None = None,
     anyway: bool = False,
     out: Path = Path("identified"),
@@ -78,6 +80,8 @@ def identify(
     carried = None if load is None else found.load(load, check_first=not anyway)
     if resonance is not None:
         found = found.with_resonance(resonance)
+    if experiment is not None:
+        found = found.with_experiment(experiment)
     validation = None if validate is None else found.validate(validate)
     written = write_identified(found, out, validation, carried)
     texts = {path.name: path.read_text(encoding="utf-8") for path in written}
@@ -151,6 +155,7 @@ def excite(
     del how["package_dir"]  # no key of the file that is written
     usual = SHAKEN if resonance else FIRST_SHARE if first else 0.7
     given = usual if share is None else share
+    how |= opt.drives_given(None, drives)
     motion = (
         shake(arm, given, seed) if resonance else excited(arm, seconds, given, seed, floor, _corners(box))
     )

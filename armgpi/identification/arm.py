@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
+from os import PathLike
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +19,7 @@ from armgpi.identification.estimate import Block, Fit, Prior
 from armgpi.identification.logs import Grid, Log, read_log, resample
 from armgpi.identification.posterior import Posterior, with_parameters
 from armgpi.identification.resonance import Gears, find_gears
+from armgpi.identification.simulated import simulate_experiment
 from armgpi.identification.weak_form import (
     BODY,
     COLUMNS,
@@ -143,6 +146,8 @@ class Identified:
         sources: where the logs came from.
         dt: sample time of the first log [s].
         gears: their stiffness and the first mode, where a log of a multisine was given; else None.
+        simulated: residual over torque of the arm simulated with the experiment of the first log, (n,), where
+            that was given, infinite where it is lost; else None.
     """
 
     def __init__(
@@ -155,6 +160,7 @@ class Identified:
     ) -> None:
         """Take over a regression; users call :func:`identify`."""
         self.gears = gears
+        self.simulated: Array | None = None
         self._data, self._fit, self._prior = data, fitted, prior
         self.file, self.findings = data.robot, tuple(findings)
         self.theta = prior.mean + prior.std * fitted.physical
@@ -197,6 +203,26 @@ class Identified:
         """
         gears = find_gears(self.robot, self._data.read(log), self.lag, self._data.gravity)
         return Identified(self._data, self._fit, self._prior, self.findings, gears)
+
+    def with_experiment(self, path: str | PathLike[str]) -> Identified:
+        """Return the same with a second opinion: what the arm takes when it is simulated.
+
+        Args:
+            path: of the experiment file that the first log is of, both from its begin.
+
+        Raises:
+            ConfigError: for a file that is no experiment, or is one of drawn arms.
+            ParameterError: when the first log is of another experiment.
+        """
+        data, n, other = self._data, self.file.n, copy.copy(self)
+        offset = self.theta[: len(COLUMNS) * n].reshape(n, -1)[:, OFFSET]
+        tau = simulate_experiment(path, self.robot, offset, float(self.lag.max()), data.grids[0])
+        twin = WeakForm(data.model, data.grids[0]._replace(tau=tau))
+        measured, simulated = (form.torque(np.zeros(n))[0] for form in (data.forms[0], twin))
+        measured = np.where(data.blocks(self.lag)[0].valid, measured, np.nan)
+        shares = _shares([measured - simulated], [measured])
+        other.simulated = frozen(np.full(n, np.inf) if np.isinf(tau).any() else shares)
+        return other
 
     def table(self, bodies: bool = False) -> list[Estimate]:
         """Return the estimates of every joint: drives, offset and lag, and those of its body if asked for.

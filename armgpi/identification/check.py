@@ -154,7 +154,8 @@ def _of_motion(robot: Robot, form: WeakForm) -> Iterator[Finding]:
             yield Finding(
                 "error",
                 name,
-                f"its speed is {form.speed[j]:.2g}, expected {_LEAST_SPEED:g} rad/s or m/s: move it faster",
+                f"its speed is {form.speed[j]:.2g}, expected {_LEAST_SPEED:g} rad/s or m/s: move it faster, "
+                f"or lock it where it is no joint of the arm (--lock {name})",
             )
         elif turns < _TURNS:
             yield Finding("error", name, f"turns round {turns} times, expected {_TURNS}: move it to and fro")

@@ -142,11 +142,29 @@ def say_drift(found: Identified, validation: Validation | None) -> list[str]:
     """Return the joints that another log leaves much more of than the fitted ones do."""
     if validation is None:
         return []
-    pairs = zip(found.robot.joint_names, found.residuals, validation.identified, strict=True)
-    worse = [name for name, own, other in pairs if other > max(_DRIFT * own, _DRIFTED)]
-    return worse and [
-        f"drifted since the fitted logs, or moved otherwise than in them: {', '.join(worse)}; identify again"
-    ]
+    names = _worse_joints(found, found.residuals, validation.identified)
+    said = f"drifted since the fitted logs, or moved otherwise than in them: {names}; identify again"
+    return [said] if names else []
+
+
+def say_simulation(found: Identified) -> list[str]:
+    """Return what the simulated experiment of the first log says of the arm, beside the weak form."""
+    if found.simulated is None:
+        return []
+    if np.isinf(found.simulated).any():
+        return ["misfit: simulated with the experiment of the first log, the arm that was found is lost"]
+    weak = found.replayed.identified
+    here, there = (_percent(float(np.nanmedian(each))) for each in (found.simulated, weak))
+    said = f"simulated with its experiment, the arm is {here} % of a joint's torque off the first log"
+    lines = [f"{said} (median), by the weak form {there} %"]
+    names = _worse_joints(found, weak, found.simulated)
+    return [*lines, f"misfit: farther off by simulation than by the weak form: {names}"] if names else lines
+
+
+def _worse_joints(found: Identified, own: Array, other: Array) -> str:
+    """Return the joints of which another residual is so much larger that it is no chance."""
+    rows = zip(found.robot.joint_names, own, other, strict=True)
+    return ", ".join(name for name, x, y in rows if y > max(_DRIFT * x, _DRIFTED))
 
 
 def say_findings(found: Identified) -> list[str]:
@@ -178,6 +196,7 @@ def say_notes(found: Identified, validation: Validation | None) -> list[str]:
         say_drift(found, validation),
         [say_lag(found)],
         say_gears(found),
+        say_simulation(found),
         say_law(found),
         say_findings(found),
     )

@@ -321,6 +321,8 @@ def plain(found: Identified, emptied: Sequence[str], validation: Validation | No
     if found.gears is not None:
         value, low, high = found.gears.mode.tolist()
         data["first_mode"] = {"value": value, "low": low, "high": high, "encoder_side": found.gears.side}
+    if found.simulated is not None:
+        data["simulated_residual_over_torque"] = of_joints(found.simulated.tolist())
     if validation is not None:
         data["validation"] = {
             "log": validation.source,

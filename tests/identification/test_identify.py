@@ -28,9 +28,9 @@ from armgpi.identification.excitation import excite
 from armgpi.identification.logs import Log, read_log, resample
 from armgpi.identification.posterior import read_posterior, with_parameters
 from armgpi.identification.resonance import LINES, TURN, find_gears
-from armgpi.identification.text import say_causes, say_drift, say_findings, say_residuals
+from armgpi.identification.text import say_causes, say_drift, say_findings, say_residuals, say_simulation
 from armgpi.identification.weak_form import COLUMNS, ROTOR, bump
-from armgpi.identification.writing import edit_urdf, write_identified
+from armgpi.identification.writing import edit_urdf, experiment_files, write_identified
 from armgpi.loop import logs
 from armgpi.plants.plant import inside
 from armgpi.robot import identified, robots, rotors
@@ -473,6 +473,11 @@ def test_a_motion_for_an_identified_arm_finds_it_from_anywhere(
     monkeypatch.chdir(tmp_path)
     built = config.build(*config.read(Path("experiment.yaml")))
     assert built.robot.armature == pytest.approx(found().robot.armature)
+    drives = tmp_path / "side.yaml"
+    drives.write_text("{q1: {encoder_side: link}, q2: {encoder_side: link}, q3: {encoder_side: link}}")
+    assert cli("excite", "anthropomorphic3", "--drives", drives, "--seconds", 4, "-o", tmp_path).code == 0
+    built = config.build(*config.read(Path("experiment.yaml")))
+    assert built.robot.drives.value("encoder_side").tolist() == ["link"] * 3
 
 
 def test_a_first_motion_is_stopped_where_the_arm_leaves_it(
@@ -689,3 +694,58 @@ def test_a_residual_is_named_by_what_it_follows() -> None:
     assert "q2: 20 % is unexplained: it sticks" in " ".join(
         say_residuals(file(), judged.identified, True, causes)
     )
+
+
+def test_irregular_times_and_torques_of_another_time_at_each_joint_are_taken(tmp_path: Path) -> None:
+    """A log as a UR10e's: some 110 Hz, times from anywhere, torques that lag positions joint by joint."""
+    rng, motion = np.random.default_rng(0), excite(file(), 20.0, 0.6, seed=3).reference
+    t = np.cumsum(rng.choice([0.002, 0.008, 0.012], 2600))
+    t, lags = t[t < 19.9], [0.008, 0.016, 0.024]
+    tau = np.empty((len(t), 3))
+    for j, lag in enumerate(lags):
+        z = motion.at(t - lag)
+        friction = arm().friction.viscous * z.v + arm().friction.coulomb * z.v / np.sqrt(z.v**2 + 1e-6)
+        tau[:, j] = (arm().inverse_dynamics(*z) + friction)[:, j]
+    tau += 0.005 * np.abs(tau).max(axis=0) * rng.normal(size=tau.shape)
+    head = "time,q_q1,q_q2,q_q3,tau_q1,tau_q2,tau_q3"
+    path = tmp_path / "real.csv"
+    np.savetxt(path, np.column_stack([t + 798.0, motion.at(t).q, tau]), "%.6f", ",", header=head, comments="")
+    result = identify(path, file())
+    z = excite(file(), 10.0, 0.6, seed=9).reference.at(np.linspace(0.5, 9.5, 100))
+    true, own = (each.inverse_dynamics(z.q, z.v, z.a) for each in (arm(), result.robot))
+    assert np.sqrt(((own - true) ** 2).mean(axis=0) / (true**2).mean(axis=0)).max() < 0.02
+    assert np.diff(-result.lag) == pytest.approx(np.diff(lags), abs=2e-3)
+    assert result.robot.friction.coulomb == pytest.approx(arm().friction.coulomb, rel=0.1)
+
+
+@cache
+def moved() -> tuple[Path, Log]:
+    """Return an experiment, and the log of an arm that has another rotor and friction than its file says."""
+    folder = Path(tempfile.mkdtemp())
+    near, motion = file().with_armature([0.2, 0.15, 0.08]), excite(file(), 6.0, 0.6, seed=3)
+    files = experiment_files(near, "anthropomorphic3", motion, {})
+    text = files["experiment.yaml"].replace("untuned", "gpi\n  omega: 10.0") + "sample_time: 0.004\nplant: "
+    plant = {"rotor_inertia": [0.3, 0.2, 0.1], "coulomb": 0.5, "viscous": 0.4}
+    known = {"engine": "armgpi", "delay": 1}
+    for name, own in (("real", {**known, **plant}), ("file", known)):
+        (folder / f"{name}.yaml").write_text(text + json.dumps(own), encoding="utf-8")
+    (folder / "reference.csv").write_text(files["reference.csv"], encoding="utf-8")
+    real = config.build(*config.read(folder / "real.yaml"))
+    run = armgpi.simulate(real.plant, real.controllers["gpi"], real.reference, 6.0, progress=False)
+    return folder / "file.yaml", read_log(run, file())
+
+
+def test_an_arm_simulated_with_its_experiment_agrees_with_the_weak_form_or_that_is_said() -> None:
+    path, given = moved()
+    same = identify(given, file()).with_experiment(path)
+    assert same.simulated is not None
+    assert same.simulated.max() < 0.01
+    (said,) = say_simulation(same)
+    assert "by the weak form" in said
+    sign = np.sign(np.gradient(given.q, axis=0))
+    loaded = given._replace(tau=given.tau + 0.2 * sign * np.abs(file().gravity(given.q)) * [0.0, 1.0, 0.0])
+    other = identify(loaded, file(), check_first=False).with_experiment(path)
+    assert say_simulation(other)[1:] == ["misfit: farther off by simulation than by the weak form: q2"]
+    with pytest.raises(ArmgpiError, match="off its reference after") as caught:
+        found().with_experiment(path)
+    assert "\n" not in str(caught.value)
