@@ -345,7 +345,7 @@ def picture(seed: int) -> None:
         linear = two_mass.law(law, q)
         for side, style in (("motor", "-"), ("link", "--")):
             every = [two_mass.Gears(rotor, factor * stiffness, 0.03, 500.0, side) for factor in factors]
-            modes = [two_mass.free_modes(links, gears)[0] for gears in every]
+            modes = [rotors.lowest_mode(links, rotor, gears.stiffness) for gears in every]
             peaks = [two_mass.ArmLoop(robot, q, gears, DT, LATE).sensitivity(linear) for gears in every]
             middle.loglog(modes, peaks, style, color=f"C{i}", label=f"encoder at the {side}")
         right.semilogy(*largest_error(elastic, law), color=f"C{i}", label=name)

@@ -25,7 +25,6 @@ import pinocchio as pin
 import armgpi
 from armgpi.arrays import Array
 from armgpi.errors import ArmgpiError, ParameterError, UnfitLog
-from armgpi.gpi.two_mass import Gears, free_modes
 from armgpi.health.zoo import fingers
 from armgpi.identification.arm import Identified, identify
 from armgpi.identification.estimate import expect
@@ -41,6 +40,7 @@ from armgpi.plants.reality import scales
 from armgpi.robot.equations import Friction
 from armgpi.robot.repairs import SUPPOSE
 from armgpi.robot.robots import locate
+from armgpi.robot.rotors import lowest_mode
 
 #: What is known of the cases: how the log is made.
 CASES: dict[str, dict[str, Any]] = {
@@ -308,7 +308,7 @@ def measure_resonance(name: str, count: int, seed: int) -> dict[str, Any]:
         mode = float(3.0 * 10.0 ** rng.uniform())
         links = arm.mass_matrix(arm.middle()) - np.diag(arm.armature)
         stiffness = arm.armature * np.exp(rng.uniform(-0.5, 0.5, arm.n))
-        stiffness *= (mode / free_modes(links, Gears(arm.armature, stiffness))[0]) ** 2
+        stiffness *= (mode / lowest_mode(links, arm.armature, stiffness)) ** 2
         plant: Any = armgpi.ElasticPlant(
             arm, gear_stiffness=stiffness, friction=arm.friction, encoder_side=side
         )

@@ -5,6 +5,7 @@ Usage:
     python tools/reality.py --count 200 --arms held-out --laws gpi adrc '{type: gpi, rolloff: 1}'
     python tools/reality.py --arms ur5 panda z1 --count 240 --laws untuned --only --reality elastic
     python tools/reality.py --arms ur5 panda --laws gpi --reality bare --seed 1 --out found.json
+    python tools/reality.py --arms ur5 --laws untuned --only --reality undriven --change '{rotor_common: 5}'
 
 The first row is the law of version 0.1, `gpi` with its defaults. Intervals are Wilson's, of
 95 %. Draws of one arm are alike, and so are those that share a sample time: for a new arm the intervals are
@@ -178,6 +179,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--only", action="store_true", help="those laws alone, without gpi")
     parser.add_argument("--reality", default="geared", choices=KINDS)
     parser.add_argument("--drives", nargs="+", default=[None], choices=("believed", "soft"))
+    parser.add_argument("--change", type=yaml.safe_load, default={}, help="parameters of the reality")
     parser.add_argument("--block", type=int, help="draws in a row that share sample time and delay")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--backend", default="compiled", choices=("numpy", "compiled", "auto"))
@@ -191,7 +193,7 @@ def main(arguments: list[str] | None = None) -> int:
         section = yaml.safe_load(text)
         laws[text] = section if isinstance(section, dict) else {"type": section}
     block = {} if given.block is None else {"block": given.block}
-    drawn = Reality(given.reality, given.seed, **block)
+    drawn = Reality(given.reality, given.seed, **block, **given.change)
     done = experiments(
         drawn,
         names,

@@ -21,14 +21,13 @@ from armgpi.gpi.two_mass import (
     Law,
     around,
     damping_at_one,
-    free_modes,
     gravity_stiffness,
     joint_laws,
 )
 from armgpi.gpi.two_mass import law as law_at
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
-from armgpi.robot.rotors import SCATTER, believe_gears
+from armgpi.robot.rotors import SCATTER, believe_gears, lowest_mode
 
 #: Largest sensitivity peak where the stiffness is told, and what is tried where none is as low. Where the
 #: stiffness is believed, or none of these can be had: which share of the fastest stable bandwidth is taken,
@@ -139,8 +138,8 @@ def resonance(robot: Robot) -> float:
     """Return the lowest resonance of an arm with free motors in the middle [Hz]; gears may be believed."""
     soft = believe_gears(robot)
     rotor = _rotor(soft)
-    gears = Gears(rotor, _fill_unknown(soft.drives.value("stiffness"), rotor))
-    return float(free_modes(soft.mass_matrix(soft.middle()) - np.diag(soft.armature), gears)[0])
+    stiffness = _fill_unknown(soft.drives.value("stiffness"), rotor)
+    return lowest_mode(soft.mass_matrix(soft.middle()) - np.diag(soft.armature), rotor, stiffness)
 
 
 def _configurations(robot: Robot) -> tuple[Array, ...]:

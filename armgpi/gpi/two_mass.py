@@ -259,21 +259,6 @@ def _each(B: Array, z: Array) -> Array:
     return np.broadcast_to(B.astype(complex), (len(z), *B.shape))
 
 
-def free_modes(links: Array, gears: Gears) -> Array:
-    """Return the natural frequencies of an arm with free motors, ascending, without those at zero [Hz].
-
-    Args:
-        links: inertia matrix without rotors [kg m^2], (n, n).
-        gears: its drives.
-    """
-    if gears.stiffness is None:
-        return np.array([])
-    # Of the twist alone: (M^-1 + J^-1) K.
-    both = np.linalg.inv(links) + np.diag(1.0 / gears.rotor)
-    squares = np.linalg.eigvals(both * gears.stiffness).real
-    return np.asarray(np.sqrt(np.sort(np.maximum(squares, 0.0))) / (2.0 * np.pi))
-
-
 def loop(of_plant: Plant, of_law: Law, delay: int) -> tuple[Array, Array, Array, Array]:
     """Return the open loop from a torque at the plant to the torque that the law answers, A, B, C, D."""
     A, B, C = of_plant

@@ -12,7 +12,7 @@ from scipy import optimize
 from armgpi.arrays import Array, check_number, check_type, check_whole
 from armgpi.errors import ParameterError, UnfitLog
 from armgpi.gpi.two_mass import Gears as Modes
-from armgpi.gpi.two_mass import damping_at_one, free_modes, gravity_stiffness
+from armgpi.gpi.two_mass import damping_at_one, gravity_stiffness
 from armgpi.identification.estimate import expect
 from armgpi.identification.excitation import Excitation, ranges
 from armgpi.identification.logs import Grid, Log, resample
@@ -20,7 +20,7 @@ from armgpi.identification.weak_form import COLUMNS, ROTOR
 from armgpi.references.recorded import Recorded
 from armgpi.robot.drives import Drives
 from armgpi.robot.robot import Robot
-from armgpi.robot.rotors import believe_gears
+from armgpi.robot.rotors import believe_gears, lowest_mode
 
 #: Period of the multisine [s], lines from 2 to 60 Hz, and series of phases of which the flattest is taken.
 PERIOD = 2.0
@@ -368,4 +368,4 @@ class _Fit:
         """Return the lowest mode in the middle of the ranges [Hz]."""
         K, _, J, _, share = np.exp((self.mean + self.std * x)[: -self.robot.n]).reshape(5, -1)
         links = self.robot.mass_matrix(self.robot.middle()) - np.diag(self.robot.armature)
-        return float(free_modes(np.outer(share, share) * links, Modes(J, K))[0])
+        return lowest_mode(np.outer(share, share) * links, J, K)

@@ -637,9 +637,7 @@ def _gears(arm: Robot, rotor: Array, drawn: Numbers, scale: Scales) -> Gears:
     """Return the gears of an arm: stiffness as the rotors, as both grow with a motor, scaled by the mode."""
     links = arm.mass_matrix(arm.middle()) - np.diag(arm.armature)
     stiffness = drawn.stiffness_share * rotor
-    # The twist of the gears swings by itself: its acceleration is -(M^-1 + J^-1) K twist.
-    modes = np.linalg.eigvals((np.linalg.inv(links) + np.diag(1.0 / arm.armature)) @ np.diag(stiffness))
-    stiffness = stiffness * (2.0 * math.pi * drawn.mode) ** 2 / modes.real.min()
+    stiffness = stiffness * (drawn.mode / rotors.lowest_mode(links, arm.armature, stiffness)) ** 2
     own = stiffness * np.diag(links) * arm.armature / (np.diag(links) + arm.armature)
     current = np.full(arm.n, drawn.current)
     damping = 2.0 * drawn.gear_damping * np.sqrt(own)

@@ -11,6 +11,8 @@ its stiffness is believed to have K = T / TWIST; that of a slide's belt, K = F /
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from armgpi.arrays import Array, check_choice, check_type
@@ -121,6 +123,19 @@ def believe_gears(robot: Robot) -> Robot:
     low, high = ({name: f * K for name, K in value.items()} for f in (1.0 / TWIST_SCATTER, TWIST_SCATTER))
     more = rotors.with_value("stiffness", value, low, high, source="believed")
     return robot.with_drives(more) if more.data else robot
+
+
+def lowest_mode(links: Array, rotor: Array, stiffness: Array) -> float:
+    """Return the lowest natural frequency of an arm with free motors [Hz].
+
+    Args:
+        links: inertia matrix without rotors [kg m^2], (n, n).
+        rotor: inertia of the rotors [kg m^2 or kg], (n,).
+        stiffness: of the gears [N m/rad or N/m], (n,).
+    """
+    # Of the twist alone, which accelerates by -(M^-1 + J^-1) K twist.
+    both = np.linalg.inv(links) + np.diag(1.0 / rotor)
+    return math.sqrt(max(np.linalg.eigvals(both * stiffness).real.min(), 0.0)) / (2.0 * math.pi)
 
 
 def without_rotors(robot: Robot) -> Robot:

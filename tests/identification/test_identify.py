@@ -21,7 +21,7 @@ import armgpi
 from armgpi import config
 from armgpi.config.experiment import portable
 from armgpi.errors import ArmgpiError, UnfitLog
-from armgpi.gpi.two_mass import Gears, damping_at_one, free_modes, gravity_stiffness
+from armgpi.gpi.two_mass import Gears, damping_at_one, gravity_stiffness
 from armgpi.identification.arm import Identified, Validation, identify
 from armgpi.identification.estimate import Block, Prior, expect, fit
 from armgpi.identification.excitation import excite
@@ -572,7 +572,7 @@ def shaken(side: str, stiffness: float) -> tuple[Log, float]:
         tau[own, j] += (waves * np.exp(1j * np.pi * LINES * dt) @ torque).real
         q[own] += (waves * np.exp(-2j * np.pi * LINES * dt) @ (answers[..., j] * torque[:, None])).real
     count = 2.0 * np.pi / 2**18
-    return Log(t, np.round(q / count) * count, tau), float(free_modes(links, drives)[0])
+    return Log(t, np.round(q / count) * count, tau), rotors.lowest_mode(links, drives.rotor, drives.stiffness)
 
 
 @pytest.mark.parametrize(("side", "stiffness"), [("motor", 3e3), ("link", 8e3)])
