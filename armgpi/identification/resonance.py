@@ -190,12 +190,12 @@ def _turns(grid: Grid) -> Iterator[_Turn]:
     """Find the joints' turns in a log, and their answers at the lines."""
     n, size = grid.q.shape[1], max(2, round(_LOOK / grid.dt))
     count = len(grid.q) // size
-    blocks = grid.q[: count * size].reshape(count, size, n)
-    moves = np.abs(np.diff(blocks, axis=1)).sum(axis=1)
-    moves /= np.maximum(moves.max(axis=0), 1e-300)
     turn, first = round(TURN / _LOOK), round(_SETTLE / _LOOK)
     if count < turn - 2:
         return
+    blocks = grid.q[: count * size].reshape(count, size, n)
+    moves = np.abs(np.diff(blocks, axis=1)).sum(axis=1)
+    moves /= np.maximum(moves.max(axis=0), 1e-300)
     middle = [[np.arange(j * turn + first, (j + 1) * turn - 2)] for j in range(n)]
 
     def matches(begin: int) -> float:

@@ -126,16 +126,16 @@ def say_gears(found: Identified) -> list[str]:
         return []
     value, low, high = gears.mode
     said = f"first mode {value:.3g} Hz [{low:.3g}, {high:.3g}], motors free, in the middle"
-    said += f"; encoders at the {gears.side}"
-    names = [name for name, own in zip(found.robot.joint_names, gears.measured, strict=True) if not own]
-    return [
-        said,
-        *(
-            [f"gears as stiff as believed, or stiffer than the log shows: {', '.join(names)}"]
-            if names
-            else []
-        ),
-    ]
+    lines = [f"{said}; encoders at the {gears.side}"]
+    still = np.isnan(gears.misfit)
+    for own, why in (
+        (still, "the log ends before their turn, or begins after it, so the first mode may be lower"),
+        (~(still | gears.measured.astype(bool)), "gears as stiff as believed, or stiffer than the log shows"),
+    ):
+        if own.any():
+            names = ", ".join(np.array(found.robot.joint_names)[own])
+            lines.append(f"{why}: {names}")
+    return lines
 
 
 def say_drift(found: Identified, validation: Validation | None) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import copy
 import json
 import re
 import runpy
@@ -28,7 +29,14 @@ from armgpi.identification.excitation import excite
 from armgpi.identification.logs import Log, read_log, resample
 from armgpi.identification.posterior import read_posterior, with_parameters
 from armgpi.identification.resonance import LINES, TURN, find_gears
-from armgpi.identification.text import say_causes, say_drift, say_findings, say_residuals, say_simulation
+from armgpi.identification.text import (
+    say_causes,
+    say_drift,
+    say_findings,
+    say_gears,
+    say_residuals,
+    say_simulation,
+)
 from armgpi.identification.weak_form import COLUMNS, ROTOR, bump
 from armgpi.identification.writing import edit_urdf, experiment_files, write_identified
 from armgpi.loop import logs
@@ -586,12 +594,17 @@ def test_the_first_mode_is_found_from_a_multisine(side: str, stiffness: float) -
     late = given.t > TURN
     part = find_gears(arm(), Log(*(x[late] for x in given[:3])), np.full(3, 2e-3))
     assert part.measured.tolist() == [False, True, True]
+    other = copy.copy(found())
+    other.gears = part
+    assert say_gears(other)[1].endswith("so the first mode may be lower: q1")
     assert part.stiffness[1:] == pytest.approx(stiffness * arm().armature[1:], rel=0.1)
 
 
 def test_a_log_without_a_multisine_says_what_is_expected() -> None:
     with pytest.raises(UnfitLog, match="excite --resonance"):
         found().with_resonance(Log(*(x[:1400] for x in log()[:3])))
+    with pytest.raises(UnfitLog, match="excite --resonance"):
+        found().with_resonance(Log(*(x[:100] for x in log()[:3])))
 
 
 def table(names: str, q_factor: float = 1.0) -> str:
