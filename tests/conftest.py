@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import os
+import shutil
 import signal
 import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 from commands import Answer
@@ -25,6 +28,12 @@ settings.load_profile("armgpi")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def pytest_collection_finish() -> None:
+    """Leave imports and tests, which stay for good, out of every later look for garbage."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.fixture(scope="session", autouse=True)
 def shared_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Keep compiled libraries in one folder for the whole session, which its processes share."""
@@ -34,6 +43,22 @@ def shared_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ARMGPI_CACHE", str(base / "armgpi-cache"))
         yield
+
+
+@pytest.fixture(scope="session")
+def quick_compiler(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A C compiler that is soon done: the bits are those of any level."""
+    path = tmp_path_factory.mktemp("compiler") / "cc"
+    path.write_text('#!/bin/sh\nexec cc "$@" -O0\n')
+    path.chmod(0o700)
+    return path
+
+
+@pytest.fixture
+def compile_quickly(quick_compiler: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is compiled of generated C is there soon; tests/codegen has the levels that a user's runs have."""
+    if shutil.which("cc"):
+        monkeypatch.setenv("CC", str(quick_compiler))
 
 
 @pytest.fixture

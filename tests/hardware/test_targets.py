@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from commands import fork_script
 from test_grippers import J, text
 
 from armgpi import (
@@ -133,21 +134,6 @@ def interface(target: str) -> tuple[Robot, float, Supervisor]:
 
 
 @pytest.fixture(scope="module")
-def quick_compiler(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A C compiler that is soon done: the bits are those of any level."""
-    path = tmp_path_factory.mktemp("compiler") / "cc"
-    path.write_text('#!/bin/sh\nexec cc "$@" -O0\n')
-    path.chmod(0o700)
-    return path
-
-
-@pytest.fixture
-def compile_quickly(quick_compiler: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What Python and CMake compile of a folder is there soon."""
-    monkeypatch.setenv("CC", str(quick_compiler))
-
-
-@pytest.fixture(scope="module")
 def fixed_gains(tmp_path_factory: pytest.TempPathFactory) -> Export:
     """Write the law with fixed gains of a target to a folder; it is generated once."""
     folders: dict[str, Path] = {}
@@ -188,6 +174,12 @@ def run(*command: object, folder: Path) -> str:
     return done.stdout
 
 
+def run_python(text: str, *arguments: object, folder: Path) -> str:
+    done = fork_script(text, *arguments, folder=folder)
+    assert done.code == 0, done.out + done.err
+    return done.out
+
+
 @compiled
 def test_the_cap_of_a_stage_has_a_test_in_the_folder(tmp_path: Path) -> None:
     export_controller(Supervised(GPI(ARM, 1e-3), Supervisor(torque_cap=1.0)), tmp_path, measure=False)
@@ -202,17 +194,17 @@ def test_every_fault_has_a_test_in_the_folder_which_passes(real: str, law: type,
     controller = Supervised(law(ARM, 1e-3), Supervisor(missed=5, speed=0.5))
     export_controller(controller, tmp_path, real=real, measure=False)
     sources = ("test_faults.c", "armgpi_controller.c")
-    flags = ["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-fsanitize=address,undefined"]
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-fsanitize=address,undefined"]
     run("cc", *flags, *sources, "-o", "faults", "-lm", folder=tmp_path)
     said = run("./faults", folder=tmp_path)
     reasons = [int(line.split()[2]) for line in said.splitlines()[:-1] if "switched off" not in line]
     assert sorted(reasons) == list(range(2, 12))  # a cap would come before SATURATED: below
     # From Python and from C++ the same code.
-    (tmp_path / "use.py").write_text(
+    used = (
         "import armgpi_controller as c\nx, code = c.Controller(), c.Controller.init.__code__\n"
         "v = ([0.1] * 3,) * (code.co_argcount - 1)\nprint(x.init(*v), x.step(*v)[0], x.fault[0])\n"
     )
-    answer = run(sys.executable, "use.py", folder=tmp_path)
+    answer = run_python(used, folder=tmp_path)
     assert answer.split() == ["init", "run", "none"]
     (tmp_path / "use.cpp").write_text(
         '#include "armgpi_controller.hpp"\narmgpi_controller::Controller used;\n'
@@ -319,8 +311,7 @@ def test_a_dry_run_sends_nothing_and_logs_what_the_joints_carry(
     target: str, fixed_gains: Export, tmp_path: Path
 ) -> None:
     robot, _ = fixed_gains(target, tmp_path)
-    (tmp_path / "look.py").write_text(LOOK)
-    run(sys.executable, "look.py", target, ",".join(map(repr, robot.middle().tolist())), folder=tmp_path)
+    run_python(LOOK, target, ",".join(map(repr, robot.middle().tolist())), folder=tmp_path)
     log = logs.read(tmp_path / "motion.armlog")
     assert len(log.samples) == 301
     assert (log.samples["applied"] == 1.0).all()
@@ -340,8 +331,7 @@ def test_a_franka_callback_ends_its_motion_when_the_arm_has_stopped(
     objects = [f"armgpi_{x}.o" for x in PARTS]
     run(need("g++"), *flags, "motion.cpp", *objects, "-o", "motion", folder=tmp_path)
     run("./motion", folder=tmp_path)
-    (tmp_path / "loop.py").write_text(LOOP)
-    said = run(sys.executable, "loop.py", "fci", "-", 50, folder=tmp_path)
+    said = run_python(LOOP, "fci", "-", 50, folder=tmp_path)
     assert said.startswith("hold not_finite panda_joint2")
     assert figures(said)["speed"] < 0.01
 
@@ -357,9 +347,8 @@ def test_the_recommended_law_moves_a_simulated_arm_to_its_goal(target: str, tmp_
     # The arm has the rotors that the law believes.
     load, rotors = ".with_gravity((0, 0, 0))\n", "robot = armgpi.robot.rotors.believe(robot)\n"
     script = LOOP.replace(load, load + rotors).replace("import armgpi\n", "import armgpi.robot.rotors\n")
-    (tmp_path / "loop.py").write_text(script)
     goal = ",".join(f"{x:.3f}" for x in robot.middle() + 0.2)
-    said = run(sys.executable, "loop.py", target, goal, 0, folder=tmp_path)
+    said = run_python(script, target, goal, 0, folder=tmp_path)
     assert said.startswith("run none")
     found = figures(said)
     assert found["away"] < 1e-3
@@ -397,10 +386,7 @@ def test_a_package_follows_the_motion_of_its_log(target: str, tmp_path: Path) ->
     )
     load, rotors = ".with_gravity((0, 0, 0))\n", "robot = armgpi.robot.rotors.believe(robot)\n"
     script = LOOP.replace(load, load + rotors).replace("import armgpi\n", "import armgpi.robot.rotors\n")
-    (tmp_path / "loop.py").write_text(script)
-    said = run(
-        sys.executable, "loop.py", target, "--motion motion.csv --log 20-pulse.armlog", 0, folder=tmp_path
-    )
+    said = run_python(script, target, "--motion motion.csv --log 20-pulse.armlog", 0, folder=tmp_path)
     assert said.startswith("run none")
     log = logs.read(tmp_path / "20-pulse.armlog")
     rows = log.samples
@@ -426,7 +412,7 @@ def test_a_package_follows_the_motion_of_its_log(target: str, tmp_path: Path) ->
         )
         script = "import armgpi_controller as a\nm = a.Motion('motion.csv')\n"
         script += f"for t in {lines[:, 0].tolist()}: print(*(x[1] for x in m.at(t)))\n"
-        said = run(sys.executable, "-c", script, folder=tmp_path)
+        said = run_python(script, folder=tmp_path)
         same = np.array([[float(x) for x in line.split()] for line in said.splitlines()])
         np.testing.assert_allclose(lines[:, 1:], same, atol=1e-12)
 
@@ -467,8 +453,7 @@ def test_a_franka_sees_no_faster_torque_with_packets_lost(program: str, tmp_path
         need("cmake")
     law = Supervised(GPI(panda(), 1e-3, FixedGains(20.0)), Supervisor(torque_rate=999.999))
     export_controller(law, tmp_path, measure=False, target="fci")
-    (tmp_path / "loop.py").write_text(LOSSY)
-    said = run(sys.executable, "loop.py", program, folder=tmp_path)
+    said = run_python(LOSSY, program, folder=tmp_path)
     found = [figures(line) for line in said.splitlines() if line.startswith("away")]
     assert len(found) == 5
     assert all(each["rate"] <= 1000.0 for each in found)
@@ -586,9 +571,8 @@ def test_a_topic_moves_the_ros2_controller_and_a_service_stops_it(
 @pytest.mark.parametrize("target", ["fci", "ur"])
 def test_ctrl_c_stops_the_arm_under_control(target: str, fixed_gains: Export, tmp_path: Path) -> None:
     robot, dt = fixed_gains(target, tmp_path)
-    (tmp_path / "loop.py").write_text(LOOP)
     goal = ",".join(f"{x:.3f}" for x in robot.middle() + 0.2)
-    said = run(sys.executable, "loop.py", target, goal, -round(0.3 / dt), folder=tmp_path)
+    said = run_python(LOOP, target, goal, -round(0.3 / dt), folder=tmp_path)
     assert said.startswith("hold reference")
     assert "stopped by Ctrl-C" in said
     assert figures(said)["code"] == 1
@@ -599,17 +583,10 @@ def test_ctrl_c_stops_the_arm_under_control(target: str, fixed_gains: Export, tm
 @pytest.mark.usefixtures("compile_quickly")
 def test_a_ur_controller_without_direct_torque_is_refused(fixed_gains: Export, tmp_path: Path) -> None:
     fixed_gains("ur", tmp_path)
-    (tmp_path / "loop.py").write_text(LOOP)
     for old in ("5.25.1", "3.15.8", "10.12.0"):
-        done = subprocess.run(
-            [sys.executable, "loop.py", "ur", "-", "0", old],
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert done.returncode == 1
-        assert "has no direct torque" in done.stderr
+        done = fork_script(LOOP, "ur", "-", 0, old, folder=tmp_path)
+        assert done.code == 1
+        assert "has no direct torque" in done.err
 
 
 @compiled
@@ -806,8 +783,7 @@ def test_stubs_are_compared_word_by_word(tmp_path: Path) -> None:
 @compiled
 def test_a_loop_for_ur_ends_in_a_fault(tmp_path: Path) -> None:
     export_controller(GPI(ur5(), 2e-3), tmp_path, measure=False, target="ur")
-    (tmp_path / "loop.py").write_text(LOOP)
-    said = run(sys.executable, "loop.py", "ur", "-", 50, folder=tmp_path)
+    said = run_python(LOOP, "ur", "-", 50, folder=tmp_path)
     assert said.startswith("fault not_finite shoulder_lift_joint")
 
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from commands import fork_script
 
 FOLDER = Path(__file__).parents[2] / "examples"
 EXAMPLES = sorted(path.name for path in FOLDER.glob("*.py"))
@@ -25,22 +23,16 @@ def test_there_are_examples() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_an_example_runs_to_its_end_and_says_something(name: str, tmp_path: Path) -> None:
-    without_a_screen = {key: value for key, value in os.environ.items() if key != "DISPLAY"}
-    done = subprocess.run(
-        [sys.executable, "-W", "error", FOLDER / name],
-        cwd=tmp_path,
-        env=without_a_screen | {"MPLBACKEND": "Agg"},
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
-    assert len(done.stdout.splitlines()) >= 4
-    assert not re.search(r"\b(nan|inf)\b", done.stdout)
+def test_an_example_runs_to_its_end_and_says_something(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    done = fork_script((FOLDER / name).read_text(encoding="utf-8"), folder=tmp_path, warn="error")
+    assert done.code == 0, done.err
+    assert done.err == ""
+    assert len(done.out.splitlines()) >= 4
+    assert not re.search(r"\b(nan|inf)\b", done.out)
     assert list(tmp_path.iterdir()) == []  # and leaves nothing behind
 
 
