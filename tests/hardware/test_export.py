@@ -73,6 +73,8 @@ try:
 except BackendError:
     COMPILER = False
 compiled = pytest.mark.skipif(not COMPILER, reason="there is no C compiler")
+# Of the C that Python and `make` compile; what compilers say of it is asked of them by their names.
+pytestmark = pytest.mark.usefixtures("compile_quickly")
 
 
 def need(program: str) -> str:
@@ -282,8 +284,9 @@ def test_samples_of_any_bits_give_torque_within_limits_and_rate_under_the_saniti
 @compiled
 @pytest.mark.parametrize("name", ["network", "pid"])
 def test_the_folder_builds_and_replays_and_is_clean_under_sanitizers_and_valgrind(
-    name: str, tmp_path: Path
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.delenv("CC", raising=False)
     controller = CONTROLLERS[name]()
     log = logged(controller, 0.2)
     done = export_controller(controller, tmp_path, log, measure=False)
@@ -457,9 +460,15 @@ def test_single_precision_tracks_as_well_in_a_closed_loop() -> None:
 # Faults.
 
 
-def started(supervisor: Supervisor | None = None, **options: Any) -> tuple[ExportedController, Any]:
+@cache
+def exported_under(supervisor: Supervisor | None, real: str = "double") -> ExportedController:
+    """The law of the paper's arm, compiled once for each supervisor."""
+    return ExportedController.of(GPI(ARM, 1e-3), real, supervisor)
+
+
+def started(supervisor: Supervisor | None = None) -> tuple[ExportedController, Any]:
     """A controller after a quiet sample."""
-    exported = ExportedController.of(GPI(ARM, 1e-3, **options), supervisor=supervisor)
+    exported = exported_under(supervisor)
     state = exported.init(Measurement(Q), Target(Q, REST, REST))
     return exported, exported.step(Measurement(Q), Target(Q, REST, REST), state).state
 
@@ -593,19 +602,13 @@ def test_a_sensor_that_freezes_beside_its_goal_is_found_by_the_torque_that_grows
     assert len(taus) < 20_000
 
 
-@cache
-def under_supervisor(real: str, action: str, jump: float) -> ExportedController:
-    """The law of the paper's arm under a supervisor; compiled once."""
-    return ExportedController.of(GPI(ARM, 1e-3), real, Supervisor(on_fault=action, jump=jump))
-
-
 @compiled
 @pytest.mark.parametrize("real", ["double", "float"])
 @settings(max_examples=60)
 @given(data=st.data())
 def test_whatever_comes_torque_is_finite_and_within_limits(real: str, data: st.DataObject) -> None:
     action, jump = data.draw(st.sampled_from([("brake", 0), ("hold", 2), ("zero", 2)]))
-    exported = under_supervisor(real, action, jump)
+    exported = exported_under(Supervisor(on_fault=action, jump=jump), real)
     anything = st.floats(width=64) | st.sampled_from([0.1, 0.4, -0.5, 0.101])
     triples = st.lists(anything, min_size=3, max_size=3).map(np.array)
     with np.errstate(over="ignore"):
@@ -808,40 +811,32 @@ int main(%s)
 """
 
 
-@compiled
-@pytest.mark.parametrize(("compiler", "standard"), [("cc", "c99"), ("g++", "c++11"), ("clang++", "c++17")])
-def test_controllers_by_other_names_go_into_one_program(compiler: str, standard: str, tmp_path: Path) -> None:
-    rail = CONTROLLERS["a rail"]()
-    sources = []
+@pytest.fixture(scope="module")
+def three(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with three controllers by names of their own, compiled, and the text of a program of them."""
+    folder, rail = tmp_path_factory.mktemp("three"), CONTROLLERS["a rail"]()
     for controller, name, real in (
         (GPI(ARM, 1e-3), "left_arm", "double"),
         (rail, "RIGHT", "float"),
         (GPI(ARM, 1e-3), None, "double"),
     ):
-        done = export_controller(controller, tmp_path, name=name, real=real, measure=False)
-        sources.append(done.files[1].name)
-        build_object = [need("cc"), *STRICT, "-c", done.files[1].name, "-o", f"{done.files[1].name}.o"]
-        subprocess.run(build_object, cwd=tmp_path, check=True)
+        file = export_controller(controller, folder, name=name, real=real, measure=False).files[1].name
+        subprocess.run([need("cc"), *STRICT, "-c", file, "-o", f"{file}.o"], cwd=folder, check=True)
     joint = f"RIGHT_JOINT_{rail.robot.joint_names[0].upper()}"
-    text = BOTH.replace("RIGHT_JOINT_SLIDE", joint) % ("" if "+" in compiler else "void")
-    (tmp_path / "both.txt").write_text(text)
-    language = "c++" if "+" in compiler else "c"
-    objects = [f"{source}.o" for source in sources]
-    flags = ["-Wall", "-Wextra", "-pedantic", "-Werror", f"-std={standard}"]
-    command = [
-        need(compiler),
-        *flags,
-        "-x",
-        language,
-        "both.txt",
-        "-x",
-        "none",
-        *objects,
-        "-o",
-        "both",
-        "-lm",
-    ]
-    subprocess.run(command, cwd=tmp_path, check=True)
+    (folder / "both.txt").write_text(BOTH.replace("RIGHT_JOINT_SLIDE", joint))
+    return folder
+
+
+@compiled
+@pytest.mark.parametrize(("compiler", "standard"), [("cc", "c99"), ("g++", "c++11"), ("clang++", "c++17")])
+def test_controllers_by_other_names_go_into_one_program(
+    compiler: str, standard: str, three: Path, tmp_path: Path
+) -> None:
+    language, none = ("c++", "") if "+" in compiler else ("c", "void")
+    (tmp_path / "both.txt").write_text((three / "both.txt").read_text() % none)
+    flags = ["-Wall", "-Wextra", "-pedantic", "-Werror", f"-std={standard}", f"-I{three}"]
+    sources = ["-x", language, "both.txt", "-x", "none", *map(str, three.glob("*.o"))]
+    subprocess.run([need(compiler), *flags, *sources, "-o", "both", "-lm"], cwd=tmp_path, check=True)
     assert subprocess.run([str(tmp_path / "both")], check=False).returncode == 0
 
 
