@@ -9,6 +9,7 @@ import subprocess
 import sys
 import urllib.request
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -80,15 +81,16 @@ def test_what_cannot_be_sent_is_refused() -> None:
         run(PARTS[0], Local(ARM, 2e-3), PARTS[2], 0.2, policy="other")
 
 
-def loop(*options: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "armgpi.cli", "loop", "anthropomorphic3", "--t-final", "0.3", *options]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
+@pytest.fixture
+def loop(cli: Callable[..., Answer]) -> Callable[..., Answer]:
+    """Call `armgpi loop` in this process."""
+    return partial(cli, "loop", "anthropomorphic3", "--t-final", "0.3")
 
 
-def test_the_command_prints_a_report() -> None:
+def test_the_command_prints_a_report(loop: Callable[..., Answer]) -> None:
     done = loop("--clock", "simulated", "--loss", "0.2", "--json")
-    assert done.returncode == 0, done.stderr
-    report = json.loads(done.stdout)
+    assert done.code == 0, done.err
+    report = json.loads(done.out)
     assert report["samples"] == 300
     assert report["missed"] > 50
     assert set(report["error_ratio"]) == {"peak", "rms"}
@@ -103,17 +105,19 @@ def test_the_command_prints_a_report() -> None:
         (("--plant", "both"), "--plant"),
     ],
 )
-def test_bad_options_are_named(options: tuple[str, ...], message: str, cli: Callable[..., Answer]) -> None:
-    done = cli("loop", "anthropomorphic3", "--t-final", "0.3", *options)
+def test_bad_options_are_named(options: tuple[str, ...], message: str, loop: Callable[..., Answer]) -> None:
+    done = loop(*options)
     assert done.code == 2
     assert message in done.err
 
 
 @pytest.mark.parametrize("injected", [("--kill", "0.05"), ("--stall", "0.05,0.2")])
-def test_a_controller_that_is_given_up_or_faults_is_a_failure(injected: tuple[str, str]) -> None:
+def test_a_controller_that_is_given_up_or_faults_is_a_failure(
+    injected: tuple[str, str], loop: Callable[..., Answer]
+) -> None:
     done = loop("--clock", "simulated", *injected)
-    assert done.returncode == 1, done.stderr
-    assert "given up" in done.stdout
+    assert done.code == 1, done.err
+    assert "given up" in done.out
 
 
 def test_sigterm_to_all_processes_ends_the_loop_with_a_report() -> None:
@@ -137,9 +141,9 @@ def test_sigterm_to_all_processes_ends_the_loop_with_a_report() -> None:
     assert 0 < json.loads(out)["samples"] < 60_000
 
 
-def test_what_mujoco_does_otherwise_is_said() -> None:
+def test_what_mujoco_does_otherwise_is_said(loop: Callable[..., Answer]) -> None:
     pytest.importorskip("mujoco")
     done = loop("--clock", "simulated", "--plant", "mujoco")
-    assert done.returncode == 0, done.stderr
-    assert "note: MuJoCo: what" in done.stderr
-    assert "carries has an inertia that MuJoCo refuses" in done.stderr
+    assert done.code == 0, done.err
+    assert "note: MuJoCo: what" in done.err
+    assert "carries has an inertia that MuJoCo refuses" in done.err

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -78,8 +79,9 @@ PARTS = {
 }
 
 
+@cache
 def load(name: str) -> Robot:
-    """Load an arm with its gripper locked, a warning being an error."""
+    """Load an arm with its gripper locked, a warning being an error; once."""
     return Robot.load(name, lock=ARMS[name].lock)
 
 
@@ -87,7 +89,7 @@ def load(name: str) -> Robot:
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_an_arm_loads_by_name_with_its_joints_in_order_and_its_gripper_locked(name: str) -> None:
+def test_an_arm_loads_by_name_with_its_joints_in_order_its_gripper_locked_and_an_inertia(name: str) -> None:
     robot, arm = load(name), ARMS[name]
     assert (robot.n, robot.joint_names[0], robot.joint_names[-1]) == (arm.n, arm.first, arm.last)
     assert robot.name == name
@@ -95,6 +97,10 @@ def test_an_arm_loads_by_name_with_its_joints_in_order_and_its_gripper_locked(na
     assert set(robot.provenance["locked"]) == set(arm.lock)
     model = robot.pinocchio_model()
     assert model.nq == model.nv == robot.n
+    lower, upper = np.maximum(robot.limits.lower, -7.0), np.minimum(robot.limits.upper, 7.0)
+    q = np.random.default_rng(7).uniform(lower, upper, (50, robot.n))
+    assert np.linalg.eigvalsh(robot.mass_matrix(q)).min() > 0.0
+    np.testing.assert_array_equal(robot.check_position(robot.middle(), "middle"), robot.middle())
 
 
 @pytest.mark.parametrize("name", PARTS)
@@ -126,20 +132,6 @@ def test_an_arm_in_a_larger_robot_is_the_arm_alone() -> None:
         q = alone.random_positions(10)
         difference = carried.mass_matrix(q) - alone.mass_matrix(q)
         assert np.abs(difference).max() < 5e-3 * np.abs(alone.mass_matrix(q)).max()
-
-
-@pytest.mark.parametrize("name", ARMS)
-def test_the_inertia_of_an_arm_is_positive_definite_all_over_its_range(name: str) -> None:
-    robot = load(name)
-    lower, upper = np.maximum(robot.limits.lower, -7.0), np.minimum(robot.limits.upper, 7.0)
-    q = np.random.default_rng(7).uniform(lower, upper, (50, robot.n))
-    assert np.linalg.eigvalsh(robot.mass_matrix(q)).min() > 0.0
-
-
-@pytest.mark.parametrize("name", ARMS)
-def test_the_middle_of_the_ranges_is_inside_the_limits(name: str) -> None:
-    robot = load(name)
-    np.testing.assert_array_equal(robot.check_position(robot.middle(), "middle"), robot.middle())
 
 
 @pytest.mark.parametrize(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import Answer
 
 from armgpi import errors, validate
 from armgpi.validation import worker
@@ -158,14 +158,13 @@ def test_what_a_model_prints_is_kept_off_the_screen_and_noted(
     assert any("prints" in note for note in report.notes)
 
 
-def test_the_command_ends_with_2_and_no_traceback(tmp_path: Path) -> None:
+def test_the_command_ends_with_2_and_no_traceback(cli: Callable[..., Answer], tmp_path: Path) -> None:
     path = tmp_path / "model.py"
     path.write_text(BAD["raises"][0], encoding="utf-8")
-    command = [sys.executable, "-m", "armgpi.cli", "validate", str(path), "--robot", ARM]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert done.stderr.startswith(f"error: {path}: gravity: raises ZeroDivisionError")
-    assert "Traceback" not in done.stderr + done.stdout
+    done = cli("validate", path, "--robot", ARM)
+    assert done.code == 2
+    assert done.err.startswith(f"error: {path}: gravity: raises ZeroDivisionError")
+    assert "Traceback" not in done.err + done.out
 
 
 def test_a_model_that_forks_leaves_no_copies_that_answer(tmp_path: Path) -> None:

@@ -3,53 +3,55 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from commands import Answer
 
 ARM = "anthropomorphic3"
 
 
-def run(*arguments: object, folder: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "armgpi.cli", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Work in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
 
 
 @pytest.mark.slow
-def test_a_derived_module_agrees_and_a_changed_one_differs(tmp_path: Path) -> None:
-    derived = run("derive", ARM, "-o", "arm.py", folder=tmp_path)
-    assert (derived.returncode, derived.stdout, derived.stderr) == (0, "", "wrote arm.py\n")
-    good = run("validate", "arm.py", "--robot", ARM, "--json", "--report", "a.html", folder=tmp_path)
-    assert good.returncode == 0
-    assert json.loads(good.stdout)["agrees"] is True
-    assert (tmp_path / "a.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+def test_a_derived_module_agrees_and_a_changed_one_differs(cli: Callable[..., Answer]) -> None:
+    assert cli("derive", ARM, "-o", "arm.py") == (0, "", "wrote arm.py\n")
+    good = cli("validate", "arm.py", "--robot", ARM, "--json", "--report", "a.html")
+    assert good.code == 0
+    assert json.loads(good.out)["agrees"] is True
+    assert Path("a.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
 
-    text = (tmp_path / "arm.py").read_text(encoding="utf-8")
-    (tmp_path / "arm.py").write_text(text.replace('"m3": 0.51', '"m3": 0.61'), encoding="utf-8")
-    wrong = run("validate", "arm.py", "--robot", ARM, folder=tmp_path)
-    assert wrong.returncode == 1
-    assert "the model's m3 is 0.61; with 0.51 it agrees" in wrong.stdout
-    assert wrong.stderr == ""
+    text = Path("arm.py").read_text(encoding="utf-8")
+    Path("arm.py").write_text(text.replace('"m3": 0.51', '"m3": 0.61'), encoding="utf-8")
+    wrong = cli("validate", "arm.py", "--robot", ARM)
+    assert wrong.code == 1
+    assert "the model's m3 is 0.61; with 0.51 it agrees" in wrong.out
+    assert wrong.err == ""
 
 
-@pytest.mark.slow
-def test_bad_input_ends_with_2(tmp_path: Path) -> None:
-    for arguments in (
+@pytest.mark.parametrize(
+    "arguments",
+    [
         ("validate", "nothing.py", "--robot", ARM),
         ("validate", "paper", "--robot", "nothing"),
         ("validate", "paper", "--lock", "q1"),
         ("derive", "nothing"),
         ("derive", ARM, "-o", "no/such/folder/arm.py"),
-    ):
-        done = run(*arguments, folder=tmp_path)
-        assert done.returncode == 2, arguments
-        assert done.stderr.startswith("error: ")
-        assert "Traceback" not in done.stderr
+    ],
+)
+def test_bad_input_ends_with_2(arguments: tuple[str, ...], cli: Callable[..., Answer]) -> None:
+    done = cli(*arguments)
+    assert done.code == 2
+    assert done.err.startswith("error: ")
+    assert "Traceback" not in done.err
 
 
-def test_latex_on_the_screen(tmp_path: Path) -> None:
-    done = run("derive", ARM, "--latex", "--numbers", folder=tmp_path)
-    assert done.returncode == 0
-    assert "d_{11} &=" in done.stdout
+def test_latex_on_the_screen(cli: Callable[..., Answer]) -> None:
+    done = cli("derive", ARM, "--latex", "--numbers")
+    assert done.code == 0
+    assert "d_{11} &=" in done.out
