@@ -56,7 +56,7 @@ def quick_compiler(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def compile_quickly(quick_compiler: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is compiled of generated C is there soon; tests/codegen has the levels that a user's runs have."""
+    """What is compiled of generated C is there soon; the other tests have the level of a user's runs."""
     if shutil.which("cc"):
         monkeypatch.setenv("CC", str(quick_compiler))
 

@@ -52,6 +52,9 @@ from armgpi import (
 )
 from armgpi.references.paths import Circle
 
+# What its text does; what an optimiser makes of it stands in test_rollouts_apart and test_zoo_compiled.
+pytestmark = pytest.mark.usefixtures("compile_quickly")
+
 DT = 1e-3
 ARM = Robot.load("anthropomorphic3")
 HEAVY = ARM.with_payload(ARM.tip, 0.4)
