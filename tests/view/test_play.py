@@ -157,7 +157,7 @@ def test_the_next_page_of_the_same_structure_compiles_nothing(
     assert module.layouts(found.code)[0]
 
 
-@pytest.mark.slow
+@pytest.mark.search  # Zig makes a C library first, for half a minute
 @pytest.mark.parametrize("page", [TWISTING], indirect=True)
 def test_gears_that_twist_have_the_bits_of_a_run(page: browsers.Page) -> None:
     assert_same_bits(page)
@@ -372,6 +372,13 @@ def test_clang_makes_a_page_with_the_same_bits(monkeypatch: pytest.MonkeyPatch, 
         assert_same_bits(shown)
     finally:
         running.close()
+
+
+def test_where_functions_of_a_c_library_are_called_there_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    module.compiler()
+    monkeypatch.setattr(build, "wasm", lambda code, found, flags, name: flags)
+    for code, target in (("x = v_exp(y);", "wasm32-wasi"), ("V v_exp(V x);", "wasm32-freestanding")):
+        assert target in module.compile_wasm(code)
 
 
 def test_what_has_no_page_is_refused() -> None:
