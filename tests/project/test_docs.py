@@ -16,6 +16,7 @@ import re
 import runpy
 import shlex
 import sys
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -160,6 +161,7 @@ def test_every_public_name_is_in_the_reference() -> None:
     assert set(armgpi.__all__) - {"__version__"} <= named
 
 
+@cache
 def tables() -> dict[str, str]:
     """Return the tables that the build makes from declarations, by the names that pages have for them."""
     made: dict[str, str] = runpy.run_path(str(ROOT / "docs" / "conf.py"))["myst_substitutions"]
