@@ -42,7 +42,8 @@ from armgpi.loop.rollout import SAMPLED, Recorded, Recording, Status, provenance
 from armgpi.loop.runner import DIVERGENCE, NumPyRun, Runner, drive
 from armgpi.loop.running import TOTALS, Running, Totals
 from armgpi.loop.variables import Variable, check_values, rows_of, spread_rows, variables, with_values
-from armgpi.plants.plant import Plant
+from armgpi.plants.elastic import ElasticPlant
+from armgpi.plants.plant import Plant, inside
 from armgpi.references.reference import Reference
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import unlike
@@ -68,6 +69,9 @@ _DTYPES = ("float64", "float32")
 _ARRAY = 5e-6
 #: What it takes for each coordinate of each rollout on top [s].
 _NUMBER = 1.2e-6
+#: What it takes besides for friction, which is solved in some ten steps, of each of an arm's masses, and for
+#: gears that twist [s].
+_FRICTION, _GEARS = 3.5e-4, 1e-4
 #: What NumPy needs less for it does at once [s]: as long take the imports, where code is compiled already.
 _WORTH = 0.1
 
@@ -334,7 +338,12 @@ class PreparedLoop:
         """Return how long it may take until there is generated code for a run [s]."""
         if self._backend != "auto":
             return math.inf if self._backend == "compiled" else 0.0
-        self._spent += self.steps * (_ARRAY * _leaves(state[1:]) + _NUMBER * math.prod(recording.shape))
+        arm: Any = inside(self.loop.plant)
+        twists = isinstance(arm, ElasticPlant)
+        sample = _ARRAY * _leaves(state[1:]) + _NUMBER * math.prod(recording.shape) + _GEARS * twists
+        if getattr(arm, "friction", None) is not None:
+            sample += _FRICTION * (1 + twists)
+        self._spent += self.steps * sample
         return self._spent
 
     def _compile(
