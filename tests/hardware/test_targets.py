@@ -194,7 +194,7 @@ def test_every_fault_has_a_test_in_the_folder_which_passes(real: str, law: type,
     controller = Supervised(law(ARM, 1e-3), Supervisor(missed=5, speed=0.5))
     export_controller(controller, tmp_path, real=real, measure=False)
     sources = ("test_faults.c", "armgpi_controller.c")
-    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-fsanitize=address,undefined"]
+    flags = ["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-fsanitize=address,undefined"]
     run("cc", *flags, *sources, "-o", "faults", "-lm", folder=tmp_path)
     said = run("./faults", folder=tmp_path)
     reasons = [int(line.split()[2]) for line in said.splitlines()[:-1] if "switched off" not in line]
