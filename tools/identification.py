@@ -1,6 +1,6 @@
 """How accurate `armgpi identify` is, and whether its intervals hold, on arms whose truth is known.
 
-Random truths are drawn of each arm (bodies, rotors within 0.5-1.5 of the nominal ones, frictions, a load),
+Random arms are drawn about each (bodies, rotors within 0.5-1.5 of the nominal ones, frictions, a load),
 excited with the nominal controller, logged (16 bits, one sample late, 0.5 % torque noise) and identified.
 
     python tools/identification.py base --arms panda ur5 --count 20 --seed 100
@@ -209,7 +209,7 @@ def without_masses(name: str, robot: armgpi.Robot) -> armgpi.Robot:
 
 
 def measure(name: str, case: str, count: int, seed: int) -> dict[str, Any]:
-    """Return what identification makes of some truths of an arm."""
+    """Return what identification makes of random arms about one."""
     options = dict(CASES[case])
     seconds, share = options.pop("seconds", 20.0), options.pop("share", 0.7)
     robot = armgpi.Robot.load(name, lock=fingers(name))
@@ -263,7 +263,7 @@ def measure_load(name: str, count: int, seed: int) -> dict[str, Any]:
     return {
         "arm": name,
         "case": "load",
-        "truths": count,
+        "arms": count,
         "mass_median": quantiles[0, 0],
         "mass_95": quantiles[1, 0],
         "centre_median": quantiles[0, 1],
@@ -291,7 +291,7 @@ def measure_current(name: str, count: int, seed: int) -> dict[str, Any]:
     return {
         "arm": name,
         "case": "current",
-        "truths": count,
+        "arms": count,
         "residual_common": float(np.median(common)),
         "residual_common_largest": float(np.max(common)),
         "residual_one": float(np.median(alone)),
@@ -321,7 +321,7 @@ def measure_first(name: str, count: int, seed: int) -> dict[str, Any]:
     return {
         "arm": name,
         "case": "first",
-        "truths": count,
+        "arms": count,
         "first_shortest": table[:, 0].min(),
         "first_held": int((table[:, 0] > 19.9).sum()),
         "second_held": int((table[:, 1] > 19.9).sum()),
@@ -371,7 +371,7 @@ def measure_resonance(name: str, count: int, seed: int) -> dict[str, Any]:
     return {
         "arm": name,
         "case": "resonance",
-        "truths": count,
+        "arms": count,
         "not_held": ", ".join(lost) or "none",
         "mode_median": float(np.median(off)),
         "mode_largest": max(off, default=math.nan),
@@ -423,7 +423,7 @@ def moving(arm: armgpi.Robot) -> list[Any]:
 
 
 def summary(name: str, case: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return medians, tails and coverage over truths."""
+    """Return medians, tails and coverage over arms."""
 
     def all_of(key: str) -> Array:
         return np.concatenate([row[key] for row in rows])
@@ -432,7 +432,7 @@ def summary(name: str, case: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
     return {
         "arm": name,
         "case": case,
-        "truths": len(rows),
+        "arms": len(rows),
         "torque_median": float(np.median(torque)),
         "torque_worst": float(np.median(torque.max(axis=1))),
         "torque_largest": float(torque.max()),

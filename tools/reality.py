@@ -187,6 +187,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--per-arm", action="store_true", help="a table of arms for each law as well")
     parser.add_argument("--out", type=Path, help="write all outcomes as JSON")
     given = parser.parse_args(arguments)
+    if unknown := ", ".join(set(given.change) - set(parameters(Reality))):
+        parser.error(f"--change {unknown}: expected {', '.join(parameters(Reality))}")
     names = arms(given.arms[0]) if given.arms[0] in ("fit", "held-out") else given.arms
     laws = {} if given.only else {"gpi": {"type": "gpi"}}
     for text in given.laws:

@@ -262,8 +262,8 @@ class Loops:
         already was found for want of something better.
         """
         while True:
-            found = find()
-            if not np.all(found) or not self.may_hold(found, most) or self.holds(found, most):
+            found, refused = find(), len(self._critical)
+            if not np.all(found) or self.holds(found, most) or len(self._critical) == refused:
                 return found
 
     def sensitivity(self, omega: float | Array) -> float:

@@ -731,10 +731,8 @@ def test_irregular_times_and_torques_of_another_time_at_each_joint_are_taken(tmp
     assert result.robot.friction.coulomb == pytest.approx(arm().friction.coulomb, rel=0.1)
 
 
-@cache
-def moved() -> tuple[Path, Log]:
+def record_experiment(folder: Path) -> tuple[Path, Log]:
     """Return an experiment, and the log of an arm that has another rotor and friction than its file says."""
-    folder = Path(tempfile.mkdtemp())
     near, motion = file().with_armature([0.2, 0.15, 0.08]), excite(file(), 6.0, 0.6, seed=3)
     files = experiment_files(near, "anthropomorphic3", motion, {})
     text = files["experiment.yaml"].replace("untuned", "gpi\n  omega: 10.0") + "sample_time: 0.004\nplant: "
@@ -748,8 +746,10 @@ def moved() -> tuple[Path, Log]:
     return folder / "file.yaml", read_log(run, file())
 
 
-def test_an_arm_simulated_with_its_experiment_agrees_with_the_weak_form_or_that_is_said() -> None:
-    path, given = moved()
+def test_an_arm_simulated_with_its_experiment_agrees_with_the_weak_form_or_that_is_said(
+    tmp_path: Path,
+) -> None:
+    path, given = record_experiment(tmp_path)
     same = identify(given, file()).with_experiment(path)
     assert same.simulated is not None
     assert same.simulated.max() < 0.01

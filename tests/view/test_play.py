@@ -375,7 +375,6 @@ def test_clang_makes_a_page_with_the_same_bits(monkeypatch: pytest.MonkeyPatch, 
 
 
 def test_where_functions_of_a_c_library_are_called_there_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    module.compiler()
     monkeypatch.setattr(build, "wasm", lambda code, found, flags, name: " ".join(flags).encode())
     for code, target in (("x = v_exp(y);", b"wasm32-wasi"), ("V v_exp(V x);", b"wasm32-freestanding")):
         assert target in module.compile_wasm(code)
