@@ -42,7 +42,7 @@ def bringup(
             raise refusal("check", "expected logs of one folder, such as bringup/*.armlog")
         folder = stages.read(logs[0].parent)
         verdict = judge.judge(folder, logs)
-        say(json.dumps(_plain(verdict))) if as_json else _print(verdict, folder)
+        say(json.dumps(verdict.plain())) if as_json else _print(verdict, folder)
         sys.exit(FAILED if verdict.findings else OK)
     from armgpi import config
 
@@ -78,16 +78,6 @@ def _does(stage: Stage) -> str:
         "slow": "its own motion, four times as slow",
         "full": "its own motion; no caps but the limits",
     }[kind]
-
-
-def _plain(verdict: Verdict) -> dict[str, object]:
-    """Return a verdict as plain data."""
-    return {
-        "findings": [each._asdict() for each in verdict.findings],
-        "passed": {key: list(joints) for key, joints in verdict.passed.items()},
-        "not_tested": {key: list(joints) for key, joints in verdict.untested.items()},
-        "next": None if verdict.following is None else verdict.following.name,
-    }
 
 
 def _print(verdict: Verdict, folder: Folder) -> None:

@@ -271,16 +271,18 @@ def _gains(omega: str | None, zeta: float, pole: float | None, rate: str | None)
         raise refusal("--omega", f"expected one number, or two such as '22:40', got {omega!r}")
     if (rate is not None) != (len(ends) == 2):
         raise refusal("--rate", "requires two ends of --omega such as '22:40', and they require it")
-    if len(ends) == 2:
-        if pole is not None:
-            raise refusal("--p", "follows an omega that moves")
-        # One that is looked for has to be something first.
-        moves = 0.05 if rate == "auto" else _number(str(rate), "--rate")
-        return BSplineNetwork(omega_c=(ends[0], ends[1]), zeta_c=zeta, common=True, rate=moves)
-    if ends:
-        return FixedGains(ends[0], zeta, ends[0] if pole is None else pole)
-    if zeta != 1.0 or pole is not None:
-        raise refusal("--zeta" if pole is None else "--p", "requires --omega")
+    match ends:
+        case [low, high]:
+            if pole is not None:
+                raise refusal("--p", "follows an omega that moves")
+            # One that is looked for has to be something first.
+            moves = 0.05 if rate == "auto" else _number(str(rate), "--rate")
+            return BSplineNetwork(omega_c=(low, high), zeta_c=zeta, common=True, rate=moves)
+        case [omega_c]:
+            return FixedGains(omega_c, zeta, omega_c if pole is None else pole)
+    for option, given in (("--p", pole is not None), ("--zeta", zeta != 1.0)):
+        if given:
+            raise refusal(option, "requires --omega")
     return None
 
 

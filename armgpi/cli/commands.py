@@ -6,6 +6,7 @@ So ``armgpi --help`` waits for none of them.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -53,28 +54,20 @@ _TABLE = {
 }
 
 
-def _entries() -> Iterator[tuple[str, Entry]]:
-    for group, names in _TABLE.items():
-        for each in names.split():
-            name, _, module = each.rstrip("*").partition(":")
-            yield name, Entry(group, name, module or name, each.endswith("*"))
-
-
-ENTRIES = dict(_entries())
+ENTRIES = {
+    name: Entry(group, name, module or name, each.endswith("*"))
+    for group, names in _TABLE.items()
+    for each in names.split()
+    for name, _, module in [each.rstrip("*").partition(":")]
+}
 
 
 class _Loaded(Mapping[str, Any]):
     """The commands by name; each is imported when it is asked for."""
 
-    def __init__(self) -> None:
-        """Begin without any."""
-        self._made: dict[str, Any] = {}
-
     def __getitem__(self, name: str) -> Any:
         """Return a command."""
-        if name not in self._made:
-            self._made[name] = _build_command(ENTRIES[name])
-        return self._made[name]
+        return _build_command(ENTRIES[name])
 
     def __iter__(self) -> Iterator[str]:
         """Yield the names."""
@@ -85,6 +78,7 @@ class _Loaded(Mapping[str, Any]):
         return len(ENTRIES)
 
 
+@cache
 def _build_command(entry: Entry) -> Any:
     """Return a command as the library of the command line has it: the only one of an app of its own."""
     module = import_module(f"armgpi.cli.{entry.module}")

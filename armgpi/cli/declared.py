@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 import json
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from importlib.resources import files
@@ -159,6 +160,7 @@ def _read_options() -> list[Option]:
     from armgpi.plants.plant import Wrapper
 
     found: dict[str, Option] = {}
+    owners: defaultdict[str, tuple[str, ...]] = defaultdict(tuple)
     for name, wrapper in registry.classes_of(Wrapper).items():
         own = [each for each in parameters(wrapper).values() if each.in_file]
         if len(own) == 1:
@@ -167,8 +169,8 @@ def _read_options() -> list[Option]:
         for key, each in _having(kind.parameters):
             # One that a sensor has as well begins with controller, one that a controller has with plant.
             name = f"controller.{key}" if key in SENSORS else key
-            owners = (*(found[name].owners if name in found else ()), owner)
-            found[name] = _option(_flag(name), key, owners, each)
+            owners[name] += (owner,)
+            found[name] = _option(_flag(name), key, owners[name], each)
     for arm in registry.classes_of(Arm).values():
         for key, each in _having(parameters(arm)):
             found[f"plant.{key}"] = _option(_flag(f"plant.{key}" if key in found else key), key, (), each)
@@ -194,11 +196,8 @@ def _option(flag: str, key: str, owners: tuple[str, ...], each: Parameter) -> Op
     """Return the option of a parameter."""
     from armgpi.parameter import REQUIRED
 
-    metavar = "NUMBERS" if each.per_joint else "NUMBER"
-    if each.kind == "group":
-        metavar = ",".join(_members(each)).upper()
-    elif each.kind == "choice":
-        metavar = "NAME"
+    numbers = "NUMBERS" if each.per_joint else "NUMBER"
+    metavars = {"group": ",".join(_members(each)).upper(), "choice": "NAME"}
     said = f"{each.text[0].upper()}{each.text[1:]}{f' [{each.unit}]' if each.unit else ''}"
     if each.choices:
         said += f": {' or '.join(each.choices)}"
@@ -206,7 +205,7 @@ def _option(flag: str, key: str, owners: tuple[str, ...], each: Parameter) -> Op
     default = each.chosen or each.none or each.unlimited or each.default
     if owners and default not in (None, REQUIRED):
         text += f" Default: {default}."
-    return Option(flag, key, owners, each.kind, metavar, text)
+    return Option(flag, key, owners, each.kind, metavars.get(each.kind, numbers), text)
 
 
 def _flag(key: str) -> str:

@@ -37,12 +37,8 @@ def run(
     armgpi run ur5 --payload 0.5 --encoder-bits 16
     armgpi run anthropomorphic3 --to q1=0.8,q2=0.4 --t-final 8 --out results
     """  # noqa: D301 (\b keeps the lines apart)
-    sys.exit(
-        _run(
-            {"robot": robot, "controllers": controller, "declared": values_of(context), **options},
-            compare=False,
-        )
-    )
+    options |= {"robot": robot, "controllers": controller, "declared": values_of(context)}
+    sys.exit(_run(options, compare=False))
 
 
 @stoppable
@@ -59,12 +55,8 @@ def compare(
     armgpi compare ur5 --controllers gpi,pid --inertia-scale 0.8
     armgpi compare --config experiment.yaml --out results
     """  # noqa: D301 (\b keeps the lines apart)
-    sys.exit(
-        _run(
-            {"robot": robot, "controllers": controllers, "declared": values_of(context), **options},
-            compare=True,
-        )
-    )
+    options |= {"robot": robot, "controllers": controllers, "declared": values_of(context)}
+    sys.exit(_run(options, compare=True))
 
 
 def _import_xarray() -> None:

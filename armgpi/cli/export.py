@@ -42,6 +42,15 @@ ROWS = {
 _LOOKED = 200
 #: Of the catalogue, those that have no direct torque.
 _CB3 = ("ur3", "ur5", "ur10")
+#: What is printed of a replay -> its name in `Measured`.
+_MEASURED = {
+    "compiler": "compiler",
+    "difference": "difference",
+    "step_ns": "step",
+    "saturated_step_ns": "saturated",
+    "stack_bytes": "stack",
+    "agrees": "agrees",
+}
 #: Of a robot's highest rate of torque, so that roundings do not pass it; libfranka's kLimitEps.
 _JUST_BELOW = 1.0 - 1e-6
 
@@ -192,19 +201,17 @@ def _target(options: dict[str, Any]) -> str:
         if options["gravity"] not in (None, "robot"):
             raise refusal("--gravity", f"must be robot for {target}: that robot adds gravity by itself")
         options["gravity"] = "robot"
+        interface = COMPENSATING[target]
         if options["config"] is None:
-            options["dt"] = COMPENSATING[target].dt if options["dt"] is None else options["dt"]
-            usual = [(each, COMPENSATING[target].delays[0]) for each in declared() if each.flag == "--delay"]
+            options["dt"] = interface.dt if options["dt"] is None else options["dt"]
+            usual = [(each, interface.delays[0]) for each in declared() if each.flag == "--delay"]
             options["declared"] = [*usual, *options["declared"]]
-        if options["controllers"] is None and options["config"] is None:
-            options["controllers"] = "untuned"
-            say(
-                f"note: the law is what the rule chooses for a robot of {target}: --controller untuned",
-                err=True,
-            )
-        rate = COMPENSATING[target].rate
-        if options["torque_rate"] is None and rate is not None:
-            options["torque_rate"] = f"{rate * _JUST_BELOW:.10g}"
+            if options["controllers"] is None:
+                options["controllers"] = "untuned"
+                text = f"the law is what the rule chooses for a robot of {target}: --controller untuned"
+                say(f"note: {text}", err=True)
+        if options["torque_rate"] is None and interface.rate is not None:
+            options["torque_rate"] = f"{interface.rate * _JUST_BELOW:.10g}"
     return target
 
 
@@ -221,12 +228,7 @@ def _say(done: Export, log: ArmLog, label: str, as_json: bool) -> None:
         "state_bytes": done.state_bytes,
         "operations": sum(typical),
         "worst_operations": sum(worst_case),
-        "compiler": None if measured is None else measured.compiler,
-        "difference": None if measured is None else measured.difference,
-        "step_ns": None if measured is None else measured.step,
-        "saturated_step_ns": None if measured is None else measured.saturated,
-        "stack_bytes": None if measured is None else measured.stack,
-        "agrees": None if measured is None else measured.agrees,
+        **{key: getattr(measured, name, None) for key, name in _MEASURED.items()},
         "stopped": log.fault,
     }
     if as_json:

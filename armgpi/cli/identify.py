@@ -9,7 +9,7 @@ from armgpi import files
 from armgpi.cli import options as opt
 from armgpi.cli.certify import load_arm
 from armgpi.cli.parsing import is_experiment, per_joint, stoppable
-from armgpi.cli.terminal import console, natural_width, say
+from armgpi.cli.terminal import console, say, widen
 from armgpi.errors import ParameterError
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
@@ -84,11 +84,10 @@ def identify(
         found = found.with_experiment(experiment)
     validation = None if validate is None else found.validate(validate)
     written = write_identified(found, out, validation, carried)
-    texts = {path.name: path.read_text(encoding="utf-8") for path in written}
     if report is not None:
-        files.write(report, texts["report.html"])
+        files.write(report, (out / "report.html").read_text(encoding="utf-8"))
     if as_json:
-        say(texts["identification.json"], lines=True)
+        say((out / "identification.json").read_text(encoding="utf-8"), lines=True)
     else:
         say(lines(found, validation, [] if carried is None else [say_load(carried)]), lines=True)
         head, rows = tabulate(found, validation)
@@ -96,9 +95,14 @@ def identify(
         for row in rows:
             table.add_row(*row)
         screen = console()
-        screen.width = max(screen.width, natural_width(screen, table))
+        widen(screen, table)
         screen.print(table)
-    say(f"wrote {', '.join(path.name for path in written)} in {out}", err=True)
+    _say_written(written, out)
+
+
+def _say_written(paths: list[Path], folder: Path) -> None:
+    """Say what was written."""
+    say(f"wrote {', '.join(path.name for path in paths)} in {folder}", err=True)
 
 
 def _names(text: str | None) -> dict[str, str]:
@@ -160,19 +164,14 @@ def excite(
         shake(arm, given, seed) if resonance else excited(arm, seconds, given, seed, floor, _corners(box))
     )
     folder = files.make_folder(out)
-    source = str(arm.provenance["source"]) if is_experiment(robot) else robot
+    source = robot
     if is_experiment(robot):
-        how = {**how, "lock": arm.provenance["locked"]}
+        source, how["lock"] = str(arm.provenance["source"]), arm.provenance["locked"]
     written = files.write_set(folder, experiment_files(arm, source, motion, how, first))
-    speeds = ", ".join(f"{name} {100 * x:.2g}" for name, x in zip(arm.joint_names, motion.share, strict=True))
-    efforts = ", ".join(
-        f"{name} {100 * x:.2g}" for name, x in zip(arm.joint_names, motion.effort, strict=True)
-    )
-    say(f"speed over its limit [%]: {speeds}")
-    say(f"torque over its limit, for rotors up to four times the believed ones [%]: {efforts}")
-    say(
-        "It knows no obstacles"
-        + ("." if floor is None and box is None else " but the floor." if box is None else " but the box.")
-        + " Look at it before it runs."
-    )
-    say(f"wrote {', '.join(path.name for path in written)} in {out}", err=True)
+    torque = "torque over its limit, for rotors up to four times the believed ones"
+    for what, shares in {"speed over its limit": motion.share, torque: motion.effort}.items():
+        said = (f"{name} {100 * x:.2g}" for name, x in zip(arm.joint_names, shares, strict=True))
+        say(f"{what} [%]: {', '.join(said)}")
+    known = " but the box" if box is not None else " but the floor" if floor is not None else ""
+    say(f"It knows no obstacles{known}. Look at it before it runs.")
+    _say_written(written, out)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from armgpi.cli import options as opt
 from armgpi.cli.parsing import FAILED, OFFERED, as_option, is_experiment
 from armgpi.cli.terminal import console as console_of
-from armgpi.cli.terminal import natural_width, say
+from armgpi.cli.terminal import natural_width, say, widen
 from armgpi.escape import printable
 
 if TYPE_CHECKING:
@@ -47,29 +47,17 @@ def inspect(
     armgpi inspect ur5
     armgpi inspect my_arm.urdf --lock gripper --cross-check
     """  # noqa: D301 (\b keeps the lines apart)
-    from armgpi import config
     from armgpi.certification.quantities import motion
     from armgpi.cli.pictures import check_file
     from armgpi.health import report as health
 
     if report is not None:
         check_file(report, "--report")
-    arm: dict[str, Any] = {"name": robot}
-    loop: dict[str, Any] = {"dt": dt, "delay": delay, "encoder_bits": encoder_bits}
-    if is_experiment(robot):
-        said = config.read(Path(robot)).config
-        arm, plant = said.robot.plain(given=True), said.plant.plain()
-        usual = {"dt": said.sample_time, **plant}
-        loop = {key: usual.get(key) if value is None else value for key, value in loop.items()}
-        payload = (plant["payload"] or {}).get("mass") if payload is None else payload
-    arm |= opt.robot_given(how)
-    found = health.inspect(
-        arm.pop("name"),
-        package_dirs=how["package_dir"] or [],
-        **{key: value for key, value in arm.items() if key not in ("gravity", "friction")},
-        **{key: value for key, value in loop.items() if value is not None},
-    )
-    found = health.with_payload(found, 0.5 if payload is None else payload)
+    typed = {"dt": dt, "delay": delay, "encoder_bits": encoder_bits, "payload": payload}
+    settings = _settings(robot, how, typed)
+    payload = settings.pop("payload", 0.5)
+    found = health.inspect(settings.pop("name"), package_dirs=how["package_dir"] or [], **settings)
+    found = health.with_payload(found, payload)
     found = found.with_findings([], motion=motion(found.robot))
     if cross_check:
         from armgpi.health.crosscheck import with_cross_check
@@ -88,6 +76,22 @@ def inspect(
         say(f"wrote {meshcat.write(_page(found), report)}", err=True)
     if found.has_errors:
         sys.exit(FAILED)
+
+
+def _settings(robot: str, how: Mapping[str, Any], typed: dict[str, Any]) -> dict[str, Any]:
+    """Return what is known of the arm and its loop: what was typed wins over what an experiment file says."""
+    from armgpi import config
+
+    arm: dict[str, Any] = {"name": robot}
+    loop: dict[str, Any] = {}
+    if is_experiment(robot):
+        said = config.read(Path(robot)).config
+        arm, plant = said.robot.plain(given=True), said.plant.plain()
+        for key in {"gravity", "friction"} & set(arm):
+            del arm[key]
+        loop = {"dt": said.sample_time, **plant, "payload": (plant["payload"] or {}).get("mass")}
+    loop = {key: loop.get(key) if value is None else value for key, value in typed.items()}
+    return arm | opt.robot_given(how) | {key: value for key, value in loop.items() if value is not None}
 
 
 def _show(report: HealthReport) -> None:
@@ -206,8 +210,7 @@ def _show_joints(console: Any, joints: list[dict[str, Any]]) -> None:
         parts = [_COLUMNS[:_LIMITS], _COLUMNS[_LIMITS:]]
     for columns in parts:
         # Long names are folded; a terminal too narrow even so gets whole numbers all the same.
-        folded = _joint_table(joints, columns, longest=_FOLDED)
-        console.width = max(console.width, natural_width(console, folded))
+        widen(console, _joint_table(joints, columns, longest=_FOLDED))
         console.print(_joint_table(joints, columns), soft_wrap=False)
 
 

@@ -29,19 +29,10 @@ _OPTIONS = {
     ),
 }
 #: What --help shows of a command that has all of these options and more, which are in --help-all.
-_FIRST = (
-    *(
-        "--config",
-        "--to",
-        "--path",
-        "--controller",
-        "--controllers",
-        "--payload",
-        "--encoder-bits",
-        "--delay",
-    ),
-    *("--t-final", "--set", "--out", "--report", "--view", "--help"),
-)
+_FIRST = {
+    *("--config", "--to", "--path", "--controller", "--controllers", "--payload", "--encoder-bits"),
+    *("--delay", "--t-final", "--set", "--out", "--report", "--view", "--help"),
+}
 #: Where a context keeps whether --help-all was asked for; a command without that shows all at once.
 EVERYTHING = "armgpi.everything"
 _GROUP_OF = {flag: group for group, flags in _OPTIONS.items() for flag in flags}
@@ -75,10 +66,11 @@ class Command(TyperCommand):
         groups: dict[str, list[tuple[str, str]]] = {}
         short = not ctx.meta.get(EVERYTHING, True)
         params = self.get_params(ctx)
-        shown = [each for each in params if not short or _is_first(each)]
-        for each in shown:
+        for each in params:
+            # What a beginner needs.
+            first = each.param_type_name == "argument" or not _FIRST.isdisjoint(each.opts)
             row = each.get_help_record(ctx)
-            if row is not None:
+            if row is not None and (first or not short):
                 groups.setdefault(_group(each), []).append(row)
         if short:
             more = f"Show all {len(params)} arguments and options and exit."
@@ -106,11 +98,6 @@ def _read(parameter: Any, ctx: Any, value: Any) -> Any:
         return type(parameter).process_value(parameter, ctx, value)
     value = () if value is None and several else value
     return value if parameter.callback is None else parameter.callback(ctx, parameter, value)
-
-
-def _is_first(parameter: Any) -> bool:
-    """Tell whether a beginner needs an argument or option."""
-    return parameter.param_type_name == "argument" or any(flag in _FIRST for flag in parameter.opts)
 
 
 def _group(parameter: Any) -> str:

@@ -79,29 +79,19 @@ def new(
     from armgpi import config
     from armgpi.hardware.export.targets import TARGETS
     from armgpi.health import findings, report
-    from armgpi.robot import robots
 
-    if target is not None and target not in TARGETS:
+    if target not in (None, *TARGETS):
         raise refusal("--target", f"must be one of {', '.join(TARGETS)}, got {target!r}")
     if is_experiment(robot):
         raise refusal(
             "ROBOT", f"{robot} is an experiment file already: armgpi run {robot}; give a URDF or name"
         )
-    source, name = robots.locate(robot)
-    path = out or (Path(f"{name}.yaml") if name else source.with_suffix(".yaml"))
-    if path.exists() and path.samefile(source):
-        raise refusal(
-            "--out", f"{path} is the robot itself; choose another file, such as {source.with_suffix('.yaml')}"
-        )
-    if path.exists() and not force:
-        raise refusal("--out", f"{path} exists; choose another file, or add --force")
+    path, name = _place(robot, out, force)
     answers = _Answers()
     arm, hands = _arm(robot, how, answers)
     typed = {"payload": payload, "encoder_bits": encoder_bits, "delay": delay, "dt": dt, "target": target}
-    beside = path.parent.resolve() == source.parent.resolve()
-    section: dict[str, Any] = {"name": name or (source.name if beside else str(source.resolve()))}
-    section |= opt.robot_given(how)
-    if set((section.get("lock") or {0: 0}).values()) == {None}:
+    section: dict[str, Any] = {"name": name, **opt.robot_given(how)}
+    if set(section.get("lock", {}).values()) == {None}:
         section["lock"] = [*section["lock"]]
     lines = _file(arm, section, hands, answers, typed, path)
     text = "\n".join(lines) + "\n"
@@ -116,24 +106,51 @@ def new(
     say(f"{arm.name}: {arm.n} joints; next: armgpi run {path}")
 
 
+def _place(robot: str, out: Path | None, force: bool) -> tuple[Path, str]:
+    """Return where the file goes, and what it calls its robot.
+
+    Raises:
+        ConfigError: when it would overwrite the robot, or another file that may not be replaced.
+    """
+    from armgpi.robot import robots
+
+    source, name = robots.locate(robot)
+    other = source.with_suffix(".yaml")
+    path = out or (Path(f"{name}.yaml") if name else other)
+    if path.exists() and path.samefile(source):
+        raise refusal("--out", f"{path} is the robot itself; choose another file, such as {other}")
+    if path.exists() and not force:
+        raise refusal("--out", f"{path} exists; choose another file, or add --force")
+    beside = path.parent.resolve() == source.parent.resolve()
+    return path, name or (source.name if beside else str(source.resolve()))
+
+
 def _file(
     arm: Any, section: dict[str, Any], hands: list[str], answers: _Answers, typed: dict[str, Any], path: Path
 ) -> list[str]:
     """Return the lines of the file, from the section of its robot and what was typed, asked or believed."""
     from armgpi.config.schema import FORMAT
+    from armgpi.gpi.payload import largest_payload
     from armgpi.hardware.export.interfaces import COMPENSATING
     from armgpi.hardware.export.targets import TARGETS
     from armgpi.robot import rotors
 
     target, _ = answers.get(f"Target ({', '.join(TARGETS)})", typed["target"], "bare", str)
     interface = COMPENSATING.get(target)
-    load, load_note = answers.get("Heaviest load at the tool [kg]", typed["payload"], _load(arm), float)
+    held = largest_payload(arm, dt=1e-3).effort
+    likely = max(_LEAST_LOAD, float(f"{min(_LOAD_SHARE * arm.moving_mass, _HELD_SHARE * held):.2g}"))
+    load, load_note = answers.get("Heaviest load at the tool [kg]", typed["payload"], likely, float)
     bits, bits_note = answers.get("Encoder resolution [bits per turn]", typed["encoder_bits"], _BITS, int)
     delay = max(_DELAY, interface.delays[0]) if interface else _DELAY
     late, late_note = answers.get("Delay of measurements [samples]", typed["delay"], delay, int)
     step, step_note = answers.get("Sample time [s]", typed["dt"], interface.dt if interface else 1e-3, float)
     if interface is not None:
         section["gravity"] = "robot"
+    silent = rotors.silent(arm)
+    notes = [
+        f"  # The URDF says nothing of the rotors of {len(silent)} joints; the rule believes them.",
+        "  # Where you know them, seen at the joint [kg m², kg]: rotor_inertia: {JOINT: NUMBER}",
+    ]
     return [
         f"# {arm.name}: {arm.n} joints, tool {arm.tip!r}. One file for every command:",
         f"#   armgpi run {path}; compare, inspect, sweep, tune, play, certify, excite, export, bringup too,",
@@ -142,7 +159,7 @@ def _file(
         "robot:",
         *(f"  {key}: {_text(value)}" for key, value in section.items()),
         *(f"  # {joint!r} looks like a gripper, and is locked" for joint in hands),
-        *_drives(rotors.silent(arm)),
+        *(notes if silent else []),
         "plant:  # what the controller does not know",
         f"  encoder_bits: {bits}  # per turn{bits_note}",
         f"  delay: {late}  # samples by which measurements are late{late_note}",
@@ -182,14 +199,6 @@ def _arm(robot: str, how: dict[str, Any], answers: _Answers) -> tuple[Any, list[
     return load_arm(robot, how), hands
 
 
-def _load(arm: Any) -> float:
-    """Return the load that an arm is believed to be for, to two digits [kg]."""
-    from armgpi.gpi.payload import largest_payload
-
-    held = largest_payload(arm, dt=1e-3).effort
-    return max(_LEAST_LOAD, float(f"{min(_LOAD_SHARE * arm.moving_mass, _HELD_SHARE * held):.2g}"))
-
-
 def _text(value: Any) -> str:
     """Return a value as YAML on one line."""
     import yaml
@@ -199,13 +208,3 @@ def _text(value: Any) -> str:
         .removesuffix("...\n")
         .strip()
     )
-
-
-def _drives(silent: tuple[str, ...]) -> list[str]:
-    """Return what to write where the URDF says nothing of rotors."""
-    if not silent:
-        return []
-    return [
-        f"  # The URDF says nothing of the rotors of {len(silent)} joints; the rule believes them.",
-        "  # Where you know them, seen at the joint [kg m², kg]: rotor_inertia: {JOINT: NUMBER}",
-    ]

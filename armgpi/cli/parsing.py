@@ -135,12 +135,7 @@ def per_joint(text: str, option: str) -> Any:
     parts = split([text])
     try:
         if parts and all("=" in part for part in parts):
-            pairs = [part.split("=", 1) for part in parts]
-            joints = [name.strip() for name, _ in pairs]
-            for joint in joints:
-                if joints.count(joint) > 1:
-                    raise refusal(option, f"joint {joint!r} is a duplicate key")
-            return {joint: float(value) for joint, (_, value) in zip(joints, pairs, strict=True)}
+            return _by_joint(parts, option)
         numbers = [float(part) for part in parts]
     except ValueError:
         numbers = []
@@ -149,6 +144,17 @@ def per_joint(text: str, option: str) -> Any:
         hint = next(filter(None, (in_si(part.rpartition("=")[2]) for part in parts)), "")
         raise refusal(option, f"expected {expected}, got {text!r}{'; ' if hint else ''}{hint}")
     return numbers[0] if len(numbers) == 1 else numbers
+
+
+def _by_joint(parts: list[str], option: str) -> dict[str, float]:
+    """Read 'j1=1' and others, each joint once."""
+    numbers: dict[str, float] = {}
+    for part in parts:
+        joint, value = (x.strip() for x in part.split("=", 1))
+        if joint in numbers:
+            raise refusal(option, f"joint {joint!r} is a duplicate key")
+        numbers[joint] = float(value)
+    return numbers
 
 
 def locks(items: list[str]) -> dict[str, float | None]:

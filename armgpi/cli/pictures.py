@@ -140,7 +140,10 @@ def serve(page: str, port: int | None = None, browser: bool = False) -> None:
     """Serve a page to this machine until Ctrl-C, saying where it is."""
     from armgpi.view.meshcat import Server
 
-    if browser and not _display():
+    has_display = sys.platform in ("darwin", "win32") or any(
+        map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))
+    )
+    if browser and not has_display:
         raise refusal(
             "--open", "there is no display here; leave it out and open the printed address elsewhere"
         )
@@ -167,10 +170,3 @@ def _ssh(port: int) -> str:
     except (KeyError, OSError):  # a user without a name
         return f"ssh -L {port}:127.0.0.1:{port} {parts[2]}"
     return f"ssh -L {port}:127.0.0.1:{port} {user}@{parts[2]}"
-
-
-def _display() -> bool:
-    """Tell whether a window can be opened."""
-    if sys.platform in ("darwin", "win32"):
-        return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import webbrowser
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,7 +10,7 @@ import typer
 
 from armgpi.cli import options as opt
 from armgpi.cli.declared import values_of
-from armgpi.cli.parsing import OK, refusal, stoppable
+from armgpi.cli.parsing import refusal, stoppable
 from armgpi.cli.terminal import say
 
 File = Annotated[Path | None, opt.page("Where to put the page; ROBOT.html by default.")]
@@ -41,17 +40,12 @@ def play(
     armgpi play panda --lock panda_finger_joint1 --lock panda_finger_joint2 -o panda.html
     armgpi play --config experiment.yaml --open
     """  # noqa: D301 (\b keeps the lines apart)
-    own = {"robot": robot, "controllers": controller, "declared": values_of(context), **options}
-    sys.exit(_play(own, out, open_, frame))
-
-
-def _play(options: dict[str, Any], out: Path | None, open_: bool, frame: str | None) -> int:
-    """Write the page, and return the exit code."""
     from armgpi import config as configuration
     from armgpi.cli import pictures
     from armgpi.cli.settings import settings
     from armgpi.view import meshcat
 
+    options |= {"robot": robot, "controllers": controller, "declared": values_of(context)}
     experiment = configuration.build(*settings(options, compare=False))
     path = Path(f"{experiment.robot.name}.html") if out is None else out
     pictures.check_packages("html", "--out")
@@ -60,4 +54,3 @@ def _play(options: dict[str, Any], out: Path | None, open_: bool, frame: str | N
     say(f"wrote {written}", err=True)
     if open_ and not webbrowser.open(written.resolve().as_uri()):
         raise refusal("--open", f"no browser could be started; open {written} yourself")
-    return OK

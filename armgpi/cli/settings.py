@@ -90,7 +90,10 @@ def _read(options: dict[str, Any]) -> tuple[dict[str, Any], Origin]:
     """Return the data of the experiment file, and where it came from."""
     if options["config"] is None:
         return {}, Origin("command line")
-    config, origin = configuration.read(_file(options["config"]))
+    path = options["config"]
+    if not path.exists() and str(path) in scenarios.names():  # of the paper
+        path = scenarios.locate(str(path))
+    config, origin = configuration.read(path)
     data = config.plain(given=True)
     if ("controllers",) not in origin.lines:
         del data["controllers"]  # which is the standard one depends on the options, too
@@ -186,11 +189,6 @@ def _value(text: str) -> Any:
         return whole(per_joint(text, "--set"))
     except ConfigError:
         return text
-
-
-def _file(path: Path) -> Path:
-    """Return an experiment file: a file, or else a scenario of the paper by its name."""
-    return scenarios.locate(str(path)) if not path.exists() and str(path) in scenarios.names() else path
 
 
 def _standard(data: dict[str, Any], compare: bool) -> list[dict[str, Any]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from armgpi.arrays import quantity
 from armgpi.cli.parsing import refusal
 from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import console as console_of
-from armgpi.cli.terminal import natural_width
+from armgpi.cli.terminal import natural_width, widen
 from armgpi.config import Experiment
 from armgpi.config.experiment import describe_saturation
 from armgpi.escape import csv_table, latex_text, printable
@@ -48,24 +49,28 @@ def print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None:
     for heading, columns in tables:
         if narrow:
             # Long names are folded; a terminal too narrow even so gets whole numbers all the same.
-            folded = _table(heading, records, columns, slides, longest=_FOLDED)
-            console.width = max(console.width, natural_width(console, folded))
+            widen(console, _table(heading, records, columns, slides, longest=_FOLDED))
         console.print(_table(heading, records, columns, slides))
     if note := units.note(robot.joint_names, robot.prismatic):
         console.print(printable(note))
     for record in records:
-        excess = max((x or 0.0 for x in record["metrics"]["limit_excess"]), default=0.0)
-        left = f"; left its joint limits by up to {excess:.3g}" if excess > ROUNDING else ""
-        measured = describe_measurement(record["measurement"], record["knows"])
-        held = describe_saturation(record, experiment.t_final) if record["status"] == "finished" else ""
-        end = printable(f"{record['end']}, {held}" if held else record["end"])
-        line = f"{printable(record['label'])}: {end}; measures {measured}{left}"
-        console.print(line, style="yellow" if held else "")
-        if stopped := re.search(r"stopped at .*: ([A-Z_]+) \(", record["end"]):
-            console.print(printable(remedy(stopped[1])))
-        controller = experiment.controllers.get(record["label"])
-        if isinstance(controller, GPI):
-            console.print(_loop(controller, experiment))
+        _print_end(console, experiment, record)
+
+
+def _print_end(console: Any, experiment: Experiment, record: dict[str, Any]) -> None:
+    """Print how a rollout ended, and what its loop tolerates."""
+    excess = max((x or 0.0 for x in record["metrics"]["limit_excess"]), default=0.0)
+    left = f"; left its joint limits by up to {excess:.3g}" if excess > ROUNDING else ""
+    measured = describe_measurement(record["measurement"], record["knows"])
+    held = describe_saturation(record, experiment.t_final) if record["status"] == "finished" else ""
+    end = printable(f"{record['end']}, {held}" if held else record["end"])
+    line = f"{printable(record['label'])}: {end}; measures {measured}{left}"
+    console.print(line, style="yellow" if held else "")
+    if stopped := re.search(r"stopped at .*: ([A-Z_]+) \(", record["end"]):
+        console.print(printable(remedy(stopped[1])))
+    controller = experiment.controllers.get(record["label"])
+    if isinstance(controller, GPI):
+        console.print(_loop(controller, experiment))
 
 
 def check_table(path: Path | None) -> None:
@@ -158,7 +163,7 @@ def _table(
     """Return a table of some metrics, its names folded to a length."""
     table = Table(title=title, title_style="bold")
     labels = [printable(record["label"]) for record in records]
-    joints = [printable(joint) for record in records for joint in record["joints"]]
+    joints = [*map(printable, chain(*(record["joints"] for record in records)))]
     names_of = {"controller": labels, "joint": joints}
     if len(records) == 1:  # the title says which
         del names_of["controller"]

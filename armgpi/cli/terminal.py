@@ -60,6 +60,11 @@ def console(**options: Any) -> Console:
     return Plain(markup=False, emoji=False, highlight=False, **options)
 
 
+def widen(console: Console, table: Any) -> None:
+    """Make a console as wide as a table is: however narrow the terminal, numbers stay whole."""
+    console.width = max(console.width, natural_width(console, table))
+
+
 def natural_width(console: Console, table: Any) -> int:
     """Return how wide a table is where there is room enough."""
     from rich.measure import Measurement

@@ -58,14 +58,12 @@ def validate(
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.validation.check import validate as validated
 
-    if robot is None and (lock or keep or frame or absolute or from_vertical or rotor_inertia):
-        told = "--lock, --keep, --frame, --absolute, --from-vertical and --rotor-inertia are about it"
-        raise refusal("--robot", f"is missing: {told}")
-    if wrong := [item for item in names or () if item.count("=") != 1]:
-        raise refusal("--map", f"expected NAME=FUNCTION, as in M=mass_matrix, got {wrong[0]!r}")
-    mapped = [item.split("=")[0] for item in names or ()]
-    if twice := next((name for name in mapped if mapped.count(name) > 1), None):
-        raise refusal("--map", f"expected every name once, got {twice!r} twice")
+    about_robot = {"--lock": lock, "--keep": keep, "--frame": frame, "--absolute": absolute}
+    about_robot |= {"--from-vertical": from_vertical, "--rotor-inertia": rotor_inertia}
+    if robot is None and any(about_robot.values()):
+        *first, last = about_robot
+        raise refusal("--robot", f"is missing: {', '.join(first)} and {last} are about it")
+    functions = _read_map(names)
     arm = None if robot is None else load(robot, lock, keep)
     found = validated(
         model,
@@ -78,12 +76,13 @@ def validate(
         absolute=absolute,
         from_vertical=from_vertical,
         rotor_inertia=per_joint(",".join(rotor_inertia), "--rotor-inertia") if rotor_inertia else None,
-        names=dict(item.split("=") for item in names or ()),
+        names=functions,
     )
     say(found.to_json() if as_json else str(found), lines=True)
-    for form, path in {"report": report, "markdown": markdown, "latex": latex}.items():
+    forms = ("--report", report, found.html), ("--markdown", markdown, found.markdown)
+    for option, path, form in (*forms, ("--latex", latex, found.latex)):
         if path is not None:
-            write(path, found.html() if form == "report" else getattr(found, form)(), f"--{form}")
+            write(path, form(), option)
     if suggest_urdf is not None:
         from armgpi.validation.skeleton import suggest_urdf as suggested  # it imports SciPy, late
 
@@ -91,3 +90,16 @@ def validate(
         write(suggest_urdf, suggestion.urdf, "--suggest-urdf")
         say(f"{suggest_urdf}: {suggestion.text}", err=True, lines=True)
     sys.exit(OK if found.agrees else FAILED)
+
+
+def _read_map(items: list[str] | None) -> dict[str, str]:
+    """Return what the model calls each function, from NAME=FUNCTION."""
+    functions: dict[str, str] = {}
+    for item in items or ():
+        if item.count("=") != 1:
+            raise refusal("--map", f"expected NAME=FUNCTION, as in M=mass_matrix, got {item!r}")
+        name, function = item.split("=")
+        if name in functions:
+            raise refusal("--map", f"expected every name once, got {name!r} twice")
+        functions[name] = function
+    return functions

@@ -110,10 +110,8 @@ def load(robot: Robot, filename: str) -> Triangles:
 def _parse(path: str, _changed: int, filename: str, kind: str) -> Triangles:
     """Return the triangles of a file; the last ones read are remembered, as arms repeat their parts."""
     content = Path(path).read_bytes()
-    if kind == "dae":
-        _check_collada(content, filename)
-    if kind == "stl":
-        _check_stl(content, filename)
+    if kind in _CHECKS:
+        _CHECKS[kind](content, filename)
     try:
         parts = _parts(content, kind)
     except MissingPackage:
@@ -204,11 +202,7 @@ def simplify(part: Triangles, most: int) -> Triangles:
         part = Triangles(part.points[corner[cube[first]]], _unit_rows(normals), part.colors[first], faces)
         color = color[first]
         cells *= 0.7
-    return _facing(part)
-
-
-def _facing(part: Triangles) -> Triangles:
-    """Return triangles that are seen from where their normals point: corners put together turn some round."""
+    # Seen from where their normals point: corners put together turn some round.
     a, b, c = (part.points[part.faces[:, i]] for i in range(3))
     inwards = (np.cross(b - a, c - a) * part.normals[part.faces].sum(axis=1)).sum(axis=1) < 0.0
     return part._replace(faces=np.where(inwards[:, None], part.faces[:, ::-1], part.faces))
@@ -308,6 +302,10 @@ def _check_collada(content: bytes, filename: str) -> None:
     scenes = [e for e in root.iter() if e.tag.endswith("}visual_scene")]
     if sum(_instances(scene, nodes, counted, filename) for scene in scenes) > _MAX_INSTANCES:
         raise MeshError(filename, f"draws its parts more than {_MAX_INSTANCES} times")
+
+
+#: Kind of a file -> what refuses one that would do harm, before it is read.
+_CHECKS = {"dae": _check_collada, "stl": _check_stl}
 
 
 def _instances(

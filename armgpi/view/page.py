@@ -16,6 +16,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from importlib import resources
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -162,7 +163,8 @@ def fill(
     """
     safe = [script.replace("</script", "<\\/script").replace("<!--", "<\\!--") for script in scripts]
     runs = " 'wasm-unsafe-eval'; worker-src blob:" if computes else ""
-    hashes = " ".join(f"'sha256-{_digest(script)}'" for script in safe) or "'none'"
+    digests = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in safe)
+    hashes = " ".join(f"'sha256-{digest}'" for digest in digests) or "'none'"
     places = {
         # What a page may do: its own scripts and styles, pictures within it, and nothing else. 'self' is the
         # server that a live page came from; a file has none.
@@ -222,14 +224,13 @@ def table(
         words: indices of the other columns that are not numbers.
         marks: colour of the dot before the first cell of each row, empty for none.
     """
-    titles = (text(title).replace("\n", "<br>") for title in head)
-    headings = (
-        f"<th scope=col{' class=name' if k < names or k in words else ''}>{title}</th>"
-        for k, title in enumerate(titles)
-    )
+    left = {*range(names), *words}
+    headings = "".join(
+        f"<th scope=col{' class=name' if k in left else ''}>{text(title)}</th>"
+        for k, title in enumerate(head)
+    ).replace("\n", "<br>")
     lines = []
-    nothing = [""] * len(rows)
-    for row, kind, color in zip(rows, classes or nothing, marks or nothing, strict=True):
+    for row, kind, color in zip_longest(rows, classes, marks, fillvalue=""):
         dots = [f"{dot(color)} " if color else "", *[""] * names]
         cells = [
             f"<th scope=row class=name title='{text(cell)}'>{mark}{text(cell)}</th>"
@@ -242,7 +243,7 @@ def table(
         lines.append(f"<tr{f' class={kind}' if kind else ''}>{''.join(cells)}</tr>")
     return (
         f"<div class=scroll tabindex=0 role=region aria-label='{text(label)}'><table class=data>"
-        f"<thead><tr>{''.join(headings)}</tr></thead><tbody>{''.join(lines)}</tbody></table></div>"
+        f"<thead><tr>{headings}</tr></thead><tbody>{''.join(lines)}</tbody></table></div>"
     )
 
 
@@ -346,8 +347,3 @@ def _columns(matrix: npt.NDArray[np.float64]) -> list[float]:
     """Return a matrix column by column, as three.js has it."""
     columns: list[float] = matrix.T.ravel().tolist()
     return columns
-
-
-def _digest(script: str) -> str:
-    """Return the hash of a script as a content security policy has it."""
-    return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()

@@ -201,6 +201,8 @@ def _plots_data(rollout: xr.Dataset, arrays: page.Arrays) -> dict[str, Any]:
     lengths, forces = ([unit.symbol(slides) for slides in prismatic] for unit in (POSITION, TORQUE))
     onsets = [tracks.disturbance_onset(rollout, joint) for joint in joints]
     nothing = [None] * len(joints)
+    # The rollout with most samples of the reference.
+    longest = max(traces, key=lambda trace: int(np.isfinite(trace.data["q_ref"].values).sum()))
 
     def each(values: Callable[[xr.Dataset], xr.DataArray]) -> list[dict[str, Any]]:
         """Return the lines of a quantity of every rollout."""
@@ -212,7 +214,7 @@ def _plots_data(rollout: xr.Dataset, arrays: page.Arrays) -> dict[str, Any]:
 
     def common(name: str, dashes: Any) -> list[dict[str, Any]]:
         """Return the lines of a quantity that belongs to no rollout."""
-        return _lines(time, _longest(traces).data[name], arrays, -1, Look(REFERENCE, dashes))
+        return _lines(time, longest.data[name], arrays, -1, Look(REFERENCE, dashes))
 
     def quantity(
         name: str,
@@ -263,7 +265,8 @@ def _levels(traces: Sequence[tracks.Trace]) -> list[list[float]]:
     """Return, for every joint, the effort limits that its torque comes near to."""
     levels = []
     for j, effort in enumerate(traces[0].data["effort"].values.tolist()):
-        peak = max(_peak(trace.data["tau"].isel(joint=j).values) for trace in traces)
+        torques = [trace.data["tau"].isel(joint=j).values for trace in traces]
+        peak = max(np.max(np.abs(x), where=np.isfinite(x), initial=0.0) for x in torques)
         near = np.isfinite(effort) and effort < 1e300 and peak >= 0.4 * effort
         levels.append([-effort, effort] if near else [])
     return levels
@@ -296,16 +299,6 @@ def _thin_line(time: Array, values: Array) -> tuple[Array, Array]:
         kept.add(int(begin + np.argmax(values[begin:end])))
     index = np.array(sorted(kept))
     return time[index], values[index]
-
-
-def _longest(traces: Sequence[tracks.Trace]) -> tracks.Trace:
-    """Return the rollout with most samples of the reference."""
-    return max(traces, key=lambda trace: int(np.isfinite(trace.data["q_ref"].values).sum()))
-
-
-def _peak(values: Array) -> float:
-    """Return the largest absolute value, 0 when there is none."""
-    return float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))
 
 
 # Text ----------------------------------------------------------------------------------------------------
@@ -357,9 +350,10 @@ def _tables(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
     for record, color in zip(records, _colors(rollout), strict=True):
         for j, joint in enumerate(record["joints"]):
             values = (metric.text(record["metrics"][metric.name][j]) for metric in shown)
-            rows.append((record["label"] if j == 0 else "", joint, *values))
-            classes.append("first" if j == 0 else "")
-            marks.append(color if j == 0 else "")
+            label, kind, mark = (record["label"], "first", color) if j == 0 else ("", "", "")
+            rows.append((label, joint, *values))
+            classes.append(kind)
+            marks.append(mark)
     notes = [f"{len(rows) - _MOST_ROWS} more rows are left out."] if len(rows) > _MOST_ROWS else []
     notes += filter(None, [units.note([str(name) for name in rollout["joint"].values], prismatic)])
     table = page.table(

@@ -157,12 +157,12 @@ def build(robot: Robot, frame: str | None = None) -> Scene:
     if not isinstance(robot, Robot):
         raise ParameterError("robot", robot, "a single Robot; of a RobotBatch, one of its robots")
     meshes.toolbox()  # better now than in the middle
-    if frame is not None:
-        robot.frame_pose(frame, robot.middle())  # refuses a name that is not there
+    name = robot.tip if frame is None else frame
+    robot.frame_pose(name, robot.middle())  # refuses a name that is not there
     model = robot.pinocchio_model()
-    tool = _link_frames(model).get(robot.tip if frame is None else frame)
+    tool = _link_frames(model).get(name)
     if tool is None:  # a joint's frame
-        tool = model.frames[model.getFrameId(frame)]
+        tool = model.frames[model.getFrameId(name)]
     findings: list[str] = []
     drawn, links = _visuals(robot, model, findings)
     merged = [None if part is None else _merge_corners(part) for part in drawn]
@@ -179,7 +179,7 @@ def build(robot: Robot, frame: str | None = None) -> Scene:
         tip_body=int(tool.parentJoint),
         tip=np.array(tool.placement.homogeneous),
         size=size,
-        drawn_as="meshes" if any(part is not None for part in drawn) else "sticks",
+        drawn_as="meshes" if any(drawn) else "sticks",
         findings=tuple(findings),
     )
 
@@ -230,7 +230,11 @@ def clip(rollout: xr.Dataset, robot: Robot) -> Clip:
     traces = tracks.traces(rollout, most=None)
     shown = traces[:MOST_ROBOTS]
     time = np.asarray(rollout["time"].values, dtype=float)
-    frames = _frames(time, len(names), len(shown))
+    # As many as the budget has room for and the eye can tell apart, evenly spread over the samples.
+    most = int(FRAME_BYTES / (17 * len(names) * len(shown)))
+    wanted = math.ceil((time[-1] - time[0]) * FRAME_RATE) + 1
+    count = max(2, min(len(time), most, wanted))
+    frames = np.unique(np.linspace(0, len(time) - 1, count).round().astype(np.int64))
     ends = describe_end(rollout)
     actors = tuple(_actor(trace, frames, ends[i], len(shown)) for i, trace in enumerate(shown))
     pushed = np.zeros((len(frames), len(names)), dtype=np.float32)
@@ -528,14 +532,6 @@ def _link_frames(model: Any) -> dict[str, Any]:
 
 
 # The rollouts --------------------------------------------------------------------------------------------
-
-
-def _frames(time: Array, n: int, rollouts: int) -> npt.NDArray[np.int64]:
-    """Return the indices of the samples that become frames, evenly spread."""
-    most = int(FRAME_BYTES / (17 * n * rollouts))
-    wanted = math.ceil((time[-1] - time[0]) * FRAME_RATE) + 1
-    count = max(2, min(len(time), most, wanted))
-    return np.unique(np.linspace(0, len(time) - 1, count).round().astype(np.int64))
 
 
 def _actor(trace: tracks.Trace, frames: npt.NDArray[np.int64], end: str, rollouts: int) -> Actor:

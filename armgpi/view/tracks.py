@@ -21,6 +21,12 @@ if TYPE_CHECKING:
 
 #: More rollouts than this are drawn as a band.
 MOST_LINES = 14
+#: What a rollout has -> its dimensions, besides that of several rollouts.
+_DIMENSIONS: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(("q", "q_ref", "tau"), ("time", "joint")),
+    **dict.fromkeys(("effort", "lower", "upper"), ("joint",)),
+    **dict.fromkeys(("status", "t_end"), ()),
+}
 
 
 class Trace(NamedTuple):
@@ -142,25 +148,26 @@ def _check(rollout: xr.Dataset) -> None:
 
     if not isinstance(rollout, xr.Dataset):
         raise RolloutError(f"expected a rollout, as simulate returns it, got a {type(rollout).__name__}")
-    if "time" not in rollout.dims or rollout.sizes["time"] < 1 or rollout.sizes.get("rollout", 1) < 1:
+    if min(rollout.sizes.get("time", 0), rollout.sizes.get("rollout", 1)) < 1:
         raise RolloutError("the rollout has no samples, so there is nothing to draw")
-    shapes = {"q": 0, "q_ref": 0, "tau": 0, "effort": 1, "lower": 1, "upper": 1, "status": 2, "t_end": 2}
-    for name, fewer in shapes.items():
-        wanted = ("rollout", "time", "joint")
-        allowed = {1: {"rollout", "joint"}, 2: {"rollout"}}.get(fewer, set(wanted))
-        needed = {"time", "joint"} if fewer == 0 else {"joint"} if fewer == 1 else set()
-        if name not in rollout or not needed <= set(rollout[name].dims) <= allowed:
-            raise RolloutError(f"the rollout has no {name!r} with the dimensions of one")
-        if rollout[name].dtype.kind not in "fiu":
-            raise RolloutError(f"the rollout's {name!r} is no numbers but {rollout[name].dtype}")
+    _check_variables(rollout)
     time = np.asarray(rollout["time"].values)
     if time.dtype.kind != "f" or not np.isfinite(time).all() or (np.diff(time) <= 0.0).any():
         raise RolloutError("the rollout's times are not finite numbers that increase")
     if unknown := set(np.unique(rollout["status"].values).tolist()) - set(map(int, Status)):
         raise RolloutError(f"the rollout has a status that there is not: {sorted(unknown)}")
     names = [str(name) for name in rollout["joint"].values]
-    if not names or len(set(names)) < len(names):
+    if not 0 < len(names) == len(set(names)):
         raise RolloutError("the rollout's joints have no names of their own")
+
+
+def _check_variables(rollout: xr.Dataset) -> None:
+    """Refuse a dataset whose variables are not numbers of a rollout's dimensions."""
+    for name, dimensions in _DIMENSIONS.items():
+        if name not in rollout or not {*dimensions} <= set(rollout[name].dims) <= {*dimensions, "rollout"}:
+            raise RolloutError(f"the rollout has no {name!r} with the dimensions of one")
+        if rollout[name].dtype.kind not in "fiu":
+            raise RolloutError(f"the rollout's {name!r} is no numbers but {rollout[name].dtype}")
 
 
 def _until_the_end(rollout: xr.Dataset) -> xr.Dataset:

@@ -215,7 +215,8 @@ class _Writer:
             "counted": self.literal(COUNTED),
             "filled": ", ".join({"q_measured": "q", "q_ref": "r"}.get(name, name) for name in law.inputs),
         }
-        law_step = self._cost("law_step", law.step)
+        called = (self.counts[call.kernel.name] for call in law.step.calls)
+        law_step = self.counts["law_step"].plus(*called)
         # D(q)^-1 of the saturation residual, and the torque of the open loop: neither in a typical step.
         used = [call.kernel.name for call in law.step.calls if call.kernel.skip is None]
         typical = self.counts["law_step"].plus(*(self.counts[name] for name in used))
@@ -347,10 +348,6 @@ class _Writer:
         self.counts[name] = _count_operations(lines)
         return _with_buffers(lines, buffers)
 
-    def _cost(self, name: str, routine: Routine) -> Counts:
-        """Return the operations of a routine with all that it calls."""
-        return self.counts[name].plus(*(self.counts[call.kernel.name] for call in routine.calls))
-
     def _shared_values(self) -> dict[str, str]:
         """Return what both templates need."""
         robot: Any = self.law.controller.robot
@@ -376,9 +373,10 @@ class _Writer:
         ]
         parts = identifiers(self.names)
         enum = [f"    ARMGPI_JOINT_{name} = {j}" for j, name in enumerate(parts)]
+        sizes: dict[tuple[int, ...], str] = {(): "", (law.n,): "[ARMGPI_N]"}
         fields = [
             (
-                f"armgpi_real_t {part.name}{'[ARMGPI_N]' if part.shape == (law.n,) else _size(part)};",
+                f"armgpi_real_t {part.name}{sizes.get(part.shape, f'[{len(part.symbols)}]')};",
                 _remark(law.first, part.path),
             )
             for part in law.state
@@ -419,11 +417,6 @@ def template(name: str) -> str:
 def inputs_of(bits: int) -> list[str]:
     """Return the names of a step's arguments, from the bits of `armgpi_info.inputs`."""
     return [name for name in INPUTS if not INPUT_BITS.get(name, 0) & ~bits]
-
-
-def _size(part: Table) -> str:
-    """Return the brackets behind a name."""
-    return f"[{len(part.symbols)}]" if part.shape else ""
 
 
 def _remark(root: Any, path: str) -> str:

@@ -117,8 +117,8 @@ class ExportedController(Controller):
         if names != [plain(name) for name in robot.joint_names]:
             joints = ", ".join(names)
             raise ParameterError("robot", ", ".join(robot.joint_names), f"one with the joints {joints}")
-        self.real = "float" if info.real_bytes == 4 else "double"
-        self._dtype: Any = np.float32 if info.real_bytes == 4 else np.float64
+        self._dtype: Any
+        self.real, self._dtype = ("float", np.float32) if info.real_bytes == 4 else ("double", np.float64)
         self.state_bytes = int(info.state_bytes)
         effort = (ctypes.c_byte * (info.n * info.real_bytes)).from_address(info.effort)
         limits = np.frombuffer(effort, self._dtype).astype(np.float64)

@@ -284,8 +284,8 @@ def _texts(code: Code, log: ArmLog) -> dict[str, str]:
     scale = np.where(np.isfinite(effort), effort, largest)
     printed = getattr(code.law.controller.law, "realisation", "") == "paper"
     adding = printed or (np.abs(log.tau) >= effort).any()
-    tolerance = 0.0 if code.real == "float" else _LOOSE if adding else _TOLERANCE
-    suffix = "F" if code.real == "float" else ""
+    double = "", _LOOSE if adding else _TOLERANCE
+    suffix, tolerance = ("F", 0.0) if code.real == "float" else double
     q_ref = names.index("q_ref")
     fill = {
         "count": len(names),
@@ -317,8 +317,7 @@ def _run_replay(texts: dict[str, str | bytes], found: build.Compiler) -> Measure
     # Not in the user's folder, where objects and a program would be left behind.
     with tempfile.TemporaryDirectory(prefix="armgpi-export-") as name:
         folder = Path(name)
-        for file, text in texts.items():
-            (folder / file).write_bytes(text.encode() if isinstance(text, str) else text)
+        files.write_set(folder, texts)
         sources = sorted((file for file in texts if file.endswith(".c")), key=lambda file: file != "main.c")
         stack, controller = None, folder / sources[1]
         # Not every compiler knows these options, so they do not belong to the build itself.
@@ -335,7 +334,12 @@ def _run_replay(texts: dict[str, str | bytes], found: build.Compiler) -> Measure
             lines = [x for x in built.stderr.decode(errors="replace").splitlines() if "error" in x]
             raise RolloutError(f"{' '.join(found.command)} failed: {(lines or ['it said nothing'])[0]}")
         done = _run([str(folder / "replay")], folder)
-        said = done.stdout.decode(errors="replace")
+    compiler = found.version.splitlines()[0] if found.version else found.command[0]
+    return _read_replay(done.stdout.decode(errors="replace"), compiler, done.returncode == 0, stack)
+
+
+def _read_replay(said: str, compiler: str, agrees: bool, stack: int | None) -> Measured:
+    """Return what a replay printed."""
 
     def number(pattern: str) -> float:
         match = re.search(pattern, said)
@@ -347,9 +351,9 @@ def _run_replay(texts: dict[str, str | bytes], found: build.Compiler) -> Measure
         return value if value > 0.0 else None
 
     return Measured(
-        compiler=found.version.splitlines()[0] if found.version else found.command[0],
+        compiler=compiler,
         difference=number(r"largest difference (\S+)"),
-        agrees=done.returncode == 0,
+        agrees=agrees,
         state_bytes=int(number(r"state (\d+)")),
         step=time(r"(?m)^step (\S+) ns"),
         saturated=time(r"step with torque saturated (\S+) ns"),
@@ -381,12 +385,12 @@ def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | Non
     lower, upper, velocity, _ = robot.limits
     effort = np.broadcast_to(controller.effort, (law.n,))
     fastest = move_limits(controller)[0]
-    units = ["m" if slides else "rad" for slides in robot.prismatic]
+    units = [("m", "N") if slides else ("rad", "N m") for slides in robot.prismatic]
+    rows = zip(robot.joint_names, robot.joint_types, units, strict=True)
     joints = [
         f"| {j} | `{plain(name)}` | {kind} | {lower[j]:.6g} to {upper[j]:.6g} {unit} "
-        f"| {velocity[j]:.6g} {unit}/s | {effort[j]:.6g} {'N' if unit == 'm' else 'N m'} "
-        f"| {fastest[j]:.3g} {unit}/s |"
-        for j, (name, kind, unit) in enumerate(zip(robot.joint_names, robot.joint_types, units, strict=True))
+        f"| {velocity[j]:.6g} {unit}/s | {effort[j]:.6g} {of_torque} | {fastest[j]:.3g} {unit}/s |"
+        for j, (name, kind, (unit, of_torque)) in enumerate(rows)
     ]
     start = {
         "hold": "The first torque of the law is the one that holds the arm: release the brakes under it.",

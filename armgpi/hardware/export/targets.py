@@ -119,25 +119,29 @@ def _check_arm(target: str, controller: Supervised) -> None:
         expected = "one for a controller without gravity, as its robot adds it: robot.with_gravity((0, 0, 0))"
         raise ParameterError("target", target, expected)
     interface = COMPENSATING[target]
-    joints, dt, rate = interface.joints, interface.dt, interface.rate
-    assert joints is not None
+    dt, rate = interface.dt, interface.rate
     assert dt is not None
     if "friction" in interface.adds and getattr(controller.law, "friction_feedforward", False):
         raise ParameterError("target", target, "one for a law without the friction that its robot adds")
-    rotors = zip(robot.drives.value("rotor_inertia"), robot.drives.sources("rotor_inertia"), strict=True)
-    if any(value == 0.0 and source for value, source in rotors):
-        raise ParameterError("target", target, GEARED)
-    fingers = moving_gripper(robot)
-    if robot.n != joints or fingers:
-        which = f", with {', '.join(map(repr, fingers))} of its gripper" if fingers else ""
-        refused = ParameterError("target", target, f"for {joints} joints; this arm has {robot.n}{which}")
-        raise refused.suggesting(Remedy("lock", tuple(fingers))) if fingers else refused
+    _check_joints(target, robot)
     if not math.isclose(controller.dt, dt):
         expected = f"for a sample time of {dt:g} s, its robot's; this controller's is {controller.dt:g} s"
         raise ParameterError("target", target, expected)
     given = controller.supervisor.torque_rate
     if rate is not None and (given is None or np.any(np.asarray(given) > rate)):
         raise ParameterError("target", target, f"a torque_rate of at most {rate:g} N m/s, as its robot's")
+
+
+def _check_joints(target: str, robot: Any) -> None:
+    """Refuse an arm without gears, with other joints than the target's robot, or with a gripper's as well."""
+    rotors = zip(robot.drives.value("rotor_inertia"), robot.drives.sources("rotor_inertia"), strict=True)
+    if any(value == 0.0 and source for value, source in rotors):
+        raise ParameterError("target", target, GEARED)
+    joints, fingers = COMPENSATING[target].joints, moving_gripper(robot)
+    if robot.n != joints or fingers:
+        which = f", with {', '.join(map(repr, fingers))} of its gripper" if fingers else ""
+        refused = ParameterError("target", target, f"for {joints} joints; this arm has {robot.n}{which}")
+        raise refused.suggesting(Remedy("lock", tuple(fingers))) if fingers else refused
 
 
 def compensates_gravity(robot: Any) -> bool:
@@ -154,6 +158,7 @@ def package(code: Code, state_bytes: int, target: str) -> dict[str, str]:
     """Return the files of the package and of the target: name -> text."""
     law = code.law
     names, real = list(law.inputs), "float" if code.real == "float" else "double"
+    statuses, reasons = ([each.name.lower() for each in kind] for kind in (State, Reason))
     fill = {
         "title": f"{type(law.controller.law).__name__} controller of {plain(law.controller.robot.name)}",
         "version": VERSION,
@@ -166,28 +171,28 @@ def package(code: Code, state_bytes: int, target: str) -> dict[str, str]:
         **_move(law.controller, "F" if real == "float" else ""),
         "log_seconds": repr(_LOG_TIME),
         "install": template(f"CMakeLists.{target}.txt"),
-        "moving": ", ".join(repr(x) for x in (_MOVING / COUNTS * law.controller.bounds.travel).tolist()),
+        "moving": ", ".join(map(repr, (_MOVING / COUNTS * law.controller.bounds.travel).tolist())),
         "repeats": f"{min(_REPEATS, law.controller.supervisor.missed)}U",
         "row_words": str(4 + (len(names) + 2) * law.n),
         "rest_motion": repr(_REST_MOTION),
         "rest_samples": str(max(1, round(_REST_TIME / law.controller.dt))),
         "dt_double": repr(float(law.controller.dt)),
-        "vectors": ", ".join(f"const Vector& {name}" for name in names),
-        "datas": ", ".join(f"{name}.data()" for name in names),
+        "vectors": ", ".join(map("const Vector& {}".format, names)),
+        "datas": ", ".join(map("{}.data()".format, names)),
         "arguments": ", ".join(names),
-        "declared": ", ".join(f"{name}[ARMGPI_N]" for name in names),
-        "declared_zero": ", ".join(f"{name}[ARMGPI_N] = {{0}}" for name in names),
+        "declared": ", ".join(map("{}[ARMGPI_N]".format, names)),
+        "declared_zero": ", ".join(map("{}[ARMGPI_N] = {{0}}".format, names)),
         "zeroed": "".join(
             f"        {name}[i] = (armgpi_real_t)0;\n" for name in names if name not in _POSITIONS
         ),
         "velocity": _VELOCITY if "v_measured" in names else "",
         "c_real": f"c_{real}",
-        "joint_list": repr([plain(name) for name in law.controller.robot.joint_names]),
-        "status_list": repr([state.name.lower() for state in State]),
-        "reason_list": repr([reason.name.lower() for reason in Reason]),
-        "status_words": ", ".join(f'"{state.name.lower()}"' for state in State),
-        "reason_words": ", ".join(f'"{reason.name.lower()}"' for reason in Reason),
-        "middle": ",\n".join(f"    {x!r}" for x in law.controller.robot.middle().tolist()),
+        "joint_list": repr([*map(plain, law.controller.robot.joint_names)]),
+        "status_list": repr(statuses),
+        "reason_list": repr(reasons),
+        "status_words": ", ".join(map('"{}"'.format, statuses)),
+        "reason_words": ", ".join(map('"{}"'.format, reasons)),
+        "middle": ",\n".join(map("    {!r}".format, law.controller.robot.middle().tolist())),
         "faults": ",\n".join(_tests(law.controller)),
     }
     texts = {name: Template(template(name)).substitute(fill) for name in (*_PACKAGE, "test_faults.c")}
@@ -240,9 +245,17 @@ def _tests(controller: Supervised) -> list[str]:
 def _motions(controller: Supervised) -> dict[Reason, list[_Motion]]:
     """Return for each reason the motions to try, the likeliest first, or why there is none."""
     bounds, given, middle = controller.bounds, controller.supervisor, controller.robot.middle()
-    jump, step, following, travel, upper, effort = (
+    jump, step, following, travel, speed, upper, effort = (
         np.broadcast_to(x, middle.shape)
-        for x in (bounds.jump, bounds.step, bounds.following, bounds.travel, bounds.upper, controller.effort)
+        for x in (
+            bounds.jump,
+            bounds.step,
+            bounds.following,
+            bounds.travel,
+            bounds.speed,
+            bounds.upper,
+            controller.effort,
+        )
     )
     # Changes in a sample that are neither JUMP nor REFERENCE. What repeats itself would be FROZEN.
     slip = np.minimum(0.4 * jump, 0.01)
@@ -262,10 +275,8 @@ def _motions(controller: Supervised) -> dict[Reason, list[_Motion]]:
         for samples in _RUNNING_AWAY
         for k in range(len(middle))
     ]
-    unlimited = "" if (effort < FARTHEST).any() else "no joint has a torque limit"
-    speed = np.broadcast_to(bounds.speed, middle.shape)
-    fast, no_speed = np.argsort(speed), "" if (speed < FARTHEST).any() else "no joint has a velocity limit"
-    no_jump = "" if (jump < FARTHEST).any() else "no joint has a velocity limit"
+    no_torque, no_position = _unlimited(effort, "torque"), _unlimited(upper, "position")
+    no_jump, no_speed = _unlimited(jump, "velocity"), _unlimited(speed, "velocity")
     found = {
         Reason.NOT_FINITE: [_Motion(nan_q=1)],
         Reason.REFERENCE: [_Motion(nan_r=1)],
@@ -273,15 +284,17 @@ def _motions(controller: Supervised) -> dict[Reason, list[_Motion]]:
         Reason.FROZEN: [_Motion(f, dr=min(travel[f] / 8.0, small[f]), samples=_LONGEST)],
         Reason.POSITION: [_Motion(p, q=room, dq=small[p], r=room, dr=small[p])],
         Reason.FOLLOWING: away,
-        Reason.SATURATED: [_Motion(why=unlimited)] if unlimited else driven,
+        Reason.SATURATED: driven,
         Reason.LATE: [_Motion(elapsed=given.missed + 2)],
-        Reason.RESPONSE: [_Motion(why=unlimited)] if unlimited else runs,
+        Reason.RESPONSE: runs,
         Reason.CAP: [*driven, *runs],
         # As fast as JUMP lets it begin, at most: it is found before it is too far from the reference.
-        Reason.SPEED: [_Motion(k, dq=min(1.2 * speed[k], 0.9 * jump[k]), why=no_speed) for k in fast],
+        Reason.SPEED: [
+            _Motion(k, dq=min(1.2 * speed[k], 0.9 * jump[k]), why=no_speed) for k in np.argsort(speed)
+        ],
     }
-    if upper.min() >= FARTHEST:
-        found[Reason.POSITION] = [_Motion(why="no joint has a position limit")]
+    never = {Reason.POSITION: no_position, Reason.SATURATED: no_torque, Reason.RESPONSE: no_torque}
+    found |= {reason: [_Motion(why=why)] for reason, why in never.items() if why}
     off = {
         Reason.JUMP: given.jump,
         Reason.FROZEN: controller.frozen_samples,
@@ -291,6 +304,11 @@ def _motions(controller: Supervised) -> dict[Reason, list[_Motion]]:
         Reason.CAP: given.torque_cap is not None,
     }
     return found | {reason: [_Motion(why=_OFF)] for reason, value in off.items() if not value}
+
+
+def _unlimited(limits: Array, kind: str) -> str:
+    """Return that no joint has a limit; empty where one has."""
+    return "" if (limits < FARTHEST).any() else f"no joint has a {kind} limit"
 
 
 def _share(controller: Supervised, motion: _Motion) -> float:

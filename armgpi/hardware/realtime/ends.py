@@ -195,7 +195,8 @@ class ControllerEnd:
             return self._answer
         if sample.number < self.number:
             return None
-        measured = self._measurement(sample.values)
+        whole = self.controller.measurement_type is FullState
+        measured = FullState(*sample.values) if whole else Measurement(sample.values)
         target = self._target(sample.number, measured.q)
         if self.state is None:
             self.state = self.controller.init(measured, target)
@@ -231,11 +232,6 @@ class ControllerEnd:
     def fault(self) -> FaultReport | None:
         """What the supervisor says; None before the first sample."""
         return None if self.state is None else self.controller.report(self.state)
-
-    def _measurement(self, values: Array) -> Measurement | FullState:
-        if self.controller.measurement_type is FullState:
-            return FullState(values[0], values[1])
-        return Measurement(values)
 
 
 def supervise(

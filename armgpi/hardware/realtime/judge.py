@@ -92,6 +92,15 @@ class Verdict(NamedTuple):
     untested: dict[str, tuple[str, ...]]
     following: Stage | None
 
+    def plain(self) -> dict[str, object]:
+        """Return it as plain data."""
+        return {
+            "findings": [each._asdict() for each in self.findings],
+            "passed": {key: list(joints) for key, joints in self.passed.items()},
+            "not_tested": {key: list(joints) for key, joints in self.untested.items()},
+            "next": None if self.following is None else self.following.name,
+        }
+
 
 class _Seen(NamedTuple):
     """A log as arrays: joints are named, `dev` is the torque beside what holds the model."""
@@ -318,11 +327,11 @@ def _of_stage(
         return
     moved = np.abs(seen.q - seen.q[0]).max(axis=0)
     asked = np.abs(seen.q_ref - seen.q_ref[0]).max(axis=0)
-    moving = [seen.names.index(name) for name in stage.joints]
-    for j in moving:
+    for name in stage.joints:
+        j = seen.names.index(name)
         if moved[j] < _ANSWERED * asked[j]:
             said = f"moved {moved[j]:.2g} where its reference moved {asked[j]:.2g}"
-            yield Finding("command order", seen.names[j], said, "look at its brake, its drive and its load")
+            yield Finding("command order", name, said, "look at its brake, its drive and its load")
     end = seen.t > seen.t[-1] - _REST
     rests = np.median(seen.dev[end], axis=0)
     allowed = _borne(upright, seen.q[0], upright.gravity(seen.q[-1]))
@@ -340,8 +349,7 @@ def _of_stage(
     tested["carried"] = seen.names
     if not beyond.any() and _tells_mounting(upright, seen.q[-1], allowed):
         tested["mounting"] = seen.names
-    for question in ("command order", "command sign"):
-        tested[question] = stage.joints
+    tested |= dict.fromkeys(("command order", "command sign"), stage.joints)
     if not compensates_gravity(robot):  # its torque carries the arm
         heavy = np.abs(np.median(seen.tau[end], axis=0)) > 2.0 * allowed
         tested["command unit"] = tuple(name for name, known in zip(seen.names, heavy, strict=True) if known)

@@ -90,7 +90,9 @@ def wall(
         for child, pipe in zip(children, pipes, strict=True):
             _start(child)
             pipe[1].close()
-        address = _expect(to_controller, children[0], "ready")
+        kind, address = _message(to_controller, children[0], _START)
+        if kind != "ready":
+            raise BackendError(f"the process said {kind!r}, expected 'ready'")
         to_arm.send((address, children[0].pid))
         return _await_end(to_arm, to_controller, children, watch)
     finally:
@@ -137,14 +139,6 @@ def _await_end(
             told = to_controller.recv()[1]
     granted = {"arm": granted_arm, "controller": told["granted"]}
     return Taken(samples, told["filled"], fired, latched, granted, told["steps"], told["fault"], told["log"])
-
-
-def _expect(pipe: Connection, child: Any, wanted: str) -> Any:
-    """Return what a process says first."""
-    kind, value = _message(pipe, child, _START)
-    if kind != wanted:
-        raise BackendError(f"the process said {kind!r}, expected {wanted!r}")
-    return value
 
 
 def _message(pipe: Connection, child: Any, patience: float | None = None) -> tuple[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -72,8 +73,8 @@ def run(
         raise ParameterError("plant", plant, "a plant, controller, reference and start of a single rollout")
     check_choice(clock, "clock", CLOCKS)
     check_choice(policy, "policy", processes.POLICIES)
-    for name, flag in (("exported", exported), ("dry_run", dry_run)):
-        check_type(flag, name, bool, "True or False")
+    check_type(exported, "exported", bool, "True or False")
+    check_type(dry_run, "dry_run", bool, "True or False")
     check_type(supervisor, "supervisor", Supervisor | None, "a Supervisor")
     injected, watchdog = injected or Injected(), watchdog or Watchdog()
     check_type(injected, "injected", Injected, "an Injected")
@@ -118,9 +119,8 @@ def _simulate(arm: ArmEnd, end: ControllerEnd, schedule: Schedule) -> processes.
         if not schedule.lost[k, 0]:
             waiting.append(sample.pack())
         if k < schedule.killed and not schedule.stalled[k]:
-            for data in waiting:
-                received = unpack(data, n)
-                answer = answer if received is None else end.receive(received) or answer
+            for received in filter(None, map(unpack, waiting, repeat(n))):
+                answer = end.receive(received) or answer
             waiting.clear()
         samples.take(arm, sample, None if schedule.lost[k, 1] or answer is None else unpack(answer.pack(), n))
     samples.finish(arm)

@@ -219,7 +219,7 @@ def _file(
     data = {"format": FORMAT, **loaded.config.plain(given=True)}
     if Path(data["robot"]["name"]).is_file():
         data["robot"]["name"] = str(Path(data["robot"]["name"]).resolve())
-    own = data["reference"].get("file") if "reference" in data else None
+    own = data.get("reference", {}).get("file")
     if own is not None:
         data["reference"]["file"] = str(Path(own).resolve())
     filled = experiment.config.controllers[0].plain()
@@ -231,20 +231,19 @@ def _file(
         return data
     data |= motion
     if data.get("plant"):  # the load that the model does not know comes with the full speed
-        data["plant"] = {key: value for key, value in data["plant"].items() if key != "payload"}
+        data["plant"].pop("payload", None)
     if caps is None:
         return data
     if isinstance(law, GPI) and not law.gains.adaptive:
         omega = np.minimum(np.broadcast_to(law.gains.nominal().omega_c, robot.n), caps.bandwidth)
-        section["omega"] = dict(zip(robot.joint_names, _round(omega), strict=True))
-    shares = np.array([caps.torque if name in moving else caps.held for name in robot.joint_names])
-    bounds = {
-        "torque_cap": shares * moving_torque(robot, experiment.reference.at(0.0).q) + robot.friction.coulomb,
-        "speed_cap": np.minimum(caps.speed, _fastest(robot)),
+        section["omega"] = _by_joint(robot, omega)
+    shares = np.where(np.isin(robot.joint_names, moving), caps.torque, caps.held)
+    torque = shares * moving_torque(robot, experiment.reference.at(0.0).q) + robot.friction.coulomb
+    data["supervisor"] |= {
+        "torque_cap": _by_joint(robot, torque),
+        "speed_cap": _by_joint(robot, np.minimum(caps.speed, _fastest(robot))),
+        "following": caps.following,
     }
-    for key, values in bounds.items():
-        data["supervisor"][key] = dict(zip(robot.joint_names, _round(values), strict=True))
-    data["supervisor"]["following"] = caps.following
     return data
 
 
@@ -259,8 +258,9 @@ def moving_torque(robot: Any, q: Array) -> Array:
     )
 
 
-def _round(values: Array) -> list[float]:
-    return [float(f"{x:.3g}") for x in values]
+def _by_joint(robot: Any, values: Array) -> dict[str, float]:
+    """Return numbers of an arm's joints by their names, to three digits."""
+    return {name: float(f"{x:.3g}") for name, x in zip(robot.joint_names, values, strict=True)}
 
 
 def _fastest(robot: Any) -> Array:

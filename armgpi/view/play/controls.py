@@ -153,7 +153,7 @@ def playable(experiment: Experiment, label: str, siblings: Mapping[str, dict[str
     choices = [Choice(("controllers", 0), "controller", "the law", tuple(sections), own["type"])]
     for key, values in _FORMS.items():
         having = tuple(name for name, section in sections.items() if key in section)
-        if having and key in own:
+        if key in own:
             declared, place = _declared_parameters(having[0])[key], ("controllers", 0, key)
             every = tuple(dict.fromkeys((*values, own[key])))
             text = declared.short or declared.text

@@ -90,7 +90,7 @@ def _add_sensors(plant: Plant, rows: Mapping[str, Sequence[Any]], batch: int | N
             if batch is not None and hasattr(made, "seed"):
                 made = _with(made, seed=np.full((batch, 1), made.seed % 2**64, dtype=np.uint64))
             if isinstance(wrapper, Encoder) and BITS in rows:
-                bits = np.array([[np.nan if x is None else x] for x in rows[BITS]])
+                bits = np.array(rows[BITS], dtype=float)[:, None]  # None is NaN
                 made = _with(made, step_size=np.nan_to_num(wrapper.robot.encoder_count(bits), nan=EXACT))
 
     none = np.zeros(plant.robot.n)

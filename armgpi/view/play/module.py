@@ -38,6 +38,8 @@ _BEGIN, _END = "armgpi: ", " :armgpi"
 _OWN = ("Job", "NR", "v_mix", "draw", "record", "sample", "add_up", "add_early", "run")
 #: A call of a kernel in a sample.
 _CALL = re.compile(r"\b\w+\(x_(\d+), o \+ \d+, y\1\)")
+#: The same call by the pointer for it.
+_BY_POINTER = r"chosen[\1].function(x_\1, chosen[\1].constants, y\1)"
 #: A constant in it.
 _CONSTANT = re.compile(r"v_set\((\([^()]+\)|[^()]+)\)")
 
@@ -62,7 +64,7 @@ def text(traces: Sequence[Trace], samples: Sequence[Sample], kernels: Mapping[st
         parts += [f"#define {name} {name}_{i}" for name in _OWN if name != "NR"]
         sizes = source.sizes(traced, 1)
         parts += [f"#define {name} {value}" for name, value in sizes.items() if name != "LANES"]
-        parts += [_CALL.sub(_by_pointer, line) for line in source.sample(traced, dialect)]
+        parts += [_CALL.sub(_BY_POINTER, line) for line in source.sample(traced, dialect)]
         parts.append(source.library_text("loop.h"))
         parts += [f"#undef {name}" for name in (*_OWN, *sizes) if name != "LANES"]
     return "\n".join(parts)
@@ -93,11 +95,6 @@ def _share_functions(kernels: Mapping[str, Kernel], dialect: Dialect) -> tuple[l
             constants = ", ".join(values[j] for values in differ) or "0.0"
             entries[name] = f"{{kernel_{i}, (const V[]){{{constants}}}}}"
     return functions, [entries[name] for name in kernels]
-
-
-def _by_pointer(call: re.Match[str]) -> str:
-    """Return a call by the pointer for it."""
-    return f"chosen[{call[1]}].function(x_{call[1]}, chosen[{call[1]}].constants, y{call[1]})"
 
 
 def compiler() -> tuple[str, ...]:

@@ -98,7 +98,8 @@ def _data(found: Module, experiment: Experiment, arrays: page.Arrays) -> dict[st
         "code": arrays.add(np.frombuffer(found.code, dtype=np.uint8), "uint8"),
         "colors": [style.PALETTE[0], style.PALETTE[1]],
         "choices": [{**choice._asdict(), "id": choice.id} for choice in moved.choices],
-        "controls": [_control(control) for control in moved.controls],
+        # Bounds that are infinite are null.
+        "controls": [json_data({**control._asdict(), "id": control.id}) for control in moved.controls],
         "sections": moved.sections,
         **_config_with_urdf(moved.config),
         "friction": plain(experiment.config)["robot"]["friction"],
@@ -114,12 +115,6 @@ def _config_with_urdf(config: dict[str, Any]) -> dict[str, Any]:
         return {"config": config, "urdf": None}
     text = read_file(path)
     return {"config": {**config, "robot": {**robot, "name": path.name}}, "urdf": [path.name, text]}
-
-
-def _control(control: Control) -> dict[str, Any]:
-    """Return a control as JSON has it: bounds that are infinite are null."""
-    data: dict[str, Any] = json_data({**control._asdict(), "id": control.id})
-    return data
 
 
 def _variant(variant: dict[str, Any], loop: ClosedLoop, steps: int, arrays: page.Arrays) -> dict[str, Any]:
@@ -249,10 +244,9 @@ def compose_config(moved: Playable, form: dict[str, Any]) -> dict[str, Any]:
             control.put(config, control.values[1])
         elif control.joints and control.id.startswith("plant.loads"):
             control.put(config, [1.0] * len(control.joints))
-    if config["plant"]["encoder_bits"] is None:
-        config["plant"]["encoder_bits"] = 16
-    config["plant"]["drop_out"] = config["plant"]["drop_out"] or 0.5  # drawn with the experiment's seed
-    config["plant"]["delay"] = config["plant"]["delay"] or 1
+    plant = config["plant"]
+    for key, value in {"encoder_bits": 16, "drop_out": 0.5, "delay": 1}.items():
+        plant[key] = plant[key] or value  # drop-outs are drawn with the experiment's seed
     return config
 
 

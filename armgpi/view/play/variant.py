@@ -350,7 +350,13 @@ class Prober:
         for side, arms in sides.items():
             own = {i: each for i, each in enumerate(sample.calls) if _side(each[0]) == side}
             names = tuple(name for name, control in self.controls.items() if control.arm == side != "")
-            which = [[place(_kernel_name(arm, *call)) for call in own.values()] for arm in arms]
+            which = [
+                [
+                    place(f"{method}_{arm[owner].model.digest}" if owner else method)
+                    for owner, method in own.values()
+                ]
+                for arm in arms
+            ]
             yield Table(names, list(own), np.array(which, dtype=np.float64))
 
 
@@ -363,11 +369,6 @@ def _part(control: Control) -> str:
 def _side(owner: str) -> str:
     """Return the part whose arm it is, empty for none."""
     return owner if owner in ("plant", "") else "controller"
-
-
-def _kernel_name(arms: Mapping[str, Arm], owner: str, method: str) -> str:
-    """Return the name of the kernel of a call; see :class:`Sample`."""
-    return f"{method}_{arms[owner].model.digest}" if owner else method
 
 
 def _arms_of(loop: ClosedLoop, side: str) -> dict[str, Arm]:
