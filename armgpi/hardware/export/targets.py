@@ -245,17 +245,9 @@ def _tests(controller: Supervised) -> list[str]:
 def _motions(controller: Supervised) -> dict[Reason, list[_Motion]]:
     """Return for each reason the motions to try, the likeliest first, or why there is none."""
     bounds, given, middle = controller.bounds, controller.supervisor, controller.robot.middle()
+    each = (bounds.jump, bounds.step, bounds.following, bounds.travel, bounds.speed, bounds.upper)
     jump, step, following, travel, speed, upper, effort = (
-        np.broadcast_to(x, middle.shape)
-        for x in (
-            bounds.jump,
-            bounds.step,
-            bounds.following,
-            bounds.travel,
-            bounds.speed,
-            bounds.upper,
-            controller.effort,
-        )
+        np.broadcast_to(x, middle.shape) for x in (*each, controller.effort)
     )
     # Changes in a sample that are neither JUMP nor REFERENCE. What repeats itself would be FROZEN.
     slip = np.minimum(0.4 * jump, 0.01)
