@@ -23,7 +23,7 @@ from armgpi.health.zoo import fingers
         pytest.param(
             {"torque": 0.001, "acceleration": 0.2, "delay": 1, "bits": 20}, marks=pytest.mark.search
         ),
-        {"integrators": 1, "rolloff": 1, "rolloff_ratio": 6.0},
+        pytest.param({"integrators": 1, "rolloff": 1, "rolloff_ratio": 6.0}, marks=pytest.mark.search),
         pytest.param(
             {"torque": 0.001, "jump": True, "payload": (0.0, 0.1), "delay": 1}, marks=pytest.mark.search
         ),

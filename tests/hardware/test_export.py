@@ -602,13 +602,15 @@ def test_a_sensor_that_freezes_beside_its_goal_is_found_by_the_torque_that_grows
     assert len(taus) < 20_000
 
 
+STOPS = [Supervisor(on_fault=action, jump=jump) for action, jump in (("brake", 0), ("hold", 2), ("zero", 2))]
+
+
 @compiled
 @pytest.mark.parametrize("real", ["double", "float"])
 @settings(max_examples=60)
 @given(data=st.data())
 def test_whatever_comes_torque_is_finite_and_within_limits(real: str, data: st.DataObject) -> None:
-    action, jump = data.draw(st.sampled_from([("brake", 0), ("hold", 2), ("zero", 2)]))
-    exported = exported_under(Supervisor(on_fault=action, jump=jump), real)
+    exported = exported_under(data.draw(st.sampled_from(STOPS)), real)
     anything = st.floats(width=64) | st.sampled_from([0.1, 0.4, -0.5, 0.101])
     triples = st.lists(anything, min_size=3, max_size=3).map(np.array)
     with np.errstate(over="ignore"):

@@ -483,7 +483,7 @@ def looks_on(program: Path, robot: Robot) -> None:
 
 @compiled
 @pytest.mark.usefixtures("compile_quickly")
-@pytest.mark.parametrize("target", ["fci", "ur"])
+@pytest.mark.parametrize("target", ["fci", pytest.param("ur", marks=pytest.mark.search)])
 def test_the_cpp_program_moves_a_simulated_arm_too(
     target: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -491,7 +491,7 @@ def interrupted(call: Callable[[Path], Any], folder: Path, wanted: int) -> None:
 
 
 FAST = ["sweep", "rare", "certify", "tune", "zoo"]
-COMMANDS = [*FAST, "contend", "export"]
+COMMANDS = [*FAST, pytest.param("contend", marks=pytest.mark.search), "export"]
 
 
 @pytest.fixture

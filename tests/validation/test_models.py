@@ -91,7 +91,7 @@ def test_a_module_an_instance_and_a_class() -> None:
 @pytest.mark.parametrize(
     "symbols",
     [
-        'q1, q2, v1, v2 = symbols("q1 q2 v1 v2")',
+        pytest.param('q1, q2, v1, v2 = symbols("q1 q2 v1 v2")', marks=pytest.mark.search),
         pytest.param(
             'q1, q2, v1, v2 = symbols("theta_1 theta_2 dq1 dq2", real=True)', marks=pytest.mark.search
         ),
