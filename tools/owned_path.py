@@ -6,6 +6,8 @@ from that; a log ends where a joint is off by 0.1 rad. The move of the draw is t
 file, for the first log, for both logs, and for the truth (links, load, rotors, gears, friction).
 
     python tools/owned_path.py --arms ur5 panda z1 --count 6 --seed 9003 9004
+
+``--stiff`` draws rigid gears (`Reality.undriven`), and every law is told their stiffness.
 """
 
 from __future__ import annotations
@@ -77,9 +79,16 @@ def apart(found: armgpi.Robot, draw: Draw) -> float:
     return float(np.maximum(ratio, 1.0 / ratio).max())
 
 
-def follow(draw: Draw, name: str) -> Path:
+def follow(draw: Draw, name: str, stiff: bool) -> Path:
     """Return what the whole path makes of a draw."""
-    file = draw.model
+    assert draw.gears is not None
+    assert draw.friction is not None
+    stiffness = dict(zip(draw.arm.joint_names, draw.gears.stiffness.tolist(), strict=True))
+
+    def tell(arm: armgpi.Robot) -> armgpi.Robot:
+        return arm.with_drives(arm.drives.with_value("stiffness", stiffness))
+
+    file = tell(draw.model) if stiff else draw.model
     first = record(draw, file, FIRST_SHARE, 1)
     arms = {"file": file, "first log": file, "both logs": file}
     logs = [first] if first.t[-1] > SHORTEST else []
@@ -89,11 +98,7 @@ def follow(draw: Draw, name: str) -> Path:
     logs += [second] if second.t[-1] > SHORTEST else []
     if logs:
         arms["both logs"] = identify(logs, file, check_first=False).robot
-    assert draw.gears is not None
-    assert draw.friction is not None
-    stiffness = dict(zip(draw.arm.joint_names, draw.gears.stiffness.tolist(), strict=True))
-    truth = draw.arm.with_friction(*draw.friction)
-    arms["truth"] = truth.with_drives(truth.drives.with_value("stiffness", stiffness))
+    arms["truth"] = tell(draw.arm.with_friction(*draw.friction))
     outcomes = {}
     for stage, nominal in arms.items():
         rollout = run(draw, nominal, draw.reference, draw.t_final)
@@ -134,14 +139,15 @@ def main() -> None:
     parser.add_argument("--arms", nargs="+", default=["ur5", "panda", "z1"])
     parser.add_argument("--count", type=int, default=8, help="feasible draws of each arm")
     parser.add_argument("--seed", type=int, nargs="+", default=[9003])
+    parser.add_argument("--stiff", action="store_true", help="rigid gears, and laws that know it")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     paths = []
     for seed, name in product(given.seed, given.arms):
-        reality = armgpi.Reality("owned", seed=seed)
+        reality = armgpi.Reality("undriven" if given.stiff else "owned", seed=seed)
         every = (draw for draw in health.draws(reality, name, _MOST * given.count) if feasible(draw))
         for draw in islice(every, given.count):
-            paths.append(follow(draw, name))
+            paths.append(follow(draw, name, given.stiff))
             said = {stage: "lost" if x.lost else f"{x.itae:.3g}" for stage, x in paths[-1].outcomes.items()}
             print(name, draw.index, paths[-1].lengths, said, flush=True)
     show(paths)

@@ -174,4 +174,6 @@ def excite(
         say(f"{what} [%]: {', '.join(said)}")
     known = " but the box" if box is not None else " but the floor" if floor is not None else ""
     say(f"It knows no obstacles{known}. Look at it before it runs.")
+    if first or resonance:
+        say("Should it swing, its gears are softer than believed: --set controller.omega=5, then 3.")
     _say_written(written, out)

@@ -44,6 +44,8 @@ _RATIO, _LINEAR = 0.03, 0.05
 #: Factor on standard deviations for what friction bends and no period shows: chosen on ur5 and panda
 #: (tools/identification.py resonance, seed 300).
 _UNSEEN = 2.0
+#: Frequencies between the lines that show the noise of each.
+_BETWEEN = 8
 #: Weight of lines that do not fit, and stiffnesses over the believed ones that the fit begins with; so many
 #: weighings, and steps of each.
 _ROBUST, _STARTS, _WEIGHINGS, _STEPS = 0.1, (0.025, 0.1, 0.4, 1.6, 6.0), 4, 25
@@ -62,7 +64,8 @@ class Gears(NamedTuple):
         measured: which stiffnesses the log decided, (n,).
         side: where the encoders sit: "motor" or "link".
         mode: the lowest mode with free motors, in the middle of the ranges, and its 95 % interval [Hz], (3,).
-        misfit: what the two-mass model leaves of the torque at the lines of each joint, (n,); NaN of others.
+        misfit: what the two-mass model leaves of torque and noise at the lines of each joint, (n,); NaN of
+            others.
     """
 
     stiffness: Array
@@ -100,12 +103,14 @@ class _Turn(NamedTuple):
         q: mean configuration [rad or m], (n,).
         tau: torque of the joint, of each period, (periods, lines).
         answer: positions of all joints, likewise, (periods, lines, n).
+        noise: of the torque and the answers, as amplitudes, (lines, 1 + n).
     """
 
     joint: int
     q: Array
     tau: Array
     answer: Array
+    noise: Array
 
 
 def shake(robot: Robot, share: float = SHAKEN, seed: int = 0) -> Excitation:
@@ -208,32 +213,64 @@ def _turns(grid: Grid) -> Iterator[_Turn]:
         return inside
 
     begin = max(range(-(n - 1) * turn - first, max(count - turn + 3, 1)), key=matches)
-    length, periods = round(PERIOD / grid.dt), PERIODS
+    length = round(PERIOD / grid.dt)
     t = np.arange(length) * grid.dt
     waves = np.exp(2j * math.pi * LINES * t[:, None])
     basis = np.hstack([waves.real, waves.imag, np.ones((length, 1)), t[:, None]])
     inverse = np.linalg.pinv(basis)
     for j in range(n):
         start = round((begin * size) + (j * TURN + _SETTLE) / grid.dt)
-        there = [start + k * length for k in range(periods)]
+        there = [start + k * length for k in range(PERIODS)]
         there = [
             k for k in there if k >= 0 and k + length <= len(grid.q) and not grid.bad[k : k + length].any()
         ]
         if len(there) < 2:
             continue
-        lines = [
-            _lines(inverse @ np.hstack([grid.q[k : k + length], grid.tau[k : k + length, j : j + 1]]))
-            for k in there
-        ]
-        both = np.array(lines)
-        q = np.mean([grid.q[k : k + length].mean(axis=0) for k in there], axis=0)
-        yield _Turn(j, q, both[..., n], both[..., :n])
+        periods = np.stack(
+            [np.hstack([grid.tau[k : k + length, j : j + 1], grid.q[k : k + length]]) for k in there]
+        )
+        both = _lines(inverse @ periods)
+        noise = _noise(periods - basis @ (inverse @ periods))
+        yield _Turn(j, periods[..., 1:].mean(axis=(0, 1)), both[..., 0], both[..., 1:], noise)
 
 
 def _lines(factors: Array) -> Array:
-    """Return complex amplitudes of cosines and sines, (lines, ...)."""
+    """Return complex amplitudes of cosines and sines, (..., lines, columns)."""
     m = len(LINES)
-    return np.asarray(factors[:m] - 1j * factors[m : 2 * m])
+    return np.asarray(factors[..., :m, :] - 1j * factors[..., m : 2 * m, :])
+
+
+def _noise(rest: Array) -> Array:
+    """Return the noise of amplitudes at the lines, as frequencies between them show it, (lines, columns).
+
+    Counts of encoders, which repeat from period to period, and what friction bends are there as well.
+
+    Args:
+        rest: what the lines leave of each period, (periods, samples, columns).
+    """
+    spectrum = np.abs(np.fft.rfft(rest, axis=1)) ** 2 * (2.0 / rest.shape[1]) ** 2
+    line = np.round(LINES * PERIOD).astype(int)
+    between = np.setdiff1d(np.arange(line[0], line[-1] + _BETWEEN), line)
+    nearest = np.abs(between - line[:, None]).argsort(axis=1)[:, :_BETWEEN]
+    return np.asarray(np.sqrt(spectrum.mean(axis=0)[between[nearest]].mean(axis=1)))
+
+
+class _Rest(NamedTuple):
+    """What a model leaves of the torque of a turn.
+
+    Attributes:
+        left: at each line, (lines,).
+        slope: its derivative, (lines, unknowns).
+        own: how it falls with the position of the joint that turns, (lines,).
+        own_slope: the derivative of that, (lines, unknowns).
+        noise: what of it is noise of the torque and of the other joints' positions, (lines,).
+    """
+
+    left: Array
+    slope: Array
+    own: Array
+    own_slope: Array
+    noise: Array
 
 
 class _Fit:
@@ -258,9 +295,10 @@ class _Fit:
         links = np.diag(robot.mass_matrix(robot.middle())) - rotor
         at_one = damping_at_one(np.diag(links), Modes(rotor, stiffness))
         known = np.log([stiffness, _RATIO * at_one, rotor, 0.1 * at_one])
-        self.mean = np.concatenate([*known, 0.0 * lag, lag])
-        stds = [np.full(n, each) for each in (_STIFF, _DAMPED, 1.0, _RUBBED, _LINKS, _LATE)]
-        self.std = np.concatenate([*stds[:2], width, *stds[3:]])
+        least = np.full(n, lag.min())  # gears that twist look like a lag to whom takes them as rigid
+        self.mean = np.concatenate([*known, 0.0 * lag, least])
+        stds = [np.full(n, each) for each in (_STIFF, _DAMPED, _RUBBED, _LINKS)]
+        self.std = np.concatenate([*stds[:2], width, *stds[2:], np.maximum(lag - least, _LATE)])
         best = []
         for factor in _STARTS:  # a spectrum has more than one valley
             x = np.zeros(_UNKNOWNS * n)
@@ -274,28 +312,43 @@ class _Fit:
 
     def _cost(self, x: Array) -> float:
         """Return how badly gears explain the torques, with lines that do not fit at all counting less."""
-        relative = [
-            np.abs(self._rest(x, i)[0]) / np.abs(turn.tau.mean(axis=0)) for i, turn in enumerate(self.turns)
-        ]
+        relative = [left / scale for left, scale in (self._compare(x, i) for i in range(len(self.turns)))]
         return float(np.log(np.concatenate(relative) + 1e-3).sum() + 0.5 * x @ x)
 
+    def _compare(self, x: Array, index: int) -> tuple[Array, Array]:
+        """Return what is left of the torque of a turn at each line, and torque and noise together."""
+        rest, turn = self._rest(x, index), self.turns[index]
+        scale = [turn.tau.mean(axis=0), rest.noise, rest.own * turn.noise[:, 1 + turn.joint]]
+        return np.abs(rest.left), np.linalg.norm(np.abs(scale), axis=0)
+
     def _noise(self, x: Array, index: int) -> Array:
-        """Return the noise of the residual at each line: from period to period, and what friction bends."""
-        turn = self.turns[index]
-        each = np.stack([self._rest(x, index, k)[0] for k in range(len(turn.tau))])
-        spread = (np.abs(each - each.mean(axis=0)) ** 2).sum(axis=0) / (len(each) * (len(each) - 1))
-        left, torque = np.abs(each.mean(axis=0)), np.abs(turn.tau.mean(axis=0))
-        return np.asarray(np.sqrt(0.5 * spread + (_LINEAR * torque) ** 2 + _ROBUST * left * torque))
+        """Return the noise of the residual at each line, but for that of the joint's own position."""
+        rest, torque = self._rest(x, index), np.abs(self.turns[index].tau.mean(axis=0))
+        return np.asarray(
+            np.sqrt(0.5 * rest.noise**2 + (_LINEAR * torque) ** 2 + _ROBUST * np.abs(rest.left) * torque)
+        )
 
     def _residuals(self, x: Array) -> Array:
         """Return what is left of the torques in units of its noise, and of what is expected."""
-        left = np.concatenate([self._rest(x, i)[0] / noise for i, noise in enumerate(self.noise)])
+        left = np.concatenate([self._weigh(x, i)[0] for i in range(len(self.turns))])
         return np.concatenate([left.real, left.imag, self._sum(x)[0], x])
 
     def _slopes(self, x: Array) -> Array:
         """Return the derivative of that."""
-        rows = np.concatenate([self._rest(x, i)[1] / noise[:, None] for i, noise in enumerate(self.noise)])
+        rows = np.concatenate([self._weigh(x, i)[1] for i in range(len(self.turns))])
         return np.concatenate([rows.real, rows.imag, self._sum(x)[1], np.eye(len(x))])
+
+    def _weigh(self, x: Array, index: int) -> tuple[Array, Array]:
+        """Return what is left of the torque of a turn in units of its noise, and the derivative.
+
+        The noise of the position counts by as much as the model makes of it: frozen, soft gears, which make
+        more of it, would look worse than they are.
+        """
+        rest, turn = self._rest(x, index), self.turns[index]
+        count = math.sqrt(0.5) * turn.noise[:, 1 + turn.joint]
+        noise = np.hypot(self.noise[index], count * np.abs(rest.own))
+        grows = (np.conj(rest.own)[:, None] * rest.own_slope).real * (count**2 / noise**3)[:, None]
+        return rest.left / noise, rest.slope / noise[:, None] - rest.left[:, None] * grows
 
     def _sum(self, x: Array) -> tuple[Array, Array]:
         """Return how far each joint's inertia is off in the middle, over its width, and the derivative."""
@@ -309,8 +362,8 @@ class _Fit:
         off = np.log(total / (links + rotor))
         return off / _TOTAL, slope.reshape(n, -1) * self.std / _TOTAL
 
-    def _rest(self, x: Array, index: int, period: int | None = None) -> tuple[Array, Array]:
-        """Return what is left of the torque of a turn, (lines,), and its derivative, (lines, 5 n)."""
+    def _rest(self, x: Array, index: int, period: int | None = None) -> _Rest:
+        """Return what is left of the torque of a turn."""
         turn, s, n = self.turns[index], self.s, self.robot.n
         at: Any = slice(None) if period is None else slice(period, period + 1)
         answer, tau = turn.answer[at].mean(axis=0), turn.tau[at].mean(axis=0)
@@ -318,30 +371,54 @@ class _Fit:
         K, B, J, f, share = np.exp(np.clip(values[: 5 * n], -60.0, 60.0)).reshape(5, n)
         j, links, gear = turn.joint, np.outer(share, share) * self.links[index], K + B * s[:, None]
         late, own = np.exp(-s * values[5 * n + j]) * tau, J[j] * s**2 + f[j] * s
-        slope = np.zeros((len(s), _UNKNOWNS, n), dtype=complex)
+        slope, own_slope = np.zeros((2, len(s), _UNKNOWNS, n), dtype=complex)
         dynamic = links * s[:, None, None] ** 2 + self.steep[index]
         if self.side == "motor":
             right = np.stack([gear * answer, np.broadcast_to(np.eye(n)[j], answer.shape)], axis=-1)
             link, unit = np.moveaxis(np.linalg.solve(dynamic + gear[:, :, None] * np.eye(n), right), -1, 0)
             motor, twist = answer[:, j], answer - link
-            left = late - own * motor - gear[:, j] * twist[:, j]
+            row = -gear[:, j, None] * unit * gear
+            row[:, j] += own + gear[:, j]
             of_gear = gear[:, j, None] * unit * twist
             of_gear[:, j] -= twist[:, j]
             bent = unit * (link @ links) + (unit @ links) * link
             slope[:, 4] = -gear[:, j, None] * (s**2)[:, None] * bent
+            lever = gear[:, j, None] * unit
+            stiff = lever**2
+            stiff[:, j] += 1.0 - 2.0 * lever[:, j]
+            own_slope[:, 4] = 2.0 * (s**2)[:, None] * lever * (lever @ links)
+            own_slope[:, 2, j] = s**2 * J[j]
+            own_slope[:, 3, j] = s * f[j]
         else:
             spring = np.einsum("li,li->l", dynamic[:, j], answer)
             motor = answer[:, j] + spring / gear[:, j]
-            left = late - spring - own * motor
+            row = dynamic[:, j] * (1.0 + own / gear[:, j])[:, None]
+            row[:, j] += own
             of_gear = np.zeros((len(s), n), dtype=complex)
             of_gear[:, j] = own * spring / gear[:, j] ** 2
             bent = answer * links[j]
             bent[:, j] += answer @ links[j]
-            slope[:, 4] = -((s**2) * (1.0 + own / gear[:, j]))[:, None] * bent
+            both = 1.0 + own / gear[:, j]
+            slope[:, 4] = -((s**2) * both)[:, None] * bent
+            own_slope[:, 4, j] = 2.0 * s**2 * links[j, j] * both
+            stiff = np.zeros_like(of_gear)
+            stiff[:, j] = -dynamic[:, j, j] * own / gear[:, j] ** 2
+            own_slope[:, 2, j] = s**2 * J[j] * (1.0 + dynamic[:, j, j] / gear[:, j])
+            own_slope[:, 3, j] = s * f[j] * (1.0 + dynamic[:, j, j] / gear[:, j])
+        left = late - (row * answer).sum(axis=1)
         slope[:, 0], slope[:, 1] = of_gear * K, of_gear * B * s[:, None]
         slope[:, 2, j] -= s**2 * motor * J[j]
         slope[:, 3, j], slope[:, 5, j] = -s * motor * f[j], -s * late
-        return left, slope.reshape(len(s), -1) * self.std
+        own_slope[:, 0], own_slope[:, 1] = stiff * K, stiff * B * s[:, None]
+        others = np.abs(row * turn.noise[:, 1:])
+        others[:, j] = turn.noise[:, 0]
+        return _Rest(
+            left,
+            slope.reshape(len(s), -1) * self.std,
+            row[:, j],
+            own_slope.reshape(len(s), -1) * self.std,
+            np.linalg.norm(others, axis=1),
+        )
 
     def gears(self) -> Gears:
         """Return the gears, with intervals."""
@@ -360,7 +437,8 @@ class _Fit:
         wide = _95 * math.sqrt(float(slope @ inverse @ slope))
         misfit = np.full(n, np.nan)
         for i, turn in enumerate(self.turns):
-            misfit[turn.joint] = np.linalg.norm(self._rest(x, i)[0]) / np.linalg.norm(turn.tau.mean(axis=0))
+            left, scale = map(np.linalg.norm, self._compare(x, i))
+            misfit[turn.joint] = left / scale
         ends = np.array([mode, mode * math.exp(-wide / mode), mode * math.exp(wide / mode)])
         return Gears(K, B, J, std[: 3 * n].reshape(3, n), measured, self.side, ends, misfit)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import copy
 import json
+import math
 import re
 import runpy
 import tempfile
@@ -28,7 +29,7 @@ from armgpi.identification.estimate import Block, Prior, expect, fit
 from armgpi.identification.excitation import excite
 from armgpi.identification.logs import Log, read_log, resample
 from armgpi.identification.posterior import read_posterior, with_parameters
-from armgpi.identification.resonance import LINES, TURN, find_gears
+from armgpi.identification.resonance import LINES, TURN, _noise, find_gears
 from armgpi.identification.text import (
     say_causes,
     say_drift,
@@ -561,7 +562,7 @@ def test_the_reader_of_public_logs_takes_their_columns(tmp_path: Path) -> None:
 
 
 @cache
-def shaken(side: str, stiffness: float) -> tuple[Log, float]:
+def shaken(side: str, stiffness: float, bits: int = 18) -> tuple[Log, float]:
     """Return an answer to the multisine in closed form, one sample late, and the lowest mode [Hz]."""
     other, n, dt, rng = arm(), 3, 2e-3, np.random.default_rng(0)
     t, s = np.arange(0.0, 3 * TURN, dt), 2j * np.pi * LINES[:, None, None]
@@ -579,7 +580,7 @@ def shaken(side: str, stiffness: float) -> tuple[Log, float]:
         waves = np.exp(2j * np.pi * LINES * t[own, None])
         tau[own, j] += (waves * np.exp(1j * np.pi * LINES * dt) @ torque).real
         q[own] += (waves * np.exp(-2j * np.pi * LINES * dt) @ (answers[..., j] * torque[:, None])).real
-    count = 2.0 * np.pi / 2**18
+    count = 2.0 * np.pi / 2**bits
     return Log(t, np.round(q / count) * count, tau), rotors.lowest_mode(links, drives.rotor, drives.stiffness)
 
 
@@ -598,6 +599,20 @@ def test_the_first_mode_is_found_from_a_multisine(side: str, stiffness: float) -
     other.gears = part
     assert say_gears(other)[1].endswith("so the first mode may be lower: q1")
     assert part.stiffness[1:] == pytest.approx(stiffness * arm().armature[1:], rel=0.1)
+
+
+def test_encoders_of_few_counts_and_lags_of_gears_spoil_no_first_mode() -> None:
+    given, mode = shaken("link", 3e3, 11)
+    gears = find_gears(arm(), given, np.array([2e-3, 12e-3, 9e-3]))
+    assert gears.side == "link"
+    assert gears.mode[0] == pytest.approx(mode, rel=0.02)
+    assert gears.mode[1] < mode < gears.mode[2]
+
+
+def test_noise_at_the_lines_is_that_of_white_noise_between_them() -> None:
+    std, count = np.array([0.1, 3.0]), 2000
+    noise = _noise(std * np.random.default_rng(0).normal(size=(400, count, 2)))
+    assert noise == pytest.approx(np.tile(2.0 * std / math.sqrt(count), (len(LINES), 1)), rel=0.05)
 
 
 def test_a_log_without_a_multisine_says_what_is_expected() -> None:
