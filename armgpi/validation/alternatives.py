@@ -12,7 +12,7 @@ import ast
 import copy
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
@@ -85,6 +85,10 @@ class Scope(NamedTuple):
         """Return the names of numbers."""
         return [ast.Name(name, ast.Load()) for name, kind in self.kinds.items() if kind == "float"]
 
+    def integers(self) -> list[str]:
+        """Return the names of what may index."""
+        return [name for name, kind in self.kinds.items() if kind == "int"]
+
     def kind(self, node: ast.AST) -> Any:
         """Return what a name, an attribute or an entry of a list of arrays holds, None where not known."""
         if not isinstance(node, ast.Name | ast.Attribute | ast.Subscript):
@@ -105,16 +109,17 @@ class Scope(NamedTuple):
 
 def kind_of(value: Any) -> Any:
     """Return what can stand for a value: None for what is never replaced."""
-    if isinstance(value, bool):
-        return None
-    if isinstance(value, int):
-        return "int"
-    if isinstance(value, float | np.floating | Expression):
-        return "float"
-    if isinstance(value, np.ndarray):
-        return value.shape
-    if isinstance(value, list) and value and all(isinstance(x, np.ndarray) for x in value):
-        return (len(value), *value[0].shape)
+    match value:
+        case bool():
+            return None
+        case int():
+            return "int"
+        case float() | np.floating() | Expression():
+            return "float"
+        case np.ndarray():
+            return value.shape
+        case list() if value and all(isinstance(x, np.ndarray) for x in value):
+            return (len(value), *value[0].shape)
     if _are_numbers(value):
         return f"list of {len(value)}"
     if str(type(value).__module__).startswith(("sympy.physics", "sympy.core.symbol")):  # frames, points
@@ -128,7 +133,7 @@ def scope_of(
     """Return what can be written in a block, from its syntax tree and the values of its names."""
     kinds = {name: kind for name, value in values.items() if (kind := kind_of(value)) is not None}
     indices = set(_indexing(everywhere))
-    kinds = {k: "float" if kind == "int" and k not in indices else kind for k, kind in kinds.items()}
+    kinds |= {name: "float" for name, kind in kinds.items() if kind == "int" and name not in indices}
     seen, attributes = _Seen(arguments), dict(_attributes(everywhere, values, kinds))
     attributes |= {
         text: ast.parse(text, mode="eval").body for text in _numbers_read(tree, everywhere, values, arguments)
@@ -136,35 +141,22 @@ def scope_of(
     kinds |= dict.fromkeys(attributes.keys() - kinds.keys(), "scalar")
     attributes |= _parts(tree, values, kinds)
     seen.scalars |= {text: x for text, x in attributes.items() if kinds[text] == "scalar"}
-    items: dict[str, ast.Subscript] = {}
-    for node in ast.walk(everywhere):
-        if isinstance(node, ast.Subscript) and _is_key(node.slice) and isinstance(node.ctx, ast.Load):
-            items[ast.unparse(node)] = node
-        # What is a function of the state elsewhere may be missing here.
-        if _of_state(node, arguments):
-            seen.scalars[ast.unparse(node)] = node
+    # What is a function of the state elsewhere may be missing here.
+    seen.scalars |= {ast.unparse(x): x for x in ast.walk(everywhere) if _of_state(x, arguments)}
+    items = {ast.unparse(x): x for x in ast.walk(everywhere) if _is_item(x)}
     seen.visit(tree)
     for key, entry in list(_unread(items, values)):
         seen.keys[key] = None
         items.setdefault(ast.unparse(entry), entry)
     seen.add_counterparts()
-    listed = _names_in_lists(tree)
-    for name, kind in kinds.items():
-        if kind in ((2,), (3,), _SPATIAL) and name not in listed:
-            seen.vectors[name] = attributes.get(name, ast.Name(name, ast.Load()))
-        if kind in _SQUARE and name not in listed:
-            seen.matrices[name] = attributes.get(name, ast.Name(name, ast.Load()))
-        if kind == "float" and not arguments and name[:1] == "q":
-            seen.joints[name] = ast.Name(name, ast.Load())
+    seen.add_names(kinds, attributes, _names_in_lists(tree))
     for index in _counters(tree):
         seen.add_entries(index, kinds)
     entries = (*_entries_of_arguments(seen, kinds, arguments), *_entries_of_lists(tree, values))
-    few = sorted(seen.vectors.values(), key=lambda node: len(ast.unparse(node)))
-    few = [*few[:_VECTORS], *(x for x in few[_VECTORS:] if ast.unparse(x) in attributes)]
     return Scope(
         kinds,
         tuple(seen.scalars.values()),
-        tuple(few),
+        tuple(seen.few_vectors(attributes)),
         tuple(seen.matrices.values()),
         tuple(seen.products.values()),
         tuple(seen.keys),
@@ -192,9 +184,8 @@ def _neighbours(tree: ast.AST) -> dict[str, tuple[ast.expr, ...]]:
 
 def _unread_names(tree: ast.AST, arguments: tuple[str, ...]) -> Iterator[ast.expr]:
     """Yield the names that a function assigns or takes and never reads, and their entries in loops."""
-    names = [n for n in ast.walk(tree) if isinstance(n, ast.Name)]
-    read = {n.id for n in names if isinstance(n.ctx, ast.Load)}
-    stored = (n.id for n in names if isinstance(n.ctx, ast.Store))
+    read = {n.id for n in names_with(ast.Load, tree)}
+    stored = (n.id for n in names_with(ast.Store, tree))
     for name in dict.fromkeys((*stored, *arguments) if arguments else ()):
         if name not in read and name != "self":
             yield ast.Name(name, ast.Load())
@@ -252,7 +243,7 @@ def _numbers_read(
     tree: ast.AST, everywhere: ast.AST, values: Mapping[str, Any], arguments: tuple[str, ...]
 ) -> Iterator[str]:
     """Yield the numbers of lists and arrays of which one is read alone: ``m[1]``, ``I[2][0, 0]``."""
-    own = {n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+    own = {n.id for n in names_with(ast.Store, tree)}
     roots: dict[str, None] = {}
     for node in (n for n in ast.walk(everywhere) if isinstance(n, ast.Subscript)):
         root: ast.expr = node
@@ -268,30 +259,34 @@ def _numbers_in(text: str, value: Any) -> Iterator[str]:
     """Yield how the numbers of a list or an array are read, but for zeros."""
     if isinstance(value, list | tuple):
         for k, x in enumerate(value):
-            yield from [f"{text}[{k}]"] if isinstance(x, Expression) else _numbers_in(f"{text}[{k}]", x)
+            yield from _numbers_in(f"{text}[{k}]", x)
     elif type(value) is np.ndarray and value.dtype.kind in "if":
         yield from (f"{text}[{', '.join(map(str, at))}]" for at, x in np.ndenumerate(value) if at and x)
-    elif type(value) in (int, float) and value and "[" in text:
+    elif type(value) in (int, float, Expression) and value and "[" in text:
         yield text
 
 
 def _parts(tree: ast.AST, values: Mapping[str, Any], kinds: dict[str, Any]) -> Iterator[tuple[str, ast.expr]]:
     """Yield the parts of arrays that stand in a block, for other indices too, and add their kinds."""
-    counters = [ast.Name(name, ast.Load()) for name, kind in kinds.items() if kind == "int"]
+    for one in _with_other_indices(tree, [name for name, kind in kinds.items() if kind == "int"]):
+        text = ast.unparse(one)
+        if text in kinds or any(isinstance(x, ast.Call) for x in ast.walk(one)):
+            continue
+        try:
+            kind = kind_of(eval(text, {"__builtins__": {}}, dict(values)))
+        except Exception:  # a name that is not there yet, an index out of range
+            continue
+        if kind in ("float", (2,), (3,), _SPATIAL, *_SQUARE):
+            kinds[text] = "scalar" if kind == "float" else kind
+            yield text, ast.parse(text, mode="eval").body
+
+
+def _with_other_indices(tree: ast.AST, counters: Sequence[str]) -> Iterator[ast.Subscript]:
+    """Yield the parts of arrays that stand somewhere, each with its twins of other counters."""
     for node in (n for n in ast.walk(tree) if isinstance(n, ast.Subscript)):
-        used = (x for x in counters if x.id in names_in(node))
-        others = [_Replaced(x.id, y).visit(copy.deepcopy(node)) for x in used for y in counters]
-        for one in (node, *others):
-            text = ast.unparse(one)
-            if text in kinds or any(isinstance(x, ast.Call) for x in ast.walk(one)):
-                continue
-            try:
-                kind = kind_of(eval(text, {"__builtins__": {}}, dict(values)))
-            except Exception:  # a name that is not there yet, an index out of range
-                continue
-            if kind in ("float", (2,), (3,), _SPATIAL, *_SQUARE):
-                kinds[text] = "scalar" if kind == "float" else kind
-                yield text, ast.parse(text, mode="eval").body
+        yield node
+        for x, y in itertools.product([x for x in counters if x in names_in(node)], counters):
+            yield _Replaced(x, ast.Name(y, ast.Load())).visit(copy.deepcopy(node))
 
 
 def _entries_of_arguments(
@@ -325,6 +320,11 @@ def _entry(name: str, index: ast.expr) -> ast.Subscript:
 def _is_key(node: ast.AST) -> bool:
     """Tell whether an index is the key of a dictionary."""
     return isinstance(node, ast.Constant) and isinstance(node.value, str)
+
+
+def _is_item(node: ast.AST) -> TypeGuard[ast.Subscript]:
+    """Tell whether an expression reads an item of a dictionary."""
+    return isinstance(node, ast.Subscript) and _is_key(node.slice) and isinstance(node.ctx, ast.Load)
 
 
 def _of_state(node: ast.AST, arguments: tuple[str, ...]) -> TypeGuard[ast.expr]:
@@ -363,6 +363,25 @@ class _Seen(ast.NodeVisitor):
         self.joints: dict[str, ast.expr] = {}
         self.keys: dict[str, None] = {}
         self.cross: ast.expr | None = None
+
+    def add_names(
+        self, kinds: Mapping[str, Any], attributes: Mapping[str, ast.expr], listed: Container[str]
+    ) -> None:
+        """Keep the names of vectors and matrices that loops do not go through, and symbols of joints."""
+        for name, kind in kinds.items():
+            node = attributes.get(name, ast.Name(name, ast.Load()))
+            if kind in ((2,), (3,), _SPATIAL) and name not in listed:
+                self.vectors[name] = node
+            if kind in _SQUARE and name not in listed:
+                self.matrices[name] = node
+            if kind == "float" and not self._arguments and name[:1] == "q":
+                self.joints[name] = ast.Name(name, ast.Load())
+
+    def few_vectors(self, attributes: Container[str]) -> Iterator[ast.expr]:
+        """Yield the vectors of the shortest texts, and of the others the attributes."""
+        for k, text in enumerate(sorted(map(ast.unparse, self.vectors.values()), key=len)):
+            if k < _VECTORS or text in attributes:
+                yield self.vectors[text]
 
     def add_entries(self, index: str, kinds: Mapping[str, Any]) -> None:
         """Keep what is one entry of a list, of vectors or matrices, or of an argument."""
@@ -416,35 +435,35 @@ class _Seen(ast.NodeVisitor):
 
 def insertion(node: ast.expr, parent: Any) -> bool:
     """Tell whether a term may be added to an expression: to a whole sum, not to each of its parts."""
-    if isinstance(parent, ast.Subscript | ast.Attribute) or (
-        isinstance(parent, ast.BinOp) and isinstance(parent.op, _ADDITIVE)
-    ):
+    if isinstance(parent, ast.Subscript | ast.Attribute) or is_sum(parent):
         return False
     if isinstance(node, ast.Attribute):
         return node.attr != "T" and isinstance(node.value, ast.Name)
-    return isinstance(node, ast.BinOp | ast.Name | ast.Call | ast.Subscript | ast.UnaryOp | ast.Constant)
+    if isinstance(node, ast.Constant):
+        return isinstance(node.value, int | float)
+    return isinstance(node, ast.BinOp | ast.Name | ast.Call | ast.Subscript | ast.UnaryOp)
 
 
 def alternatives(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
     """Yield what may stand in place of an expression."""
     if isinstance(parent, ast.Subscript | ast.Attribute):
-        yield from _of_name(node, scope) if isinstance(node, ast.Name) else ()
-        yield from _of_subscript(node, scope) if isinstance(node, ast.Subscript) else ()
+        match node:
+            case ast.Name():
+                yield from _of_name(node, scope)
+            case ast.Subscript():
+                yield from _of_subscript(node, scope)
         return
     yield from _of_itself(node, scope)
-    yield from _of_neighbours(parent, scope)
-    if isinstance(parent, ast.List) and isinstance(node, ast.Constant) and node.value in (0, 1):
-        yield "index", ast.Constant(1 - node.value)  # another axis or row
-    if isinstance(parent, ast.Call) and scope.kind(node) == "int":
-        yield from (("index", ast.BinOp(node, ast.Add(), ast.Constant(step))) for step in (1, -1))
-    summed = isinstance(node, ast.BinOp) and isinstance(node.op, _ADDITIVE)
+    yield from _of_place(node, parent, scope)
     number = scope.kind(node) == "scalar"
-    if summed or number or isinstance(node, ast.Name | ast.Subscript | ast.Call):
+    if is_sum(node) or number or isinstance(node, ast.Name | ast.Subscript | ast.Call):
         yield "square", _power(node, 2)
     if _is_term(node, parent):
         yield from _of_term(node, scope)
-    yield from _with_forgotten(node, parent, scope)
-    yield from _of_arrays(node, parent, scope)
+    yield from _with_unused(node, parent, scope)
+    yield from _of_assigned(node, parent, scope)
+    yield from _of_products(node, parent, scope)
+    yield from _of_arrays(node, scope)
     if isinstance(node, ast.BinOp) and insertion(node, parent):
         for term in _siblings(node, summands(node), scope):
             yield "term", ast.BinOp(node, ast.Add(), term)
@@ -461,25 +480,33 @@ def _of_itself(node: ast.expr, scope: Scope) -> Iterator[Choice]:
         case ast.Call():
             yield from _of_call(node, scope)
             yield from _of_own(node, scope)
-        case ast.Attribute(attr="T"):
-            yield "transposed", node.value
         case ast.Attribute():
-            yield from (("name", x) for x in scope.alike(node))
+            transposed = [("transposed", node.value)] if node.attr == "T" else []
+            yield from transposed or (("name", x) for x in scope.alike(node))
         case ast.Name():
             yield from _of_name(node, scope)
         case ast.Subscript():
             yield from _of_subscript(node, scope)
             yield from (("name", x) for x in scope.alike(node))
             yield from _absolute(node, scope)
-        case ast.Tuple() | ast.List() | ast.IfExp():
+        case ast.Tuple() | ast.List():
             yield from _of_row(node, scope)
+        case ast.IfExp(body=body, orelse=other):
+            yield from (("extra", body), ("extra", other))
         case ast.Constant(value=int() | float() as x) if abs(x) >= _DEGREES:
             yield "degrees", ast.BinOp(node, ast.Mult(), ast.Constant(math.pi / 180))
 
 
-def _of_neighbours(parent: Any, scope: Scope) -> Iterator[Choice]:
-    """Yield what other entries of an array are assigned with two names swapped: Jyy as Jxx, with x for y."""
+def _of_place(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
+    """Yield what belongs where an entry of an array is assigned, or in a list or a call.
+
+    Of an entry that is what others are assigned with two names swapped: Jyy as Jxx, with x for y.
+    """
     match parent:
+        case ast.List() if isinstance(node, ast.Constant) and node.value in (0, 1):
+            yield "index", ast.Constant(1 - node.value)  # another axis or row
+        case ast.Call() if scope.kind(node) == "int":
+            yield from (("index", ast.BinOp(node, ast.Add(), ast.Constant(step))) for step in (1, -1))
         case ast.Assign(targets=[ast.Subscript(value=ast.Name(id=name))]):
             for other in scope.neighbours.get(name, ()):
                 names = sorted(x for x in names_in(other) if scope.kinds.get(x) == "float")
@@ -496,8 +523,8 @@ def _absolute(node: ast.Subscript, scope: Scope) -> Iterator[Choice]:
                 yield "angle", ast.BinOp(other, ast.Add(), node)
 
 
-def _with_forgotten(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
-    """Yield sums with what is read nowhere, or with what is assigned in a loop."""
+def _with_unused(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
+    """Yield sums with what is read nowhere."""
     if isinstance(node, ast.Name | ast.Subscript | ast.Call | ast.BinOp):
         for other in scope.unused:
             yield "term", ast.BinOp(other, ast.Add(), node)
@@ -508,29 +535,38 @@ def _with_forgotten(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choic
                 yield "term", ast.BinOp(node, ast.Add(), _times(other, x))
                 half = _times(ast.Constant(0.5), _times(other, _power(x, 2)))
                 yield "term", ast.BinOp(node, ast.Add(), half)
-    if scope.loops and isinstance(parent, ast.Assign) and len(parent.targets) == 1:
-        (target,) = parent.targets
-        if isinstance(target, ast.Name) and target.id not in names_in(node):  # = for +=
-            yield "term", ast.BinOp(ast.Name(target.id, ast.Load()), ast.Add(), node)
-    if isinstance(parent, ast.Assign) and isinstance(parent.targets[0], ast.Name):
-        kind = scope.kind(parent.targets[0])
-        for other in scope.alike(parent.targets[0]) if kind in _COLUMNS else ():
-            yield "sum", ast.BinOp(other, ast.Add(), node)
-            yield "sum", ast.BinOp(node, ast.Sub(), other)
 
 
-def _of_arrays(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
-    """Yield products with a matrix or a function of what may be an array, and m * (a - g) for m * a."""
-    if isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Mult) and scope.kind(node) == (3,):
-        for other in (x for x in scope.vectors if scope.kind(x) == (3,) and ast.dump(x) != ast.dump(node)):
-            yield "term", ast.BinOp(node, ast.Sub(), other)
-            yield "term", ast.BinOp(node, ast.Add(), other)
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.MatMult):
-        shape = scope.kind(node.right)
-        square = isinstance(shape, tuple) and len(shape) == 2 and shape[0] == shape[1]
-        inner = scope.alike(node.right) if square else scope.matrices
-        between = (ast.BinOp(node.left, node.op, matrix) for matrix in inner)
-        yield from (("product", ast.BinOp(one, node.op, node.right)) for one in between)
+def _of_assigned(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
+    """Yield sums with the name that is assigned in a loop, = for +=, or with another of its kind."""
+    match parent:
+        case ast.Assign(targets=[ast.Name(id=name)]) if scope.loops and name not in names_in(node):
+            yield "term", ast.BinOp(ast.Name(name, ast.Load()), ast.Add(), node)
+    match parent:
+        case ast.Assign(targets=[ast.Name() as target, *_]) if scope.kind(target) in _COLUMNS:
+            for other in scope.alike(target):
+                yield "sum", ast.BinOp(other, ast.Add(), node)
+                yield "sum", ast.BinOp(node, ast.Sub(), other)
+
+
+def _of_products(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
+    """Yield m * (a - g) for m * a, and a product of matrices with one more in it."""
+    match node, parent:
+        case _, ast.BinOp(op=ast.Mult()) if scope.kind(node) == (3,):
+            for other in (x for x in scope.vectors if scope.kind(x) == (3,)):
+                if ast.dump(other) != ast.dump(node):
+                    yield "term", ast.BinOp(node, ast.Sub(), other)
+                    yield "term", ast.BinOp(node, ast.Add(), other)
+        case ast.BinOp(left=left, op=ast.MatMult() as op, right=right), _:
+            shape = scope.kind(right)
+            square = isinstance(shape, tuple) and len(shape) == 2 and shape[0] == shape[1]
+            inner = scope.alike(right) if square else scope.matrices
+            between = (ast.BinOp(left, op, matrix) for matrix in inner)
+            yield from (("product", ast.BinOp(one, op, right)) for one in between)
+
+
+def _of_arrays(node: ast.expr, scope: Scope) -> Iterator[Choice]:
+    """Yield products with a matrix or a function of what may be an array."""
     if _is_array(node, scope):
         taken = (name for name, count in scope.functions.items() if count == 1)
         yield from (("product", ast.Call(ast.Name(name, ast.Load()), [node], [])) for name in taken)
@@ -568,6 +604,18 @@ def _is_array(node: ast.expr, scope: Scope) -> bool:
     if isinstance(node, ast.Attribute):
         return isinstance(kind, tuple)
     return kind not in ("float", "int") and ast.unparse(node) not in map(ast.unparse, scope.scalars)
+
+
+def is_sum(node: Any) -> TypeGuard[ast.BinOp]:
+    """Tell whether an expression is a sum or a difference."""
+    return isinstance(node, ast.BinOp) and isinstance(node.op, _ADDITIVE)
+
+
+def names_with(context: type[ast.expr_context], *trees: ast.AST) -> Iterator[ast.Name]:
+    """Yield the names that are read, with `ast.Load`, or assigned, with `ast.Store`."""
+    for node in itertools.chain.from_iterable(map(ast.walk, trees)):
+        if isinstance(node, ast.Name) and isinstance(node.ctx, context):
+            yield node
 
 
 def names_in(node: ast.AST, known: dict[int, set[str]] | None = None) -> set[str]:
@@ -614,21 +662,25 @@ class _Renumbered(ast.NodeTransformer):
 def _siblings(node: ast.expr, parts: Iterable[ast.expr], scope: Scope) -> Iterator[ast.expr]:
     """Yield parts for another number: m1 * J1.T @ J1 beside m2 * J2.T @ J2, (m3, c3) behind (m2, c2)."""
     terms = {ast.unparse(term): term for term in parts}
-    found = {}
     read = [x.slice for x in ast.walk(node) if isinstance(x, ast.Subscript)]
     indices = [x.value for x in read if isinstance(x, ast.Constant) and type(x.value) is int]
-    names = (*scope.kinds, *scope.keys, *(str(k + more) for k in indices for more in (0, 1)))
-    numbers = sorted({c for name in names for c in name if c.isdigit()})
-    for text, term in terms.items():
-        for old, new in itertools.permutations(numbers, 2):
-            if old in text:
-                renamed = _Renumbered(old, new, scope)
-                other = renamed.visit(copy.deepcopy(term))
-                if renamed.good:
-                    found[ast.unparse(other)] = other
-    for term in terms.values():
-        found |= {ast.unparse(x): x for x in itertools.islice(_twins(term, scope), _TWINS)}
+    digits = "".join((*scope.kinds, *scope.keys, *(f"{k}{k + 1}" for k in indices)))
+    numbers = sorted(set(filter(str.isdigit, digits)))
+    others = [*itertools.chain(*(_renumber(term, numbers, scope) for term in terms.values()))]
+    others += itertools.chain(*(itertools.islice(_twins(x, scope), _TWINS) for x in terms.values()))
+    found = {ast.unparse(x): x for x in others}
     yield from (term for text, term in found.items() if text not in terms)
+
+
+def _renumber(term: ast.expr, numbers: Iterable[str], scope: Scope) -> Iterator[ast.expr]:
+    """Yield a term with another number in its names and keys, where there are such."""
+    text = ast.unparse(term)
+    for old, new in itertools.permutations(numbers, 2):
+        if old in text:
+            renamed = _Renumbered(old, new, scope)
+            other = renamed.visit(copy.deepcopy(term))
+            if renamed.good:
+                yield other
 
 
 def _twins(term: ast.expr, scope: Scope) -> Iterator[ast.expr]:
@@ -655,7 +707,7 @@ def _with_names(node: ast.expr, swap: Mapping[str, str]) -> ast.expr:
 
 def summands(node: ast.expr) -> Iterator[ast.expr]:
     """Yield the terms of a sum."""
-    if isinstance(node, ast.BinOp) and isinstance(node.op, _ADDITIVE):
+    if is_sum(node):
         yield from summands(node.left)
         yield from summands(node.right)
     else:
@@ -690,15 +742,13 @@ def vector_terms(scope: Scope) -> Iterator[ast.expr]:
     other cross products.
     """
     near = {ast.unparse(x): x for x in (*scope.products, *scope.vectors, *_relatives(scope))}
-    found: dict[str, ast.expr] = {}
-    simple = list(_crosses(scope, scope.cross)) if scope.cross is not None else []
-    simple += _spatial_terms(scope)
-    found |= {ast.unparse(x): x for x in simple}
-    simple = [x for x in simple if _length(x)[0] == 2 and not (isinstance(x, ast.Call) and _has_call(x))]
-    for scalar in (x for x in scope.scalars if isinstance(x, ast.Subscript)):
-        for x in (*(simple if scope.loops else ()), *scope.vectors):
-            scaled = _times(scalar, x)
-            (near if _length(scaled)[1] == 0 else found)[ast.unparse(scaled)] = scaled
+    products = [*_crosses(scope), *_spatial_terms(scope)]
+    found = {ast.unparse(x): x for x in products}
+    simple = [x for x in products if _length(x)[0] == 2 and not _has_call(x)] if scope.loops else []
+    scalars = [x for x in scope.scalars if isinstance(x, ast.Subscript)]
+    for scalar, x in itertools.product(scalars, (*simple, *scope.vectors)):
+        scaled = _times(scalar, x)
+        (near if _length(scaled)[1] == 0 else found)[ast.unparse(scaled)] = scaled
     yield from sorted(near.values(), key=_length)
     yield from sorted((x for text, x in found.items() if text not in near), key=_length)
 
@@ -723,22 +773,21 @@ def _relatives(scope: Scope) -> Iterator[ast.expr]:
                 yield _Replaced(old, other).visit(copy.deepcopy(product))
 
 
-def _crosses(scope: Scope, cross: ast.expr) -> Iterator[ast.expr]:
+def _crosses(scope: Scope) -> Iterator[ast.expr]:
     """Yield cross products of two vectors, those of a vector with these, and I ω and ω × I ω."""
-    vectors = _of_space(scope)[:_VECTORS]
+    vectors = [x for x in scope.vectors if scope.kind(x) != _SPATIAL]
     plain = [x for x in scope.products if isinstance(x, ast.BinOp)]
-    pairs = ((a, b) for a in vectors for b in (*vectors, *plain) if a is not b)
-    for a, b in pairs:
-        one = ast.Call(cross, [a, b], [])
-        yield one
-        if not _has_call(one):
-            yield ast.Call(cross, [a, one], [])
-    yield from _gyroscopic_terms(scope, cross)
-
-
-def _of_space(scope: Scope) -> list[ast.expr]:
-    """Return the vectors that have cross products."""
-    return [x for x in scope.vectors if scope.kind(x) != _SPATIAL]
+    if scope.cross is None:
+        return
+    for a, b in itertools.product(vectors[:_VECTORS], (*vectors[:_VECTORS], *plain)):
+        one = ast.Call(scope.cross, [a, b], [])
+        if a is not b:
+            yield one
+            if not _has_call(one):
+                yield ast.Call(scope.cross, [a, one], [])
+    for matrix, x in itertools.product(scope.matrices, vectors):
+        turned = ast.BinOp(matrix, ast.MatMult(), x)
+        yield from (turned, ast.Call(scope.cross, [x, turned], []))
 
 
 def _spatial_terms(scope: Scope) -> Iterator[ast.expr]:
@@ -764,50 +813,50 @@ def _length(node: ast.expr) -> tuple[int, int]:
     return len(names), sum(isinstance(x, ast.Call) for x in parts)
 
 
-def _gyroscopic_terms(scope: Scope, cross: ast.expr) -> Iterator[ast.expr]:
-    """Yield I ω and ω × I ω of all matrices and vectors."""
-    for matrix in scope.matrices:
-        for x in _of_space(scope):
-            turned = ast.BinOp(matrix, ast.MatMult(), x)
-            yield from (turned, ast.Call(cross, [x, turned], []))
-
-
-def _has_call(node: ast.Call) -> bool:
-    return any(isinstance(part, ast.Call) for part in node.args)
+def _has_call(node: ast.expr) -> bool:
+    """Tell whether an expression is a call with another one in it."""
+    return isinstance(node, ast.Call) and any(isinstance(part, ast.Call) for part in node.args)
 
 
 def _of_operation(node: ast.BinOp) -> Iterator[Choice]:
     left, op, right = node.left, node.op, node.right
-    if isinstance(op, _ADDITIVE):
-        yield "sign", ast.BinOp(left, ast.Sub() if isinstance(op, ast.Add) else ast.Add(), right)
-        if isinstance(op, ast.Add):
+    match op:
+        case ast.Add():
+            yield "sign", ast.BinOp(left, ast.Sub(), right)
             yield "sign", ast.BinOp(right, ast.Sub(), left)
-        yield "extra", left
-        yield "extra", right if isinstance(op, ast.Add) else _negative(right)
-    elif isinstance(op, ast.Mult):
-        for one, rest in ((left, right), (right, left)):
-            number = one.operand if isinstance(one, ast.UnaryOp) else one  # -m for -2 * m
-            kept = rest if number is one or not isinstance(number, ast.Constant) else _negative(rest)
-            yield ("factor" if isinstance(number, ast.Constant) else "product"), kept
-    elif isinstance(op, ast.Div):
-        yield ("factor" if isinstance(right, ast.Constant) else "product"), left
-        yield "product", ast.BinOp(left, ast.Mult(), right)
-    elif isinstance(op, ast.Pow):
-        yield "square", left
-        yield "square", _power(left, 3)
-        if isinstance(left, ast.BinOp) and isinstance(left.op, _ADDITIVE):  # (l1 + lc2)² for l1² + lc2²
-            yield "square", ast.BinOp(_power(left.left, 2), left.op, _power(left.right, 2))
-    elif isinstance(op, ast.MatMult):
-        yield "transposed", ast.BinOp(ast.Attribute(left, "T", ast.Load()), op, right)
-        yield "transposed", ast.BinOp(left, op, ast.Attribute(right, "T", ast.Load()))
-        yield "transposed", right
-        yield "transposed", left
-        yield "swapped", ast.BinOp(right, op, left)
-        if isinstance(left, ast.BinOp) and isinstance(left.op, ast.MatMult):
-            turned = ast.BinOp(_transposed(left.left), op, left.right)
-            yield "transposed", ast.BinOp(turned, op, _transposed(right))
-        yield "product", ast.BinOp(node, op, _transposed(left))
-        yield "product", ast.BinOp(_transposed(right), op, node)
+            yield from (("extra", left), ("extra", right))
+        case ast.Sub():
+            yield "sign", ast.BinOp(left, ast.Add(), right)
+            yield from (("extra", left), ("extra", _negative(right)))
+        case ast.Mult():
+            yield from (_without_factor(left, right), _without_factor(right, left))
+        case ast.Div():
+            yield ("factor" if isinstance(right, ast.Constant) else "product"), left
+            yield "product", ast.BinOp(left, ast.Mult(), right)
+        case ast.Pow():
+            yield from (("square", left), ("square", _power(left, 3)))
+            if is_sum(left):  # (l1 + lc2)² for l1² + lc2²
+                yield "square", ast.BinOp(_power(left.left, 2), left.op, _power(left.right, 2))
+        case ast.MatMult():
+            yield "transposed", ast.BinOp(ast.Attribute(left, "T", ast.Load()), op, right)
+            yield "transposed", ast.BinOp(left, op, ast.Attribute(right, "T", ast.Load()))
+            yield from (("transposed", right), ("transposed", left))
+            yield "swapped", ast.BinOp(right, op, left)
+            if isinstance(left, ast.BinOp) and isinstance(left.op, ast.MatMult):
+                turned = ast.BinOp(_transposed(left.left), op, left.right)
+                yield "transposed", ast.BinOp(turned, op, _transposed(right))
+            yield "product", ast.BinOp(node, op, _transposed(left))
+            yield "product", ast.BinOp(_transposed(right), op, node)
+
+
+def _without_factor(factor: ast.expr, rest: ast.expr) -> Choice:
+    """Return a product without one of its two factors: -m for -2 * m."""
+    match factor:
+        case ast.Constant():
+            return "factor", rest
+        case ast.UnaryOp(operand=ast.Constant()):
+            return "factor", _negative(rest)
+    return "product", rest
 
 
 def _transposed(node: ast.expr) -> ast.expr:
@@ -816,31 +865,35 @@ def _transposed(node: ast.expr) -> ast.expr:
 
 
 def _of_call(node: ast.Call, scope: Scope) -> Iterator[Choice]:
-    name = function_name(node)
-    if name in _TURNS and len(node.args) == 1:
-        (angle,) = node.args
-        yield "trig", ast.Call(_rename(node.func, _TURNS[name]), node.args, [])
-        yield "degrees", ast.Call(node.func, [ast.BinOp(angle, ast.Mult(), ast.Constant(math.pi / 180))], [])
-        yield "degrees", ast.Call(node.func, [ast.BinOp(angle, ast.Mult(), ast.Constant(180 / math.pi))], [])
-        for turn in (math.pi / 2, math.pi):
-            yield "angle", ast.Call(node.func, [ast.BinOp(angle, ast.Add(), ast.Constant(turn))], [])
-        yield "angle", ast.Call(node.func, [ast.BinOp(angle, ast.Sub(), ast.Constant(math.pi / 2))], [])
-        for other in scope.joints:
-            yield "angle", ast.Call(node.func, [ast.BinOp(angle, ast.Add(), other)], [])
-            yield "angle", ast.Call(node.func, [ast.BinOp(angle, ast.Sub(), other)], [])
-        for factor in (2, 0.5):
-            yield "angle", ast.Call(node.func, [_times(ast.Constant(factor), angle)], [])
-    if name == "range":
-        *before, end = node.args
-        for step in (1, -1):
-            yield "index", ast.Call(node.func, [*before, ast.BinOp(end, ast.Add(), ast.Constant(step))], [])
-    elif name == "cross" and len(node.args) == 2:
-        yield "cross", ast.Call(node.func, node.args[::-1], [])
-        yield "cross", node.args[1]
-    elif len(node.args) > 1:
-        for k in range(len(node.args) - 1):
-            items = [*node.args[:k], node.args[k + 1], node.args[k], *node.args[k + 2 :]]
-            yield "swapped", ast.Call(node.func, items, node.keywords)
+    match function_name(node), node.args:
+        case ("sin" | "cos") as name, [angle]:
+            yield "trig", ast.Call(_rename(node.func, _TURNS[name]), [angle], [])
+            for kind, other in _of_angle(angle, scope):
+                yield kind, ast.Call(node.func, [other], [])
+        case "range", [*before, end]:
+            for step in (1, -1):
+                shifted = ast.BinOp(end, ast.Add(), ast.Constant(step))
+                yield "index", ast.Call(node.func, [*before, shifted], [])
+        case "cross", [a, b]:
+            yield from (("cross", ast.Call(node.func, [b, a], [])), ("cross", b))
+        case _, args:
+            for k in range(len(args) - 1):
+                items = [*args[:k], args[k + 1], args[k], *args[k + 2 :]]
+                yield "swapped", ast.Call(node.func, items, node.keywords)
+
+
+def _of_angle(angle: ast.expr, scope: Scope) -> Iterator[Choice]:
+    """Yield what belongs in a sine or cosine: degrees, another zero, another joint as well, half or twice."""
+    yield "degrees", ast.BinOp(angle, ast.Mult(), ast.Constant(math.pi / 180))
+    yield "degrees", ast.BinOp(angle, ast.Mult(), ast.Constant(180 / math.pi))
+    yield "angle", ast.BinOp(angle, ast.Add(), ast.Constant(math.pi / 2))
+    yield "angle", ast.BinOp(angle, ast.Add(), ast.Constant(math.pi))
+    yield "angle", ast.BinOp(angle, ast.Sub(), ast.Constant(math.pi / 2))
+    for other in scope.joints:
+        yield "angle", ast.BinOp(angle, ast.Add(), other)
+        yield "angle", ast.BinOp(angle, ast.Sub(), other)
+    for factor in (2, 0.5):
+        yield "angle", _times(ast.Constant(factor), angle)
 
 
 def _of_own(node: ast.Call, scope: Scope) -> Iterator[Choice]:
@@ -864,16 +917,13 @@ def _of_subscript(node: ast.Subscript, scope: Scope) -> Iterator[Choice]:
         yield kind, ast.Subscript(node.value, index, node.ctx)
     if isinstance(node.slice, ast.Name | ast.BinOp):
         yield "transposed", ast.Attribute(node, "T", ast.Load())
-    if isinstance(node.slice, ast.Name) and isinstance(node.value, ast.Name):
-        yield from _at_the_end(node, node.slice, scope)
-
-
-def _at_the_end(node: ast.Subscript, index: ast.Name, scope: Scope) -> Iterator[Choice]:
-    """Yield what an entry of a list is where two loops meet: of the last link the centre of mass."""
-    others = [x for x in scope.entries if ast.unparse(x).endswith(f"[{index.id}]")]
-    counters = [name for name, kind in scope.kinds.items() if kind == "int" and name != index.id]
+    if not (isinstance(node.slice, ast.Name) and isinstance(node.value, ast.Name)):
+        return
+    # Where two loops meet: of the last link the centre of mass.
+    others = [x for x in scope.entries if ast.unparse(x).endswith(f"[{node.slice.id}]")]
+    counters = [name for name in scope.integers() if name != node.slice.id]
     for other, name in itertools.product(others, counters):
-        meet = ast.Compare(index, [ast.Eq()], [ast.Name(name, ast.Load())])
+        meet = ast.Compare(node.slice, [ast.Eq()], [ast.Name(name, ast.Load())])
         yield "index", ast.IfExp(meet, other, node)
         yield "index", ast.IfExp(meet, node, other)
 
@@ -883,7 +933,7 @@ def _indices(index: ast.expr, scope: Scope) -> Iterator[Choice]:
     match index:
         case ast.Constant(value=int() as k):
             yield from (("index", ast.Constant(other)) for other in range(4) if other != k)
-            for name in (name for name, kind in scope.kinds.items() if kind == "int"):
+            for name in scope.integers():
                 yield "index", ast.Name(name, ast.Load())
                 yield "index", ast.BinOp(ast.Name(name, ast.Load()), ast.Add(), ast.Constant(1))
         case ast.Constant(value=str() as key):
@@ -898,16 +948,13 @@ def _indices(index: ast.expr, scope: Scope) -> Iterator[Choice]:
         case ast.Name(id=name) | ast.BinOp(left=ast.Name(id=name)):
             if isinstance(index, ast.BinOp):
                 yield "index", index.left
-            others = [other for other, kind in scope.kinds.items() if kind == "int" and other != name]
+            others = (other for other in scope.integers() if other != name)
             yield from (("index", ast.Name(other, ast.Load())) for other in others)
             for step in (1, -1):
                 yield "index", ast.BinOp(ast.Name(name, ast.Load()), ast.Add(), ast.Constant(step))
 
 
-def _of_row(node: ast.Tuple | ast.List | ast.IfExp, scope: Scope) -> Iterator[Choice]:
-    if isinstance(node, ast.IfExp):
-        yield from (("extra", node.body), ("extra", node.orelse))
-        return
+def _of_row(node: ast.Tuple | ast.List, scope: Scope) -> Iterator[Choice]:
     items = node.elts
     for k in range(len(items) - 1):
         if ast.dump(items[k]) != ast.dump(items[k + 1]):

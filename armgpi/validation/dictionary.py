@@ -8,6 +8,7 @@ numbers, times a usual coefficient.
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Mapping
 from functools import cached_property
 from typing import NamedTuple
@@ -70,10 +71,9 @@ class Dictionary:
         """Return the simplest products that have some values (rows,), else a sum of two; none without one."""
         words, columns = self._shapes
         size = np.linalg.norm(values)
-        if not self._states:  # constants alone
-            columns = np.ones((1, len(values)))
-        if not size > 0.0 or columns.shape[1] != len(values):
+        if not 0.0 < size < np.inf or columns.shape[1] not in (1, len(values)):
             return []
+        columns = columns * np.ones(len(values))  # those of constants alone have one row
         terms = []
         # The share of each shape, and whether it is all there is.
         with np.errstate(all="ignore"):
@@ -81,20 +81,18 @@ class Dictionary:
             rest = np.linalg.norm(values - share[:, np.newaxis] * columns, axis=1)
         for k in np.flatnonzero(rest <= SAME * size)[:8]:
             for found in self.constants(float(share[k])) or ([] if words[k] else self._sums(float(share[k]))):
-                text = " * ".join(
-                    [*([found.text] if found.text != "1" or not words[k] else []), *_powers(words[k])]
-                )
-                sign = text.startswith("-1 * ")
-                terms.append(Term("-" + text[5:] if sign else text, float(found.bits + np.log2(len(words)))))
-        one = self._sum(values) if self._states and not terms else None
-        return sorted(terms, key=lambda term: term.bits)[:_SEVERAL] if one is None else [one]
+                text = re.sub(r"^-1 \* ", "-", _product(found.text, words[k]))
+                terms.append(Term(text, float(found.bits + np.log2(len(words)))))
+        if terms or not self._states:
+            return sorted(terms, key=lambda term: term.bits)[:_SEVERAL]
+        return self._sum(values)
 
-    def _sum(self, values: Array) -> Term | None:
-        """Return two products of different shapes that add up to some values."""
+    def _sum(self, values: Array) -> list[Term]:
+        """Return two products of different shapes that add up to some values; nothing without such."""
         words, columns = self._shapes
         if len(values) < 4:
-            return None
-        few = np.flatnonzero([len(w) <= 2 for w in words])[:120]
+            return []
+        few = np.flatnonzero(np.fromiter(map(len, words), int) <= 2)[:120]
         size, parts = float(np.linalg.norm(values)), columns[few]
         gram, inner = parts @ parts.T, parts @ values
         own = np.diag(gram)
@@ -109,16 +107,12 @@ class Dictionary:
             shares = np.linalg.lstsq(pair, values, rcond=None)[0]
             if np.linalg.norm(values - pair @ shares) > SAME * size or np.abs(shares).min() < 1e-12:
                 continue
-            found = [next(iter(self.constants(float(s))), None) for s in shares]
-            if all(found):
-                texts = [
-                    " * ".join([p.text, *_powers(words[few[k]])])
-                    for p, k in zip(found, (i, j), strict=True)
-                    if p
-                ]
-                bits = sum(p.bits for p in found if p) + 2 * np.log2(len(words))
-                return Term(" + ".join(texts), float(bits))
-        return None
+            found = [term for s in shares for term in self.constants(float(s))[:1]]
+            if len(found) == 2:
+                pairs = zip(found, (i, j), strict=True)
+                text = " + ".join(" * ".join([p.text, *_powers(words[few[k]])]) for p, k in pairs)
+                return [Term(text, float(found[0].bits + found[1].bits + 2 * np.log2(len(words))))]
+        return []
 
     def _sums(self, value: float) -> list[Term]:
         """Return sums of two products of numbers with a factor in common, such as m (x² + y²)."""
@@ -133,9 +127,11 @@ class Dictionary:
             for j in range(low[i], high[i])
         )
         found = {tuple(sorted(pair)) for pair in pairs if pair[0] != pair[1] and {*pair[0]} & {*pair[1]}}
-        terms = (" + ".join(" * ".join(_powers(word)) for word in pair) for pair in sorted(found))
-        bits = [sum(map(len, pair)) * np.log2(len(self._constants) + 1.0) for pair in sorted(found)]
-        return [Term(text, float(b)) for text, b in zip(terms, bits, strict=True)]
+        bits = np.log2(len(self._constants) + 1.0)
+        return [
+            Term(" + ".join(" * ".join(_powers(word)) for word in pair), float(sum(map(len, pair)) * bits))
+            for pair in sorted(found)
+        ]
 
     def constants(self, value: float) -> list[Term]:
         """Return the simplest products of numbers, times a usual coefficient, that have a value.
@@ -152,10 +148,15 @@ class Dictionary:
         for _, rank, word, coefficient in sorted(found, key=lambda one: one[:2])[:_SEVERAL]:
             sign = float(np.sign(value) * np.prod([self._signs[x] for x in word] or [1.0]))
             number = {1.0 / 3.0: "1 / 3", 1.0 / 12.0: "1 / 12"}.get(coefficient, f"{coefficient:g}")
-            text = " * ".join(([] if coefficient == 1.0 and word else [number]) + _powers(word))
+            text = _product(number, word)
             bits = float(np.log2(rank + 1.0) + len(word) * np.log2(len(self._constants) + 1.0))
             terms += [Term(("-" if sign < 0.0 else "") + text, bits)]
         return terms
+
+
+def _product(number: str, word: tuple[str, ...]) -> str:
+    """Return a number times a product as text; a factor of 1 is left out."""
+    return " * ".join(_powers(word) if number == "1" and word else [number, *_powers(word)])
 
 
 def _powers(word: tuple[str, ...]) -> list[str]:

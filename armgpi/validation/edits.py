@@ -15,11 +15,11 @@ import itertools
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache, cached_property, lru_cache
 from types import CodeType, FrameType, FunctionType, ModuleType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -30,12 +30,13 @@ from armgpi.validation.alternatives import (
     function_name,
     insertion,
     names_in,
+    names_with,
     scope_of,
     vector_terms,
 )
 from armgpi.validation.dictionary import Dictionary
 from armgpi.validation.graph import GIVEN, Expression, Matrix, Program, is_drawn, states_of
-from armgpi.validation.models import ARGUMENTS, Origin, States
+from armgpi.validation.models import ARGUMENTS, Origin, States, names_of
 from armgpi.validation.units import Slopes
 
 #: Time of the processor that one changed call of the model may take [s]: a change may make it endless.
@@ -44,8 +45,8 @@ PATIENCE = 0.5
 _LONG = 0.03
 #: Configurations at which changes are tried.
 ROWS = 8
-#: Rows of an array of which an entry may have been forgotten.
-_LARGEST = 4
+#: Shapes of arrays of which an entry may have been forgotten.
+_SMALL = frozenset((rows,) * count for rows in (1, 2, 3, 4) for count in (1, 2, 3))
 #: Modules that a source may import when changes of it are tried, and names that it must not have: a change
 #: may make it do anything with a file.
 _HARMLESS = frozenset(
@@ -249,42 +250,42 @@ class Block:
         values = {**_numbers(self.namespace), **(self.calls[ALL][0] if self.calls else self.once_seen)}
         self.scope = scope_of(ast.Module(self.body, []), values, arguments, self.everywhere)
         module = ast.Module([self._rebuilt(statement) for statement in self.body], [])
+        if isinstance(module.body[0], ast.FunctionDef) and self.name:
+            _strip(module.body[0])
         self.switch, self.terms = [0] * len(self.sites), list[Any]([0.0]) * len(self.sites)
         self.namespace[self.names[0]], self.namespace[self.names[1]] = self.switch, self.terms
         return module
 
-    def _rebuilt(self, node: Any, parent: Any = None, field: str = "") -> Any:
+    def _rebuilt(self, node: Any, parent: Any = None) -> Any:
         """Return a copy in which every expression can be switched to its alternatives."""
         if isinstance(node, list):
-            return [y for x in node for y in (self._rebuilt(x, parent, field), *self._with_forgotten(x))]
-        kept = isinstance(node, ast.arguments | ast.JoinedStr) or (
-            node in self.others and node not in self.body
-        )
+            return [y for x in node for y in (self._rebuilt(x, parent), *self._with_forgotten(x))]
+        kept = isinstance(node, ast.arguments | ast.JoinedStr) or node in self.others
         if not isinstance(node, ast.AST) or kept:
             return node
         children = {
-            name: value if name in _KEPT else self._rebuilt(value, node, name)
+            name: value if name in _KEPT else self._rebuilt(value, node)
             for name, value in ast.iter_fields(node)
         }
-        new: Any = ast.copy_location(type(node)(**children), node)
-        if self.name and node is self.body[0]:
-            new = _bare(new)
-        if not isinstance(node, ast.expr) or isinstance(node, ast.Starred | ast.Lambda):
-            return new
-        if isinstance(getattr(node, "ctx", None), ast.Store | ast.Del):
-            return new
+        new = ast.copy_location(type(node)(**children), node)
+        return self._with_switch(node, parent, new) if _has_value(node) else new
+
+    def _with_switch(self, node: Any, parent: Any, new: Any) -> Any:
+        """Return an expression that can be switched to its alternatives, `new` without a switch."""
         later, names = self.later(node.lineno), dict[int, set[str]]()
         every = [*alternatives(node, parent, self.scope)]  # they share their parts
         choices = [one for one in every if not (later and later & names_in(one[1], names))]
         literal = self.literals.get(node, "")
-        choices += _other_values(node) if literal and isinstance(node, ast.Constant) else ()
-        fitted = not _is_text(node) and (insertion(node, parent) or _is_coefficient(node, parent))
+        choices += _other_values(node) if literal else ()
+        fitted = insertion(node, parent) or _is_coefficient(node, parent)
         number = len(self.sites)
         whole = fitted and not self.rebuilds and _is_whole(node, parent)
-        if fitted:
-            at = ast.Subscript(ast.Name(self.names[1], ast.Load()), ast.Constant(number), ast.Load())
+        at = ast.Subscript(ast.Name(self.names[1], ast.Load()), ast.Constant(number), ast.Load())
+        if whole:
             there = ast.Call(at, [ast.Call(ast.Name("locals", ast.Load()), [], [])], [])
-            choices += [("term", ast.BinOp(node, ast.Add(), x)) for x in ([there] if whole else []) + [at]]
+            choices.append(("term", ast.BinOp(node, ast.Add(), there)))
+        if fitted:
+            choices.append(("term", ast.BinOp(node, ast.Add(), at)))
         if not choices:
             return new
         self.sites.append(Site(node, parent, choices, fitted, literal, whole))
@@ -305,32 +306,24 @@ class Block:
     @cached_property
     def _statements(self) -> dict[ast.stmt, list[str]]:
         """How statements begin that set an entry nothing sets, or add to one, after those on its array."""
-        last, zeros, given = dict[str, ast.stmt](), set[str](), set[str]()
-        function = self.body[0] if self.name and not self.rebuilds else None
-        for statement in function.body if isinstance(function, ast.FunctionDef) else ():
-            for node in ast.walk(statement):
-                if not isinstance(getattr(node, "ctx", None), ast.Store):
-                    continue
-                owner = node.value if isinstance(node, ast.Subscript) else node
-                if isinstance(owner, ast.Name):
-                    last[owner.id] = statement
-                    value = getattr(statement, "value", None)
-                    if isinstance(node, ast.Name) and isinstance(value, ast.Call):
-                        zeros |= {owner.id} if function_name(value) == "zeros" else set()
-                given.add(ast.unparse(node))
         found: dict[ast.stmt, list[str]] = {}
+        if self.rebuilds:
+            return found
+        function: Any = self.body[0]
+        stored = [
+            (statement, node)
+            for statement in function.body
+            for node in ast.walk(statement)
+            if isinstance(getattr(node, "ctx", None), ast.Store)
+        ]
+        given = {ast.unparse(node) for _, node in stored}
+        zeros = {ast.unparse(node) for statement, node in stored if _makes_zeros(statement)}
+        # Of an entry its array; the last statement of each.
+        last = {ast.unparse(getattr(node, "value", node)): statement for statement, node in stored}
         for name, statement in last.items():
             shape = self.scope.kinds.get(name)
-            if not isinstance(shape, tuple) or max(shape) > _LARGEST or len({*shape}) > 1:
-                continue
-            places = {at: f"{name}[{', '.join(map(str, at))}]" for at in np.ndindex(*shape)}
-            if name in zeros:
-                free = [at for at, text in places.items() if text not in given]
-                begins = [f"{places[at]} = {places[at[::-1]]} = " for at in free if at < at[::-1] in free]
-                begins += [f"{places[at]} = " for at in free]
-            else:
-                begins = [f"{text} += " for at, text in places.items() if len(at) == 2 and at == at[::-1]]
-            found.setdefault(statement, []).extend(begins)
+            if name.isidentifier() and shape in _SMALL:
+                found.setdefault(statement, []).extend(_beginnings(name, shape, name in zeros, given))
         return found
 
     def _add_switch(self, number: int, choices: list[ast.expr], new: ast.expr) -> ast.expr:
@@ -350,8 +343,7 @@ class Block:
     @cached_property
     def _first(self) -> dict[str, int]:
         """The line in which each name of the block is assigned first."""
-        names = [n for s in self.body for n in ast.walk(s) if isinstance(n, ast.Name)]
-        stored = [(n.lineno, n.id) for n in names if isinstance(n.ctx, ast.Store)]
+        stored = [(n.lineno, n.id) for n in names_with(ast.Store, *self.body)]
         return {name: line for line, name in sorted(stored, reverse=True)}
 
     def later(self, line: int) -> frozenset[str]:
@@ -361,8 +353,7 @@ class Block:
     @cached_property
     def used(self) -> set[str]:
         """Names that are read anywhere in the file."""
-        names = (n for n in ast.walk(self.everywhere) if isinstance(n, ast.Name))
-        return {n.id for n in names if isinstance(n.ctx, ast.Load)}
+        return {n.id for n in names_with(ast.Load, self.everywhere)}
 
     def _written_in(self, line: int) -> set[str]:
         """Return the expressions that stand in a line."""
@@ -372,13 +363,9 @@ class Block:
         return {ast.unparse(node) for node in found if node.lineno == line}
 
     def dictionary(self, line: int) -> Dictionary:
-        """Return the products of names that can be written in a line, by their values."""
-        if line not in self._dictionaries:
-            self._dictionaries[line] = self._products(line)
-        return self._dictionaries[line]
-
-    def _products(self, line: int) -> Dictionary:
-        """Return the products of the names that have a value in a line, those that stand in it first."""
+        """Return the products of names that can be written in a line, those that stand in it first."""
+        if line in self._dictionaries:
+            return self._dictionaries[line]
         later, there = self.later(line), self._written_in(line)
         texts = [name for name, kind in self.scope.kinds.items() if kind == "float"]
         texts += map(ast.unparse, (*self.scope.scalars, *self.scope.items))
@@ -394,7 +381,8 @@ class Block:
                 constants[text] = float(values[0])
             else:
                 states[text] = values
-        return Dictionary(constants, states)
+        self._dictionaries[line] = Dictionary(constants, states)
+        return self._dictionaries[line]
 
     def values(self, text: str, label: str = ALL) -> Array | None:
         """Return what an expression is at the rows of some states; None where it has no value there."""
@@ -427,15 +415,14 @@ def _locate(module: ast.Module) -> ast.Module:
     return module
 
 
-def _bare(function: ast.FunctionDef) -> ast.FunctionDef:
-    """Return a function without decorators, defaults and annotations: they have no value there."""
+def _strip(function: ast.FunctionDef) -> None:
+    """Take decorators, defaults and annotations from a function: they have no value there."""
     args = copy.deepcopy(function.args)
     args.defaults, args.kw_defaults = [], [None] * len(args.kwonlyargs)
     for part in ast.walk(args):
         if isinstance(part, ast.arg):
             part.annotation = None
     function.decorator_list, function.returns, function.args = [], None, args
-    return function
 
 
 def _other_values(node: ast.Constant) -> Iterator[tuple[str, ast.expr]]:
@@ -453,17 +440,37 @@ def _literals(tree: ast.AST) -> dict[ast.AST, str]:
     """Return the numbers that are given a name, by an assignment or as an item of a dictionary."""
     found: list[tuple[str, ast.AST]] = []
     for node in ast.walk(tree):
-        if isinstance(node, ast.Assign) and len(node.targets) == 1:
-            target, value = node.targets[0], node.value
-            if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
-                found += [(ast.unparse(t), v) for t, v in zip(target.elts, value.elts, strict=False)]
-            elif isinstance(target, ast.Name | ast.Attribute):
+        match node:
+            case ast.Assign(targets=[ast.Tuple(elts=names)], value=ast.Tuple(elts=values)):
+                found += [(ast.unparse(t), v) for t, v in zip(names, values, strict=False)]
+            case ast.Assign(targets=[ast.Name() | ast.Attribute() as target], value=value):
                 found.append((ast.unparse(target), value))
-        elif isinstance(node, ast.Dict):
-            keys = zip(node.keys, node.values, strict=True)
-            found += [(str(k.value), v) for k, v in keys if isinstance(k, ast.Constant)]
+            case ast.Dict(keys=keys, values=values):
+                items = zip(keys, values, strict=True)
+                found += [(str(k.value), v) for k, v in items if isinstance(k, ast.Constant)]
     inner = [(name, v.operand if isinstance(v, ast.UnaryOp) else v) for name, v in found]
-    return {v: name for name, v in inner if isinstance(v, ast.Constant) and not _is_text(v)}
+    return {v: name for name, v in inner if isinstance(v, ast.Constant) and isinstance(v.value, int | float)}
+
+
+def _has_value(node: ast.AST) -> TypeGuard[ast.expr]:
+    """Tell whether another expression may stand in place of a node."""
+    stored = isinstance(getattr(node, "ctx", None), ast.Store | ast.Del)
+    return isinstance(node, ast.expr) and not isinstance(node, ast.Starred | ast.Lambda) and not stored
+
+
+def _makes_zeros(statement: ast.stmt) -> bool:
+    value = getattr(statement, "value", None)
+    return isinstance(value, ast.Call) and function_name(value) == "zeros"
+
+
+def _beginnings(name: str, shape: tuple[int, ...], zeros: bool, given: Container[str]) -> list[str]:
+    """Return how statements begin that set an entry of zeros that is not given, or add to a diagonal."""
+    places = {at: f"{name}[{', '.join(map(str, at))}]" for at in np.ndindex(*shape)}
+    if not zeros:
+        return [f"{text} += " for at, text in places.items() if len(at) == 2 and at == at[::-1]]
+    free = [at for at, text in places.items() if text not in given]
+    begins = [f"{places[at]} = {places[at[::-1]]} = " for at in free if at < at[::-1] in free]
+    return begins + [f"{places[at]} = " for at in free]
 
 
 def _stored(statement: ast.AST) -> Iterator[str]:
@@ -489,10 +496,6 @@ def _is_whole(node: ast.expr, parent: Any) -> bool:
     summed = isinstance(node, ast.BinOp) and (isinstance(node.op, ast.Add) or appended)
     summed = summed or (isinstance(parent, ast.Call) and function_name(parent) == "cross")
     return summed or isinstance(parent, ast.Assign | ast.AugAssign)
-
-
-def _is_text(node: ast.expr) -> bool:
-    return isinstance(node, ast.Constant) and not isinstance(node.value, int | float)
 
 
 def _numbers(namespace: Mapping[str, Any]) -> dict[str, Any]:
@@ -527,18 +530,16 @@ def impatient() -> Iterator[None]:
 def harmless(source: str) -> bool:
     """Tell whether a source may be changed and run: it imports what computes, and opens nothing."""
     for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Import):
-            modules = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            modules = [node.module or "."]
-        else:
-            modules = []
+        modules: list[str] = []
+        match node:
+            case ast.Import(names=aliases):
+                modules = [alias.name for alias in aliases]
+            case ast.ImportFrom(module=module):
+                modules = [module or "."]
+            case ast.Name(id=name) | ast.Attribute(attr=name) if name in _HARMFUL:
+                return False
         if any(name.split(".")[0] not in _HARMLESS for name in modules):
             return False
-        if isinstance(node, ast.Name | ast.Attribute):
-            name = node.id if isinstance(node, ast.Name) else node.attr
-            if name in _HARMFUL:
-                return False
     return True
 
 
@@ -569,20 +570,23 @@ class Editor:
         self._terms: dict[tuple[int, int], Pick] = {}  # block and site of a term that is made -> what it is
         self._calls = self._resolve().calls
         self._body = _assignments(self._tree)
-        self._assigned = {n.id for s in self._body for n in ast.walk(s) if isinstance(n, ast.Name)}
         #: Whether symbols are in it: expressions that are computed at every state.
         self.drawn = any(is_drawn(x) for x in vars(self._module).values())
         self._nodes = {
-            (n.name, _first_line(n)): n for n in ast.walk(self._tree) if isinstance(n, ast.FunctionDef)
+            (n.name, min([n.lineno, *(d.lineno for d in n.decorator_list)])): n
+            for n in ast.walk(self._tree)
+            if isinstance(n, ast.FunctionDef)
         }
         found = self._reachable()
         self._helpers = dict(self._called_first(found))
+        self._trace_helpers()
         self._trace(found)
         #: What the module's statements run.
         self._first = [*self._helpers.values()]
         found |= self._helpers
+        bodies: set[ast.AST] = {block.body[0] for block in found.values()}
         for block in found.values():
-            block.others, block.values_of = {one.body[0] for one in found.values()}, self.values_of
+            block.others, block.values_of = bodies - {*block.body}, self.values_of
         self.blocks = [self._install(function, block) for function, block in found.items()]
         self._switchable: list[ast.stmt] = []
         self._seconds: dict[str, float] = {}
@@ -604,9 +608,8 @@ class Editor:
                 if function is None or function in seen:
                     continue
                 seen.add(function)
-                code = function.__code__
-                node = self._nodes.get((code.co_name, code.co_firstlineno))
-                if code.co_filename != self._path or node is None:
+                node = self._node_of(function)
+                if node is None:
                     continue
                 block = found.setdefault(
                     function, Block(len(found), node.name, [node], function.__globals__, self._tree)
@@ -617,13 +620,17 @@ class Editor:
                 if maker is not None and maker.__code__.co_filename == self._path:
                     self._makers.add(maker)
                     todo.append(maker)
-                for other in _names_of(code):
-                    todo += [
-                        x
-                        for x in (function.__globals__.get(other), getattr(owner, other, None))
-                        if callable(x)
-                    ]
+                for other in names_of(function.__code__):
+                    both = (function.__globals__.get(other), getattr(owner, other, None))
+                    todo += filter(callable, both)
         return found
+
+    def _node_of(self, function: FunctionType) -> ast.FunctionDef | None:
+        """Return where a function stands in the file, None when it is none of it."""
+        code = function.__code__
+        if code.co_filename != self._path:
+            return None
+        return self._nodes.get((code.co_name, code.co_firstlineno))
 
     def _called_first(self, known: Mapping[FunctionType, Block]) -> Iterator[tuple[FunctionType, Block]]:
         """Yield the functions that only the module's statements call, such as one that returns functions."""
@@ -639,15 +646,15 @@ class Editor:
             if name in seen or function is None or function.__code__.co_filename != self._path:
                 continue
             seen.add(name)
-            todo += _names_of(function.__code__)
-            node = self._nodes.get((function.__code__.co_name, function.__code__.co_firstlineno))
+            todo += names_of(function.__code__)
+            node = self._node_of(function)
             if function not in known and node is not None:
                 block = Block(len(known) + len(seen), node.name, [node], function.__globals__, self._tree)
                 block.rebuilds, block.reaches = True, set(self.targets)
                 yield function, block
 
-    def _trace(self, functions: Mapping[FunctionType, Block]) -> None:
-        """Keep the local variables of every function at every row."""
+    def _trace_helpers(self) -> None:
+        """Keep the local variables of the functions that the module's statements call."""
         code = compile(ast.Module(self._body if self._helpers else [], []), self._path, "exec")
         helpers = self._locals_while(self._helpers, lambda: exec(code, vars(self._module)))
         for block, frames in helpers.items():
@@ -656,6 +663,9 @@ class Editor:
                 block.namespace.setdefault(name, value)
             block.once, block.calls = len(frames) == 1, dict.fromkeys(self.goal.states, frames[:1] * ROWS)
             self.drawn = self.drawn or any(map(is_drawn, frames[0].values()))
+
+    def _trace(self, functions: Mapping[FunctionType, Block]) -> None:
+        """Keep the local variables of every function at every row."""
         whole = [name for name, target in self.targets.items() if target.whole] if functions else []
         # Drawn functions take long, and hardly compute anything themselves.
         labels = [ALL] if self.drawn else self.goal.states
@@ -719,7 +729,12 @@ class Editor:
         block.reaches, block.calls, block.rebuilds = set(self.targets), self._nowhere(), True
         block.values_of = self.values_of
         # Symbols of the joints are to its expressions what arguments are to a function.
-        vectors = [name for name, x in vars(self._module).items() if _is_vector(x)]
+        matrices = {name: x for name, x in vars(self._module).items() if isinstance(x, Matrix) and x.size}
+        vectors = [
+            name
+            for name, x in matrices.items()
+            if all(isinstance(s, Expression) and s.name.endswith("]") for s in np.ravel(x))
+        ]
         self._switchable = _locate(block.switchable(tuple(vectors))).body
         self.blocks.append(block)
         self._first.append(block)
@@ -784,7 +799,7 @@ class Editor:
             yield self._calls
             return
         space = vars(self._module)
-        saved = {name: space[name] for name in self._assigned if name in space}
+        saved = dict(space)
         try:
             if self._switchable and (anew or any(any(block.switch) for block in self._first)):
                 exec(self._code_of(asked), space)
@@ -833,7 +848,7 @@ class Editor:
             if name not in found:
                 found.add(name)
                 function = _plain(self._calls.get(name)) or _plain(vars(self._module).get(name))
-                todo += _names_of(function.__code__) if function is not None else ()
+                todo += names_of(function.__code__) if function is not None else ()
         return found
 
     def _place_terms(self, label: str, row: int) -> None:
@@ -875,6 +890,11 @@ class Editor:
         except Exception:
             return None
 
+    def outputs_with(self, names: Iterable[str], rows: int, *picks: Pick) -> dict[str, Array] | None:
+        """Return what some functions give at the first rows with changes, None as :meth:`outputs`."""
+        with self.making(*picks):
+            return self.outputs(names, rows)
+
     @contextmanager
     def making(self, *picks: Pick) -> Iterator[None]:
         """Make changes meanwhile."""
@@ -898,28 +918,30 @@ class Editor:
         node = site.node
         kind, new = site.choices[pick.choice]
         span = (node.lineno, node.col_offset, node.end_lineno or 0, node.end_col_offset or 0)
+        where = (pick.block.name, site.literal, float(pick.bits), frozenset(pick.block.reaches))
         if site.statement:
             line = self.source.splitlines()[site.parent.lineno - 1]
             added = f"\n{line[: len(line) - len(line.lstrip())]}{site.statement}{pick.new}"
-            return Change(
-                "term", span, "", added, pick.block.name, "", pick.bits, frozenset(pick.block.reaches)
-            )
+            return Change("term", span, "", added, *where)
         old = ast.get_source_segment(self.source, node) or ast.unparse(node)
         text = pick.new or ast.unparse(new)
         if self.source.count('"') > self.source.count("'") and '"' not in text:
             text = text.replace("'", '"')  # as the file writes its keys
-        where = (pick.block.name, site.literal, float(pick.bits), frozenset(pick.block.reaches))
-        change = Change(pick.kind or kind, span, old, text, *where)
+        change = Change(pick.kind, span, old, text, *where)
         if kind == "sign" and (turned := _with_operator(self.source, site)) is not None:
             return change._replace(**turned)
-        # Brackets where the new expression would not hold together.
-        safe = change._replace(new=f"({text})")
-        plain, bracketed = (apply_changes(self.source, (one,)) for one in (change, safe))
-        try:
-            same = ast.dump(ast.parse(plain)) == ast.dump(ast.parse(bracketed))
-        except SyntaxError:
-            same = False
-        return change if same else safe
+        return _hold_together(self.source, change)
+
+
+def _hold_together(source: str, change: Change) -> Change:
+    """Return a change, in brackets where the new expression would not hold together without."""
+    safe = change._replace(new=f"({change.new})")
+    plain, bracketed = (apply_changes(source, (one,)) for one in (change, safe))
+    try:
+        same = ast.dump(ast.parse(plain)) == ast.dump(ast.parse(bracketed))
+    except SyntaxError:
+        same = False
+    return change if same else safe
 
 
 def _with_operator(source: str, site: Site) -> dict[str, Any] | None:
@@ -953,27 +975,11 @@ def _owner(statement: ast.AST) -> ast.expr | None:
     return call.func.value if isinstance(call, ast.Call) and isinstance(call.func, ast.Attribute) else None
 
 
-def _is_vector(value: Any) -> bool:
-    """Tell whether a value has the symbols of all joints."""
-    entries = np.ravel(value).tolist() if isinstance(value, Matrix) else []
-    return bool(entries) and all(isinstance(x, Expression) and x.name.endswith("]") for x in entries)
-
-
 def _plain(function: Any) -> FunctionType | None:
     """Return the function of Python that is called, None when there is none."""
     function = getattr(function, "__wrapped__", function)  # by a convention
     function = getattr(function, "__func__", function)
     return function if isinstance(function, FunctionType) else None
-
-
-def _names_of(code: CodeType) -> set[str]:
-    """Return the names that a function looks up, also in its comprehensions."""
-    inner = (part for part in code.co_consts if isinstance(part, CodeType))
-    return set(code.co_names).union(*map(_names_of, inner))
-
-
-def _first_line(node: ast.FunctionDef) -> int:
-    return min([node.lineno, *(d.lineno for d in node.decorator_list)])
 
 
 def apart(forward_dynamics: Callable[..., Any], q: Array, v: Array, _: Array) -> Array:

@@ -158,6 +158,8 @@ _OPERATIONS: Mapping[str, Callable[..., float]] = {
     "tan": math.tan,
     "exp": math.exp,
 }
+#: What leaves the other argument as it is, and what makes all of it nothing.
+_NEUTRAL, _ZERO = {"add": 0.0, "mul": 1.0}, {"mul": 0.0}
 #: Derivatives by the k-th argument.
 _PARTIAL: Mapping[str, Callable[..., Expression]] = {
     "add": lambda k, a, b: _constant(1.0),
@@ -191,23 +193,21 @@ def _expression(x: Any) -> Expression:
     return x if isinstance(x, Expression) else _constant(float(x))
 
 
-def _is(node: Expression, value: float) -> bool:
+def _is(node: Expression, value: float | None) -> bool:
     return node.op == "constant" and node.value == value
 
 
 def _node(op: str, *args: Expression) -> Expression:
     """Return an operation, without what is plainly zero or one: derivatives have many zeros."""
-    if args[0].op == "later" or args[-1].op == "later":
+    if "later" in (args[0].op, args[-1].op):
         return _later(lambda: _node(op, *map(_now, args)))
     if args[0].op == "constant" == args[-1].op:
         return _constant(_OPERATIONS[op](*[a.value for a in args]))
-    if op in ("add", "mul"):
-        neutral = 0.0 if op == "add" else 1.0
-        for one, other in (args, args[::-1]):
-            if _is(one, neutral):
-                return other
-            if op == "mul" and _is(one, 0.0):
-                return one
+    for one, other in (args, args[::-1]) if op in _NEUTRAL else ():
+        if _is(one, _NEUTRAL[op]):
+            return other
+        if _is(one, _ZERO.get(op)):
+            return one
     return args[0] if op == "pow" and _is(args[1], 1.0) else Expression(op, args)
 
 
@@ -424,12 +424,11 @@ def _function(
     arguments: Sequence[Any], outputs: Any, shape: Callable[[np.ndarray], Any]
 ) -> Callable[..., Any]:
     """Return a function of the values of some symbols; symbols may be given as well."""
-    names = [[_now(x).name for x in np.ravel(np.asarray(a, dtype=object))] for a in arguments]
+    names = [_now(x).name for x in _flatten(arguments)]
     programs: list[Program] = []  # made when it is called first: a search asks for one function
 
     def call(*given: Any) -> Any:
-        flat = [np.ravel(np.asarray(x, dtype=object)) for x in given]
-        values = {n: x for ns, xs in zip(names, flat, strict=True) for n, x in zip(ns, xs, strict=True)}
+        values = dict(zip(names, _flatten(given), strict=True))
         if any(isinstance(x, Expression) and _now(x).op != "constant" for x in values.values()):
             return outputs.subs(values)
         if not programs:
@@ -439,6 +438,11 @@ def _function(
         return shape(programs[0](numbers))
 
     return call
+
+
+def _flatten(parts: Iterable[Any]) -> list[Any]:
+    """Return the entries of numbers, expressions and arrays one after the other."""
+    return [x for part in parts for x in np.ravel(np.asarray(part, dtype=object))]
 
 
 def _turn(op: str) -> Callable[[Any], Any]:
@@ -459,10 +463,6 @@ def _symbols(text: Any, cls: Any = None, **_: Any) -> Any:
             names += [f"{span[1]}{k}" for k in range(int(span[2] or 0), int(span[3]))]
     made = [(cls or symbol)(name) for name in names]
     return made[0] if len(made) == 1 and ":" not in str(text) else tuple(made)
-
-
-def _moving(text: str, *_: Any) -> Any:
-    return _symbols(text, lambda name: symbol(name, moving=True))
 
 
 def _lambdify(arguments: Any, outputs: Any, *_: Any, **__: Any) -> Callable[..., Any]:
@@ -512,7 +512,7 @@ def _sympy() -> dict[str, Any]:
         "hessian": hessian,
         "Rational": lambda a, b=1: _constant(a / b),
         "lambdify": _lambdify,
-        "dynamicsymbols": _moving,
+        "dynamicsymbols": lambda text, *_: _symbols(text, partial(symbol, moving=True)),
         **dict.fromkeys(("MatrixBase", "Basic"), ModuleType),
         "pi": math.pi,
     }
@@ -528,22 +528,25 @@ def _solve(a: Any, b: Any, *_: Any) -> Grid:
     return Grid(rows[:, len(rows) :])
 
 
+def _grid(x: Any) -> Grid:
+    return x if isinstance(x, Grid) else Grid(np.atleast_2d(np.array(x, dtype=object)))
+
+
+def _join(axis: int, *parts: Any) -> Grid:
+    return Grid(np.concatenate([_grid(x).view(np.ndarray) for x in parts], axis=axis))
+
+
+def _jacobian(value: Any, symbols: Any) -> Grid:
+    return Grid([[x.diff(s) for s in np.ravel(_grid(symbols))] for x in _grid(value).T.ravel()])
+
+
 def _casadi() -> dict[str, Any]:
     """Return what computes as CasADi does."""
-    zeros = _sizes(np.zeros, Grid)
+    zeros, grid = _sizes(np.zeros, Grid), _grid
 
-    def grid(x: Any) -> Grid:
-        return x if isinstance(x, Grid) else Grid(np.atleast_2d(np.array(x, dtype=object)))
-
-    def sym(name: str, rows: int = 1, columns: int = 1) -> Grid:
-        names = [[f"{name}[{k + rows * j}]" for j in range(columns)] for k in range(rows)]
-        return grid([[symbol(x) for x in row] for row in (names if rows * columns > 1 else [[name]])])
-
-    def join(axis: int, *parts: Any) -> Grid:
-        return Grid(np.concatenate([grid(x).view(np.ndarray) for x in parts], axis=axis))
-
-    def jacobian(value: Any, symbols: Any) -> Grid:
-        return Grid([[x.diff(s) for s in np.ravel(grid(symbols))] for x in grid(value).T.ravel()])
+    def sym(name: str, rows: int = 1, columns: int = 1) -> Matrix:
+        several = rows * columns > 1
+        return Grid(rows, columns, lambda k, j: symbol(f"{name}[{k + rows * j}]" if several else name))
 
     def function(_: str, inputs: Sequence[Any], outputs: Sequence[Any], *__: Any) -> Callable[..., Any]:
         calls = [_function(inputs, grid(x), lambda y: y.view(_Numbers)) for x in outputs]
@@ -570,12 +573,12 @@ def _casadi() -> dict[str, Any]:
         **dict.fromkeys(("simplify", "densify"), lambda a: a),
         "transpose": np.transpose,
         "sqrt": lambda x: grid(x)._each(lambda y: y**0.5),
-        "vertcat": partial(join, 0),
-        "horzcat": partial(join, 1),
-        "jacobian": jacobian,
-        "gradient": lambda value, symbols: jacobian(value, symbols).T,
-        "hessian": lambda e, x: (jacobian(jacobian(e, x).T, x), jacobian(e, x).T),
-        "jtimes": lambda value, symbols, v: jacobian(value, symbols) @ grid(v),
+        "vertcat": partial(_join, 0),
+        "horzcat": partial(_join, 1),
+        "jacobian": _jacobian,
+        "gradient": lambda value, symbols: _jacobian(value, symbols).T,
+        "hessian": lambda e, x: (_jacobian(_jacobian(e, x).T, x), _jacobian(e, x).T),
+        "jtimes": lambda value, symbols, v: _jacobian(value, symbols) @ grid(v),
         "mtimes": multiply,
         "solve": _solve,
         "dot": lambda a, b: grid(a).dot(grid(b)),

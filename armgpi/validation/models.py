@@ -15,11 +15,11 @@ import json
 import math
 import sys
 import tokenize
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,6 +49,7 @@ PAPER = ("paper", "paper-arm", "paper_arm")
 SYMPY_SUFFIXES = (".sympy", ".txt")
 #: Notebooks: their cells of code, one after the other, are the source.
 NOTEBOOK = ".ipynb"
+_SUFFIXES = (".py", NOTEBOOK, *SYMPY_SUFFIXES)
 #: How functions of MATLAB become a model.
 _MATLAB = (
     "; of MATLAB, write the symbolic expressions with char() into a .sympy file (^ becomes **), "
@@ -77,6 +78,10 @@ class States(NamedTuple):
     v: Array
     a: Array
     tau: Array
+
+    def first(self, rows: int) -> States:
+        """Return the first so many of them."""
+        return States(*(x[:rows] for x in self))
 
 
 class Origin(NamedTuple):
@@ -157,7 +162,7 @@ def resolve(model: Any, source: str | None = None, convention: Convention | None
         functions = again()
         functions.uncompared = _uncompared_names(getattr(module, name) if name else module)
         path = getattr(module, "__file__", None)
-        if path is not None and Path(path).suffix in (".py", NOTEBOOK, *SYMPY_SUFFIXES):
+        if path is not None and Path(path).suffix in _SUFFIXES:
             text = _text(Path(path)) if source is None else source
             functions.origin = Origin(str(path), text, module, again)
         return functions
@@ -172,21 +177,25 @@ def _with_names(thing: Any, convention: Convention) -> Any:
     Raises:
         Unusable: when it lacks a function that is mapped, or has another one of that name.
     """
-    from difflib import get_close_matches
-
     members = [_members(one) for one in (thing, *_parts_of(thing))]
     for mine in convention.mapped:
         name = convention.names[mine]
         owner = next((m for m in members if _is_function(m.get(mine))), None)
         if owner is None:
-            there = sorted({k for m in members for k, v in m.items() if _is_function(v) and k[:1] != "_"})
-            near = get_close_matches(mine, there, n=1, cutoff=0.5)
-            told = f"; is {near[0]!r} meant?" if near else f"; it has {', '.join(there[:12]) or 'none'}"
-            raise Unusable(f"has no function {mine!r}, which is mapped to {name}{told}")
+            raise Unusable(f"has no function {mine!r}, which is mapped to {name}{_hint(mine, members)}")
         own = owner.get(name)
         if own is not None and own is not owner[mine] and not (callable(own) and own == owner[mine]):
             raise Unusable(f"has a function {name}, and {mine!r} is mapped to {name} too: drop one")
     return _rename(thing, convention.names)
+
+
+def _hint(mine: str, members: Iterable[Mapping[str, Any]]) -> str:
+    """Return which function may be meant by a name that there is not, or which there are."""
+    from difflib import get_close_matches
+
+    there = sorted({k for m in members for k, v in m.items() if _is_function(v) and k[:1] != "_"})
+    near = get_close_matches(mine, there, n=1, cutoff=0.5)
+    return f"; is {near[0]!r} meant?" if near else f"; it has {', '.join(there[:12]) or 'none'}"
 
 
 def _members(thing: Any) -> dict[str, Any]:
@@ -210,18 +219,28 @@ def _uncompared_names(thing: Any) -> tuple[str, ...]:
     found: dict[str, None] = {}
     called: set[str] = set()
     for members in map(_members, (thing, *_parts_of(thing))):
+        compared = [x for known in (*SHORT, *ARGUMENTS) if callable(x := members.get(known))]
         for name, value in members.items():
             code = getattr(value, "__code__", None)
             if code is None or name.startswith("_") or value.__name__ in found:
                 continue
-            called |= set(code.co_names) | {x for c in code.co_consts for x in getattr(c, "co_names", ())}
-            letters = [x for x in code.co_varnames[: code.co_argcount] if x != "self"]
-            short = members.keys() & SHORT.keys() | ARGUMENTS.keys()
-            same = any(callable(x := members.get(known)) and value == x for known in short)
+            called |= names_of(code)
             local = not isinstance(thing, ModuleType) or value.__module__ == thing.__name__
-            if not same and local and 0 < len(letters) < 4 and letters[0] in POSITIONS:
+            if local and value not in compared and _takes_state(code):
                 found[name] = None
     return tuple(name for name in found if name not in called)
+
+
+def names_of(code: CodeType) -> set[str]:
+    """Return the names that a function looks up, also in its comprehensions."""
+    inner = (part for part in code.co_consts if isinstance(part, CodeType))
+    return set(code.co_names).union(*map(names_of, inner))
+
+
+def _takes_state(code: CodeType) -> bool:
+    """Tell whether a function takes positions, and perhaps what else a state has."""
+    letters = [x for x in code.co_varnames[: code.co_argcount] if x != "self"]
+    return 0 < len(letters) < 4 and letters[0] in POSITIONS
 
 
 def _rename(thing: Any, names: Mapping[str, str]) -> Any:
@@ -231,9 +250,9 @@ def _rename(thing: Any, names: Mapping[str, str]) -> Any:
         if not hasattr(thing, name) and _is_function(value := getattr(thing, mine, None)):
             with suppress(AttributeError, TypeError):  # an object that takes no attributes
                 setattr(thing, name, value)
-    for value in list(vars(thing).values()) if isinstance(thing, ModuleType) else ():
-        if isinstance(value, type) and value.__module__ == thing.__name__:
-            _rename(value, names)
+    for part in _parts_of(thing):
+        if isinstance(part, type):
+            _rename(part, names)
     return thing
 
 
@@ -250,18 +269,11 @@ def _load(text: str, source: str | None) -> tuple[ModuleType, str]:
         place, name = text.rsplit(":", 1)
     path = Path(place)
     if path.name == "__init__.py" or (path / "__init__.py").is_file():
-        module = _package(path if path.is_dir() else path.parent)
-    elif path.suffix in SYMPY_SUFFIXES or path.suffix in (".py", NOTEBOOK) or path.exists():
-        if path.is_dir():
-            raise Unusable("this is a folder; give a Python file, a module or 'paper'")
-        if not path.exists():
-            near = ", ".join(sorted(each.name for each in path.parent.glob("*.py"))[:3])
-            raise Unusable(f"there is no such file; in that folder there is {near or 'no Python file'}")
-        if path.suffix not in (".py", NOTEBOOK, *SYMPY_SUFFIXES):
-            raise Unusable(
-                "expected a Python file (.py), a notebook (.ipynb) or a file of SymPy expressions (.sympy), "
-                f"got {path.suffix!r}" + (_MATLAB if path.suffix == ".m" else "")
-            )
+        folder = (path if path.is_dir() else path.parent).resolve()
+        sys.path.insert(0, str(folder.parent))
+        module = importlib.import_module(folder.name)
+    elif path.suffix in _SUFFIXES or path.exists():
+        _check_file(path)
         module = _run(path, source)
     else:
         module = _import(place)
@@ -270,10 +282,18 @@ def _load(text: str, source: str | None) -> tuple[ModuleType, str]:
     return module, name
 
 
-def _package(folder: Path) -> ModuleType:
-    """Import a package from its folder."""
-    sys.path.insert(0, str(folder.resolve().parent))
-    return importlib.import_module(folder.resolve().name)
+def _check_file(path: Path) -> None:
+    """Refuse what is no file, or none that a model is read from."""
+    if path.is_dir():
+        raise Unusable("this is a folder; give a Python file, a module or 'paper'")
+    if not path.exists():
+        near = ", ".join(sorted(each.name for each in path.parent.glob("*.py"))[:3])
+        raise Unusable(f"there is no such file; in that folder there is {near or 'no Python file'}")
+    if path.suffix not in _SUFFIXES:
+        raise Unusable(
+            "expected a Python file (.py), a notebook (.ipynb) or a file of SymPy expressions (.sympy), "
+            f"got {path.suffix!r}" + (_MATLAB if path.suffix == ".m" else "")
+        )
 
 
 def _text(path: Path) -> str:
@@ -392,42 +412,40 @@ def _of_instance(thing: Any) -> Functions:
 
 def _of_names(thing: Any) -> Functions:
     """Return the functions of a thing by their names, or its expressions as functions."""
-
-    def get(name: str) -> Any:
-        return thing.get(name) if isinstance(thing, Mapping) else getattr(thing, name, None)
-
-    parameters = get("parameters")
+    parameters = _get(thing, "parameters")
     own = _numbers_of(parameters)
-    there = {name: value for name in ARGUMENTS if (value := get(name)) is not None}
+    there = {name: value for name in ARGUMENTS if (value := _get(thing, name)) is not None}
     if drawn := {name: value for name, value in there.items() if is_drawn(value)}:
         return _of_graph(drawn, own)
-    sympy = sys.modules.get("sympy")
-    casadi = sys.modules.get("casadi")
+    casadi: Any = sys.modules.get("casadi")
     if casadi is not None and any(isinstance(value, casadi.SX | casadi.MX) for value in there.values()):
         return _of_casadi(casadi, there, own)
-    symbolic: Any = () if sympy is None else (sympy.MatrixBase, sympy.Basic, list)
+    sympy: Any = sys.modules.get("sympy")
+    symbolic = () if sympy is None else (sympy.MatrixBase, sympy.Basic, list)
     if expressions := {name: value for name, value in there.items() if isinstance(value, symbolic)}:
         return _of_expressions(expressions, own, parameters)
-    functions = Functions(_functions(get), _joints(thing))
-    matrix = functions.calls.get("coriolis_matrix")
-    if getattr(matrix, "__name__", "") != "coriolis_matrix":
-        functions.aliases = tuple(k for k in _EITHER if callable(x := get(k)) and x == matrix)
-    return functions
+    return _of_callables(thing, there)
 
 
-def _functions(get: Callable[[str], Any]) -> dict[str, Callable[..., Any]]:
-    """Return those of the known functions that there are."""
-    found = {}
-    for name in ARGUMENTS:
-        value = get(name)
-        if value is None:
-            continue
+def _get(thing: Any, name: str) -> Any:
+    """Return an item of a mapping, or an attribute of anything else; None where there is none."""
+    return thing.get(name) if isinstance(thing, Mapping) else getattr(thing, name, None)
+
+
+def _of_callables(thing: Any, calls: Mapping[str, Any]) -> Functions:
+    """Return the known functions of a thing as they are."""
+    for name, value in calls.items():
         if not callable(value):
             raise Unusable(f"{name} must be a function (or a SymPy expression), got {type(value).__name__}")
-        found[name] = value
-    if not found:
+    if not calls:
         raise Unusable(f"has none of the functions {', '.join(ARGUMENTS)}")
-    return found
+    joints = _get(thing, "n")
+    counts = isinstance(joints, int | np.integer) and not isinstance(joints, bool)
+    functions = Functions(calls, int(joints) if counts else None)
+    matrix = calls.get("coriolis_matrix")
+    if getattr(matrix, "__name__", "") != "coriolis_matrix":
+        functions.aliases = tuple(k for k in _EITHER if callable(x := _get(thing, k)) and x == matrix)
+    return functions
 
 
 def _of_graph(expressions: Mapping[str, Any], own: Mapping[str, float]) -> Functions:
@@ -435,41 +453,56 @@ def _of_graph(expressions: Mapping[str, Any], own: Mapping[str, float]) -> Funct
     programs = {name: Program(e) for name, e in expressions.items()}
     places = states_of(set().union(*(p.names for p in programs.values())) - own.keys())
 
-    def call(name: str, values: Mapping[str, float], *state: Any) -> Any:
-        given = dict(zip(ARGUMENTS[name], state, strict=True))
-        # A velocity may be left in a gravity that does not depend on it.
-        joints = {s: given[letter][k] if letter in given else 0.0 for s, (letter, k) in places.items()}
-        return programs[name]({**joints, **values})
+    def call(name: str, *state: Any) -> Any:
+        return programs[name]({**_values_at(places, name, state), **own})
 
-    return Functions({name: partial(call, name, own) for name in programs})
+    return _of_call(call, programs)
+
+
+def _of_call(call: Callable[..., Any], names: Iterable[str], n: int | None = None) -> Functions:
+    """Return the functions of one that takes their names first."""
+    return Functions({name: partial(call, name) for name in names}, n)
+
+
+def _values_at(places: Mapping[str, tuple[str, int]], name: str, state: Sequence[Any]) -> dict[str, float]:
+    """Return the values of symbols, which are entries of a function's arguments; others are zero."""
+    given = dict(zip(ARGUMENTS[name], state, strict=True))
+    # A velocity may be left in a gravity that does not depend on it.
+    return {s: given[letter][k] if letter in given else 0.0 for s, (letter, k) in places.items()}
 
 
 def _of_casadi(casadi: Any, expressions: Mapping[str, Any], own: Mapping[str, float]) -> Functions:
     """Return the functions of CasADi's expressions in q, v, a, tau, or in q1, v1, ..., and parameters."""
     symbols = {str(x): x for e in expressions.values() for x in casadi.symvar(casadi.vertcat(casadi.vec(e)))}
-    places = {name: joint_of(name) for name in symbols if name not in own}
-    if missing := sorted(name for name, place in places.items() if place is None):
-        raise Unusable(
-            f"has the symbol {missing[0]}, which is neither q_0, q1, v1 or the like nor in `parameters`"
-        )
-    known = {name: place for name, place in places.items() if place is not None}
-    # The entries of a vector q are called q_0, q_1, ...
-    zero = any("_" in name or place[1] == 0 for name, place in known.items())
-    first = 0 if zero else 1
+    places = _places(sorted(symbols.keys() - own.keys()))
     sizes = [e.shape[0] for name, e in expressions.items() if name not in ("forward_kinematics", "jacobian")]
-    n = max([place[1] + 1 - first for place in known.values()] + sizes)
-    order = list(symbols)
-    calls = {name: casadi.Function(name, [symbols[k] for k in order], [e]) for name, e in expressions.items()}
+    n = max([k + 1 for _, k in places.values()] + sizes)
+    calls = {name: casadi.Function(name, [*symbols.values()], [e]) for name, e in expressions.items()}
 
-    def call(name: str, values: Mapping[str, float], *state: Any) -> Any:
-        given = dict(zip(ARGUMENTS[name], state, strict=True))
-        numbers = [
-            values[k] if k in values else float(given.get(known[k][0], np.zeros(n))[known[k][1] - first])
-            for k in order
-        ]
-        return np.asarray(calls[name](*numbers)).squeeze()
+    def call(name: str, *state: Any) -> Any:
+        values = {**_values_at(places, name, state), **own}
+        return np.asarray(calls[name](*(float(values[k]) for k in symbols))).squeeze()
 
-    return Functions({name: partial(call, name, own) for name in calls}, n)
+    return _of_call(call, calls, n)
+
+
+def _places(names: Iterable[str]) -> dict[str, tuple[str, int]]:
+    """Return which entry (from 0) of which quantity symbols of CasADi are.
+
+    Raises:
+        Unusable: when one of them is none.
+    """
+    found = {}
+    for name in names:
+        joint = joint_of(name)
+        if joint is None:
+            raise Unusable(
+                f"has the symbol {name}, which is neither q_0, q1, v1 or the like nor in `parameters`"
+            )
+        found[name] = joint
+    # The entries of a vector q are called q_0, q_1, ...
+    zero = any("_" in name or k == 0 for name, (_, k) in found.items())
+    return {name: (letter, k if zero else k - 1) for name, (letter, k) in found.items()}
 
 
 def _of_expressions(expressions: Mapping[str, Any], own: Mapping[str, float], parameters: Any) -> Functions:
@@ -477,41 +510,43 @@ def _of_expressions(expressions: Mapping[str, Any], own: Mapping[str, float], pa
     sympy = _sympy()
     parameters = parameters if isinstance(parameters, Mapping) else {}
     fixed = {sympy.Symbol(str(k)): v for k, v in parameters.items() if not _is_number(v)}
-    plain = {name: _plain(sympy, e) for name, e in expressions.items()}
-    numbers = {i for name, e in plain.items() for i in _joint_numbers(sympy, name, e, own, fixed)}
-    first = 0 if 0 in numbers else 1  # q0, q1, .. or q1, q2, ..
+    plain: dict[str, Any] = {}
+    joints: dict[Any, tuple[str, int]] = {}
+    for name, expression in expressions.items():
+        plain[name] = _plain(sympy, expression)
+        joints |= _joints_in(sympy, name, plain[name], own, fixed)
+    first = min({1, *(k for _, k in joints.values())})  # q0, q1, .. or q1, q2, ..
     # Gravity may not depend on the last joint, but has an entry for it.
-    n = max(max(numbers, default=0) + 1 - first, *(max(getattr(e, "shape", (1,))) for e in plain.values()))
-    letters = {
-        letter: [sympy.Symbol(f"{letter}_{i + 1}__") for i in range(n)] for letter in ("q", "v", "a", "tau")
-    }
-    symbols = [sympy.Symbol(name) for name in own]
-    calls: dict[str, Callable[..., Any]] = {}
+    sizes = [max(getattr(e, "shape", (1,))) for e in plain.values()]
+    n = max(sizes + [k + 1 - first for _, k in joints.values()])
+
+    def place(letter: str, k: int) -> Any:
+        return sympy.Symbol(f"{letter}_{k + 1}__")
+
+    swap = {**fixed, **{symbol: place(letter, k - first) for symbol, (letter, k) in joints.items()}}
+    calls = {}
     for name, expression in plain.items():
-        swap = dict(fixed)
-        for symbol in expression.free_symbols:
-            joint = joint_of(symbol.name) if symbol.name not in own else None
-            if joint is not None:
-                swap[symbol] = letters[joint[0]][joint[1] - first]
-        arguments = [letters[letter] for letter in ARGUMENTS[name]]
-        calls[name] = sympy.lambdify([*arguments, symbols], expression.xreplace(swap), "numpy", cse=True)
+        arguments = [list(map(partial(place, letter), range(n))) for letter in ARGUMENTS[name]]
+        arguments.append(list(map(sympy.Symbol, own)))
+        calls[name] = sympy.lambdify(arguments, expression.xreplace(swap), "numpy", cse=True)
 
-    def call(name: str, values: Mapping[str, float], *state: Any) -> Any:
-        return calls[name](*(x.tolist() for x in state), list(values.values()))
+    def call(name: str, *state: Any) -> Any:
+        return calls[name](*map(np.ndarray.tolist, state), list(own.values()))
 
-    return Functions({name: partial(call, name, own) for name in calls}, n)
+    return _of_call(call, calls, n)
 
 
-def _joint_numbers(
+def _joints_in(
     sympy: Any, name: str, expression: Any, own: Mapping[str, float], fixed: Mapping[Any, Any]
-) -> Iterator[int]:
-    """Yield the numbers of the joints whose symbols an expression has.
+) -> dict[Any, tuple[str, int]]:
+    """Return which quantity of which joint the symbols of an expression are; its parameters are left out.
 
     Raises:
         Unusable: when the expression is infinite, or has a symbol that it must not have.
     """
     if expression.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo):
         raise Unusable(f"{name} divides by zero: it contains infinity or NaN")
+    found = {}
     for symbol in expression.free_symbols:
         if symbol.name in own:  # a1, a2 may be lengths
             continue
@@ -520,12 +555,13 @@ def _joint_numbers(
             takes = ", ".join(ARGUMENTS[name])
             raise Unusable(f"{name} has the symbol {symbol.name}, but it is a function of {takes} alone")
         if joint is not None:
-            yield joint[1]
+            found[symbol] = joint
         elif symbol not in fixed:
             raise Unusable(
                 f"{name} has the symbol {symbol.name}, which is neither q1, v1, a1, tau1 or the like "
                 "nor in `parameters`; add its value there"
             )
+    return found
 
 
 def _plain(sympy: Any, expression: Any) -> Any:
@@ -565,12 +601,6 @@ def _is_number(value: Any) -> bool:
     if isinstance(value, int | float | np.integer | np.floating):
         return math.isfinite(value)
     return bool(getattr(value, "is_number", False) and getattr(value, "is_real", False))
-
-
-def _joints(thing: Any) -> int | None:
-    """Return the number of joints that a model states."""
-    value = thing.get("n") if isinstance(thing, Mapping) else getattr(thing, "n", None)
-    return int(value) if isinstance(value, int | np.integer) and not isinstance(value, bool) else None
 
 
 def _nothing(names: Any) -> str:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import ast
 import itertools
+import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
@@ -22,7 +23,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.validation.alternatives import function_name
+from armgpi.validation.alternatives import function_name, is_sum, names_in
+from armgpi.validation.dictionary import Dictionary
 from armgpi.validation.edits import (
     ALL,
     GRAVITY,
@@ -100,9 +102,14 @@ class Repaired(NamedTuple):
         return self.doubts, len(self.changes), self.other, not self.sure, self.bits
 
     @property
+    def holds(self) -> bool:
+        """Whether it holds for other numbers, and they are those of the robot."""
+        return self.doubts == self.other == 0
+
+    @property
     def confirmed(self) -> bool:
         """Whether it holds for other numbers than those of the file, and has right units."""
-        return self.sure and self.checked > 0 and self.doubts == 0 and self.other == 0
+        return self.sure and self.checked > 0 and self.holds
 
     @property
     def doubtful(self) -> bool:
@@ -120,7 +127,7 @@ def find_repair(
     again: Again,
     goal: Goal,
     known: Sequence[float],
-    until: float | None = None,
+    until: float,
     most: int = MOST,
     extra: bool = False,
 ) -> Repaired | None:
@@ -135,52 +142,52 @@ def find_repair(
         most: changes that may be made.
         extra: whether it may take more time where something is brought into agreement.
     """
-    until = time.process_time() + BUDGET if until is None else until
     assert functions.origin is not None
     editor = Editor(functions.origin, goal, known)
     until += 2.0 * BUDGET if extra and editor.is_slow() else 0.0
-    trials = _Trials(editor, again, until, _DOUBTED if most == MOST else 40)
-    best: Repaired | None = None
-    steps: list[_Step] = []
-    for k, steps in enumerate(trials.stages()):
-        one = trials.first_that_agrees((step.pick,) for step in steps if not step.left)
-        if most > 1 and (one is None or one.doubts or one.bits > trials.usual):
-            one = _shorter(one, trials.first_that_agrees(trials.pairs()))
-        best = _shorter(best, one)
-        if one is not None and best is not None and not best.doubts:
-            return best
-        if most > 1 and k == 0 and one is None:
-            best = _gone_on(trials, steps, again, goal, known, most, trials.share(_FIRST))
+    trials = _Trials(editor, again, until, most)
+    best, steps = _search_stages(trials, known, most)
     if best is not None or most == 1:
         return best
     # What brings some of it into agreement deserves time of its own.
     late = max(until, time.process_time() + 0.75 * BUDGET) if extra and steps else until
-    best = _gone_on(trials, steps, again, goal, known, most, late)
+    best = _go_on(trials, steps, known, most, late)
     return best or (trials.first_that_agrees(trials.tried_pairs()) if most == MOST else None)
 
 
-def _gone_on(
-    trials: _Trials,
-    steps: list[_Step],
-    again: Again,
-    goal: Goal,
-    known: Sequence[float],
-    most: int,
-    until: float,
+def _search_stages(trials: _Trials, known: Sequence[float], most: int) -> tuple[Repaired | None, list[_Step]]:
+    """Return the best repair by one change or two at once, and what helps at all, the best first."""
+    best: Repaired | None = None
+    steps: list[_Step] = []
+    for k, steps in enumerate(trials.stages()):
+        one = trials.first_that_agrees((step.pick,) for step in steps if not step.left)
+        if most > 1 and not trials.is_short(one):
+            one = _shorter(one, trials.first_that_agrees(trials.pairs()))
+        if one is not None:
+            best = min(best or one, one, key=lambda x: x.rank)
+            if not best.doubts:
+                break
+        elif most > 1 and k == 0:
+            best = _go_on(trials, steps, known, most, trials.share(_FIRST))
+    return best, steps
+
+
+def _go_on(
+    trials: _Trials, steps: list[_Step], known: Sequence[float], most: int, until: float
 ) -> Repaired | None:
     """Return the shortest repair that begins with one of the best changes, None when there is no time."""
     best: Repaired | None = None
-    for k, pick in enumerate(step.pick for step in steps[:_BEAM]):
-        now = time.process_time()
+    for k, step in enumerate(steps[:_BEAM]):
+        now, pick = time.process_time(), step.pick
         if now > until or (best is not None and pick.bits + 0.5 * trials.usual > best.bits):
             continue  # it cannot be shorter
         if made := trials.build((pick,)):
             share = (until - now) / (min(len(steps), _BEAM) - k)
-            rest = find_repair(made[1], again, goal, known, now + share, most - 1)
+            rest = find_repair(made[1], trials.again, trials.editor.goal, known, now + share, most - 1)
             if rest is not None:
                 changes = (*made[0].changes, *_before(rest.changes, made[0].changes[0]))
                 best = _shorter(best, trials.without_idle(rest._replace(changes=changes)))
-                if best is not None and not best.doubts and best.bits <= trials.usual:
+                if trials.is_short(best):
                     break
     return best
 
@@ -208,6 +215,14 @@ class _Step(NamedTuple):
     bits: float
     pick: Pick
 
+    def is_like(self, other: Pick) -> bool:
+        """Tell whether this makes all agree, and another is the same by another text."""
+        one = self.pick
+        if self.left or one.values is None or other.values is None:
+            return False
+        at_same = (one.block, one.site) == (other.block, other.site)
+        return at_same and next(iter(one.values.values())) is next(iter(other.values.values()))
+
 
 class _Tried(NamedTuple):
     """Changes of one kind, each made when asked for, and what they change at one state, (changes, m)."""
@@ -220,9 +235,10 @@ class _Tried(NamedTuple):
 class _Trials:
     """Everything that is tried on one source."""
 
-    def __init__(self, editor: Editor, again: Again, until: float, doubted: int) -> None:
-        """Take a source with its switches, what reads a changed one, and when to give up [s]."""
-        self.editor, self._again, self._until, self.doubted = editor, again, until, doubted
+    def __init__(self, editor: Editor, again: Again, until: float, most: int) -> None:
+        """Take a source with its switches, what reads a changed one, when to give up [s], most changes."""
+        self.editor, self.again, self._until = editor, again, until
+        self._doubted = _DOUBTED if most == MOST else 40
         self._targets, self._blocks = editor.targets, editor.blocks
         #: Changes that touch nothing that agrees, and were not looked at part by part yet.
         self._inside: list[Pick] = []
@@ -231,9 +247,12 @@ class _Trials:
         self.usual = 2.0 * float(np.log2(self._sites * _KINDS))
         self._tried: list[_Tried] = []
         self._proved: dict[Any, Repaired | None] = {}
-        self._start = editor.outputs(editor.targets, ROWS)
-        start = self._start or {}
-        self._wrong = {name: self._away(name, x).any(axis=0) for name, x in start.items()}
+        self._start = editor.outputs(editor.targets, ROWS) or {}
+        self._wrong = {name: self._away(name, x).any(axis=0) for name, x in self._start.items()}
+
+    def is_short(self, one: Repaired | None) -> bool:
+        """Tell whether a repair holds and is no longer than two usual changes: others need not be tried."""
+        return one is not None and not one.doubts and one.bits <= self.usual
 
     def build(self, picks: Sequence[Pick]) -> tuple[Repaired, Functions] | None:
         """Return changes as text with the functions that they make, None when the source then fails."""
@@ -241,7 +260,7 @@ class _Trials:
         source = apply_changes(self.editor.source, changes)
         try:
             with impatient():
-                return Repaired(changes, source), self._again(source)
+                return Repaired(changes, source), self.again(source)
         except BaseException:  # a name that is not there yet, or a module that never ends
             return None
 
@@ -255,9 +274,9 @@ class _Trials:
             before = len(self._proved)
             one = self.prove(picks)
             best, count = _shorter(best, one), count + (one is not None and len(self._proved) > before)
-            if one is not None and not one.doubts and not one.other and (one.sure or count >= _UNSURE):
+            if one is not None and one.holds and (one.sure or count >= _UNSURE):
                 break
-            if count == self.doubted or (best is not None and self._over()):
+            if count == self._doubted or (best is not None and self._over()):
                 break
         return best
 
@@ -291,7 +310,7 @@ class _Trials:
         goal = self.editor.goal
         try:
             with impatient(), np.errstate(all="ignore"):
-                given = partial(goal.call, self._again(source).calls)
+                given = partial(goal.call, self.again(source).calls)
                 names = (name for name, x in goal.targets.items() if x.whole)
                 return {name: stack_values(goal.targets[name], given, ROWS) for name in names}
         except BaseException:  # a name that is not there yet, or a module that never ends
@@ -312,22 +331,29 @@ class _Trials:
 
         text = " ".join(f"{one.old} {one.new}" for one in repair.changes)
         found = check(repair.source, values, slopes, text)
-        # A number is changed to one that the robot has, or by a unit: any other one may explain anything.
-        wrong = found.wrong + sum(
-            not self.editor.is_known(one) for one in repair.changes if one.kind == "value"
-        )
-        for one in repair.changes if found.seen else ():  # a formula in names lacks no bare number
-            number = is_number(one.old) and is_number(one.new)
-            wrong += one.kind == "term" and (not self.editor.is_known(one) if number else _is_bare(one.new))
-        sure = found.sure and not (wrong or found.other)
+        wrong = found.wrong + sum(self._is_guess(one, found.seen > 0) for one in repair.changes)
+        sure = found.sure and wrong == found.other == 0
         # Numbers in each other's place may as well be names in each other's place.
-        sure = sure and not any(one.kind == "swapped" and _has_no_names(one.old) for one in repair.changes)
+        swapped = [ast.parse(one.old.strip()) for one in repair.changes if one.kind == "swapped"]
+        sure = sure and all(map(names_in, swapped))
         for other in _by_ratios(self.editor.source, repair.changes) if sure else ():
             as_good = check(other, values, slopes)
-            sure = sure and bool(as_good.wrong or as_good.other)
+            sure = sure and as_good.wrong + as_good.other > 0
         return repair._replace(
             doubts=wrong, checked=found.seen, other=found.other, sure=sure, standing=found.standing
         )
+
+    def _is_guess(self, change: Change, named: bool) -> bool:
+        """Tell whether a change puts a number that may explain anything: it is neither known nor a unit's.
+
+        Args:
+            change: the change.
+            named: whether numbers have names: a formula in names lacks no bare number.
+        """
+        term = named and change.kind == "term"
+        if change.kind == "value" or (term and is_number(change.old) and is_number(change.new)):
+            return not self.editor.is_known(change)
+        return term and _is_bare(change.new)
 
     def _over(self) -> bool:
         return time.process_time() > self._until
@@ -350,11 +376,11 @@ class _Trials:
 
         What is tried fast comes before what takes long: the later lists have all of the earlier ones.
         """
-        if self._start is None:
+        if not self._start:
             return
-        picks = self._picks({name for name, w in self._wrong.items() if w.any()})
-        usual = [pick for pick in picks if pick.kind in _USUAL or pick.sure]
-        others = [pick for pick in picks if pick.kind not in _USUAL and not pick.sure]
+        picks = self._picks()
+        usual = [pick for pick in picks if _is_usual(pick)]
+        others = [pick for pick in picks if not _is_usual(pick)]
         found: dict[Any, _Step] = {}
         for stage in (
             (self._helpful(usual, first=True), self._helpful_in_parts(), self._fits()),
@@ -363,19 +389,23 @@ class _Trials:
         ):
             step: _Step | None = None
             for pick in itertools.chain(*stage):
-                if step is not None and not step.left and _same_term(step.pick, pick):
+                if step is not None and step.is_like(pick):
                     step, does = step._replace(bits=pick.bits, pick=pick), id(pick)
                 else:
                     step, does = self._step(pick)
                 if step is not None:
                     # Of those that do the same the shortest one.
                     found[does] = min(found.get(does, step), step, key=lambda one: one[:3])
-                    # The others have longer descriptions.
-                    if not step.left and not step.ugly and pick.kind in _USUAL:
-                        one = self.prove((pick,))
-                        if one is not None and not one.doubts and not one.other:
-                            break
+                    if self._is_best(step):
+                        break
             yield sorted(found.values(), key=lambda step: step[:3])
+
+    def _is_best(self, step: _Step) -> bool:
+        """Tell whether a change makes all agree, for other numbers too: what comes later is longer."""
+        if step.left or step.ugly or step.pick.kind not in _USUAL:
+            return False
+        one = self.prove((step.pick,))
+        return one is not None and one.holds
 
     def _differing(self, reached: Iterable[str]) -> list[str]:
         """Return the functions that differ, of those that are reached, the fast ones of a graph first."""
@@ -389,7 +419,6 @@ class _Trials:
             picks: all changes.
             first: look at the first function that differs; else at the others.
         """
-        assert self._start is not None
         for pick in picks:
             if self._over():
                 return
@@ -397,8 +426,7 @@ class _Trials:
             names = differing[:1] if first else differing[1:]
             if not names:
                 continue
-            with self.editor.making(pick):
-                outputs = self.editor.outputs(names, _FEW if "potential_energy" in names else 1)
+            outputs = self.editor.outputs_with(names, _rows_of(names), pick)
             if outputs is None:
                 continue
             if first:
@@ -411,10 +439,8 @@ class _Trials:
 
     def _touches_wrong_alone(self, outputs: Mapping[str, Array]) -> bool:
         """Tell whether a change moves something, and nothing that agrees."""
-        assert self._start is not None
-        off = self._off(outputs)
         moved = any((x[-1] != self._start[name][len(x) - 1]).any() for name, x in outputs.items())
-        return moved and not any((off[name] & ~self._wrong[name]).any() for name in off)
+        return moved and not self._spoils(outputs)
 
     def _helpful_in_parts(self) -> Iterator[Pick]:
         """Yield the changes that make a part of a function agree and spoil no other, at the first state."""
@@ -426,16 +452,12 @@ class _Trials:
             if time.process_time() > late:
                 return
             helps = False
-            for name in parts:
-                if name not in pick.block.reaches:
-                    continue
-                with self.editor.making(pick):
-                    outputs = self.editor.outputs([name], 1)
-                off = None if outputs is None else self._off(outputs)[name]
-                if off is None or (off & ~self._wrong[name]).any():
+            for name in (name for name in parts if name in pick.block.reaches):
+                outputs = self.editor.outputs_with([name], 1, pick)
+                if outputs is None or self._spoils(outputs):
                     helps = False
                     break
-                helps = helps or bool((self._wrong[name] & ~off).any())
+                helps = helps or self._helps(outputs)
             if helps:
                 yield pick
 
@@ -447,8 +469,11 @@ class _Trials:
     def _helps(self, outputs: Mapping[str, Array]) -> bool:
         """Tell whether some values agree that did not, and all that did."""
         off = self._off(outputs)
-        spoiled = any((off[name] & ~self._wrong[name]).any() for name in off)
-        return not spoiled and any((self._wrong[name] & ~off[name]).any() for name in off)
+        return not self._spoils(outputs) and any((self._wrong[name] & ~off[name]).any() for name in off)
+
+    def _spoils(self, outputs: Mapping[str, Array]) -> bool:
+        """Tell whether some values differ that did not."""
+        return any((off & ~self._wrong[name]).any() for name, off in self._off(outputs).items())
 
     def _step(self, pick: Pick) -> tuple[_Step | None, Any]:
         """Return how good a change is at all states, None when it does not help; and what it does."""
@@ -460,21 +485,18 @@ class _Trials:
         if outputs is None or not self._helps(outputs):
             return None, None
         off = {**self._wrong, **self._off(outputs)}
-        left = sum(int(w.sum()) for w in off.values()) if self._matters(off) else 0
-        units = {name: 1e3 * self._targets[name].tolerance for name in outputs}
-        does = tuple((x / units[name]).round().tobytes() for name, x in sorted(outputs.items()))
+        left = sum(map(np.count_nonzero, off.values())) if self._matters(off) else 0
+        of = self._targets
+        does = tuple((x / (1e3 * of[n].tolerance)).round().tobytes() for n, x in sorted(outputs.items()))
         # Those with which all agree are kept: their sources are tried one after the other.
         return _Step(left, self._ugly(pick), pick.bits, pick), does if left else id(pick)
 
     def _ugly(self, pick: Pick) -> bool:
         """Tell whether a change is right by chance: for a symmetric arm, or in its product with v alone."""
         site = pick.block.sites[pick.site]
-        if pick.kind == "sign" and pick.values is None:
-            node, negated = site.node, isinstance(site.choices[pick.choice][1], ast.UnaryOp)
-            of = node.value if isinstance(node, ast.Subscript) else node
-            joints = isinstance(of, ast.Name) and (of.id in POSITIONS or joint_of(f"{of.id}_1") is not None)
-            if negated and (joints or (isinstance(node, ast.Call) and function_name(node) == "array")):
-                return True
+        negated = pick.kind == "sign" and isinstance(site.choices[pick.choice][1], ast.UnaryOp)
+        if negated and pick.values is None and _has_joints(site.node):
+            return True
         target = self._targets.get("coriolis_matrix")
         if target is None or target.best is None:
             return False
@@ -483,27 +505,31 @@ class _Trials:
         size = max(float(np.abs(target.best[0]).max()), 1e-3)
         return matrix is None or bool(np.abs(matrix.ravel() - target.best[0]).max() > 1e-6 * size)
 
-    def _picks(self, differing: set[str]) -> list[Pick]:
+    def _picks(self) -> list[Pick]:
         """Return every change in what the functions that differ are made of, the usual kinds first."""
-        found = []
+        found: list[Pick] = []
+        differing = {name for name, w in self._wrong.items() if w.any()}
         for block in self._blocks:
-            if not block.reaches & differing:
-                continue
-            for k, site in enumerate(block.sites):
-                kinds = [kind for kind, _ in site.choices]
-                right = self.editor.is_right(site)  # but for its sign
-                for c, kind in enumerate(kinds[: len(kinds) - site.fitted - site.whole]):
-                    if right and kind != "sign":
-                        continue
-                    # Terms come in the order of their length.
-                    rank = c + 1 - kinds.index(kind) if kind == "term" else kinds.count(kind)
-                    # A sign that is there is wrong sooner than one that is not.
-                    if kind == "sign":
-                        rank = rank + 1 if isinstance(site.choices[c][1], ast.UnaryOp) else 1
-                    found.append(Pick(block, k, c, self._bits(rank), None, kind))
+            for k, site in enumerate(block.sites if block.reaches & differing else ()):
+                found += self._picks_at(block, k)
                 if site.whole and self._until - time.process_time() > _LISTED:
                     found += self._vector_picks(block, k)
         return sorted(found, key=lambda pick: pick.bits)
+
+    def _picks_at(self, block: Block, k: int) -> Iterator[Pick]:
+        """Yield every change at one place, but for terms that are solved for."""
+        site = block.sites[k]
+        kinds = [kind for kind, _ in site.choices]
+        right = self.editor.is_right(site)  # but for its sign
+        for c, kind in enumerate(kinds[: len(kinds) - site.fitted - site.whole]):
+            if right and kind != "sign":
+                continue
+            # Terms come in the order of their length.
+            rank = c + 1 - kinds.index(kind) if kind == "term" else kinds.count(kind)
+            # A sign that is there is wrong sooner than one that is not.
+            if kind == "sign":
+                rank = rank + 1 if isinstance(site.choices[c][1], ast.UnaryOp) else 1
+            yield Pick(block, k, c, self._bits(rank), None, kind)
 
     def _bits(self, rank: float) -> float:
         """Return the length of a description: which place, which kind, and which one of that kind."""
@@ -517,8 +543,7 @@ class _Trials:
 
     def _output_with(self, pick: Pick, name: str) -> Array | None:
         """Return what a function gives at the first state with a change."""
-        with self.editor.making(pick):
-            outputs = self.editor.outputs([name], 1)
+        outputs = self.editor.outputs_with([name], 1, pick)
         return None if outputs is None else outputs[name][0]
 
     def _vector_picks(self, block: Block, k: int) -> Iterator[Pick]:
@@ -533,33 +558,34 @@ class _Trials:
         bare = Pick(block, k, choice, 0.0)
         start = self._output_with(bare._replace(call=partial(_keep, seen)), name)
         now = _at_every(compile(old, "<term>", "eval"), block.namespace, seen)
-        if start is None or now is None or now.ndim != 2 or now.size > _MOST_STEPS:
+        if start is None or now.ndim != 2 or now.size > _MOST_STEPS:
             return
-        steps = [step.reshape(now.shape) for step in (*np.eye(now.size), np.ones(now.size))]
+        steps = np.vstack([np.eye(now.size), np.ones(now.size)]).reshape(-1, *now.shape)
         picks = (bare._replace(call=partial(_next, iter(step))) for step in steps)
         effects = [x for pick in picks if (x := self._output_with(pick, name)) is not None]
         if len(effects) < len(steps):
             return
         linear, slope, rest = _linear([start, *effects])
-        texts = [*enumerate(block.terms_of_vectors.items())]
-        known = [
-            (one, _at_every(one[1][1], block.namespace, seen))
-            for one in (texts if linear else texts[:_GUESSES])
-        ]
-        fitting = [(one, x.ravel()) for one, x in known if x is not None and x.shape == now.shape]
-        moves = np.array([x for _, x in fitting]).reshape(len(fitting), now.size) @ slope
-        for factor in (1.0, -1.0, 2.0, -2.0) if linear else (1.0, -1.0):
+        most, factors = (None, (1.0, -1.0, 2.0, -2.0)) if linear else (_GUESSES, (1.0, -1.0))
+        fitting, values = _fitting_vectors(block, seen, now.shape, most)
+        moves = values @ slope
+        for factor in factors:
 
             def pick_at(k: int, factor: float = factor) -> Pick:
-                (place, (text, code)), _ = fitting[k]
+                place, text, code = fitting[k]
+                sign, twice = "-" if factor < 0.0 else "", "2 * " if abs(factor) > 1.0 else ""
                 # They come in the order of their length.
-                new, bits = _sum(old, _multiple(factor, text)), self._bits(abs(factor) * (2 * place + 2))
-                call = partial(_times_factor, factor, code, block.namespace)
+                new, bits = _sum(old, sign + twice + text), self._bits(abs(factor) * (2 * place + 2))
+
+                def call(names: dict[str, Any]) -> Any:
+                    return factor * eval(code, block.namespace, names)
+
                 return bare._replace(bits=bits, kind="term", new=new, sure=linear, call=call)
 
+            good = np.ones(len(moves))
             if linear:  # two of which each is wrong alone may add up
                 self._tried.append(_Tried("term", pick_at, {name: factor * moves}))
-            good = self._makes_right(name, start, factor * moves, rest) if linear else np.ones(len(moves))
+                good = self._makes_right(name, start, factor * moves, rest)
             yield from map(pick_at, np.flatnonzero(good).tolist())
 
     # Terms that are solved for.
@@ -572,53 +598,44 @@ class _Trials:
             for k, site in enumerate(block.sites):
                 if not site.fitted or bool(site.statement) != statements:
                     continue
-                if self._over() or self.editor.is_right(site):
-                    continue
-                if (values := self._solve(block, k)) is None:
-                    continue
-                for text, bits in _missing_terms(block, site, values):
-                    bits += self._bits(1)
-                    kind = "value" if site.literal else "term"
-                    yield Pick(block, k, len(site.choices) - 1, float(bits), {ALL: values}, kind, text)
+                if not self._over() and not self.editor.is_right(site):
+                    yield from self._solve(block, k)
 
-    def _solve(self, block: Block, k: int) -> Array | None:
-        """Return the term at the rows with which some values agree and none is spoiled; None without one."""
-        pick = Pick(block, k, len(block.sites[k].choices) - 1, 0.0, {ALL: np.zeros(ROWS)})
+    def _solve(self, block: Block, k: int) -> Iterator[Pick]:
+        """Yield the terms with which some values agree and none is spoiled, by their texts."""
+        site = block.sites[k]
+        pick = Pick(block, k, len(site.choices) - 1, 0.0, {ALL: np.zeros(ROWS)})
         constant = self.editor.is_constant(block, k)
-        names = [
-            n for n in block.reaches if self._targets[n].whole and (n in block.once_in or block.rebuilds)
-        ]
+        reached = block.reaches if block.rebuilds else block.reaches & block.once_in
+        names = [n for n in reached if self._targets[n].whole]
         differing = self._differing(names)
         shown = differing[:1] if self.editor.drawn else differing  # to draw all of them takes long
         for used in self._groups(*self._slope(pick, shown, _FEW), constant):
             if (values := self._root(pick, used, constant)) is None:
                 continue
-            with self.editor.making(pick._replace(values={ALL: values})):
-                outputs = self.editor.outputs(names, ROWS)
+            solved = pick._replace(values={ALL: values}, kind="value" if site.literal else "term")
+            outputs = self.editor.outputs_with(names, ROWS, solved)
             if outputs is not None and self._helps(outputs):
-                return values
-        return None
+                for text, bits in _missing_terms(block, site, values):
+                    yield solved._replace(bits=float(bits + self._bits(1)), new=text)
+                return
 
     def _groups(self, slope: Mapping[str, Array], rest: Mapping[str, Array], constant: bool) -> list[Wrong]:
         """Return which values may be wrong because of one term: all that it moves, those of one function, ...
 
         ... or those that lack the same of it, where something else is wrong as well.
         """
-        used = {name: (np.abs(x) > 0.0).any(axis=0) & self._wrong[name] for name, x in slope.items()}
-        used = {name: mask for name, mask in used.items() if mask.any()}
+        used = {
+            name: mask
+            for name, x in slope.items()
+            if (mask := (np.abs(x) > 0.0).any(axis=0) & self._wrong[name]).any()
+        }
         if not used:
             return []
         groups: list[Wrong] = [used, *({n: mask} for n, mask in used.items() if len(used) > 1)]
-        alike: dict[tuple[Any, ...], list[tuple[str, int]]] = {}
-        for name, mask in used.items():
-            for k in np.flatnonzero(mask).tolist():
-                with np.errstate(all="ignore"):
-                    moves = rest[name][:, k] / slope[name][:, k]
-                same = not constant or bool(abs(np.ptp(moves)) <= 1e-6 * abs(moves[0]))
-                if np.isfinite(moves).all() and same:
-                    alike.setdefault(tuple(float(f"{x:.5g}") for x in moves), []).append((name, k))
-        count = sum(int(mask.sum()) for mask in used.values())
-        for members in sorted(alike.values(), key=len, reverse=True)[:2]:
+        count = sum(map(np.count_nonzero, used.values()))
+        alike = _lacking_alike(used, slope, rest, constant)
+        for members in sorted(alike, key=len, reverse=True)[:2]:
             if len(members) < count and (len(members) > 1 or constant):
                 masks = {name: np.zeros_like(used[name]) for name, _ in members}
                 for name, column in members:
@@ -631,10 +648,9 @@ class _Trials:
     ) -> tuple[dict[str, Array], dict[str, Array]]:
         """Return how much a term moves what functions give, and what that lacks; nothing if they fail."""
         assert pick.values is not None
-        with self.editor.making(pick):
-            here = self.editor.outputs(names, rows)
-        with self.editor.making(pick._replace(values={ALL: pick.values[ALL] + _NUDGE})):
-            there = self.editor.outputs(names, rows)
+        here = self.editor.outputs_with(names, rows, pick)
+        nudged = pick._replace(values={ALL: pick.values[ALL] + _NUDGE})
+        there = self.editor.outputs_with(names, rows, nudged)
         if here is None or there is None:
             return {}, {}
         slope = {name: (there[name] - here[name]) / _NUDGE for name in here}
@@ -657,7 +673,7 @@ class _Trials:
             if near == _REFINED:
                 return values
             left = float(np.linalg.norm(rest))
-            if step > 1 and not near and left > _SLOW * before:
+            if not near and left > _SLOW * before:
                 return None
             before = left if step else np.inf
             if constant:
@@ -679,10 +695,10 @@ class _Trials:
         differing = self._differing(self._targets)
         count = {n: sum(len(one.effects.get(n, ())) for one in self._tried) for n in differing}
         name = max(count, key=lambda n: count[n], default="")
-        if self._start is None or not count.get(name):
+        if not count.get(name):
             return name, [], np.zeros((0, 0)), np.zeros(0)
         unit = 1e3 * self._targets[name].tolerance
-        last = _FEW - 1 if name == "potential_energy" else 0
+        last = _rows_of([name]) - 1
         lacking = (self._targets[name].values[last] - self._start[name][last]) / unit
         groups = [one for one in self._tried if name in one.effects]
         tried = [(one, k) for one in groups for k in range(len(one.effects[name]))]
@@ -715,14 +731,12 @@ class _Trials:
         right = ~self._wrong[name]
         inside = np.abs(effects[:, right]).max(axis=1, initial=0.0) <= 1e-3
         picks = [one.at(k) for (one, k), i in zip(tried, inside, strict=True) if i and one.kind in _USUAL]
-        rows = _FEW if name == "potential_energy" else 1
         # In the order of the longer one of both.
         for later, two in enumerate(picks):
             for one in picks[:later]:
                 if self._over():
                     return
-                with self.editor.making(one, two):
-                    outputs = self.editor.outputs([name], rows)
+                outputs = self.editor.outputs_with([name], _rows_of([name]), one, two)
                 if outputs is not None and not self._away(name, outputs[name]).any() and self._both(one, two):
                     yield one, two
 
@@ -730,9 +744,53 @@ class _Trials:
         """Tell whether two changes make all agree."""
         if one.block is two.block and one.site == two.site:
             return False
-        with self.editor.making(one, two):
-            outputs = self.editor.outputs(self._targets, ROWS)
+        outputs = self.editor.outputs_with(self._targets, ROWS, one, two)
         return outputs is not None and not self._matters(self._off(outputs))
+
+
+def _is_usual(pick: Pick) -> bool:
+    return pick.kind in _USUAL or pick.sure
+
+
+def _rows_of(names: Sequence[str]) -> int:
+    """Return at how many states functions are looked at first: a potential is counted from the first one."""
+    return _FEW if "potential_energy" in names else 1
+
+
+def _has_joints(node: ast.expr) -> bool:
+    """Tell whether an expression is the positions of the joints, one of them, or an array."""
+    if isinstance(node, ast.Call):
+        return function_name(node) == "array"
+    of = node.value if isinstance(node, ast.Subscript) else node
+    return isinstance(of, ast.Name) and (of.id in POSITIONS or joint_of(f"{of.id}_1") is not None)
+
+
+def _lacking_alike(
+    used: Wrong, slope: Mapping[str, Array], rest: Mapping[str, Array], constant: bool
+) -> Iterable[list[tuple[str, int]]]:
+    """Return the values of functions that lack the same of a term; a constant's at all states."""
+    alike: dict[tuple[float, ...], list[tuple[str, int]]] = {}
+    for name, mask in used.items():
+        for k in np.flatnonzero(mask).tolist():
+            with np.errstate(all="ignore"):
+                moves = rest[name][:, k] / slope[name][:, k]
+            same = not constant or bool(abs(np.ptp(moves)) <= 1e-6 * abs(moves[0]))
+            if np.isfinite(moves).all() and same:
+                alike.setdefault(tuple(float(f"{x:.5g}") for x in moves), []).append((name, k))
+    return alike.values()
+
+
+def _fitting_vectors(
+    block: Block, seen: Sequence[dict[str, Any]], shape: tuple[int, ...], most: int | None
+) -> tuple[list[tuple[int, str, CodeType]], Array]:
+    """Return the first terms of vectors that have values of a shape: place, text and code; and the values."""
+    found, values = [], []
+    for place, (text, code) in enumerate([*block.terms_of_vectors.items()][:most]):
+        x = _at_every(code, block.namespace, seen)
+        if x.shape == shape:
+            found.append((place, text, code))
+            values.append(x.ravel())
+    return found, np.array(values).reshape(len(found), math.prod(shape))
 
 
 def _linear(effects: Sequence[Array]) -> tuple[bool, Array, float]:
@@ -757,42 +815,28 @@ def _next(steps: Iterator[Array], _: dict[str, Any]) -> Array:
     return next(steps)
 
 
-def _at_every(code: CodeType, namespace: dict[str, Any], seen: Sequence[dict[str, Any]]) -> Array | None:
-    """Return an expression's values at every pass of a loop, None where it has none or is nothing."""
+def _at_every(code: CodeType, namespace: dict[str, Any], seen: Sequence[dict[str, Any]]) -> Array:
+    """Return an expression's values at every pass of a loop, no numbers where it has none or is nothing."""
     try:
         values = np.array([eval(code, namespace, names) for names in seen], dtype=np.float64)
     except Exception:  # a name that is not there yet
-        return None
-    return values if values.any() else None
-
-
-def _times_factor(factor: float, code: CodeType, namespace: dict[str, Any], names: dict[str, Any]) -> Any:
-    """Return a multiple of a term from the local variables."""
-    return factor * eval(code, namespace, names)
-
-
-def _multiple(factor: float, text: str) -> str:
-    """Return a multiple of a term as text."""
-    return ("-" if factor < 0.0 else "") + ("2 * " if abs(factor) > 1.0 else "") + text
+        return np.zeros(0)
+    return values if values.any() else np.zeros(0)
 
 
 def _by_ratios(source: str, changes: Sequence[Change]) -> Iterator[str]:
     """Yield sources with a ratio of two names for a number that a change puts: 4 may be (N1 / N2)²."""
     names = readings(source)
-    for change in changes:
-        text, before = change.new.strip(), {x.value for x in _constants(change.old.strip())}
-        for node in _constants(text):
-            if node.value in before or not isinstance(node.value, int | float) or not node.value:
+    for k, change in enumerate(changes):
+        text, before = change.new.strip(), {value for value, _ in _numbers_in(change.old.strip())}
+        for value, node in _numbers_in(text):
+            if value in before:
                 continue
             for (one, a), (two, b), power in itertools.product(names.items(), names.items(), (1, 2)):
-                if a != b and a * b and abs(node.value * (b / a) ** power - 1.0) <= 1e-9:
+                if a != b and a * b and abs(value * (b / a) ** power - 1.0) <= 1e-9:
                     ratio = f"({one} / {two}) ** {power}"
                     new = change._replace(new=text[: node.col_offset] + ratio + text[node.end_col_offset :])
-                    yield apply_changes(source, tuple(new if c is change else c for c in changes))
-
-
-def _has_no_names(text: str) -> bool:
-    return not any(isinstance(x, ast.Name) for x in ast.walk(ast.parse(text.strip())))
+                    yield apply_changes(source, (*changes[:k], new, *changes[k + 1 :]))
 
 
 def is_number(text: str) -> bool:
@@ -800,26 +844,23 @@ def is_number(text: str) -> bool:
     return text.lstrip("-").replace(".", "", 1).isdigit()
 
 
-def _constants(text: str) -> list[ast.Constant]:
-    return [x for x in ast.walk(ast.parse(text)) if isinstance(x, ast.Constant)]
+def _numbers_in(text: str) -> Iterator[tuple[float, ast.Constant]]:
+    """Yield the numbers in an expression but for zeros, and where they stand."""
+    for node in ast.walk(ast.parse(text)):
+        match node:
+            case ast.Constant(value=int() | float() as value) if value:
+                yield value, node
 
 
 def _is_bare(text: str) -> bool:
     """Tell whether a text is, or adds, a number that means something only where no numbers have names."""
     statement: Any = ast.parse(text.strip()).body[0]
     node = statement.value
-    added = isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)
+    added = is_sum(node)
     turns = any(isinstance(x, ast.Call) for x in ast.walk(node))  # 1 - cos(q) is usual
-    parts = [node, node.right] if isinstance(node, ast.BinOp) and added and not turns else [node]
+    parts = [node, node.right] if added and not turns else [node]
     bare = [x.value for x in parts if isinstance(x, ast.Constant) and type(x.value) in (int, float)]
     return any(x != 0 and (added or x not in (0.5, 1, 2)) for x in bare)
-
-
-def _same_term(one: Pick, other: Pick) -> bool:
-    """Tell whether two changes are the same values at the same place, by other texts."""
-    if one.values is None or other.values is None or (one.block, one.site) != (other.block, other.site):
-        return False
-    return next(iter(one.values.values())) is next(iter(other.values.values()))
 
 
 def _apart(slope: Array, rest: Array, move: Array) -> bool:
@@ -831,22 +872,27 @@ def _apart(slope: Array, rest: Array, move: Array) -> bool:
 def _missing_terms(block: Block, site: Site, values: Array) -> Iterator[tuple[str, float]]:
     """Yield what an expression has to be where a term of known values is missing in it."""
     if isinstance(site.node, ast.Constant):
-        yield from _number(site, float(values[0])) if np.ptp(values) <= 1e-9 * np.abs(values).max() else ()
+        if np.ptp(values) <= 1e-9 * np.abs(values).max():
+            yield from _number(site.node, bool(site.literal), float(values[0]))
         if site.literal or site.node.value != 0:
             return
     old = ast.unparse(site.node)
     dictionary = block.dictionary(site.node.lineno)
-    if terms := dictionary.terms(values):
-        yield from ((_sum(old, found.text), found.bits) for found in terms)
-        return
-    # A factor that all of it lacks, or one of its parts.
+    terms = [(_sum(old, found.text), found.bits) for found in dictionary.terms(values)]
+    yield from terms or _missing_factors(block, site, values, dictionary)
+
+
+def _missing_factors(
+    block: Block, site: Site, values: Array, dictionary: Dictionary
+) -> Iterator[tuple[str, float]]:
+    """Yield what an expression has to be where a factor is missing in all of it, or in one of its parts."""
     for part, sign in _parts(site.node):
         now = block.values(ast.unparse(part))
         if now is None or now.shape != values.shape:
             continue
         with np.errstate(all="ignore"):
             factor = 1.0 + sign * values / now
-        several = dictionary.terms(factor) if np.isfinite(factor).all() else []
+        several = dictionary.terms(factor)
         for found in several:
             new: ast.expr = ast.BinOp(ast.parse(found.text, mode="eval").body, ast.Mult(), part)
             yield ast.unparse(_with_part(site.node, part, new)), found.bits + 1.0
@@ -858,7 +904,7 @@ def _missing_terms(block: Block, site: Site, values: Array) -> Iterator[tuple[st
 def _parts(node: ast.expr, sign: float = 1.0) -> Iterator[tuple[ast.expr, float]]:
     """Yield the terms of a sum with their signs."""
     yield node, sign
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
+    if is_sum(node):
         yield from _parts(node.left, sign)
         yield from _parts(node.right, sign if isinstance(node.op, ast.Add) else -sign)
 
@@ -867,7 +913,7 @@ def _with_part(node: ast.expr, part: ast.expr, new: ast.expr) -> ast.expr:
     """Return a sum with another term in place of one."""
     if node is part:
         return new
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
+    if is_sum(node):
         return ast.BinOp(_with_part(node.left, part, new), node.op, _with_part(node.right, part, new))
     return node
 
@@ -879,15 +925,15 @@ def _sum(old: str, term: str) -> str:
     return f"{old} - {term.removeprefix('-')}" if term.startswith("-") else f"{old} + {term}"
 
 
-def _number(site: Site, change: float) -> Iterator[tuple[str, float]]:
+def _number(node: ast.Constant, named: bool, change: float) -> Iterator[tuple[str, float]]:
     """Yield another number in place of one: one in another unit, one of few digits."""
-    assert isinstance(site.node, ast.Constant)
-    old = float(ast.literal_eval(site.node))
+    old = float(ast.literal_eval(node))
     new = 0.0 if abs(old + change) <= 1e-9 * abs(old) else old + change
     text = next(t for digits in range(1, 18) if abs(float(t := f"{new:.{digits}g}") - new) <= 1e-7 * abs(new))
-    if (new * old <= 0.0 and site.literal) or not np.isfinite(new) or old in GRAVITY:
+    if (new * old <= 0.0 and named) or old in GRAVITY:
         return  # nothing has the other sign by chance, and gravity is what it is
     # A coefficient that was printed has more digits than one of a formula.
-    digits = 5 if old not in USUAL and isinstance(site.node.value, float) else 2
-    if site.literal or len(text.lstrip("-0.").replace(".", "")) <= digits:
-        yield text, _DIGIT_BITS * len(text.lstrip("-0.").replace(".", ""))
+    digits = 5 if old not in USUAL and isinstance(node.value, float) else 2
+    count = len(text.lstrip("-0.").replace(".", ""))
+    if named or count <= digits:
+        yield text, _DIGIT_BITS * count

@@ -11,6 +11,7 @@ import re
 from collections.abc import Sequence
 
 from armgpi.escape import html_text, latex_text
+from armgpi.validation.alternatives import function_name
 
 #: Names of Greek letters, which are set as such.
 _GREEK = {
@@ -193,7 +194,10 @@ class _Setter:
                 after = self.least(right, _POWER if signed else _PRODUCT)
                 return form.row(self.of(left)[0], form.sign("-"), after), _SUM
             case ast.Mult() | ast.MatMult():
-                between = form.dot if _starts_with_number(right) else form.times
+                first = right
+                while isinstance(first, ast.BinOp):
+                    first = first.left
+                between = form.dot if isinstance(first, ast.Constant) else form.times
                 after = self.least(right, _POWER if signed else _PRODUCT)
                 return form.row(self.least(left, _PRODUCT), between, after), _PRODUCT
             case ast.Div():
@@ -204,18 +208,17 @@ class _Setter:
 
     def call(self, node: ast.Call) -> tuple[str, int]:
         """Return a sine, a root, a cross product, or what is made an array."""
-        args = node.args
-        name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
-        if name in ("array", "Matrix", "asarray") and len(args) == 1:
-            return self.of(args[0])
-        if name == "sqrt" and len(args) == 1:
-            return self.form.root(self.of(args[0])[0]), _WHOLE
-        if name == "cross" and len(args) == 2:
-            sides = [self.least(x, _POWER) for x in args]
-            return self.form.row(sides[0], self.form.cross, sides[1]), _PRODUCT
-        if name not in _FUNCTIONS or len(args) != 1:
-            raise _Unset
-        return self.form.row(self.form.symbol(name), self.form.brackets(self.of(args[0])[0])), _WHOLE
+        match function_name(node), node.args:
+            case "array" | "Matrix" | "asarray", [inner]:
+                return self.of(inner)
+            case "sqrt", [inner]:
+                return self.form.root(self.of(inner)[0]), _WHOLE
+            case "cross", [left, right]:
+                sides = self.least(left, _POWER), self.form.cross, self.least(right, _POWER)
+                return self.form.row(*sides), _PRODUCT
+            case name, [inner] if name in _FUNCTIONS:
+                return self.form.row(self.form.symbol(name), self.form.brackets(self.of(inner)[0])), _WHOLE
+        raise _Unset
 
     def entry(self, node: ast.Subscript) -> str:
         """Return one entry of an array: its numbers count from 1; one of a dictionary is its name."""
@@ -242,9 +245,3 @@ class _Setter:
             return self.form.symbol(name)
         base, index = match.groups()
         return self.form.under(self.form.symbol(base), self.form.number(index))
-
-
-def _starts_with_number(node: ast.expr) -> bool:
-    while isinstance(node, ast.BinOp):
-        node = node.left
-    return isinstance(node, ast.Constant)

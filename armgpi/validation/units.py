@@ -91,7 +91,6 @@ class Slopes(NamedTuple):
         """
         alike = [*self.alike(value), *self.alike(value, 0.5)]  # the centre of mass at half of a length
         alike = [j for j in alike if j not in used]
-        moves = [*itertools.product(np.flatnonzero([u == "m" for u in self.units]).tolist(), (1.0, -1.0))]
         for size in range(1, min(len(alike), _ALIKE) + 1):
             for chosen in itertools.combinations(alike, size):
                 if len(units := {self.units[j] for j in chosen}) > 1:
@@ -100,9 +99,18 @@ class Slopes(NamedTuple):
                 rest = column - self.columns[:, chosen] @ self.values[list(chosen)]
                 if self.same(rest, column):
                     return rates
-                for j, way in moves if units == {"m"} else ():
-                    if j not in chosen and self.same(rest - way * value * self.columns[:, j], column):
-                        return {**rates, j: way}
+                if units == {"m"} and (moved := self._one_more(rest, column, value, chosen)):
+                    return {**rates, **moved}
+        return {}
+
+    def _one_more(
+        self, rest: Array, column: Array, value: float, chosen: tuple[int, ...]
+    ) -> dict[int, float]:
+        """Return the one length that moves as well, and which way."""
+        for j, way in itertools.product(range(len(self.units)), (1.0, -1.0)):
+            length = self.units[j] == "m" and j not in chosen
+            if length and self.same(rest - way * value * self.columns[:, j], column):
+                return {j: way}
         return {}
 
 
@@ -141,52 +149,75 @@ def check(source: str, values: Callable[[str], Array | None], known: Slopes, tex
         known: the robot's derivatives.
         text: what was changed: the numbers named in it are looked at first, the others where these are right.
     """
-    wrong = other = seen = 0
     tree = ast.parse(source)
     named = list(numbers(tree))
-    stated = [float(ast.literal_eval(node)) for _, node in named]
-    sure = len(named) <= _MOST and not _bare(tree, named)
-    standing: dict[int, dict[int, float]] = {}
-    used, halves, unused = set[int](), set[int](), list[float]()
-    families: dict[str, list[tuple[int, int]]] = {}
+    checked = _Checked(known, [float(ast.literal_eval(node)) for _, node in named])
     words = set(re.findall(r"\w+", text))
+
+    def is_new(name: str) -> bool:
+        return re.findall(r"\w+", name)[-1] in words
+
     # The sort is stable: the others in their order.
-    order = sorted(enumerate(named[:_MOST]), key=lambda one: re.findall(r"\w+", one[1][0])[-1] not in words)
-    for k, (name, node) in order:
-        if (wrong or other) and re.findall(r"\w+", name)[-1] not in words:
+    for k, (name, node) in sorted(enumerate(named[:_MOST]), key=lambda one: not is_new(one[1][0])):
+        if checked.wrong + checked.other > 0 and not is_new(name):
             break
-        value = stated[k]
+        value = checked.stated[k]
         if value == 0.0 or name in ("n", "N"):
             continue
         ends = [values(with_numbers(source, [(node, value * (1.0 + s * STEP))])) for s in (1.0, -1.0)]
-        if ends[0] is None or ends[1] is None:
-            continue
-        column = (ends[0] - ends[1]) / (2.0 * STEP)
+        if ends[0] is not None and ends[1] is not None:
+            checked.add(k, name, (ends[0] - ends[1]) / (2.0 * STEP))
+    sure = len(named) <= _MOST and not _bare(tree, named) and checked.is_sure()
+    return Check(checked.wrong, checked.other, checked.seen, sure, checked.standing)
+
+
+class _Checked:
+    """The numbers of a model that were looked at, and what they are in the robot; see :class:`Check`."""
+
+    def __init__(self, known: Slopes, stated: list[float]) -> None:
+        """Take the robot's derivatives, and all numbers that the model states."""
+        self.known, self.stated = known, stated
+        self.wrong = self.other = self.seen = 0
+        self.standing: dict[int, dict[int, float]] = {}
+        self._linked = True  # whether each is of a link
+        #: The robot's numbers that are used, those of which half is, and the model's that nothing depends on.
+        self._used, self._halves, self._unused = set[int](), set[int](), list[float]()
+        self._families: dict[str, list[tuple[int, int]]] = {}
+
+    def add(self, k: int, name: str, column: Array) -> None:
+        """Take the derivative of all that the model gives by a number."""
+        known, value = self.known, self.stated[k]
         if np.abs(column).max() < max(1e-7, known.noise):  # nothing depends on it
-            unused.append(value)
-            continue
-        seen += 1
-        if chosen := known.standing(column, value, used):
-            standing[k], whole = chosen, known.alike(value)
-            own = [j for j in chosen if j in whole or j in known.alike(value, 0.5)]
+            self._unused.append(value)
+            return
+        self.seen += 1
+        whole = known.alike(value)
+        if chosen := known.standing(column, value, self._used):
+            self.standing[k] = chosen
+            own = {*chosen} & {*whole, *known.alike(value, 0.5)}
             links = {known.links[j] for j in own}
-            used.update(own)
-            halves |= {*own} - {*whole}
+            self._used |= own
+            self._halves |= own - {*whole}
         else:
-            found = known.of(column, stated)
-            wrong += not found
-            other += bool(known.alike(value))
+            found = known.of(column, self.stated)
+            self.wrong += not found
+            self.other += bool(whole)
             links = {link for link in found if link is not None}
-            sure = sure and bool(links)
+            self._linked = self._linked and bool(links)
         family = _FAMILY.match(name.strip("'"))
-        place = int(family[2]) if family else k
-        families.setdefault(family[1] if family else name, []).append((place, min(links, default=0)))
-    # A number that is read nowhere may be what stands at half of another one: lc1, and l1 / 2.
-    sure = sure and not any(set(known.alike(x)) - (used - halves) for x in unused)
-    for rows in families.values():
-        links_in_order = [link for _, link in sorted(rows)]
-        sure = sure and links_in_order == sorted(links_in_order)
-    return Check(wrong, other, seen, sure, standing)
+        letter, place = (family[1], int(family[2])) if family else (name, k)
+        self._families.setdefault(letter, []).append((place, min(links, default=0)))
+
+    def is_sure(self) -> bool:
+        """Tell whether each is of one link, families are in the links' order, and none may be forgotten."""
+        # A number that is read nowhere may be what stands at half of another one: lc1, and l1 / 2.
+        left = self._used - self._halves
+        in_order = [[link for _, link in sorted(rows)] for rows in self._families.values()]
+        return (
+            self._linked
+            and not any(set(self.known.alike(x)) - left for x in self._unused)
+            and all(links == sorted(links) for links in in_order)
+        )
 
 
 def _bare(tree: ast.AST, named: Sequence[tuple[str, ast.Constant]]) -> bool:
@@ -214,11 +245,11 @@ def numbers(tree: ast.AST) -> Iterator[tuple[str, ast.Constant]]:
                 pairs.append((word, value))
             case ast.arguments():
                 named = [*node.posonlyargs, *node.args]
-                last = named[len(named) - len(node.defaults) :]
-                pairs += [(a.arg, b) for a, b in zip(last, node.defaults, strict=True)]
-                pairs += [(a.arg, b) for a, b in zip(node.kwonlyargs, node.kw_defaults, strict=True)]
+                named = [*named[len(named) - len(node.defaults) :], *node.kwonlyargs]
+                defaults = [*node.defaults, *node.kw_defaults]
+                pairs += [(a.arg, b) for a, b in zip(named, defaults, strict=True)]
     for text, x in pairs:
-        inner = x.operand if isinstance(x, ast.UnaryOp) else x
+        inner = getattr(x, "operand", x)  # -0.3
         if isinstance(inner, ast.Constant) and type(inner.value) in (int, float):
             yield text, inner
 
