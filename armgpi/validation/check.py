@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from os import PathLike
 from typing import Any
@@ -15,6 +15,7 @@ from armgpi.errors import ModelError, ParameterError, Remedy
 from armgpi.robot.equations import PerJoint
 from armgpi.robot.robot import Robot
 from armgpi.validation import laws, repair, samples
+from armgpi.validation.alternatives import names_with
 from armgpi.validation.conventions import declare_convention
 from armgpi.validation.diagnose import ALTERNATIVES, UNNAMED, Cause, diagnose, join_equal
 from armgpi.validation.edits import harmless
@@ -23,6 +24,7 @@ from armgpi.validation.models import ARGUMENTS, States
 from armgpi.validation.problem import Mask, Problem
 from armgpi.validation.report import DynamicsReport, FunctionReport
 from armgpi.validation.samples import Sampled
+from armgpi.validation.search import Repaired
 from armgpi.validation.tree import evaluate, from_robot
 from armgpi.validation.units import numbers
 from armgpi.validation.worker import Worker
@@ -89,14 +91,12 @@ def validate(
     rtol = check_number(rtol, "rtol", "positive, at most 0.1", 0.0, 0.1, open_=True)
     time_limit = check_time_limit(time_limit)
     seed = check_whole(seed, "seed", 0)
-    if robot is not None and not isinstance(robot, Robot):
-        robot = Robot.load(robot)
+    robot = load_robot(robot)
     if robot is not None and rotor_inertia is not None:
         robot = robot.with_armature(rotor_inertia)
     tree = None if robot is None else from_robot(robot, frame)
     convention = declare_convention(tree, names or {}, absolute, from_vertical, tuple(ARGUMENTS))
-    name = str(model) if isinstance(model, str | PathLike) else name_of(model)
-    with Worker(model, name, time_limit, None, convention) as worker:
+    with Worker(model, name_of(model), time_limit, None, convention) as worker:
         if robot is None:
             n = count_joints(worker, joints)
             states = random_states(np.full(n, -np.pi), np.full(n, np.pi), np.zeros(n, dtype=bool), seed)
@@ -107,15 +107,12 @@ def validate(
         sampled = samples.sample(worker, states)
         own = laws.derive(worker, states, sampled)
         found = laws.check(worker, states, sampled, own)
-        notes = ["the model prints while it computes; that is not shown"] if worker.printed else []
-        notes += _rounding_notes(sampled)
-        if worker.uncompared:
-            told = "nothing is said of it: give it a known name, or map it"
-            notes.append(f"not compared: {', '.join(worker.uncompared)} ({told})")
+        notes = tuple(_notes(worker, sampled))
         if robot is None:
-            rows = min(len(s.values) for s in sampled.values())
             joint_names = tuple(f"q{i + 1}" for i in range(n))
-            laws_alone = DynamicsReport(name, None, joint_names, rows, (), (), tuple(found), tuple(notes))
+            laws_alone = DynamicsReport(
+                worker.name, None, joint_names, samples.rows_of(sampled), (), (), tuple(found), notes
+            )
             return replace(laws_alone, uncompared=worker.uncompared)
         return _compare(model, worker, robot, frame, rtol, states, sampled, own, found, notes)
 
@@ -127,13 +124,22 @@ def check_time_limit(time_limit: float) -> float:
     )
 
 
-def _rounding_notes(sampled: Mapping[str, Sampled]) -> list[str]:
-    """Return a line when the model computes with few digits."""
+def load_robot(robot: Robot | str | PathLike[str] | None) -> Robot | None:
+    """Return a robot that is given as such, by its name or by its URDF."""
+    return robot if robot is None or isinstance(robot, Robot) else Robot.load(robot)
+
+
+def _notes(worker: Worker, sampled: Mapping[str, Sampled]) -> Iterator[str]:
+    """Yield what else was seen of a model: that it prints, computes with few digits, has other functions."""
+    if worker.printed:
+        yield "the model prints while it computes; that is not shown"
     worst = max(sampled.values(), key=lambda s: s.digits)
-    if worst.digits < _FEW_DIGITS:
-        return []
-    text = f"{worst.function} is only computed to {worst.digits:.1g} of its largest value"
-    return [f"{text}: differences up to {samples.SAFETY:g} times that do not count"]
+    if worst.digits >= _FEW_DIGITS:
+        text = f"{worst.function} is only computed to {worst.digits:.1g} of its largest value"
+        yield f"{text}: differences up to {samples.SAFETY:g} times that do not count"
+    if worker.uncompared:
+        told = "nothing is said of it: give it a known name, or map it"
+        yield f"not compared: {', '.join(worker.uncompared)} ({told})"
 
 
 def _compare(
@@ -146,7 +152,7 @@ def _compare(
     sampled: Mapping[str, Sampled],
     own: laws.Derived,
     found: list[laws.Law],
-    notes: list[str],
+    notes: tuple[str, ...],
 ) -> DynamicsReport:
     """Return the report of a model beside a robot."""
     problem = Problem(from_robot(robot, frame), states.q, sampled, rtol)
@@ -156,7 +162,9 @@ def _compare(
     repaired = None
     if not all(one.agrees for one in seen):
         causes, repaired = _causes(model, worker, robot, problem, states, sampled, follows)
-    functions = tuple(_with_diagnosis(one, causes) for one in seen)
+    functions = tuple(
+        one._replace(diagnosis=tuple(c for c in causes if one.function in c.functions)) for one in seen
+    )
     return DynamicsReport(
         worker.name,
         robot.name,
@@ -181,10 +189,7 @@ def _causes(
     follows: Mapping[str, tuple[str, Mask]],
 ) -> tuple[list[Cause], str | None]:
     """Return what is wrong, and the source repaired if that was proved; else what the values tell."""
-    if problem.agreeing.all():  # not even quadratic in v, which no element shows
-        told: list[Cause] = []
-    else:
-        told = diagnose(problem, follows, conventions=True)
+    told = diagnose(problem, follows, conventions=True)
     # A convention of the whole model is seen at once; one line of the source that undoes it is found fast.
     budget = repair.SHORT if told and told[0].kind in CONVENTIONS else repair.LONG
     found = repair.search(
@@ -196,25 +201,36 @@ def _causes(
         list(sampled),
         budget,
     )
-    causes = (
-        [] if found is None or worker.source is None else list(repair.causes(found, worker.source, problem))
-    )
-    # One cause in the values is a shorter description than three changes, a convention than two.
-    if found is not None and found.confirmed and len(found.changes) <= (1 if told else 2):
+    if found is None or worker.source is None:
+        return _in_doubts(told or diagnose(problem, follows), worker.source), None
+    causes = list(repair.causes(found, worker.source, problem))
+    # A convention is a shorter description than two changes.
+    if found.confirmed and len(found.changes) + bool(told) <= 2:
         return _rank(causes, told), found.source
-    if not told and not problem.agreeing.all():
-        told = diagnose(problem, follows)
-    if found is not None and len(found.changes) > 2 and len(told) == 1 and told[0].kind not in UNNAMED:
+    told = told or diagnose(problem, follows)
+    if (
+        len(found.changes) > 2 and len(told) == 1 and told[0].kind not in UNNAMED
+    ):  # so is one cause than three
         return _rank(told, causes), found.source
-    # What the values say is believed before a change that agrees at the numbers of the file alone.
-    if causes and found is not None:
-        # A number that the source does not have is none that someone mistyped.
-        number = told[0].value if len(told) == len(causes) == 1 else None
-        if not found.doubtful or not (number is None or _is_typed(number, found.source)):
-            return _rank(causes, told), found.source
-    if worker.source is not None and harmless(worker.source):
-        told = join_equal(_in_doubt(one, worker.source) for one in told)
-    return _rank(told, causes), None
+    if _is_believed(found, told):
+        return _rank(causes, told), found.source
+    return _rank(_in_doubts(told, worker.source), causes), None
+
+
+def _is_believed(found: Repaired, told: list[Cause]) -> bool:
+    """Tell whether a repair is believed before what the values say: not at the numbers of the file alone."""
+    if not found.doubtful:
+        return True
+    # A number that the source does not have is none that someone mistyped.
+    number = told[0].value if len(told) == len(found.changes) == 1 else None
+    return number is not None and not _is_typed(number, found.source)
+
+
+def _in_doubts(told: list[Cause], source: str | None) -> list[Cause]:
+    """Return what the values tell where no change of the source agrees."""
+    if source is None or not harmless(source):
+        return told
+    return join_equal(_in_doubt(one, source) for one in told)
 
 
 def _in_doubt(cause: Cause, source: str) -> Cause:
@@ -235,10 +251,10 @@ def _in_doubt(cause: Cause, source: str) -> Cause:
 
 def _unread_names(source: str) -> list[str]:
     """Return where names are given numbers that nothing reads: what uses them may have been forgotten."""
-    names = [x for x in ast.walk(ast.parse(source)) if isinstance(x, ast.Name)]
-    read = {x.id for x in names if isinstance(x.ctx, ast.Load)}
-    stored = {x.id: x.lineno for x in names if isinstance(x.ctx, ast.Store) and x.id not in read}
-    given = (name for name, _ in numbers(ast.parse(source)) if name in stored)
+    tree = ast.parse(source)
+    read = {x.id for x in names_with(ast.Load, tree)}
+    stored = {x.id: x.lineno for x in names_with(ast.Store, tree) if x.id not in read}
+    given = (name for name, _ in numbers(tree) if name in stored)
     return [f"{stored[name]}: {name} is read nowhere" for name in given][:ALTERNATIVES]
 
 
@@ -258,7 +274,9 @@ def _rank(first: list[Cause], second: list[Cause]) -> list[Cause]:
 
 
 def name_of(model: Any) -> str:
-    """Return what to call a model that is no text."""
+    """Return what to call a model: its text, or its name, or that of its type."""
+    if isinstance(model, str | PathLike):
+        return str(model)
     return str(getattr(model, "__name__", None) or type(model).__name__)
 
 
@@ -329,12 +347,6 @@ def _other_count(worker: Worker, n: int, robot: Robot) -> ModelError:
     ).suggesting(Remedy("lock"), Remedy("keep"))
 
 
-def _with_diagnosis(report: FunctionReport, causes: Sequence[Cause]) -> FunctionReport:
-    """Return the report of one function with the causes that are about it."""
-    mine = tuple(cause for cause in causes if any(e.function == report.function for e in cause.elements))
-    return report._replace(diagnosis=mine)
-
-
 def _function_report(robot: Robot, problem: Problem, states: States, sampled: Sampled) -> FunctionReport:
     """Return the report of one function."""
     name = sampled.function
@@ -345,7 +357,7 @@ def _function_report(robot: Robot, problem: Problem, states: States, sampled: Sa
         values = np.einsum("Nij,Nj->Ni", values, v)  # C is not unique, C v is
     if name == "potential_energy":
         values = values - values[0]  # known up to a constant
-    reference = _reference(robot, problem, name, States(*(x[:rows] for x in states)))
+    reference = _reference(robot, problem, name, states.first(rows))
     away = np.abs(values - reference).reshape(rows, -1).max(axis=1)
     worst, size = int(np.argmax(away)), float(np.abs(reference).max())
     mask = problem.of_function(name)
@@ -392,32 +404,23 @@ def _follows(
     A wrong D gives a wrong C by the right formula; then C is a consequence, not a second mistake.
     """
     said: dict[str, tuple[str, Array]] = {}
-    if "mass_matrix" in sampled:
-        said["D"] = ("mass_matrix", sampled["mass_matrix"].quantities["D"])
     if own.H is not None:
+        said["D"] = ("mass_matrix", sampled["mass_matrix"].quantities["D"])
         said["H"] = ("mass_matrix", own.H)
     if own.G is not None and "gravity" not in sampled:
         said["G"] = ("potential_energy", own.G)
     for name, one in sampled.items():
+        wrong = problem.of_function(name) & ~problem.agreeing
         fits = [
-            (
-                source,
-                problem.agrees_with(
-                    {quantity: array}, problem.of_function(name) & problem.quantity(quantity)
-                ),
-            )
+            (source, problem.agrees_with({quantity: array}, wrong & problem.quantity(quantity)))
             for quantity, (source, array) in said.items()
             if quantity in one.quantities and name != source
         ]
-        found = [
-            (source, mask & ~problem.agreeing) for source, mask in fits if (mask & ~problem.agreeing).any()
-        ]
-        if found:
+        if found := [(source, mask) for source, mask in fits if mask.any()]:
             sources, masks = zip(*found, strict=True)
             yield name, (" and ".join(dict.fromkeys(sources)), np.logical_or.reduce(masks))
-        if name in ("coriolis_torque", "coriolis_matrix", "gravity"):
-            for quantity in one.quantities.keys() & {"H", "G"}:
-                said.setdefault(quantity, (name, one.quantities[quantity]))
+        if quantity := {"coriolis_torque": "H", "coriolis_matrix": "H", "gravity": "G"}.get(name):
+            said.setdefault(quantity, (name, one.quantities[quantity]))
 
 
 def impossible_links(robot: Robot) -> list[str]:

@@ -88,12 +88,7 @@ def declare_convention(
     Raises:
         ParameterError: when one of them is not possible.
     """
-    for mine, name in names.items():
-        if name not in known:
-            raise ParameterError("names", f"{mine}={name}", f"names of {', '.join(known)}")
-    if twice := next((name for name, k in Counter(names.values()).items() if k > 1), None):
-        both = ", ".join(f"{mine}={name}" for mine, name in names.items() if name == twice)
-        raise ParameterError("names", both, f"one function for {twice}: only one is compared")
+    _check_names(names, known)
     known_as, mapped = {**SHORT, **names}, tuple(names)
     if not absolute and from_vertical is None:
         return Convention(known_as, mapped=mapped, n=tree.n if tree else None)
@@ -106,15 +101,25 @@ def declare_convention(
             raise ParameterError("absolute", True, f"False, as no two joints of {tree.n} are parallel")
         A = np.asarray(np.linalg.inv(B))
     if from_vertical is not None:
-        if from_vertical not in VERTICALS:
-            raise ParameterError("from_vertical", from_vertical, " or ".join(map(repr, VERTICALS)))
         joint, turn = _quarter(tree, from_vertical)
         b = -turn * A[:, joint]
     return Convention(known_as, A, b, mapped, tree.n)
 
 
+def _check_names(names: Mapping[str, str], known: tuple[str, ...]) -> None:
+    """Refuse names of functions that there are not, and two for one function."""
+    for mine, name in names.items():
+        if name not in known:
+            raise ParameterError("names", f"{mine}={name}", f"names of {', '.join(known)}")
+    if twice := next((name for name, k in Counter(names.values()).items() if k > 1), None):
+        both = ", ".join(f"{mine}={name}" for mine, name in names.items() if name == twice)
+        raise ParameterError("names", both, f"one function for {twice}: only one is compared")
+
+
 def _quarter(tree: Tree, way: str) -> tuple[int, float]:
     """Return the first joint with a level axis, and by how much it turns its link to the vertical [rad]."""
+    if way not in VERTICALS:
+        raise ParameterError("from_vertical", way, " or ".join(map(repr, VERTICALS)))
     R = np.eye(3)
     for i in range(tree.n):
         R = R @ tree.rotations[i]

@@ -7,10 +7,12 @@ matrix of the Christoffel symbols, G the slope of the potential energy.
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cache
 from os import PathLike
 from typing import Any
 
@@ -73,10 +75,10 @@ class Derivation:
 
         lines = []
         n = len(self.q)
-        for i in range(n):
-            lines += [f"d_{{{i + 1}{j + 1}}} &= {tex(self.D[i, j])}" for j in range(i, n)]
-        for i in range(n):
-            lines += [f"c_{{{i + 1}{j + 1}}} &= {tex(self.C[i, j])}" for j in range(n)]
+        for i, j in itertools.combinations_with_replacement(range(n), 2):
+            lines.append(f"d_{{{i + 1}{j + 1}}} &= {tex(self.D[i, j])}")
+        for i, j in itertools.product(range(n), repeat=2):
+            lines.append(f"c_{{{i + 1}{j + 1}}} &= {tex(self.C[i, j])}")
         lines += [f"g_{{{i + 1}}} &= {tex(self.G[i])}" for i in range(n)]
         joints = ", ".join(f"$q_{{{i + 1}}}$: {latex_text(name)}" for i, name in enumerate(self.joint_names))
         text = f"% {self.robot}, by armgpi derive\n{joints}\n"
@@ -130,19 +132,15 @@ class Derivation:
         for letter in arguments:
             used = [f"{letter}{i + 1}" for i in range(len(self.q))]
             lines.append(f"    {', '.join(used)}{',' if len(used) == 1 else ''} = {letter}")
-        needed = sorted(str(s) for s in expression.free_symbols if str(s) in self.parameters)
+        needed = sorted({*map(str, expression.free_symbols)} & self.parameters.keys())
         lines += [f'    {s} = parameters["{s}"]' for s in needed]
         lines += [f"    {symbol} = {code(value)}" for symbol, value in shared]
         if name == "potential_energy":
             return [*lines, f"    return {code(reduced)}"]
-        rows, columns = reduced.shape
-        if columns == 1 and name not in ("mass_matrix", "coriolis_matrix"):
-            body = [f"            {code(x)}," for x in reduced]
+        if name in ("mass_matrix", "coriolis_matrix"):
+            body = [f"            [{', '.join(map(code, row))}]," for row in reduced.tolist()]
         else:
-            body = [
-                f"            [{', '.join(code(reduced[i, j]) for j in range(columns))}],"
-                for i in range(rows)
-            ]
+            body = [f"            {code(x)}," for x in reduced]
         return [*lines, "    return np.array(", "        [", *body, "        ]", "    )"]
 
 
@@ -175,31 +173,28 @@ def derive(
         ).suggesting(Remedy("lock"), Remedy("keep"))
     work = _Symbols(from_robot(arm, frame))
     n = arm.n
-    q = tuple(sympy.Symbol(f"q{i + 1}") for i in range(n))
-    v = tuple(sympy.Symbol(f"v{i + 1}") for i in range(n))
+    q, v = sympy.symbols(f"q1:{n + 1}"), sympy.symbols(f"v1:{n + 1}")
     D, V, position = work.inertia(), work.potential(), work.position()
-    # C from D's exact derivatives: its harmonics, so nothing is left to simplify.
-    slope = [[[work.slope(D[i][j], k) for k in range(n)] for j in range(n)] for i in range(n)]
+
+    @cache
+    def slope(i: int, j: int, k: int) -> Trig:
+        return work.slope(D[i][j], k)
 
     def expression(x: Trig) -> Any:
         return work.expression(x, numbers)
 
     def entry(i: int, j: int) -> Any:
-        half = work.one / 2
-        return sum(
-            (
-                expression((slope[i][j][k] + slope[i][k][j] - slope[j][k][i]).times(half)) * v[k]
-                for k in range(n)
-            ),
-            sympy.S.Zero,
-        )
+        # C from D's exact derivatives: its harmonics, so nothing is left to simplify.
+        twice = (slope(i, j, k) + slope(i, k, j) - slope(j, k, i) for k in range(n))
+        terms = (expression(x.times(work.one / 2)) * rate for x, rate in zip(twice, v, strict=True))
+        return sum(terms, sympy.S.Zero)
 
     C = sympy.Matrix(n, n, entry)
     G = sympy.Matrix([expression(work.slope(V, i)) for i in range(n)])
     matrix = sympy.Matrix(n, n, lambda i, j: expression(D[i][j]))
     place = sympy.Matrix([expression(x) for x in position])
     energy = expression(V)
-    used = {str(s) for x in (matrix, C, G, energy, place) for s in x.free_symbols}
+    used = {*map(str, sympy.Tuple(matrix, C, G, energy, place).free_symbols)}
     parameters = {name: value for name, value in work.values.items() if name in used}
     return Derivation(arm.name, arm.joint_names, q, v, matrix, C, G, energy, place, parameters)
 
@@ -229,7 +224,14 @@ class _Symbols:
         self._down = self._vector(gravity)
         self._turns = [self._rotation(i) for i in range(n)]
         self._shifts = [self._shift(i) for i in range(n)]
-        self._composites = self._put_together()
+        # All that moves with each joint, in its frame.
+        self._composites = list(self._bodies)
+        for i in reversed(range(n)):
+            parent = tree.parents[i]
+            if parent >= 0:
+                mass, first, tensor = self._moving_body(i)
+                m, h, inertia = self._composites[parent]
+                self._composites[parent] = (m + mass, _plus(h, first), _sum(inertia, tensor))
 
     def slope(self, x: Trig, i: int) -> Trig:
         """Return the derivative by q_i."""
@@ -284,31 +286,26 @@ class _Symbols:
         for (kind, k), coefficient in sorted(x.terms.items(), key=lambda item: (item[0][0], item[0][1])):
             angle = sum(factor * sympy.Symbol(f"q{i + 1}") for i, factor in enumerate(k))
             function = {"c": sympy.cos, "s": sympy.sin}[kind](angle)
-            total += self._coefficient_expression(coefficient, numbers) * function
+            if numbers:
+                total += self._number(coefficient) * function
+                continue
+            factor = coefficient.as_expr()
+            # Axes and rotations are made rational to stay exact; 0.7071067811865476 has a long fraction.
+            long = {r: sympy.Float(r, 17) for r in factor.atoms(sympy.Rational) if r.q > 1000}
+            total += sympy.factor_terms(factor.xreplace(long)) * function
         return total
-
-    def _coefficient_expression(self, coefficient: Any, numbers: bool) -> Any:
-        """Return a coefficient as an expression; rationals that come from floats as floats again."""
-        import sympy
-
-        if numbers:
-            return self._number(coefficient)
-        expression = coefficient.as_expr()
-        # Axes and rotations are made rational to stay exact; 0.7071067811865476 has a long fraction.
-        long = {r: sympy.Float(r, 17) for r in expression.atoms(sympy.Rational) if r.q > 1000}
-        return sympy.factor_terms(expression.xreplace(long))
 
     def _number(self, coefficient: Any) -> Any:
         """Return a coefficient with the values put in: a polynomial in the sliding positions."""
         import sympy
 
-        names = [str(generator) for generator in self.ring.gens]
+        names = [*map(str, self.ring.gens)]
         sums: dict[tuple[tuple[str, int], ...], float] = {}
         for powers, factor in coefficient.terms():
             held = tuple((x, p) for x, p in zip(names, powers, strict=True) if p and x not in self.values)
             value = float(factor)
             for x, power in zip(names, powers, strict=True):
-                value *= self.values[x] ** power if power and x in self.values else 1.0
+                value *= self.values.get(x, 1.0) ** power
             sums[held] = sums.get(held, 0.0) + value
         total = sympy.S.Zero
         for held, value in sums.items():
@@ -369,7 +366,10 @@ class _Symbols:
 
     def _numbers(self, vector: Iterable[float]) -> Vector:
         """Return plain numbers, exact to 15 decimals."""
-        return [self._constant(self.ring(_exact(float(x)))) for x in vector]
+        import sympy
+
+        exact = (Fraction(repr(round(float(x), 15))) for x in vector)
+        return [self._constant(self.ring(sympy.QQ(x.numerator, x.denominator))) for x in exact]
 
     def _body(
         self, mass: str | None, com: list[str | None], tensor: list[list[str | None]]
@@ -407,17 +407,6 @@ class _Symbols:
         along = self._numbers(self.tree.rotations[i] @ self.tree.axes[i])
         return _plus(self._lengths[i], _scale(along, self._constant(self._at[f"q{i + 1}"])))
 
-    def _put_together(self) -> list[tuple[Trig, Vector, Matrix]]:
-        """Return all that moves with each joint, in its frame."""
-        self._composites = list(self._bodies)
-        for i in reversed(range(self.tree.n)):
-            parent = self.tree.parents[i]
-            if parent >= 0:
-                mass, first, tensor = self._moving_body(i)
-                m, h, inertia = self._composites[parent]
-                self._composites[parent] = (m + mass, _plus(h, first), _sum(inertia, tensor))
-        return self._composites
-
     def _moving_body(self, i: int) -> tuple[Trig, Vector, Matrix]:
         """Return what moves with joint i, in its parent's frame."""
         mass, first, tensor = self._composites[i]
@@ -430,14 +419,6 @@ class _Symbols:
         inertia = _sum(inertia, _steiner(turned, p))
         inertia = _sum(inertia, _steiner(p, _scale(p, mass)))
         return mass, _plus(turned, _scale(p, mass)), inertia
-
-
-def _exact(x: float) -> Any:
-    """Return a float as a rational, to 15 decimals."""
-    import sympy
-
-    fraction = Fraction(repr(round(x, 15)))
-    return sympy.QQ(fraction.numerator, fraction.denominator)
 
 
 def _scale(a: Vector, factor: Trig) -> Vector:

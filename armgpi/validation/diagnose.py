@@ -94,6 +94,11 @@ class Cause(NamedTuple):
     formulas: tuple[tuple[str, str], ...] = ()
     confirmed: bool = False
 
+    @property
+    def functions(self) -> list[str]:
+        """The functions that it is about."""
+        return list(dict.fromkeys(element.function for element in self.elements))
+
 
 class _Candidate(NamedTuple):
     """A mistake that explains what was asked; of equally good ones the shortest wins."""
@@ -165,7 +170,7 @@ class _Search:
         ]
         # With a level first axis every joint's other sign is gravity's other sign, which is more likely.
         found += self.gravity(np.ones_like(self.differing), self.differing)
-        if len({e[1:] for e in self.elements(self.differing)}) < 2:
+        if len({e[1:] for e in self.problem.elements_of(self.differing)}) < 2:
             return []  # one entry alone is wrong
         return [self.cause(_best_first(found), self.differing, "model")] if found else []
 
@@ -173,14 +178,14 @@ class _Search:
         """Return the causes, the ones with the largest scope first."""
         p, left = self.problem, self.differing.copy()
         if found := self.best(np.ones_like(left), left):
-            places = {e[1:] for e in self.elements(left)}
+            places = {e[1:] for e in self.problem.elements_of(left)}
             return [self.cause(found, left, "model" if len(places) > 1 else "elements")]
         consequences = []
         for name, (source, mask) in follows.items():
             mine = left & mask & p.of_function(name)
             if mine.any():
                 text = f"follows from {source}: the two agree with each other"
-                consequences.append(Cause("consequence", text, "function", self.elements(mine)))
+                consequences.append(Cause("consequence", text, "function", self.problem.elements_of(mine)))
                 left &= ~mine
         scope = ~(self.differing & ~left)
         if consequences and left.any() and (found := self.best(scope, left)):
@@ -210,8 +215,8 @@ class _Search:
     def best(self, scope: Mask, differing: Mask) -> list[_Candidate]:
         """Return the mistakes that make all elements of `scope` agree, the shortest first."""
         p = self.problem
-        columns = [int(column) for column in np.flatnonzero(differing)]
-        elements = self.elements(differing)
+        columns = np.flatnonzero(differing).tolist()
+        elements = self.problem.elements_of(differing)
         scopes = [(scope, 0.0)]
         if len({(e.function, e.quantity) for e in elements}) == 1:
             # Where a formula is wrong in one function alone, the others need not know of it.
@@ -222,17 +227,20 @@ class _Search:
         for part, more in scopes:
             one = [_Candidate(bits, h.kind, h.text) for h, fits, bits in self.discrete if fits[part].all()]
             one += self.wrong_values(part, differing)
-            known = {c.text for c in found}
-            found += [c._replace(bits=c.bits + more) for c in one if c.text not in known]
+            found += [c._replace(bits=c.bits + more) for c in one]
         found += self.gravity(scope, differing)
         # The same element of several functions counts once: D of mass_matrix and of kinetic_energy.
         if len({e[1:] for e in elements}) == 1:
-            entries = [self.entry(column) for column in columns]
-            texts = set.intersection(*({c.text for c in entry} for entry in entries))
-            found += [c for c in entries[0] if c.text in texts and c.text not in {f.text for f in found}]
+            found += self.common_entries(columns)
         else:
             found += [*self.common_factor(scope), *self.common_terms(columns)]
         return _best_first(found)
+
+    def common_entries(self, columns: list[int]) -> list[_Candidate]:
+        """Return the mistakes that explain each of several elements."""
+        entries = [self.entry(column) for column in columns]
+        texts = set.intersection(*({c.text for c in entry} for entry in entries))
+        return [c for c in entries[0] if c.text in texts]
 
     def wrong_values(self, scope: Mask, differing: Mask) -> list[_Candidate]:
         """Return the numbers of the robot of which another value makes all of `scope` agree."""
@@ -257,32 +265,17 @@ class _Search:
         columns = p.quantity("G", "V")
         if not differing.any() or (differing & ~columns).any():
             return []
-        parts = []
-        for axis in np.eye(3):
-            under = Hypothesis("", "", tree=partial(replace, gravity=axis))
-            parts.append(p.hypothesis(under)[:, scope & columns])
         weights = 1.0 / p.tolerance[scope & columns]
-        basis = np.stack([(part * weights).ravel() for part in parts], axis=-1)
+        units = [Hypothesis("", "", tree=partial(replace, gravity=axis)) for axis in np.eye(3)]
+        parts = [p.hypothesis(under)[:, scope & columns] * weights for under in units]
+        basis = np.stack([part.ravel() for part in parts], axis=-1)
         target = (p.user[:, scope & columns] * weights).ravel()
         g = np.linalg.lstsq(basis, target, rcond=1e-12)[0]
         if np.abs(basis @ g - target).max() > 1.0:  # in units of the tolerance
             return []
         # Compare only what these joints feel of it: a vertical axis feels no vertical gravity.
         felt = np.linalg.lstsq(basis, basis @ tree.gravity, rcond=1e-12)[0]
-        strength, own = float(np.linalg.norm(g)), float(np.linalg.norm(felt))
-        if strength < 1e-9 * max(own, 1.0):
-            return [_Candidate(0.0, "gravity", "gravity is missing")]
-        if own and np.abs(g + felt).max() < 1e-7 * own:
-            return [_Candidate(0.0, "gravity", "the sign of gravity")]
-        if own and np.abs(g / strength - felt / own).max() < 1e-7:
-            text = f"the strength of gravity: {strength:.6g} m/s², the robot's is {own:.6g}"
-            usual = any(abs(strength / known - 1.0) < 1e-3 for known in _STRENGTHS)
-            bits = math.log2(len(_STRENGTHS)) if usual else _FREE
-            return [_Candidate(bits, "gravity", text, strength, own, False, usual)]
-        shown = ", ".join(f"{x:.6g}" for x in np.round(g, 9) + 0.0)
-        text = f"the direction of gravity: the model has ({shown}) m/s² along x, y, z of the base"
-        along = np.count_nonzero(np.abs(g) > 1e-7 * strength) == 1
-        return [_Candidate(3.0 if along else _FREE, "gravity", text)]
+        return [_other_gravity(np.asarray(g), np.asarray(felt))]
 
     def entry(self, column: int) -> list[_Candidate]:
         """Return the mistakes that explain one element; none when none does."""
@@ -370,10 +363,6 @@ class _Search:
             return [_Candidate(_FREE, "term", text, plausible=not text.endswith(tuple("0123456789")))]
         return [_Candidate(_MEANT, "trigonometry", text) for text in told]
 
-    def elements(self, mask: Mask) -> tuple[Element, ...]:
-        """Return the elements of a mask."""
-        return tuple(self.problem.elements[column] for column in np.flatnonzero(mask))
-
     def cause(self, found: list[_Candidate], mask: Mask, scope: str) -> Cause:
         """Return the first candidate as a cause, the others of about its length as alternatives."""
         named = bool(found) and found[0].plausible
@@ -387,7 +376,7 @@ class _Search:
             first.kind,
             first.text,
             scope,
-            self.elements(mask),
+            self.problem.elements_of(mask),
             first.value,
             first.expected,
             other[:ALTERNATIVES],
@@ -423,6 +412,24 @@ class _Search:
                 continue
             formulas += [(f"{label}, {whose}", harmonics.code(text)) for whose, text in told.items()]
         return tuple(lines), tuple(formulas)
+
+
+def _other_gravity(g: Array, felt: Array) -> _Candidate:
+    """Return a gravity as a candidate, beside what is felt of the robot's."""
+    strength, own = float(np.linalg.norm(g)), float(np.linalg.norm(felt))
+    if strength < 1e-9 * max(own, 1.0):
+        return _Candidate(0.0, "gravity", "gravity is missing")
+    if own and np.abs(g + felt).max() < 1e-7 * own:
+        return _Candidate(0.0, "gravity", "the sign of gravity")
+    if own and np.abs(g / strength - felt / own).max() < 1e-7:
+        text = f"the strength of gravity: {strength:.6g} m/s², the robot's is {own:.6g}"
+        usual = any(abs(strength / known - 1.0) < 1e-3 for known in _STRENGTHS)
+        bits = math.log2(len(_STRENGTHS)) if usual else _FREE
+        return _Candidate(bits, "gravity", text, strength, own, False, usual)
+    shown = ", ".join(f"{x:.6g}" for x in np.round(g, 9) + 0.0)
+    text = f"the direction of gravity: the model has ({shown}) m/s² along x, y, z of the base"
+    along = np.count_nonzero(np.abs(g) > 1e-7 * strength) == 1
+    return _Candidate(3.0 if along else _FREE, "gravity", text)
 
 
 class _Fitted:
@@ -481,18 +488,12 @@ class _Fitted:
         else:
             degrees = f"rad ({value * 180.0 / math.pi:.4g}°)" if h.angle else h.unit
             text = f"{h.what}: {value:.6g} {degrees} in the model, {h.value:.6g} {h.unit} in the robot"
-        meaning = self._same_as(value)
+        lengths = phrasing.lengths(self.problem.tree) if h.kind in ("com", "length") and value else []
+        near = (which for part, which in lengths if abs(abs(value) - part) <= 1e-7 * part)
+        meaning = next((f" (which is {which})" for which in near), "")  # l for lc, or the other way round
         if not meaning and h.value and not h.angle:
             meaning = phrasing.ratio(value / h.value)
         return text + meaning, bool(meaning)
-
-    def _same_as(self, value: float) -> str:
-        """Return which other length of the robot a value is: l for lc, or the other way round."""
-        if self.parameter.kind in ("com", "length") and value != 0.0:
-            for part, which in phrasing.lengths(self.problem.tree):
-                if abs(abs(value) - part) <= 1e-7 * part:
-                    return f" (which is {which})"
-        return ""
 
     def _closest(self, parts: Array, target: Array) -> float:
         """Return the change of the number that brings the parts closest to a target."""

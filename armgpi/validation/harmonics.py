@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -47,7 +47,11 @@ def expand(q: Array, y: Array, prismatic: tuple[bool, ...], tolerance: float) ->
         return None
     if np.abs(y).max() <= tolerance:
         return []
-    words, columns = _candidates(q, prismatic)
+    turning = [i for i, slides in enumerate(prismatic) if not slides]
+    sliding = [i for i, slides in enumerate(prismatic) if slides]
+    pairs = list(itertools.product(_powers(q, sliding), _waves(q, turning)))
+    words = [f"{power} {wave}".strip() for (power, _), (wave, _) in pairs]
+    columns = np.stack([scale * values for (_, scale), (_, values) in pairs], axis=-1)
     sizes = np.linalg.norm(columns, axis=0)
     sizes[sizes == 0.0] = 1.0
     chosen: list[int] = []
@@ -88,29 +92,37 @@ def slip(q: Array, mine: Array, theirs: Array, prismatic: tuple[bool, ...], tole
         tolerance: how exact the sum has to be, in the unit of the values.
     """
     rest = mine - theirs
-    sums = [expand(q, values, prismatic, tolerance) for values in (rest, theirs, mine)]
-    if any(terms is None for terms in sums):
-        return None
-    away, right, wrong = ({term.function: term.factor for term in terms or []} for terms in sums)
+    sums = []
+    for values in (rest, theirs, mine):
+        terms = expand(q, values, prismatic, tolerance)
+        if terms is None:
+            return None
+        sums.append({term.function: term.factor for term in terms})
+    away, right, wrong = sums
     if len(away) == 1:
-        word, factor = next(iter(away.items()))
-        if word not in wrong:
-            return f"the term {formula([Harmonic(right[word], word)])} is missing"
-        if word not in right:
-            return f"the term {formula([Harmonic(factor, word)])} is too much"
-        ratio = wrong[word] / right[word]
-        usual = {-1.0: ": its sign", 0.5: ": a factor 2 is missing", 2.0: ": a factor 1/2 is missing"}
-        why = next((text for known, text in usual.items() if abs(ratio - known) < 1e-7), "")
-        name = f"coefficient of {word}" if word else "constant"
-        return f"the {name} is {wrong[word]:.6g}, the robot's is {right[word]:.6g}{why}"
+        (word,) = away
+        return _wrong_term(word, wrong.get(word), right.get(word))
     # One term taken away and the same added elsewhere: its function is wrong.
     if len(away) == 2:
         (one, a), (other, b) = away.items()
         if abs(a + b) <= 1e-7 * abs(a):
             belongs, stands = (one, other) if a * right.get(one, 0.0) < 0.0 else (other, one)
             if belongs in right:
-                return f"{stands or 'a constant'} stands where {belongs or 'a constant'} belongs"
+                constant = {"": "a constant"}
+                return f"{constant.get(stands, stands)} stands where {constant.get(belongs, belongs)} belongs"
     return None
+
+
+def _wrong_term(word: str, mine: float | None, right: float | None) -> str:
+    """Return what is wrong with one term of a sum, from its coefficients in the model and in the robot."""
+    if right is None:
+        return f"the term {formula([Harmonic(mine or 0.0, word)])} is too much"
+    if mine is None:
+        return f"the term {formula([Harmonic(right, word)])} is missing"
+    usual = {-1.0: ": its sign", 0.5: ": a factor 2 is missing", 2.0: ": a factor 1/2 is missing"}
+    why = next((text for known, text in usual.items() if abs(mine / right - known) < 1e-7), "")
+    name = f"coefficient of {word}" if word else "constant"
+    return f"the {name} is {mine:.6g}, the robot's is {right:.6g}{why}"
 
 
 def _slips(q: Array, prismatic: tuple[bool, ...]) -> Iterator[tuple[str, Array]]:
@@ -137,17 +149,14 @@ def _slips(q: Array, prismatic: tuple[bool, ...]) -> Iterator[tuple[str, Array]]
 
 def formula(terms: list[Harmonic]) -> str:
     """Return a sum as text: "0.17 - 0.34 sin(q2)"."""
-    if not terms:
-        return "0"
-    text = ""
-    for term in sorted(terms, key=lambda term: (len(term.function), term.function)):
-        sign = "-" if term.factor < 0.0 else "+"
-        body = f"{abs(term.factor):.6g} {term.function}".strip()
-        if not text:
-            text = f"-{body}" if sign == "-" else body
-        else:
-            text += f" {sign} {body}"
-    return text
+    ordered = sorted(terms, key=lambda term: (len(term.function), term.function))
+    return _sum((x, f"{abs(x):.6g} {function}".strip()) for x, function in ordered) or "0"
+
+
+def _sum(terms: Iterable[tuple[float, str]]) -> str:
+    """Return terms with their signs as a sum: "-a + b"."""
+    text = " ".join(f"{'-' if sign < 0.0 else '+'} {term}" for sign, term in terms)
+    return re.sub(r"^\+ |(?<=^-) ", "", text)
 
 
 def code(text: str) -> str:
@@ -155,41 +164,24 @@ def code(text: str) -> str:
     return re.sub(r"(?<=[\w)]) (?=\w)", "*", text.replace("²", "**2"))
 
 
-def _candidates(q: Array, prismatic: tuple[bool, ...]) -> tuple[list[str], Array]:
-    """Return the functions that may take part, as formulas and at the configurations."""
-    turning = [i for i, slides in enumerate(prismatic) if not slides]
-    sliding = [i for i, slides in enumerate(prismatic) if slides]
-    words, columns = [], []
+def _powers(q: Array, sliding: list[int]) -> Iterator[tuple[str, Array]]:
+    """Yield the products of sliding positions: D is of degree two in all lengths together."""
     for powers in itertools.product(range(3), repeat=len(sliding)):
-        if sum(powers) > 2:
-            continue  # D is of degree two in all lengths together
-        scale = np.prod([q[:, i] ** p for i, p in zip(sliding, powers, strict=True)], axis=0)
-        before = " ".join(
-            f"q{i + 1}" + ("²" if p == 2 else "") for i, p in zip(sliding, powers, strict=True) if p
+        if sum(powers) <= 2:
+            texts = [("", f"q{i + 1}", f"q{i + 1}²")[p] for i, p in zip(sliding, powers, strict=True)]
+            columns = [q[:, i] ** p for i, p in zip(sliding, powers, strict=True)]
+            yield " ".join(filter(None, texts)), np.prod(columns, axis=0)
+
+
+def _waves(q: Array, turning: list[int]) -> Iterator[tuple[str, Array]]:
+    """Yield cosines and sines of multiples of the angles, and "", 1 for the cosine of nothing."""
+    for k in itertools.product(range(-2, 3), repeat=len(turning)):
+        leading = next((x for x in k if x), 0)
+        angle = q[:, turning] @ np.array(k, dtype=float)
+        inner = _sum(
+            (x, f"{abs(x)} q{i + 1}".removeprefix("1 ")) for x, i in zip(k, turning, strict=True) if x
         )
-        for k in itertools.product(range(-2, 3), repeat=len(turning)):
-            leading = next((x for x in k if x), 0)
-            if leading < 0:
-                continue  # the same as its opposite, up to a sign
-            angle = q[:, turning] @ np.array(k, dtype=float) if turning else np.zeros(len(q))
-            inner = _inner(k, turning)
-            for name, function in (("cos", np.cos), ("sin", np.sin)):
-                if leading == 0 and name == "sin":
-                    continue  # sin(0)
-                word = f"{name}({inner})" if inner else ""
-                words.append(f"{before} {word}".strip())
-                columns.append(scale * function(angle))
-    return words, np.stack(columns, axis=-1)
-
-
-def _inner(k: tuple[int, ...], turning: list[int]) -> str:
-    """Return "2 q2 + q3" for multiples of angles."""
-    text = ""
-    for factor, i in zip(k, turning, strict=True):
-        if factor:
-            body = f"{abs(factor)} q{i + 1}" if abs(factor) != 1 else f"q{i + 1}"
-            if not text:
-                text = body if factor > 0 else f"-{body}"
-            else:
-                text += f" {'+' if factor > 0 else '-'} {body}"
-    return text
+        if leading >= 0:  # else the same as its opposite, up to a sign
+            yield f"cos({inner})" if leading else "", np.cos(angle)
+        if leading > 0:
+            yield f"sin({inner})", np.sin(angle)

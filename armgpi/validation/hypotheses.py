@@ -12,7 +12,7 @@ import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -25,10 +25,10 @@ from armgpi.validation.tree import (
     Tree,
     absolute_angles,
     evaluate,
-    identity,
     parallel_pairs,
 )
 
+T = TypeVar("T")
 _XYZ = "xyz"
 _DEGREE = np.pi / 180.0
 #: Entries of an inertia matrix: the moments, then the products.
@@ -111,15 +111,16 @@ class Names:
 
 def discrete(tree: Tree) -> list[Hypothesis]:
     """Return the mistakes without a number in them."""
-    makers = (_signs, _zeros, _degrees, _orders, _absolute, _bodies, _frames)
+    makers = (_signs, _zeros, _degrees, _orders, _absolute, _bodies, _frames, _lengths)
     return [*(h for maker in makers for h in maker(tree)), *_structure()]
 
 
 def angle_maps(tree: Tree) -> list[Hypothesis]:
     """Return the mistakes in an angle that a single entry may have."""
     coordinates = (_signs, _zeros, _degrees, _orders, _absolute)
-    maps = [h for maker in coordinates for h in maker(tree) if h.affine and _same_rates(h.affine)]
     n = tree.n
+    every = (h for maker in coordinates for h in maker(tree))
+    maps = [h for h in every if h.affine and np.array_equal(h.affine.L, np.eye(n))]
     for j, k in itertools.product(range(n), repeat=2):
         mine, other = f"q{j + 1}", f"q{k + 1}"
         if j == k:
@@ -141,10 +142,6 @@ def _mix_angles(n: int, j: int, factors: Mapping[int, float], kind: str, text: s
     return Hypothesis(kind, text, affine=_inside(A))
 
 
-def _same_rates(affine: Affine) -> bool:
-    return bool(np.array_equal(affine.L, np.eye(len(affine.b))))
-
-
 def _inside(A: Array, b: Array | None = None) -> Affine:
     """Return other angles inside of the formulas alone."""
     n = len(A)
@@ -154,6 +151,11 @@ def _inside(A: Array, b: Array | None = None) -> Affine:
 def _both(A: Array) -> Affine:
     """Return other coordinates, of rates and torques too."""
     return Affine(A, np.zeros(len(A)), A)
+
+
+def _all_and_each(items: list[T]) -> list[list[T]]:
+    """Return all items together, where there are several, then each alone."""
+    return [items] * (len(items) > 1) + [[item] for item in items]
 
 
 def _turning(tree: Tree) -> list[int]:
@@ -189,10 +191,9 @@ def _zeros(tree: Tree) -> Iterator[Hypothesis]:
 def _degrees(tree: Tree) -> Iterator[Hypothesis]:
     """Yield angles in degrees: all, or one alone."""
     turning = _turning(tree)
-    for chosen in [turning, *([i] for i in turning)] if len(turning) > 1 else [turning] if turning else []:
+    for chosen in _all_and_each(turning):
         which = "all angles" if chosen == turning else Names(tree).joint(chosen[0])
-        scale = np.ones(tree.n)
-        scale[chosen] = _DEGREE
+        scale = np.where(np.isin(range(tree.n), chosen), _DEGREE, 1.0)
         text = f"degrees: {which} taken in degrees where radians are given"
         yield Hypothesis("degrees", text, affine=_inside(np.diag(scale)))
         yield Hypothesis("degrees", f"{text}, rates and torques too", affine=_both(np.diag(scale)))
@@ -221,7 +222,7 @@ def _orders(tree: Tree) -> Iterator[Hypothesis]:
 def _absolute(tree: Tree) -> Iterator[Hypothesis]:
     """Yield angles counted from the base (or the other way round) where joints are parallel."""
     n, names, pairs = tree.n, Names(tree), parallel_pairs(tree)
-    for chosen in [pairs, *([p] for p in pairs)] if len(pairs) > 1 else [pairs] if pairs else []:
+    for chosen in _all_and_each(pairs):
         B = absolute_angles(tree, chosen)
         A, eye, zero = np.asarray(np.linalg.inv(B), dtype=np.float64), np.eye(n), np.zeros(n)
         joints = " and ".join(names.joint(i) for i, _, _ in chosen)
@@ -307,7 +308,7 @@ def _swap(tree: Tree, i: int, j: int, fields: tuple[str, ...]) -> Tree:
 
 
 def _frames(tree: Tree) -> Iterator[Hypothesis]:
-    """Yield mistakes in axes and in how and where joints stand."""
+    """Yield mistakes in axes and in how joints stand."""
     names = Names(tree)
     for i in range(tree.n):
         joint, R = names.joint(i), tree.rotations[i]
@@ -319,17 +320,18 @@ def _frames(tree: Tree) -> Iterator[Hypothesis]:
             text = f"{joint} {verb} {'-' if sign < 0 else ''}{_XYZ[k]}, the robot's {_vector(tree.axes[i])}"
             change = partial(Tree.with_item, field="axes", i=i, value=axis)
             yield Hypothesis("axis", text + " (in its frame at zero)", tree=change)
-        if not np.allclose(R, R.T):  # half a turn is its own transpose
-            text = f"the fixed rotation before {joint} is transposed (turned the other way)"
-            yield Hypothesis(
-                "rotation", text, tree=partial(Tree.with_item, field="rotations", i=i, value=R.T)
-            )
-        if not np.allclose(R, np.eye(3)):
-            text = f"the fixed rotation before {joint} is missing"
-            change = partial(Tree.with_item, field="rotations", i=i, value=np.eye(3))
-            yield Hypothesis("rotation", text, tree=change)
+        for wrong, what in ((R.T, "transposed (turned the other way)"), (np.eye(3), "missing")):
+            if not np.allclose(R, wrong):  # half a turn is its own transpose
+                text = f"the fixed rotation before {joint} is {what}"
+                change = partial(Tree.with_item, field="rotations", i=i, value=wrong)
+                yield Hypothesis("rotation", text, tree=change)
+
+
+def _lengths(tree: Tree) -> Iterator[Hypothesis]:
+    """Yield lengths that are taken for others."""
+    names = Names(tree)
     carried = [i for i in range(tree.n) if tree.parents[i] >= 0 and tree.positions[i].any()]
-    for chosen in [carried, *([i] for i in carried)] if len(carried) > 1 else [[i] for i in carried]:
+    for chosen in _all_and_each(carried):
         which = "the lengths of all links" if len(chosen) > 1 else f"the length to {names.joint(chosen[0])}"
         text = f"the distance of the centre of mass stands for {which} (lc for l)"
         yield Hypothesis("length", text, tree=partial(_short, chosen=tuple(chosen)))
@@ -466,7 +468,13 @@ def _of_link(tree: Tree, i: int) -> Iterator[Parameter]:
         lambda t, place: t.with_item("positions", i, place),
     )
     yield _number("armature", f"rotor inertia of {joint}", "kg m²", float(tree.armature[i]), with_rotor)
-    yield _zero(tree, i)
+
+    def with_offset(x: float) -> Hypothesis:
+        return Hypothesis("offset", "", affine=_inside(np.eye(tree.n), x * np.eye(tree.n)[i]))
+
+    slides = tree.prismatic[i]
+    unit = "m" if slides else "rad"
+    yield Parameter("offset", f"offset added to q{i + 1}", unit, 0.0, not slides, with_offset)
 
 
 def _number(
@@ -478,19 +486,6 @@ def _number(
         return Hypothesis(kind, what, tree=lambda t: change(t, x))
 
     return Parameter(kind, what, unit, value, False, instance)
-
-
-def _zero(tree: Tree, i: int) -> Parameter:
-    """Return the zero of a joint as a parameter."""
-
-    def instance(x: float) -> Hypothesis:
-        same = identity(tree.n)
-        return Hypothesis("offset", "", affine=same._replace(b=x * same.A[i]))
-
-    slides = tree.prismatic[i]
-    return Parameter(
-        "offset", f"offset added to q{i + 1}", "m" if slides else "rad", 0.0, not slides, instance
-    )
 
 
 def _components(

@@ -13,7 +13,7 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.validation.models import States
-from armgpi.validation.samples import SAFETY, Sampled, slopes, torque_of
+from armgpi.validation.samples import SAFETY, Sampled, rows_of, slopes, torque_of
 from armgpi.validation.tree import christoffel
 from armgpi.validation.worker import Worker
 
@@ -71,7 +71,7 @@ def derive(worker: Worker, states: States, sampled: Mapping[str, Sampled]) -> De
 
 def _first(worker: Worker, name: str, states: States, sampled: Mapping[str, Sampled]) -> Array:
     """Return the configurations at which a function is differentiated: fewer where it is slow."""
-    rows = min(_ROWS, min(len(s.values) for s in sampled.values()))
+    rows = min(_ROWS, rows_of(sampled))
     each = worker.takes.get(name, 0.0) * 4 * states.q.shape[1]
     if each * rows > 20.0:
         rows = max(2, int(20.0 / each))
@@ -109,6 +109,11 @@ def _floor(sampled: Mapping[str, Sampled], name: str) -> float:
     return FLOOR * float(np.abs(sampled[name].values).max())
 
 
+def _coriolis(sampled: Mapping[str, Sampled]) -> Sampled | None:
+    """Return a model's Coriolis torque, or else its matrix."""
+    return sampled.get("coriolis_torque", sampled.get("coriolis_matrix"))
+
+
 def _mass_matrix(D: Array) -> list[Law]:
     """Return the laws of D."""
     T = np.swapaxes(D, -1, -2)
@@ -127,22 +132,19 @@ def _mass_matrix(D: Array) -> list[Law]:
 def _velocities(states: States, sampled: Mapping[str, Sampled], own: Derived) -> list[Law]:
     """Return the laws of the Coriolis torque and matrix."""
     laws: list[Law] = []
-    product_right = None
-    for name in ("coriolis_torque", "coriolis_matrix"):
-        if name not in sampled or own.H is None:
+    if own.H is None or own.slope is None:
+        return laws
+    rows = len(own.H)
+    for name, word in {"coriolis_torque": "C v", "coriolis_matrix": "C(q, v) v"}.items():
+        if name not in sampled:
             continue
-        rows = len(own.H)
         H = sampled[name].quantities["H"][:rows]
         size = max(float(np.abs(own.H).max()), _floor(sampled, "mass_matrix"))
         away = float(np.abs(H - own.H).max())
-        word = "C v" if name == "coriolis_torque" else "C(q, v) v"
         bad = f"{word} is not the torque that D's Christoffel symbols give"
         good = f"{word} is what D's Christoffel symbols give"
-        law = _law(f"{word} from D", away, size, good, bad, _lost(sampled, "mass_matrix"))
-        product_right = law.verdict == "holds" if product_right is None else product_right
-        laws.append(law)
-    if "coriolis_matrix" in sampled and own.slope is not None:
-        rows = len(own.slope)
+        laws.append(_law(f"{word} from D", away, size, good, bad, _lost(sampled, "mass_matrix")))
+    if "coriolis_matrix" in sampled:
         C, v = sampled["coriolis_matrix"].values[:rows], states.v[:rows]
         rate = np.einsum("Nijk,Nk->Nij", own.slope, v)
         N = rate - 2.0 * C
@@ -155,7 +157,7 @@ def _velocities(states: States, sampled: Mapping[str, Sampled], own: Derived) ->
             "Ḋ - 2C is not skew-symmetric",
             _lost(sampled, "mass_matrix") * float(np.abs(v).sum(axis=1).max()),
         )
-        if law.verdict == "fails" and product_right:
+        if law.verdict == "fails" and laws[0].verdict == "holds":
             text = "C v is right, but C is not the matrix of the Christoffel symbols: Ḋ - 2C is not skew"
             law = law._replace(verdict="note", text=text)
         laws.append(law)
@@ -194,7 +196,7 @@ def _energies(states: States, sampled: Mapping[str, Sampled], own: Derived) -> l
         squares = float(np.square(np.abs(v).sum(axis=1)).max())
         noise = sampled["kinetic_energy"].noise + squares * sampled["mass_matrix"].noise
         laws.append(_law("K = ½ v'Dv", away, float(np.abs(K).max()), "K is ½ v'Dv", bad, noise))
-    torque = next((sampled[x] for x in ("coriolis_torque", "coriolis_matrix") if x in sampled), None)
+    torque = _coriolis(sampled)
     if torque is not None and own.slope is not None:
         rows = len(own.slope)
         v = states.v[:rows]
@@ -214,27 +216,23 @@ def _energies(states: States, sampled: Mapping[str, Sampled], own: Derived) -> l
 def _consistency(states: States, sampled: Mapping[str, Sampled]) -> list[Law]:
     """Return whether the dynamics are made of the model's own terms, and invert each other."""
     laws: list[Law] = []
-    if "mass_matrix" not in sampled:
+    mass, torque, weight = sampled.get("mass_matrix"), _coriolis(sampled), sampled.get("gravity")
+    if mass is None or torque is None or weight is None:
         return laws
-    torque = next((sampled[x] for x in ("coriolis_torque", "coriolis_matrix") if x in sampled), None)
-    used = [s for s in (torque, sampled.get("gravity")) if s is not None]
-    if len(used) < 2 or torque is None:
-        return laws
-    names = [name for name in ("inverse_dynamics", "forward_dynamics") if name in sampled]
-    rows = min(len(s.values) for s in [*used, sampled["mass_matrix"], *(sampled[x] for x in names)])
-    D, G = sampled["mass_matrix"].values[:rows], sampled["gravity"].values[:rows]
-    v = states.v[:rows]
+    dynamics = {name: sampled[name] for name in ("inverse_dynamics", "forward_dynamics") if name in sampled}
+    rows = min(len(s.values) for s in (mass, torque, weight, *dynamics.values()))
+    D, G, v = mass.values[:rows], weight.values[:rows], states.v[:rows]
     h = torque_of(torque.values[:rows], v)
-    for name in names:
-        value = sampled[name].values[:rows]
+    for name, one in dynamics.items():
+        value = one.values[:rows]
         a = states.a[:rows] if name == "inverse_dynamics" else value
         tau = np.einsum("Nij,Nj->Ni", D, a) + h + G
         given = value if name == "inverse_dynamics" else states.tau[:rows]
         bad = f"{name} is not made of the model's own D, C v and G"
         size = float(np.abs(tau).max())
         moved = float(np.abs(a).sum(axis=1).max())
-        noise = moved * (sampled["mass_matrix"].noise + sampled[name].digits * size)
-        noise += float(np.abs(v).sum(axis=1).max()) * torque.noise + sampled["gravity"].noise
+        noise = moved * (mass.noise + one.digits * size)
+        noise += float(np.abs(v).sum(axis=1).max()) * torque.noise + weight.noise
         away, good = float(np.abs(tau - given).max()), f"{name} is D a + C v + G"
         laws.append(_law(f"{name} = D, C, G", away, size, good, bad, noise))
     return laws

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from armgpi.arrays import Array
 from armgpi.validation.hypotheses import Hypothesis
-from armgpi.validation.samples import SAFETY, Sampled
+from armgpi.validation.samples import SAFETY, Sampled, rows_of
 from armgpi.validation.tree import Quantities, Tree, evaluate
 
 Mask = npt.NDArray[np.bool_]
@@ -80,7 +80,7 @@ class Problem:
 
     def __init__(self, tree: Tree, q: Array, sampled: Mapping[str, Sampled], rtol: float) -> None:
         """Lay out the elements of all sampled functions."""
-        rows = min(len(s.values) for s in sampled.values())
+        rows = rows_of(sampled)
         self.tree, self.q, self.rtol = tree, q[:rows], rtol
         self.noise = {name: s.noise for name, s in sampled.items()}
         self._sampled = {name: {k: x[:rows] for k, x in s.quantities.items()} for name, s in sampled.items()}
@@ -167,6 +167,10 @@ class Problem:
     def of_function(self, name: str) -> Mask:
         """Return which elements belong to a function."""
         return np.asarray(self.functions == name)
+
+    def elements_of(self, mask: Mask) -> tuple[Element, ...]:
+        """Return the elements of a mask."""
+        return tuple(self.elements[column] for column in np.flatnonzero(mask))
 
     def quantity(self, *quantities: str) -> Mask:
         """Return which elements belong to some quantities."""

@@ -5,9 +5,7 @@ from __future__ import annotations
 import ast
 import copy
 import itertools
-import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +14,7 @@ from armgpi.arrays import Array
 from armgpi.errors import ModelError
 from armgpi.validation import phrasing, samples
 from armgpi.validation.diagnose import Cause
-from armgpi.validation.edits import ALL, ROWS, Goal, Target
+from armgpi.validation.edits import ALL, ROWS, Change, Goal, Target
 from armgpi.validation.models import ARGUMENTS, States
 from armgpi.validation.problem import Problem
 from armgpi.validation.search import BUDGET, Repaired, is_number
@@ -25,6 +23,7 @@ from armgpi.validation.tree import evaluate
 from armgpi.validation.units import numbers, with_numbers
 from armgpi.validation.worker import Worker
 
+Signs = tuple[tuple[float, str], ...]
 #: Time of the processor for a search [s], and where a convention explains all.
 LONG, SHORT = BUDGET, 0.3
 
@@ -51,21 +50,46 @@ def search(
     """
     if worker.source is None:
         return None
-    few = States(*(x[:ROWS] for x in states))
-    where = {ALL: few, **_moving(few)}
-    targets = {name: _target(problem, few, name, reference(name, few)) for name in names}
-    for name in names:
-        targets |= _parts(targets[name], where, partial(_reference, problem, reference, name))
     with Worker(model, worker.name, worker.time_limit, None, worker.convention) as copy:
         known = [value for value, _ in phrasing.known_numbers(problem.tree) if value]
-        asked = {label for target in targets.values() for _, label in target.states}
-        seen = {label: states for label, states in where.items() if label in asked}
-        goal = Goal(seen, targets, slopes(problem, few, names))
-        found = copy.search(goal, known, budget)
+        found = copy.search(_goal(states.first(ROWS), problem, reference, names), known, budget)
     if found is None or not agrees(model, worker, found.source, states, problem):
         return None
     sure = found.confirmed and _agrees_renumbered(model, worker, found, states, problem)
     return found._replace(sure=sure)
+
+
+def _goal(
+    few: States, problem: Problem, reference: Callable[[str, States], Array], names: Sequence[str]
+) -> Goal:
+    """Return what functions, and their parts, should give at some states."""
+
+    def values(name: str, s: States) -> Array:
+        # As the search compares them, (rows, m): of accelerations D and C v + G.
+        flat = np.asarray(reference(name, s), dtype=np.float64).reshape(len(s.q), -1)
+        if name != "forward_dynamics":
+            return flat
+        D = evaluate(problem.tree, s.q, ["D"])["D"]
+        return np.concatenate([D.reshape(len(D), -1), s.tau - np.einsum("Nij,Nj->Ni", D, flat)], axis=1)
+
+    targets: dict[str, Target] = {}
+    for name in names:
+        flat, best = values(name, few), None
+        if name == "coriolis_matrix":
+            H = evaluate(problem.tree, few.q, ["H"])["H"]
+            best = np.einsum("Nijk,Nk->Nij", H, few.v).reshape(len(few.q), -1)
+        # At least what rounding leaves: an output that must be zero is compared with the others.
+        least = 1e-8 * max(float(np.abs(flat).max()), 1e-3)
+        targets[name] = Target(name, flat, np.full(flat.shape[1], least), best)
+    seen = {ALL: few}
+    for name in names:
+        parts = _parts(few, ARGUMENTS[name])
+        seen |= {label: s for label, (s, _) in parts.items()}
+        given = {label: values(name, s) for label, (s, _) in parts.items()}
+        for label, (_, signs) in parts.items():
+            flat = np.sum([sign * given[one] for sign, one in signs], axis=0)
+            targets[f"{name} {label}"] = targets[name]._replace(values=flat, best=None, states=signs)
+    return Goal(seen, targets, slopes(problem, few, names))
 
 
 def _agrees_renumbered(model: Any, worker: Worker, found: Repaired, states: States, problem: Problem) -> bool:
@@ -84,71 +108,31 @@ def _agrees_renumbered(model: Any, worker: Worker, found: Repaired, states: Stat
     return agrees(model, worker, with_numbers(found.source, changes), states, other)
 
 
-def _target(problem: Problem, s: States, name: str, values: Array) -> Target:
-    """Return what a function should give at some states."""
-    flat = _flat(problem, name, s, values)
-    size, best = float(np.abs(flat).max()), None
-    if name == "coriolis_matrix":
-        H = evaluate(problem.tree, s.q, ["H"])["H"]
-        best = np.einsum("Nijk,Nk->Nij", H, s.v).reshape(len(s.q), -1)
-    # At least what rounding leaves: an output that must be zero is compared with the others.
-    return Target(name, flat, np.full(flat.shape[1], 1e-8 * max(size, 1e-3)), best)
+def _parts(s: States, letters: tuple[str, ...]) -> dict[str, tuple[States, Signs]]:
+    """Return the states that show the parts of a function, and the signs with which values there are added.
 
-
-def _reference(problem: Problem, reference: Callable[[str, States], Array], name: str, s: States) -> Array:
-    return _flat(problem, name, s, reference(name, s))
-
-
-def _flat(problem: Problem, name: str, s: States, values: Array) -> Array:
-    """Return the values of a function as the search compares them, (rows, m)."""
-    flat = np.asarray(values, dtype=np.float64).reshape(len(s.q), -1)
-    return _taken_apart(problem, s, flat) if name == "forward_dynamics" else flat
-
-
-def _moving(s: States) -> dict[str, States]:
-    """Return states in which nothing moves, one joint, or two."""
-    n = s.q.shape[1]
-
-    def only(v: Sequence[int], a: Sequence[int]) -> States:
-        return s._replace(
-            v=np.where(np.isin(range(n), v), s.v, 0.0), a=np.where(np.isin(range(n), a), s.a, 0.0)
-        )
-
-    found = {"rest": only((), ())}
-    found |= {f"a{i}": only((), (i,)) for i in range(n)}
-    found |= {f"v{i}": only((i,), ()) for i in range(n)}
-    return found | {f"v{i}v{j}": only((i, j), ()) for i, j in itertools.combinations(range(n), 2)}
-
-
-def _parts(
-    whole: Target, where: Mapping[str, States], reference: Callable[[States], Array]
-) -> dict[str, Target]:
-    """Return a function's parts: what gravity, each acceleration and each product of velocities gives."""
-    letters = ARGUMENTS[whole.function]
+    A part is what gravity, one acceleration or one product of velocities gives: one or two joints move.
+    """
+    n, found = s.q.shape[1], dict[str, tuple[States, Signs]]()
     if "v" not in letters:
-        return {}
-    still = "a" in letters or "tau" in letters  # something is left at rest
-    values = {
-        label: reference(states) for label, states in where.items() if "a" in letters or label[:1] != "a"
-    }
-    found = {}
-    for label in values:
-        if label == ALL or (label == "rest" and not still):
-            continue
-        pair = re.findall(r"v\d+", label)
-        states = [(1.0, label), *((-1.0, one) for one in pair if len(pair) > 1)]
-        if still and label != "rest":
-            states.append((1.0 if len(pair) > 1 else -1.0, "rest"))
-        flat = np.sum([sign * values[one] for sign, one in states], axis=0)
-        found[f"{whole.function} {label}"] = whole._replace(values=flat, best=None, states=tuple(states))
+        return found
+    # What is left at rest stands in each of them.
+    rest: Signs = ((1.0, "rest"),) if {"a", "tau"} & {*letters} else ()
+    less = tuple((-sign, label) for sign, label in rest)
+
+    def add(signs: Signs, v: Sequence[int] = (), a: Sequence[int] = ()) -> None:
+        at_v, at_a = (np.where(np.isin(range(n), few), x, 0.0) for few, x in ((v, s.v), (a, s.a)))
+        found[signs[0][1]] = s._replace(v=at_v, a=at_a), signs
+
+    if rest:
+        add(rest)
+    for i in range(n if "a" in letters else 0):
+        add(((1.0, f"a{i}"), *less), a=[i])
+    for i in range(n):
+        add(((1.0, f"v{i}"), *less), v=[i])
+    for i, j in itertools.combinations(range(n), 2):
+        add(((1.0, f"v{i}v{j}"), (-1.0, f"v{i}"), (-1.0, f"v{j}"), *rest), v=[i, j])
     return found
-
-
-def _taken_apart(problem: Problem, s: States, accelerations: Array) -> Array:
-    """Return D and C v + G, flat, where the robot has some accelerations."""
-    D = evaluate(problem.tree, s.q, ["D"])["D"]
-    bias = s.tau - np.einsum("Nij,Nj->Ni", D, accelerations)
-    return np.concatenate([D.reshape(len(D), -1), bias], axis=1)
 
 
 def agrees(model: Any, worker: Worker, source: str, states: States, problem: Problem) -> bool:
@@ -184,42 +168,35 @@ _WRONG = {
 
 def causes(repair: Repaired, source: str, problem: Problem) -> Iterator[Cause]:
     """Yield the mistakes that a repair undoes."""
-    differing = tuple(problem.elements[k] for k in np.flatnonzero(~problem.agreeing))
-    scope = "elements" if len(differing) <= _FEW else "model"
+    differing = problem.elements_of(~problem.agreeing)
     before, after = source.splitlines(), repair.source.splitlines()
+    proof = f"with {'this change' if len(repair.changes) == 1 else 'all changes'} the model agrees"
+    proof += ", for other numbers too" if repair.confirmed else ": suggested, as other numbers may differ"
     for change in repair.changes:
-        elements = tuple(one for one in differing if one.function in change.reaches) or differing
         first, _, last, _ = change.span
-        line = f"line {first}" + (f", in {change.where}" if change.where else "")
-        value = expected = None
-        if change.kind in ("unit", "value"):
-            value, expected = float(change.old), float(change.new)
-            text = f"the model's {change.name} is {value:.6g}; with {expected:.6g} it agrees"
-            text += phrasing.ratio(value / expected) if expected else ""
-        else:
-            numbers_alone = is_number(change.old) and is_number(change.new)
-            wrong = _WRONG.get("" if numbers_alone else change.kind, "a number")
-            text = f"{line}: {change.old} stands where {change.new} belongs ({wrong})"
-            if not change.old:
-                text = f"{line}: after it {change.new.strip()} is missing (a statement)"
         evidence = [f"{k}: {before[k - 1].strip()}" for k in range(first, last + 1)]
         if len(before) == len(after):
             evidence += [f"{k}: {after[k - 1].strip()}   <- so it has to be" for k in range(first, last + 1)]
-        proof = f"with {'this change' if len(repair.changes) == 1 else 'all changes'} the model agrees"
-        proof += ", for other numbers too" if repair.confirmed else ": suggested, as other numbers may differ"
-        structural = change.kind not in ("unit", "value")
-        formulas = (("stands", change.old), ("belongs", change.new)) if structural else ()
-        yield Cause(
-            change.kind,
-            text,
-            scope,
-            elements,
-            value,
-            expected,
-            (),
-            (*evidence, proof),
-            structural,
-            first,
-            formulas,
-            repair.confirmed,
+        yield _cause(change)._replace(
+            scope="elements" if len(differing) <= _FEW else "model",
+            elements=tuple(one for one in differing if one.function in change.reaches) or differing,
+            evidence=(*evidence, proof),
+            line=first,
+            confirmed=repair.confirmed,
         )
+
+
+def _cause(change: Change) -> Cause:
+    """Return the mistake that a change undoes."""
+    if change.kind in ("unit", "value"):
+        value, expected = float(change.old), float(change.new)
+        text = f"the model's {change.name} is {value:.6g}; with {expected:.6g} it agrees"
+        text += phrasing.ratio(value / expected) if expected else ""
+        return Cause(change.kind, text, "", (), value, expected, structural=False)
+    line = f"line {change.span[0]}" + (f", in {change.where}" if change.where else "")
+    numbers_alone = is_number(change.old) and is_number(change.new)
+    wrong = _WRONG.get("" if numbers_alone else change.kind, "a number")
+    text = f"{line}: {change.old} stands where {change.new} belongs ({wrong})"
+    if not change.old:
+        text = f"{line}: after it {change.new.strip()} is missing (a statement)"
+    return Cause(change.kind, text, "", (), formulas=(("stands", change.old), ("belongs", change.new)))

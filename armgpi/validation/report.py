@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any, NamedTuple
 
 from armgpi.escape import html_table, json_data, latex_text
@@ -40,6 +41,11 @@ class FunctionReport(NamedTuple):
     differing: tuple[str, ...]
     diagnosis: tuple[Cause, ...]
     note: str = ""
+
+    def worst_at(self, between: str, digits: int) -> str:
+        """Return the state where the error is largest as text."""
+        values = {name: ", ".join(f"{x:.{digits}g}" for x in each) for name, each in self.worst.items()}
+        return between.join(f"{name} = ({text})" for name, text in values.items())
 
 
 @dataclass(frozen=True)
@@ -77,6 +83,11 @@ class DynamicsReport:
             law.verdict != "fails" for law in self.laws
         )
 
+    @property
+    def title(self) -> str:
+        """What was compared with what."""
+        return f"{self.model} beside {self.robot}" if self.robot else self.model
+
     def function(self, function: str) -> FunctionReport:
         """Return the report of one function.
 
@@ -113,7 +124,24 @@ class DynamicsReport:
 
     def __str__(self) -> str:
         """Return the report as text."""
-        return "\n".join(self._lines())
+        lines = [f"{self.title}: {self.states} states"]
+        if self.functions:
+            rows = [_cells(t) for t in self.functions]
+            lines += ["", *_table(("function", "", "largest error", "relative", "where"), rows)]
+            for t in self.functions:
+                if not t.agrees:
+                    lines.append(f"worst {t.function}: at {t.worst_at(', ', 4)}")
+                if t.note:
+                    lines.append(f"{t.function}: {t.note}")
+        if self.causes:
+            lines += ["", "What is wrong", *chain.from_iterable(map(_lines_of, self.causes))]
+        if self.laws:
+            lines += ["", "Laws"]
+            # Without its head: laws need none, but its widths are those of the rows.
+            lines += _table(("", "", "error", ""), self._checked_laws())[1:]
+        if self.notes:
+            lines += ["", *(f"note: {note}" for note in self.notes)]
+        return "\n".join([*lines, "", self.verdict()])
 
     def _repr_html_(self) -> str:
         """Return functions, laws and causes as tables, for notebooks."""
@@ -127,31 +155,6 @@ class DynamicsReport:
             laws = [(law.name, law.verdict, law.text) for law in self.laws]
             parts.append(html_table("laws", ("law", "", "found"), laws))
         return "".join(parts)
-
-    def _lines(self) -> list[str]:
-        beside = f" beside {self.robot}" if self.robot else ""
-        lines = [f"{self.model}{beside}: {self.states} states"]
-        if self.functions:
-            rows = [_cells(t) for t in self.functions]
-            lines += ["", *_table(("function", "", "largest error", "relative", "where"), rows)]
-            for t in self.functions:
-                if not t.agrees:
-                    at = ", ".join(f"{k} = ({', '.join(f'{x:.4g}' for x in v)})" for k, v in t.worst.items())
-                    lines.append(f"worst {t.function}: at {at}")
-                if t.note:
-                    lines.append(f"{t.function}: {t.note}")
-        if self.causes:
-            lines += ["", "What is wrong"]
-            for cause in self.causes:
-                lines += _lines_of(cause)
-        if self.laws:
-            lines += ["", "Laws"]
-            # Without its head: laws need none, but its widths are those of the rows.
-            lines += _table(("", "", "error", ""), self._checked_laws())[1:]
-        if self.notes:
-            lines += ["", *(f"note: {note}" for note in self.notes)]
-        lines += ["", self.verdict()]
-        return lines
 
     def verdict(self) -> str:
         """Return the result in one line."""
@@ -177,7 +180,7 @@ class DynamicsReport:
                     f"{t.max_abs:.3g}",
                     f"{t.max_rel:.3g}",
                     ", ".join(t.differing),
-                    "; ".join(f"{k} = ({', '.join(f'{x:.5g}' for x in v)})" for k, v in t.worst.items()),
+                    t.worst_at("; ", 5),
                 )
                 for t in self.functions
             ]
@@ -191,24 +194,18 @@ class DynamicsReport:
         if self.notes:
             sections["Notes"] = page.bullets(self.notes)
         verdict = f"<p class={'good' if self.agrees else 'bad'}>{page.text(self.verdict())}</p>"
-        title = f"{self.model} beside {self.robot}" if self.robot else self.model
-        return page.document(title, verdict, sections)
+        return page.document(self.title, verdict, sections)
 
     def markdown(self) -> str:
         """Return the report as Markdown."""
-        lines = [
-            f"# {self.model}" + (f" beside {self.robot}" if self.robot else ""),
-            "",
-            f"**{self.verdict()}**",
-            "",
-        ]
+        lines = [f"# {self.title}", "", f"**{self.verdict()}**", ""]
         if self.functions:
             lines += ["| function | | largest error | relative | where |", "|---|---|---|---|---|"]
             lines += [f"| {' | '.join(_cells(t))} |" for t in self.functions]
         for cause in self.causes:
             first, *rest = _lines_of(cause)
-            rest = [f"`{line.strip()}`" if _is_code(line) else line.strip() for line in rest]
-            lines += ["", first, *(f"  - {line}" for line in rest)]
+            lines += ["", first]
+            lines += [f"  - `{x}`" if _is_code(x) else f"  - {x}" for x in map(str.strip, rest)]
             lines += [f"  - {label}: ${math}$" for label, math in _formulas(cause, typeset.tex)]
         if self.laws:
             lines += ["", "| law | | error | |", "|---|---|---|---|"]
@@ -221,8 +218,12 @@ class DynamicsReport:
         lines = [rf"\paragraph{{{latex_text(self.model)}}} {latex_text(self.verdict())}."]
         lines += [r"\begin{tabular}{lllll}", *rows, r"\end{tabular}"] if rows else []
         if self.causes:
-            told = [r"\item " + r" \\ ".join(_tex_lines(cause)) for cause in self.causes]
-            lines += [r"\begin{itemize}", *told, r"\end{itemize}"]
+            lines += [r"\begin{itemize}"]
+            for cause in self.causes:
+                told = [latex_text(line.strip().removeprefix("- ")) for line in _lines_of(cause)]
+                told += [rf"{latex_text(label)}: ${math}$" for label, math in _formulas(cause, typeset.tex)]
+                lines.append(r"\item " + r" \\ ".join(told))
+            lines += [r"\end{itemize}"]
         return "\n".join(lines) + "\n"
 
     def _checked_laws(self) -> list[tuple[str, ...]]:
@@ -240,7 +241,10 @@ def _cells(t: FunctionReport, differs: str = "DIFFERS") -> tuple[str, ...]:
 
 def _lines_of(cause: Cause) -> list[str]:
     """Return a cause as lines of text."""
-    where = _where(cause)
+    where = ", ".join(cause.functions)
+    if cause.scope != "model":  # a mistake of the whole arm shows everywhere
+        labels = _few(tuple(dict.fromkeys(element.label for element in cause.elements)))
+        where += f"{', ' if len(cause.functions) == 1 else ': '}{labels}"
     kind = (
         "" if cause.kind in ("unknown", "consequence") else (" [formula]" if cause.structural else " [value]")
     )
@@ -298,24 +302,6 @@ def _common_length(one: str, other: str) -> int:
     """Return how many characters two texts begin with alike."""
     pairs = zip(one, other, strict=False)
     return next((k for k, (a, b) in enumerate(pairs) if a != b), min(len(one), len(other)))
-
-
-def _tex_lines(cause: Cause) -> list[str]:
-    """Return a cause as lines of LaTeX."""
-    told = [latex_text(line.strip().removeprefix("- ")) for line in _lines_of(cause)]
-    return told + [rf"{latex_text(label)}: ${math}$" for label, math in _formulas(cause, typeset.tex)]
-
-
-def _where(cause: Cause) -> str:
-    """Return where a cause is at work."""
-    functions = list(dict.fromkeys(element.function for element in cause.elements))
-    # A mistake of the whole arm shows everywhere; the list of entries would say nothing.
-    if cause.scope == "model":
-        return ", ".join(functions)
-    labels = [element.label for element in cause.elements]
-    if len(functions) == 1:
-        return f"{functions[0]}, {_few(tuple(labels))}"
-    return f"{', '.join(functions)}: {_few(tuple(dict.fromkeys(labels)))}"
 
 
 def _few(labels: tuple[str, ...]) -> str:

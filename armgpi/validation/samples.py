@@ -10,7 +10,7 @@ torque.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -69,6 +69,11 @@ def sample(worker: Worker, states: States) -> dict[str, Sampled]:
     """
     names = [name for name in ARGUMENTS if name in worker.functions]
     return {name: _sample(worker, name, states) for name in names}
+
+
+def rows_of(sampled: Mapping[str, Sampled]) -> int:
+    """Return at how many states all functions were sampled."""
+    return min(len(s.values) for s in sampled.values())
 
 
 def quantities(worker: Worker, name: str, states: States) -> Quantities:
@@ -140,7 +145,7 @@ def _sample(worker: Worker, name: str, states: States) -> Sampled:
     each = worker.takes.get(name, 0.0)
     if each * per_configuration * rows > BUDGET:
         rows = max(FEWEST, int(BUDGET / (each * per_configuration)))
-    few = States(*(x[:rows] for x in states))
+    few = states.first(rows)
     values = call(worker, name, *(x[:rows] for x in arguments))
     found, rest = _quantities(worker, name, few, values)
     away = float(np.abs(call(worker, name, *(x[:rows] for x in arguments)) - values).max())
@@ -156,7 +161,7 @@ def _sample(worker: Worker, name: str, states: States) -> Sampled:
 
 def _noise(worker: Worker, name: str, s: States) -> float:
     """Return how rough a function is: fourth differences over tiny steps, which smooth functions lack."""
-    rows = States(*(x[:_ROUGH] for x in s))
+    rows = s.first(_ROUGH)
     along = _STEP * rows.v / np.linalg.norm(rows.v, axis=1, keepdims=True)
     others = [getattr(rows, letter) for letter in ARGUMENTS[name][1:]]
     values = [call(worker, name, rows.q + k * along, *others) for k in range(5)]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import time
+from collections import ChainMap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
@@ -77,42 +78,42 @@ def suggest_urdf(
             no robot is given.
     """
     time_limit = check.check_time_limit(time_limit)
-    name = str(model) if isinstance(model, str | PathLike) else check.name_of(model)
-    arm = Robot.load(robot) if robot is not None and not isinstance(robot, Robot) else robot
-    with Worker(model, name, time_limit) as worker:
+    arm = check.load_robot(robot)
+    with Worker(model, check.name_of(model), time_limit) as worker:
         n = arm.n if arm is not None else check.count_joints(worker, joints)
         lower, upper = np.full(n, -1.5), np.full(n, 1.5)
-        states = States(*(x[:_ROWS] for x in check.random_states(lower, upper, np.zeros(n, dtype=bool), 1)))
-        sampled = samples.sample(worker, states)
-        target = {
-            quantity: next(s.quantities[quantity] for s in sampled.values() if quantity in s.quantities)
-            for quantity in ("D", "G", "F")
-            if any(quantity in s.quantities for s in sampled.values())
-        }
-        if "D" not in target:
-            raise ModelError(name, "", "tells of no mass matrix, so no URDF can be suggested")
-        if target.get("F", np.zeros((1, 3))).shape[1] != 3:
-            del target["F"]  # in a plane, of which the axes are not known
-        if "G" not in target and "potential_energy" in sampled:
-            rows = states.q[: len(target["D"])]
-            target["G"] = samples.slopes(worker, "potential_energy", rows, laws.STEP)
+        states = check.random_states(lower, upper, np.zeros(n, dtype=bool), 1).first(_ROWS)
+        target = _sample_target(worker, states)
         turning = _turning(worker, states) if arm is None else []
     fit = _Fit(states.q[: len(target["D"])], target)
     if arm is not None:
         tree, rest = fit.with_bodies(from_robot(arm))
+        best = "no rigid bodies on this chain give the model: the best ones are"
     elif n > MOST_JOINTS:
         text = f"has {n} joints; without a robot at most {MOST_JOINTS} can be tried"
-        raise ModelError(name, "", text).suggesting(Remedy("robot"))
+        raise ModelError(worker.name, "", text).suggesting(Remedy("robot"))
     else:
         tree, rest = _search_chain(fit, n, turning, target)
-    text = f"fits D{' and G' if 'G' in target else ''} to {rest:.2g}, every link is a possible rigid body"
+        best = "no chain with axes along x, y, z was found that is the model: the best one is"
+    text = f"fits {' and '.join(fit.inertial)} to {rest:.2g}, every link is a possible rigid body"
     if rest > EXACT:
-        text = (
-            f"no chain with axes along x, y, z was found that is the model: the best one is {rest:.2g} off"
-            if arm is None
-            else f"no rigid bodies on this chain give the model: the best ones are {rest:.2g} off"
-        )
+        text = f"{best} {rest:.2g} off"
     return Suggestion(_urdf_text(tree, text, "F" in target), rest, text)
+
+
+def _sample_target(worker: Worker, states: States) -> dict[str, Array]:
+    """Return a model's D, and its G and tool positions where it has them."""
+    sampled = samples.sample(worker, states)
+    found = ChainMap(*(one.quantities for one in sampled.values()))
+    target = {quantity: found[quantity] for quantity in ("D", "G", "F") if quantity in found}
+    if "D" not in target:
+        raise ModelError(worker.name, "", "tells of no mass matrix, so no URDF can be suggested")
+    if target.get("F", np.zeros((1, 3))).shape[1] != 3:
+        del target["F"]  # in a plane, of which the axes are not known
+    if "G" not in target and "potential_energy" in sampled:
+        rows = states.q[: len(target["D"])]
+        target["G"] = samples.slopes(worker, "potential_energy", rows, laws.STEP)
+    return target
 
 
 def _turning(worker: Worker, states: States) -> list[bool | None]:
@@ -159,52 +160,63 @@ def _chains(n: int, turning: list[bool | None], target: Mapping[str, Array]) -> 
 
     Without tool positions, x and y are alike for the first joint, and so are its two directions.
     """
-    G = target.get("G")
-    constant = [G is not None and np.ptp(G[:, i]) < 1e-9 * max(1.0, np.abs(G).max()) for i in range(n)]
+    # The weight that each joint carries where it never changes, NaN where it does or is not known.
+    weights = np.full(n, np.nan)
+    if "G" in target:
+        sizes = np.abs(target["G"]).max(axis=0)
+        weights[:] = np.where(np.ptp(target["G"], axis=0) < 1e-9 * max(1.0, sizes.max()), sizes, np.nan)
     kinds_of = []
-    for i, turns in enumerate(turning):
+    for turns, weight in zip(turning, weights.tolist(), strict=True):
         if turns is not None:
             kinds_of.append([not turns])
-        elif G is not None and constant[i] and np.abs(G[:, i]).max() > 1e-9:
+        elif weight > 1e-9:
             kinds_of.append([True])  # a weight that never changes slides along the vertical
         else:
             kinds_of.append([False, True])  # nothing depends on it: either will do
     letters = ["z", "y", "x", "-z", "-y", "-x"]
     first = letters if "F" in target else ["z", "y"]
-    level = G is not None and constant[0] and not np.abs(G[:, 0]).max() > 1e-9
-    if turning[0] and G is not None:  # no weight to carry: it turns about the vertical
-        first = [x for x in first if ("z" in x) == level]
+    if turning[0] and "G" in target:  # no weight to carry: it turns about the vertical
+        first = [x for x in first if ("z" in x) == (weights[0] <= 1e-9)]
     ordered = sorted(
-        itertools.product(first, *[letters] * (n - 1)), key=lambda axes: sum("-" in a for a in axes)
+        itertools.product(first, *[letters] * (n - 1)), key=lambda axes: "".join(axes).count("-")
     )
-    for axes in ordered:
-        for kinds in itertools.product(*kinds_of):
-            yield Tree(
-                tuple(f"q{i + 1}" for i in range(n)),
-                tuple(f"link{i + 1}" for i in range(n)),
-                tuple(range(-1, n - 1)),
-                tuple(np.eye(3) for _ in range(n)),
-                tuple(np.zeros(3) for _ in range(n)),
-                tuple((-1.0 if "-" in a else 1.0) * np.eye(3)[_XYZ.index(a[-1])] for a in axes),
-                kinds,
-                tuple(Body(1.0, np.zeros(3), 0.01 * np.eye(3)) for _ in range(n)),
-                np.zeros(n),
-                np.array([0.0, 0.0, -9.81]),
-                n - 1,
-                np.eye(3),
-                np.zeros(3),
-            )
+    for axes, kinds in itertools.product(ordered, itertools.product(*kinds_of)):
+        yield _chain(axes, kinds)
+
+
+def _chain(axes: tuple[str, ...], kinds: tuple[bool, ...]) -> Tree:
+    """Return a chain with some axes, and joints that slide or turn, all of them at one point."""
+    n = len(axes)
+    return Tree(
+        tuple(f"q{i + 1}" for i in range(n)),
+        tuple(f"link{i + 1}" for i in range(n)),
+        tuple(range(-1, n - 1)),
+        (np.eye(3),) * n,
+        (np.zeros(3),) * n,
+        tuple((-1.0 if "-" in a else 1.0) * np.eye(3)[_XYZ.index(a[-1])] for a in axes),
+        kinds,
+        (Body(1.0, np.zeros(3), 0.01 * np.eye(3)),) * n,
+        np.zeros(n),
+        np.array([0.0, 0.0, -9.81]),
+        n - 1,
+        np.eye(3),
+        np.zeros(3),
+    )
 
 
 class _Fit:
-    """Least squares of chains to a model's D, G and tool positions."""
+    """Least squares of chains to a model's D, G and tool positions.
+
+    Attributes:
+        inertial: the quantities that depend on masses: "D", and "G" where the model has it.
+    """
 
     def __init__(self, q: Array, target: dict[str, Array]) -> None:
         """Keep the samples, each quantity divided by its size."""
         self._q = q
         self._sizes = {quantity: max(float(np.abs(x).max()), 1e-12) for quantity, x in target.items()}
         self._target = target
-        self._inertial = [quantity for quantity in ("D", "G") if quantity in target]
+        self.inertial = [quantity for quantity in ("D", "G") if quantity in target]
 
     def distance(self, tree: Tree) -> float:
         """Return how far the best inertial parameters, possible or not, leave a chain from the model."""
@@ -220,20 +232,16 @@ class _Fit:
             tree = self._from_positions(tree)
             if np.abs(evaluate(tree, self._q, "F")["F"] - self._target["F"]).max() > 1e-7 * self._sizes["F"]:
                 return tree
-        free = [(j, k) for j in range(1, tree.n) for k in range(3)]
-        if not free or np.abs(self._rest(tree)).max() < EXACT:
+        if tree.n == 1 or np.abs(self._rest(tree)).max() < EXACT:
             return tree
 
         def place(x: Array) -> Tree:
-            positions = [p.copy() for p in tree.positions]
-            for (j, k), value in zip(free, x, strict=True):
-                positions[j][k] = value
-            return replace(tree, positions=tuple(positions))
+            return replace(tree, positions=(tree.positions[0], *x.reshape(-1, 3)))
 
         # From zero the slope by a length may vanish, so start beside it, twice.
         rng, best = np.random.default_rng(0), tree
         for _ in range(2):
-            start = np.array([tree.positions[j][k] for j, k in free]) + rng.normal(scale=0.3, size=len(free))
+            start = np.ravel(tree.positions[1:]) + rng.normal(scale=0.3, size=3 * (tree.n - 1))
             found = least_squares(
                 lambda x: np.append(self._rest(place(x)), 1e-7 * x),  # what nothing feels becomes zero
                 start,
@@ -245,8 +253,8 @@ class _Fit:
             if np.abs(self._rest(best)).max() < EXACT:
                 break
         # A length of a micrometre is rounding, and the reader wants to see a zero.
-        tidy = [np.where(np.abs(p) < 1e-6, 0.0, p) for p in best.positions]
-        return replace(best, positions=tuple(tidy))
+        positions = np.array(best.positions)
+        return replace(best, positions=tuple(np.where(np.abs(positions) < 1e-6, 0.0, positions)))
 
     def with_bodies(self, tree: Tree) -> tuple[Tree, float]:
         """Return a chain with possible bodies that fit best, and how far it is off."""
@@ -256,9 +264,9 @@ class _Fit:
             return replace(tree, bodies=tuple(_body(part) for part in x.reshape(n, 10)))
 
         def rest(x: Array) -> Array:
-            quantities = evaluate(set_bodies(x), self._q, self._inertial)
+            quantities = evaluate(set_bodies(x), self._q, self.inertial)
             return np.concatenate(
-                [((quantities[p] - self._target[p]) / self._sizes[p]).ravel() for p in self._inertial]
+                [((quantities[p] - self._target[p]) / self._sizes[p]).ravel() for p in self.inertial]
             )
 
         start = np.tile([np.log(0.1), np.log(0.1), np.log(0.1), 0, 0, 0, 0, 0, 0, 0.0], n)
@@ -292,12 +300,12 @@ class _Fit:
     def _rest(self, tree: Tree) -> Array:
         """Return what is left of D and G with the best inertial parameters."""
         parts = [
-            np.concatenate([(quantities[p] / self._sizes[p]).ravel() for p in self._inertial])
+            np.concatenate([(quantities[p] / self._sizes[p]).ravel() for p in self.inertial])
             for i in range(tree.n)
-            for quantities in _regressor(tree, i, self._q, self._inertial)
+            for quantities in _regressor(tree, i, self._q, self.inertial)
         ]
         A = np.stack(parts, axis=-1)
-        b = np.concatenate([(self._target[p] / self._sizes[p]).ravel() for p in self._inertial])
+        b = np.concatenate([(self._target[p] / self._sizes[p]).ravel() for p in self.inertial])
         return np.asarray(A @ np.linalg.lstsq(A, b, rcond=1e-9)[0] - b)
 
 

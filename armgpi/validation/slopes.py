@@ -15,61 +15,82 @@ from armgpi.validation.samples import SAFETY
 from armgpi.validation.tree import Body, Quantities, Tree, evaluate
 from armgpi.validation.units import JOINED, STEP, Slopes, span
 
+_WANT = ("D", "H", "G", "V", "F", "J")
 #: Kind of a number of the robot -> its unit.
 _UNITS = {"mass": "kg", "com": "m", "length": "m", "tool": "m", "inertia": "kg m²", "armature": "kg m²"}
 
 
 def slopes(problem: Problem, states: States, names: Sequence[str]) -> Slopes:
     """Return the derivatives of an arm's functions by its masses, lengths, inertias, gravity and zeros."""
-    tree = problem.tree
-
-    def values(quantities: Quantities) -> list[Array]:
-        seen = problem.in_tool_coordinates(quantities)
-        return [_function(name, seen, states).ravel() for name in names]
-
-    want = ("D", "H", "G", "V", "F", "J")
-    sizes = [max(float(np.abs(x).max(initial=0.0)), 1e-9) for x in values(evaluate(tree, states.q, want))]
-
-    def column(ahead: Quantities, behind: Quantities) -> Array:
-        pairs = zip(values(ahead), values(behind), sizes, strict=True)
-        return np.concatenate([(a - b) / size for a, b, size in pairs])
-
-    ordered: list[Array] = []
+    tree, stack = problem.tree, _Stack(problem, states, names)
     known = list(own_numbers(tree))
+    ordered: list[Array] = []
     for one, _ in known:
         step = STEP * (abs(one.value) if one.kind == "mass" and one.value else 1.0)
-        ends = [one.instance(one.value + s * step).quantities(tree, states.q, want) for s in (1.0, -1.0)]
-        ordered.append(column(*ends) / (2.0 * step))
-    under = [[evaluate(_under(tree, s * e), states.q, want) for s in (1.0, -1.0)] for e in np.eye(3)]
-    units = [*(_UNITS.get(one.kind, one.unit) for one, _ in known), "m/s²"]
-    links = [*(link for _, link in known), -1]
-    groups: dict[tuple[str, int | None], list[Array]] = {("m/s²", -1): [column(*ends) for ends in under]}
-    for unit, link, values_of in zip(units, links, ordered, strict=False):
-        groups.setdefault((unit, link), []).append(values_of)
+        ends = [one.instance(one.value + s * step).quantities(tree, states.q, _WANT) for s in (1.0, -1.0)]
+        ordered.append(stack.difference(*ends) / (2.0 * step))
+    units = [_UNITS.get(one.kind, one.unit) for one, _ in known]
+    links = [link for _, link in known]
+    bases = _bases(tree, stack, units, links, ordered)
+    strength = float(np.linalg.norm(tree.gravity))
+    along = tree.gravity / strength if strength else tree.gravity
+    ordered.append(0.5 * stack.between(*_under(tree, along)))
+    noise = max(problem.noise[name] / size for name, size in zip(names, stack.sizes, strict=True))
+    return Slopes(
+        tuple(names),
+        tuple(stack.sizes),
+        bases,
+        np.array([*(one.value for one, _ in known), strength]),
+        (*units, "m/s²"),
+        (*links, -1),
+        np.stack(ordered, axis=-1),
+        SAFETY * noise / (2.0 * STEP),
+    )
+
+
+class _Stack:
+    """What some functions of an arm give, stacked, each in units of its largest value.
+
+    Attributes:
+        sizes: these largest values.
+    """
+
+    def __init__(self, problem: Problem, states: States, names: Sequence[str]) -> None:
+        """Take the reference, and the states and functions of which the values are stacked."""
+        self._problem, self._states, self._names = problem, states, names
+        own = self._values(evaluate(problem.tree, states.q, _WANT))
+        self.sizes = [max(float(np.abs(x).max(initial=0.0)), 1e-9) for x in own]
+
+    def _values(self, quantities: Quantities) -> list[Array]:
+        seen = self._problem.in_tool_coordinates(quantities)
+        return [_function(name, seen, self._states).ravel() for name in self._names]
+
+    def difference(self, ahead: Quantities, behind: Quantities) -> Array:
+        """Return how much more one arm gives than another."""
+        pairs = zip(self._values(ahead), self._values(behind), self.sizes, strict=True)
+        return np.concatenate([(a - b) / size for a, b, size in pairs])
+
+    def between(self, ahead: Tree, behind: Tree) -> Array:
+        """Return how much more one arm gives than another, from the arms."""
+        return self.difference(*(evaluate(x, self._states.q, _WANT) for x in (ahead, behind)))
+
+
+def _bases(
+    tree: Tree, stack: _Stack, units: Sequence[str], links: Sequence[int], columns: Sequence[Array]
+) -> dict[tuple[str, int | None], Array]:
+    """Return what the derivatives by numbers of one unit and link span, of all links, and of loads there."""
+    groups: dict[tuple[str, int | None], list[Array]] = {
+        ("m/s²", -1): [stack.between(*_under(tree, e)) for e in np.eye(3)]
+    }
+    for unit, link, column in zip(units, links, columns, strict=True):
+        groups.setdefault((unit, link), []).append(column)
     for (unit, _), rows in list(groups.items()):
         groups.setdefault((unit, None), []).extend(rows)
     joined: dict[tuple[str, int | None], list[Array]] = {}
     for unit, link, both in _with_loads(tree):
         own = groups.get((unit, link if unit == "kg" else None), [])
-        pair = column(*[evaluate(x, states.q, want) for x in both])
-        joined.setdefault((JOINED + unit, link), [*own]).append(pair)
-    groups |= joined
-    strength = float(np.linalg.norm(tree.gravity))
-    along = tree.gravity / strength if strength else tree.gravity
-    ends = [evaluate(_under(tree, s * along), states.q, want) for s in (1.0, -1.0)]
-    ordered.append(0.5 * column(*ends))
-    return Slopes(
-        tuple(names),
-        tuple(sizes),
-        {group: span(rows) for group, rows in groups.items()},
-        np.array([*(one.value for one, _ in known), strength]),
-        tuple(units),
-        tuple(links),
-        np.stack(ordered, axis=-1),
-        SAFETY
-        * max(problem.noise[name] / size for name, size in zip(names, sizes, strict=True))
-        / (2.0 * STEP),
-    )
+        joined.setdefault((JOINED + unit, link), [*own]).append(stack.between(*both))
+    return {group: span(rows) for group, rows in (groups | joined).items()}
 
 
 def _with_loads(tree: Tree) -> Iterator[tuple[str, int, tuple[Tree, Tree]]]:
@@ -116,8 +137,10 @@ def with_changes(tree: Tree, changes: Mapping[int, float]) -> Tree:
     return found
 
 
-def _under(tree: Tree, gravity: Array) -> Tree:
-    return replace(tree, gravity=tree.gravity + gravity)
+def _under(tree: Tree, gravity: Array) -> tuple[Tree, Tree]:
+    """Return an arm with some gravity more, and less."""
+    more, less = (replace(tree, gravity=tree.gravity + s * gravity) for s in (1.0, -1.0))
+    return more, less
 
 
 def _function(name: str, p: Quantities, s: States) -> Array:

@@ -114,14 +114,21 @@ def split(problem: Problem) -> Iterator[Term]:
         for labels, part in zip(_DEGREES, parts, strict=True):
             inertial, weight = (label.format(link) for label in labels)
             yield Term(inertial, weight, part)
-        for j in _chain(tree, k):
+        j = k
+        while j >= 0:
             if tree.positions[j].any():
                 yield from _by_length(alone, k, j, columns)
+            j = tree.parents[j]
 
 
 def _by_length(tree: Tree, k: int, j: int, columns: Callable[[Tree], Array]) -> Iterator[Term]:
     """Yield the terms of body k that have the length to joint j in them."""
-    powers = _by_degree(lambda t: np.stack(_by_degree(_of_scale(_stretch(tree, j, t), k, columns))[:2]))
+
+    def of_length(scale: float) -> Array:
+        stretched = tree.with_item("positions", j, scale * tree.positions[j])
+        return np.stack(_by_degree(_of_scale(stretched, k, columns))[:2])
+
+    powers = _by_degree(of_length)
     # Of degree two in lengths altogether, so lc never stands beside l².
     for degree, power in ((0, 1), (0, 2), (1, 1)):
         which = f" with the length to {Names(tree).joint(j)}" + (" squared" if power == 2 else "")
@@ -141,21 +148,7 @@ def _of_scale(tree: Tree, k: int, columns: Callable[[Tree], Array]) -> Callable[
     return lambda scale: columns(tree.with_body(k, com=scale * tree.bodies[k].com))
 
 
-def _stretch(tree: Tree, j: int, scale: float) -> Tree:
-    """Return the tree with the length to joint j multiplied."""
-    return tree.with_item("positions", j, scale * tree.positions[j])
-
-
 def _by_degree(function: Callable[[float], Array]) -> tuple[Array, Array, Array]:
     """Return the parts of degree 0, 1 and 2 of a polynomial, at 1: three values fix its coefficients."""
     zero, plus, minus = function(0.0), function(1.0), function(-1.0)
     return zero, 0.5 * (plus - minus), 0.5 * (plus + minus) - zero
-
-
-def _chain(tree: Tree, k: int) -> list[int]:
-    """Return the joints that carry body k."""
-    chain = []
-    while k >= 0:
-        chain.append(k)
-        k = tree.parents[k]
-    return chain

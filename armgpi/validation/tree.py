@@ -137,7 +137,7 @@ def from_robot(robot: Robot, frame: str | None = None) -> Tree:
         axes.append(np.round(column[:3] + column[3:], 15))  # one of them is zero; x is x, not x + 1e-17
     tip = robot.tip if frame is None else frame
     robot.frame_pose(tip, np.zeros(robot.n))  # refuses a name that is not there, which Pinocchio does not
-    tool = model.frames[[f.name for f in model.frames].index(tip)]
+    tool = model.frames[model.getFrameId(tip)]
     links = [
         next(
             (f.name for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint == i), f"link {i}"
@@ -177,10 +177,6 @@ class Affine(NamedTuple):
     b: Array
     L: Array
 
-    def after(self, first: Affine) -> Affine:
-        """Return this one on top of another."""
-        return Affine(first.A @ self.A, first.A @ self.b + first.b, first.L @ self.L)
-
 
 def parallel_pairs(tree: Tree) -> list[tuple[int, int, int]]:
     """Return the turning joints with a parallel one before: joint, that one, and 1 or -1 for its sense."""
@@ -205,11 +201,6 @@ def absolute_angles(tree: Tree, pairs: list[tuple[int, int, int]] | None = None)
     for i, k, sign in parallel_pairs(tree) if pairs is None else pairs:
         B[i, k] = -sign  # q of the robot is the absolute angle less that of the joint before
     return B
-
-
-def identity(n: int) -> Affine:
-    """Return the coordinates that change nothing."""
-    return Affine(np.eye(n), np.zeros(n), np.eye(n))
 
 
 def evaluate(tree: Tree, q: Array, want: Iterable[str], affine: Affine | None = None) -> Quantities:

@@ -7,10 +7,14 @@ simplification is needed afterwards, and cos² + sin² never stands there.
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 #: "c" or "s", and the multiples of the angles.
 Key = tuple[str, tuple[int, ...]]
+#: Kinds of two functions -> kind of the two of which their product is half, and the signs of these: that of
+#: the sum of the angles, that of their difference.
+_PRODUCTS = {"cc": ("c", 1, 1), "ss": ("c", -1, 1), "sc": ("s", 1, 1), "cs": ("s", 1, -1)}
 
 
 class Trig:
@@ -52,38 +56,16 @@ class Trig:
     def __mul__(self, other: Trig) -> Trig:
         """Return the product, as a sum of angles."""
         terms: dict[Key, Any] = {}
-
-        def add(kind: str, k: tuple[int, ...], value: Any) -> None:
-            # One of k and -k, so that equal functions meet: the first multiple is positive.
-            leading = next((x for x in k if x), 0)
-            if leading == 0 and kind == "s":
-                return
-            if leading < 0:
-                k = tuple(-x for x in k)
-                value = -value if kind == "s" else value
-            terms[kind, k] = terms[kind, k] + value if (kind, k) in terms else value
-
-        for (one, a), x in self.terms.items():
-            for (two, b), y in other.terms.items():
-                z = x * y
-                if not any(a) or not any(b):  # a constant: the other one stays as it is
-                    add(two if one == "c" and not any(a) else one, b if not any(a) else a, z)
-                    continue
-                half = z / 2
-                plus = tuple(i + j for i, j in zip(a, b, strict=True))
-                minus = tuple(i - j for i, j in zip(a, b, strict=True))
-                if one == two == "c":
-                    add("c", plus, half)
-                    add("c", minus, half)
-                elif one == two:
-                    add("c", minus, half)
-                    add("c", plus, -half)
-                elif one == "s":
-                    add("s", plus, half)
-                    add("s", minus, half)
-                else:
-                    add("s", plus, half)
-                    add("s", minus, -half)
+        for ((one, a), x), ((two, b), y) in itertools.product(self.terms.items(), other.terms.items()):
+            half = x * y / 2
+            kind, *signs = _PRODUCTS[one + two]
+            for way, sign in zip((1, -1), signs, strict=True):
+                k = [i + way * j for i, j in zip(a, b, strict=True)]
+                # One of k and -k, so that equal functions meet: the first multiple is positive. sin 0 goes.
+                leading = next((x for x in k if x), 0)
+                turned = (leading > 0) - (leading < 0)
+                key = kind, tuple(turned * x for x in k)
+                terms[key] = terms.get(key, 0) + half * sign * (turned if kind == "s" else 1)
         return Trig(terms)
 
     def derivative(self, i: int, sliding: Any = None) -> Trig:

@@ -211,27 +211,39 @@ class _Silent(io.TextIOBase):
 def _serve(
     parents: Any, pipe: Any, model: Any, source: str | None, convention: Convention | None, started: Any
 ) -> None:
-    """Answer for the model in the child."""
+    """Answer for the model in the child: read it, then answer calls until the parent goes away."""
     try:
-        _answer_all(parents, pipe, model, source, convention, started)
-    except OSError:
+        parents.close()  # or the child would never see that the parent is gone
+        own, silent = os.getpid(), _isolate(model)
+        try:
+            functions = models.resolve(model, source, convention)
+            _end_copies(own)
+            text = functions.origin.source if functions.origin is not None else None
+            pipe.send((True, (list(functions.calls), functions.n, silent.used, text, functions.uncompared)))
+        except BaseException as error:
+            _end_copies(own)
+            pipe.send((False, _description(error)))
+            os._exit(0)
+        while True:
+            try:
+                name, given = pipe.recv()
+            except EOFError:
+                os._exit(0)
+            if not name:
+                found = _search(functions, lambda s: models.resolve(model, s, convention), *given)
+                pipe.send((True, found))
+                os._exit(0)
+            _answer_calls(pipe, functions, name, given, silent, own, started)
+    except OSError:  # the pipe is gone
         os._exit(_CUT)
     finally:
         os._exit(_BROKEN)  # not sys.exit: no handler of the parent's may run twice
 
 
-def _answer_all(
-    parents: Any, pipe: Any, model: Any, source: str | None, convention: Convention | None, started: Any
-) -> None:
-    """Read the model, then answer calls until the parent goes away.
-
-    Raises:
-        OSError: when the pipe is gone.
-    """
-    parents.close()  # or the child would never see that the parent is gone
+def _isolate(model: Any) -> _Silent:
+    """Take from the process its parent's group, signals, streams and arguments, and limit its memory."""
     with suppress(OSError):
         os.setsid()  # a group of its own: what the model starts ends with it
-    own = os.getpid()
     for number in signal.valid_signals():
         # A handler of the program that we run in (a test runner's alarm, say) must not run for the model.
         if callable(signal.getsignal(number)):
@@ -251,32 +263,7 @@ def _answer_all(
         sys.stdin = open(os.devnull)  # noqa: SIM115 (input() then raises instead of waiting)
     warnings.simplefilter("ignore")  # those of the model are its own business
     sys.argv = [str(model)]  # a script that reads its arguments must not get ours
-    try:
-        functions = models.resolve(model, source, convention)
-        _end_copies(own)
-        text = functions.origin.source if functions.origin is not None else None
-        told = (
-            list(functions.calls),
-            functions.n,
-            silent.used,
-            text,
-            functions.uncompared,
-        )
-        pipe.send((True, told))
-    except BaseException as error:
-        _end_copies(own)
-        pipe.send((False, _description(error)))
-        os._exit(0)
-    while True:
-        try:
-            name, given = pipe.recv()
-        except EOFError:
-            os._exit(0)
-        if not name:
-            found = _search(functions, lambda s: models.resolve(model, s, convention), *given)
-            pipe.send((True, found))
-            os._exit(0)
-        _answer_calls(pipe, functions, name, given, silent, own, started)
+    return silent
 
 
 def _search(
@@ -402,6 +389,4 @@ def _description(error: BaseException) -> str:
         text = " ".join(str(error).split())[:300]  # one line of the report
     except Exception:
         text = ""  # an error that cannot say what it is
-    return (
-        f"raises {type(error).__name__}: {text}{place}" if text else f"raises {type(error).__name__}{place}"
-    )
+    return f"raises {': '.join(filter(None, (type(error).__name__, text)))}{place}"
