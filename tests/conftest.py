@@ -61,6 +61,13 @@ def compile_quickly(quick_compiler: Path, monkeypatch: pytest.MonkeyPatch) -> No
         monkeypatch.setenv("CC", str(quick_compiler))
 
 
+@pytest.fixture(autouse=True)
+def choose_compiler(request: pytest.FixtureRequest) -> None:
+    """Compile quickly but in the rooms that say what a compiler makes of the code."""
+    if request.path.parent.name not in ("codegen", "hardware", "project"):
+        request.getfixturevalue("compile_quickly")
+
+
 @pytest.fixture
 def cli(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Answer]:
     """Call `armgpi` in this process; anything but an exit with a code would come out as it is."""

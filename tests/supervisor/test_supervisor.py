@@ -31,7 +31,6 @@ from armgpi.errors import ArmgpiError
 from armgpi.supervisor import COUNTED, FaultReport, Reason, State, Watch
 
 DT = 1e-3
-pytestmark = pytest.mark.usefixtures("compile_quickly")
 
 ARM = Robot.load("anthropomorphic3")
 Q = np.array([0.1, 0.4, -0.5])
