@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sampling import search
 from strategies import robots_and_states
 
 import armgpi
@@ -191,10 +192,7 @@ def write(code: Code, folder: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "real"),
     [
-        pytest.param(
-            *(name, real),
-            marks=() if real == "double" and name in UNLIKE else pytest.mark.search,
-        )
+        (name, real) if real == "double" and name in UNLIKE else search(name, real)
         for name in CONTROLLERS
         for real in ("double", "float")
     ],
@@ -327,7 +325,7 @@ def test_the_folder_builds_and_replays_and_is_clean_under_sanitizers_and_valgrin
 
 
 @compiled
-@every
+@pytest.mark.parametrize("name", [name if name in UNLIKE else search(name) for name in CONTROLLERS])
 def test_equals_python_step_by_step(name: str) -> None:
     controller = CONTROLLERS[name]()
     log = logged(controller, 0.5)

@@ -249,7 +249,7 @@ def test_no_metric_is_negative(signals: tuple[np.ndarray, np.ndarray]) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=30)
+@settings(max_examples=12)
 @given(ERRORS, FACTORS)
 def test_metrics_scale_with_the_error_or_its_square(
     signals: tuple[np.ndarray, np.ndarray], factor: float
@@ -262,7 +262,7 @@ def test_metrics_scale_with_the_error_or_its_square(
         np.testing.assert_allclose(metric(scaled), factor ** POWER[name] * metric(run), rtol=1e-9, atol=1e-14)
 
 
-@settings(max_examples=30)
+@settings(max_examples=12)
 @given(ERRORS, FACTORS, FACTORS, FACTORS)
 def test_a_metric_scales_as_its_unit_says(
     signals: tuple[np.ndarray, np.ndarray], position: float, torque: float, time: float
