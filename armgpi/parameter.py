@@ -157,6 +157,11 @@ class Parameter:
     name: str = ""
 
     @property
+    def file_key(self) -> str:
+        """Its name in an experiment file and on the command line."""
+        return self.key or self.name
+
+    @property
     def bounds(self) -> str:
         """What its values have to be, in words, with their unit."""
         if self.kind in ("integer", "seed"):

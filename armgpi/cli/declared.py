@@ -179,9 +179,9 @@ def _read_options() -> list[Option]:
 
 def _having(declared: Mapping[str, Parameter]) -> Iterator[tuple[str, Parameter]]:
     """Yield the parameters that have an option, by their keys in a file; tables are for files alone."""
-    for name, each in declared.items():
+    for each in declared.values():
         if each.in_file and each.kind in _KINDS and (each.kind != "group" or _members(each)):
-            yield each.key or name, each
+            yield each.file_key, each
 
 
 def _members(group: Parameter) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 from functools import cache
 from itertools import pairwise
@@ -327,12 +327,16 @@ def expand(config: ExperimentConfig, place: _Place | None = None) -> RobotSectio
     return section.replace(**found.section(section.lock, section.repair), **more)
 
 
-def _robot(section: RobotSection, place: _Place) -> Robot:
-    """Return the arm."""
+def _load(section: RobotSection, place: _Place) -> Robot:
+    """Return the arm as its file has it.
+
+    Raises:
+        ConfigError: when it cannot be loaded; it names the key.
+    """
     # In a mapping, a joint without a value is locked where Robot.load would lock it by its name alone.
     lock: Any = section.lock
     try:
-        robot = Robot.load(section.name, lock, section.keep, section.mimic, section.repair)
+        return Robot.load(section.name, lock, section.keep, section.mimic, section.repair)
     except NameNotFound as error:
         # Robots and joints are looked up: say whose key it is.
         other = "repair" if "repair" in error.kind else "name"
@@ -342,6 +346,11 @@ def _robot(section: RobotSection, place: _Place) -> Robot:
         raise place.at("name").error(str(error)) from error
     except OSError as error:  # a name too long for a file, for one
         raise place.at("name").error(f"cannot be read: {error.strerror or error}") from None
+
+
+def _robot(section: RobotSection, place: _Place) -> Robot:
+    """Return the arm."""
+    robot = _load(section, place)
     if section.keep is None and (several := chains.of(robot.provenance)):
         arm = chains.first_arm(several).name
         text = f"{chains.describe(several)}; they run as one arm: keep one, such as {arm} (--keep {arm})"
@@ -456,13 +465,16 @@ def _plant(config: ExperimentConfig, context: Context, place: _Place, engine: st
     return plant
 
 
-def real_arm(section: PlantSection, robot: Robot, place: _Place | None = None) -> Robot:
+_PLANT = _Place(Origin(), ("plant",))
+
+
+def real_arm(section: PlantSection, robot: Robot, place: _Place = _PLANT) -> Robot:
     """Return the arm that a plant has, from that of its file.
 
     Raises:
         ConfigError: when something does not fit the robot; it names the key.
     """
-    place, real = place or _Place(Origin()).at("plant"), robot
+    real = robot
     if section.bodies is not None:
         model = robot.pinocchio_model()
         table = {name: model.inertias[i].toDynamicParameters() for i, name in enumerate(model.names) if i}
@@ -488,6 +500,14 @@ def has_friction(section: PlantSection) -> bool:
     return section.friction == "urdf" or (section.viscous, section.coulomb) != (None, None)
 
 
+def _check_engine_keys(section: PlantSection, own: Set[str], place: _Place) -> None:
+    """Refuse keys of a plant that its engine does not have."""
+    for key, others in ARM_KEYS.items():
+        if key not in own and getattr(section, key) != others.key.default:
+            both = ", or both" if set(others.engines) & {*ENGINES} else ""
+            raise place.at(key).error(f"requires engine: {' or '.join(others.engines)}{both}")
+
+
 def _arm(
     config: ExperimentConfig, real: Robot, torques: list[Load], context: Context, place: _Place, engine: str
 ) -> Plant:
@@ -495,16 +515,13 @@ def _arm(
     section = config.plant
     kind = classes_of(Arm)[engine]
     own = {name: each for name, each in parameters(kind).items() if each.in_file}
-    keys = {each.key or name for name, each in own.items()}
-    for key, others in ARM_KEYS.items():
-        if section.engine == engine and key not in keys and getattr(section, key) != others.key.default:
-            both = ", or both" if set(others.engines) & {*ENGINES} else ""
-            raise place.at(key).error(f"requires engine: {' or '.join(others.engines)}{both}")
+    if section.engine == engine:
+        _check_engine_keys(section, {each.file_key for each in own.values()}, place)
     friction = "urdf" if has_friction(section) else None
     values = _given_values(section, own, context.robot, place)
     for name, each in own.items():
         if each.default is REQUIRED and name not in values:
-            raise place.at(each.key or name).error(f"is missing: engine {engine} needs it")
+            raise place.at(each.file_key).error(f"is missing: engine {engine} needs it")
     with place.at("engine").error_context() if engine != ENGINES[0] else place.error_context():
         arm: Plant = kind.configured(real, torques, friction, values, context)
     return arm
@@ -536,11 +553,11 @@ def _controller(section: Any, context: Context, place: _Place) -> tuple[Any, Con
     declared = parameters(kind.law)
     context = context._replace(
         nominal=context.nominal if scale == 1.0 else context.nominal.scaled_inertia(scale),
-        error_context=lambda name: place.at(declared[name].key or name).error_context(),
+        error_context=lambda name: place.at(declared[name].file_key).error_context(),
     )
     law = _given_values(section, {k: v for k, v in declared.items() if v.kind != "variant"}, robot, place)
     source: Any = kind.variant or kind.law
-    keys = {name: each.key or name for name, each in {**declared, **parameters(source)}.items()}
+    keys = {name: each.file_key for name, each in {**declared, **parameters(source)}.items()}
     told = {key for key in section.given if getattr(section, key) is not None}
     set_here = {name: value for name, value in law.items() if keys[name] in told}
     context = kind.law.context_for(law, context._replace(given=set_here))
@@ -617,13 +634,13 @@ def _given_values(
     """
     found: dict[str, Any] = {}
     for name, each in declared.items():
-        value = getattr(section, each.key or name, None) if each.in_file else None
+        value = getattr(section, each.file_key, None) if each.in_file else None
         if value is None:
             continue
         default = (chosen or {}).get(name, found.get(each.follows, each.default))
         if default is REQUIRED or default is None or isinstance(default, tuple):
             default = others
-        found[name] = _value(each, value, robot, place.at(each.key or name), default)
+        found[name] = _value(each, value, robot, place.at(each.file_key), default)
     return found
 
 
@@ -633,12 +650,13 @@ def _value(declared: Parameter, value: Any, robot: Robot, place: _Place, default
         assert declared.group is not None
         with place.error_context():
             return declared.group(**_given_values(value, parameters(declared.group), robot, place))
-    if declared.kind == "box" and isinstance(value, Section):
-        ends = [_per_joint(getattr(value, end), robot, place.at(end), None) for end in ("lower", "upper")]
-        if np.any(ends[0] > ends[1]):
-            low, high = (end.tolist() for end in ends)
-            raise place.error(f"expected lower <= upper, got {low} above {high}")
-        return tuple(ends)
+    if isinstance(value, Section):  # a box
+        lower, upper = (
+            _per_joint(getattr(value, end), robot, place.at(end), None) for end in ("lower", "upper")
+        )
+        if np.any(lower > upper):
+            raise place.error(f"expected lower <= upper, got {lower.tolist()} above {upper.tolist()}")
+        return lower, upper
     if declared.kind == "table":
         with place.error_context():
             return declared.check_value(value, robot.joint_names)
@@ -654,30 +672,45 @@ def _reference(
             if key != other and getattr(section, other) is not None and getattr(section, key) is not None:
                 message = f"{other} and this key are mutually exclusive: give one of the two"
                 raise place.at(key).error(message)
-    if section.path is None:
-        if section.frame is not None:
-            raise place.at("frame").error("requires path")
-        if section.file is None:
-            return _moves(section, robot, place)
-        with place.at("file").error_context():
-            recorded = Recorded.load(section.file, robot)
-        return recorded, recorded.t_end, section
+    if section.path is not None:
+        return _follow_path(section, robot, place)
+    if section.frame is not None:
+        raise place.at("frame").error("requires path")
+    if section.file is None:
+        return _moves(section, robot, place)
+    with place.at("file").error_context():
+        recorded = Recorded.load(section.file, robot)
+    return recorded, recorded.t_end, section
+
+
+def _follow_path(
+    section: ReferenceSection, robot: Robot, place: _Place
+) -> tuple[Reference, float, ReferenceSection]:
+    """Return a path of the tool as a reference; see `_reference`."""
     frame = section.frame or robot.tip
     with place.at("frame").error_context():
         robot.frame_pose(frame, robot.middle())
     axis = section.tool_axis or [0.0, 0.0, 1.0]
-    closed = (each() for each in subclasses(ClosedForm) if each.fits(robot, frame))
-    inverse: Inverse | None = next(closed, None)
-    if section.direction is not None or inverse is None:
-        with place.error_context():
-            inverse = TrackingInverse(robot, frame, direction=section.direction, tool_axis=axis)
-    elif section.tool_axis is not None:
-        raise place.at("tool_axis").error("requires direction")
+    inverse = _inverse(section, robot, frame, axis, place)
     with place.at("path").error_context():
         drawn, path = _path(section.path, robot, frame, section.direction, axis)
         reference = CartesianReference(robot, frame, path, inverse)
     end = path.t_end if math.isfinite(path.t_end) else _PATH_TIME
     return reference, end, section.replace(frame=frame, path=drawn)
+
+
+def _inverse(
+    section: ReferenceSection, robot: Robot, frame: str, axis: list[float], place: _Place
+) -> Inverse:
+    """Return the inverse kinematics of a frame: in closed form where the arm has one, else by tracking."""
+    closed = next((each for each in subclasses(ClosedForm) if each.fits(robot, frame)), None)
+    if section.direction is not None or closed is None:
+        with place.error_context():
+            return TrackingInverse(robot, frame, direction=section.direction, tool_axis=axis)
+    if section.tool_axis is not None:
+        raise place.at("tool_axis").error("requires direction")
+    inverse: Inverse = closed()
+    return inverse
 
 
 def _path(
@@ -686,15 +719,13 @@ def _path(
     """Return a path, and its section with what was left out chosen for the arm."""
     kind = classes_of(Path)[section.type]
     own = parameters(kind)
-    missing = [
-        name for name, each in own.items() if each.chosen and getattr(section, each.key or name) is None
-    ]
+    missing = [name for name, each in own.items() if each.chosen and getattr(section, each.file_key) is None]
     if missing:
         point = _roomiest(robot, frame, direction, axis)
         chosen = kind.fitted(point, _PATH_SIZE * float(np.linalg.norm(point)))
-        update = {own[name].key or name: np.asarray(chosen[name]).tolist() for name in missing}
+        update = {own[name].file_key: np.asarray(chosen[name]).tolist() for name in missing}
         section = section.replace(**update)
-    path = kind(**{name: getattr(section, each.key or name) for name, each in own.items() if each.in_file})
+    path = kind(**{name: getattr(section, each.file_key) for name, each in own.items() if each.in_file})
     return section, Eased(path, section.ease) if kind.starts_moving and section.ease else path
 
 
@@ -716,27 +747,20 @@ def _moves(
 ) -> tuple[Waypoints, float, ReferenceSection]:
     """Return moves from configuration to configuration; see `_reference`."""
     points: list[Array] = []
-    holds = section.holds
+    here, usual = robot.middle(), 0.0
     if section.points is None:
-        middle = robot.middle()
-        points = [middle, _goal(robot, middle), middle]
-        holds = 1.0 if holds is None else holds
+        points, usual = [here, _goal(robot, here), here], 1.0
     for index, point in enumerate(section.points or ()):
-        here = place.at("points", index)
-        before = points[-1] if points else robot.middle()
-        points.append(_per_joint(point, robot, here, before))
-        with here.error_context():
-            robot.check_position(points[-1], f"point {index + 1} of the reference")
-    durations = section.durations
+        here = _per_joint(point, robot, place.at("points", index), here)
+        with place.at("points", index).error_context():
+            robot.check_position(here, f"point {index + 1} of the reference")
+        points.append(here)
+    durations, holds = section.durations, usual if section.holds is None else section.holds
     if durations is None:
         durations = [_gentle(robot, a, b) for a, b in pairwise(points)]
     with place.error_context():
-        reference = Waypoints(points, durations, 0.0 if holds is None else holds)
-    filled = ReferenceSection(
-        points=[point.tolist() for point in points],
-        durations=durations,
-        holds=0.0 if holds is None else holds,
-    )
+        reference = Waypoints(points, durations, holds)
+    filled = ReferenceSection(points=[x.tolist() for x in points], durations=durations, holds=holds)
     return reference, reference.t_end, filled
 
 

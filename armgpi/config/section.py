@@ -350,7 +350,7 @@ def key_of(declared: Parameter, default: Any = REQUIRED, optional: bool = False)
 
 def keys_of(declared: Mapping[str, Parameter]) -> dict[str, Key]:
     """Return the keys of declared parameters."""
-    return {each.key or name: key_of(each) for name, each in declared.items() if each.in_file}
+    return {each.file_key: key_of(each) for each in declared.values() if each.in_file}
 
 
 def union(where: str, *parts: Mapping[str, Any]) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import chain
 from typing import Any
 
@@ -12,6 +13,8 @@ from armgpi.errors import ConfigError
 #: Most keys and values of a file, aliases written out, and the longest of them [characters].
 _MAX_NODES = 100_000
 _MAX_TEXT = 10_000
+#: Characters that no text has: zero, and halves of UTF-16's pairs.
+_NO_TEXT = re.compile("[\0\ud800-\udfff]")
 #: What PyYAML says is wrong -> what to do.
 _WAYS = {
     "'\\t'": "indent with spaces",
@@ -31,10 +34,11 @@ def parse_text(text: str, source: str) -> tuple[dict[str, Any], dict[tuple[str |
         loader = yaml.SafeLoader(text)
         tree = loader.get_single_node()
         lines: dict[tuple[str | int, ...], int] = {}
+        data = None
         if tree is not None:
             _check_size(tree, {}, source)
             _note_lines(tree, (), lines, source)
-        data = None if tree is None else loader.construct_document(tree)
+            data = loader.construct_document(tree)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else None
@@ -71,7 +75,7 @@ def _check_size(node: Any, sizes: dict[int, int], source: str) -> int:
     if isinstance(node, yaml.ScalarNode):
         if len(node.value) > _MAX_TEXT:
             raise ConfigError(source, "", f"is a value of more than {_MAX_TEXT} characters", line)
-        if any(c == "\0" or "\ud800" <= c <= "\udfff" for c in node.value):
+        if _NO_TEXT.search(node.value):
             raise ConfigError(source, "", f"{node.value!r} has a character that no text has", line)
         return 1
     inside: list[Any] = (

@@ -92,7 +92,7 @@ def with_values(loop: ClosedLoop, values: Mapping[str, Any], rows: int) -> Close
         plant = _plant_with(plant, parts["plant"], rows)
     if isinstance(controller, Supervised):
         law, supervisor = controller.law, controller.supervisor
-        given = {each.name: parts["supervisor"][key] for key, each in _bounds() if key in parts["supervisor"]}
+        given = _own_changes(Supervisor, parts["supervisor"])
         law = _controller_with(law, parts["controller"], rows) if parts["controller"] else law
         controller = Supervised(law, supervisor.with_values(**given))
     elif parts["controller"]:
@@ -162,16 +162,17 @@ def spread_rows(values: Mapping[str, Any], rows: int | None) -> dict[str, Any]:
 def _check_value(variable: Variable, value: Any) -> Any:
     """Return one value as constructors take it."""
     declared = variable.declared
-    if declared.kind == "seed":
-        return value
-    if declared.kind == "table":
-        return _table(variable, value)
-    if declared.kind == "text":
-        return declared.check_value(value)
-    if declared.kind == "box" and isinstance(value, tuple):
-        return tuple(_check_value(variable, end) for end in value)
-    if not is_listing(value):
-        return value
+    match declared.kind:
+        case "seed":
+            return value
+        case "table":
+            return _table(variable, value)
+        case "text":
+            return declared.check_value(value)
+        case "box" if isinstance(value, tuple):
+            return tuple(_check_value(variable, end) for end in value)
+        case _ if not is_listing(value):
+            return value
     array = as_sized_array(np.asarray(value).astype(np.float64) if _whole(value) else value, variable.name)
     if array.ndim == 1:
         return array[None] if declared.kind == "vector" else array[:, None]
@@ -198,57 +199,58 @@ def _whole(value: Any) -> bool:
 
 def _of_plant(plant: Plant) -> Iterator[Variable]:
     """Yield what may be given anew of a plant, and of what it is wrapped in."""
-    if isinstance(plant, Wrapper):
-        yield from _of_plant(plant.plant)
-        for name, declared in _keys(plant).items():
-            yield _variable(name, declared, plant)
-    elif isinstance(plant, Arm) and plant.varies:
-        robot, reason = vars(plant)["_as_given"]["robot"], ""
-        if not isinstance(robot, Robot | VariedRobots):
-            reason = "the plant has a robot of its own for each rollout; give it one robot"
-        for name, declared in _ROBOT.items():
-            yield Variable(f"plant.{name}", declared, _now(robot, name), reason)
-        friction = plant.friction or Friction(0.0, 0.0)  # type: ignore[arg-type]
-        for name, declared in _FRICTION.items():
-            yield Variable(f"plant.{name}", declared, getattr(friction, name))
-        yield from _declared_variables("plant", plant)
-        for i, load in enumerate(plant.loads):
-            yield from _declared_variables(f"plant.loads.{i}", load)
-    else:
-        reason = f"{type(plant).__name__} is made for the robot that it has; RigidBodyPlant varies"
-        for name, declared in {**_ROBOT, **_FRICTION}.items():
-            yield Variable(f"plant.{name}", declared, None, reason)
+    match plant:
+        case Wrapper():
+            yield from _of_plant(plant.plant)
+            for name, declared in _keys(plant).items():
+                yield _variable(name, declared, plant)
+        case Arm() if plant.varies:
+            robot, reason = vars(plant)["_as_given"]["robot"], ""
+            if not isinstance(robot, Robot | VariedRobots):
+                reason = "the plant has a robot of its own for each rollout; give it one robot"
+            for name, declared in _ROBOT.items():
+                yield Variable(f"plant.{name}", declared, _now(robot, name), reason)
+            friction = plant.friction or Friction(0.0, 0.0)  # type: ignore[arg-type]
+            for name, declared in _FRICTION.items():
+                yield Variable(f"plant.{name}", declared, getattr(friction, name))
+            yield from _declared_variables("plant", plant)
+            for i, load in enumerate(plant.loads):
+                yield from _declared_variables(f"plant.loads.{i}", load)
+        case _:
+            reason = f"{type(plant).__name__} is made for the robot that it has; RigidBodyPlant varies"
+            for name, declared in {**_ROBOT, **_FRICTION}.items():
+                yield Variable(f"plant.{name}", declared, None, reason)
 
 
 def _declared_variables(place: str, part: Parametrised) -> Iterator[Variable]:
     """Yield the declared parameters of a part."""
-    for name, declared in parameters(type(part)).items():
-        yield _variable(f"{place}.{declared.key or name}", declared, part)
+    for declared in parameters(type(part)).values():
+        yield _variable(f"{place}.{declared.file_key}", declared, part)
 
 
 def of_controller(controller: Controller) -> Iterator[Variable]:
     """Yield what may be given anew of a controller, and of its part that may be one of several."""
     if isinstance(controller, Supervised):
         yield from of_controller(controller.law)
-        for key, bound in _bounds():
-            known = _variable(f"supervisor.{key}", bound, controller.supervisor)
-            yield known if bound.per_joint or known.fixed else replace(known, fixed=_CHECK)
+        yield from _of_supervisor(controller.supervisor)
         return
     reason = "" if isinstance(controller.robot, Robot | VariedRobots) else "it has a robot for each rollout"
     for name in _NOMINAL:
         yield Variable(f"controller.{name}", _ROBOT[name], _now(controller.robot, name), reason)
     for name, declared in parameters(type(controller)).items():
         part = getattr(controller, name)
-        if declared.kind == "variant" and isinstance(part, Parametrised):
+        if declared.kind != "variant":
+            yield _variable(f"controller.{declared.file_key}", declared, controller)
+        elif isinstance(part, Parametrised):
             for key, each in _flat(part).items():
                 yield _variable(f"controller.{key}", each, part)
-        elif declared.kind != "variant":
-            yield _variable(f"controller.{declared.key or name}", declared, controller)
 
 
-def _bounds() -> Iterator[tuple[str, Parameter]]:
-    """Yield a supervisor's parameters with their keys in experiment files."""
-    yield from ((each.key or name, each) for name, each in parameters(Supervisor).items())
+def _of_supervisor(supervisor: Supervisor) -> Iterator[Variable]:
+    """Yield the bounds of a supervisor; those that are not of joints are checked and fixed."""
+    for bound in parameters(Supervisor).values():
+        known = _variable(f"supervisor.{bound.file_key}", bound, supervisor)
+        yield known if bound.per_joint or known.fixed else replace(known, fixed=_CHECK)
 
 
 def _of_reference(reference: Reference) -> Iterator[Variable]:
@@ -277,10 +279,7 @@ def _keys(wrapper: Wrapper) -> dict[str, Parameter]:
     declared = parameters(type(wrapper))
     top = f"plant.{wrapper.config_name or type(wrapper).__name__}"
     single = sum(each.in_file for each in declared.values()) == 1
-    return {
-        top if single and each.in_file else f"{top}.{each.key or name}": each
-        for name, each in declared.items()
-    }
+    return {top if single and each.in_file else f"{top}.{each.file_key}": each for each in declared.values()}
 
 
 def _plant_with(plant: Plant, changes: dict[str, Any], rows: int) -> Plant:
@@ -300,8 +299,7 @@ def _plant_with(plant: Plant, changes: dict[str, Any], rows: int) -> Plant:
 
 def _arm_with(plant: Arm, changes: dict[str, Any], rows: int) -> Arm:
     """Return an arm with other numbers."""
-    own = {each.key or name: name for name, each in parameters(type(plant)).items()}
-    given: dict[str, Any] = {own[key]: value for key, value in changes.items() if key in own}
+    given = _own_changes(type(plant), changes)
     if robot := {_ROBOT[key].name: value for key, value in changes.items() if key in _ROBOT}:
         given["robot"] = robot_with(vars(plant)["_as_given"]["robot"], robot, rows)
     if friction := {name: value for name, value in changes.items() if name in _FRICTION}:
@@ -309,15 +307,16 @@ def _arm_with(plant: Arm, changes: dict[str, Any], rows: int) -> Arm:
         given["friction"] = now._replace(**friction)
     loads = list(plant.loads)
     for i, load in enumerate(loads):
-        mine = {
-            name: changes[key]
-            for name, each in parameters(type(load)).items()
-            if (key := f"loads.{i}.{each.key or name}") in changes
-        }
-        if mine:
+        if mine := _own_changes(type(load), changes, f"loads.{i}."):
             loads[i] = load.with_values(**mine)
             given["loads"] = loads
     return plant.with_values(**given)
+
+
+def _own_changes(kind: type, changes: Mapping[str, Any], place: str = "") -> dict[str, Any]:
+    """Return what changes of the declared parameters of a class, whose keys begin with a place, by field."""
+    keys = {name: f"{place}{each.file_key}" for name, each in parameters(kind).items()}
+    return {name: changes[key] for name, key in keys.items() if key in changes}
 
 
 def _controller_with(controller: Controller, changes: dict[str, Any], rows: int) -> Controller:
@@ -330,19 +329,19 @@ def _controller_with(controller: Controller, changes: dict[str, Any], rows: int)
         if declared.kind == "variant" and isinstance(part, Parametrised):
             if own := {key: changes[key] for key in _flat(part) if key in changes}:
                 given[name] = _part_with(part, own)
-        elif (declared.key or name) in changes:
-            given[name] = changes[declared.key or name]
+        elif declared.file_key in changes:
+            given[name] = changes[declared.file_key]
     return controller.with_values(**given)
 
 
 def _flat(part: Parametrised) -> dict[str, Parameter]:
     """Return the parameters of a part by their names here, those of its weights one by one."""
     found: dict[str, Parameter] = {}
-    for name, each in parameters(type(part)).items():
+    for each in parameters(type(part)).values():
         if each.group is Weights:
-            found |= {f"{each.key or name}.{x.key or key}": x for key, x in parameters(Weights).items()}
+            found |= {f"{each.file_key}.{x.file_key}": x for x in parameters(Weights).values()}
         else:
-            found[each.key or name] = each
+            found[each.file_key] = each
     return found
 
 

@@ -66,11 +66,11 @@ def _shapes(robot: Robot, package_dirs: Iterable[str | PathLike[str]]) -> Any:
     root, finder = ET.parse(source).getroot(), MeshFinder(source, package_dirs)
     for link in root.findall("link"):
         for shape in link.findall("collision"):
-            mesh = shape.find("geometry/mesh")
-            path = None if mesh is None else finder.find(mesh.get("filename", "")).path
-            if mesh is not None and path is None:
+            if (mesh := shape.find("geometry/mesh")) is None:
+                continue
+            if (path := finder.find(mesh.get("filename", "")).path) is None:
                 link.remove(shape)
-            elif mesh is not None:
+            else:
                 mesh.set("filename", str(path))
     model = robot.pinocchio_model()
     text = ET.tostring(root, encoding="unicode")
@@ -80,7 +80,8 @@ def _shapes(robot: Robot, package_dirs: Iterable[str | PathLike[str]]) -> Any:
         return None
     shapes.addAllCollisionPairs()
     for pair in list(shapes.collisionPairs):
-        first, second = (shapes.geometryObjects[i].parentJoint for i in (pair.first, pair.second))
-        if model.parents[first] == second or model.parents[second] == first:
+        first = shapes.geometryObjects[pair.first].parentJoint
+        second = shapes.geometryObjects[pair.second].parentJoint
+        if model.parents[max(first, second)] == min(first, second):  # a joint comes after what carries it
             shapes.removeCollisionPair(pair)
     return shapes

@@ -206,12 +206,10 @@ class Drives:
                     source, joint, f"expected a mapping such as {{stiffness: 1.0e+4}}, got {show_value(own)}"
                 )
             own = dict(own)
-            if "motor_inertia" in own or "gear_ratio" in own:
+            if {"motor_inertia", "gear_ratio"} & set(own):
                 own |= _reflect_motor(own, source, joint)
             for key, given in own.items():
                 try:
-                    if key not in QUANTITIES:
-                        raise NameNotFound("key", key, (*QUANTITIES, "motor_inertia", "gear_ratio"))
                     drives = drives._with_plain(joint, key, given)
                 except ArmgpiError as error:
                     raise ConfigError(source, f"{joint}.{key}", str(error)) from None
@@ -284,6 +282,8 @@ class Drives:
 
     def _with_plain(self, joint: str, key: str, given: Any) -> Drives:
         """Return these drives with one value of a file."""
+        if key not in QUANTITIES:
+            raise NameNotFound("key", key, (*QUANTITIES, "motor_inertia", "gear_ratio"))
         said = dict(given) if isinstance(given, Mapping) else {"value": given}
         for word in said:
             if word not in Datum._fields:

@@ -75,7 +75,8 @@ def find(urdf: Urdf, locked: Collection[str] = ()) -> tuple[Gripper, ...]:
     """
     nodes = _tree(urdf, locked)
     reasons: dict[str, tuple[str, str]] = {}  # joint -> (joint before the gripper, why)
-    for top, reason in (*_branches(nodes), *_together(nodes), *_alone(nodes)):
+    alone = ((node, reason) for node in nodes.values() if (reason := _single(node)) is not None)
+    for top, reason in (*_branches(nodes), *_mimic_groups(nodes), *alone):
         if top.parent is not None:
             for node in top.below():
                 reasons.setdefault(node.joint.name, (top.parent.joint.name, reason))
@@ -112,23 +113,8 @@ def _branches(nodes: dict[str, _Node]) -> Iterator[tuple[_Node, str]]:
                     yield child, f"{len(heights)} fingers branch off there"
 
 
-def _together(nodes: dict[str, _Node]) -> Iterator[tuple[_Node, str]]:
-    """Give the uppermost joints of mimics that move together."""
-    for tops in _mimic_groups(nodes):
-        for top in tops:
-            yield top, "they move together as mimic joints"
-
-
-def _alone(nodes: dict[str, _Node]) -> Iterator[tuple[_Node, str]]:
-    """Give joints that alone, with what hangs on them, are a gripper."""
-    for node in nodes.values():
-        reason = _single(node)
-        if reason is not None:
-            yield node, reason
-
-
-def _mimic_groups(nodes: dict[str, _Node]) -> Iterator[list[_Node]]:
-    """Give the uppermost joints of every group of mimics that ends an arm in more than one branch."""
+def _mimic_groups(nodes: dict[str, _Node]) -> Iterator[tuple[_Node, str]]:
+    """Give the uppermost joints of mimics that move together, where they end an arm in several branches."""
     groups: dict[str, list[_Node]] = {}
     for node in nodes.values():
         if node.joint.mimic is not None:
@@ -136,7 +122,7 @@ def _mimic_groups(nodes: dict[str, _Node]) -> Iterator[list[_Node]]:
     for leader, members in groups.items():
         group = [*([nodes[leader]] if leader in nodes else []), *members]
         names = {node.joint.name for node in group}
-        tops = [node for node in group if not any(up in names for up in node.above)]
+        tops = [node for node in group if names.isdisjoint(node.above)]
         mimics = all(
             under.joint.name in names or under.joint.mimic is not None
             for top in tops
@@ -145,7 +131,7 @@ def _mimic_groups(nodes: dict[str, _Node]) -> Iterator[list[_Node]]:
         # One after the other they may as well be an arm whose joints are coupled.
         behind = min(len(node.above) for node in tops) >= _ARM
         if mimics and behind and (len(tops) > 1 or leader not in nodes):
-            yield tops
+            yield from ((top, "they move together as mimic joints") for top in tops)
 
 
 def _single(node: _Node) -> str | None:

@@ -135,7 +135,7 @@ def inverse_kinematics(
     single, goal = _goal(position, rotation, direction, tool_axis)
     k = len(goal.position)
     home = robot.middle() if near is None else robot.check_position(near, "near")
-    if home.ndim == 2 and (single or len(home) != k):
+    if home.shape not in [(robot.n,), *([] if single else [(k, robot.n)])]:
         raise ArrayError("near", f"expected shape ({robot.n},) or one row per pose, got {home.shape}")
     home = np.broadcast_to(home, (k, robot.n))
     restarts = check_whole(restarts, "restarts", 0, 100_000)
@@ -379,7 +379,8 @@ class TrackingInverse:
         found = _Search(_EXACT, _ITERATIONS).descend(self._arm, self._at(points), q)
         if not found.reached.all():
             row = int(np.argmin(found.reached))
-            raise self._out_of_reach(points[row], _row(found, row))
+            one = InverseSolution._make(x[row : row + 1] for x in found)
+            raise self._out_of_reach(points[row], one)
         return found.q
 
     def missed(self, q: Array, points: Array) -> Array:
@@ -620,8 +621,8 @@ def _goal(
         raise ArrayError(
             "position", f"expected positions within {_FARTHEST:g} m, got {np.abs(position).max():g}"
         )
-    k = 1 if position.ndim == 1 else len(position)
-    points = position.reshape(-1, 3)
+    points, single = position.reshape(-1, 3), position.ndim == 1
+    k = len(points)
     axis = _unit(_rows(tool_axis, "tool_axis", (3,), 1)[:1], "tool_axis")[0]
     if rotation is not None and direction is not None:
         raise ParameterError("direction", direction, "left out where a rotation is given")
@@ -632,12 +633,12 @@ def _goal(
             raise ArrayError(
                 "rotation", f"expected rotation matrices, got one {off:.2g} from orthonormal or mirrored"
             )
-        return position.ndim == 1, _Goal(points, matrices, None, axis, np.broadcast_to(np.eye(3), (k, 3, 3)))
+        return single, _Goal(points, matrices, None, axis, np.broadcast_to(np.eye(3), (k, 3, 3)))
     if direction is not None:
         towards = _unit(_rows(direction, "direction", (3,), k), "direction")
         across = np.linalg.svd(towards[:, None, :])[2][:, 1:]
-        return position.ndim == 1, _Goal(points, None, towards, axis, across)
-    return position.ndim == 1, _Goal(points, None, None, axis, np.zeros((k, 0, 3)))
+        return single, _Goal(points, None, towards, axis, across)
+    return single, _Goal(points, None, None, axis, np.zeros((k, 0, 3)))
 
 
 def _rows(value: ArrayLike, name: str, shape: tuple[int, ...], k: int) -> Array:
@@ -696,11 +697,6 @@ def _nearest_turns(robot: Robot, q: Array, home: Array) -> Array:
 def _distance(arm: _Arm, q: Array, home: Array) -> Array:
     """Return how far configurations are from others, shape (k,)."""
     return np.asarray(np.linalg.norm((q - home) / arm.units, axis=-1))
-
-
-def _row(found: InverseSolution, row: int) -> InverseSolution:
-    """Return one row of a solution as a batch of one."""
-    return InverseSolution._make(x[row : row + 1] for x in found)
 
 
 def _pseudoinverse(J: Array) -> Array:

@@ -88,11 +88,11 @@ _ROOTS = {
 _XACRO = "unexpanded xacro: expand it first (xacro FILE > robot.urdf) and give the result"
 
 
-def read_file(path: Path) -> str:
-    """Return the text of a URDF file.
+def _read_bytes(path: Path) -> bytes:
+    """Return the bytes of a URDF file.
 
     Raises:
-        UrdfError: when it is no regular file, too large, unreadable or not UTF-8.
+        UrdfError: when it is no regular file, empty, too large or unreadable.
     """
     try:
         # A FIFO would hang and a device would fill the memory: look before opening.
@@ -111,6 +111,16 @@ def read_file(path: Path) -> str:
         raise UrdfError(path, f"cannot be read: {error.strerror or error}") from None
     if len(content) > MAX_BYTES:
         raise UrdfError(path, f"has more than the {MAX_BYTES} bytes allowed")
+    return content
+
+
+def read_file(path: Path) -> str:
+    """Return the text of a URDF file.
+
+    Raises:
+        UrdfError: when it is no regular file, too large, unreadable or not UTF-8.
+    """
+    content = _read_bytes(path)
     for magic, kind in _BINARY:
         if content.startswith(magic):
             raise UrdfError(path, f"is not UTF-8 text but {kind}")
@@ -150,9 +160,8 @@ def parse_xml(text: str, source: str) -> Element:
         )
         raise refused.suggesting(*[Remedy("config", (), source)] * (kind == _YAML)) from None
     if root.tag != "robot":
-        other = _ROOTS.get(root.tag, "no URDF")
-        if root.tag.lower() == "robot" and root.tag != "Robot":
-            other = "no URDF, whose names are in small letters"
+        small = ", whose names are in small letters" if root.tag.lower() == "robot" else ""
+        other = _ROOTS.get(root.tag, f"no URDF{small}")
         raise UrdfError(source, f"is {other}: expected the root element <robot>, got <{root.tag[:80]}>")
     if any(element.tag.startswith("xacro:") for element in root.iter()):
         raise UrdfError(source, f"is {_XACRO}")

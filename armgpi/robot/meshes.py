@@ -140,19 +140,24 @@ class MeshFinder:
                 status = os.stat(real)
             except (OSError, ValueError):
                 continue
-            if not any(real.is_relative_to(root) for root in roots):
-                reason = reason or f"{real} is outside the robot's folders; give its folder to allow it"
-            elif real.suffix.lower() not in MESHES:
-                reason = reason or f"{real} is not one of {', '.join(sorted(MESHES))}"
-            elif not stat.S_ISREG(status.st_mode):
-                reason = reason or f"{real} is no regular file"
-            elif status.st_size > MAX_MESH_BYTES:
-                reason = (
-                    reason or f"{real} has {status.st_size} bytes, more than the {MAX_MESH_BYTES} allowed"
-                )
-            else:
+            refused = _refuse(real, status, roots)
+            if not refused:
                 return Found(name, real, tuple(tried))
+            reason = reason or refused
         return Found(name, None, tuple(tried), reason or "there is no such file")
+
+
+def _refuse(file: Path, status: os.stat_result, roots: Iterable[Path]) -> str:
+    """Return why a file is not read as a mesh; empty where it is."""
+    if not any(file.is_relative_to(root) for root in roots):
+        return f"{file} is outside the robot's folders; give its folder to allow it"
+    if file.suffix.lower() not in MESHES:
+        return f"{file} is not one of {', '.join(sorted(MESHES))}"
+    if not stat.S_ISREG(status.st_mode):
+        return f"{file} is no regular file"
+    if status.st_size > MAX_MESH_BYTES:
+        return f"{file} has {status.st_size} bytes, more than the {MAX_MESH_BYTES} allowed"
+    return ""
 
 
 def _package_of(folder: Path) -> Path:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from operator import attrgetter
 from os import PathLike
 from types import ModuleType
 from typing import Any
@@ -222,16 +223,10 @@ class Robot(Edits):
         drives = Drives.from_urdf(document.root, source, [joint.name for joint in built.joints])
         for joint, inertia in zip(built.joints, drives.value("rotor_inertia", 0.0), strict=True):
             model.armature[model.joints[model.getJointId(joint.name)].idx_v] = inertia
-        limits = Limits(
-            *(
-                np.array([getattr(j, k) for j in built.joints])
-                for k in ("lower", "upper", "velocity", "effort")
-            )
-        )
-        friction = Friction(
-            np.array([j.damping for j in built.joints]), np.array([j.friction for j in built.joints])
-        )
         joints = built.joints
+        numbers = attrgetter("lower", "upper", "velocity", "effort", "damping", "friction")
+        columns = [*map(np.array, zip(*map(numbers, joints), strict=True))]
+        limits, friction = Limits(*columns[:4]), Friction(*columns[4:])
         if built.coupling is not None:
             limits, friction = _couple_limits(limits, friction, built.coupling, document.source, joints)
             joints = tuple(j for j in joints if j.mimic is None)
@@ -241,24 +236,13 @@ class Robot(Edits):
             drives = drives.with_value(
                 key, {j: x for j, x in zip(names, values, strict=True) if x}, file=source
             )
-        provenance: dict[str, Any] = {
-            "source": document.source,
-            "sha256": document.sha256,
-            "locked": dict(built.locked),
-            "changes": [],
-        }
-        if built.coupling is not None:
-            provenance["mimic"] = "follow"
-        provenance |= _parts(document, built.locked)
-        if built.repairs:
-            provenance["repairs"] = [made._asdict() for made in built.repairs]
         robot = cls(
             built.model,
             name,
             [j.type for j in joints],
             limits,
             friction,
-            provenance,
+            _provenance(document, built),
             built.coupling,
             names,
             built.xml,
@@ -365,13 +349,22 @@ class Robot(Edits):
         return f"Robot({self.name!r}, n={self.n}, joints={', '.join(self.joint_names)})"
 
 
-def _parts(document: urdf.Urdf, locked: Mapping[str, float]) -> dict[str, Any]:
-    """Return the grippers of a robot, and its chains where there are several."""
-    found: dict[str, Any] = {}
-    if fingers := [x for g in grippers.find(document, locked) for x in g.joints]:
+def _provenance(document: urdf.Urdf, built: urdf_model.Built) -> dict[str, Any]:
+    """Return where a robot comes from; with its grippers, and its chains where there are several."""
+    found: dict[str, Any] = {
+        "source": document.source,
+        "sha256": document.sha256,
+        "locked": dict(built.locked),
+        "changes": [],
+    }
+    if built.coupling is not None:
+        found["mimic"] = "follow"
+    if fingers := [x for g in grippers.find(document, built.locked) for x in g.joints]:
         found["grippers"] = fingers
-    if len(several := chains.find(document, locked)) > 1:
+    if len(several := chains.find(document, built.locked)) > 1:
         found["chains"] = {chain.name: list(chain.joints) for chain in several}
+    if built.repairs:
+        found["repairs"] = [made._asdict() for made in built.repairs]
     return found
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
@@ -47,16 +48,16 @@ class RobotBatch(Equations):
                 raise ParameterError(
                     "robots", robot, f"robots with the joints {', '.join(first.joint_names)}"
                 )
-        limits = zip(*(robot.limits for robot in robots), strict=True)
-        friction = zip(*(robot.friction for robot in robots), strict=True)
+        limits = np.stack([robot.limits for robot in robots], axis=1)
+        friction = np.stack([robot.friction for robot in robots], axis=1)
         vars(self).update(
             robots=tuple(robots),
             name=first.name,
             joint_names=first.joint_names,
             joint_types=first.joint_types,
             batch=len(robots),
-            limits=Limits(*(frozen(np.stack(rows)) for rows in limits)),
-            friction=Friction(*(frozen(np.stack(rows)) for rows in friction)),
+            limits=Limits(*map(frozen, limits)),
+            friction=Friction(*map(frozen, friction)),
             dynamics=stack_dynamics([robot.dynamics for robot in robots]),
         )
 
@@ -107,21 +108,23 @@ class VariedRobots(RobotBatch):
         arrays = {name: _rows(name, value, base) for name, value in given.items() if value is not None}
         if not arrays:
             raise ParameterError("varied", list(given), "at least one quantity that varies")
-        if "payload" not in arrays and ("com" in arrays or frame is not None):
+        variation: dict[str, Any] = {}
+        if "payload" in arrays:
+            variation["frame"] = frame = base.tip if frame is None else frame
+        elif "com" in arrays or frame is not None:
             raise ParameterError("com" if "com" in arrays else "frame", frame, "given with a payload")
         batch = common_batch({name: len(array) for name, array in arrays.items()})
         arrays = {name: frozen(np.broadcast_to(x, (batch, *x.shape[1:]))) for name, x in arrays.items()}
-        shared = {"viscous": base.friction.viscous, "coulomb": base.friction.coulomb}
-        frame = (base.tip if frame is None else frame) if "payload" in arrays else None
+        viscous, coulomb = base.friction
         vars(self).update(
             base=base,
-            variation={**arrays, **({} if frame is None else {"frame": frame})},
+            variation=arrays | variation,
             name=base.name,
             joint_names=base.joint_names,
             joint_types=base.joint_types,
             batch=batch,
             limits=base.limits._replace(effort=arrays.get("effort", base.limits.effort)),
-            friction=Friction(*(arrays.get(name, own) for name, own in shared.items())),
+            friction=Friction(arrays.get("viscous", viscous), arrays.get("coulomb", coulomb)),
             dynamics=base._varied_dynamics(batch, frame, arrays),
         )
 
@@ -179,25 +182,20 @@ def _rows(name: str, value: Any, robot: Edits) -> Array:
     if name not in CHANGES:
         raise NameNotFound("quantity that varies", name, tuple(CHANGES))
     declared = CHANGES[name]
-    form = "three" if declared.kind == "vector" else "joints" if declared.per_joint else "one"
-    least = SMALLEST if declared.above else declared.least
+    tail = {"vector": (3,)}.get(declared.kind, (robot.n,) if declared.per_joint else ())
+    least, bound = (SMALLEST, "positive") if declared.above else (declared.least, "zero or positive")
     array = as_sized_array(value, name, infinite=name == "effort")
-    count = {"one": 1, "three": 3, "joints": robot.n}[form]
-    whole = {"one": "(batch,)", "three": "(batch, 3)", "joints": f"(batch, {robot.n})"}[form]
-    if array.ndim == 0 and form != "three":
-        array = np.full((1, count), float(array))
-    elif array.ndim == 1 and form == "three":
-        array = array[None]
-    elif array.ndim == 1:
-        array = np.repeat(array[:, None], count, axis=1)
-    elif array.ndim == 2 and array.shape[1] == 1 and form == "joints":
-        array = np.repeat(array, count, axis=1)
-    if array.ndim != 2 or array.shape[1] != count or not len(array):
+    count = math.prod(tail)
+    if declared.kind == "vector":
+        array = np.atleast_2d(array)
+    elif array.ndim < 2 or array.shape[1:] == (1,):  # one number, or one for each rollout
+        array = np.repeat(array.reshape(-1, 1), count, axis=1)
+    if array.shape[1:] != (count,) or not len(array):
+        whole = str(("batch", *tail)).replace("'", "")
         raise ArrayError(name, f"expected shape {whole}, a row for each rollout; got {np.shape(value)}")
     if (array < least).any():
-        bound = "zero or positive" if least == 0.0 else "positive"
         raise ArrayError(name, f"expected {bound} values, got {array.min():g}")
-    return array[:, 0] if form == "one" else array
+    return array.reshape(len(array), *tail)
 
 
 def common_batch(rows: Mapping[str, int]) -> int:

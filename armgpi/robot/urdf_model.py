@@ -111,8 +111,8 @@ def build(
         links = _suppose_bodies(urdf, links, locked, repairs)
     xml = _urdf_text(urdf, links, locked)
     model = _pinocchio_model(xml, urdf.source)
-    joints = tuple(urdf.joints[name] for name in list(model.names)[1:])
-    if model.nq != model.nv or model.nv != len(joints) or len(joints) != len(moving):
+    joints = tuple(map(urdf.joints.__getitem__, list(model.names)[1:]))
+    if not model.nq == model.nv == len(joints) == len(moving):
         raise UrdfError(
             urdf.source,
             f"Pinocchio made {len(joints)} joints with {model.nq} coordinates of {len(moving)} moving joints",
@@ -221,22 +221,27 @@ def _locked_values(
             raise ParameterError(
                 f"lock[{name!r}]", value, f"0, as a {joint.type} joint is locked at its origin"
             )
-    left: dict[str, list[str]] = {}  # of a joint that moves: those that mimic it and are locked
+    left: dict[str, dict[str, float]] = {}  # of a joint that moves: those that mimic it and are locked
     for joint in urdf.joints.values():
-        follows = joint.mimic is not None and joint.moves and joint.name not in values
-        if joint.mimic is not None and follows and _lock_follower(urdf, joint, values, mimic):
-            left.setdefault(joint.mimic, []).append(joint.name)
-    for leader, names in left.items():
-        one = len(names) == 1
-        who = f"joint {names[0]!r} mimics" if one else f"joints {', '.join(names)} mimic"
-        places = ", ".join(dict.fromkeys(f"{values[name]:g}" for name in names))
-        warnings.warn(
-            f"{urdf.source}: {who} {leader!r}; {'it is' if one else 'they are'} locked at {places}, "
-            f"so lock {leader!r} as well if they move one gripper, or let it follow (mimic='follow')",
-            ArmgpiWarning,
-            stacklevel=5,  # where the user calls Robot.load
-        )
+        if joint.mimic is not None and _lock_follower(urdf, joint, values, mimic):
+            left.setdefault(joint.mimic, {})[joint.name] = values[joint.name]
+    for leader, followers in left.items():
+        _warn_of_locked(leader, followers, urdf.source)
     return values
+
+
+def _warn_of_locked(leader: str, values: Mapping[str, float], source: str) -> None:
+    """Say that joints are locked that mimic one that moves, and at which values."""
+    who, they = f"joints {', '.join(values)} mimic", "they are"
+    if len(values) == 1:
+        who, they = f"joint {next(iter(values))!r} mimics", "it is"
+    places = ", ".join(dict.fromkeys(f"{value:g}" for value in values.values()))
+    warnings.warn(
+        f"{source}: {who} {leader!r}; {they} locked at {places}, "
+        f"so lock {leader!r} as well if they move one gripper, or let it follow (mimic='follow')",
+        ArmgpiWarning,
+        stacklevel=6,  # where the user calls Robot.load
+    )
 
 
 def _joints_to_lock(
@@ -247,13 +252,13 @@ def _joints_to_lock(
     asked: dict[str, float | None] = (
         dict(lock) if isinstance(lock, Mapping) else dict.fromkeys(_name_list(lock, "lock"))
     )
-    kept = None if keep is None else _name_list(keep, "keep")
-    for name in (*asked, *(kept or ())):
+    kept = [] if keep is None else _name_list(keep, "keep")
+    for name in (*asked, *kept):
         if name not in moving:
             raise NameNotFound("moving joint", name, moving)
-        if kept is not None and name in kept and name in asked:
+        if name in kept and name in asked:
             raise ParameterError("lock", name, "a joint that is not in keep as well")
-    if kept is not None:
+    if keep is not None:
         for name in moving:
             followed = mimic == "follow" and tree.mimic_leader(urdf.joints, name).joint.name in kept
             if name not in kept and not followed:
@@ -267,6 +272,8 @@ def _lock_follower(urdf: Urdf, joint: Joint, values: dict[str, float], mimic: Mi
     Returns:
         Whether it is locked while the other one moves.
     """
+    if not joint.moves or joint.name in values:
+        return False
     leader, ratio, offset = tree.mimic_leader(urdf.joints, joint.name, values)
     held = leader.name in values
     if leader.mimic is not None and not held:

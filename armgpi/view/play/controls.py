@@ -191,7 +191,7 @@ def siblings(kind: str) -> tuple[str, ...]:
 
 def _declared_parameters(kind: str) -> dict[str, Parameter]:
     """Return the parameters of a kind of controller by their keys in a file."""
-    return {each.key or name: each for name, each in KINDS[kind].parameters.items()}
+    return {each.file_key: each for each in KINDS[kind].parameters.values()}
 
 
 def stops_of(declared: Parameter, value: Any = None) -> tuple[float, ...]:
