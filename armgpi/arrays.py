@@ -250,10 +250,9 @@ def check_number(
     if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
         with suppress(OverflowError):  # of an int beyond all floats
             number = float(value)
-    inside = lowest <= number <= highest and not (open_ and number == lowest)
-    if open_ and lowest == 0.0:
-        inside = inside and number >= SMALLEST
-    if not inside or abs(number) > LARGEST:
+    if open_:
+        lowest = SMALLEST if lowest == 0.0 else math.nextafter(lowest, math.inf)
+    if not max(lowest, -LARGEST) <= number <= min(highest, LARGEST):
         raise ParameterError(name, value, f"{expected}{sizes(number)}")
     return number
 

@@ -93,7 +93,9 @@ class SideEffects:
         for kinds, watch in _WAYS:
             if isinstance(value, kinds):
                 return watch(self, value, name)
-        return self._object(value, name)
+        if _is_users(type(value).__module__) and hasattr(value, "__dict__"):
+            return [*self._dict(vars(value), name), (type(value), name)]
+        return []
 
     def _tuple(self, value: tuple[Any, ...], name: str) -> Iterable[tuple[Any, str]]:
         """Return what is in a tuple, which does not change itself."""
@@ -112,12 +114,6 @@ class SideEffects:
     def _iterator(self, value: Iterator[Any], name: str) -> Iterable[tuple[Any, str]]:
         """Refuse an iterator: its place cannot be read without moving it on."""
         raise NotElementwise(f"it reaches an iterator ({name})")
-
-    def _object(self, value: Any, name: str) -> Iterator[tuple[Any, str]]:
-        """Watch an object of a user's class, by its attributes and by its class."""
-        if _is_users(type(value).__module__) and hasattr(value, "__dict__"):
-            yield from self._dict(vars(value), name)
-            yield type(value), name
 
     def _function(self, function: types.FunctionType, name: str) -> Iterator[tuple[Any, str]]:
         """Watch the globals that a user's function names, its closure, its defaults and its attributes."""

@@ -60,13 +60,11 @@ class Kernel:
     def code(self, dialect: Dialect) -> Code:
         """Return the lines that work out y from x (arguments one after the other) and m (parameters)."""
         if dialect not in self._written:
-            self._written[dialect] = self._code(dialect)
+            inputs = [(symbol, f"x[{i}]") for i, symbol in enumerate(self.inputs)]
+            inputs += [(symbol, f"m[{i}]") for i, symbol in enumerate(self.parameters)]
+            targets = [f"y[{i}]" for i in range(self.size)]
+            self._written[dialect] = straight_line(inputs, self.outputs, targets, dialect)
         return self._written[dialect]
-
-    def _code(self, dialect: Dialect) -> Code:
-        inputs = [(symbol, f"x[{i}]") for i, symbol in enumerate(self.inputs)]
-        inputs += [(symbol, f"m[{i}]") for i, symbol in enumerate(self.parameters)]
-        return straight_line(inputs, self.outputs, [f"y[{i}]" for i in range(self.size)], dialect)
 
 
 @dataclass(frozen=True)
@@ -197,26 +195,27 @@ class Arm:
         arrays = [np.array(row, dtype=object) for row in symbols]
         q = arrays[0]
         skip = None
-        if name == "forward":
-            result = model.forward(*arrays)
-        elif name == "inverse":
-            result = model.inverse(q, arrays[1], arrays[2])
-        elif name == "inverse_where":
-            on = Scalar(ca.SX.sym("on"))
-            symbols, skip = [[on], *symbols], 0
-            torque = model.inverse(q, arrays[1], arrays[2])
-            result = np.array([on * x for x in torque], dtype=object)
-        elif name == "inertia_times":
-            result = model.inverse(q, None, arrays[1], weight=False)
-        elif name == "inertia_solve":
-            # The saturation residual, which is zero in most samples.
-            result, skip = model.solve_inertia(q, arrays[1]), 1
-        elif name == "nonlinear_effects":
-            result = model.inverse(q, arrays[1], None)
-        elif name == "gravity":
-            result = model.inverse(q, None, None)
-        else:
-            result = model.mass_matrix(q).ravel()
+        match name:
+            case "forward":
+                result = model.forward(*arrays)
+            case "inverse":
+                result = model.inverse(q, arrays[1], arrays[2])
+            case "inverse_where":
+                on = Scalar(ca.SX.sym("on"))
+                symbols, skip = [[on], *symbols], 0
+                torque = model.inverse(q, arrays[1], arrays[2])
+                result = np.array([on * x for x in torque], dtype=object)
+            case "inertia_times":
+                result = model.inverse(q, None, arrays[1], weight=False)
+            case "inertia_solve":
+                # The saturation residual, which is zero in most samples.
+                result, skip = model.solve_inertia(q, arrays[1]), 1
+            case "nonlinear_effects":
+                result = model.inverse(q, arrays[1], None)
+            case "gravity":
+                result = model.inverse(q, None, None)
+            case _:
+                result = model.mass_matrix(q).ravel()
         kernel = Kernel(
             f"{name}_{self.model.digest}",
             tuple(map(len, symbols)),

@@ -287,9 +287,10 @@ class SymbolicModel:
             # What it takes to accelerate the joint by one, with all that hangs on it.
             if body.turns:
                 force, moment = _cross(axis, firsts[i]), seconds[i] @ axis
+                matrix[i, i] = axis @ moment + armature
             else:
                 force, moment = masses[i] * axis, _cross(firsts[i], axis)
-            matrix[i, i] = axis @ (moment if body.turns else force) + armature
+                matrix[i, i] = axis @ force + armature
             j, parent = i, body.parent
             while parent >= 0:
                 rotation, position = places[j]

@@ -372,7 +372,9 @@ class CompiledRun:
                 wait(parts)
             finally:  # what is kept must be whole
                 wait(parts)
-        self._mark_diverged()
+        recording, ended = self.recording, self._keep["ended"]
+        rows = np.flatnonzero((ended >= 0) & recording.running)
+        recording.diverge(rows, ended[rows])
 
     def _run_blocks(self, begin: int, end: int) -> None:
         """Run the samples of the job for some blocks."""
@@ -388,12 +390,6 @@ class CompiledRun:
             columns = np.swapaxes(columns, 1, 2)[:, :, self._places]
         self._keep["table"] = np.ascontiguousarray(columns)
         self._job.table = self._keep["table"].ctypes.data
-
-    def _mark_diverged(self) -> None:
-        """Note which rollouts have diverged and when."""
-        recording, ended = self.recording, self._keep["ended"]
-        rows = np.flatnonzero((ended >= 0) & recording.running)
-        recording.diverge(rows, ended[rows])
 
     def _store(self, samples: int) -> None:
         """Say how many samples there are; a rollout that diverged has its targets alone from then on."""
@@ -430,7 +426,11 @@ class CompiledRun:
         """Return numbers (k, padded) as blocks of k vectors of lanes, aligned for them."""
         # Block by block, as a block's state is all that a core works on: it stays in its cache.
         blocks = np.ascontiguousarray(columns.reshape(len(columns), self._blocks, self.lanes).swapaxes(0, 1))
-        return _align(blocks)
+        buffer = np.empty(blocks.size + _ALIGNMENT // blocks.itemsize)
+        begin = (-buffer.ctypes.data % _ALIGNMENT) // blocks.itemsize
+        aligned = buffer[begin : begin + blocks.size]
+        aligned[:] = blocks.ravel()
+        return aligned
 
 
 def _shifted_copy(state: Any, random: np.random.Generator | None, k: int = 0, size: float = 0.0) -> Any:
@@ -442,13 +442,3 @@ def _shifted_copy(state: Any, random: np.random.Generator | None, k: int = 0, si
         return value + k if isinstance(value, int) else value
 
     return map_leaves(shift, state)
-
-
-def _align(values: Array) -> Array:
-    """Return a flat copy that begins where vectors of lanes may."""
-    spare = _ALIGNMENT // values.itemsize
-    buffer = np.empty(values.size + spare)
-    begin = (-buffer.ctypes.data % _ALIGNMENT) // values.itemsize
-    aligned = buffer[begin : begin + values.size]
-    aligned[:] = values.ravel()
-    return aligned

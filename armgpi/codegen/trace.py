@@ -254,7 +254,9 @@ class Tracer:
             return self._note(value, self._loads(self(value.plant, numbers), value.substeps))
         if isinstance(value, ImplicitFriction):
             return self._note(value, self._friction(value))
-        if _is_plain_object(value):
+        kind: Any = type(value)
+        # What has a __new__ of its own, as arrays or files, has something that is not in __dict__.
+        if kind.__new__ is object.__new__ and hasattr(value, "__dict__"):
             # Numbers of loads and references are inputs of the code: another push compiles nothing.
             return self._object(value, numbers or isinstance(value, Load | Reference))
         # It may hold anything: random numbers, a queue, a file.
@@ -585,13 +587,6 @@ def _unused_attributes(value: Any) -> tuple[str, ...]:
 def _varying(kind: type) -> Mapping[str, str]:
     """Return the numbers that a class declares and that may vary by rollout, name -> kind."""
     return {name: each.kind for name, each in parameters(kind).items() if each.varies}
-
-
-def _is_plain_object(value: Any) -> bool:
-    """Tell whether all that something is made of is its attributes."""
-    # What has a __new__ of its own, as arrays or files, has something that is not in __dict__.
-    kind: Any = type(value)
-    return kind.__new__ is object.__new__ and hasattr(value, "__dict__")
 
 
 def _content(made: Any) -> dict[Any, Any]:

@@ -127,7 +127,8 @@ def characteristic(tuning: Tuning, member: Member = PRINTED) -> list[Array]:
     else:
         product = _quartic(omega, zeta, member)
     for pole in (*ordinary, *[member.rolloff_ratio * omega] * member.rolloff):
-        product = _times(product, pole)
+        raised = [low + pole * high for low, high in pairwise(product)]
+        product = [pole * product[0], *raised, product[-1] + pole]  # times (s + pole)
     return product
 
 
@@ -171,12 +172,6 @@ def _quartic(omega: Array, zeta: Array, member: Member) -> list[Array]:
         square + square_2 + twice * twice_2,
         twice + twice_2,
     ]
-
-
-def _times(product: Sequence[Array], pole: Array) -> list[Array]:
-    """Return a monic polynomial times (s + pole)."""
-    raised = [low + pole * high for low, high in pairwise(product)]
-    return [pole * product[0], *raised, product[-1] + pole]
 
 
 def _less(rest: Any, d: Sequence[Array], terms: Sequence[Array], power: int) -> Any:

@@ -133,13 +133,9 @@ def delay_margins(tuning: Tuning, member: Member = PRINTED, delta: float = 1.0) 
         delta: factor by which the nominal inertia is too large.
     """
     with np.errstate(all="ignore"):
-        return _delay_margins(_coefficients(tuning, member), member, delta)
-
-
-def _delay_margins(rows: Array, member: Member, delta: float) -> Array:
-    """Return the delay margins [s] for coefficients (..., k)."""
-    flat = rows.reshape(-1, rows.shape[-1]).tolist()
-    margins = [_delay_margin(tuple(row), member.integrators, delta) for row in flat]
+        rows = _coefficients(tuning, member)
+        flat = rows.reshape(-1, rows.shape[-1]).tolist()
+        margins = [_delay_margin(tuple(row), member.integrators, delta) for row in flat]
     return np.array(margins).reshape(rows.shape[:-1])
 
 

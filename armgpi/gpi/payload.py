@@ -338,17 +338,12 @@ class PlausibleLoad(NamedTuple):
 
 def plausible_load(robot: Robot) -> PlausibleLoad:
     """Return the load that an arm is likely to carry at its tip, and what it does to the loop."""
-    mass = _PLAUSIBLE * robot.moving_mass
-    com = _beside(robot)
+    mass, q = _PLAUSIBLE * robot.moving_mass, robot.middle()
+    # 5 cm along the axis of the tip's frame where it weighs most on the last joint.
+    sides: list[tuple[float, float, float]] = [(_BESIDE, 0.0, 0.0), (0.0, _BESIDE, 0.0), (0.0, 0.0, _BESIDE)]
+    com = max(sides, key=lambda x: float(robot.with_payload(robot.tip, 1.0, x).mass_matrix(q)[-1, -1]))
     mobility = _mobility(robot, robot.tip, com)
     return PlausibleLoad(mass, com, 1.0 / (1.0 + mass * mobility), mobility)
-
-
-def _beside(robot: Robot) -> tuple[float, float, float]:
-    """Return the place 5 cm along an axis of the tip's frame where a load weighs most on the last joint."""
-    sides: list[tuple[float, float, float]] = [(_BESIDE, 0.0, 0.0), (0.0, _BESIDE, 0.0), (0.0, 0.0, _BESIDE)]
-    q = robot.middle()
-    return max(sides, key=lambda com: float(robot.with_payload(robot.tip, 1.0, com).mass_matrix(q)[-1, -1]))
 
 
 def balanced_load(robot: Robot, most: float) -> float:

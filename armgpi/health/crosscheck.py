@@ -145,12 +145,13 @@ def _of_joint(joint: tree.Joint, other: Any) -> list[str]:
         pairs.append(("axis", joint.direction.tolist(), axis.tolist()))
         pairs.append(("mimic", joint.mimic, None if theirs.mimic is None else theirs.mimic.joint))
         if theirs.limit is not None:
-            if joint.type != "continuous":
-                # No lower and upper means 0 and 0; yourdfpy says None.
-                pairs.append(("lower limit", joint.lower, theirs.limit.lower or 0.0))
-                pairs.append(("upper limit", joint.upper, theirs.limit.upper or 0.0))
-                # Ours is infinite where theirs is huge.
-                pairs = [p for p in pairs if not ("limit" in p[0] and math.isinf(p[1]))]
+            # Ours is infinite where theirs is huge, and of a continuous joint. No lower and upper means 0 and
+            # 0; yourdfpy says None.
+            pairs += [
+                (f"{end} limit", ours, getattr(theirs.limit, end) or 0.0)
+                for end in ("lower", "upper")
+                if math.isfinite(ours := getattr(joint, end))
+            ]
             pairs.append(("effort limit", joint.effort, theirs.limit.effort))
             pairs.append(("velocity limit", joint.velocity, theirs.limit.velocity))
     return [

@@ -115,13 +115,12 @@ def fingers(name: str) -> list[str]:
 def markdown(rows: list[Row]) -> str:
     """Return rows as a Markdown table; factors on D(q) that agree in a metric share one value."""
     shown = metrics.shown_in("zoo")
-    factors = " / ".join(f"{scale:g}" for scale in SCALES)
-    units = [f" [{metric.unit}]" if any(metric.unit) else "" for metric in shown]
-    columns = [f"{m.heading}{unit}, D × {factors}" for m, unit in zip(shown, units, strict=True)]
+    factors = " / ".join(map("{:g}".format, SCALES))
+    columns = [f"{m.heading}{f' [{m.unit}]' if any(m.unit) else ''}, D × {factors}" for m in shown]
     header = ("robot", "n", "nominal load [kg]", "loaded", "ω_c [rad/s]", *columns, "end")
     lines = []
     for row in rows:
-        load, omega_c = (metrics.short(value, _DIGITS) for value in (row.payload, row.omega_c))
+        load, omega_c = metrics.short(row.payload, _DIGITS), metrics.short(row.omega_c, _DIGITS)
         texts = [[metric.text(value, _DIGITS) for value in row.metrics[metric.name]] for metric in shown]
         cells = (each[0] if len(set(each)) == 1 else " / ".join(each) for each in texts)
         lines.append(

@@ -415,15 +415,15 @@ def to_rollout(log: ArmLog, robot: Any) -> xr.Dataset:
     )
     recording.store(0, {name: values[:, None] for name, values in variables.items()})
     faulty = np.flatnonzero(rows["reason"] > Reason.NONE)
-    t_fault = float(recording.times[faulty[0]]) if faulty.size else np.nan
-    faults: dict[str, Any] = {
-        "fault": rows["reason"][faulty[:1]].astype(np.int32) if faulty.size else np.zeros(1, np.int32),
-        "fault_joint": rows["joint"][faulty[:1]].astype(np.int32) if faulty.size else -np.ones(1, np.int32),
+    fault, joint, t_fault = 0, -1, np.nan
+    if faulty.size:
+        fault, joint, t_fault = (x[faulty[0]] for x in (rows["reason"], rows["joint"], recording.times))
+        recording.status[0], recording.t_end[0] = Status.STOPPED, t_fault
+    recording.faults = {
+        "fault": np.array([fault], np.int32),
+        "fault_joint": np.array([joint], np.int32),
         "t_fault": np.array([t_fault]),
     }
-    recording.faults = faults
-    if faulty.size:
-        recording.status[0], recording.t_end[0] = Status.STOPPED, t_fault
     made_from = {
         "plant": {"type": "an arm known by its log", "robot": robot.provenance},
         "controller": {"type": "of the log", "dt": float(log.header["dt"])},

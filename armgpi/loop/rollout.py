@@ -274,16 +274,9 @@ class Recorded(NamedTuple):
         recording = self.recording
         return _ends(recording.status, recording.t_end, self.robot.joint_names, recording.faults)
 
-    def dataset(self) -> xr.Dataset:
-        """Return it as the dataset that a rollout is."""
-        import xarray as xr
-
-        recording, robot, disturbance, made_from = self
-        batched = len(recording.shape) == 2
-        # An interrupted run ends where it was stopped; of one where all diverged the rest stays NaN.
-        stored = recording.kept_samples
-        dims = ("rollout", "time", "joint") if batched else ("time", "joint")
-        variables: dict[str, Any] = {}
+    def _samples(self) -> dict[str, Array]:
+        """Return what was sampled, (samples, ..., n): of a run that all rollouts left, until then."""
+        recording, disturbance = self.recording, self.disturbance
         # A run that was interrupted at once has no samples of what it would have recorded.
         none = np.empty((0, *recording.shape), recording.dtype)
         arrays = {name: none for name in SAMPLED if recording.keeps(name)} | recording.variables
@@ -293,22 +286,28 @@ class Recorded(NamedTuple):
             for values in recording.variables.values():
                 values[after] = np.nan
         if disturbance is not None and recording.keeps("disturbance"):
-            if batched and disturbance.ndim == 2:
+            if len(recording.shape) == 2 and disturbance.ndim == 2:
                 disturbance = disturbance[:, None]  # the same for every rollout
             arrays["disturbance"] = np.broadcast_to(disturbance, (len(recording.times), *recording.shape))
-        for name, values in arrays.items():
-            ordered = np.swapaxes(values[:stored], 0, 1) if batched else values[:stored]
-            variables[name] = (dims, ordered, _attributes(name, robot))
-        per_rollout = ("rollout",) if batched else ()
-        variables["status"] = (
-            per_rollout,
-            recording.status if batched else recording.status[0],
-            _status(),
-        )
-        t_end = recording.t_end if batched else recording.t_end[0]
-        variables["t_end"] = (per_rollout, t_end, {"long_name": "end of the rollout", "units": "s"})
-        for name, values in recording.faults.items():
-            variables[name] = (per_rollout, values if batched else values[0], dict(FAULTS[name]))
+        return arrays
+
+    def dataset(self) -> xr.Dataset:
+        """Return it as the dataset that a rollout is."""
+        import xarray as xr
+
+        recording, robot, _, made_from = self
+        whole: tuple[tuple[str, ...], Any] = (("rollout",), slice(None))
+        per_rollout, row = whole if len(recording.shape) == 2 else ((), 0)
+        # An interrupted run ends where it was stopped; of one where all diverged the rest stays NaN.
+        stored = recording.kept_samples
+        variables: dict[str, Any] = {
+            name: ((*per_rollout, "time", "joint"), np.swapaxes(x[:stored], 0, -2), _attributes(name, robot))
+            for name, x in self._samples().items()
+        }
+        told: dict[str, Any] = {"status": _status(), **FAULTS}
+        told["t_end"] = {"long_name": "end of the rollout", "units": "s"}
+        single: dict[str, Any] = {"status": recording.status, "t_end": recording.t_end, **recording.faults}
+        variables |= {name: (per_rollout, x[row], dict(told[name])) for name, x in single.items()}
         for name, limit in robot.limits._asdict().items():
             variables[name] = ((*per_rollout[: limit.ndim - 1], "joint"), limit, _attributes(name, robot))
         return xr.Dataset(
@@ -346,13 +345,12 @@ def summary_dataset(
         made_from: as :func:`provenance` has it.
         like: that of a run of the same loop with as many rollouts, which differs in its numbers alone.
     """
-    batched = len(recording.shape) == 2
-    dims = ("rollout", "joint") if batched else ("joint",)
+    whole: tuple[tuple[str, ...], Any] = (("rollout", "joint"), slice(None))
+    dims, row = whole if len(recording.shape) == 2 else (("joint",), 0)
     values: dict[str, Any] = {name: x.reshape(recording.shape) for name, x in found.items()}
     values |= {f"{name}_end": x.reshape(recording.shape) for name, x in ends.items()}
-    values["status"] = recording.status if batched else recording.status[0]
-    values["t_end"] = recording.t_end if batched else recording.t_end[0]
-    values |= {name: x if batched else x[0] for name, x in recording.faults.items()}
+    single: dict[str, Any] = {"status": recording.status, "t_end": recording.t_end, **recording.faults}
+    values |= {name: x[row] for name, x in single.items()}
     import xarray as xr
 
     if like is not None:  # xarray takes longer to put one together than a short run takes

@@ -51,7 +51,17 @@ class ReferenceBatch(Reference):
 
     @cached_property
     def _stacks(self) -> _Stacks:
-        return _stack(self.references)
+        """As few references as follow all of these; what several rollouts follow is there once."""
+        kinds: dict[Any, dict[int, Reference]] = {}
+        for reference in self.references:
+            kinds.setdefault(_kind(reference), {})[id(reference)] = reference
+        parts: list[Reference] = []
+        rows: dict[int, int] = {}
+        for alike in kinds.values():
+            parts.append(_join(list(alike.values())) if len(alike) > 1 else next(iter(alike.values())))
+            rows.update({each: len(rows) + i for i, each in enumerate(alike)})
+        counts = [len(alike) for alike in kinds.values()]
+        return _Stacks(parts, counts, np.array([rows[id(reference)] for reference in self.references]))
 
     def as_arrays(self) -> Reference:
         """Return one reference with arrays that is the same, where there is one; itself otherwise."""
@@ -86,20 +96,6 @@ class _Stacks(NamedTuple):
     parts: list[Reference]
     counts: list[int]
     rows: Array
-
-
-def _stack(references: Sequence[Reference]) -> _Stacks:
-    """Return as few references as follow all of these; what several rollouts follow is there once."""
-    kinds: dict[Any, dict[int, Reference]] = {}
-    for reference in references:
-        kinds.setdefault(_kind(reference), {})[id(reference)] = reference
-    parts: list[Reference] = []
-    rows: dict[int, int] = {}
-    for alike in kinds.values():
-        parts.append(_join(list(alike.values())) if len(alike) > 1 else next(iter(alike.values())))
-        rows.update({each: len(rows) + i for i, each in enumerate(alike)})
-    counts = [len(alike) for alike in kinds.values()]
-    return _Stacks(parts, counts, np.array([rows[id(reference)] for reference in references]))
 
 
 def _kind(reference: Reference) -> Any:

@@ -119,15 +119,16 @@ def _per_item(value: Any, name: str, count: int) -> list[Any]:
 def _one_shape(points: Sequence[ArrayLike], times: Sequence[Any]) -> list[Array]:
     """Return the configurations with one shape, (n,) or (batch, n), as times (batch, 1) ask for."""
     arrays = [as_sized_array(point, "points") for point in points]
+    shapes = [array.shape for array in arrays]
     rows = [time.shape for time in times if isinstance(time, np.ndarray)]
     try:
-        if len({array.shape[-1:] for array in arrays}) > 1 or max(array.ndim for array in arrays) > 2:
+        if len({shape[-1:] for shape in shapes}) > 1 or max(map(len, shapes)) > 2:
             raise ValueError
-        shape = np.broadcast_shapes(*(array.shape for array in arrays), *rows)
+        shape = np.broadcast_shapes(*shapes, *rows)
     except ValueError:
-        shapes = ", ".join(str(array.shape) for array in arrays)
+        said = ", ".join(map(str, shapes))
         raise ArrayError(
-            "points", f"expected configurations of the same joints and batch, got {shapes}"
+            "points", f"expected configurations of the same joints and batch, got {said}"
         ) from None
     return [np.broadcast_to(array, shape) for array in arrays]
 
