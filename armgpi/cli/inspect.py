@@ -99,7 +99,14 @@ def _show(report: HealthReport) -> None:
     console = console_of(soft_wrap=True)
     for sentence in _what_it_is(report.facts):
         console.print(sentence)
-    _show_joints(console, report.facts["joints"])
+    joints = report.facts["joints"]
+    parts: list[Sequence[_Column]] = [_COLUMNS]
+    if natural_width(console, _joint_table(joints, _COLUMNS)) > console.width:
+        parts = [_COLUMNS[:_LIMITS], _COLUMNS[_LIMITS:]]
+    for columns in parts:
+        # Long names are folded; a terminal too narrow even so gets whole numbers all the same.
+        widen(console, _joint_table(joints, columns, longest=_FOLDED))
+        console.print(_joint_table(joints, columns), soft_wrap=False)
     for sentence in _what_follows(report.facts):
         console.print(sentence)
     _show_findings(console, report.findings)
@@ -201,17 +208,6 @@ def _page(report: HealthReport) -> str:
     # Of the file its name alone: a page is passed on.
     said = page.bullets(_what_it_is({**facts, "source": Path(facts["source"]).name}))
     return page.document(facts["name"], verdict + said, sections)
-
-
-def _show_joints(console: Any, joints: list[dict[str, Any]]) -> None:
-    """Print the table of joints, in two parts where the terminal is too narrow for one."""
-    parts: list[Sequence[_Column]] = [_COLUMNS]
-    if natural_width(console, _joint_table(joints, _COLUMNS)) > console.width:
-        parts = [_COLUMNS[:_LIMITS], _COLUMNS[_LIMITS:]]
-    for columns in parts:
-        # Long names are folded; a terminal too narrow even so gets whole numbers all the same.
-        widen(console, _joint_table(joints, columns, longest=_FOLDED))
-        console.print(_joint_table(joints, columns), soft_wrap=False)
 
 
 def _joint_table(joints: list[dict[str, Any]], columns: Sequence[_Column], longest: int | None = None) -> Any:

@@ -60,7 +60,15 @@ def tune(
         raise refusal("--resume", f"{out} holds no study")
     study, search = results.enter(out, wanted, resume, accept_code), Search(wanted.problem)
     begun = time.monotonic()
-    search.run(lambda search: _progress(search, time.monotonic() - begun), study.part)
+
+    def say_progress(search: Search) -> None:
+        done, total = len(search.rows), max(search.problem.evaluations, len(search.rows))
+        best = min((row.objective for row in search.rows if row.sound), default=float("inf"))
+        rate = search.fresh / max(time.monotonic() - begun, 1e-9)
+        left = (total - done) / rate
+        say(f"{done} of {total} candidates, best {best:.4g}, {rate:.3g} per s, {left:.0f} s left", err=True)
+
+    search.run(say_progress, study.part)
     found, default = search.validate(), search.judge_start()
     paths = results.finish(out, wanted, search, found, default)
     text = results.report(search, found, default)
@@ -107,12 +115,3 @@ def show(
         paths = [*paths, files.write(report, page.document(title, "", sections))]
     for path in paths:
         say(f"wrote {path}", err=True)
-
-
-def _progress(search: Search, spent: float) -> None:
-    """Say how far a search is."""
-    done, total = len(search.rows), max(search.problem.evaluations, len(search.rows))
-    best = min((row.objective for row in search.rows if row.sound), default=float("inf"))
-    rate = search.fresh / max(spent, 1e-9)
-    left = (total - done) / rate
-    say(f"{done} of {total} candidates, best {best:.4g}, {rate:.3g} per s, {left:.0f} s left", err=True)

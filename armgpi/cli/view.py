@@ -114,6 +114,7 @@ def report(
 def _page(targets: list[str], how: Mapping[str, Any], robot: str | None, frame: str | None) -> str:
     """Return the page of what shall be shown."""
     from armgpi.loop import rollout as rollouts
+    from armgpi.robot.robot import Robot
     from armgpi.view import meshcat, scene
 
     target = targets[0]
@@ -130,15 +131,10 @@ def _page(targets: list[str], how: Mapping[str, Any], robot: str | None, frame: 
         raise refusal(option, "is for one robot at a time")
     if robot is not None:
         raise refusal("--robot", "requires a rollout")
-    return meshcat.robot_page(*(_robot(name, how) for name in targets), frame=frame)
-
-
-def _robot(name: str, how: Mapping[str, Any]) -> Robot:
-    """Load a robot that is looked at: joints that mimic another follow it, if nothing else is said."""
-    from armgpi.robot.robot import Robot
-
-    # A joint that is locked without a value is locked where it is nearest to zero.
-    return Robot.load(name, **{"mimic": "follow", **opt.robot_given(how)})
+    # Joints that mimic another follow it, if nothing else is said; one that is locked without a value is
+    # locked where it is nearest to zero.
+    loading: dict[str, Any] = {"mimic": "follow", **opt.robot_given(how)}
+    return meshcat.robot_page(*(Robot.load(name, **loading) for name in targets), frame=frame)
 
 
 def _log(path: Path, robot: str | None) -> xr.Dataset:

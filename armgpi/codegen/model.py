@@ -124,7 +124,9 @@ def regroup_bodies(found: Sequence[Body]) -> list[Body]:
         across = np.flatnonzero(axis == 0.0)
         if not found[i].turns or len(across) < 2:
             continue
-        mass, first, second = numbers[i][15], numbers[i][16:19], _tensor(numbers[i][19:25])
+        mass, first = numbers[i][15], numbers[i][16:19]
+        xx, xy, yy, xz, yz, zz = numbers[i][19:25]
+        second = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         about = second[across[1], across[1]]
         along, disc = (axis @ first) * axis, about * (np.eye(3) - np.outer(axis, axis))
         numbers[i][15] = 0.0
@@ -138,12 +140,6 @@ def regroup_bodies(found: Sequence[Body]) -> list[Body]:
             parent[16:19] += along + mass * position
             parent[19:25] += moved[np.tril_indices(3)]
     return [body._replace(numbers=x) for body, x in zip(found, numbers, strict=True)]
-
-
-def _tensor(six: Array) -> Array:
-    """Return a symmetric matrix from its lower half."""
-    xx, xy, yy, xz, yz, zz = six
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def _without_rounding(x: Array, size: float) -> Array:
@@ -358,8 +354,10 @@ class SymbolicModel:
 def _rotation(axis: Expressions, angle: Any) -> Expressions:
     """Return the rotation matrix about an axis of length one (Rodrigues)."""
     s, c = Scalar(ca.sin(angle.sx)), Scalar(ca.cos(angle.sx))
+    x, y, z = axis
     along = _outer(axis, axis)
-    return (np.eye(3) - along) * c + _skew(axis) * s + along
+    skew: Expressions = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]], dtype=object)
+    return (np.eye(3) - along) * c + skew * s + along
 
 
 def _turned_about(k: int, sign: float, angle: Any, tensor: Expressions) -> Expressions:
@@ -403,11 +401,6 @@ def _acceleration_matrix(w: Expressions, dw: Expressions) -> Expressions:
         ],
         dtype=object,
     )
-
-
-def _skew(a: Expressions) -> Expressions:
-    """Return the matrix of a cross product with `a` on the left."""
-    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]], dtype=object)
 
 
 def _cross(a: Expressions, b: Expressions) -> Expressions:

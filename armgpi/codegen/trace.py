@@ -315,7 +315,9 @@ class Tracer:
                     f"{type(value).__name__}.{name} may be a matrix or have a row for each rollout"
                 )
             if varies.get(name) == "seed":
-                object.__setattr__(made, name, self._seed(attribute))
+                seeds = self.trace.values.seeds
+                seeds.append(attribute)
+                object.__setattr__(made, name, Seed(len(seeds) - 1))
             else:
                 # Those of a part as it was made stay literals, of which CasADi makes sums with others.
                 given_anew = self.anew and name in varies and vars(value).get("remade", False)
@@ -329,11 +331,6 @@ class Tracer:
     def _kind_of(self, value: Any) -> None:
         """Note the class of an object."""
         self._side_effects.watch(type(value))
-
-    def _seed(self, value: Any) -> Seed:
-        """Return the place of a seed among those of a run."""
-        self.trace.values.seeds.append(value)
-        return Seed(len(self.trace.values.seeds) - 1)
 
     def _robot(self, robot: AnyRobot) -> Any:
         """Return a robot with traced dynamics."""

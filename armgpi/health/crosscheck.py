@@ -69,7 +69,11 @@ def cross_check(robot: Robot) -> CrossCheck:
     if document.sha256 != robot.provenance["sha256"]:
         raise ArmgpiError(f"{source}: has changed since the robot was loaded; load it again")
     other = _read(yourdfpy, text)
-    differences = [*_of_names(document, other)]
+    differences = []
+    found = ("link", document.links, other.link_map), ("joint", document.joints, other.joint_map)
+    for kind, ours, theirs in found:
+        differences += [f"{kind} {name!r} is found by us alone" for name in ours if name not in theirs]
+        differences += [f"{kind} {name!r} is found by yourdfpy alone" for name in theirs if name not in ours]
     differences += [line for joint in document.joints.values() for line in _of_joint(joint, other)]
     if differences:
         return CrossCheck(0, 0, float("nan"), float("nan"), tuple(differences))
@@ -115,18 +119,6 @@ def _read(yourdfpy: Any, text: str) -> Any:
     if not other.link_map:
         raise CrossCheckUnavailable("yourdfpy finds no link in it, as where the root has an XML namespace")
     return other
-
-
-def _of_names(document: urdf.Urdf, other: Any) -> list[str]:
-    """Return the links and joints that only one of the two readers finds."""
-    lines = []
-    for kind, ours, theirs in (
-        ("link", document.links, other.link_map),
-        ("joint", document.joints, other.joint_map),
-    ):
-        lines += [f"{kind} {name!r} is found by us alone" for name in ours if name not in theirs]
-        lines += [f"{kind} {name!r} is found by yourdfpy alone" for name in theirs if name not in ours]
-    return lines
 
 
 def _of_joint(joint: tree.Joint, other: Any) -> list[str]:

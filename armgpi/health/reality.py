@@ -257,14 +257,13 @@ def swings(q: Array, band: Array) -> bool:
         q: positions [rad or m], (samples, n): the second half says what is left of the first.
         band: that does not count [rad or m], (n,).
     """
-    before, after = (np.ptp(half - _smooth(half), axis=0) for half in np.array_split(q, 2))
+    rest = []
+    for half in np.array_split(q, 2):
+        # The cubics in time that fit best.
+        basis, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, len(half)), 4))
+        rest.append(np.ptp(half - basis @ (basis.T @ half), axis=0))
+    before, after = rest
     return bool(((after > band) & (after >= LASTING * before)).any())
-
-
-def _smooth(q: Array) -> Array:
-    """Return the cubics in time that fit positions best, (samples, n)."""
-    basis, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, len(q)), 4))
-    return np.asarray(basis @ (basis.T @ q))
 
 
 def sunk(draw: Draw, q: Array) -> Array:

@@ -267,7 +267,9 @@ class PreparedLoop:
             self._reference_checked |= loop.reference is self.loop.reference
         shape, every = loop.true_state(state).q.shape, self.steps if self._metrics else self._every
         if self._names is not None:
-            _check_names(self._names, loop.controller.signals(state.controller))
+            known = (*SAMPLED, "disturbance", *loop.controller.signals(state.controller))
+            if unknown := sorted(self._names - set(known)):
+                raise NameNotFound("variable", unknown[0], known)
         recording = Recording.new(shape, self.steps, loop.dt, every, self._names, self._dtype, memory)
         run = self._run_to_end(loop, state, recording, progress, partial)
         made_from = {"divergence": self._divergence, "t_final": self.steps * loop.dt, "backend": run.backend}
@@ -404,14 +406,6 @@ def _names(record: Any) -> frozenset[str]:
     if not is_listing(record) or not len(record) or not all(isinstance(name, str) for name in record):
         raise ParameterError("record", record, f"one of {', '.join(RECORDS)}, or names such as ('q', 'tau')")
     return frozenset(record)
-
-
-def _check_names(names: frozenset[str], signals: Mapping[str, Any]) -> None:
-    """Refuse to record what there is not."""
-    known = (*SAMPLED, "disturbance", *signals)
-    for name in sorted(names):
-        if name not in known:
-            raise NameNotFound("variable", name, known)
 
 
 def _leaves(state: Any) -> int:

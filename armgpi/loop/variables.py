@@ -21,7 +21,6 @@ from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.parameter import Parameter, Parametrised, parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.plant import Plant, Wrapper
-from armgpi.references.reference import Reference
 from armgpi.robot.batch import AnyRobot, VariedRobots
 from armgpi.robot.changes import CHANGES
 from armgpi.robot.equations import Friction
@@ -67,7 +66,10 @@ def current(name: str) -> str:
 def variables(loop: ClosedLoop) -> dict[str, Variable]:
     """Return all declared parameters of a loop by name, with the reason where one cannot be given anew."""
     found = [*_of_plant(loop.plant), *of_controller(loop.controller)]
-    found += _of_reference(loop.reference)
+    for name, value in loop.reference.variables().items():
+        times = name.partition(".")[0] not in ("q", "start", "goal", "points")
+        declared = Parameter(name, unit="s" if times else "rad or m", per_joint=not times)
+        found.append(Variable(f"reference.{name}", declared, value))
     return {each.name: each for each in found}
 
 
@@ -251,14 +253,6 @@ def _of_supervisor(supervisor: Supervisor) -> Iterator[Variable]:
     for bound in parameters(Supervisor).values():
         known = _variable(f"supervisor.{bound.file_key}", bound, supervisor)
         yield known if bound.per_joint or known.fixed else replace(known, fixed=_CHECK)
-
-
-def _of_reference(reference: Reference) -> Iterator[Variable]:
-    """Yield what may be given anew of a reference."""
-    for name, value in reference.variables().items():
-        times = name.partition(".")[0] not in ("q", "start", "goal", "points")
-        declared = Parameter(name, unit="s" if times else "rad or m", per_joint=not times)
-        yield Variable(f"reference.{name}", declared, value)
 
 
 def _variable(name: str, declared: Parameter, owner: Any) -> Variable:

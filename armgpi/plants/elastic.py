@@ -156,7 +156,10 @@ class ElasticPlant(Arm):
         self.fill("gear_stiffness", drives.value("stiffness"))
         self._check_positive("gear_stiffness", self.gear_stiffness)
         self._check_positive("rotor_inertia", rotor)
-        usual = 2.0 * _RATIO * np.sqrt(self.gear_stiffness * _oscillating(self.robot))
+        own = self.robot if isinstance(self.robot, Robot) else self.robot.robots[0]
+        link = np.diag(own.mass_matrix(own.middle())) - own.armature
+        # The inertia of the mode of each link and rotor alone.
+        usual = 2.0 * _RATIO * np.sqrt(self.gear_stiffness * (link * rotor / (link + rotor)))
         damping = drives.value("damping")
         self.fill("gear_damping", np.where(np.isnan(damping), usual, damping))
         self.fill("current_bandwidth", drives.value("current_bandwidth", _AT_ONCE))
@@ -166,8 +169,10 @@ class ElasticPlant(Arm):
         self._rotor, self._rate = rotor, 2.0 * math.pi * self.current_bandwidth
         self._wave = 2.0 * math.pi / self.ripple_period
         self._ripples = _acts(self.torque_ripple) or _acts(self.cogging)
+        # Links and motors in one row, (2 n,) or (batch, 2 n).
         pairs = zip((self.link_viscous, self.link_coulomb), self.friction or (0.0, 0.0), strict=True)
-        self._friction_of_both = Friction(*(_side_by_side(*pair, rotor) for pair in pairs))
+        rows = (np.broadcast_arrays(*pair, rotor)[:2] for pair in pairs)
+        self._friction_of_both = Friction(*(np.concatenate(row, axis=-1) for row in rows))
         viscous, coulomb = map(_acts, self._friction_of_both)
         self._rubs, self._sticks = viscous or coulomb, coulomb
 

@@ -266,9 +266,8 @@ class _Memory(threading.local):
         self.models = [own[id(model)] for model in models]
         self.data = mujoco.MjData(self.models[0])
         self.order = np.array([self.models[0].joint(name).dofadr[0] for name in joint_names])
-        self.advance = {"euler": mujoco.mj_Euler, "rk4": self._runge_kutta}.get(
-            integrator, mujoco.mj_implicit
-        )
+        methods = {"euler": mujoco.mj_Euler, "rk4": lambda model, data: mujoco.mj_RungeKutta(model, data, 4)}
+        self.advance = methods.get(integrator, mujoco.mj_implicit)
         self._h = 0.0
         self._pool: Any = None
 
@@ -324,10 +323,6 @@ class _Memory(threading.local):
             for model in self.models:
                 model.opt.timestep = h
             self._h = h
-
-    @staticmethod
-    def _runge_kutta(model: Any, data: Any) -> None:
-        _mujoco().mj_RungeKutta(model, data, 4)
 
     def __reduce__(self) -> tuple[type[_Memory], tuple[Any, ...]]:
         """Return how to make it anew: `mujoco.MjData` belongs to one thread."""

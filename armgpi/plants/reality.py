@@ -489,7 +489,11 @@ class Reality(Parametrised):
         drawn, scale = self.numbers(robot.n, index), scales(robot)
         model, arm, friction, gears = robot, robot, None, None
         if self.name in _SCATTERED:
-            robot = self._with_known_drives(robot, drawn)
+            # What is known of it in every draw: believed drives, and the encoders' side.
+            robot = rotors.believe_drives(robot)
+            if self.name == "elastic":
+                sides = Drives(robot.joint_names).with_value("encoder_side", _side(drawn))
+                robot = robot.with_drives(sides)
             rotor = np.where(robot.armature > 0.0, robot.armature, self._nominal_rotors(scale))
             arm = robot.with_armature(drawn.rotor_inertia * rotor)
             model = arm if self.name == "elastic" else robot
@@ -516,14 +520,6 @@ class Reality(Parametrised):
     def _nominal_rotors(self, scale: Scales) -> Array:
         """Return rotor inertia in shares of the arm's own [kg m^2 or kg], (n,)."""
         return np.asarray(self.rotor_share * scale.inertia + self.rotor_least * scale.inertia.max())
-
-    def _with_known_drives(self, robot: Robot, drawn: Numbers) -> Robot:
-        """Return an arm with what is known of it in every draw: believed drives, and the encoders' side."""
-        robot = rotors.believe_drives(robot)
-        if self.name != "elastic":
-            return robot
-        sides = Drives(robot.joint_names).with_value("encoder_side", _side(drawn))
-        return robot.with_drives(sides)
 
     def _move(self, arm: Robot, scale: Scales, index: int) -> tuple[Move, Array]:
         """Return a move and the largest gravity torque on its way, (n,).

@@ -49,7 +49,12 @@ def urdf_text(model: Any) -> str:
         UrdfError: for a joint that a URDF cannot have.
     """
     root = Element("robot", name=str(model.name) or "unnamed")
-    bodies = _bodies(model)
+    # The name of the link that every joint carries: that of its first body in its own place.
+    bodies = ["base", *(f"{name} (body)" for name in list(model.names)[1:])]
+    for frame in reversed(list(model.frames)):
+        at_joint = frame.placement.isIdentity(0.0)
+        if frame.type == pin.FrameType.BODY and at_joint and frame.name != "universe":
+            bodies[int(frame.parentJoint)] = frame.name
     _link(root, bodies[0], model.inertias[0])
     for index in range(1, model.njoints):
         _link(root, bodies[index], model.inertias[index])
@@ -111,17 +116,6 @@ def _frames(root: Element, model: Any, bodies: list[str]) -> None:
         SubElement(root, "link", name=frame.name)
         element = SubElement(root, "joint", name=joint, type="fixed")
         _ends(element, parent, frame.name, placement)
-
-
-def _bodies(model: Any) -> list[str]:
-    """Return the name of the link that every joint carries; that of its first body in its own place."""
-    found = [f"{name} (body)" for name in model.names]
-    found[0] = "base"
-    for frame in reversed(list(model.frames)):
-        at_joint = frame.placement.isIdentity(0.0)
-        if frame.type == pin.FrameType.BODY and at_joint and frame.name != "universe":
-            found[int(frame.parentJoint)] = frame.name
-    return found
 
 
 def _link(root: Element, name: str, inertia: Any) -> None:

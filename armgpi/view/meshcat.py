@@ -256,18 +256,15 @@ class _Handler(BaseHTTPRequestHandler):
         if host not in (LOOPBACK, "localhost"):
             self.send_error(403, "only for this machine")
         elif self.path == "/":
-            self._answer("text/html; charset=utf-8", self.server.page)
+            self.send_response(200)
+            self._headers("text/html; charset=utf-8")
+            self.send_header("Content-Length", str(len(self.server.page)))
+            self.end_headers()
+            self.wfile.write(self.server.page)
         elif self.path == "/live":
             self._stream()
         else:
             self.send_error(404)
-
-    def _answer(self, kind: str, content: bytes) -> None:
-        self.send_response(200)
-        self._headers(kind)
-        self.send_header("Content-Length", str(len(content)))
-        self.end_headers()
-        self.wfile.write(content)
 
     def _headers(self, kind: str) -> None:
         self.send_header("Content-Type", kind)

@@ -420,16 +420,6 @@ def _found_in(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> list
 def _configuration(rollout: xr.Dataset, configuration: str | None) -> str:
     """Return where everything came from, in words, and the experiment file; both folded."""
     provenance = Provenance.from_rollout(rollout)
-    parts = [page.fold("Where it came from", _provenance(provenance))]
-    if configuration is not None:
-        parts.append(page.fold("Experiment file", f"<pre tabindex=0>{page.text(configuration)}</pre>"))
-    everything = page.text(provenance.to_json(indent=1)[:400_000])
-    parts.append(page.fold("Everything it was made from, as data", f"<pre tabindex=0>{everything}</pre>"))
-    return "".join(parts)
-
-
-def _provenance(provenance: Provenance) -> str:
-    """Return in words what the rollouts were made from."""
     first = provenance.first
     made_from = first.robot
     # Its name alone: a report is passed on, and need not say whose folders it was made in.
@@ -441,7 +431,12 @@ def _provenance(provenance: Provenance) -> str:
     said += [f"The plant's arm was changed: {_change(each)}." for each in made_from.get("changes") or ()]
     said.append(f"It was computed by {_BACKENDS.get(first.backend, first.backend)}.")
     said.append(f"Versions: {', '.join(f'{name} {value}' for name, value in first.versions.items())}.")
-    return "".join(f"<p>{page.text(each)}</p>" for each in said)
+    parts = [page.fold("Where it came from", "".join(f"<p>{page.text(each)}</p>" for each in said))]
+    if configuration is not None:
+        parts.append(page.fold("Experiment file", f"<pre tabindex=0>{page.text(configuration)}</pre>"))
+    everything = page.text(provenance.to_json(indent=1)[:400_000])
+    parts.append(page.fold("Everything it was made from, as data", f"<pre tabindex=0>{everything}</pre>"))
+    return "".join(parts)
 
 
 def _change(change: Any) -> str:

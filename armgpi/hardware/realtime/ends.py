@@ -197,7 +197,10 @@ class ControllerEnd:
             return None
         whole = self.controller.measurement_type is FullState
         measured = FullState(*sample.values) if whole else Measurement(sample.values)
-        target = self._target(sample.number, measured.q)
+        q = measured.q
+        # In a dry run the reference is where the arm is, so that nothing is integrated.
+        here = Target(q, np.zeros_like(q), np.zeros_like(q))
+        target = here if self.dry else self.reference.at(sample.number * self.controller.dt)
         if self.state is None:
             self.state = self.controller.init(measured, target)
             self.number = sample.number - 1
@@ -221,12 +224,6 @@ class ControllerEnd:
         )
         self._answer = Datagram(TORQUE, sample.number, sample.time, np.asarray(tau))
         return self._answer
-
-    def _target(self, number: int, q: Array) -> Target:
-        """Return the reference; in a dry run where the arm is, so that nothing is integrated."""
-        if self.dry:
-            return Target(q, np.zeros_like(q), np.zeros_like(q))
-        return self.reference.at(number * self.controller.dt)
 
     @property
     def fault(self) -> FaultReport | None:

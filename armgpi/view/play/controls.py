@@ -86,6 +86,12 @@ class Control(NamedTuple):
         """Its path with dots."""
         return dotted_path(self.path)
 
+    @property
+    def part(self) -> str:
+        """The part of the loop that it is of."""
+        part = self.arm or str(self.path[0])
+        return {"robot": "plant", "controllers": "controller"}.get(part, part)
+
     def put(self, config: dict[str, Any], value: Any) -> None:
         """Put a value into an experiment as plain data."""
         if self.whole is None:

@@ -243,7 +243,7 @@ class Prober:
 
     def _rows(self, moved: Mapping[str, Sequence[Any]]) -> Array:
         """Return the numbers of the loop at some places of controls, a row for each."""
-        own_parts = {_part(self.controls[name]) for name in moved}
+        own_parts = {self.controls[name].part for name in moved}
         parts = [part for part in PARTS if part in own_parts]  # in their order, as they have arrays in common
         ways = {way: places for way, places in self._ways.items() if way[0] in parts}
         # Forms have parts in common, and controllers that measure the same start alike.
@@ -358,12 +358,6 @@ class Prober:
                 for arm in arms
             ]
             yield Table(names, list(own), np.array(which, dtype=np.float64))
-
-
-def _part(control: Control) -> str:
-    """Return the part of the loop that a control is of."""
-    part = control.arm or str(control.path[0])
-    return {"robot": "plant", "controllers": "controller"}.get(part, part)
 
 
 def _side(owner: str) -> str:
