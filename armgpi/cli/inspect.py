@@ -96,6 +96,8 @@ def _settings(robot: str, how: Mapping[str, Any], typed: dict[str, Any]) -> dict
 
 def _show(report: HealthReport) -> None:
     """Print the report: facts, joints, findings."""
+    from armgpi.health.findings import fold
+
     console = console_of(soft_wrap=True)
     for sentence in _what_it_is(report.facts):
         console.print(sentence)
@@ -109,7 +111,14 @@ def _show(report: HealthReport) -> None:
         console.print(_joint_table(joints, columns), soft_wrap=False)
     for sentence in _what_follows(report.facts):
         console.print(sentence)
-    _show_findings(console, report.findings)
+    styles = {"error": "red", "warning": "yellow", "info": ""}
+    findings = fold(report.findings)
+    for finding in findings:
+        option = _option(finding)
+        with_run = "" if option.split(" ")[0] in OFFERED else "run with "
+        remedy = f"{'; ' if finding.repair else ' -> '}{with_run}{option}" if option else ""
+        console.print(f"{finding.level}: {printable(f'{finding}{remedy}')}", style=styles[finding.level])
+    console.print(_count_findings(findings))
 
 
 def _what_it_is(facts: Mapping[str, Any]) -> list[str]:
@@ -222,20 +231,6 @@ def _joint_table(joints: list[dict[str, Any]], columns: Sequence[_Column], longe
     for joint in joints:
         table.add_row(printable(joint["name"]), *(column.text(joint) for column in columns))
     return table
-
-
-def _show_findings(console: Any, findings: Sequence[Finding]) -> None:
-    """Print the findings and how many there are."""
-    from armgpi.health.findings import fold
-
-    styles = {"error": "red", "warning": "yellow", "info": ""}
-    findings = fold(findings)
-    for finding in findings:
-        option = _option(finding)
-        with_run = "" if option.split(" ")[0] in OFFERED else "run with "
-        remedy = f"{'; ' if finding.repair else ' -> '}{with_run}{option}" if option else ""
-        console.print(f"{finding.level}: {printable(f'{finding}{remedy}')}", style=styles[finding.level])
-    console.print(_count_findings(findings))
 
 
 def _count_findings(findings: Sequence[Finding]) -> str:

@@ -73,9 +73,16 @@ class SideEffects:
         waiting = [(value, "")]
         while waiting and len(self._seen) < _MOST:
             value, name = waiting.pop()
-            if id(value) not in self._seen:
-                self._seen[id(value)] = value
-                waiting += self._follow(value, name)
+            if id(value) in self._seen:
+                continue
+            self._seen[id(value)] = value
+            for kinds, follow in _WAYS:
+                if isinstance(value, kinds):
+                    waiting += follow(self, value, name)
+                    break
+            else:
+                if _is_users(type(value).__module__) and hasattr(value, "__dict__"):
+                    waiting += [*self._dict(vars(value), name), (type(value), name)]
 
     def changes(self) -> list[str]:
         """Return the names of what is not as it was."""
@@ -87,15 +94,6 @@ class SideEffects:
         for place in self._places:
             if place.has_changed:
                 place.restore()
-
-    def _follow(self, value: Any, name: str) -> Iterable[tuple[Any, str]]:
-        """Watch one thing, and return with their names those that it leads to."""
-        for kinds, watch in _WAYS:
-            if isinstance(value, kinds):
-                return watch(self, value, name)
-        if _is_users(type(value).__module__) and hasattr(value, "__dict__"):
-            return [*self._dict(vars(value), name), (type(value), name)]
-        return []
 
     def _tuple(self, value: tuple[Any, ...], name: str) -> Iterable[tuple[Any, str]]:
         """Return what is in a tuple, which does not change itself."""

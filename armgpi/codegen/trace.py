@@ -55,6 +55,8 @@ _GENERATORS = tuple(
 #: References of more operations than this are worked out by NumPy, as a table: compilers take long over them,
 #: and where rollouts share a reference every lane would work out the same.
 _LONG_REFERENCE = 3000
+#: What a robot's dynamics can do, by which they are known: users may bring their own.
+_DYNAMICS = ("forward", "inertia_times", "nonlinear_effects")
 
 
 class Draws(NamedTuple):
@@ -248,7 +250,7 @@ class Tracer:
         if isinstance(value, types.MethodType):
             self._side_effects.watch(value.__func__)
             return types.MethodType(value.__func__, self(value.__self__, numbers))
-        if _is_dynamics(value):
+        if all(callable(getattr(value, name, None)) for name in _DYNAMICS):
             return self._note(value, self._dynamics(value))
         if isinstance(value, LoadTable):
             return self._note(value, self._loads(self(value.plant, numbers), value.substeps))
@@ -593,13 +595,6 @@ def _content(made: Any) -> dict[Any, Any]:
     if isinstance(made, list):
         return dict(enumerate(made))
     return dict(made if isinstance(made, dict) else getattr(made, "__dict__", {}))
-
-
-def _is_dynamics(value: Any) -> bool:
-    """Tell whether something is a robot's dynamics, by what it can do: users may bring their own."""
-    return all(
-        callable(getattr(value, name, None)) for name in ("forward", "inertia_times", "nonlinear_effects")
-    )
 
 
 class _Scaled(ScaledDynamics):

@@ -14,7 +14,6 @@ from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.friction import STICK_VELOCITY, after_friction, solve
 from armgpi.plants.plant import PlantState
-from armgpi.robot.batch import AnyRobot
 from armgpi.robot.equations import Friction
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
@@ -305,18 +304,6 @@ def _ahead(x: _Motion, h: float, rate: _Motion) -> _Motion:
 def _acts(value: Array) -> bool:
     """Tell whether something is there; what differs by rollout was declared to vary, whatever it is."""
     return bool(value.ndim == 2 or value.any())
-
-
-def _side_by_side(link: Any, motor: Any, shape: Array) -> Array:
-    """Return what links and motors have in one row, (2 n,) or (batch, 2 n)."""
-    return np.concatenate(np.broadcast_arrays(link, motor, shape)[:2], axis=-1)
-
-
-def _oscillating(robot: AnyRobot) -> Array:
-    """Return m J / (m + J) of each link m and rotor J alone, the inertia of their mode."""
-    own = robot if isinstance(robot, Robot) else robot.robots[0]
-    link, rotor = np.diag(own.mass_matrix(own.middle())) - own.armature, robot.armature
-    return np.asarray(link * rotor / (link + rotor))
 
 
 def sag(robot: Robot, stiffness: Array | None = None, at_motor: Any = None) -> str:

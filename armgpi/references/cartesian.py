@@ -121,19 +121,17 @@ class CartesianReference(Reference):
             raise ArrayError("t", f"expected a time or shape (k,), got shape {times.shape}")
         if np.abs(times).max(initial=0.0) > _LONGEST:
             raise ArrayError("t", f"expected times up to {_LONGEST:g} s, got {np.abs(times).max():g}")
-        target = self._along(times) if self._track is None else self._track.at(times)
+        if self._track is not None:
+            target = self._track.at(times)
+        else:  # by the inverse for points
+            point = self.path.at(times)
+            q = self._continue(times, self._solve(times, point.x))
+            jacobian = self.robot.frame_jacobian(self.frame, q)[:, :3]
+            inverse = np.linalg.pinv(jacobian)
+            v = np.matmul(inverse, point.v[..., None])[..., 0]
+            drift = self.robot.frame_drift(self.frame, q, v)[:, :3]
+            target = Target(q, v, np.matmul(inverse, (point.a - drift)[..., None])[..., 0])
         return target if np.ndim(t) else Target(*(x[0] for x in target))
-
-    def _along(self, times: Array) -> Target:
-        """Return the target at times (k,) [s] by the inverse for points."""
-        point = self.path.at(times)
-        q = self._continue(times, self._solve(times, point.x))
-        jacobian = self.robot.frame_jacobian(self.frame, q)[:, :3]
-        inverse = np.linalg.pinv(jacobian)
-        v = np.matmul(inverse, point.v[..., None])[..., 0]
-        drift = self.robot.frame_drift(self.frame, q, v)[:, :3]
-        a = np.matmul(inverse, (point.a - drift)[..., None])[..., 0]
-        return Target(q, v, a)
 
     def describe(self) -> dict[str, Any]:
         """Return the reference as plain data."""

@@ -162,7 +162,12 @@ class _Reader:
         if kind not in MOVING_TYPES:
             # What else it says is of no use, and often a left-over.
             return Joint(self.name, kind, parent, child, xyz, rpy)
-        axis = self._axis()
+        element = self.element.find("axis")
+        axis: tuple[float, ...] = (1.0, 0.0, 0.0)
+        if element is not None:
+            axis = self._read(element, "xyz", 3, f"{self.where}, <axis>")
+        if not any(axis):
+            raise self._error(f"{self.where} has the axis 0 0 0; give a direction, such as 0 0 1")
         limits = self._limits(kind)
         dynamics, mimic = self.element.find("dynamics"), self.element.find("mimic")
         damping = self._not_negative(dynamics, "damping", "damping", 0.0)
@@ -240,16 +245,6 @@ class _Reader:
             if max(map(abs, values)) > _HUGEST:
                 raise self._error(f"{place}: {key}={origin.get(key)!r} is larger than any robot")
         return xyz, rpy
-
-    def _axis(self) -> tuple[float, ...]:
-        """Return the joint's axis; 1 0 0 when the file gives none."""
-        element = self.element.find("axis")
-        if element is None:
-            return 1.0, 0.0, 0.0
-        axis = self._read(element, "xyz", 3, f"{self.where}, <axis>")
-        if not any(axis):
-            raise self._error(f"{self.where} has the axis 0 0 0; give a direction, such as 0 0 1")
-        return axis
 
     def _limits(self, kind: str) -> tuple[float, float, float, float]:
         """Return lower and upper position limit, velocity and effort limit."""

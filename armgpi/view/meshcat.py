@@ -128,7 +128,15 @@ class Server:
         """
         if port is not None and (isinstance(port, bool) or not 0 <= port <= 65535):
             raise ParameterError("port", port, "a number from 0 (any) to 65535")
-        self._server = _bind(port, html.encode())
+        ports = [port] if port is not None else [*range(_FIRST_PORT, _FIRST_PORT + _PORTS), 0]
+        for candidate in ports:
+            try:
+                self._server = _Loopback(candidate, html.encode())
+                break
+            except OSError as error:
+                reason = error.strerror or str(error)
+        else:
+            raise ServerError(ports[-1], reason)
         self.port = int(self._server.server_address[1])
         self.url = f"http://{LOOPBACK}:{self.port}/"
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True, name="armgpi view")
@@ -181,17 +189,6 @@ class Server:
     ) -> None:
         """Stop serving."""
         self.close()
-
-
-def _bind(port: int | None, page: bytes) -> _Loopback:
-    """Return a server on the port asked for, or on the first free one."""
-    ports = [port] if port is not None else [*range(_FIRST_PORT, _FIRST_PORT + _PORTS), 0]
-    for candidate in ports:
-        try:
-            return _Loopback(candidate, page)
-        except OSError as error:
-            reason = error.strerror or str(error)
-    raise ServerError(ports[-1], reason)
 
 
 class _Latest:

@@ -82,6 +82,7 @@ def build(
     records = _records(rollout)
     findings = [*findings, *said, *_found_in(rollout, records)]
     content, every = _netcdf(rollout)
+    thinned = "" if every == 1 else f" One sample in {every}, so that this file stays small."
     values = {
         "title": page.text(title or str(rollout.attrs.get("robot", "rollout"))),
         "summary": _summary(rollout),
@@ -89,7 +90,8 @@ def build(
         "tables": _tables(rollout, records),
         "findings": _findings(findings, notes),
         "configuration": _configuration(rollout, configuration),
-        "download": _download(content, every),
+        "download": f"<p><button type=button id=download class=download>Download rollout.nc</button> "
+        f"NetCDF, {len(content) / 1e6:.2g} MB; read it with <code>armgpi.load</code> or xarray.{thinned}</p>",
         "file": base64.b64encode(content).decode(),
     }
     data = {**data, "plots": _plots_data(rollout, arrays), "file": "rollout.nc"}
@@ -459,15 +461,6 @@ def _plain(value: Any) -> str:
     if isinstance(value, Mapping):
         return ", ".join(f"{key} {_plain(each)}" for key, each in value.items())
     return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def _download(content: bytes, every: int) -> str:
-    """Return the part with the data."""
-    thinned = "" if every == 1 else f" One sample in {every}, so that this file stays small."
-    return (
-        f"<p><button type=button id=download class=download>Download rollout.nc</button> "
-        f"NetCDF, {len(content) / 1e6:.2g} MB; read it with <code>armgpi.load</code> or xarray.{thinned}</p>"
-    )
 
 
 def _netcdf(rollout: xr.Dataset) -> tuple[bytes, int]:

@@ -51,7 +51,7 @@ from armgpi.plants.loads import paper_disturbances
 pytest.importorskip("casadi", reason="casadi writes the C")
 from armgpi.codegen import build
 from armgpi.hardware.export.code import Code, generate
-from armgpi.hardware.export.files import _state_bytes, record
+from armgpi.hardware.export.files import record
 
 FUZZ = (Path(__file__).parent / "fuzz.c").read_text()
 #: What the issue asks for, and what an audit would.
@@ -183,7 +183,7 @@ def write(code: Code, folder: Path) -> None:
     """Write generated code, and C that compiles where the size of its state is as it is said to be."""
     (folder / "armgpi_controller.h").write_text(code.header)
     (folder / "armgpi_controller.c").write_text(code.source)
-    right = f"typedef char right[sizeof(armgpi_state_t) == {_state_bytes(code)}U ? 1 : -1];"
+    right = f"typedef char right[sizeof(armgpi_state_t) == {code.state_bytes}U ? 1 : -1];"
     (folder / "size.c").write_text(f'#include "armgpi_controller.h"\n{right}\n')
 
 

@@ -105,6 +105,13 @@ class Code(NamedTuple):
     typical: Counts
     worst_case: Counts
 
+    @property
+    def state_bytes(self) -> int:
+        """Size of the state: four integers of 32 bits, then numbers, aligned to their size."""
+        real = 4 if self.real == "float" else 8
+        numbers = sum(len(part.symbols) for part in self.law.state)
+        return -(-(16 + real * numbers) // real) * real
+
 
 def generate(controller: Controller, real: str = "double", supervisor: Supervisor | None = None) -> Code:
     """Return a controller as C.

@@ -201,7 +201,7 @@ def write_code(
     if measure:
         with suppress(BackendError):  # there is no compiler
             measured = _run_replay(texts | logged, build.compiler())
-    state_bytes = _state_bytes(code) if measured is None else measured.state_bytes
+    state_bytes = code.state_bytes if measured is None else measured.state_bytes
     readme = _readme(code, len(log.samples), state_bytes, measured, target)
     texts["README.md"] = rename(readme, name)
     more = package(code, state_bytes, target)
@@ -370,13 +370,6 @@ def _run(command: list[str], folder: Path) -> subprocess.CompletedProcess[bytes]
         raise BackendError(f"{command[0]} cannot be run: {error}") from None
 
 
-def _state_bytes(code: Code) -> int:
-    """Return the size of the state: four integers of 32 bits, then numbers, aligned to their size."""
-    real = 4 if code.real == "float" else 8
-    numbers = sum(len(part.symbols) for part in code.law.state)
-    return -(-(16 + real * numbers) // real) * real
-
-
 def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | None, target: str) -> str:
     """Return the README."""
     law = code.law
@@ -480,7 +473,11 @@ def _faults(controller: Supervised) -> dict[str, str]:
         + _jump_text(bounds.step, robot, ", or") * bool(given.reference_jump),
         Reason.POSITION: "a position is beyond its limits by more than "
         f"{_few(np.broadcast_to(given.position_margin, (robot.n,)))} rad or m",
-        Reason.FROZEN: _frozen_text(controller),
+        Reason.FROZEN: f"a position did not change at all for {controller.frozen_samples} samples, though "
+        "since it last changed its reference has moved by more than "
+        f"{_few(bounds.travel)} rad or m, and its torque by more "
+        f"than {_few(controller.frozen.sticking)} N m or N, or is at its limit; at once where the joint was "
+        "moving with its reference. An arm at rest is no fault" * bool(controller.frozen_samples),
         Reason.JUMP: _jump_text(bounds.jump, robot, "a position") * bool(given.jump),
         Reason.RESPONSE: f"a joint ran away from its reference for eight samples and {given.response:g} s "
         "while its torque pushed back; the state is FAULT, and that joint brakes by its torque turned round"
@@ -520,19 +517,6 @@ def _jump_text(jump: Array, robot: Any, what: str) -> str:
     names = [plain(name) for name, known in zip(robot.joint_names, checked, strict=True) if not known]
     rest = f"; not for {', '.join(names)}, without a velocity limit" if names else ""
     return f"{what} is more than {listed} rad or m from where its last change leads{rest}"
-
-
-def _frozen_text(controller: Supervised) -> str:
-    """Return when a position is frozen; "" for never."""
-    samples = controller.frozen_samples
-    if not samples:
-        return ""
-    return (
-        f"a position did not change at all for {samples} samples, though since it last changed its "
-        f"reference has moved by more than {_few(controller.bounds.travel)} rad or m, and its torque by more "
-        f"than {_few(controller.frozen.sticking)} N m or N, or is at its limit; at once where the joint was "
-        "moving with its reference. An arm at rest is no fault"
-    )
 
 
 def _few(values: Array) -> str:

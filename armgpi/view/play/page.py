@@ -91,6 +91,11 @@ def _data(found: Module, experiment: Experiment, arrays: page.Arrays) -> dict[st
     loop = ClosedLoop(experiment.plant, next(iter(experiment.controllers.values())), experiment.reference)
     steps = round(experiment.t_final / loop.dt)
     moved = found.playable
+    config, urdf = moved.config, None
+    path = Path(config["robot"]["name"])
+    if path.is_file():  # it lies beside the configuration that is copied from the page
+        config = {**config, "robot": {**config["robot"], "name": path.name}}
+        urdf = [path.name, read_file(path)]
     return {
         "steps": steps,
         "dt": loop.dt,
@@ -101,20 +106,12 @@ def _data(found: Module, experiment: Experiment, arrays: page.Arrays) -> dict[st
         # Bounds that are infinite are null.
         "controls": [json_data({**control._asdict(), "id": control.id}) for control in moved.controls],
         "sections": moved.sections,
-        **_config_with_urdf(moved.config),
+        "config": config,
+        "urdf": urdf,
         "friction": plain(experiment.config)["robot"]["friction"],
         "defaults": _defaults(moved),
         "variants": [_variant(variant, loop, steps, arrays) for variant in found.variants],
     }
-
-
-def _config_with_urdf(config: dict[str, Any]) -> dict[str, Any]:
-    """Return the configuration that is copied from the page, and the URDF to lie beside it, if any."""
-    robot, path = config["robot"], Path(config["robot"]["name"])
-    if not path.is_file():
-        return {"config": config, "urdf": None}
-    text = read_file(path)
-    return {"config": {**config, "robot": {**robot, "name": path.name}}, "urdf": [path.name, text]}
 
 
 def _variant(variant: dict[str, Any], loop: ClosedLoop, steps: int, arrays: page.Arrays) -> dict[str, Any]:
