@@ -22,6 +22,7 @@ import numpy as np
 import armgpi
 from armgpi import config
 from armgpi.arrays import Array
+from armgpi.errors import ParameterError
 from armgpi.health import reality as health
 from armgpi.identification.arm import identify, mean_inertia
 from armgpi.identification.excitation import FIRST_SHARE, excite
@@ -62,9 +63,15 @@ def run(draw: Draw, nominal: armgpi.Robot, reference: Any, t_final: float) -> An
 
 
 def record(draw: Draw, nominal: armgpi.Robot, share: float, seed: int) -> Log:
-    """Return the log of a motion until a joint is off by :data:`CUT`; without the draw's disturbance."""
+    """Return the log of a motion until a joint is off by :data:`CUT`; without the draw's disturbance.
+
+    It is empty where motors are too weak for `excite`.
+    """
     still = draw._replace(torque_step=0.0 * draw.torque_step)
-    motion = excite(nominal, SECONDS, share, seed).reference
+    try:
+        motion = excite(nominal, SECONDS, share, seed).reference
+    except ParameterError:
+        return Log(*[np.zeros(1)] * 3)
     rollout = run(still, nominal, motion, SECONDS)
     q, tau = rollout["q_measured"].values, rollout["tau_command"].values
     off = ~(np.abs(q - rollout["q_ref"].values) < CUT).all(axis=1)
