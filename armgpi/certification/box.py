@@ -56,17 +56,17 @@ def box_of(robot: Robot, given: Any) -> Box:
     if given is None:
         return whole
     wanted = dict(given) if isinstance(given, Mapping) else {"by": given}
-    for key in wanted:
-        if key not in KEYS:
-            raise ParameterError("box", key, f"one of {', '.join(KEYS)}")
-    if ("lower" in wanted or "upper" in wanted) and ("around" in wanted or "by" in wanted):
+    if unknown := [key for key in wanted if key not in KEYS]:
+        raise ParameterError("box", unknown[0], f"one of {', '.join(KEYS)}")
+    around, ends = wanted.keys() & {"around", "by"}, wanted.keys() & {"lower", "upper"}
+    if around and ends:
         raise ParameterError("box", given, "either around and by, or lower and upper")
 
     def values(key: str, default: Array) -> Array:
         value = wanted.get(key)
         return default if value is None else quantity(value, f"box.{key}", robot.joint_names, default)
 
-    if "around" in wanted or "by" in wanted:
+    if around:
         center, half = values("around", middle), values("by", 0.5 * (whole.upper - whole.lower))
         found = Box(center - half, center + half)
     else:

@@ -211,9 +211,9 @@ def certify(
         check_choice(rate, "rate", ("auto",))
     asked = ask(robot, dt, **options)
     law_of(asked)  # before what takes long
-    if prove and len(asked.others):
-        raise ParameterError("prove", prove, "False where the arm is not exact: arms are drawn")
     if prove:
+        if len(asked.others):
+            raise ParameterError("prove", prove, "False where the arm is not exact: arms are drawn")
         numbers = prove_numbers(asked.setting, budget=budget, progress=progress)
     else:
         numbers = search_numbers(asked.setting, progress=progress)

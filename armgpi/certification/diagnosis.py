@@ -107,23 +107,22 @@ def _remedies(
     asked: Asked, law: Mapping[str, Any], numbers: Mapping[str, Any], inputs: Mapping[str, Any]
 ) -> list[str]:
     """Return what would do, each alone."""
-    said = []
-    omega = float(law["omega"][0])
-    for factor in _BANDWIDTHS:
-        tried = repr(round(factor * omega, 3))
-        if solvable({**law, "omega": [tried]}, numbers, inputs):
-            said.append(f"what would do: omega = {float(tried):.3g} rad/s")
-            break
-    for share in _SHARES:
-        if solvable(law, numbers, {**inputs, "spread": repr(share * float(inputs["spread"]))}):
-            said.append(f"what would do: {share:g} of the speed")
-            break
-    for share in _SHARES:
-        if asked.loads[1] > asked.loads[0] and solvable(law, _less(numbers, "delta_high", share), inputs):
-            said.append(f"what would do: {share:g} of the range of loads, or a smaller box")
-            break
-    if law["delay"] and solvable({**law, "delay": 0}, numbers, inputs):
-        said.append("what would do: no delay")
+    omegas = [round(factor * float(law["omega"][0]), 3) for factor in _BANDWIDTHS]
+    # What is tried of each kind, the least change first.
+    bandwidths = ((f"omega = {x:.3g} rad/s", {**law, "omega": [repr(x)]}, numbers, inputs) for x in omegas)
+    speeds = (
+        (f"{x:g} of the speed", law, numbers, {**inputs, "spread": repr(x * float(inputs["spread"]))})
+        for x in _SHARES
+    )
+    loads = (
+        (f"{x:g} of the range of loads, or a smaller box", law, _less(numbers, "delta_high", x), inputs)
+        for x in _SHARES
+        if asked.loads[1] > asked.loads[0]
+    )
+    delays = [("no delay", {**law, "delay": 0}, numbers, inputs)] * bool(law["delay"])
+    kinds = (bandwidths, speeds, loads, delays)
+    first = (next((what for what, *changed in tried if solvable(*changed)), None) for tried in kinds)
+    said = [f"what would do: {what}" for what in first if what is not None]
     if not asked.robot.armature.all():
         missing = [x for x, y in zip(asked.robot.joint_names, asked.robot.armature, strict=True) if not y]
         said.append(f"rotor inertia makes all numbers smaller; give that of {', '.join(missing)}")

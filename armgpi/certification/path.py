@@ -741,6 +741,10 @@ def describe(found: PathBound) -> list[str]:
     return lines
 
 
+#: Numbers of the law of which a batch has more than one for each joint.
+_PER_JOINT = ("rest_dead_zone", "rolloff_ratio", "effort", "second_ratio", "second_zeta")
+
+
 def _check_law(controller: GPI) -> None:
     """Refuse what is no linear law of the error with gains that stay, from the torque that holds the arm."""
     if not (isinstance(controller.robot, Robot) and isinstance(controller.bias_robot, Robot)):
@@ -754,8 +758,7 @@ def _check_law(controller: GPI) -> None:
         raise ParameterError("rest_leak", controller.rest_leak, "0 where there is to be a bound")
     values = {
         "gains": max(controller.gains.nominal(), key=np.ndim),
-        **{name: getattr(controller, name) for name in ("rest_dead_zone", "rolloff_ratio", "effort")},
-        **{name: getattr(controller, name) for name in ("second_ratio", "second_zeta")},
+        **{name: getattr(controller, name) for name in _PER_JOINT},
     }
     for name, value in values.items():
         if np.ndim(value) > 1:

@@ -46,7 +46,7 @@ def write_page(found: PathBound, run: Any, notes: Sequence[str] = ()) -> str:
     told = [what for what, x in found.parts.items() if x.max() >= _TOLD]
     for j, name in enumerate(robot.joint_names):
         units = (POSITION.symbol(robot.prismatic[j]), TORQUE.symbol(robot.prismatic[j]))
-        parts = (f"{100.0 * x[j]:.0f} %" for x in (found.parts[what] for what in told))
+        parts = (f"{100.0 * found.parts[what][j]:.0f} %" for what in told)
         rows.append((name, f"{found.error[j]:.3g} {units[0]}", f"{found.torque[j]:.3g} {units[1]}", *parts))
     head = ("joint", "error\nat most", "torque\nat most", *(what.replace(" ", "\n", 1) for what in told))
     sections = {"Joints, and what makes their errors": page.table(head, rows, label="bounds of the joints")}

@@ -560,14 +560,10 @@ class Unfolded(Quantity):
         for each, length in zip(beyond, np.linalg.norm(center[0], axis=0), strict=True):
             upper += length * _error(root, each)
         # D is at least this share of D at the center.
-        share = 1.0 / norms(_inverses(root, middle)).max() ** 2
+        inverses = np.asarray(root @ np.linalg.cholesky(middle))  # the squared norm is that of (L L^T)^-1 D
+        share = 1.0 / norms(inverses).max() ** 2
         seen = _beside(_in_all(there[None], *[center[0]] * 3))
         return Bounds(np.array([upper.max() / math.sqrt(share)]), seen)
-
-
-def _inverses(root: Array, D: Array) -> Array:
-    """Return L^-1 M with D = M M^T: its squared norm is the largest eigenvalue of (L L^T)^-1 D."""
-    return np.asarray(root @ np.linalg.cholesky(D))
 
 
 class _Solved(NamedTuple):

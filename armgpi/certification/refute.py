@@ -114,10 +114,7 @@ def again(certificate: Certificate, robot: Robot) -> Asked:
             warnings.simplefilter("ignore", ArmgpiWarning)
             asked = _request_of(certificate, robot)
             same = law_of(asked) == data["law"] and limits_of(asked) == data["limits"]
-        shares = sum(_share(checker.section(data["shares"], "shares", _SHARES), name) for name in _SHARES)
-        inputs = [x for name, x in data["inputs"].items() if name != "gain"]
-        sizes = [{key: checker.numbers(x[key], f"inputs.{key}") for key in checker.INPUTS} for x in inputs]
-        least = min((x["torque"] for x in sizes), default=shares)
+        shares, least = _torques(data)
     except ParameterError as error:
         if error.name.startswith("robot."):
             raise
@@ -129,6 +126,14 @@ def again(certificate: Certificate, robot: Robot) -> Asked:
     if shares > least * (1 + Fraction(_ROUNDING)):
         raise ParameterError("inputs.torque", float(least), f"{float(shares):g} at least, all shares")
     return asked
+
+
+def _torques(data: Any) -> tuple[Fraction, Fraction]:
+    """Return all shares of what disturbs together, and the least torque that claims are made for."""
+    shares = sum(_share(checker.section(data["shares"], "shares", _SHARES), name) for name in _SHARES)
+    inputs = [x for name, x in data["inputs"].items() if name != "gain"]
+    sizes = [{key: checker.numbers(x[key], f"inputs.{key}") for key in checker.INPUTS} for x in inputs]
+    return Fraction(shares), min((x["torque"] for x in sizes), default=Fraction(shares))
 
 
 def _unknown(error: BaseException) -> ParameterError:
@@ -155,40 +160,40 @@ def _request_of(certificate: Certificate, robot: Robot) -> Asked:
         if steps > len(law["omega"]) * Fraction(law["rate"]) * Fraction(law["sample_time"]):
             raise checker.Refused("omega does not have all that the rate leads to")
 
-    def values(name: str) -> Any:
-        return np.array([float(x) for x in limits[name]])
+    def values(texts: Any) -> Any:
+        return np.array([float(x) for x in texts])
 
-    light, heavy = (float(x) for x in known["loads"])
+    light, heavy = map(float, known["loads"])
     loads = (
         None
         if known["frame"] is None
         else LoadRange(light, heaviest=heavy, frame=known["frame"], com=known["com"])
     )
-    ratios: dict[str, Any] = {
-        name: float(law[name]) for name in ("rolloff_ratio", "second_ratio", "second_zeta")
-    }
-    if known["rule"] is not None:  # the feedforward of an untuned law knows of no load
-        ratios["bias_robot"] = robot
+    # The feedforward of an untuned law knows of no load.
+    bias: dict[str, Any] = {} if known["rule"] is None else {"bias_robot": robot}
     return ask(
         robot,
         float(law["sample_time"]),
         payload=loads,
-        box={"lower": values("lower"), "upper": values("upper")},
-        speed=values("speed"),
-        radius=values("radius"),
-        acceleration=values("acceleration") if values("velocity").any() else None,
-        torque=np.array([float(x) for x in known["torque"]]),
+        box={"lower": values(limits["lower"]), "upper": values(limits["upper"])},
+        speed=values(limits["speed"]),
+        radius=values(limits["radius"]),
+        acceleration=values(limits["acceleration"]) if values(limits["velocity"]).any() else None,
+        torque=values(known["torque"]),
         friction=known["friction"],
         jump=known["jump"],
         bits=known["bits"],
         start=known["start"],
-        rest_dead_zone=np.array([float(x) for x in known["dead_zone"]]),
+        rest_dead_zone=values(known["dead_zone"]),
         delay=law["delay"],
         gains=certificate.gains,
         feedforward=known["feedforward"],
         integrators=law["integrators"],
         rolloff=law["rolloff"],
-        **ratios,
+        rolloff_ratio=float(law["rolloff_ratio"]),
+        second_ratio=float(law["second_ratio"]),
+        second_zeta=float(law["second_zeta"]),
+        **bias,
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from armgpi.arrays import Array
 from armgpi.certification.adversary import worst
 from armgpi.certification.certificate import Certificate
 from armgpi.certification.quantities import functions, points, ranges
@@ -133,18 +134,25 @@ def _nyquist(made: Certificate) -> str:
     return figure(drawing.svg(parts, said), said)
 
 
-def _box(asked: Asked, made: Certificate) -> str:
-    """Return the largest share of each number along each joint of the box."""
-    setting, n = asked.setting, asked.robot.n
+def _shares_taken(asked: Asked, made: Certificate, drawn: Array) -> dict[str, Array]:
+    """Return the shares of numbers that configurations take, drawn as shares of the ranges."""
+    setting = asked.setting
     lowest, width = ranges(setting)
-    drawn = np.random.default_rng(0).random((_DRAWN, 3 * n))
     at, known = points(setting, lowest + width * drawn), functions(setting)
     shares = {}
     for name in _COLOURS:
         best = 1.0 if name == "delta_high" else 0.0
         values = np.max([known[name](setting, arm, at) for arm in setting.arms], axis=0)
         room = float(made.data["numbers"][name]) - best
-        shares[name] = (values - best) / room if room > 1e-9 else np.zeros(_DRAWN)
+        shares[name] = (values - best) / room if room > 1e-9 else np.zeros(len(drawn))
+    return shares
+
+
+def _box(asked: Asked, made: Certificate) -> str:
+    """Return the largest share of each number along each joint of the box."""
+    setting = asked.setting
+    drawn = np.random.default_rng(0).random((_DRAWN, 3 * asked.robot.n))
+    shares = _shares_taken(asked, made, drawn)
     figures = []
     for j, joint in enumerate(asked.robot.joint_names):
         low, high = setting.lower[j], setting.upper[j]

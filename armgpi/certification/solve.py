@@ -6,6 +6,7 @@ returns is rounded to decimal numbers and checked as such; its status is not loo
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -113,7 +114,7 @@ class _Problem:
         """Return the problem; None where a sample adds too much for any solution."""
         known = checker.sample(facts)
         (f, wide), rest, ends, gains, sizes, *_ = known
-        if not (f >= 1.0 and wide >= 1.0 and 0.0 < rest <= 1.0):
+        if not (min(f, wide) >= 1.0 and 0.0 < rest <= 1.0):
             return None
         omegas, h = facts["omega"], facts["sample_time"]
         n = len(checker.loop(facts, omegas[0])[1])
@@ -122,17 +123,17 @@ class _Problem:
         steps = []
         last = len(omegas) - 1
         for i in sorted({0, min(1, last), last // 2, max(last - 1, 0), last}):
-            near = {omegas[max(i - 1, 0)], omegas[i], omegas[min(i + 1, len(omegas) - 1)]}
-            steps += [(omegas[i], omegas[i] / after) for after in sorted(near)]
+            near = sorted({*omegas[max(i - 1, 0) : i + 2]})
+            steps += [(omegas[i], omegas[i] / after) for after in near]
         basis = []
         for unit in np.eye(n * (n + 1) // 2 + sum(map(len, used))):
             P, t, a = (each.tolist() for each in _split(unit, n, used))
             solution = {"P": P, "alpha": 0.0, "t": t, "a": a}
+            corners = itertools.product(steps, ends)
             basis.append(
                 [
                     np.array(checker.inequality(facts, known, *step, delta, solution)) / (step[0] * h)
-                    for step in steps
-                    for delta in ends
+                    for step, delta in corners
                 ]
             )
         return cls(

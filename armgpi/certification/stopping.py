@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -141,8 +142,8 @@ def bound_stop(found: PathBound, tool_speed: float, supervisor: Supervisor | Non
         stopped = Stopped(path, float(moments[i]), h, Target(*(x[:, i] for x in every)))
         t_final = stopped.begin + longest + _AFTER
         made.append(bound_wish(wish._replace(reference=stopped, t_final=t_final), bears=False))
-    reasons = [reason for each in made for reason in each.reasons[:1]]
-    if not reasons and max(each.error.max() for each in made) > NEAR:
+    reasons = list(itertools.chain.from_iterable(each.reasons[:1] for each in made))
+    if not reasons and np.max([each.error for each in made]) > NEAR:
         reasons = [f"a joint may be {NEAR:g} rad or m off, from where a stop begins at the joint"]
     error = float(np.max([each.tool for each in made]))
     return StopBound(tool_speed, float(ways.max()), longest, error, tuple(reasons))

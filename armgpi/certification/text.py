@@ -39,16 +39,28 @@ def table(made: Any) -> list[str]:
     """Return the lines that are printed of an :class:`armgpi.Certificate`."""
     data = made.data
     robot, law, limits = data["robot"], data["law"], data["limits"]
+    first, last = float(law["omega"][0]), float(law["omega"][-1])
+    omega = f"{first:g}"
+    if first != last:  # it moves between two
+        omega += f" to {last:.4g} at a rate up to {float(law['rate']):.3g}"
     light, heavy = (float(x) for x in robot["loads"])
     moves = any(float(x) for x in limits["velocity"])
+    box = zip(map(float, limits["lower"]), map(float, limits["upper"]), strict=True)
     course = "moves" if moves else "at rest (with --acceleration: moving)"
+    prices = []  # what one omega for all joints costs of what the rule for untuned arms gives them
+    if robot["rule"] is not None:
+        rule, zone = _join(robot["rule"]), _join(robot["dead_zone"])
+        prices = [
+            f"  the untuned law, but with one omega: the rule gives the joints {rule} rad/s",
+            f"  its dead zone, {zone} rad or m, is in all claims but the error per torque",
+        ]
     lines = [
-        f"{robot['name']}, taken as rigid: loads {light:g} to {heavy:g} kg, omega {_omega(law)} rad/s, "
+        f"{robot['name']}, taken as rigid: loads {light:g} to {heavy:g} kg, omega {omega} rad/s, "
         f"{law['integrators']} integrators, roll-off {law['rolloff']}, feedforward {robot['feedforward']}, "
         f"{1e3 * float(law['sample_time']):g} ms, {law['delay']} samples late",
         f"  reference {course}, speed {_join(limits['speed'])} rad/s or m/s; start {robot['start']}",
-        *_price(robot, law),
-        f"  box [rad or m]: {', '.join(_ends(limits))}",
+        *prices,
+        f"  box [rad or m]: {', '.join(f'{low:.4g} to {high:.4g}' for low, high in box)}",
     ]
     lines += [
         f"  {name:<12} {float(data['numbers'][name]):<10.4g} {unit:<6} {data['status'][name]:<9} {text}"
@@ -119,34 +131,10 @@ def shares(made: Any) -> str:
     return ", ".join(f"{name} {100.0 * x:.3g} %" for x, name in found if x > _SMALL)
 
 
-def _price(robot: Any, law: Any) -> list[str]:
-    """Return what one omega for all joints costs of what the rule for untuned arms gives them."""
-    if robot["rule"] is None:
-        return []
-    return [
-        f"  the untuned law, but with one omega: the rule gives the joints {_join(robot['rule'])} rad/s",
-        f"  its dead zone, {_join(robot['dead_zone'])} rad or m, is in all claims but the error per torque",
-    ]
-
-
 def _join(values: Any) -> str:
     """Return numbers for the joints, one where they are the same."""
     texts = [f"{float(x):.4g}" for x in values]
     return ", ".join(texts) if len(set(texts)) > 1 else texts[0]
-
-
-def _ends(limits: Any) -> list[str]:
-    """Return the range of each joint."""
-    ends = zip(limits["lower"], limits["upper"], strict=True)
-    return [f"{float(low):.4g} to {float(high):.4g}" for low, high in ends]
-
-
-def _omega(law: Any) -> str:
-    """Return the bandwidth, or between which ones it moves, and how fast."""
-    first, last = float(law["omega"][0]), float(law["omega"][-1])
-    return (
-        f"{first:g}" if first == last else f"{first:g} to {last:.4g} at a rate up to {float(law['rate']):.3g}"
-    )
 
 
 def _joints(made: Any) -> list[str]:

@@ -206,27 +206,26 @@ class _Cut:
             center = (2 * k + 1) * self.half[j] / count - self.half[j]
             local, sup = _local(center, self.half[j] / count + self.margin[j], False)
             low, high = np.split(_along(table, j, local @ self._back[j]), [3], axis=j)
-            beyond = _sum(np.abs(high), [*sups[:j], sup[3:], *sups[j + 1 :]])
+            beyond = np.abs(high)
+            for each in (*sups[:j], sup[3:], *sups[j + 1 :]):
+                beyond = np.tensordot(each, beyond, axes=1)
             yield low, [*sups[:j], sup[:3], *sups[j + 1 :]], beyond
 
     def visit(self, j: int, table: Array, sups: list[Array], beyond: Array) -> Iterator[tuple[Array, Array]]:
         """Yield the tables of all pieces, cut along the joints from j on, and what is left out of each."""
         if j == len(self.counts):
-            yield _plain(table, self.widths + self.margin, self.prismatic), beyond
+            # Coefficients of 1, cos x and sin x for those of 1, sin x and cos x less its middle.
+            for joint, slides in enumerate(self.prismatic):
+                if table.shape[joint] > 1 and not slides:
+                    middle = _middle(float(self.widths[joint] + self.margin[joint]))
+                    matrix = np.array([[1.0, 0.0, -middle], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+                    table = _along(table, joint, matrix)
+            yield table, beyond
         elif not self.counts[j]:
             yield from self.visit(j + 1, table, sups, beyond)
         else:
             for low, most, more in self._parts(j, self.counts[j], table, sups):
                 yield from self.visit(j + 1, low, most, beyond + more)
-
-
-def _plain(table: Array, half: Array, prismatic: npt.NDArray[np.bool_]) -> Array:
-    """Return coefficients of 1, cos x and sin x for those of 1, sin x and cos x less its middle."""
-    for joint, slides in enumerate(prismatic):
-        if table.shape[joint] > 1 and not slides:
-            matrix = np.array([[1.0, 0.0, -_middle(half[joint])], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
-            table = _along(table, joint, matrix)
-    return table
 
 
 def _scale(polynomial: Polynomial) -> Array:
@@ -294,13 +293,6 @@ def _along(table: Array, axis: int, matrix: Array) -> Array:
     shape = table.shape
     flat = table.reshape(math.prod(shape[:axis]), shape[axis], -1)
     return np.asarray((matrix @ flat).reshape(*shape[:axis], len(matrix), *shape[axis + 1 :]))
-
-
-def _sum(table: Array, weights: Sequence[Array]) -> Array:
-    """Return the sum of a table over its first axes, weighted along each."""
-    for each in weights:
-        table = np.tensordot(each, table, axes=1)
-    return table
 
 
 def stack_polynomials(polynomials: Sequence[Polynomial]) -> Polynomial:
