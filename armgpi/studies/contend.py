@@ -299,15 +299,14 @@ def verdict(entries: Sequence[Entry]) -> str:
             continue
         for arm in dict.fromkeys(entry.arm for entry in entries):
             rows = medians(entries, arm)
-            cells = []
-            for name in budgets_of(arm):
-                one, other = (
-                    min((rows[law][name] for law in side if law in rows), default=math.inf)
-                    for side in (ours, theirs)
-                )
-                cells.append(ratio(one, other))
+            cells = [ratio(_least(rows, ours, x), _least(rows, theirs, x)) for x in budgets_of(arm)]
             lines.append((group, arm, *cells))
     return markdown_table(head, lines)
+
+
+def _least(rows: Mapping[str, Mapping[str, float]], laws: Iterable[str], budget: str) -> float:
+    """Return the least error of some laws at a budget, infinity where none of them has one."""
+    return min((rows[law][budget] for law in laws if law in rows), default=math.inf)
 
 
 def ratio(one: float, other: float) -> str:

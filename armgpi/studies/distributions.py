@@ -76,29 +76,43 @@ def distribution(name: str, given: Any, declared: Parameter, joints: int, value:
     Raises:
         ParameterError: when it is none, or leaves the parameter's bounds.
     """
-    known = {kind: tuple(x) for kind in KINDS if (x := getattr(given, kind)) is not None}
-    if not known:
-        if (ends := declared.range(value)) is None:
-            raise ParameterError(name, value, "told from where to where it goes, as in {uniform: [1, 2]}")
-        known = {"log_uniform" if declared.log and ends[0] > 0.0 else "uniform": ends}
-    if len(known) != 1:
-        raise ParameterError(name, ", ".join(known), f"one of {', '.join(KINDS)}")
-    ((kind, numbers),) = known.items()
+    kind, numbers = _kind_and_numbers(name, given, declared, value)
     if declared.kind == "integer" and kind == "uniform" and 0.0 <= numbers[-1] - numbers[0] <= _MOST_WHOLE:
         kind, numbers = "choices", tuple(range(math.ceil(numbers[0]), math.floor(numbers[-1]) + 1))
-    if kind != "choices" and len(numbers) != 2:
-        raise ParameterError(name, numbers, "two numbers")
-    if kind in ("uniform", "log_uniform") and numbers[0] > numbers[1]:
-        raise ParameterError(name, numbers, "[lowest, highest]")
-    if kind == "log_uniform" and numbers[0] <= 0.0:
-        raise ParameterError(name, numbers, "positive numbers for log_uniform")
-    if kind == "normal" and numbers[1] <= 0.0:
-        raise ParameterError(name, numbers, "[mean, standard deviation], the second positive")
+    if kind != "choices":
+        _check_numbers(name, kind, numbers)
     if given.each == "joint" and not declared.per_joint:
         raise ParameterError(name, "each: joint", "drawn once for each rollout; it is not per joint")
     found = Distribution(kind, numbers, joints if given.each == "joint" else 1)
     _check_bounds(name, found, declared)
     return found
+
+
+def _kind_and_numbers(
+    name: str, given: Any, declared: Parameter, value: Any
+) -> tuple[str, tuple[float, ...]]:
+    """Return which distribution a section gives, and its numbers; with none the declared range."""
+    known = {kind: tuple(x) for kind in KINDS if (x := getattr(given, kind)) is not None}
+    if not known:
+        if (ends := declared.range(value)) is None:
+            raise ParameterError(name, value, "told from where to where it goes, as in {uniform: [1, 2]}")
+        return "log_uniform" if declared.log and ends[0] > 0.0 else "uniform", ends
+    if len(known) != 1:
+        raise ParameterError(name, ", ".join(known), f"one of {', '.join(KINDS)}")
+    return next(iter(known.items()))
+
+
+def _check_numbers(name: str, kind: str, numbers: tuple[float, ...]) -> None:
+    """Refuse numbers that a distribution between two ends, or a normal one, cannot have."""
+    if len(numbers) != 2:
+        raise ParameterError(name, numbers, "two numbers")
+    if kind == "normal":
+        if numbers[1] <= 0.0:
+            raise ParameterError(name, numbers, "[mean, standard deviation], the second positive")
+    elif numbers[0] > numbers[1]:
+        raise ParameterError(name, numbers, "[lowest, highest]")
+    elif kind == "log_uniform" and numbers[0] <= 0.0:
+        raise ParameterError(name, numbers, "positive numbers for log_uniform")
 
 
 def _check_bounds(name: str, found: Distribution, declared: Parameter) -> None:

@@ -102,7 +102,12 @@ class Evaluator:
         group, count = self._groups[place][1], len(candidates)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ArmgpiWarning)
-            loop = self._prepare_loop(place, section, count, candidates[0])
+            key = (place, count, repr(section), tuple(candidates[0]))
+            if key not in self._loops:
+                # What some keys are given as decides what there is to vary: a box, weights.
+                law = with_keys(section, candidates[0])
+                self._loops[key] = prepare_draws(group * count, law, record="metrics", backend=self.backend)
+            loop = self._loops[key]
             rollout = in_rows(loop.run(by_rollout(candidates, len(group), loop)))
         known, shape = metrics.declared(), (count, len(group))
         found = {
@@ -110,17 +115,6 @@ class Evaluator:
             for name in self.names
         }
         return found, (rollout["status"].values == Status.DIVERGED).reshape(shape)
-
-    def _prepare_loop(
-        self, place: int, section: Mapping[str, Any], count: int, example: Mapping[str, Any]
-    ) -> PreparedLoop:
-        """Return the loop of a group of scenarios for so many candidates."""
-        key = (place, count, repr(section), tuple(example))
-        if key not in self._loops:
-            # What some keys are given as decides what there is to vary: a box, weights.
-            law, draws = with_keys(section, example), self._groups[place][1] * count
-            self._loops[key] = prepare_draws(draws, law, record="metrics", backend=self.backend)
-        return self._loops[key]
 
 
 def with_keys(section: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:

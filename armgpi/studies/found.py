@@ -163,13 +163,10 @@ def as_data(search: Search, found: Sequence[Validated], given: Row) -> dict[str,
 
 def _cells(row: Row, held_out: Row, against: str) -> list[str]:
     """Return the values of a candidate on both sets of scenarios."""
-    return [
-        text for each in (row, held_out) for text in (_objective(each), metrics.short(each.means[against]))
-    ]
-
-
-def _objective(row: Row) -> str:
-    """Return an objective, or why there is none."""
-    if row.failed:
-        return f"fails in {100.0 * row.failed:.0f} %"
-    return metrics.short(row.objective) + ("" if row.sound else " (breaks a constraint)")
+    cells = []
+    for each in (row, held_out):
+        worth = metrics.short(each.objective) + ("" if each.sound else " (breaks a constraint)")
+        if each.failed:
+            worth = f"fails in {100.0 * each.failed:.0f} %"
+        cells += [worth, metrics.short(each.means[against])]
+    return cells

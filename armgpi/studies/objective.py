@@ -88,13 +88,14 @@ class Expression:
         number: Any = getattr(node, "value", None)
         if type(number) in (int, float) and number < _LARGEST:
             return []
-        if isinstance(node, ast.BinOp | ast.UnaryOp) and type(node.op) in _OPERATORS:
-            parts = [node.left, node.right] if isinstance(node, ast.BinOp) else [node.operand]
-            return [name for part in parts for name in self._names_in(part)]
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
-            arity = 2 if node.func.id in ("max", "min") else 1
-            if node.func.id in _FUNCTIONS and len(node.args) == arity:
-                return [name for part in node.args for name in self._names_in(part)]
+        match node:
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
+                return [*self._names_in(left), *self._names_in(right)]
+            case ast.UnaryOp(op=op, operand=inner) if type(op) in _OPERATORS:
+                return self._names_in(inner)
+            case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in _FUNCTIONS:
+                if len(args) == (2 if name in ("max", "min") else 1):
+                    return [each for part in args for each in self._names_in(part)]
         said = f"sums, products, powers and {', '.join(_FUNCTIONS)} of metrics and numbers"
         raise ParameterError(self._name, self.text, said)
 
@@ -206,13 +207,9 @@ class Objective:
         broken = np.zeros(failed.shape)
         for constraint in self.constraints:
             broken = broken + np.where(failed, 0.0, constraint.violation(values))
-        whole = np.where(failed.any(axis=1), math.inf, self._aggregate(np.where(failed, 0.0, each)))
+        each, how = np.where(failed, 0.0, each), self.over
+        if how == "cvar":  # the mean of the worst share
+            each, how = np.sort(each, axis=1)[:, -math.ceil(self.share * each.shape[1] - 1e-9) :], "mean"
+        one: Any = {"mean": np.mean, "median": np.median, "worst": np.max}[how]
+        whole = np.where(failed.any(axis=1), math.inf, one(each, axis=1))
         return Judged(whole, failed.mean(axis=1), broken.mean(axis=1))
-
-    def _aggregate(self, each: Array) -> Array:
-        """Return one number for the scenarios of each candidate."""
-        if self.over == "cvar":
-            worst = math.ceil(self.share * each.shape[1] - 1e-9)
-            return np.asarray(np.sort(each, axis=1)[:, -worst:].mean(axis=1))
-        how: Any = {"mean": np.mean, "median": np.median, "worst": np.max}[self.over]
-        return np.asarray(how(each, axis=1))

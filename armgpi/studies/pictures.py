@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -112,23 +112,26 @@ def contest_picture(entries: Sequence[Entry]) -> bytes:
         for row, arm in enumerate(arms):
             values = medians(entries, arm)
             for axes, (group, laws) in zip(panels[row], groups.items(), strict=True):
-                for index, law in enumerate(laws):
-                    if law not in values:
-                        continue
-                    error = [x if math.isfinite(x) else math.nan for x in values[law].values()]
-                    color, dashes = style.look(index)
-                    looks: Any = {"linestyle": (0, (4, 1.5)), "marker": "x"}
-                    if CONTENDERS[law].gpi:
-                        looks = {"linestyle": dashes, "marker": "o"}
-                    axes.plot(
-                        [*map(float, values[law])], error, color=color, label=law, markersize=3.5, **looks
-                    )
-                axes.set(xscale="log", yscale="log", xlabel="torque variation up to [N m]")
+                _draw_fronts(axes, laws, values)
                 axes.set_title(plots.text(f"{arm}, {group.rpartition(', ')[2]}"), fontsize="small")
-                ticks = [float(budget) for budget in next(iter(values.values()))]
-                axes.set_xticks(ticks, [f"{tick:.3g}" for tick in ticks])
-                axes.minorticks_off()
                 if row == 0:
                     axes.legend(fontsize=6.5, loc="upper left", bbox_to_anchor=(1.01, 1.0))
             panels[row, 0].set_ylabel("ITAE, held out [rad s²]")
     return png(figure)
+
+
+def _draw_fronts(axes: Any, laws: Sequence[str], values: Mapping[str, Mapping[str, float]]) -> None:
+    """Draw the errors of some laws over their budgets."""
+    for index, law in enumerate(laws):
+        if law not in values:
+            continue
+        error = [x if math.isfinite(x) else math.nan for x in values[law].values()]
+        color, dashes = style.look(index)
+        looks: Any = {"linestyle": (0, (4, 1.5)), "marker": "x"}
+        if CONTENDERS[law].gpi:
+            looks = {"linestyle": dashes, "marker": "o"}
+        axes.plot([*map(float, values[law])], error, color=color, label=law, markersize=3.5, **looks)
+    axes.set(xscale="log", yscale="log", xlabel="torque variation up to [N m]")
+    ticks = [float(budget) for budget in next(iter(values.values()))]
+    axes.set_xticks(ticks, [f"{tick:.3g}" for tick in ticks])
+    axes.minorticks_off()

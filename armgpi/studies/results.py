@@ -51,8 +51,8 @@ def collect(sweep: Sweep, study: Study, rollouts: int) -> xr.Dataset:
     Raises:
         RolloutError: when there is no chunk, one is damaged, or the file cannot be written.
     """
-    chunks = [(i, sweep.rows(i, rollouts)) for i in range(-(-rollouts // sweep.size))]
-    there = [(i, rows) for i, rows in chunks if study.has(chunk_name(i, rows))]
+    count = -(-rollouts // sweep.size)
+    there = [(i, n) for i in range(count) if study.has(chunk_name(i, n := sweep.rows(i, rollouts)))]
     if not there:
         raise RolloutError(f"{study.folder}: there is no rollout")
     target, begin = study.folder / RESULTS, 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -26,7 +26,7 @@ from armgpi.loop.variables import Variable, current
 from armgpi.parameter import parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.plant import Wrapper, inside
-from armgpi.plants.reality import Draw, Reality, batches
+from armgpi.plants.reality import Reality, batches
 from armgpi.registry import classes_of
 from armgpi.robot.batch import RobotBatch
 from armgpi.studies.distributions import KINDS, SAMPLINGS, Distribution, distribution, shares
@@ -107,12 +107,7 @@ class Sweep:
         asked = {"method": "sweep", "sampling": sampling, "failure": failure}
         made = cls(config, experiment, label, {}, failure, sampling)
         varied, apart = made._distributions(origin)
-        steps = experiment.t_final / config.sample_time
-        drawn = config.reality is not None or IDENTIFICATION in config.vary
-        each = (varied[name] for name in apart)
-        forms = math.prod(len(x.numbers) if x.kind == "choices" and x.joints == 1 else math.inf for x in each)
-        most = _FEWEST if forms > _MOST_LOOPS else _MOST_DRAWS if drawn else _MOST
-        size = min(most, max(_FEWEST, 1 << math.floor(math.log2(max(1.0, _WORK / steps)))))
+        size = _chunk_size(config, experiment.t_final, [varied[name] for name in apart])
         found = replace(made, varied=varied, apart=apart, size=size)
         object.__setattr__(found, "identity", identify(config, {**asked, "size": size}))
         return found
@@ -233,7 +228,10 @@ class Sweep:
 
     def values(self, drawn: Array) -> dict[str, Any]:
         """Return what was drawn, (rows, width), as a prepared loop takes it."""
-        values, place = dict(self._fixed_values()), 0
+        values, place = dict[str, Any](), 0
+        load = self.config.plant.payload
+        if "plant.payload.mass" in self.varied and load is not None:  # where it is goes with it
+            values |= {"plant.payload.frame": load.frame or self.robot.tip, "plant.payload.com": [load.com]}
         for name, each in self.varied.items():
             part = drawn[:, place : place + each.joints]
             if name not in self.apart:
@@ -312,7 +310,7 @@ class Sweep:
             declared, value = keys.find(self.experiment.config, name)
         except LookupError:
             if found is None:
-                absent = (f"plant.{key}" for key in type(self.experiment.config.plant).keys)
+                absent = map("plant.{}".format, type(self.experiment.config.plant).keys)
                 raise NameNotFound(
                     "number of this experiment", name, dict.fromkeys([*known, *absent])
                 ) from None
@@ -378,13 +376,6 @@ class Sweep:
             )
         return Distribution("normal", (0.0, 1.0), len(self._posterior.mean))
 
-    def _fixed_values(self) -> dict[str, Any]:
-        """Return what goes with what varies: where the load is."""
-        load = self.config.plant.payload
-        if "plant.payload.mass" not in self.varied or load is None:
-            return {}
-        return {"plant.payload.frame": load.frame or self.robot.tip, "plant.payload.com": [load.com]}
-
     def _flat(self, found: Any) -> Array:
         """Return the metrics of rollouts and how they ended, shape (rollouts, k)."""
         ends = (np.asarray(found[name])[:, None] for name in self.ends)
@@ -402,8 +393,20 @@ class Sweep:
         for group in batches(draws):
             loop = prepare_draws(group, law, **_KEPT, supervisor=self.experiment.supervisor)
             for draw, row in zip(group, self._flat(in_rows(_run_compiled(loop))), strict=True):
-                table[draw.index - first] = [*_draw_numbers(draw), *row]
+                x = draw.numbers
+                means = map(np.mean, (x.rotor_inertia, x.coulomb, np.abs(x.torque_step)))  # over the joints
+                numbers = (x.sample_time, x.delay, x.encoder_bits, x.payload, x.inertia_scale, *means)
+                table[draw.index - first] = [*numbers, *row]
         return table
+
+
+def _chunk_size(config: ExperimentConfig, t_final: float, apart: Sequence[Distribution]) -> int:
+    """Return how many rollouts a chunk has, for as much work as others; fewer where loops are many."""
+    numbers = (len(x.numbers) if x.kind == "choices" and x.joints == 1 else math.inf for x in apart)
+    most = _MOST_DRAWS if config.reality is not None or IDENTIFICATION in config.vary else _MOST
+    most = _FEWEST if math.prod(numbers) > _MOST_LOOPS else most
+    steps = t_final / config.sample_time
+    return min(most, max(_FEWEST, 1 << math.floor(math.log2(max(1.0, _WORK / steps)))))
 
 
 def _run_compiled(loop: PreparedLoop, values: Mapping[str, Any] | None = None, seeds: Any = None) -> Any:
@@ -500,10 +503,3 @@ def _check_entries(name: str, value: Any, sweep: Sweep) -> None:
     arm: Any = inside(sweep.experiment.plant)
     if len(sweep.config.plant.loads) != len(arm.loads):
         raise ParameterError(name, value, "the number of a load that is one entry of the file")
-
-
-def _draw_numbers(draw: Draw) -> list[float]:
-    """Return what is told of a draw; of what every joint has, the mean over the joints."""
-    x = draw.numbers
-    means = (float(np.mean(part)) for part in (x.rotor_inertia, x.coulomb, np.abs(x.torque_step)))
-    return [x.sample_time, x.delay, x.encoder_bits, x.payload, x.inertia_scale, *means]

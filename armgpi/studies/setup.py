@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi import config
-from armgpi.config import Experiment, Origin
+from armgpi.config import Experiment, ExperimentConfig, Origin
 from armgpi.config.building import expand
 from armgpi.config.reading import beside, check_section, read_data
 from armgpi.errors import ArmgpiError, ArmgpiWarning, NameNotFound, ParameterError
@@ -77,16 +77,7 @@ def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "c
         given = given.replace(robot=given.robot.replace(drives="believed"))
     experiment = config.build(given, origin)
     data["robot"] = experiment.config.robot.plain(given=True)
-    if silent and "stiffness" in rotors.believe_gears(experiment.robot).drives.data:
-        said = "gears are searched as rigid ones: where they twist, what is found may shake the arm; try it "
-        warnings.warn(str(origin.error(("robot",), f"{said}with drives: soft")), ArmgpiWarning, stacklevel=2)
-    if experiment.supervisor is not None:
-        said = "candidates are searched without the supervisor of the file; run what is found under it"
-        warnings.warn(str(origin.error(("supervisor",), said)), ArmgpiWarning, stacklevel=2)
-    if given.reality is None and (left := sorted({*given.plant.given} - {"delay", "encoder_bits"})):
-        said = "candidates are searched on drawn arms; without a reality these have the file's delay and "
-        said += f"encoder, not its {', '.join(left)}"
-        warnings.warn(str(origin.error(("plant",), said)), ArmgpiWarning, stacklevel=2)
+    _warn(given, experiment, silent, origin)
     index = _find_controller(tune, experiment, origin)
     label = list(experiment.controllers)[index]
     section = {**data["controllers"][index]}
@@ -94,6 +85,20 @@ def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "c
     problem = _problem(experiment, label, section, tune, origin, backend)
     asked = {"method": "tune", "tune": tune.plain(), "backend": backend}
     return Wanted(experiment, label, tune, section, problem, data, identify(given, asked))
+
+
+def _warn(given: ExperimentConfig, experiment: Experiment, silent: bool, origin: Origin) -> None:
+    """Warn of what candidates are searched without; `silent`: nothing says how the arm is driven."""
+    if silent and "stiffness" in rotors.believe_gears(experiment.robot).drives.data:
+        said = "gears are searched as rigid ones: where they twist, what is found may shake the arm; try it "
+        warnings.warn(str(origin.error(("robot",), f"{said}with drives: soft")), ArmgpiWarning, stacklevel=3)
+    if experiment.supervisor is not None:
+        said = "candidates are searched without the supervisor of the file; run what is found under it"
+        warnings.warn(str(origin.error(("supervisor",), said)), ArmgpiWarning, stacklevel=3)
+    if given.reality is None and (left := sorted({*given.plant.given} - {"delay", "encoder_bits"})):
+        said = "candidates are searched on drawn arms; without a reality these have the file's delay and "
+        said += f"encoder, not its {', '.join(left)}"
+        warnings.warn(str(origin.error(("plant",), said)), ArmgpiWarning, stacklevel=3)
 
 
 def _find_controller(tune: TuneSection, experiment: Experiment, origin: Origin) -> int:

@@ -71,6 +71,10 @@ class Dimension(NamedTuple):
         basis = "" if self.basis is None else str(self.basis + 1)
         return ".".join(part for part in (self.key, self.end, basis) if part)
 
+    def name_with(self, joints: Sequence[str]) -> str:
+        """Return what it is called, with the name of its joint."""
+        return self.name if self.joint is None else f"{self.name} {joints[self.joint]}"
+
     def value(self, x: float) -> float:
         """Return the value at a place in [0, 1]."""
         x = min(max(x, 0.0), 1.0)
@@ -127,10 +131,7 @@ class Space:
             begin = _begin(declared, value, low, high, made)
             self.dimensions += _dimensions(key, declared, begin, low, high, searched)
         self.joints = made.robot.joint_names
-        self.names = [
-            each.name if each.joint is None else f"{each.name} {self.joints[each.joint]}"
-            for each in self.dimensions
-        ]
+        self.names = [each.name_with(self.joints) for each in self.dimensions]
 
     @property
     def start(self) -> Array:
@@ -178,12 +179,11 @@ def _ends(key: str, declared: Parameter, searched: Range, value: Any) -> tuple[f
         ParameterError: when they leave the bounds of the parameter, or are no range.
     """
     known = declared.range(value)
-    if known is None and (searched.low is None or searched.high is None):
+    if known is None and None in searched[:2]:
         raise ParameterError(f"free.{key}", value, "low and high: nothing declares a range of it")
     low, high = (x if y is None else y for x, y in zip(known or (0.0, 0.0), searched[:2], strict=True))
-    for end in (low, high):
-        if not declared.inside(np.array(end)):
-            raise ParameterError(f"free.{key}", end, f"within the bounds of {key}: {declared.bounds}")
+    if outside := [end for end in (low, high) if not declared.inside(np.array(end))]:
+        raise ParameterError(f"free.{key}", outside[0], f"within the bounds of {key}: {declared.bounds}")
     if not low < high:
         raise ParameterError(f"free.{key}", [low, high], "a lowest value below the highest")
     if declared.log and low <= 0.0:
@@ -231,8 +231,8 @@ def _dimensions(
 def _value(own: Sequence[tuple[Dimension, float]]) -> Any:
     """Return the value of a key from its numbers, as an experiment file has it."""
     if own[0][0].end:
-        ends = [[pair for pair in own if pair[0].end == end] for end in ("lower", "upper")]
-        lower, upper = (np.array(_value([(d._replace(end=""), v) for d, v in part])) for part in ends)
+        ends = [[(d._replace(end=""), v) for d, v in own if d.end == end] for end in ("lower", "upper")]
+        lower, upper = np.array(_value(ends[0])), np.array(_value(ends[1]))
         # Whichever is the smaller one is the lower end.
         low, high = np.minimum(lower, upper), np.maximum(lower, upper)
         return {"lower": low.tolist(), "upper": high.tolist()}

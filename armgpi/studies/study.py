@@ -205,10 +205,8 @@ class Study:
         codes: Mapping[str, Any] = {identity.code_digest: dict(identity.code)}
         if there:
             codes = _known_codes(folder, identity, accept_code)
-        for other in () if there else _OTHERS:
-            own = identity.text if other == name else None
-            if (folder / other).exists() and not _same(folder / other, own):
-                raise RolloutError(f"{folder}: holds something else ({other}); choose another folder")
+        else:
+            _check_free(folder, identity, name)
         files.make_folder(folder)
         text = {name: identity.text.encode()} if identity.text else {}
         for copy, content in {**identity.copies, **text}.items():
@@ -283,6 +281,14 @@ class Study:
         if head["code"] not in self.codes:
             raise BadPart(f"{place}: was run by other code; {remedy}")
         return np.frombuffer(content, dtype="<f8").reshape(head["shape"])
+
+
+def _check_free(folder: Path, identity: Identity, name: str) -> None:
+    """Refuse a folder that holds files which a study would have, others than its own experiment."""
+    for other in _OTHERS:
+        own = identity.text if other == name else None
+        if (folder / other).exists() and not _same(folder / other, own):
+            raise RolloutError(f"{folder}: holds something else ({other}); choose another folder")
 
 
 def _known_codes(folder: Path, identity: Identity, accept_code: bool) -> Mapping[str, Any]:
