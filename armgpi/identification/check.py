@@ -120,28 +120,30 @@ def _of_samples(robot: Robot, grid: Grid) -> Iterator[Finding]:
         yield Finding("error", "", f"is {length:.2g} s long, expected at least {_SHORTEST:g} s: log longer")
     lower, upper, _, effort = robot.limits
     for j, name in enumerate(robot.joint_names):
-        q, tau = grid.q[:, j], grid.tau[:, j]
+        q = grid.q[:, j]
         beyond = float(max(np.max(lower[j] - q), np.max(q - upper[j])))
         if beyond > _DEGREES:
             unit = "m, not mm" if robot.prismatic[j] else "rad, not degrees or counts"
             yield Finding("error", name, f"moves {beyond:.3g} beyond its limits; positions are in {unit}")
         elif beyond > _OUTSIDE:
             yield Finding("warning", name, f"is {beyond:.3g} outside its limits: is it the same zero?")
-        clipped = float(np.mean(np.abs(tau) >= 0.999 * effort[j])) if np.isfinite(effort[j]) else 0.0
-        largest = np.abs(tau).max()
-        flat = float(np.mean(np.abs(tau) >= 0.9999 * largest)) if largest > 0.0 else 0.0
-        if largest > _TOO_MUCH * effort[j]:
-            said = f"its torque is {largest:.3g}, and its limit {effort[j]:.3g}: in N m or N, at the joint?"
-            yield Finding("error", name, said)
-        elif max(clipped, flat) > _CLIPPED:
-            share = 100.0 * max(clipped, flat)
-            yield Finding(
-                "error",
-                name,
-                f"its torque is clipped at {largest:.3g} in {share:.2g} % of the log: move slower",
-            )
-        if largest == 0.0:
-            yield Finding("error", name, "its torque is zero throughout: log commanded torques")
+        yield from _of_effort(name, np.abs(grid.tau[:, j]), float(effort[j]))
+
+
+def _of_effort(name: str, sizes: Array, effort: float) -> Iterator[Finding]:
+    """Find torques above a joint's limit, clipped ones and none, from their sizes."""
+    clipped = float(np.mean(sizes >= 0.999 * effort)) if np.isfinite(effort) else 0.0
+    largest = sizes.max()
+    if largest == 0.0:
+        yield Finding("error", name, "its torque is zero throughout: log commanded torques")
+        return
+    share = max(clipped, float(np.mean(sizes >= 0.9999 * largest)))
+    if largest > _TOO_MUCH * effort:
+        said = f"its torque is {largest:.3g}, and its limit {effort:.3g}: in N m or N, at the joint?"
+        yield Finding("error", name, said)
+    elif share > _CLIPPED:
+        said = f"its torque is clipped at {largest:.3g} in {100.0 * share:.2g} % of the log: move slower"
+        yield Finding("error", name, said)
 
 
 def _of_motion(robot: Robot, form: WeakForm) -> Iterator[Finding]:
@@ -170,18 +172,18 @@ def _of_torques(robot: Robot, gravity: bool, prior: Prior, form: WeakForm) -> It
     for i, name in enumerate(robot.joint_names):
         own, best = match[i, i], int(match[i].argmax())
         reverse, _ = _explain(terms[:, i], -torque[:, i])
-        if own < _EXPLAINED and reverse > own + _BETTER and reverse >= match[i, best]:
-            yield Finding("error", name, f"its torque has the reversed sign: -tau explains {reverse:.0%}")
-        elif own < _EXPLAINED and not bare and match[i, best] > max(own + _BETTER, match[best, best]):
-            other = robot.joint_names[best]
-            yield Finding("error", name, f"its torque fits the motion of {other!r}: check the joints' order")
-        elif own < _EXPLAINED and _with_load(form, terms[:, i], torque[:, i], i) < _EXPLAINED:
-            yield Finding(
-                "error",
-                name,
-                f"{own:.0%} of its torque follow from its motion, expected {_EXPLAINED:.0%}: is it this "
-                "robot, with commanded torques of the same time, order and sign?",
-            )
+        said = ""
+        if own >= _EXPLAINED:
+            pass
+        elif reverse > own + _BETTER and reverse >= match[i, best]:
+            said = f"its torque has the reversed sign: -tau explains {reverse:.0%}"
+        elif not bare and match[i, best] > max(own + _BETTER, match[best, best]):
+            said = f"its torque fits the motion of {robot.joint_names[best]!r}: check the joints' order"
+        elif _with_load(form, terms[:, i], torque[:, i], i) < _EXPLAINED:
+            said = f"{own:.0%} of its torque follow from its motion, expected {_EXPLAINED:.0%}: is it this "
+            said += "robot, with commanded torques of the same time, order and sign?"
+        if said:
+            yield Finding("error", name, said)
         yield from _of_scale(name, terms[:, i], torque[:, i], gravity and not bare)
 
 

@@ -180,24 +180,38 @@ def _of_arm_log(there: ArmLog, robot: Robot) -> Log:
 
 def _read_file(path: Path, robot: Robot, rollout: int, columns: Mapping[str, str] | None) -> Any:
     """Return the log, or the rollout, in a file."""
+    ending = path.suffix.lower()
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise UnreadableTrajectory(path, f"is larger than {_MOST_BYTES} bytes")
-        if path.suffix.lower() == ENDING:
+        if ending == ENDING:
             return _of_arm_log(read(path), robot)
-        if path.suffix.lower() in (".nc", ".nc4", ".h5"):
+        if ending in (".nc", ".nc4", ".h5"):
             from armgpi.loop.rollout import load
 
             return _of_rollout(load(path), robot, rollout)._replace(source=str(path))
-        if path.suffix.lower() == ".mcap":
+        if ending == ".mcap":
             return _of_states(path, robot)
+        head, table = _read_table(path)
+    except OSError as error:
+        raise UnreadableTrajectory(path, f"{error.strerror or error}; give a log's file") from None
+    arrays = {key: _columns(path, head, table, key, robot, columns or {}) for key in _COLUMNS}
+    return Log(arrays["time"][:, 0], arrays["q"], arrays["tau"], str(path))
+
+
+def _read_table(path: Path) -> tuple[list[str], Array]:
+    """Return the names and the numbers of a CSV file.
+
+    Raises:
+        OSError: when it cannot be read.
+        UnreadableTrajectory: when it is none, has no rows, or others than of finite numbers.
+    """
+    try:
         with path.open(encoding="utf-8-sig") as file:
-            head = [name.strip() for name in file.readline().split(",")]
+            head = [*map(str.strip, file.readline().split(","))]
             with warnings.catch_warnings():  # of no rows, which is said below
                 warnings.simplefilter("ignore", UserWarning)
                 table = np.loadtxt(file, delimiter=",", ndmin=2)
-    except OSError as error:
-        raise UnreadableTrajectory(path, f"{error.strerror or error}; give a log's file") from None
     except ValueError as error:
         binary = isinstance(error, UnicodeDecodeError)
         said = "it is binary" if binary else " ".join(str(error).split())[:200].rstrip(".")
@@ -212,17 +226,14 @@ def _read_file(path: Path, robot: Robot, rollout: int, columns: Mapping[str, str
         raise UnreadableTrajectory(
             path, f"line {line + 2}: {head[column]} is no finite number; cut the log there"
         )
-    arrays = {key: _columns(path, head, table, key, robot, columns or {}) for key in _COLUMNS}
-    return Log(arrays["time"][:, 0], arrays["q"], arrays["tau"], str(path))
+    return head, table
 
 
 def _columns(
     path: Path, head: list[str], table: Array, key: str, robot: Robot, columns: Mapping[str, str]
 ) -> Array:
     """Return the columns of the joints, or of time, in SI units and in their order."""
-    parts = [re.fullmatch(r"(.*?)\s*(?:\[(.*)\])?", name) for name in head]
-    names = [part[1] if part else "" for part in parts]
-    units = [(part[2] if part else "") or "" for part in parts]
+    names, units = zip(*(re.findall(r"^(.*?)\s*(?:\[(.*)\])?$", name)[0] for name in head), strict=True)
     joints = ["time"] if key == "time" else robot.joint_names
     given = [columns[key]] if key in columns else _COLUMNS[key]
     forms = [
@@ -231,16 +242,16 @@ def _columns(
     ]
     # Of several the one that most joints have; where none has all, the message names the first.
     wanted = max(forms, key=lambda each: sum(name in names for name in each))
-    factors = []
+    found = []
     for name in wanted:
         if name not in names:
             raise NameNotFound(f"column in {path} (or say what it is called by columns)", name, names)
-        unit = re.sub(r"[\s·*]", "", units[names.index(name)])
+        place = names.index(name)
+        unit = re.sub(r"[\s·*]", "", units[place])
         if unit and unit not in _UNITS[key]:
             raise UnreadableTrajectory(path, f"{name} is in {unit!r}, expected {', '.join(_UNITS[key])}")
-        factors.append(_UNITS[key].get(unit, 1.0))
-    found: Array = table[:, [names.index(name) for name in wanted]] * np.array(factors)
-    return found
+        found.append(table[:, place] * _UNITS[key].get(unit, 1.0))
+    return np.stack(found, axis=-1)
 
 
 def _of_states(path: Path, robot: Robot) -> Log:
@@ -254,7 +265,7 @@ def _of_states(path: Path, robot: Robot) -> Log:
             continue
         for name in robot.joint_names:
             if name not in states["position"]:
-                raise NameNotFound(f"joint in {path}", name, [x for x in states["position"] if x])
+                raise NameNotFound(f"joint in {path}", name, [*filter(None, states["position"])])
         q, tau = (np.stack([each[name] for name in robot.joint_names], axis=-1) for each in states.values())
         good = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
         times = states["position"][""]

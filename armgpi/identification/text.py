@@ -53,15 +53,12 @@ def say_residuals(
         return [f"No joint moved in {seen}: nothing can be said of the model."]
     median = 100.0 * float(np.nanmedian(residuals))
     lines = [f"The model leaves {median:.2g} % of a joint's torque on {seen} unexplained (median)."]
+    unknown = "its friction is more than Coulomb and viscous, or it turns with another motor"
     for name, share in zip(robot.joint_names, residuals, strict=True):
         if np.isnan(share):
             lines.append(f"{name} did not move in it.")
-        elif share > _POOR:
-            unknown = "its friction is more than Coulomb and viscous, or it turns with another motor"
-            cause = (causes or {}).get(name, unknown)
-            lines.append(f"{name}: {100 * share:.2g} % is unexplained: {cause}.")
         elif share > _GOOD:
-            cause = (causes or {}).get(name, "")
+            cause = (causes or {}).get(name, unknown if share > _POOR else "")
             lines.append(f"{name}: {100 * share:.2g} % is unexplained{cause and ': '}{cause}.")
     if not held_out:
         lines.append("No other log was given: this says nothing of motions that are not in this one.")

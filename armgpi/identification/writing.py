@@ -19,6 +19,7 @@ from armgpi import files
 from armgpi.arrays import check_path
 from armgpi.config import schema
 from armgpi.errors import UrdfError
+from armgpi.escape import json_data
 from armgpi.identification.arm import Identified, Load, Validation
 from armgpi.identification.estimate import expect
 from armgpi.identification.excitation import Excitation
@@ -75,7 +76,8 @@ def write_identified(
 
     target = files.make_folder(check_path(folder, "folder"))
     edited = edit_urdf(found.robot)
-    stem = _stem(found.robot)
+    source = Path(str(found.robot.provenance["source"]))
+    stem = (source if source.suffix.lower() == ".urdf" else Path(found.robot.name)).stem
     drives = yaml.safe_dump(found.drives.plain(), sort_keys=False, allow_unicode=True)
     arm = {
         "urdf": (f"{stem}.urdf", edited.content),
@@ -85,7 +87,14 @@ def write_identified(
     data = plain(found, edited.emptied, validation)
     if load is not None:
         data["load"] = {key: np.asarray(x).tolist() for key, x in load._asdict().items()}
-    data["arm"] = {key: _name_and_hash(*each) for key, each in arm.items()} | _loading(found.robot)
+    arm_data: dict[str, object] = {
+        key: {"file": name, "sha256": hashlib.sha256(content).hexdigest()}
+        for key, (name, content) in arm.items()
+    }
+    # What else it takes to load the URDF again.
+    provenance = found.robot.provenance
+    repairs = [each["name"] for each in provenance.get("repairs", ())]
+    data["arm"] = arm_data | {"lock": provenance["locked"], "repair": [*dict.fromkeys(repairs)]}
     contents: Mapping[str, str | bytes] = {
         **dict(arm.values()),
         NAME: json.dumps(data, indent=1, allow_nan=False) + "\n",
@@ -117,24 +126,6 @@ def edit_urdf(robot: Robot) -> Edited:
             emptied += list(others)
         bodies[link] = rest
     return Edited(_with_inertials(content, bodies, emptied), tuple(emptied))
-
-
-def _name_and_hash(name: str, content: bytes) -> dict[str, str]:
-    """Return the name of a file and its hash."""
-    return {"file": name, "sha256": hashlib.sha256(content).hexdigest()}
-
-
-def _loading(robot: Robot) -> dict[str, Any]:
-    """Return what else it takes to load a robot's URDF again."""
-    provenance = robot.provenance
-    repairs = [each["name"] for each in provenance.get("repairs", ())]
-    return {"lock": provenance["locked"], "repair": [*dict.fromkeys(repairs)]}
-
-
-def _stem(robot: Robot) -> str:
-    """Return the name of a robot's own file, or its own where it has none."""
-    source = Path(str(robot.provenance["source"]))
-    return source.stem if source.suffix.lower() == ".urdf" else Path(robot.name).stem
 
 
 def _source(robot: Robot) -> bytes:
@@ -297,8 +288,7 @@ def plain(found: Identified, emptied: Sequence[str], validation: Validation | No
     names = found.robot.joint_names
 
     def of_joints(values: Sequence[float]) -> dict[str, float | None]:
-        finite = [float(x) if np.isfinite(x) else None for x in values]
-        return dict(zip(names, finite, strict=True))
+        return dict(zip(names, json_data(values), strict=True))
 
     data: dict[str, object] = {
         "format": FORMAT,
@@ -307,13 +297,7 @@ def plain(found: Identified, emptied: Sequence[str], validation: Validation | No
         "residual_over_torque": of_joints(found.residuals.tolist()),
         "lag": of_joints(found.lag.tolist()),
         "sign_width": of_joints(found.width.tolist()),
-        "estimates": [
-            {
-                k: (None if isinstance(v, float) and not np.isfinite(v) else v)
-                for k, v in row._asdict().items()
-            }
-            for row in (*found.table(bodies=True), *found.sums())
-        ],
+        "estimates": json_data([row._asdict() for row in (*found.table(bodies=True), *found.sums())]),
         "posterior": {"joints": list(names), **found.posterior.plain()},
         "emptied_links": list(emptied),
         "findings": [str(each) for each in found.findings],

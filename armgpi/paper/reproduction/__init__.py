@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -131,14 +132,13 @@ def _run_all(setting: runs.Setting, quick: bool, done: Callable[[str], None]) ->
 
 def _sheets(found: _Found) -> tuple[list[Sheet], str]:
     """Return the tables, and what they say in words."""
-    ideal = [("ideal", x) for x in (found.ideal_literal, found.ideal_gpi, found.ideal_pid)]
-    real = [("real", x) for x in (found.real_literal, found.real_gpi, found.real_pid)]
-    contenders = tables.contenders([*ideal, *real])
+    ideal = (found.ideal_literal, found.ideal_gpi, found.ideal_pid)
+    real = (found.real_literal, found.real_gpi, found.real_pid)
+    contenders = tables.contenders([*product(["ideal"], ideal), *product(["real"], real)])
     holding = runs.holding_cost()
     sheets = [
         tables.comparison(table, sensors, contenders, holding)
-        for sensors in ("ideal", "real")
-        for table in published.TABLES
+        for sensors, table in product(("ideal", "real"), published.TABLES)
     ]
     statuses = tables.statuses(contenders)
     horizon = float(found.real_gpi["time"][-1])

@@ -119,21 +119,13 @@ def comparison(table: published.Table, sensors: str, found: Sequence[Contender],
     others = [metric for metric in metrics.shown_in("reproduction") if metric not in shown]
     rows: list[tuple[str, ...]] = []
     for name, cells in (("published PID-like", table.pid), ("published proposal", table.proposal)):
-        printed = (_paper_digits(value) for joints in cells for value in joints)
-        rows.append((name, "", *printed, *("not stated" for _ in others), ""))
+        printed = map(_paper_digits, chain(*cells))
+        rows.append((name, "", *printed, *["not stated"] * len(others), ""))
     least = (_texts(holding) if name == "isci" else ("",) * len(JOINTS) for name in _PUBLISHED)
-    rows.append(("holding against gravity and load alone", "", *chain(*least), *("" for _ in others), ""))
+    rows.append(("holding against gravity and load alone", "", *chain(*least), *[""] * len(others), ""))
     for one in found:
-        if (one.sensors, one.scale) != (sensors, table.inertia_scale):
-            continue
-        ours = [value for metric in shown for value in one.metrics[metric.name]]
-        of_arm = [float(metric.of_arm(one.metrics[metric.name])) for metric in others]
-        rows.append((one.name, one.measures, *_texts([*ours, *of_arm]), one.end))
-        if one.name in (runs.NETWORK, runs.NEAR_PID):
-            against = _published_column(table, one.name)
-            words = (cell.status for cell in _cells(table, one))
-            whom = "PID-like" if against is table.pid else "proposal"
-            rows.append((f"... against the published {whom}", "", *words, *("" for _ in others), ""))
+        if (one.sensors, one.scale) == (sensors, table.inertia_scale):
+            rows += _rows_of(one, table, shown, others)
     change = {1.0: "", 1.2: " plus 20 %", 0.8: " minus 20 %"}[table.inertia_scale]
     where = {
         "ideal": "ideal sensors",
@@ -153,6 +145,19 @@ def comparison(table: published.Table, sensors: str, found: Sequence[Contender],
         header,
         rows,
     )
+
+
+def _rows_of(
+    one: Contender, table: published.Table, shown: Sequence[metrics.Metric], others: Sequence[metrics.Metric]
+) -> Iterator[tuple[str, ...]]:
+    """Yield the row of a contender, and beside what it stands in the paper."""
+    ours = chain.from_iterable(one.metrics[metric.name] for metric in shown)
+    of_arm = [float(metric.of_arm(one.metrics[metric.name])) for metric in others]
+    yield one.name, one.measures, *_texts([*ours, *of_arm]), one.end
+    if one.name in (runs.NETWORK, runs.NEAR_PID):
+        whom = "PID-like" if _published_column(table, one.name) is table.pid else "proposal"
+        words = (cell.status for cell in _cells(table, one))
+        yield f"... against the published {whom}", "", *words, *[""] * len(others), ""
 
 
 class _Cell(NamedTuple):
