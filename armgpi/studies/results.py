@@ -132,6 +132,7 @@ def summary(sweep: Sweep, found: xr.Dataset) -> dict[str, Any]:
             "probability of a stop": clopper_pearson(int((reasons > 0).sum()), n)._asdict(),
             "stops by reason": {name: count for name, count in counts.items() if count},
         }
+    arms = {name: of_arm(found, name) for name in sweep.metrics}
     failed = found["failed"].values
     diverged = found["status"].values == Status.DIVERGED
     said: dict[str, Any] = {
@@ -142,7 +143,10 @@ def summary(sweep: Sweep, found: xr.Dataset) -> dict[str, Any]:
         "probability of failure": clopper_pearson(int(failed.sum()), n)._asdict(),
         "probability of divergence": clopper_pearson(int(diverged.sum()), n)._asdict(),
         **stops,
-        "quantiles": {name: _quantiles(of_arm(found, name)) for name in sweep.metrics},
+        "quantiles": {
+            name: {str(share): quantile(values, share)._asdict() for share in QUANTILES}
+            for name, values in arms.items()
+        },
         "failure by what was drawn": (
             maps := {name: failure_map(found, [name]) for name in sweep.drawn_names}
         ),
@@ -152,10 +156,6 @@ def summary(sweep: Sweep, found: xr.Dataset) -> dict[str, Any]:
         ],
     }
     return dict(json_data(said))
-
-
-def _quantiles(values: Array) -> dict[str, Any]:
-    return {str(share): quantile(values, share)._asdict() for share in QUANTILES}
 
 
 def _strongest(maps: Mapping[str, list[dict[str, Any]]], failed: Any) -> list[str]:
