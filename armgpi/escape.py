@@ -64,15 +64,15 @@ def quote(value: object, most: int = 80) -> str:
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
-def json_data(value: Any) -> Any:
-    """Return plain data as JSON has it: tuples are lists, numbers that are not finite are null."""
+def json_data(value: Any, as_text: bool = False) -> Any:
+    """Return plain data as JSON has it: tuples are lists, numbers that are not finite are null, or text."""
     if isinstance(value, Mapping):
-        return {key: json_data(item) for key, item in value.items()}
+        return {key: json_data(item, as_text) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [json_data(item) for item in value]
-    if isinstance(value, float):  # NumPy's float64 is one too
-        return float(value) if math.isfinite(value) else None
-    return value
+        return [json_data(item, as_text) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value) if as_text else None
+    return float(value) if isinstance(value, float) else value  # NumPy's float64 is one too
 
 
 def html_text(value: object) -> str:

@@ -171,7 +171,12 @@ def armature(subject: Subject) -> Iterator[Finding]:
 def gravity_unstable(subject: Subject) -> Iterator[Finding]:
     """Find configurations that gravity makes unstable faster than the default bandwidth catches."""
     robot, q = subject.robot, subject.q[: _CONFIGURATIONS + 1]
-    values, vectors = np.linalg.eig(np.linalg.solve(subject.inertia[: len(q)], _stiffness(subject, q)))
+    columns = []
+    for step in _STEP * np.eye(robot.n):
+        ahead, behind = robot.dynamics.gravity(q + step), robot.dynamics.gravity(q - step)
+        columns.append((ahead - behind) / (2.0 * _STEP))
+    stiffness = np.stack(columns, axis=-1)  # dG/dq by central differences, (batch, n, n)
+    values, vectors = np.linalg.eig(np.linalg.solve(subject.inertia[: len(q)], stiffness))
     growth, fastest = -values.real.min(axis=1), values.real.argmin(axis=1)
     bound = _UNSTABLE * subject.omega**2
     if not (growth > bound).any():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,6 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 from armgpi.errors import RolloutError
+from armgpi.escape import json_data
 from armgpi.version import VERSION
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ class Provenance:
         try:  # large batches have long lists, and hardly ever a number that JSON lacks
             return json.dumps(self.data, **options)
         except ValueError:
-            return json.dumps(_finite(self.data), **options)
+            return json.dumps(json_data(self.data, as_text=True), **options)
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -145,12 +145,3 @@ def versions(*more: str) -> dict[str, str]:
         except PackageNotFoundError:
             found[package] = "unknown"
     return found
-
-
-def _finite(value: Any) -> Any:
-    """Return plain data with what JSON has no number for as text."""
-    if isinstance(value, Mapping):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return str(value) if isinstance(value, float) and not math.isfinite(value) else value

@@ -493,19 +493,14 @@ def _stick(model: Any, index: int, tool: Any, size: float) -> Triangles:
         length = float(np.linalg.norm(end))
         if length > 1e-3 * size:
             matrix = np.eye(4)
-            matrix[:3, :3] = _turned_to(end / length)
+            z = end / length
+            x = np.cross(np.eye(3)[0] if abs(z[0]) < 0.9 else np.eye(3)[1], z)
+            x /= np.linalg.norm(x)
+            matrix[:3, :3] = np.column_stack([x, np.cross(z, x), z])
             matrix[:3, 3] = 0.5 * end
             parts.append(meshes.move(meshes.cylinder(0.01 * size, length), matrix))
     whole = meshes.concatenate(parts)
     return whole._replace(colors=np.broadcast_to(_PLAIN, whole.points.shape))
-
-
-def _turned_to(direction: Array) -> Array:
-    """Return a rotation (3, 3) that turns z to a direction."""
-    other = np.array([1.0, 0.0, 0.0]) if abs(direction[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
-    x = np.cross(other, direction)
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(direction, x), direction])
 
 
 def _driven_by(robot: Robot, row: int) -> tuple[int, float, float]:

@@ -197,7 +197,12 @@ def write_code(
     code = code._replace(header=rename(code.header, name), source=rename(code.source, name))
     texts = {rename(file, name): rename(text, name) for file, text in texts.items()}
     prepare(folder)
-    measured, logged = None, {"log.armlog": pack(_for(code, log)), "motion.csv": _motion(log).encode()}
+    # With the inputs of this controller alone, as its own C writes them.
+    rows = np.zeros(len(log.rows), row_type(tuple(code.law.inputs), code.law.n))
+    for each in rows.dtype.names or ():
+        rows[each] = log.rows[each]
+    own = ArmLog({**log.header, **_log_header(code), "made_by": log.header["made_by"]}, rows, log.source)
+    measured, logged = None, {"log.armlog": pack(own), "motion.csv": _motion(log).encode()}
     if measure:
         with suppress(BackendError):  # there is no compiler
             measured = _run_replay(texts | logged, build.compiler())
@@ -225,14 +230,6 @@ def _at_rest(controller: Supervised) -> ArmLog:
     values = dict(zip(INPUTS, (middle, rest, middle, rest, rest), strict=True))
     inputs = {name: np.tile(value, (len(taus), 1)) for name, value in values.items()}
     return of_samples(robot.joint_names, controller.dt, inputs, np.array(taus))
-
-
-def _for(code: Code, log: ArmLog) -> ArmLog:
-    """Return a log with the inputs of a controller alone, as its own C writes them."""
-    rows = np.zeros(len(log.rows), row_type(tuple(code.law.inputs), code.law.n))
-    for name in rows.dtype.names or ():
-        rows[name] = log.rows[name]
-    return ArmLog({**log.header, **_log_header(code), "made_by": log.header["made_by"]}, rows, log.source)
 
 
 def _motion(log: ArmLog) -> str:
