@@ -24,7 +24,6 @@ from armgpi.validation.models import ARGUMENTS, States
 from armgpi.validation.problem import Mask, Problem
 from armgpi.validation.report import DynamicsReport, FunctionReport
 from armgpi.validation.samples import Sampled
-from armgpi.validation.search import Repaired
 from armgpi.validation.tree import evaluate, from_robot
 from armgpi.validation.units import numbers
 from armgpi.validation.worker import Worker
@@ -212,18 +211,12 @@ def _causes(
         len(found.changes) > 2 and len(told) == 1 and told[0].kind not in UNNAMED
     ):  # so is one cause than three
         return _rank(told, causes), found.source
-    if _is_believed(found, told):
-        return _rank(causes, told), found.source
-    return _rank(_in_doubts(told, worker.source), causes), None
-
-
-def _is_believed(found: Repaired, told: list[Cause]) -> bool:
-    """Tell whether a repair is believed before what the values say: not at the numbers of the file alone."""
-    if not found.doubtful:
-        return True
     # A number that the source does not have is none that someone mistyped.
-    number = told[0].value if len(told) == len(found.changes) == 1 else None
-    return number is not None and not _is_typed(number, found.source)
+    number = told[0].value if len(told) == len(causes) == 1 else None
+    if not found.doubtful or not (number is None or _is_typed(number, found.source)):
+        return _rank(causes, told), found.source
+    # What the values say is believed before a change that agrees at the numbers of the file alone.
+    return _rank(_in_doubts(told, worker.source), causes), None
 
 
 def _in_doubts(told: list[Cause], source: str | None) -> list[Cause]:

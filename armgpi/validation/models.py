@@ -225,8 +225,10 @@ def _uncompared_names(thing: Any) -> tuple[str, ...]:
             if code is None or name.startswith("_") or value.__name__ in found:
                 continue
             called |= names_of(code)
+            letters = [x for x in code.co_varnames[: code.co_argcount] if x != "self"]
+            takes_state = 0 < len(letters) < 4 and letters[0] in POSITIONS
             local = not isinstance(thing, ModuleType) or value.__module__ == thing.__name__
-            if local and value not in compared and _takes_state(code):
+            if local and takes_state and value not in compared:
                 found[name] = None
     return tuple(name for name in found if name not in called)
 
@@ -235,12 +237,6 @@ def names_of(code: CodeType) -> set[str]:
     """Return the names that a function looks up, also in its comprehensions."""
     inner = (part for part in code.co_consts if isinstance(part, CodeType))
     return set(code.co_names).union(*map(names_of, inner))
-
-
-def _takes_state(code: CodeType) -> bool:
-    """Tell whether a function takes positions, and perhaps what else a state has."""
-    letters = [x for x in code.co_varnames[: code.co_argcount] if x != "self"]
-    return 0 < len(letters) < 4 and letters[0] in POSITIONS
 
 
 def _rename(thing: Any, names: Mapping[str, str]) -> Any:

@@ -682,7 +682,9 @@ class _Trials:
             if not (size > 0.0).all():
                 return None
             move = np.einsum("ij,ij->i", slope, rest) / size
-            if step == 0 and not constant and _apart(slope, rest, move):
+            # One number can hardly explain what several values lack.
+            apart = np.linalg.norm(rest - move[:, np.newaxis] * slope, axis=1)
+            if step == 0 and not constant and (apart > 0.5 * np.linalg.norm(rest, axis=1)).any():
                 return None
             values = values.copy()
             values[: None if constant else rows] += move
@@ -861,12 +863,6 @@ def _is_bare(text: str) -> bool:
     parts = [node, node.right] if added and not turns else [node]
     bare = [x.value for x in parts if isinstance(x, ast.Constant) and type(x.value) in (int, float)]
     return any(x != 0 and (added or x not in (0.5, 1, 2)) for x in bare)
-
-
-def _apart(slope: Array, rest: Array, move: Array) -> bool:
-    """Tell whether one number can hardly explain what several values lack."""
-    left = np.linalg.norm(rest - move[:, np.newaxis] * slope, axis=1)
-    return bool((left > 0.5 * np.linalg.norm(rest, axis=1)).any())
 
 
 def _missing_terms(block: Block, site: Site, values: Array) -> Iterator[tuple[str, float]]:
