@@ -259,7 +259,16 @@ class _Handler(BaseHTTPRequestHandler):
             self.end_headers()
             self.wfile.write(self.server.page)
         elif self.path == "/live":
-            self._stream()
+            self.send_response(200)
+            self._headers("text/event-stream")
+            self.end_headers()
+            # Configurations as they come, until the page goes away or the server is closed.
+            seen, text = self.server.latest.after(0)
+            while seen >= 0:
+                # A line that begins with a colon says nothing, and fails when the browser is gone.
+                self.wfile.write(f"data: {text}\n\n".encode() if text else b":\n\n")
+                self.wfile.flush()
+                seen, text = self.server.latest.after(seen)
         else:
             self.send_error(404)
 
@@ -268,18 +277,6 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_header("Cache-Control", "no-store")
         self.send_header("X-Content-Type-Options", "nosniff")
         self.send_header("X-Frame-Options", "DENY")
-
-    def _stream(self) -> None:
-        """Send configurations as they come, until the page goes away or the server is closed."""
-        self.send_response(200)
-        self._headers("text/event-stream")
-        self.end_headers()
-        seen, text = self.server.latest.after(0)
-        while seen >= 0:
-            # A line that begins with a colon says nothing, and fails when the browser is gone.
-            self.wfile.write(f"data: {text}\n\n".encode() if text else b":\n\n")
-            self.wfile.flush()
-            seen, text = self.server.latest.after(seen)
 
     def log_message(self, format: str, *args: Any) -> None:
         """Say nothing."""

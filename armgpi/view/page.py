@@ -26,7 +26,7 @@ from armgpi.escape import html_text, printable
 from armgpi.loop.provenance import versions
 from armgpi.loop.units import POSITION, TORQUE
 from armgpi.view.meshes import Triangles
-from armgpi.view.scene import Body, Clip, Scene
+from armgpi.view.scene import Clip, Scene
 
 #: NumPy's types and their names in the page.
 _TYPES = {"float32": "f32", "float64": "f64", "int8": "i8", "uint8": "u8", "uint16": "u16", "uint32": "u32"}
@@ -88,10 +88,25 @@ def arm_data(scene: Scene, arrays: Arrays) -> dict[str, Any]:
                 "torque_unit": TORQUE.symbol(prismatic[j]),
             }
         )
+    bodies = [
+        {
+            "coordinate": body.coordinate,
+            "ratio": body.ratio,
+            "offset": body.offset,
+            "parent": body.parent,
+            "kind": body.kind,
+            "placement": _columns(body.placement),
+            "axis": body.axis.tolist(),
+            "ring": body.ring,
+            "fine": _mesh_data(body.triangles, arrays),
+            "coarse": _mesh_data(body.coarse, arrays),
+        }
+        for body in scene.bodies
+    ]
     return {
         "name": robot.name,
         "joints": joints,
-        "bodies": [_body_data(body, arrays) for body in scene.bodies],
+        "bodies": bodies,
         "tip": {"body": scene.tip_body, "placement": _columns(scene.tip)},
         "size": scene.size,
         "configuration": robot.middle().tolist(),
@@ -305,22 +320,6 @@ def meshcat_script() -> str:
     licence = (folder / "LICENSE").read_text(encoding="utf-8")
     viewer = gzip.decompress((folder / "main.min.js.gz").read_bytes()).decode()
     return f"/*! MeshCat\n{licence}*/\n{viewer}"
-
-
-def _body_data(body: Body, arrays: Arrays) -> dict[str, Any]:
-    """Return what the page knows of a body."""
-    return {
-        "coordinate": body.coordinate,
-        "ratio": body.ratio,
-        "offset": body.offset,
-        "parent": body.parent,
-        "kind": body.kind,
-        "placement": _columns(body.placement),
-        "axis": body.axis.tolist(),
-        "ring": body.ring,
-        "fine": _mesh_data(body.triangles, arrays),
-        "coarse": _mesh_data(body.coarse, arrays),
-    }
 
 
 def _mesh_data(triangles: Triangles, arrays: Arrays) -> dict[str, Any]:

@@ -220,7 +220,11 @@ def plot_positions(axes: Axes, rollout: xr.Dataset, joint: str, *, limits: bool 
         )
     if limits:
         for name in ("lower", "upper"):
-            _limit_line(axes, _number(rollout, name, joint), _within_view(axes))
+            value = _number(rollout, name, joint)
+            low, high = axes.get_ylim()
+            slack = 0.25 * (high - low)
+            if low - slack <= value <= high + slack:  # within or near what the axes show
+                _limit_line(axes, value)
     _label(axes, f"position [{_unit(rollout, joint)}]", joint)
 
 
@@ -528,35 +532,32 @@ def _draw(
             marker="." if len(time) == 1 else None,
             label=text(trace.label or alone),
         )
-        _mark_end(axes, trace, values)
+        there = np.flatnonzero(np.isfinite(values.values))
+        if int(trace.data["status"]) == Status.DIVERGED and there.size:  # a cross where it did
+            last = there[-1]
+            axes.plot(
+                time[last],
+                values.values[last],
+                marker="x",
+                markersize=5,
+                color=style.ALARM,
+                linestyle="none",
+                label="diverged",
+            )
     axes.margins(x=0.0)
-
-
-def _mark_end(axes: Axes, trace: Trace, values: xr.DataArray) -> None:
-    """Mark where a rollout diverged with a cross."""
-    there = np.flatnonzero(np.isfinite(values.values))
-    if int(trace.data["status"]) == Status.DIVERGED and there.size:
-        last = there[-1]
-        axes.plot(
-            values["time"].values[last],
-            values.values[last],
-            marker="x",
-            markersize=5,
-            color=style.ALARM,
-            linestyle="none",
-            label="diverged",
-        )
 
 
 def _show_effort(axes: Axes, drawn: Sequence[Trace], effort: float, unit: str) -> None:
     """Show an effort limit: as lines where the torque comes near to it, else as a note in words."""
     if not effort < 1e300:  # NaN as well
         return
-    peak = max(_largest(trace.data["tau"]) for trace in drawn)
+    torques = np.concatenate([trace.data["tau"].values.ravel() for trace in drawn])
+    torques = torques[np.isfinite(torques)]
+    lowest, peak = torques.min(initial=0.0), np.abs(torques).max(initial=0.0)
     if peak >= _NEAR * effort:
         for sign in (-1.0, 1.0):
-            if sign * peak >= 0.0 or _smallest(drawn) <= -_NEAR * effort:
-                _limit_line(axes, sign * effort, lambda _: True)
+            if sign * peak >= 0.0 or lowest <= -_NEAR * effort:
+                _limit_line(axes, sign * effort)
     else:
         # Above the axes: inside it would cover some curve.
         axes.annotate(
@@ -595,17 +596,9 @@ def _mark_onset(axes: Axes, rollout: xr.Dataset, joint: str) -> None:
         )
 
 
-def _limit_line(axes: Axes, value: float, wanted: Callable[[float], bool]) -> None:
-    """Draw a limit, where there is one and it is wanted."""
-    if math.isfinite(value) and wanted(value):
-        axes.axhline(value, color=style.QUIET, linewidth=0.8, linestyle=(0, (6, 2, 1, 2)), label="limit")
-
-
-def _within_view(axes: Axes) -> Callable[[float], bool]:
-    """Return whether a value is within or near what the axes show."""
-    low, high = axes.get_ylim()
-    slack = 0.25 * (high - low)
-    return lambda value: low - slack <= value <= high + slack
+def _limit_line(axes: Axes, value: float) -> None:
+    """Draw a limit."""
+    axes.axhline(value, color=style.QUIET, linewidth=0.8, linestyle=(0, (6, 2, 1, 2)), label="limit")
 
 
 def _draw_paths(axes: Any, paths: Sequence[ToolPath], pick: list[int]) -> None:
@@ -725,18 +718,6 @@ def _percentiles(values: xr.DataArray) -> tuple[Array, Array, Array]:
         warnings.simplefilter("ignore", RuntimeWarning)  # all have ended: NaN, which is not drawn
         low, middle, high = np.nanpercentile(values.transpose("rollout", "time").values, [5, 50, 95], axis=0)
     return low, middle, high
-
-
-def _largest(values: xr.DataArray) -> float:
-    """Return the largest absolute value, 0 when there is none."""
-    absolute = np.abs(values.values)
-    return float(np.max(absolute, where=np.isfinite(absolute), initial=0.0))
-
-
-def _smallest(drawn: Sequence[Trace]) -> float:
-    """Return the lowest torque."""
-    arrays = [trace.data["tau"].values for trace in drawn]
-    return min(float(np.min(a, where=np.isfinite(a), initial=0.0)) for a in arrays)
 
 
 def _common_start(names: Sequence[str]) -> str:

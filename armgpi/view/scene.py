@@ -194,11 +194,20 @@ def _body(
     size: float,
 ) -> Body:
     """Return a body of an arm of some size [m], its triangles from those of all bodies."""
-    kind, axis = ("", np.array([0.0, 0.0, 1.0])) if index == 0 else _motion(model, index)
-    coordinate, ratio, offset = _driven_by(robot, index - 1)
+    kind, axis = "", np.array([0.0, 0.0, 1.0])
+    if index:
+        data = model.joints[index].createData()
+        model.joints[index].calc(data, np.zeros(1))
+        linear, angular = np.split(np.array(data.S).reshape(6), 2)
+        kind, axis = ("prismatic", linear) if linear.any() else ("revolute", angular)
+    # Which joint of the robot moves it, by which ratio, from which offset.
+    coordinate, ratio, offset = index - 1, 1.0, 0.0
+    if index and robot.coupling is not None:
+        ratios = robot.coupling.ratio[index - 1]
+        coordinate = int(np.argmax(np.abs(ratios)))
+        ratio, offset = float(ratios[coordinate]), float(robot.coupling.offset[index - 1])
     parent = int(model.parents[index]) if index else -1
     placement = np.array(model.jointPlacements[index].homogeneous)
-    room = _spacing(model, index, size)
     return Body(
         parent=parent,
         joint=str(model.names[index]) if index else "",
@@ -211,7 +220,7 @@ def _body(
         links=tuple(links),
         triangles=fine[index],
         coarse=coarse[index],
-        ring=_ring(coarse[index], coarse[max(parent, 0)], placement, axis, size, room),
+        ring=_ring(model, index, coarse, axis, size),
     )
 
 
@@ -236,7 +245,7 @@ def clip(rollout: xr.Dataset, robot: Robot) -> Clip:
     count = max(2, min(len(time), most, wanted))
     frames = np.unique(np.linspace(0, len(time) - 1, count).round().astype(np.int64))
     ends = describe_end(rollout)
-    actors = tuple(_actor(trace, frames, ends[i], len(shown)) for i, trace in enumerate(shown))
+    actors = tuple(_actor(trace, frames, ends[i]) for i, trace in enumerate(shown))
     pushed = np.zeros((len(frames), len(names)), dtype=np.float32)
     if "disturbance" in rollout:
         first = shown[0].data["disturbance"].transpose("time", "joint").values
@@ -420,21 +429,17 @@ def _simplify(parts: list[_T], most: int) -> list[_T]:
     ]
 
 
-def _spacing(model: Any, index: int, size: float) -> float:
-    """Return how far a joint is from the nearest one before or after it that is not in the same place [m]."""
-    near = [
+def _ring(model: Any, index: int, parts: Sequence[Triangles], axis: Array, size: float) -> float:
+    """Return how far out a ring around a joint must be to be seen, short of the next joint [m]."""
+    next_to_it = [
         c for c in range(1, model.njoints) if index in (c, int(model.parents[c])) and int(model.parents[c])
     ]
-    lengths = [float(np.linalg.norm(model.jointPlacements[c].translation)) for c in near]
-    return min((length for length in lengths if length > 0.02 * size), default=size)
-
-
-def _ring(
-    child: Triangles, parent: Triangles, placement: Array, axis: Array, size: float, spacing: float
-) -> float:
-    """Return how far out a ring around a joint must be to be seen, short of the next joint [m]."""
-    back = np.linalg.inv(placement)
-    points = np.concatenate([child.points, parent.points @ back[:3, :3].T + back[:3, 3]])
+    lengths = [float(np.linalg.norm(model.jointPlacements[c].translation)) for c in next_to_it]
+    # How far the nearest joint is that is not in the same place.
+    spacing = min((length for length in lengths if length > 0.02 * size), default=size)
+    back = np.linalg.inv(np.array(model.jointPlacements[index].homogeneous))
+    parent = parts[int(model.parents[index])]
+    points = np.concatenate([parts[index].points, parent.points @ back[:3, :3].T + back[:3, 3]])
     along = points @ axis
     out = np.linalg.norm(points - along[:, None] * axis, axis=1)
     near = (np.abs(along) < 0.015 * size) & (out < min(0.085 * size, 0.75 * spacing))
@@ -503,24 +508,6 @@ def _stick(model: Any, index: int, tool: Any, size: float) -> Triangles:
     return whole._replace(colors=np.broadcast_to(_PLAIN, whole.points.shape))
 
 
-def _driven_by(robot: Robot, row: int) -> tuple[int, float, float]:
-    """Return which joint of the robot moves a coordinate of the model, by which ratio, from which offset."""
-    if row < 0 or robot.coupling is None:
-        return row, 1.0, 0.0
-    ratios = robot.coupling.ratio[row]
-    leader = int(np.argmax(np.abs(ratios)))
-    return leader, float(ratios[leader]), float(robot.coupling.offset[row])
-
-
-def _motion(model: Any, index: int) -> tuple[str, Array]:
-    """Return the kind of a joint and its axis in its own frame."""
-    data = model.joints[index].createData()
-    model.joints[index].calc(data, np.zeros(1))
-    column = np.array(data.S).reshape(6)
-    linear, angular = column[:3], column[3:]
-    return ("prismatic", linear) if linear.any() else ("revolute", angular)
-
-
 def _link_frames(model: Any) -> dict[str, Any]:
     """Return the frames of links by their names."""
     return {f.name: f for f in model.frames if f.type == pin.FrameType.BODY}
@@ -529,7 +516,7 @@ def _link_frames(model: Any) -> dict[str, Any]:
 # The rollouts --------------------------------------------------------------------------------------------
 
 
-def _actor(trace: tracks.Trace, frames: npt.NDArray[np.int64], end: str, rollouts: int) -> Actor:
+def _actor(trace: tracks.Trace, frames: npt.NDArray[np.int64], end: str) -> Actor:
     """Return one rollout as frames; a pose is held where it has none."""
     data = {name: trace.data[name].transpose("time", "joint").values for name in ("q", "q_ref", "tau")}
     effort = np.atleast_1d(trace.data["effort"].values)

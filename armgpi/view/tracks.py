@@ -100,7 +100,10 @@ def tool_paths(
     paths = []
     for trace in traces(rollout, most=None):
         thinned = thin(trace.data, most)
-        drawn, desired = (_positions_of(robot, name, thinned[q].values) for q in ("q", "q_ref"))
+        drawn, desired = np.full((2, thinned.sizes["time"], 3), np.nan)
+        for points, q in ((drawn, thinned["q"].values), (desired, thinned["q_ref"].values)):
+            there = np.isfinite(q).all(axis=-1)
+            points[there] = robot.frame_pose(name, q[there]).translation.reshape(-1, 3)
         paths.append(ToolPath(trace.label, trace.look, drawn, desired))
     return paths
 
@@ -179,11 +182,3 @@ def _until_the_end(rollout: xr.Dataset) -> xr.Dataset:
     return rollout.assign(
         {name: v.where(kept) for name, v in rollout.data_vars.items() if {"time", "joint"} <= set(v.dims)}
     )
-
-
-def _positions_of(robot: Robot, frame: str, q: Array) -> Array:
-    """Return where a frame is [m], (k, 3), for configurations (k, n); NaN where those are."""
-    there = np.isfinite(q).all(axis=-1)
-    points = np.full((len(q), 3), np.nan)
-    points[there] = robot.frame_pose(frame, q[there]).translation.reshape(-1, 3)
-    return points

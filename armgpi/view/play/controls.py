@@ -309,7 +309,22 @@ def _plant(config: dict[str, Any], robot: Robot) -> Iterator[Control]:
         whole={key: value for key, value in payload.items() if key != "mass"},
         arm="plant",
     )
-    yield _rotors(plant["rotor_inertia"], robot)
+    inertia = np.diag(robot.mass_matrix(robot.middle()))
+    lists = [None, *(_round_values(robot.armature + 0.01 * share * inertia) for share in _ROTORS[1:])]
+    stops: tuple[float | None, ...] = _ROTORS
+    if (rotors := plant["rotor_inertia"]) is not None:
+        stops, lists = (*stops, None), [*lists, rotors]
+    yield Control(
+        path=("plant", "rotor_inertia"),
+        label="rotor inertia",
+        text="of the plant alone, in percent of the arm's own inertia",
+        unit="%",
+        group="plant",
+        stops=stops,
+        values=tuple(lists),
+        value=rotors,
+        arm="plant",
+    )
     yield from _friction(config, robot)
     for wrapper in (Delayed, DropOut, Encoder):  # which a page has, whether the file has or not
         name, exact = str(wrapper.config_name), (None,) if wrapper is Encoder else ()
@@ -340,26 +355,6 @@ def _own_numbers(experiment: Experiment, label: str) -> Iterator[Control]:
                 with_values(loop, {name: x}, 1)
                 stops.append(x)
         yield control._replace(stops=tuple(stops), values=tuple(stops))
-
-
-def _rotors(given: Any, robot: Robot) -> Control:
-    """Return the control of the plant's rotor inertia."""
-    inertia = np.diag(robot.mass_matrix(robot.middle()))
-    lists = [None, *(_round_values(robot.armature + 0.01 * share * inertia) for share in _ROTORS[1:])]
-    stops: tuple[float | None, ...] = _ROTORS
-    if given is not None:
-        stops, lists = (*stops, None), [*lists, given]
-    return Control(
-        path=("plant", "rotor_inertia"),
-        label="rotor inertia",
-        text="of the plant alone, in percent of the arm's own inertia",
-        unit="%",
-        group="plant",
-        stops=stops,
-        values=tuple(lists),
-        value=given,
-        arm="plant",
-    )
 
 
 def _friction(config: dict[str, Any], robot: Robot) -> Iterator[Control]:
