@@ -88,6 +88,7 @@ def jumping() -> tuple[Asked, armgpi.Certificate]:
     return asked, certificate(asked, search_numbers(asked.setting))
 
 
+@pytest.mark.search
 def test_evolution_finds_more_than_drawing_and_exceeds_no_claim(
     jumping: tuple[Asked, armgpi.Certificate],
 ) -> None:
