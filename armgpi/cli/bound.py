@@ -97,7 +97,7 @@ def bound(
     if out is not None:
         write(out, json.dumps(data, indent=1) + "\n", "--out")
     unseen = "a stop by the supervisor is not in it" * (experiment.supervisor is not None and stop is None)
-    notes = [*filter(None, (str(stop or ""), unseen, _gears(found), _sag(found) if found.holds else ""))]
+    notes = [*filter(None, (str(stop or ""), unseen, *_gears(found)))]
     if report is not None:
         write(report, _page(found, experiment, notes), "--report")
     say(json.dumps(data) if as_json else "\n  ".join([str(found), *notes]), lines=True)
@@ -174,22 +174,16 @@ def _page(found: Any, experiment: Any, notes: list[str]) -> str:
     return write_page(found, run, notes)
 
 
-def _gears(found: Any) -> str:
-    """Return below which resonance of the gears a bound says nothing, or that the law is slow for them."""
-    from armgpi.gpi import geared
-
-    law = found.wish.controller
-    if not found.holds and geared.is_believed(law.bias_robot):
-        return "the law is slow, for gears that twist; --drives believed: that for stiff gears"
-    return note_gears(law, found.wish.delay) if found.holds else ""
-
-
-def _sag(found: Any) -> str:
-    """Return how far the tool sinks beside the bound, by the stiffness that is told, or believed."""
+def _gears(found: Any) -> list[str]:
+    """Return what gears do beside a bound: their resonance, and how far the tool sinks by their stiffness."""
     from armgpi.gpi import geared
     from armgpi.plants.elastic import sag
     from armgpi.robot import rotors
 
+    law = found.wish.controller
+    if not found.holds:
+        slow = "the law is slow, for gears that twist; --drives believed: that for stiff gears"
+        return [slow] if geared.is_believed(law.bias_robot) else []
     arm = rotors.believe_drives(found.wish.arms[0], "soft")
     line, source = sag(arm), "believed" if geared.is_believed(arm) else "told"
-    return line and f"beside it, {line} (stiffness {source})"
+    return [note_gears(law, found.wish.delay), line and f"beside it, {line} (stiffness {source})"]

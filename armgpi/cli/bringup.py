@@ -12,7 +12,7 @@ from armgpi.cli.terminal import say
 
 if TYPE_CHECKING:
     from armgpi.hardware.realtime.judge import Verdict
-    from armgpi.hardware.realtime.stages import Folder, Stage
+    from armgpi.hardware.realtime.stages import Folder
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
@@ -58,26 +58,23 @@ def _say_next(folder: Folder, place: int) -> None:
     """Print how a stage is run."""
     stage = folder.stages[place]
     file = folder.path / stage.name
-    say(f"next: {stage.name}: {_does(stage)}")
+    match stage.kind:
+        case "dry":
+            ways = (f"{joint} {x:+.2g}" for joint, x in zip(stage.joints, stage.way, strict=True))
+            does = f"nothing is sent; move by hand, one after another, and back each time: {', '.join(ways)}"
+        case "pulse" | "joint":
+            does = f"{stage.joints[0]} goes {stage.way[0]:+.2g} rad or m and back, the others stand"
+        case "excite":
+            does = "the whole arm, slowly, to identify it"
+        case "slow":
+            does = "its own motion, four times as slow"
+        case _:
+            does = "its own motion; no caps but the limits"
+    say(f"next: {stage.name}: {does}")
     dry = " --dry-run" if stage.kind == "dry" else ""
     say(f"  armgpi loop {file}.yaml{dry} --clock simulated --log {file}.armlog   (a simulated arm)")
     say(f"  armgpi export --config {file}.yaml --target ... -o {file}   (its README: how to run it)")
     say(f"  armgpi bringup check {folder.path}/*.armlog")
-
-
-def _does(stage: Stage) -> str:
-    """Return what a stage does, in a sentence."""
-    _, kind, joints, way = stage
-    if kind == "dry":
-        ways = ", ".join(f"{joint} {x:+.2g}" for joint, x in zip(joints, way, strict=True))
-        return f"nothing is sent; move by hand, one after another, and back each time: {ways}"
-    if kind in ("pulse", "joint"):
-        return f"{joints[0]} goes {way[0]:+.2g} rad or m and back, the others stand"
-    return {
-        "excite": "the whole arm, slowly, to identify it",
-        "slow": "its own motion, four times as slow",
-        "full": "its own motion; no caps but the limits",
-    }[kind]
 
 
 def _print(verdict: Verdict, folder: Folder) -> None:

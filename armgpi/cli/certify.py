@@ -180,10 +180,26 @@ def _publish(found: Certificate, arm: Any, out: Path | None, report: Path | None
     if report is not None:
         write(report, html(again(found, arm), found), "--report")
     said = str(found)
-    if found.certified and not as_json:
+    if as_json:  # null for what is not certified
+        data: dict[str, Any] = {
+            "certified": found.certified,
+            "numbers_proved": found.numbers_proved,
+            "joints": found.joint_names,
+            "per_torque": found.per_torque.tolist(),
+            "error": found.error.tolist(),
+            "from_start": found.from_start.tolist(),
+            "after_jump": found.after_jump.tolist(),
+            "torque": found.torque.tolist(),
+            "numbers": found.data["numbers"],
+            "status": found.data["status"],
+            "shares": found.data["shares"],
+            "reasons": found.reasons,
+        }
+        said = json.dumps(json_data(data))
+    elif found.certified:
         asked = again(found, arm)
         said = "\n".join(filter(None, [said, note_gears(asked.controller, asked.delay)]))
-    say(json.dumps(_plain(found)) if as_json else said, lines=True)
+    say(said, lines=True)
     return OK if found.certified else FAILED
 
 
@@ -315,22 +331,3 @@ def load_ends(text: str | None) -> tuple[float, float] | None:
     if not 0.0 <= light <= heavy < math.inf:
         raise refusal("--payload", f"expected two loads [kg], the lighter first, as '0:3', got {text!r}")
     return light, heavy
-
-
-def _plain(found: Certificate) -> dict[str, Any]:
-    """Return what is certified as plain data; null for what is not."""
-    data: dict[str, Any] = {
-        "certified": found.certified,
-        "numbers_proved": found.numbers_proved,
-        "joints": found.joint_names,
-        "per_torque": found.per_torque.tolist(),
-        "error": found.error.tolist(),
-        "from_start": found.from_start.tolist(),
-        "after_jump": found.after_jump.tolist(),
-        "torque": found.torque.tolist(),
-        "numbers": found.data["numbers"],
-        "status": found.data["status"],
-        "shares": found.data["shares"],
-        "reasons": found.reasons,
-    }
-    return dict(json_data(data))

@@ -72,7 +72,10 @@ def diagnose() -> list[Check]:
         Check("ok", "armgpi", f"{armgpi.__version__} in {Path(armgpi.__file__).parent}"),
         Check("ok", "Python", f"{platform.python_version()} at {sys.executable} ({platform.platform()})"),
         _pinocchio(),
-        *(_package(name) for name in _NEEDED),
+        *(
+            Check("ok", name, found) if found else Check("error", name, "is missing", f"pip install {name}")
+            for name, found in zip(_NEEDED, map(_version, _NEEDED), strict=True)
+        ),
         _example_robot_data(),
         *(_extra(name, packages) for name, packages in _EXTRAS.items()),
         _compiler(),
@@ -117,14 +120,6 @@ def _pinocchio() -> Check:
     except Exception as error:  # whatever a broken installation does
         return Check("error", "pinocchio", f"{found} fails: {error}", "install pin and numpy anew")
     return Check("ok", "pinocchio", f"{found}; loads our arm")
-
-
-def _package(name: str) -> Check:
-    """Return the version of a package that is needed."""
-    version = _version(name)
-    if version is None:
-        return Check("error", name, "is missing", f"pip install {name}")
-    return Check("ok", name, version)
 
 
 def _compiler() -> Check:

@@ -101,8 +101,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     wanted = ("plot", "view", "html", "report", "interactive")
     pictures.check(**{name: options[name] for name in wanted})
     check_table(options["table"])
-    _note_early_end(experiment)
-    _note_gripper(experiment)
+    _note_end_and_load(experiment)
     _warn_of_weak_motors(experiment)
     note_differences(experiment)
     if len(experiment.runs) > 1 and not compare:
@@ -209,16 +208,12 @@ def note_differences(experiment: Experiment) -> None:
             return
 
 
-def _note_early_end(experiment: Experiment) -> None:
-    """Say when the run is over before the last move is."""
+def _note_end_and_load(experiment: Experiment) -> None:
+    """Say when a run is over before the last move is, and where the load is when a gripper moves as well."""
     moves = getattr(experiment.reference, "moves", ())
     end = moves[-1].t_start + moves[-1].duration if moves else 0.0
     if experiment.t_final < end - experiment.config.sample_time:
         say(f"note: the run ends at {experiment.t_final:g} s, the last move at {end:g} s", err=True)
-
-
-def _note_gripper(experiment: Experiment) -> None:
-    """Say where the load is when the arm's gripper moves as well."""
     load, robot = experiment.config.plant.payload, experiment.robot
     if load is not None and load.frame is None and (fingers := robot.provenance.get("grippers")):
         lock = " ".join(f"--lock {name}" for name in fingers)

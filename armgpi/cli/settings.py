@@ -50,8 +50,7 @@ def settings(options: dict[str, Any], compare: bool) -> Loaded:
     options = with_file(options)
     data, origin = _read(options)
     over = _Overlay(options, data)
-    _robot(over)
-    _plant(over)
+    _arm(over)
     over.take("dt", "sample_time")
     over.take("t_final", "t_final")
     over.take("seed", "seed")
@@ -100,8 +99,8 @@ def _read(options: dict[str, Any]) -> tuple[dict[str, Any], Origin]:
     return data, origin
 
 
-def _robot(over: _Overlay) -> None:
-    """Put the options about the arm."""
+def _arm(over: _Overlay) -> None:
+    """Put the options about the arm and its plant, sensors and actuators."""
     if over.is_given("robot"):
         over.data["robot"] = {}
         over.put("ROBOT", over.options["robot"], "robot", "name")
@@ -110,10 +109,6 @@ def _robot(over: _Overlay) -> None:
     over.take("gravity", "robot", "gravity")
     for key, value in robot_given(over.options).items():
         over.put(f"--{key.replace('_', '-')}", value, "robot", key)
-
-
-def _plant(over: _Overlay) -> None:
-    """Put the options about the plant, its sensors and actuators."""
     over.take("plant", "plant", "engine")
     over.take("payload", "plant", "payload", "mass")
     over.take("friction", "plant", "friction", read=lambda wanted: "urdf" if wanted else "none")

@@ -90,23 +90,15 @@ def write_table(experiment: Experiment, records: list[dict[str, Any]], path: Pat
     for metric in chosen:
         unit = metric.unit.symbol(slides)
         heads.append(f"{metric.heading} [{unit}]" if unit else metric.heading)
-    rows = [
-        [
-            printable(record["label"]),
-            printable(joint),
-            *(_exact(record["metrics"][metric.name][index], path.suffix) for metric in chosen),
-        ]
-        for record in records
-        for index, joint in enumerate(record["joints"])
-    ]
+    # All digits for programs, four for readers.
+    write = (lambda value: repr(float(value))) if path.suffix == ".csv" else metrics.short
+    rows = []
+    for record in records:
+        for index, joint in enumerate(record["joints"]):
+            values = [record["metrics"][metric.name][index] for metric in chosen]
+            numbers = ("" if value is None else write(value) for value in values)
+            rows.append([printable(record["label"]), printable(joint), *numbers])
     return files.write(path, _FORMATS[path.suffix](heads, rows))
-
-
-def _exact(value: float | None, suffix: str) -> str:
-    """Return a number: all its digits for programs, four for readers."""
-    if value is None:
-        return ""
-    return repr(float(value)) if suffix == ".csv" else metrics.short(value)
 
 
 def _markdown(heads: list[str], rows: list[list[str]]) -> str:
