@@ -341,7 +341,10 @@ class SymbolicModel:
             else:
                 rotation = rotation @ _rotation(axis, q)
         half = rotation @ tensor
-        return _symmetric(lambda i, j: half[i] @ rotation[j])
+        turned: Expressions = np.empty((3, 3), dtype=object)
+        for r, c in zip(*np.tril_indices(3), strict=True):  # it is symmetric
+            turned[r, c] = turned[c, r] = half[r] @ rotation[c]
+        return turned
 
     def _split(self, i: int) -> tuple[Any, ...]:
         """Return axis, rotation, position, mass, mass times centre, inertia and armature of a body."""
@@ -373,15 +376,6 @@ def _turned_about(k: int, sign: float, angle: Any, tensor: Expressions) -> Expre
     turned[x, z] = turned[z, x] = c * tensor[x, z] - s * tensor[y, z]
     turned[y, z] = turned[z, y] = s * tensor[x, z] + c * tensor[y, z]
     return turned
-
-
-def _symmetric(entry: Callable[[int, int], Any]) -> Expressions:
-    """Return a symmetric matrix (3, 3) of which only one half is worked out."""
-    matrix: Expressions = np.empty((3, 3), dtype=object)
-    for i in range(3):
-        for j in range(i + 1):
-            matrix[i, j] = matrix[j, i] = entry(i, j)
-    return matrix
 
 
 def _outer(a: Expressions, b: Expressions) -> Expressions:

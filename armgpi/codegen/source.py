@@ -121,9 +121,35 @@ def sizes(traced: Trace, lanes: int) -> dict[str, int]:
 
 
 def sample(traced: Trace, dialect: Dialect) -> list[str]:
-    """Return the lines of the functions that take one sample, and add it to the sums."""
+    """Return the lines of the functions that take one sample, tell whether it was usual, and add it up."""
     names = recorded_names(traced)
-    return [*_sample(traced, names, dialect), *_sums(traced, names, dialect)]
+    head = "static __attribute__((noinline)) int"
+    if traced.usual is None:
+        lines = [f"{head} sample({_ARGUMENTS})", "{", *_lines(traced, names, dialect), "return 0;", "}"]
+    else:
+        usual = _lines(traced.usual, names, dialect)
+        # Bits do not change: what is left out decides nothing where all that is asked holds, in every lane.
+        lines = [
+            f"{head} usual({_ARGUMENTS})",
+            "{",
+            *(line for line in usual if not _CONSTANT.fullmatch(line)),
+            # What is always the same is there after two usual samples: two states take turns.
+            "if (!kept) {",
+            *filter(_CONSTANT.fullmatch, usual),
+            "}",
+            "return 1;",
+            "}",
+            f"{head} whole({_ARGUMENTS})",
+            "{",
+            *_lines(traced, names, dialect),
+            "return 0;",
+            "}",
+            f"static inline int sample({_ARGUMENTS})",
+            "{",
+            f"return usual({_GIVEN}) || whole({_GIVEN});",
+            "}",
+        ]
+    return [*lines, *_sums(traced, names, dialect)]
 
 
 def function(kernel: Kernel, dialect: Dialect) -> list[str]:
@@ -144,37 +170,6 @@ _ARGUMENTS = """const V *restrict s, V *restrict z, const double *p,
 _GIVEN = "s, z, p, o, t, u, k, r, kept"
 #: A line that writes what is always the same.
 _CONSTANT = re.compile(r"[zr]\[\d+\] = v_set\([^a-z]*\);")
-
-
-def _sample(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:
-    """Return the lines of the function that takes one sample, and tells whether it was a usual one."""
-    head = "static __attribute__((noinline)) int"
-    form = traced.usual
-    if form is None:
-        return [f"{head} sample({_ARGUMENTS})", "{", *_lines(traced, names, dialect), "return 0;", "}"]
-    lines = _lines(form, names, dialect)
-    constant = [line for line in lines if _CONSTANT.fullmatch(line)]
-    # Bits do not change: what is left out decides nothing where all that is asked holds, in every lane.
-    return [
-        f"{head} usual({_ARGUMENTS})",
-        "{",
-        *(line for line in lines if not _CONSTANT.fullmatch(line)),
-        # What is always the same is there after two usual samples: two states take turns.
-        "if (!kept) {",
-        *constant,
-        "}",
-        "return 1;",
-        "}",
-        f"{head} whole({_ARGUMENTS})",
-        "{",
-        *_lines(traced, names, dialect),
-        "return 0;",
-        "}",
-        f"static inline int sample({_ARGUMENTS})",
-        "{",
-        f"return usual({_GIVEN}) || whole({_GIVEN});",
-        "}",
-    ]
 
 
 def _lines(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:

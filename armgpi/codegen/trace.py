@@ -374,25 +374,20 @@ class Tracer:
         """
         try:
             yield
-            self._check_unchanged()
+            for value, made, before in self._kept:
+                now = _content(made)
+                changed = [key for key in now.keys() | before.keys() if now.get(key) is not before.get(key)]
+                if changed:
+                    of = "" if isinstance(value, list | np.ndarray) else f" ({', '.join(map(str, changed))})"
+                    raise NotElementwise(
+                        f"a {type(value).__name__} in it{of} changes; what changes belongs into the state"
+                    )
             if changes := self._side_effects.changes():
                 raise NotElementwise(
                     f"outside of it {', '.join(changes)} changes; what changes belongs into the state"
                 )
         finally:
             self._side_effects.restore()
-
-    def _check_unchanged(self) -> None:
-        """Refuse when an attribute of a copy, or what is in it, is not what it was."""
-        for value, made, content in self._kept:
-            now = _content(made)
-            changed = [key for key in now.keys() | content.keys() if now.get(key) is not content.get(key)]
-            if not changed:
-                continue
-            name = f"a {type(value).__name__} in it"
-            if not isinstance(value, list | np.ndarray):
-                name += " (" + ", ".join(map(str, changed)) + ")"
-            raise NotElementwise(f"{name} changes; what changes belongs into the state")
 
 
 class LoopTracer(Tracer):
