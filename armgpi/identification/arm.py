@@ -485,11 +485,16 @@ class _Data:
         for each in logs:
             log = self.read(each)
             grid = resample(log)
-            other.grids.append(grid)
-            other.forms.append(WeakForm(self.model, grid))
-            if not len(other.forms[-1].starts):
+            form = WeakForm(self.model, grid)
+            if not len(form.starts):
                 raise UnfitLog([f"no second of it is without a gap: log longer ({log.source})"])
-            other.phases.append(_phases(grid, other.forms[-1]))
+            other.grids.append(grid)
+            other.forms.append(form)
+            # The phase of each test function in the period of the motion, if it has one; else its number.
+            phase: npt.NDArray[np.intp] = np.rint((form.times - form.times[:1]) / form.hop).astype(np.intp)
+            if (period := _period(grid)) is not None:
+                phase = np.remainder(phase, max(1, round(period / form.hop)))
+            other.phases.append(phase)
             other.sources.append(log.source)
         return other
 
@@ -548,10 +553,13 @@ class _Data:
             torque, slope = form.torque(lag)
             lagged = np.zeros((len(torque), n, self.lags))
             lagged[:, j, j if self.lags == n else 0] = -slope
-            more = [
-                np.eye(n) * (asked * self._friction(form, name, width))[:, None]
-                for name, asked in self.frictions.items()
-            ]
+            more = []
+            for name, asked in self.frictions.items():  # where the data ask for it
+                if name == "load":
+                    size = np.abs(self.heavy.gravity(form.position))
+                else:
+                    size = np.exp(-((form.velocity / _STRIBECK) ** 2))
+                more.append(np.eye(n) * (asked * form.signs(width, size))[:, None])
             more += [self._coupling(form, width, *each) for each in self.coupled]
             whole = np.concatenate([rows.reshape(len(torque), n, -1), *more, lagged], axis=-1)
             valid = form.moving(_STILL)
@@ -568,12 +576,6 @@ class _Data:
         )
         rows[:, [one, other], 2] = both * np.array([sign, 1.0])
         return rows
-
-    def _friction(self, form: WeakForm, name: str, width: Array) -> Array:
-        """Return the moments of a friction that is there where the data ask for it, (k, n)."""
-        if name == "load":
-            return form.signs(width, np.abs(self.heavy.gravity(form.position)))
-        return form.signs(width, np.exp(-((form.velocity / _STRIBECK) ** 2)))
 
 
 def mean_inertia(robot: Robot) -> Array:
@@ -659,13 +661,6 @@ def _shares(residuals: Sequence[Array], torques: Sequence[Array]) -> Array:
     sums = [np.nansum(x**2, axis=0) for x in (rest, torque)]
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(np.sqrt(sums[0] / np.where(sums[1] > 0.0, sums[1], np.nan)))
-
-
-def _phases(grid: Grid, form: WeakForm) -> npt.NDArray[np.intp]:
-    """Return the phase of each test function in the period of the motion, if it has one; else its number."""
-    numbers: npt.NDArray[np.intp] = np.rint((form.times - form.times[:1]) / form.hop).astype(np.intp)
-    period = _period(grid)
-    return numbers if period is None else np.remainder(numbers, max(1, round(period / form.hop)))
 
 
 def _period(grid: Grid) -> float | None:

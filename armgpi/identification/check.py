@@ -172,6 +172,7 @@ def _of_torques(robot: Robot, gravity: bool, prior: Prior, form: WeakForm) -> It
     for i, name in enumerate(robot.joint_names):
         own, best = match[i, i], int(match[i].argmax())
         reverse, _ = _explain(terms[:, i], -torque[:, i])
+        weight = form.rows[:, i, i, 1:4]  # of an unknown load
         said = ""
         if own >= _EXPLAINED:
             pass
@@ -179,7 +180,7 @@ def _of_torques(robot: Robot, gravity: bool, prior: Prior, form: WeakForm) -> It
             said = f"its torque has the reversed sign: -tau explains {reverse:.0%}"
         elif not bare and match[i, best] > max(own + _BETTER, match[best, best]):
             said = f"its torque fits the motion of {robot.joint_names[best]!r}: check the joints' order"
-        elif _with_load(form, terms[:, i], torque[:, i], i) < _EXPLAINED:
+        elif _explain(np.hstack([terms[:, i], weight, -weight]), torque[:, i])[0] < _EXPLAINED:
             said = f"{own:.0%} of its torque follow from its motion, expected {_EXPLAINED:.0%}: is it this "
             said += "robot, with commanded torques of the same time, order and sign?"
         if said:
@@ -196,12 +197,6 @@ def _terms(prior: Prior, form: WeakForm, n: int) -> Array:
     signs = form.signs(np.full(n, _WIDTH))
     own = [rows[:, j, j, ROTOR] * mean[:, ROTOR], signs, rows[:, j, j, VISCOUS], rows[:, j, j, OFFSET]]
     return np.stack([body, *own], axis=-1)
-
-
-def _with_load(form: WeakForm, terms: Array, torque: Array, joint: int) -> float:
-    """Return the share of a joint's torque that its terms and an unknown weight explain."""
-    weight = form.rows[:, joint, joint, 1:4]
-    return _explain(np.hstack([terms, weight, -weight]), torque)[0]
 
 
 def _explain(terms: Array, torque: Array) -> tuple[float, Array]:
