@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -170,7 +169,12 @@ class Search:
         places = np.concatenate(asked)
         which = np.repeat(np.arange(len(asked)), [len(each) for each in asked])
         shape = (len(places), 3 + len(self.problem.names) + self.problem.width)
-        table = part(f"generations/{generation:06d}", shape, partial(self._run_candidates, places))
+
+        def run() -> Array:
+            self.fresh += len(places)
+            return self._numbers(self.problem.search, places)
+
+        table = part(f"generations/{generation:06d}", shape, run)
         if not np.array_equal(table[:, -self.problem.width :], places):
             raise RolloutError(
                 "the folder's generations are not those of this search: another version of armgpi or of its "
@@ -178,11 +182,6 @@ class Search:
             )
         candidates = zip(table, which.tolist(), strict=True)
         return [self._row(each, generation, search) for each, search in candidates]
-
-    def _run_candidates(self, places: Array) -> Array:
-        """Run candidates to search on and return their numbers."""
-        self.fresh += len(places)
-        return self._numbers(self.problem.search, places)
 
     def _numbers(self, evaluator: Evaluator, places: Array) -> Array:
         """Return what candidates are on some scenarios: worth, means of metrics, and their places last."""

@@ -41,9 +41,14 @@ def html(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any]) -> str:
     config = sweep.config_of(row, int(found["rollout"].values[i]))
     experiment = build(config)
     rollout = experiments.join({sweep.label: experiments.run(experiment, sweep.label, progress=False)})
+    quantiles = [
+        [heading(sweep, name), *(quantile_words(said["quantiles"][name][str(share)]) for share in QUANTILES)]
+        for name in sweep.metrics
+    ]
+    head = ["metric of the arm", *(f"{100 * share:g} %" for share in QUANTILES)]
     parts = [
         page.bullets(sentences(said)),
-        _table(sweep, said),
+        page.table(head, quantiles, label="Quantiles of the metrics with 95 % intervals"),
         "<h3>Distribution of every metric</h3>",
         _figures((_histogram(of_arm(found, name)), heading(sweep, name)) for name in sweep.metrics),
         "<h3>Share of failures by what was drawn</h3>",
@@ -63,16 +68,6 @@ def html(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any]) -> str:
         configuration=dump(config),
         before="".join(parts),
     )
-
-
-def _table(sweep: Sweep, said: Mapping[str, Any]) -> str:
-    """Return the quantiles of the metrics as a table."""
-    rows = [
-        [heading(sweep, name), *(quantile_words(said["quantiles"][name][str(share)]) for share in QUANTILES)]
-        for name in sweep.metrics
-    ]
-    head = ["metric of the arm", *(f"{100 * share:g} %" for share in QUANTILES)]
-    return page.table(head, rows, label="Quantiles of the metrics with 95 % intervals")
 
 
 def _heading_of(sweep: Sweep, name: str) -> str:

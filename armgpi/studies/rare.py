@@ -211,7 +211,15 @@ def simulate(
     if count < FEWEST:
         raise ParameterError("rollouts", count, f"at least {FEWEST} in each level")
     count = -(-count // _LENGTH) * _LENGTH
-    margin = _margin(sweep)
+
+    def margin(points: Array, seeds: Any) -> Array:
+        """Return how near points come to a failure: the largest metric over its bound."""
+        table = sweep.table(sweep.drawn_at(ndtr(points)), seeds)
+        nearest = np.max([table[name].max(axis=1) / most for name, most in sweep.failure.items()], axis=0)
+        # Failed is what the study says, however a division rounds.
+        above = np.nextafter(1.0, 2.0)
+        return np.asarray(np.where(sweep.fails(table), np.maximum(nearest, above), np.minimum(nearest, 1.0)))
+
     key = draw_key(sweep.config.seed, *sweep.streams, f"rare {count}")  # none of its chunks has it
 
     def keep_level(place: int, level: Callable[[np.random.Generator], Array]) -> Array:
@@ -255,19 +263,6 @@ def climb(
             return levels
         level, before = levels[-1], bounds[-2]
         levels.append(kept(len(levels), lambda random: following(margin, level, random, before)))  # noqa: B023
-
-
-def _margin(sweep: Sweep) -> Margin:
-    """Return how near points come to a failure of a study: the largest metric over its bound."""
-
-    def margin(points: Array, seeds: Any) -> Array:
-        table = sweep.table(sweep.drawn_at(ndtr(points)), seeds)
-        nearest = np.max([table[name].max(axis=1) / most for name, most in sweep.failure.items()], axis=0)
-        # Failed is what the study says, however a division rounds.
-        above = np.nextafter(1.0, 2.0)
-        return np.asarray(np.where(sweep.fails(table), np.maximum(nearest, above), np.minimum(nearest, 1.0)))
-
-    return margin
 
 
 def summary(sweep: Sweep, found: Rare, last: Array, check: Array) -> dict[str, Any]:

@@ -123,7 +123,11 @@ class Sweep:
         for name, section in self.config.vary.items():
             try:
                 if name == IDENTIFICATION:
-                    varied[name] = self._arms_left(section)
+                    if given := [kind for kind in KINDS if getattr(section, kind) is not None]:
+                        said = "{}: what was identified says how it is distributed"
+                        raise ParameterError(name, given[0], said)
+                    # In units of what is left open of each unknown of the arm.
+                    varied[name] = Distribution("normal", (0.0, 1.0), len(self._posterior.mean))
                     continue
                 if IDENTIFICATION in self.config.vary and name in _IDENTIFIED:
                     raise ParameterError(name, "varied", f"left to {IDENTIFICATION}, which draws it as well")
@@ -322,7 +326,10 @@ class Sweep:
             raise ParameterError(name, value, said)
         if quick and found is not None:
             if name.startswith("plant.loads."):
-                _check_entries(name, value, self)
+                arm: Any = inside(self.experiment.plant)
+                if len(self.config.plant.loads) != len(arm.loads):  # an entry of the file is several loads
+                    said = "the number of a load that is one entry of the file"
+                    raise ParameterError(name, value, said)
             declared, value = found.declared, found.value if value is None else value
         return Variable(name, declared, value), quick
 
@@ -367,14 +374,6 @@ class Sweep:
             wanted = "that of an arm that `armgpi identify` wrote: robot: {name: identified/}"
             raise ParameterError(IDENTIFICATION, self.experiment.config.robot.name, wanted)
         return read_posterior(Path(path), self.robot)
-
-    def _arms_left(self, section: Any) -> Distribution:
-        """Return from what the unknowns of the arm are drawn, in units of what is left open of each."""
-        if given := [kind for kind in KINDS if getattr(section, kind) is not None]:
-            raise ParameterError(
-                IDENTIFICATION, given[0], "{}: what was identified says how it is distributed"
-            )
-        return Distribution("normal", (0.0, 1.0), len(self._posterior.mean))
 
     def _flat(self, found: Any) -> Array:
         """Return the metrics of rollouts and how they ended, shape (rollouts, k)."""
@@ -496,10 +495,3 @@ def _list_times(moves: dict[str, Any]) -> None:
     for key, count in (("durations", points - 1), ("holds", points)):
         if not isinstance(moves[key], list):
             moves[key] = [moves[key]] * count
-
-
-def _check_entries(name: str, value: Any, sweep: Sweep) -> None:
-    """Refuse the number of a load where an entry of the file is several loads."""
-    arm: Any = inside(sweep.experiment.plant)
-    if len(sweep.config.plant.loads) != len(arm.loads):
-        raise ParameterError(name, value, "the number of a load that is one entry of the file")

@@ -13,6 +13,7 @@ import hashlib
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.util import find_spec
@@ -285,10 +286,11 @@ class Study:
 
 def _check_free(folder: Path, identity: Identity, name: str) -> None:
     """Refuse a folder that holds files which a study would have, others than its own experiment."""
-    for other in _OTHERS:
-        own = identity.text if other == name else None
-        if (folder / other).exists() and not _same(folder / other, own):
-            raise RolloutError(f"{folder}: holds something else ({other}); choose another folder")
+    for path in (folder / other for other in _OTHERS if (folder / other).exists()):
+        with suppress(OSError, ValueError):
+            if path.name == name and path.read_text(encoding="utf-8") == identity.text:
+                continue  # of a study that was killed before its last file
+        raise RolloutError(f"{folder}: holds something else ({path.name}); choose another folder")
 
 
 def _known_codes(folder: Path, identity: Identity, accept_code: bool) -> Mapping[str, Any]:
@@ -346,14 +348,6 @@ def _digest(data: Any) -> str:
 
 def _write(folder: Path, data: Mapping[str, Any]) -> None:
     files.write(folder / IDENTITY, json.dumps(data, indent=1) + "\n")
-
-
-def _same(path: Path, text: str | None) -> bool:
-    """Tell whether a file has a text: that of a study which was killed before its last file."""
-    try:
-        return text is not None and path.read_text(encoding="utf-8") == text
-    except (OSError, ValueError):
-        return False
 
 
 def _differences(there: Any, here: Any) -> list[str]:
