@@ -88,7 +88,13 @@ def wall(
     (to_controller, _), (to_arm, _) = pipes
     try:
         for child, pipe in zip(children, pipes, strict=True):
-            _start(child)
+            try:
+                child.start()  # its arguments are pickled
+            except (pickle.PicklingError, AttributeError, TypeError) as error:
+                raise BackendError(
+                    f"a part of the loop cannot be sent to another process ({error}): define its class in a "
+                    'module, or take clock="simulated"'
+                ) from None
             pipe[1].close()
         kind, address = _message(to_controller, children[0], _START)
         if kind != "ready":
@@ -100,17 +106,6 @@ def wall(
             if child.pid is not None:
                 child.kill()
                 child.join()
-
-
-def _start(child: Any) -> None:
-    """Start a process, whose arguments are pickled."""
-    try:
-        child.start()
-    except (pickle.PicklingError, AttributeError, TypeError) as error:
-        raise BackendError(
-            f"a part of the loop cannot be sent to another process ({error}): define its class in a module, "
-            'or take clock="simulated"'
-        ) from None
 
 
 def _await_end(
@@ -210,7 +205,18 @@ class _Wall:
             self._sample(due, asleep=late >= dt)
             if self.watched and due > told + _WATCHED:
                 told = due
-                self._tell()
+                watched = {
+                    "t": arm.k * dt,
+                    "q": self.samples.rows["q"][arm.k - 1].tolist(),
+                    "tau": self.samples.rows["tau"][arm.k - 1].tolist(),
+                    "missed": int((~self.samples.answered[: arm.k]).sum()),
+                    "samples": arm.k,
+                    "silent": arm.silent,
+                    "fired": len(arm.fired),
+                    "latched": arm.latched,
+                    "histogram": histogram(self.samples.lateness[: arm.k]),
+                }
+                self.pipe.send(("watch", watched))
             if arm.k % 64 == 0 and self.pipe.poll():
                 break  # the parent says stop
         self.samples.finish(arm)
@@ -260,27 +266,6 @@ class _Wall:
             if newest is not None and newest.number == self.arm.k:
                 break
         return newest
-
-    def _tell(self) -> None:
-        """Tell who watches how it goes."""
-        arm, samples = self.arm, self.samples
-        k = arm.k
-        self.pipe.send(
-            (
-                "watch",
-                {
-                    "t": k * arm.dt,
-                    "q": samples.rows["q"][k - 1].tolist(),
-                    "tau": samples.rows["tau"][k - 1].tolist(),
-                    "missed": int((~samples.answered[:k]).sum()),
-                    "samples": k,
-                    "silent": arm.silent,
-                    "fired": len(arm.fired),
-                    "latched": arm.latched,
-                    "histogram": histogram(samples.lateness[:k]),
-                },
-            )
-        )
 
 
 def _controller_process(
