@@ -152,7 +152,7 @@ def scope_of(
     seen.add_names(kinds, attributes, _names_in_lists(tree))
     for index in _counters(tree):
         seen.add_entries(index, kinds)
-    entries = (*_entries_of_arguments(seen, kinds, arguments), *_entries_of_lists(tree, values))
+    entries = _entries(tree, seen, kinds, arguments, values)
     return Scope(
         kinds,
         tuple(seen.scalars.values()),
@@ -289,19 +289,19 @@ def _with_other_indices(tree: ast.AST, counters: Sequence[str]) -> Iterator[ast.
             yield _Replaced(x, ast.Name(y, ast.Load())).visit(copy.deepcopy(node))
 
 
-def _entries_of_arguments(
-    seen: _Seen, kinds: Mapping[str, Any], arguments: tuple[str, ...]
+def _entries(
+    tree: ast.AST,
+    seen: _Seen,
+    kinds: Mapping[str, Any],
+    arguments: tuple[str, ...],
+    values: Mapping[str, Any],
 ) -> Iterator[ast.expr]:
-    """Yield v[1] where v[0] stands: it may be missing."""
+    """Yield v[1] where v[0] stands, which may be missing, and what loops are at in lists: ``masses[i]``."""
     read = {text.split("[")[0] for text in seen.scalars}
     for name in (name for name in arguments if name in read):
         kind = kinds.get(name)
         count = kind[0] if isinstance(kind, tuple) and len(kind) == 1 else 0
         yield from (_entry(name, ast.Constant(k)) for k in range(count))
-
-
-def _entries_of_lists(tree: ast.AST, values: Mapping[str, Any]) -> Iterator[ast.expr]:
-    """Yield what loops are at in lists of numbers, such as ``masses[i]``."""
     for index in _counters(tree):
         names = (name for name, value in values.items() if _are_numbers(value))
         yield from (_entry(name, ast.Name(index, ast.Load())) for name in names)
@@ -458,8 +458,13 @@ def alternatives(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
     number = scope.kind(node) == "scalar"
     if is_sum(node) or number or isinstance(node, ast.Name | ast.Subscript | ast.Call):
         yield "square", _power(node, 2)
-    if _is_term(node, parent):
-        yield from _of_term(node, scope)
+    if _is_term(node, parent):  # with one more factor
+        yield "sign", _negative(node)
+        yield "factor", _times(ast.Constant(2), node)
+        yield "factor", _times(ast.Constant(0.5), node)
+        for factor in (*scope.numbers(), *scope.scalars, *scope.entries):
+            yield "product", _times(factor, node)
+            yield "product", ast.BinOp(node, ast.Div(), factor)
     yield from _with_unused(node, parent, scope)
     yield from _of_assigned(node, parent, scope)
     yield from _of_products(node, parent, scope)
@@ -722,17 +727,6 @@ def _is_term(node: ast.expr, parent: Any) -> bool:
     if isinstance(node, ast.BinOp):
         return isinstance(node.op, _FACTORS) or not isinstance(parent, ast.BinOp)
     return isinstance(node, ast.Name | ast.Call | ast.Subscript | ast.UnaryOp | ast.Attribute)
-
-
-def _of_term(node: ast.expr, scope: Scope) -> Iterator[Choice]:
-    """Yield a product with one more factor, or one more term beside it."""
-    yield "sign", _negative(node)
-    yield "factor", _times(ast.Constant(2), node)
-    yield "factor", _times(ast.Constant(0.5), node)
-    factors = [*scope.numbers(), *scope.scalars, *scope.entries]
-    for factor in factors:
-        yield "product", _times(factor, node)
-        yield "product", ast.BinOp(node, ast.Div(), factor)
 
 
 def vector_terms(scope: Scope) -> Iterator[ast.expr]:

@@ -250,8 +250,15 @@ class Block:
         values = {**_numbers(self.namespace), **(self.calls[ALL][0] if self.calls else self.once_seen)}
         self.scope = scope_of(ast.Module(self.body, []), values, arguments, self.everywhere)
         module = ast.Module([self._rebuilt(statement) for statement in self.body], [])
-        if isinstance(module.body[0], ast.FunctionDef) and self.name:
-            _strip(module.body[0])
+        function = module.body[0]
+        if isinstance(function, ast.FunctionDef) and self.name:
+            # Decorators, defaults and annotations have no value there.
+            args = copy.deepcopy(function.args)
+            args.defaults, args.kw_defaults = [], [None] * len(args.kwonlyargs)
+            for part in ast.walk(args):
+                if isinstance(part, ast.arg):
+                    part.annotation = None
+            function.decorator_list, function.returns, function.args = [], None, args
         self.switch, self.terms = [0] * len(self.sites), list[Any]([0.0]) * len(self.sites)
         self.namespace[self.names[0]], self.namespace[self.names[1]] = self.switch, self.terms
         return module
@@ -413,16 +420,6 @@ def _locate(module: ast.Module) -> ast.Module:
                 node.lineno, node.col_offset = 1, 0  # type: ignore[attr-defined]
             todo += ast.iter_child_nodes(node)
     return module
-
-
-def _strip(function: ast.FunctionDef) -> None:
-    """Take decorators, defaults and annotations from a function: they have no value there."""
-    args = copy.deepcopy(function.args)
-    args.defaults, args.kw_defaults = [], [None] * len(args.kwonlyargs)
-    for part in ast.walk(args):
-        if isinstance(part, ast.arg):
-            part.annotation = None
-    function.decorator_list, function.returns, function.args = [], None, args
 
 
 def _other_values(node: ast.Constant) -> Iterator[tuple[str, ast.expr]]:

@@ -293,7 +293,7 @@ def _check_file(path: Path) -> None:
 
 
 def _text(path: Path) -> str:
-    """Return the text of a file.
+    """Return the text of a file; of a notebook its code, in which commands of the shell become comments.
 
     Raises:
         Unusable: when it is none.
@@ -301,17 +301,10 @@ def _text(path: Path) -> str:
     try:
         with tokenize.open(path) as file:  # in the encoding that its first lines say
             text = file.read()
-        return _cells(text) if path.suffix == NOTEBOOK else text
     except (UnicodeDecodeError, SyntaxError) as error:
         raise Unusable(f"is no text in UTF-8: {error}") from None
-
-
-def _cells(text: str) -> str:
-    """Return the code of a notebook; commands of its shell and magic lines become comments.
-
-    Raises:
-        Unusable: when it is no notebook.
-    """
+    if path.suffix != NOTEBOOK:
+        return text
     try:
         cells = [c["source"] for c in json.loads(text)["cells"] if c["cell_type"] == "code"]
     except (ValueError, KeyError, TypeError) as error:

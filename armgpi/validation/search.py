@@ -535,12 +535,6 @@ class _Trials:
         """Return the length of a description: which place, which kind, and which one of that kind."""
         return float(np.log2(self._sites * _KINDS * rank))
 
-    def _makes_right(self, name: str, start: Array, effects: Array, rest: float) -> Any:
-        """Tell which effects on a function make some of it agree at the first state, and spoil none."""
-        lacking, wrong = self._targets[name].values[0] - start, self._wrong[name]
-        moved, right = np.abs(effects) > rest, np.abs(effects - lacking) <= rest
-        return (moved & right & wrong).any(axis=1) & ~(moved & ~wrong).any(axis=1)
-
     def _output_with(self, pick: Pick, name: str) -> Array | None:
         """Return what a function gives at the first state with a change."""
         outputs = self.editor.outputs_with([name], 1, pick)
@@ -584,8 +578,12 @@ class _Trials:
 
             good = np.ones(len(moves))
             if linear:  # two of which each is wrong alone may add up
-                self._tried.append(_Tried("term", pick_at, {name: factor * moves}))
-                good = self._makes_right(name, start, factor * moves, rest)
+                effect = factor * moves
+                self._tried.append(_Tried("term", pick_at, {name: effect}))
+                # Some of the function agrees with it, and none is spoiled.
+                lacking, wrong = self._targets[name].values[0] - start, self._wrong[name]
+                moved, right = np.abs(effect) > rest, np.abs(effect - lacking) <= rest
+                good = (moved & right & wrong).any(axis=1) & ~(moved & ~wrong).any(axis=1)
             yield from map(pick_at, np.flatnonzero(good).tolist())
 
     # Terms that are solved for.
