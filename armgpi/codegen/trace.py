@@ -715,7 +715,7 @@ def _one_sample(loop: Any, state: Any, signals: bool, running: Any, usual: bool 
     before = unflatten(parts, [place(leaf.value) for leaf in numbers(parts)])
     result.values.start = columns(parts, rollouts)
     with tracer.undo_writes():
-        result.recorded = _trace_sample(loop, before, tracer, result, running, signals, usual)
+        result.recorded = _trace_sample(loop, before, tracer, result, signals, usual)
     if running is not None:
         _add_up(tracer(running), result)
     return result
@@ -752,7 +752,7 @@ def _one_shape(value: Any, rollouts: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def _trace_sample(
-    loop: Any, before: Any, tracer: Tracer, result: Trace, running: Any, signals: bool, usual: bool
+    loop: Any, before: Any, tracer: Tracer, result: Trace, signals: bool, usual: bool
 ) -> dict[str, list[Any]]:
     """Take one sample with symbols: note the state after it, and return what is recorded."""
     n = result.n

@@ -156,8 +156,12 @@ def _judge_stage(
     upright = robot.with_gravity(UPRIGHT) if compensates_gravity(robot) else robot
     seen = _arrays(log, robot)
     tested: dict[str, tuple[str, ...]] = {}
-    findings = list(_of_samples(log, stage))
-    if not findings:
+    findings: list[Finding] = []
+    missed = 1.0 - len(log.samples) / max(float(log.samples["elapsed"].sum()), 1.0)
+    if missed > _MISSED:
+        remedy = "give the robot's sample time (sample_time), or a machine that keeps up"
+        findings.append(Finding("rate", "", f"{missed:.0%} of the samples were missed", remedy))
+    else:
         tested["rate"] = ("",)
     if stage.kind == "dry":
         findings += _of_hand(seen, stage, experiment.reference.at(0.0).q, tested)
@@ -166,7 +170,7 @@ def _judge_stage(
         if seen.reason and not findings:
             findings.append(_stop_finding(seen))
     elif stage.kind in CAPS:
-        findings += _of_echo(seen, robot, tested)
+        findings += _of_echo(seen, robot)
         findings += _of_stage(seen, stage, robot, upright, tested) if not findings else []
         if stage.kind == "excite" and not findings:
             findings += _of_identification(log, robot, experiment, tested)
@@ -190,18 +194,6 @@ def _arrays(log: ArmLog, robot: Any) -> _Seen:
     q, tau = rows["q_measured"], rows["tau"]
     dev = tau - robot.gravity(np.where(np.isfinite(q), q, 0.0))
     return _Seen(names, log.t, q, rows["q_ref"], tau, dev, rows["applied"], reason, joint, first)
-
-
-def _of_samples(log: ArmLog, stage: Stage) -> Iterator[Finding]:
-    """Find samples that do not come when they should."""
-    rows = log.samples
-    passed = float(rows["elapsed"].sum())
-    share = 1.0 - len(rows) / max(passed, 1.0)
-    if share > _MISSED:
-        seen = f"{share:.0%} of the samples were missed"
-        yield Finding(
-            "rate", "", seen, "give the robot's sample time (sample_time), or a machine that keeps up"
-        )
 
 
 def _stop_finding(seen: _Seen) -> Finding:
@@ -296,7 +288,7 @@ def _tells_mounting(robot: Any, q: Array, allowed: Array) -> bool:
     return all((np.abs(each) > allowed).any() for each in apart)
 
 
-def _of_echo(seen: _Seen, robot: Any, tested: dict[str, tuple[str, ...]]) -> Iterator[Finding]:
+def _of_echo(seen: _Seen, robot: Any) -> Iterator[Finding]:
     """Find whether the torque that a robot says it was given is the one that was sent."""
     said, sent = seen.applied[1 : seen.faulty], seen.tau[: seen.faulty][: len(seen.applied[1 : seen.faulty])]
     if len(said) < 20 or not np.isfinite(said).all():
