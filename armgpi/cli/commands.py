@@ -89,7 +89,8 @@ def _build_command(entry: Entry) -> Any:
 
         kind = DeclaredCommand
     app = typer.Typer(add_completion=False, rich_markup_mode=None)
-    app.command(entry.name, cls=kind, rich_help_panel=entry.group)(function)
+    settings = {"max_content_width": WIDEST}
+    app.command(entry.name, cls=kind, context_settings=settings, rich_help_panel=entry.group)(function)
     return typer.main.get_command(app)
 
 

@@ -44,12 +44,6 @@ WIDEST = 120
 class Command(TyperCommand):
     """A command whose help has its options in groups."""
 
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        """Make the command."""
-        settings = options.pop("context_settings", None) or {}
-        settings.setdefault("max_content_width", WIDEST)
-        super().__init__(*arguments, context_settings=settings, **options)
-
     def parse_args(self, ctx: Any, args: list[str]) -> Any:
         """Read the command line."""
         read_as_typed(self.get_params(ctx))
