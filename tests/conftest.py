@@ -64,7 +64,7 @@ def compile_quickly(quick_compiler: Path, monkeypatch: pytest.MonkeyPatch) -> No
 @pytest.fixture(autouse=True)
 def choose_compiler(request: pytest.FixtureRequest) -> None:
     """Compile quickly in rooms of many short runs: long ones would take longer, others ask for the level."""
-    if request.path.parent.name in ("control", "gpi", "laws", "loop", "plants", "references", "supervisor"):
+    if request.path.parent.name in ("control", "gpi", "laws", "loop", "plants", "supervisor"):
         request.getfixturevalue("compile_quickly")
 
 
