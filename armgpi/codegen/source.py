@@ -133,7 +133,7 @@ def sample(traced: Trace, dialect: Dialect) -> list[str]:
             f"{head} usual({_ARGUMENTS})",
             "{",
             *(line for line in usual if not _CONSTANT.fullmatch(line)),
-            # What is always the same is there after two usual samples: two states take turns.
+            # Constants are stored after two usual samples: two states take turns.
             "if (!kept) {",
             *filter(_CONSTANT.fullmatch, usual),
             "}",

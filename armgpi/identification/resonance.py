@@ -100,6 +100,7 @@ class _Turn(NamedTuple):
 
     Attributes:
         joint: its number.
+        lines: frequencies that the log can show [Hz], (lines,).
         q: mean configuration [rad or m], (n,).
         tau: torque of the joint, of each period, (periods, lines).
         answer: positions of all joints, likewise, (periods, lines, n).
@@ -107,6 +108,7 @@ class _Turn(NamedTuple):
     """
 
     joint: int
+    lines: Array
     q: Array
     tau: Array
     answer: Array
@@ -215,7 +217,11 @@ def _turns(grid: Grid) -> Iterator[_Turn]:
     begin = max(range(-(n - 1) * turn - first, max(count - turn + 3, 1)), key=matches)
     length = round(PERIOD / grid.dt)
     t = np.arange(length) * grid.dt
-    waves = np.exp(2j * math.pi * LINES * t[:, None])
+    # Below half the log's rate, with the frequencies that show the noise.
+    lines = LINES[: np.searchsorted(LINES * PERIOD, length // 2 - _BETWEEN, "right")]
+    if not len(lines):
+        return
+    waves = np.exp(2j * math.pi * lines * t[:, None])
     basis = np.hstack([waves.real, waves.imag, np.ones((length, 1)), t[:, None]])
     inverse = np.linalg.pinv(basis)
     for j in range(n):
@@ -229,27 +235,23 @@ def _turns(grid: Grid) -> Iterator[_Turn]:
         periods = np.stack(
             [np.hstack([grid.tau[k : k + length, j : j + 1], grid.q[k : k + length]]) for k in there]
         )
-        both = _lines(inverse @ periods)
-        noise = _noise(periods - basis @ (inverse @ periods))
-        yield _Turn(j, periods[..., 1:].mean(axis=(0, 1)), both[..., 0], both[..., 1:], noise)
+        factors = inverse @ periods
+        cosines, sines, _ = np.split(factors, [len(lines), 2 * len(lines)], axis=1)
+        both, noise = cosines - 1j * sines, _noise_at(lines, periods - basis @ factors)
+        yield _Turn(j, lines, periods[..., 1:].mean(axis=(0, 1)), both[..., 0], both[..., 1:], noise)
 
 
-def _lines(factors: Array) -> Array:
-    """Return complex amplitudes of cosines and sines, (..., lines, columns)."""
-    m = len(LINES)
-    return np.asarray(factors[..., :m, :] - 1j * factors[..., m : 2 * m, :])
-
-
-def _noise(rest: Array) -> Array:
-    """Return the noise of amplitudes at the lines, as frequencies between them show it, (lines, columns).
+def _noise_at(lines: Array, rest: Array) -> Array:
+    """Return the noise of amplitudes at lines [Hz], as frequencies between them show it, (lines, columns).
 
     Counts of encoders, which repeat from period to period, and what friction bends are there as well.
 
     Args:
+        lines: their frequencies.
         rest: what the lines leave of each period, (periods, samples, columns).
     """
     spectrum = np.abs(np.fft.rfft(rest, axis=1)) ** 2 * (2.0 / rest.shape[1]) ** 2
-    line = np.round(LINES * PERIOD).astype(int)
+    line = np.round(lines * PERIOD).astype(int)
     between = np.setdiff1d(np.arange(line[0], line[-1] + _BETWEEN), line)
     nearest = np.abs(between - line[:, None]).argsort(axis=1)[:, :_BETWEEN]
     return np.asarray(np.sqrt(spectrum.mean(axis=0)[between[nearest]].mean(axis=1)))
@@ -287,7 +289,7 @@ class _Fit:
         self.robot, self.turns, self.side, n = robot, turns, side, robot.n
         self.links = [robot.mass_matrix(turn.q) - np.diag(robot.armature) for turn in turns]
         self.steep = [gravity_stiffness(robot, turn.q) * float(gravity) for turn in turns]
-        self.s = 2j * math.pi * LINES
+        self.s = 2j * math.pi * turns[0].lines
         rotor, stiffness = robot.armature, robot.drives.value("stiffness")
         low, high = robot.drives.interval("rotor_inertia")
         told = np.log(np.maximum(high, rotor) / np.maximum(low, 1e-3 * rotor)) / (2.0 * _95)

@@ -234,7 +234,7 @@ class Sweep:
         """Return what was drawn, (rows, width), as a prepared loop takes it."""
         values, place = dict[str, Any](), 0
         load = self.config.plant.payload
-        if "plant.payload.mass" in self.varied and load is not None:  # where it is goes with it
+        if "plant.payload.mass" in self.varied and load is not None:  # the place goes with the mass
             values |= {"plant.payload.frame": load.frame or self.robot.tip, "plant.payload.com": [load.com]}
         for name, each in self.varied.items():
             part = drawn[:, place : place + each.joints]

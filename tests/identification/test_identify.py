@@ -29,7 +29,7 @@ from armgpi.identification.estimate import Block, Prior, expect, fit
 from armgpi.identification.excitation import excite
 from armgpi.identification.logs import Log, read_log, resample
 from armgpi.identification.posterior import read_posterior, with_parameters
-from armgpi.identification.resonance import LINES, TURN, _noise, find_gears
+from armgpi.identification.resonance import LINES, TURN, _noise_at, find_gears
 from armgpi.identification.text import (
     say_causes,
     say_drift,
@@ -609,9 +609,17 @@ def test_encoders_of_few_counts_and_lags_of_gears_spoil_no_first_mode() -> None:
     assert gears.mode[1] < mode < gears.mode[2]
 
 
+def test_a_log_of_100_hz_shows_a_first_mode_by_the_lines_below_half_of_that() -> None:
+    given, mode = shaken("link", 3e3)
+    gears = find_gears(arm(), Log(*(x[::5] for x in given[:3])), np.full(3, 2e-3))
+    assert gears.side == "link"
+    assert gears.mode[0] == pytest.approx(mode, rel=0.05)
+    assert gears.mode[1] < mode < gears.mode[2]
+
+
 def test_noise_at_the_lines_is_that_of_white_noise_between_them() -> None:
     std, count = np.array([0.1, 3.0]), 2000
-    noise = _noise(std * np.random.default_rng(0).normal(size=(400, count, 2)))
+    noise = _noise_at(LINES, std * np.random.default_rng(0).normal(size=(400, count, 2)))
     assert noise == pytest.approx(np.tile(2.0 * std / math.sqrt(count), (len(LINES), 1)), rel=0.05)
 
 
@@ -620,6 +628,8 @@ def test_a_log_without_a_multisine_says_what_is_expected() -> None:
         found().with_resonance(Log(*(x[:1400] for x in log()[:3])))
     with pytest.raises(UnfitLog, match="excite --resonance"):
         found().with_resonance(Log(*(x[:100] for x in log()[:3])))
+    with pytest.raises(UnfitLog, match="excite --resonance"):  # 10 Hz: no line is below half of it
+        find_gears(arm(), Log(*(x[::50] for x in shaken("link", 3e3)[0][:3])), np.full(3, 2e-3))
 
 
 def table(names: str, q_factor: float = 1.0) -> str:
