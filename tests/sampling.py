@@ -10,9 +10,9 @@ import pytest
 
 def sample(cases: Iterable[Any], every: int = 2) -> list[Any]:
     """Return cases for `parametrize`, of which all but each second, say, wait for `make search`."""
-    return [case if i % every == 0 else search(case) for i, case in enumerate(cases)]
+    return [case if i % every == 0 else for_search(case) for i, case in enumerate(cases)]
 
 
-def search(*values: Any) -> Any:
+def for_search(*values: Any) -> Any:
     """Return a case that `make search` alone tries."""
     return pytest.param(*values, marks=pytest.mark.search)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sampling import for_search
 from soundness import Adversary, Observed, bred, observe
 
 import armgpi
@@ -20,13 +21,9 @@ from armgpi.health.zoo import fingers
     "options",
     [
         {"torque": 0.001, "acceleration": 0.2},
-        pytest.param(
-            {"torque": 0.001, "acceleration": 0.2, "delay": 1, "bits": 20}, marks=pytest.mark.search
-        ),
-        pytest.param({"integrators": 1, "rolloff": 1, "rolloff_ratio": 6.0}, marks=pytest.mark.search),
-        pytest.param(
-            {"torque": 0.001, "jump": True, "payload": (0.0, 0.1), "delay": 1}, marks=pytest.mark.search
-        ),
+        for_search({"torque": 0.001, "acceleration": 0.2, "delay": 1, "bits": 20}),
+        for_search({"integrators": 1, "rolloff": 1, "rolloff_ratio": 6.0}),
+        for_search({"torque": 0.001, "jump": True, "payload": (0.0, 0.1), "delay": 1}),
         {"torque": 0.001, "jump": True, "payload": (0.0, 0.1), "feedforward": "gravity"},
     ],
 )

@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from loops import agreement, assert_close, compiled
 from machines import sled, swing
+from sampling import for_search
 from strategies import robots
 
 from armgpi import (
@@ -219,7 +220,7 @@ PARTS = {
 
 def sampled(table: Mapping[str, Any]) -> list[Any]:
     """Return the names of a table, those that others have in them for `make search` alone."""
-    return [pytest.param(name, marks=pytest.mark.search if name in PARTS else ()) for name in table]
+    return [for_search(name) if name in PARTS else name for name in table]
 
 
 def fitting(plant: Any) -> tuple[Any, Any]:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from machines import sled, swing
+from sampling import sample
 from strategies import robots_and_states
 
 from armgpi import ArmgpiWarning, Robot, RobotBatch, robots
@@ -75,7 +76,7 @@ def worst(robot: Any, names: Any = KERNELS, states: int = 4) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(x, marks=pytest.mark.search if i % 4 else ()) for i, x in enumerate(robots.names())],
+    sample(robots.names(), 4),
 )
 def test_every_arm_of_the_zoo_is_generated_right(name: str) -> None:
     with warnings.catch_warnings():

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from arms import experiment
 from loops import Agreement, agreement, compiled
+from sampling import for_search
 
 from armgpi import robots, simulate
 
@@ -18,9 +19,7 @@ SECONDS = 1.0
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", [pytest.param(x, marks=pytest.mark.search if x == "ur5" else ()) for x in ARMS]
-)
+@pytest.mark.parametrize("name", [for_search(x) if x == "ur5" else x for x in ARMS])
 def test_agreement_up_to_an_edge(name: str) -> None:
     case = experiment(name)
     arguments = (case.plant, case.controller, case.reference, SECONDS)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sampling import search
+from sampling import for_search
 from strategies import robots_and_states
 
 import armgpi
@@ -192,7 +192,7 @@ def write(code: Code, folder: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "real"),
     [
-        (name, real) if real == "double" and name in UNLIKE else search(name, real)
+        (name, real) if real == "double" and name in UNLIKE else for_search(name, real)
         for name in CONTROLLERS
         for real in ("double", "float")
     ],
@@ -251,7 +251,7 @@ def test_no_optimisation_makes_it_need_more(compiler: str, level: str, tmp_path:
     [
         ("network", "double", "hold", None),
         ("pid", "float", "zero", 200.0),
-        pytest.param("own", "float", "hold", None, marks=pytest.mark.search),
+        for_search("own", "float", "hold", None),
         ("fixed gains", "double", "brake", 100.0),
     ],
 )
@@ -325,7 +325,7 @@ def test_the_folder_builds_and_replays_and_is_clean_under_sanitizers_and_valgrin
 
 
 @compiled
-@pytest.mark.parametrize("name", [name if name in UNLIKE else search(name) for name in CONTROLLERS])
+@pytest.mark.parametrize("name", [name if name in UNLIKE else for_search(name) for name in CONTROLLERS])
 def test_equals_python_step_by_step(name: str) -> None:
     controller = CONTROLLERS[name]()
     log = logged(controller, 0.5)

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import yaml
 from commands import fork_script
-from sampling import search
+from sampling import for_search
 from test_grippers import J, text
 
 from armgpi import (
@@ -190,7 +190,9 @@ def test_the_cap_of_a_stage_has_a_test_in_the_folder(tmp_path: Path) -> None:
 
 
 @compiled
-@pytest.mark.parametrize(("real", "law"), [("float", GPI), search("double", GPI), ("double", PIDInversion)])
+@pytest.mark.parametrize(
+    ("real", "law"), [("float", GPI), for_search("double", GPI), ("double", PIDInversion)]
+)
 def test_every_fault_has_a_test_in_the_folder_which_passes(real: str, law: type, tmp_path: Path) -> None:
     controller = Supervised(law(ARM, 1e-3), Supervisor(missed=5, speed=0.5))
     export_controller(controller, tmp_path, real=real, measure=False)
@@ -484,7 +486,7 @@ def looks_on(program: Path, robot: Robot) -> None:
 
 @compiled
 @pytest.mark.usefixtures("compile_quickly")
-@pytest.mark.parametrize("target", ["fci", pytest.param("ur", marks=pytest.mark.search)])
+@pytest.mark.parametrize("target", ["fci", for_search("ur")])
 def test_the_cpp_program_moves_a_simulated_arm_too(
     target: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

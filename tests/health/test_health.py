@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sampling import for_search
 
 from armgpi import GPI, Bezier, FixedGains, RigidBodyPlant, Robot, default_omega, health, robots, simulate
 from armgpi.cli.parsing import as_option
@@ -335,7 +336,7 @@ def test_every_mesh_of_example_robot_data_is_there() -> None:
             assert all(finder.find(mesh).path for mesh in link.meshes), name
 
 
-@pytest.mark.parametrize("every", [9, pytest.param(1, marks=pytest.mark.search)])
+@pytest.mark.parametrize("every", [9, for_search(1)])
 def test_every_check_of_every_row_gives_its_levels_alone(every: int) -> None:
     levels = {kind: {level for row in findings.CHECKS if row.kind == kind for level in row.levels}
               for kind in {row.kind for row in findings.CHECKS}}  # fmt: skip

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from machines import sled, swing
+from sampling import for_search
 from strategies import State, robots_and_states
 
 from armgpi import GPI, Friction, Hold, RigidBodyPlant, Robot, Status, simulate
@@ -134,7 +135,7 @@ def test_friction_never_adds_energy_on_any_robot(
         before = after
 
 
-@pytest.mark.parametrize("name", ["z1", pytest.param("xarm7", marks=pytest.mark.search)])
+@pytest.mark.parametrize("name", ["z1", for_search("xarm7")])
 def test_stiff_friction_of_a_urdf_survives_a_second_without_torque_at_1_khz(name: str) -> None:
     robot = Robot.load(name)
     assert robot.friction.viscous.max() >= 2.0
@@ -154,7 +155,7 @@ def test_stiff_friction_of_a_urdf_survives_a_second_without_torque_at_1_khz(name
     assert np.abs(state.v).max() < 10.0  # [rad/s]
 
 
-@pytest.mark.parametrize("name", ["z1", pytest.param("xarm7", marks=pytest.mark.search)])
+@pytest.mark.parametrize("name", ["z1", for_search("xarm7")])
 def test_stiff_friction_of_a_urdf_survives_a_second_of_feedback_at_1_khz(name: str) -> None:
     # With the light wrists of the URDF alone, friction is so much faster than the loop that the law is
     # unstable (as it is in continuous time), slowly: nothing blows up, and the integrator agrees with itself.

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import pytest
 import typer
-from sampling import search
+from sampling import for_search
 
 import armgpi
 from armgpi import config
@@ -101,7 +101,7 @@ def called(command: str, place: str) -> str:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "page",
-    [search(page) if page.stem in ("own_arm", "path", "viewing") else page for page in PAGES],
+    [for_search(page) if page.stem in ("own_arm", "path", "viewing") else page for page in PAGES],
     ids=lambda page: page.stem,
 )
 def test_code_of_a_page_runs_and_prints_what_the_page_shows(

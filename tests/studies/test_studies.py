@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sampling import search
+from sampling import for_search
 from test_sweep import RARE, TEXT, called, contents
 
 from armgpi import files
@@ -492,7 +492,9 @@ def interrupted(call: Callable[[Path], Any], folder: Path, wanted: int) -> None:
 
 
 FAST = ["sweep", "rare", "certify", "tune", "zoo"]
-COMMANDS = [search(name) if name in ("tune", "contend") else name for name in (*FAST, "contend", "export")]
+COMMANDS = [
+    for_search(name) if name in ("tune", "contend") else name for name in (*FAST, "contend", "export")
+]
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from pathlib import Path
 import byhand
 import numpy as np
 import pytest
-from sampling import sample, search
+from sampling import for_search, sample
 
 from armgpi import validate
 from armgpi.validation import alternatives, check, edits, units
@@ -33,7 +33,7 @@ def test_every_mistake_can_be_made(style: str) -> None:
                 *(style for style in byhand.SIXTH if style != "craig"),
             ]
         ),
-        search("craig"),  # 5 s
+        for_search("craig"),  # 5 s
     ],
 )
 def test_right_models_agree(style: str) -> None:
@@ -49,17 +49,19 @@ def test_right_models_in_odd_styles_agree(path: Path) -> None:
     ("style", "line"),
     [
         ("closed", 28),  # g = 9.8 was "g stands where (g + I3) belongs"
-        search("attributes", 8),  # attributes were no names
+        for_search("attributes", 8),  # attributes were no names
         ("attributes", 20),  # where l1 ** 2 is small any product agrees
-        search("gears", 20),  # a dropped rotor was another number of teeth
+        for_search("gears", 20),  # a dropped rotor was another number of teeth
         ("matlab", 12),  # I1 is I2 + I3
         ("graph", 4),  # expressions of CasADi were not searched
-        search("closed", 12),  # 12 of 40 products that are 0.04 were looked at, the right one not among them
+        for_search(
+            "closed", 12
+        ),  # 12 of 40 products that are 0.04 were looked at, the right one not among them
         ("spong", 13),  # where a function had defaults or annotations nothing was searched
-        search("loops", 28),  # entries of lists were no names: 0.5 is c[k] / l[k]
+        for_search("loops", 28),  # entries of lists were no names: 0.5 is c[k] / l[k]
         ("loops", 4),  # c[i] if i == k else l[i] was l[i]
-        search("wheel", 18),  # what a class makes that the module calls was not searched
-        search("mechanics", 9),  # frames of SymPy were no names
+        for_search("wheel", 18),  # what a class makes that the module calls was not searched
+        for_search("mechanics", 9),  # frames of SymPy were no names
     ],
 )
 def test_a_name_holds_for_other_numbers(style: str, line: int, tmp_path: Path) -> None:
@@ -99,19 +101,19 @@ def test_what_is_read_nowhere_is_told_and_a_forgotten_statement_named(tmp_path: 
     ("style", "line"),
     [
         # 17 s: a dropped ω×(ω×p), of which another stands beside it; LOOP has one that is the last.
-        search("newton", 4),
-        search("spatial", 20),  # one half of a vector of six for the other
+        for_search("newton", 4),
+        for_search("spatial", 20),  # one half of a vector of six for the other
         ("basenewton", 21),  # R.T @ I @ R for R @ I @ R.T, where I is an attribute
-        search("composite", 5),  # in a function that is called several times, names of it were not known
-        search("exponentials", 29),  # = for += in a loop
+        for_search("composite", 5),  # in a function that is called several times, names of it were not known
+        for_search("exponentials", 29),  # = for += in a loop
         ("printed", 8),  # a number in a sum
-        search("swingers", 11),  # m (x² + y²) dropped
+        for_search("swingers", 11),  # m (x² + y²) dropped
         ("params", 10),  # a motor at the end of a link, which is one body in the robot
         ("wrist", 1),  # another axis in a list of numbers
         # A forgotten entry that is used later; in helpers: a number of a list, an index, a matrix between
         # others, a formula copied from the line before; a term that is read nowhere, one of another body.
         *(
-            search(style, line)
+            for_search(style, line)
             for style, lines in {
                 "stanford": (10,),
                 "uicker": (8, 11, 13, 15, 23),
@@ -303,7 +305,7 @@ def inverse_dynamics(q, v, a):
     "mistakes",
     [
         {"dv + cross(dw, p) + cross(w, cross(w, p))": "dv + cross(dw, p)"},
-        search({"cross(dw, s) + cross(w, cross(w, s))": "cross(dw, s)", "I[i] * dw": "dw"}),
+        for_search({"cross(dw, s) + cross(w, cross(w, s))": "cross(dw, s)", "I[i] * dw": "dw"}),
     ],
 )
 def test_vectors_missing_in_a_loop_are_named(mistakes: dict[str, str], tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from hand_models import planar
+from sampling import for_search
 
 from armgpi import validate
 from armgpi.validation import search
@@ -91,10 +92,8 @@ def test_a_module_an_instance_and_a_class() -> None:
 @pytest.mark.parametrize(
     "symbols",
     [
-        pytest.param('q1, q2, v1, v2 = symbols("q1 q2 v1 v2")', marks=pytest.mark.search),
-        pytest.param(
-            'q1, q2, v1, v2 = symbols("theta_1 theta_2 dq1 dq2", real=True)', marks=pytest.mark.search
-        ),
+        for_search('q1, q2, v1, v2 = symbols("q1 q2 v1 v2")'),
+        for_search('q1, q2, v1, v2 = symbols("theta_1 theta_2 dq1 dq2", real=True)'),
         'import sympy; t = symbols("t"); q1, q2 = (sympy.Function(f"q{i}")(t) for i in (1, 2))\n'
         "v1, v2 = q1.diff(t), q2.diff(t)",
     ],

@@ -11,7 +11,7 @@ import pytest
 import textbooks
 from hand_models import in_coordinates, planar
 from mutants import same
-from sampling import sample
+from sampling import for_search, sample
 from scoring import alarms, interval, outcomes, summary
 
 from armgpi import errors, testing, validate
@@ -64,9 +64,7 @@ def written(folder: Path, source: str) -> Path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.search if name in LONG else ()) for name in CASES]
-)
+@pytest.mark.parametrize("name", [for_search(name) if name in LONG else name for name in CASES])
 def test_a_mistake_is_named_by_a_repair_that_is_right(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -23,6 +23,7 @@ import pytest
 import xarray as xr
 from pictured import HOSTILE, box_mesh, chain, compared, made_up, package, run
 from PIL import Image
+from sampling import for_search
 
 import armgpi
 from armgpi import GPI, Hold, RigidBodyPlant, Robot, robots, simulate
@@ -86,9 +87,7 @@ CASES: dict[str, tuple[Callable[[], Robot], Callable[[Robot], xr.Dataset]]] = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "case", [pytest.param(x, marks=pytest.mark.search if x == "kinova" else ()) for x in CASES]
-)
+@pytest.mark.parametrize("case", [for_search(x) if x == "kinova" else x for x in CASES])
 def test_links_are_where_pinocchio_puts_them(case: str, chromium: browsers.Browser, tmp_path: Path) -> None:
     load, make = CASES[case]
     robot = load()
