@@ -320,23 +320,7 @@ class Identified:
             carried = block.rows[..., place : place + len(BODY)] * float(index == len(blocks) - 1)
             blocks[index] = block._replace(rows=np.concatenate([block.rows, carried], axis=-1))
         fitted = estimate.fit(blocks, prior)
-        # The load is what comes last, about the joint; it is told in the frame that carries it.
-        own = slice(len(prior.mean) - len(BODY), None)
-        value = prior.std[own] * fitted.physical[own]
-        covariance = fitted.covariance[own, own] * np.outer(prior.std[own], prior.std[own])
-        mass, lever = float(value[0]), value[1:4] / value[0]
-        slope = np.hstack([-lever[:, None], np.eye(3)]) / mass  # of the lever by mass and first moments
-        rotation = np.asarray(element.placement.rotation)
-        spread = rotation.T @ slope @ covariance[:4, :4] @ slope.T @ rotation
-        local = element.placement.actInv(pin.Inertia.FromDynamicParameters(value))
-        return Load(
-            mass,
-            float(np.sqrt(covariance[0, 0])),
-            np.array(local.lever),
-            np.sqrt(np.diag(spread)),
-            np.array(local.inertia),
-            self.file.tip,
-        )
+        return _load(fitted, prior, element, self.file.tip)
 
     def validate(self, log: Any) -> Validation:
         """Return how well the arm predicts the torques of a log that it has not seen."""
@@ -674,3 +658,23 @@ def _period(grid: Grid) -> float | None:
             apart = [float(((q[s:] - q[:-s]) ** 2).mean()) for s in near]
             return float(near[int(np.argmin(apart))] * step)
     return None
+
+
+def _load(fitted: Fit, prior: Prior, element: Any, frame: str) -> Load:
+    """Return the load of a fit, which is what comes last, in the frame that carries it."""
+    own = slice(len(prior.mean) - len(BODY), None)
+    value = prior.std[own] * fitted.physical[own]
+    covariance = fitted.covariance[own, own] * np.outer(prior.std[own], prior.std[own])
+    mass, lever = float(value[0]), value[1:4] / value[0]
+    slope = np.hstack([-lever[:, None], np.eye(3)]) / mass  # of the lever by mass and first moments
+    rotation = np.asarray(element.placement.rotation)
+    spread = rotation.T @ slope @ covariance[:4, :4] @ slope.T @ rotation
+    local = element.placement.actInv(pin.Inertia.FromDynamicParameters(value))
+    return Load(
+        mass,
+        float(np.sqrt(covariance[0, 0])),
+        np.array(local.lever),
+        np.sqrt(np.diag(spread)),
+        np.array(local.inertia),
+        frame,
+    )
