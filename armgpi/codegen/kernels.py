@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, NamedTuple
+from inspect import signature
+from typing import Any, NamedTuple, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -13,10 +14,19 @@ import numpy.typing as npt
 
 from armgpi.arrays import Array
 from armgpi.codegen.algebra import ca
-from armgpi.codegen.emit import CallSite, Code, Dialect, straight_line
+from armgpi.codegen.emit import CallSite, Dialect, straight_line
 from armgpi.codegen.model import SymbolicModel, varied_table, varying
 from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat
-from armgpi.plants.friction import ImplicitFriction
+from armgpi.plants.friction import (
+    MOST_STEPS,
+    Braked,
+    ImplicitFriction,
+    Iterate,
+    braked_velocity,
+    first_iterate,
+    is_moving,
+    newton_step,
+)
 from armgpi.robot.dynamics import (
     CoupledDynamics,
     Dynamics,
@@ -25,6 +35,7 @@ from armgpi.robot.dynamics import (
     StackedDynamics,
     VariedDynamics,
 )
+from armgpi.robot.equations import Friction
 
 #: How far a generated model may be from Pinocchio's, relative to the largest entry.
 _AGREEMENT = 1e-9
@@ -55,16 +66,72 @@ class Kernel:
     inputs: Sequence[Any]
     outputs: Sequence[Any]
     skip: int | None = None
-    _written: dict[Dialect, Code] = field(default_factory=dict, compare=False)
+    _written: dict[Dialect, list[str]] = field(default_factory=dict, compare=False)
 
-    def code(self, dialect: Dialect) -> Code:
+    def lines(self, dialect: Dialect) -> list[str]:
         """Return the lines that work out y from x (arguments one after the other) and m (parameters)."""
         if dialect not in self._written:
-            inputs = [(symbol, f"x[{i}]") for i, symbol in enumerate(self.inputs)]
-            inputs += [(symbol, f"m[{i}]") for i, symbol in enumerate(self.parameters)]
-            targets = [f"y[{i}]" for i in range(self.size)]
-            self._written[dialect] = straight_line(inputs, self.outputs, targets, dialect)
+            self._written[dialect] = self._body(dialect)
         return self._written[dialect]
+
+    def _body(self, dialect: Dialect) -> list[str]:
+        """Work out the lines."""
+        return self._assign(self.outputs, [f"y[{i}]" for i in range(self.size)], dialect)
+
+    def _assign(
+        self, expressions: Sequence[Any], targets: Sequence[str], dialect: Dialect, state: Sequence[Any] = ()
+    ) -> list[str]:
+        """Return the lines that work out expressions and assign them to targets."""
+        inputs = [(symbol, f"x[{i}]") for i, symbol in enumerate(self.inputs)]
+        inputs += [(symbol, f"m[{i}]") for i, symbol in enumerate(self.parameters)]
+        inputs += [(symbol, f"s[{i}]") for i, symbol in enumerate(state)]
+        return straight_line(inputs, expressions, targets, dialect).lines
+
+
+@dataclass(frozen=True, kw_only=True)
+class Iteration(Kernel):
+    """A kernel that repeats a step until it changes nothing any more, for each rollout by itself.
+
+    Its result is worked out of its inputs and of the last state. A lane that has settled keeps its numbers,
+    so that they do not depend on the rollouts beside it.
+
+    Attributes:
+        state: the symbols of what a step changes.
+        begin: the state at first.
+        following: the state after a step.
+        moving: conditions of which one at least holds as long as the step has to be repeated.
+        most: steps at most.
+    """
+
+    state: Sequence[Any]
+    begin: Sequence[Any]
+    following: Sequence[Any]
+    moving: Sequence[Any]
+    most: int
+
+    def _body(self, dialect: Dialect) -> list[str]:
+        """Work out the lines."""
+        size = len(self.state)
+        places = [f"s[{i}]" for i in range(size)]
+        # What ends in a bracket takes a condition.
+        targets = [*(f"z[{i}]" for i in range(size)), *["moving |= ("] * len(self.moving)]
+        return [
+            f"V s[{size}], z[{size}];",
+            "{",
+            *self._assign(self.begin, places, dialect),
+            "}",
+            "M running = v_not((M){0});",
+            f"for (int step = 0; step < {self.most}; ++step) {{",
+            "M moving = (M){0};",
+            *self._assign([*self.following, *self.moving], targets, dialect, self.state),
+            f"for (int i = 0; i < {size}; ++i) s[i] = v_select(running, z[i], s[i]);",
+            "running = v_and(running, moving);",
+            "if (!v_any(running)) break;",
+            "}",
+            "{",
+            *self._assign(self.outputs, [f"y[{i}]" for i in range(self.size)], dialect, self.state),
+            "}",
+        ]
 
 
 @dataclass(frozen=True)
@@ -316,28 +383,63 @@ def _note_call(calls: list[Call], kernel: Kernel, parameters: list[Any], *argume
 
 
 class TracedFriction:
-    """Friction that notes what it is asked for: its Newton steps are written once, whatever calls them."""
+    """Friction that notes what it is asked for: its Newton steps are one loop in C, whatever calls it."""
 
     def __init__(self, friction: ImplicitFriction, calls: list[Call]) -> None:
         """Note the uses among other calls."""
-        self._sticks, self._calls = friction.sticks, calls
+        self._friction = friction
+        self._calls = calls
 
-    def __call__(self, inertia: Any, v_free: Any, *others: Any) -> Symbols:
-        """Return the velocity."""
-        n = v_free.shape[-1]
-        kernel = _friction_kernel(n, self._sticks)
-        return _note_call(self._calls, kernel, [], inertia.reshape(n * n), v_free, *others)
+    def __call__(self, v_free: Any, *others: Any) -> Symbols:
+        """Return the velocity; see :class:`armgpi.plants.friction.ImplicitFriction`."""
+        width = v_free.shape[-1]
+        *numbers, inertia = others[:_BESIDE]
+        arm = others[_BESIDE:]
+        kernel = _friction_kernel(self._friction.sticks, self._friction.braking, width, inertia.shape[-1])
+        return _note_call(self._calls, kernel, [], v_free, *numbers, inertia.reshape(inertia.size), *arm)
+
+
+#: Arguments besides velocities: viscous, coulomb, h, stick and inertia. Vectors of the arm follow.
+_BESIDE = 5
 
 
 @lru_cache(maxsize=32)
-def _friction_kernel(n: int, sticks: bool) -> Kernel:
-    """Return the kernel of friction on so many joints."""
-    sizes = (n * n, n, n, n, 1, 1)
-    inertia, *others = (Symbols.new(f"x{i}_", (size,)) for i, size in enumerate(sizes))
-    friction: Any = ImplicitFriction(sticks)
-    after = flat(friction(inertia.reshape(n, n), *others))
-    symbols = [x for part in (inertia, *others) for x in flat(part)]
-    return Kernel(f"friction_{n}_{sticks:d}", sizes, n, (), symbols, after)
+def _friction_kernel(sticks: bool, braking: Callable[..., Braked], width: int, n: int) -> Kernel:
+    """Return the kernel of friction.
+
+    Args:
+        sticks: whether there is Coulomb friction.
+        braking: the arm's equation.
+        width: velocities that there are: of the joints, or of links and motors.
+        n: number of joints.
+    """
+    vectors = len(signature(braking).parameters) - 3  # besides h, v_free and the inertia
+    sizes = (width, width, width, 1, 1, n * n, *[n] * vectors)
+    given = [Symbols.new(f"x{i}_", (size,)) for i, size in enumerate(sizes)]
+    v_free, viscous, coulomb, h, stick, inertia, *arm = given
+    braked = braking(h, v_free, inertia.reshape(n, n), *arm)
+    friction = Friction(cast(Any, viscous), cast(Any, coulomb))
+    smooth: Any = stick
+    now = Iterate(*(cast(Any, Symbols.new(f"s{i}_", (width,))) for i in range(2)))
+    symbols = [x for part in given for x in flat(part)]
+    name = f"friction_{braking.__name__}_{width}_{sticks:d}"
+    if not sticks:
+        after = braked_velocity(braked, first_iterate(cast(Any, v_free)), friction, smooth)
+        return Kernel(name, sizes, width, (), symbols, flat(after))
+    following = newton_step(braked, now, friction, smooth)
+    return Iteration(
+        name,
+        sizes,
+        width,
+        (),
+        symbols,
+        flat(braked_velocity(braked, now, friction, smooth)),
+        state=[*flat(now.v), *flat(now.share)],
+        begin=[x for part in first_iterate(cast(Any, v_free)) for x in flat(part)],
+        following=[*flat(following.v), *flat(following.share)],
+        moving=flat(is_moving(following, now, smooth)),
+        most=MOST_STEPS,
+    )
 
 
 # Kept for as long as the robot is: a second controller or another run for it generates nothing. Rollouts of

@@ -159,7 +159,7 @@ def function(kernel: Kernel, dialect: Dialect) -> list[str]:
         f"static __attribute__((noinline)) void {kernel.name}(",
         "    const V *restrict x, const V *m, V *restrict y)",
         "{",
-        *kernel.code(dialect).lines,
+        *kernel.lines(dialect),
         "}",
     ]
 

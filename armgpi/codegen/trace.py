@@ -526,7 +526,7 @@ class Inventory(LoopTracer):
         return plant
 
     def _friction(self, friction: ImplicitFriction) -> Any:
-        self.structure.append(friction.sticks)
+        self.structure += [friction.sticks, friction.braking.__name__]
         return friction
 
     def _kind_of(self, value: Any) -> None:

@@ -116,7 +116,7 @@ class Arm(Parametrised, Plant):
         if self.friction is None:
             return v
         viscous, coulomb = self.friction
-        return self._brake(self.robot.dynamics.mass_matrix(q), v, viscous, coulomb, h, stick)
+        return self._brake(v, viscous, coulomb, h, stick, self.robot.dynamics.mass_matrix(q))
 
     def disturbance(self, t: Array) -> Array | None:
         """Return the sum of the loads; see :meth:`Plant.disturbance`."""

@@ -12,7 +12,7 @@ from armgpi.control.controller import FullState
 from armgpi.errors import ParameterError
 from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.plants.arm import Arm
-from armgpi.plants.friction import STICK_VELOCITY, after_friction, solve
+from armgpi.plants.friction import STICK_VELOCITY, Braked, ImplicitFriction, solve
 from armgpi.plants.plant import PlantState
 from armgpi.robot.equations import Friction
 from armgpi.robot.kinematics import random_configurations
@@ -173,7 +173,8 @@ class ElasticPlant(Arm):
         rows = (np.broadcast_arrays(*pair, rotor)[:2] for pair in pairs)
         self._friction_of_both = Friction(*(np.concatenate(row, axis=-1) for row in rows))
         viscous, coulomb = map(_acts, self._friction_of_both)
-        self._rubs, self._sticks = viscous or coulomb, coulomb
+        self._rubs = viscous or coulomb
+        self._brake = ImplicitFriction(coulomb, _brake_elastic)
 
     def _check_positive(self, name: str, value: Array) -> None:
         """Refuse what a joint lacks."""
@@ -239,7 +240,7 @@ class ElasticPlant(Arm):
         inertia = self.robot.dynamics.mass_matrix(x.q + (0.5 * h) * x.v)
         stretched = (_GAMMA * h) * self.gear_stiffness
         tied = (_GAMMA * h) * (stretched + self.gear_damping)
-        matrix = self._links(inertia, self._rotor, tied)
+        matrix = _held_links(inertia, self._rotor, self._rotor, tied)
 
         def stage(y: _Motion, push: Any, before: _Motion, forces: _Motion) -> tuple[_Motion, _Motion]:
             """Return a stage k, and it with forces in place of accelerations; zero before the first."""
@@ -261,35 +262,59 @@ class ElasticPlant(Arm):
         free = _ahead(_ahead(x, 1.5 * h, k1), 0.5 * h, k2)
         return self._apply_friction(free, inertia, h) if self._rubs else free
 
-    def _links(self, inertia: Array, rotor: Array, tied: Array) -> Array:
-        """Return the inertia of links that `tied` holds to `rotor`; `inertia` has the rotors themselves."""
-        matrix, diagonal = inertia.copy(), np.arange(self.robot.n)
-        matrix[..., diagonal, diagonal] += tied * rotor / (rotor + tied) - self._rotor
-        return matrix
-
     def _apply_friction(self, free: _Motion, inertia: Array, h: float) -> _Motion:
         """Return what friction of links and motors together leaves of a step without."""
         n, rotor = self.robot.n, self._rotor
         tied = h * (0.5 * h * self.gear_stiffness + self.gear_damping)
         v_free = np.concatenate([free.v, free.omega], axis=-1)
-
-        def brake(resistance: Array, push: Array) -> Array:
-            """Return velocities of links and motors; the motors' equations are eliminated."""
-            impulse = -h * (resistance * v_free + push)
-            heavier = rotor + h * resistance[..., n:]
-            matrix = self._links(inertia, heavier, tied)
-            matrix[..., range(n), range(n)] += h * resistance[..., :n]
-            links = impulse[..., :n] + tied / (heavier + tied) * impulse[..., n:]
-            dv = solve(matrix, links[..., None])
-            domega = (impulse[..., n:] + tied * dv) / (heavier + tied)
-            both: Array = v_free + np.concatenate([dv, domega], axis=-1)
-            return both
-
-        left = after_friction(brake, v_free, self._friction_of_both, STICK_VELOCITY, self._sticks)
+        viscous, coulomb = self._friction_of_both
+        left = self._brake(v_free, viscous, coulomb, h, STICK_VELOCITY, inertia, rotor, tied)
         change = left - v_free
         dv, domega = change[..., :n], change[..., n:]
         half = 0.5 * h
         return _Motion(free.q + half * dv, free.v + dv, free.theta + half * domega, free.omega + domega)
+
+
+def _held_links(inertia: Array, own: Array, rotor: Array, tied: Array) -> Array:
+    """Return the inertia [kg m^2 or kg] of links that springs and dampers hold to rotors in a step.
+
+    Args:
+        inertia: of links and rotors together, (n, n) or (batch, n, n).
+        own: inertia of the rotors in it, (n,) or (batch, n).
+        rotor: what each rotor resists with, its friction included, likewise.
+        tied: what holds a link to its rotor, likewise.
+    """
+    matrix = inertia.copy()
+    diagonal = np.arange(inertia.shape[-1])
+    matrix[..., diagonal, diagonal] += tied * rotor / (rotor + tied) - own
+    return matrix
+
+
+def _brake_elastic(h: float, v_free: Array, inertia: Array, rotor: Array, tied: Array) -> Braked:
+    """Return what solves for the velocities of links and motors; the motors' equations are eliminated.
+
+    Args:
+        h: length of the step [s].
+        v_free: velocities of links, then of motors, without friction [rad/s or m/s], (2 n,) or (batch, 2 n).
+        inertia: of links and rotors together [kg m^2 or kg], (n, n) or (batch, n, n).
+        rotor: inertia of the rotors, (n,) or (batch, n).
+        tied: what holds a link to its rotor in the step [kg m^2 or kg], likewise.
+    """
+    n = inertia.shape[-1]
+    diagonal = np.arange(n)
+
+    def braked(resistance: Array, push: Array) -> Array:
+        impulse = -h * (resistance * v_free + push)
+        heavier = rotor + h * resistance[..., n:]
+        matrix = _held_links(inertia, rotor, heavier, tied)
+        matrix[..., diagonal, diagonal] += h * resistance[..., :n]
+        links = impulse[..., :n] + tied / (heavier + tied) * impulse[..., n:]
+        dv = solve(matrix, links[..., None])
+        domega = (impulse[..., n:] + tied * dv) / (heavier + tied)
+        both: Array = v_free + np.concatenate([dv, domega], axis=-1)
+        return both
+
+    return braked
 
 
 #: What is before the first stage.

@@ -17,6 +17,7 @@ from strategies import State, robots_and_states
 
 from armgpi import GPI, Friction, Hold, RigidBodyPlant, Robot, Status, simulate
 from armgpi.errors import ArmgpiError, ArrayError, ParameterError
+from armgpi.plants.friction import ImplicitFriction
 from armgpi.plants.plant import PlantState
 
 Array = npt.NDArray[np.float64]
@@ -239,3 +240,33 @@ def test_a_diverged_rollout_does_not_stop_the_others() -> None:
 def test_bad_friction_is_named(friction: Any, error: type[ArmgpiError], named: str) -> None:
     with pytest.raises(error, match=named):
         RigidBodyPlant(swing(2), friction=friction)
+
+
+def test_a_rollout_settles_by_itself_whatever_its_neighbours_need() -> None:
+    # Newton's method ends for a rollout when its own numbers rest: three arms, from calm to sliding.
+    brake = ImplicitFriction(sticks=True)
+    random = np.random.default_rng(27)
+    spread = random.normal(size=(3, 4, 4)) * np.array([0.1, 1.0, 10.0])[:, None, None]
+    inertia = spread @ spread.swapaxes(-1, -2) + 1e-2 * np.eye(4)
+    v_free = random.normal(size=(3, 4)) * np.array([1e-6, 1e-2, 10.0])[:, None]
+    coulomb = np.array([1e-2, 1.0, 300.0])[:, None] * np.ones(4)
+    together = brake(v_free, 0.1 * coulomb, coulomb, DT, STICK, inertia)
+    for row in range(3):
+        alone = brake(v_free[row], 0.1 * coulomb[row], coulomb[row], DT, STICK, inertia[row])
+        np.testing.assert_array_equal(together[row], alone)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_what_settled_is_the_balance_of_momentum_and_friction(seed: int) -> None:
+    # D v = D v_free - h (f_v v + f_c v / sqrt(v^2 + stick^2)), the equation itself as the witness.
+    random = np.random.default_rng(seed)
+    n = int(random.integers(1, 8))
+    spread = random.normal(size=(n, n)) * 10.0 ** random.uniform(-2.0, 1.0)
+    inertia = spread @ spread.T + np.diag(10.0 ** random.uniform(-3.0, 0.5, n))
+    v_free = random.normal(size=n) * 10.0 ** random.uniform(-5.0, 1.0)
+    viscous = 10.0 ** random.uniform(-3.0, 2.0, n)
+    coulomb = 10.0 ** random.uniform(-3.0, 3.0, n)
+    v = ImplicitFriction(sticks=True)(v_free, viscous, coulomb, DT, STICK, inertia)
+    impulse = DT * (viscous * v + coulomb * v / np.sqrt(v * v + STICK * STICK))
+    scale = np.abs(inertia) @ np.abs(v_free) + DT * coulomb
+    assert (np.abs(inertia @ (v - v_free) + impulse) <= 1e-8 * scale.max()).all()
