@@ -65,6 +65,10 @@ if TYPE_CHECKING:
     from armgpi.plants.actuators import RateLimited as RateLimited
     from armgpi.plants.actuators import Saturated as Saturated
     from armgpi.plants.elastic import ElasticPlant as ElasticPlant
+    from armgpi.plants.environment import Contact as Contact
+    from armgpi.plants.environment import Spring as Spring
+    from armgpi.plants.environment import ToolForce as ToolForce
+    from armgpi.plants.environment import Wall as Wall
     from armgpi.plants.faults import MotorFault as MotorFault
     from armgpi.plants.faults import SensorFault as SensorFault
     from armgpi.plants.loads import Load as Load
@@ -142,6 +146,7 @@ _NAMES = {
     "robot.kinematics": ("InverseSolution", "TrackingInverse", "inverse_kinematics"),
     "plants.actuators": ("RateLimited", "Saturated"),
     "plants.faults": ("MotorFault", "SensorFault"),
+    "plants.environment": ("Contact", "Spring", "ToolForce", "Wall"),
     "plants.loads": ("Load", "Pulse", "Ramp", "Sine", "Step"),
     "plants.mujoco": ("MuJoCoPlant",),
     "plants.plant": ("Plant", "Wrapper"),

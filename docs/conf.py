@@ -14,6 +14,7 @@ from armgpi.loop import metrics as _metrics
 from armgpi.parameter import REQUIRED as _REQUIRED
 from armgpi.parameter import parameters as _parameters
 from armgpi.plants.arm import Arm as _Arm
+from armgpi.plants.environment import Contact as _Contact
 from armgpi.plants.loads import Load as _Load
 from armgpi.plants.plant import Wrapper as _Wrapper
 from armgpi.plants.reality import Reality as _Reality
@@ -209,6 +210,7 @@ myst_substitutions = {
     "reality_table": _table([*_HEADS, *_rows(_parameters(_Reality))]),
     "engines_table": _by_type(_Arm, "engine"),
     "loads_table": _by_type(_Load),
+    "environment_table": _by_type(_Contact),
     "controllers_table": controllers_table(),
     "paths_table": _by_type(_Path),
 }

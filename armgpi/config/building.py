@@ -29,6 +29,7 @@ from armgpi.errors import ArmgpiError, ArmgpiWarning, ArrayError, ConfigError, E
 from armgpi.gpi.untuned import Untuned, Verdict, assume, verdict
 from armgpi.parameter import REQUIRED, Parameter, Parametrised, parameters
 from armgpi.plants.arm import Arm
+from armgpi.plants.environment import Contact
 from armgpi.plants.loads import Load
 from armgpi.plants.plant import Plant, Wrapper
 from armgpi.plants.reality import Reality, stack_draws
@@ -448,7 +449,15 @@ def _plant(config: ExperimentConfig, context: Context, place: _Place, engine: st
         with here.error_context():
             kind = classes_of(Load)[item.type]
             torques += kind.configured(_given_values(item, parameters(kind), robot, here, {}, 0.0), context)
-    plant = _arm(config, real, torques, context, place, engine)
+    contacts: list[Contact] = []
+    for index, item in enumerate(section.environment):
+        here = place.at("environment", index)
+        with here.error_context():
+            touching = classes_of(Contact)[item.type]
+            contacts.append(
+                touching.configured(_given_values(item, parameters(touching), robot, here), context)
+            )
+    plant = _arm(config, real, torques, contacts, context, place, engine)
     for name, wrapper in sorted(classes_of(Wrapper).items(), key=lambda item: item[1].order):
         value = getattr(section, name, None)  # a class made since then is no key
         given = None
@@ -509,7 +518,13 @@ def _check_engine_keys(section: PlantSection, own: Set[str], place: _Place) -> N
 
 
 def _arm(
-    config: ExperimentConfig, real: Robot, torques: list[Load], context: Context, place: _Place, engine: str
+    config: ExperimentConfig,
+    real: Robot,
+    torques: list[Load],
+    contacts: list[Contact],
+    context: Context,
+    place: _Place,
+    engine: str,
 ) -> Plant:
     """Return the arm in a simulator."""
     section = config.plant
@@ -523,7 +538,9 @@ def _arm(
         if each.default is REQUIRED and name not in values:
             raise place.at(each.file_key).error(f"is missing: engine {engine} needs it")
     with place.at("engine").error_context() if engine != ENGINES[0] else place.error_context():
-        arm: Plant = kind.configured(real, torques, friction, values, context)
+        # Engines of plugins may have been written before there were environments.
+        more = {"environment": contacts} if contacts else {}
+        arm: Plant = kind.configured(real, torques, friction, values, context, **more)
     return arm
 
 

@@ -37,6 +37,7 @@ from armgpi.config.section import (
 from armgpi.control.controller import Controller
 from armgpi.parameter import REQUIRED, Parameter, parameters
 from armgpi.plants.arm import Arm
+from armgpi.plants.environment import Contact
 from armgpi.plants.loads import Load
 from armgpi.plants.plant import Wrapper
 from armgpi.plants.reality import Reality
@@ -135,6 +136,7 @@ def _by_name(base: type, more: Any = lambda cls: {}) -> dict[str, type[Section]]
 
 
 LOADS = _by_name(Load)
+CONTACTS = _by_name(Contact)
 
 
 #: Sensors and actuators, of which one with a single parameter has a bare value, not a section.
@@ -193,6 +195,7 @@ class PlantSection(Section):
             about the joint's frame (xx, xy, yy, xz, yz, zz).
         friction: "urdf" for the robot's friction coefficients, "none".
         loads: disturbance torques.
+        environment: what the tool touches: forces, walls and springs.
         substeps: integration steps per sample.
         engine: which simulator: "armgpi" (by Pinocchio), "mujoco", or "both", one after the other; or another
             that is declared. Its parameters are keys as well.
@@ -207,6 +210,7 @@ class PlantSection(Section):
             "bodies": Key(mapping(listing(plain_number, 10, 10)), None, optional=True),
             "friction": _choice("none", "urdf", "none"),
             "loads": Key(listing(one_of(LOADS)), []),
+            "environment": Key(listing(one_of(CONTACTS)), []),
             "engine": _choice("armgpi", *classes_of(Arm), "both"),
         },
         {name: each.key for name, each in ARM_KEYS.items()},

@@ -218,6 +218,8 @@ def _of_plant(plant: Plant) -> Iterator[Variable]:
             yield from _declared_variables("plant", plant)
             for i, load in enumerate(plant.loads):
                 yield from _declared_variables(f"plant.loads.{i}", load)
+            for i, contact in enumerate(plant.environment):
+                yield from _declared_variables(f"plant.environment.{i}", contact)
         case _:
             reason = f"{type(plant).__name__} is made for the robot that it has; RigidBodyPlant varies"
             for name, declared in {**_ROBOT, **_FRICTION}.items():
@@ -304,6 +306,11 @@ def _arm_with(plant: Arm, changes: dict[str, Any], rows: int) -> Arm:
         if mine := _own_changes(type(load), changes, f"loads.{i}."):
             loads[i] = load.with_values(**mine)
             given["loads"] = loads
+    contacts = list(plant.environment)
+    for i, contact in enumerate(contacts):
+        if mine := _own_changes(type(contact), changes, f"environment.{i}."):
+            contacts[i] = contact.with_values(**mine)
+            given["environment"] = contacts
     return plant.with_values(**given)
 
 

@@ -13,6 +13,7 @@ from armgpi.arrays import Array, new, not_negative, per_joint
 from armgpi.control.controller import FullState, batches, common_batch
 from armgpi.errors import ArrayError, ParameterError
 from armgpi.parameter import Parametrised, parameter, with_parameters
+from armgpi.plants.environment import Contact, Environment
 from armgpi.plants.friction import STICK_VELOCITY, ImplicitFriction
 from armgpi.plants.loads import Load
 from armgpi.plants.plant import Plant, PlantState
@@ -32,11 +33,12 @@ class Arm(Parametrised, Plant):
     Attributes:
         robot: the arm that it really is; with a payload, say, that the controller does not know.
         loads: disturbance torques, each (n,) or (batch, n).
+        environment: what its tool touches: forces, walls and springs (:mod:`armgpi.plants.environment`).
         friction: "urdf" for the coefficients in the robot's URDF (which Pinocchio's dynamics ignore),
             ``Friction(viscous, coulomb)`` for others, None for none.
         substeps: integration steps per sample.
         config_name: its `engine` in experiment files; None for one that has none there.
-        feels: which of "loads" and "friction" its step has; others are refused.
+        feels: which of "loads", "friction" and "environment" its step has; others are refused.
         varies: whether one robot with other numbers in each rollout will do (:meth:`armgpi.Robot.varied`).
     """
 
@@ -47,6 +49,7 @@ class Arm(Parametrised, Plant):
     robot: AnyRobot = field()
     loads: Any = field(default=())
     friction: Any = field(default=None)
+    environment: Any = field(default=(), kw_only=True)
     substeps: int = parameter(
         "integration steps per sample", kind="integer", default=1, least=1, most=10_000, structural=True
     )
@@ -62,10 +65,15 @@ class Arm(Parametrised, Plant):
         self.keep("loads", tuple(self.loads) if isinstance(self.loads, Sequence) else (self.loads,))
         self.check_parameters(self.robot.joint_names)
         self.keep("friction", self._friction(self.friction))
+        given = self.environment
+        self.keep("environment", tuple(given) if isinstance(given, Sequence) else (given,))
+        self._surroundings = Environment(self.robot, self.environment) if self.environment else None
         loads_now = [np.zeros(self._check_load(load)) for load in self.loads]
-        self.batch = common_batch(*batches(self), *loads_now)
+        numbers = [size for each in self.environment for size in batches(each)]
+        columns = [size for size in numbers if isinstance(size, np.ndarray) and size.ndim == 2]
+        self.batch = common_batch(*batches(self), *loads_now, *columns)
         self._table = LoadTable(self, self.substeps) if self.loads else None
-        for name in ("loads", "friction"):
+        for name in ("loads", "friction", "environment"):
             if (given := getattr(self, name)) and name not in self.feels:
                 raise ParameterError(name, given, f"none: {type(self).__name__} does not name it in `feels`")
         # What differs by rollout was declared to vary, whatever it is.
@@ -80,6 +88,7 @@ class Arm(Parametrised, Plant):
         friction: str | None,
         given: Mapping[str, Any],
         context: Context,
+        environment: Sequence[Contact] = (),
     ) -> _Same:
         """Return the plant that an experiment file describes.
 
@@ -89,11 +98,13 @@ class Arm(Parametrised, Plant):
             friction: "urdf", or None for none.
             given: what the file says of the declared parameters, by their names.
             context: what else the experiment is.
+            environment: what the tool touches.
         """
-        return cls(robot, loads, friction, **given)
+        return cls(robot, loads, friction, environment=environment, **given)
 
     def init(self, q: Array, v: Array) -> PlantState:
         """Return the state at time 0; see :meth:`Plant.init`."""
+        self.check_start(q)
         return PlantState(0, q, v, np.zeros_like(q))
 
     def measure(self, state: PlantState) -> FullState:
@@ -110,6 +121,29 @@ class Arm(Parametrised, Plant):
             return tau, tau, tau
         begin, middle, end = self._table.at(k, substep, dt)
         return tau - begin, tau - middle, tau - end
+
+    def check_start(self, q: Array) -> None:
+        """Refuse positions at the start [rad or m], (n,) or (batch, n), that are inside of a wall.
+
+        Raises:
+            ParameterError: naming the wall, with how deep the point is.
+        """
+        if self._surroundings is not None and isinstance(q, np.ndarray):
+            self._surroundings.check_start(q)
+
+    def contact_torque(self, q: Array, v: Array, k: Any, substep: float, dt: float) -> Any:
+        """Return the torque [N m or N] of what the tool touches; 0.0 where there is nothing.
+
+        Args:
+            q: positions [rad or m], (n,) or (batch, n).
+            v: velocities [rad/s or m/s], likewise.
+            k: number of the sample.
+            substep: which substep of it, with a share of the next.
+            dt: sample time [s].
+        """
+        if self._surroundings is None:
+            return 0.0
+        return self._surroundings.torque(q, v, (k + substep / self.substeps) * dt)
 
     def velocity_after_friction(self, q: Array, v: Array, h: float, stick: float = STICK_VELOCITY) -> Array:
         """Return what friction leaves of the velocity `v` that a step of `h` from `q` gave without it."""
@@ -135,6 +169,7 @@ class Arm(Parametrised, Plant):
             "robot": self.robot.provenance,
             "loads": [load.describe() for load in self.loads],
             "friction": friction and {name: value.tolist() for name, value in friction._asdict().items()},
+            **({"environment": [each.describe() for each in self.environment]} if self.environment else {}),
             **self.values(),
         }
 

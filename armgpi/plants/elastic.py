@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -87,7 +89,7 @@ class ElasticPlant(Arm):
     """
 
     config_name: ClassVar[str | None] = "elastic"
-    feels: ClassVar[tuple[str, ...]] = ("loads", "friction")
+    feels: ClassVar[tuple[str, ...]] = ("loads", "friction", "environment")
 
     gear_stiffness: PerJoint = parameter(
         "stiffness of the gears",
@@ -201,6 +203,7 @@ class ElasticPlant(Arm):
 
         Positions are what the encoders say: behind those at motors, links are where gravity lets them sink.
         """
+        self.check_start(q)
         link, gravity = q, self.robot.dynamics.gravity(q)
         for _ in range(_SINKING):
             link = np.where(self._at_motor > 0.5, q - gravity / self.gear_stiffness, q)
@@ -228,10 +231,20 @@ class ElasticPlant(Arm):
             begin, _, end = self.acting_torques(0.0, k, i, dt)
             missing = motor - tau
             motor = tau + left * missing
-            x = self._substep(x, tau + (1.0 - left) / turned * missing, begin, end, h)
+            touched = partial(self.contact_torque, k=k, dt=dt)
+            x = self._substep(x, tau + (1.0 - left) / turned * missing, begin, end, h, touched, i)
         return new(ElasticState, (k + 1, *x, motor, tau))
 
-    def _substep(self, x: _Motion, motor: Array, begin: Any, end: Any, h: float) -> _Motion:
+    def _substep(
+        self,
+        x: _Motion,
+        motor: Array,
+        begin: Any,
+        end: Any,
+        h: float,
+        touched: Callable[..., Any],
+        i: int,
+    ) -> _Motion:
         """Return the state after a step of ROS2 and friction, under these torques of motors and loads.
 
         (1 - g A) k1 = F(x), (1 - g A) k2 = F(x + h k1) - 2 k1, and x becomes x + h (3 k1 + k2) / 2, where A
@@ -257,8 +270,9 @@ class ElasticPlant(Arm):
             q, theta = q + (_GAMMA * h) * a, theta + (_GAMMA * h) * alpha
             return _Motion(q, a, theta, alpha), _Motion(q, link + passed, theta, rotor - passed)
 
-        k1, forces = stage(x, begin, _NONE, _NONE)
-        k2, _ = stage(_ahead(x, h, k1), end, k1, forces)
+        k1, forces = stage(x, begin + touched(x.q, x.v, substep=i), _NONE, _NONE)
+        ahead = _ahead(x, h, k1)
+        k2, _ = stage(ahead, end + touched(ahead.q, ahead.v, substep=i + 1.0), k1, forces)
         free = _ahead(_ahead(x, 1.5 * h, k1), 0.5 * h, k2)
         return self._apply_friction(free, inertia, h) if self._rubs else free
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import NamedTuple, cast
 
 import numpy as np
+import numpy.typing as npt
 
 from armgpi.arrays import Array
 from armgpi.robot.equations import Friction
@@ -124,9 +125,9 @@ def newton_step(braked: Braked, iterate: Iterate, friction: Friction, stick: flo
     return Iterate(ahead, np.minimum(np.maximum(sign + slope * (ahead - v), -1.0), 1.0))
 
 
-def is_moving(following: Iterate, iterate: Iterate, stick: float) -> Array:
+def is_moving(following: Iterate, iterate: Iterate, stick: float) -> npt.NDArray[np.bool_]:
     """Tell for each joint whether a step of Newton's method changed its velocity."""
-    moving: Array = abs(following.v - iterate.v) > _SETTLED * (abs(following.v) + stick)
+    moving: npt.NDArray[np.bool_] = abs(following.v - iterate.v) > _SETTLED * (abs(following.v) + stick)
     return moving
 
 

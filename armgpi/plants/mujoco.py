@@ -58,7 +58,7 @@ class MuJoCoPlant(Arm):
     """
 
     config_name: ClassVar[str | None] = "mujoco"
-    feels: ClassVar[tuple[str, ...]] = ("loads", "friction")
+    feels: ClassVar[tuple[str, ...]] = ("loads", "friction", "environment")
     varies: ClassVar[bool] = False
 
     integrator: str = parameter(
@@ -102,7 +102,11 @@ class MuJoCoPlant(Arm):
         k, q, v, _ = state
         push = [self.acting_torques(tau, k, i, dt)[1] for i in range(self.substeps)]
         advance = self._memory.one if q.ndim == 1 and self.robot.batch is None else self._memory.many
-        q, v = advance(q, v, push, dt / self.substeps)
+        if not self.environment:
+            q, v = advance(q, v, push, dt / self.substeps)
+        for i in range(self.substeps if self.environment else 0):
+            touched = self.contact_torque(q, v, k, i, dt)
+            q, v = advance(q, v, [push[i] + touched], dt / self.substeps)
         return new(PlantState, (k + 1, q, v, tau))
 
     def describe(self) -> dict[str, Any]:
@@ -129,6 +133,8 @@ class MuJoCoPlant(Arm):
             yield f"the integrator {self.integrator} is of order 1"
         if self.loads:
             yield "a load acts over a substep as it is in its middle"
+        if self.environment:
+            yield "what the tool touches acts over a substep as it is at its beginning"
         if self.friction is not None and self.friction.viscous.any() and self.integrator == "rk4":
             yield "viscous friction is explicit: where it is strong, take the integrator implicitfast"
         if self.friction is not None and self.friction.coulomb.any():

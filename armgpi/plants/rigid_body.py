@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-from typing import ClassVar, NamedTuple
+from collections.abc import Callable
+from functools import lru_cache, partial
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -42,7 +43,7 @@ class RigidBodyPlant(Arm):
     """
 
     config_name: ClassVar[str | None] = "armgpi"
-    feels: ClassVar[tuple[str, ...]] = ("loads", "friction")
+    feels: ClassVar[tuple[str, ...]] = ("loads", "friction", "environment")
 
     stick_velocity: float = parameter(
         "speed below which Coulomb friction is smoothed",
@@ -60,39 +61,70 @@ class RigidBodyPlant(Arm):
         h = dt / self.substeps
         advance = self._without_friction if self.friction is None else self._with_friction
         for i in range(self.substeps):
-            q, v = advance(q, v, *self.acting_torques(tau, k, i, dt), h)
+            touched = partial(self.contact_torque, k=k, dt=dt)
+            q, v = advance(q, v, *self.acting_torques(tau, k, i, dt), h, touched, i)
         return new(PlantState, (k + 1, q, v, tau))
 
     def _without_friction(
-        self, q: Array, v: Array, begin: Array, middle: Array, end: Array, h: float
+        self,
+        q: Array,
+        v: Array,
+        begin: Array,
+        middle: Array,
+        end: Array,
+        h: float,
+        touched: Callable[..., Any],
+        i: int,
     ) -> tuple[Array, Array]:
         """Return q and v after one classical Runge-Kutta step of q' = v, v' = D^-1 (tau - C v - G).
 
-        The three torques are what acts at the beginning, in the middle and at the end of the step.
+        Args:
+            q: positions [rad or m], (n,) or (batch, n).
+            v: velocities [rad/s or m/s], likewise.
+            begin: torque at the beginning of the step [N m or N], likewise.
+            middle: in its middle.
+            end: at its end.
+            h: its length [s].
+            touched: gives the torque of what the tool touches, from positions, velocities and `substep`.
+            i: number of the substep.
         """
-        forward = self.robot.dynamics.forward
+        dynamics = self.robot.dynamics
+
+        def forward(q: Array, v: Array, tau: Array, share: float) -> Array:
+            if self._surroundings is None:
+                return dynamics.forward(q, v, tau)
+            return dynamics.forward(q, v, tau + touched(q, v, substep=i + share))
+
         whole, half, sixth, square = _step_sizes(h)
         # Written out for second-order equations: the same stages with half the array operations.
         way = half * v
-        a1 = forward(q, v, begin)
+        a1 = forward(q, v, begin, 0.0)
         gain1 = half * a1
         q2 = q + way
-        a2 = forward(q2, v + gain1, middle)
+        a2 = forward(q2, v + gain1, middle, 0.5)
         gain2 = half * a2
-        a3 = forward(q2 + half * gain1, v + gain2, middle)
+        a3 = forward(q2 + half * gain1, v + gain2, middle, 0.5)
         ahead = q2 + way
-        a4 = forward(ahead + whole * gain2, v + whole * a3, end)
+        a4 = forward(ahead + whole * gain2, v + whole * a3, end, 1.0)
         inner = a2 + a3
         first = a1 + inner
         return ahead + square * first, v + sixth * (first + inner + a4)
 
     def _with_friction(
-        self, q: Array, v: Array, begin: Array, middle: Array, end: Array, h: float
+        self,
+        q: Array,
+        v: Array,
+        begin: Array,
+        middle: Array,
+        end: Array,
+        h: float,
+        touched: Callable[..., Any],
+        i: int,
     ) -> tuple[Array, Array]:
         """Take a Runge-Kutta step without friction, then the friction that acts over it, implicitly.
 
         Where friction is in balance with the torque, the balance is exact.
         """
-        q_free, v_free = self._without_friction(q, v, begin, middle, end, h)
+        q_free, v_free = self._without_friction(q, v, begin, middle, end, h, touched, i)
         new = self.velocity_after_friction(q, v_free, h, self.stick_velocity)
         return q_free + 0.5 * h * (new - v_free), new

@@ -1,0 +1,196 @@
+"""Where a frame of an arm is, how it moves and what a force on it does, as elementwise NumPy.
+
+:class:`armgpi.robot.frames.Frames` asks Pinocchio, one configuration after another. What stands here runs on
+batches at once and becomes generated C, so a plant may ask it at every stage of its integrator.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from armgpi.arrays import Array
+from armgpi.errors import NameNotFound, ParameterError
+from armgpi.robot.robot import Robot
+
+
+class Motion(NamedTuple):
+    """A point fixed to a frame, in the base frame.
+
+    Attributes:
+        rotation: rotation matrix of the frame, (..., 3, 3).
+        position: of the point [m], (..., 3).
+        velocity: of the point [m/s], (..., 3).
+        rate: angular velocity of the frame [rad/s], (..., 3).
+        levers: for each joint of the arm how it moves the point at 1 rad/s or m/s: velocity [m] or [1] and
+            angular velocity [1], two arrays (..., 3); None for a joint that does not carry the frame.
+    """
+
+    rotation: Array
+    position: Array
+    velocity: Array
+    rate: Array
+    levers: tuple[tuple[Array, Array] | None, ...]
+
+    def torque(self, q: Array, force: Array, moment: Array) -> Array:
+        """Return J' (force, moment): the torque [N m or N] of the joints that a wrench at the point is.
+
+        Args:
+            q: positions, for the shape of the answer, (n,) or (batch, n).
+            force: in the base frame [N], (..., 3).
+            moment: likewise [N m].
+        """
+        columns = []
+        for joint, lever in enumerate(self.levers):
+            if lever is None:
+                columns.append(np.zeros_like(q[..., joint]))
+            else:
+                columns.append(_dot(lever[0], force) + _dot(lever[1], moment))
+        return np.stack(columns, axis=-1)
+
+
+class FrameMotion:
+    """The kinematics of one point of an arm.
+
+    Attributes:
+        frame: name of the frame.
+        point: the point in the axes of the frame [m].
+    """
+
+    def __init__(self, robot: Robot, frame: str, point: Array | None = None) -> None:
+        """Take the placements from the robot's Pinocchio model.
+
+        Args:
+            robot: the arm.
+            frame: name of a link, joint or fixed joint.
+            point: a point in its axes [m], (3,); its origin when not given.
+
+        Raises:
+            NameNotFound: when there is no such frame.
+            ParameterError: when no joint moves it.
+        """
+        if frame not in robot.frame_names:
+            raise NameNotFound("frame", frame, robot.frame_names)
+        model = robot._model
+        known = model.frames[robot._frame(frame)]
+        self.frame = frame
+        self.point = np.zeros(3) if point is None else np.array(point, dtype=np.float64)
+        joints: list[int] = []
+        joint = int(known.parentJoint)
+        while joint > 0:
+            joints.insert(0, joint)
+            joint = int(model.parents[joint])
+        if not joints:
+            raise ParameterError("frame", frame, "a frame that a joint moves")
+        end = known.placement.act(pin.SE3(np.eye(3), self.point))
+        places = [*(model.jointPlacements[i] for i in joints), end]
+        motions = [np.array(model.joints[i].createData().S).ravel() for i in joints]
+        self._turns = tuple(bool(motion[3:].any()) for motion in motions)
+        self._places = tuple(int(model.joints[i].idx_v) for i in joints)
+        # In stacks of matrices, which are part of the structure of generated code: literals, not inputs.
+        self._rotations = np.array([_snapped(place.rotation) for place in places])
+        self._positions = np.array([np.reshape(place.translation, (3, 1)) for place in places])
+        axes = [
+            motion[3:] if turns else motion[:3] for motion, turns in zip(motions, self._turns, strict=True)
+        ]
+        self._axes = np.array([_snapped(axis).reshape(3, 1) for axis in axes])
+        self._crosses = np.array([_cross_matrix(axis.ravel()) for axis in self._axes])
+        self._ratio: Array | None = None
+        self._offset: Array | None = None
+        if robot.coupling is not None:
+            self._ratio = robot.coupling.ratio[None]
+            self._offset = robot.coupling.offset[None, None]
+        self._n = robot.n
+
+    def at(self, q: Array, v: Array) -> Motion:
+        """Return where the point is and how it moves.
+
+        Args:
+            q: positions [rad or m], (n,) or (batch, n).
+            v: velocities [rad/s or m/s], likewise.
+        """
+        all_q, all_v = self._whole(q, v)
+        rotation: Any = np.eye(3)
+        position: Any = np.zeros((3, 1))
+        axes = []
+        origins = []
+        for i, (place, turns) in enumerate(zip(self._places, self._turns, strict=True)):
+            position = position + np.matmul(rotation, self._positions[i])
+            rotation = np.matmul(rotation, self._rotations[i])
+            axes.append(np.matmul(rotation, self._axes[i])[..., 0])
+            origins.append(position[..., 0])
+            x = all_q[..., place, None, None]
+            if turns:
+                # Rodrigues' formula: 1 + sin(x) K + (1 - cos(x)) K^2.
+                cross = self._crosses[i]
+                turned = np.eye(3) + np.sin(x) * cross + (1.0 - np.cos(x)) * (cross @ cross)
+                rotation = np.matmul(rotation, turned)
+            else:
+                position = position + axes[-1][..., None] * x
+        position = (position + np.matmul(rotation, self._positions[-1]))[..., 0]
+        rotation = np.matmul(rotation, self._rotations[-1])
+        velocity: Any = 0.0
+        rate: Any = 0.0
+        levers: dict[int, tuple[Any, Any]] = {}
+        for i, (place, turns) in enumerate(zip(self._places, self._turns, strict=True)):
+            zero = 0.0 * axes[i]
+            lever = (_cross(axes[i], position - origins[i]), axes[i]) if turns else (axes[i], zero)
+            levers[place] = lever
+            velocity = velocity + lever[0] * all_v[..., place, None]
+            rate = rate + lever[1] * all_v[..., place, None]
+        return Motion(rotation, position, velocity, rate, self._levers(levers))
+
+    def _whole(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return all coordinates of the model, those of joints that follow others included."""
+        if self._ratio is None or self._offset is None:
+            return q, v
+        ratio = self._ratio[0]
+        all_q = np.matmul(ratio, q[..., None])[..., 0] + self._offset[0, 0]
+        return all_q, np.matmul(ratio, v[..., None])[..., 0]
+
+    def _levers(self, found: dict[int, tuple[Any, Any]]) -> tuple[tuple[Array, Array] | None, ...]:
+        """Return the levers of the arm's joints: with joints that follow, sums by their ratios."""
+        if self._ratio is None:
+            return tuple(found.get(joint) for joint in range(self._n))
+        summed: list[tuple[Array, Array] | None] = []
+        for joint in range(self._n):
+            parts: Any = None
+            for place, (linear, angular) in found.items():
+                share = float(self._ratio[0, place, joint])
+                if share != 0.0:
+                    own = (share * linear, share * angular)
+                    parts = own if parts is None else (parts[0] + own[0], parts[1] + own[1])
+            summed.append(parts)
+        return tuple(summed)
+
+
+def _cross(a: Any, b: Any) -> Any:
+    """Return the cross product of (..., 3) and (..., 3)."""
+    return np.stack(
+        [
+            a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1],
+            a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2],
+            a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0],
+        ],
+        axis=-1,
+    )
+
+
+def _dot(a: Any, b: Any) -> Any:
+    """Return the product of (..., 3) and (..., 3), a number each."""
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
+
+
+def _cross_matrix(axis: Array) -> Array:
+    """Return the matrix K of a cross product: K x = axis × x."""
+    x, y, z = axis
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _snapped(numbers: Any) -> Array:
+    """Return entries that are 0, 1 or -1 but for rounding as that: 6e-17 is what is left of cos(pi / 2)."""
+    values = np.array(numbers, dtype=np.float64)
+    nearest = np.rint(values)
+    return np.where(np.abs(values - nearest) < 1e-15, nearest, values)
