@@ -175,7 +175,7 @@ def _file(
 
 def _arm(robot: str, how: dict[str, Any], answers: _Answers) -> tuple[Any, list[str]]:
     """Return one arm of a robot, and the joints of its gripper, locked: `how` says so afterwards."""
-    from armgpi.robot import chains, robots, urdf
+    from armgpi.robot import chains, reading, robots
 
     try:
         with warnings.catch_warnings():
@@ -185,7 +185,7 @@ def _arm(robot: str, how: dict[str, Any], answers: _Answers) -> tuple[Any, list[
         several = chains.of(arm.provenance)
     except ArmgpiError:  # which may be of a part that is not kept
         source, _ = robots.locate(robot)
-        several = chains.find(urdf.parse(urdf.read_file(source), str(source)))
+        several = chains.find(reading.read(source))
         if how["keep"] or len(several) < 2:
             raise
     if not how["keep"] and several:

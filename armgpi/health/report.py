@@ -26,7 +26,7 @@ from armgpi.health import checks_control, findings
 from armgpi.health import checks_urdf as checks_urdf  # registers its checks
 from armgpi.health.findings import LEVELS, Finding, Level, Subject
 from armgpi.plants.elastic import sag
-from armgpi.robot import repairs, robots, rotors, urdf, urdf_model
+from armgpi.robot import reading, repairs, robots, rotors, urdf_model
 from armgpi.robot.drives import Drives
 from armgpi.robot.equations import PerJoint
 from armgpi.robot.meshes import MeshFinder
@@ -130,7 +130,7 @@ def inspect(
         # Whatever is wrong beside what can be repaired is raised here: no set of repairs would do.
         needed = repairs.made_in(load([repairs.ALL]).provenance)
         raise error.suggesting(Remedy("repair", (), ",".join(needed))) from None
-    document = urdf.parse(urdf.read_file(path), str(path), {*asked, *repairs.made_in(robot.provenance)})
+    document = reading.read(path, {*asked, *repairs.made_in(robot.provenance)})
     if effort is not None:
         robot = robot.with_limits(effort=effort)
     if drives is not None and not isinstance(drives, str):

@@ -1,23 +1,33 @@
-"""From a MuJoCo model (MJCF) to a `pin.Model`: read by Pinocchio, and held against MuJoCo's own reading.
+"""From a MuJoCo model (MJCF) to a :class:`Urdf`, by the arrays of the model that MuJoCo compiles.
 
-What an arm of rigid bodies cannot have is refused with the reason: constraints, tendons, springs.
+So includes, classes of defaults, frames and attachments are MuJoCo's business. What a tree of rigid bodies
+does not have (springs, loops, tendons that pull) is refused, unless the joints that it acts on are locked.
 """
 
 from __future__ import annotations
 
+import hashlib
+import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 import pinocchio as pin
 
 from armgpi.arrays import Array
 from armgpi.errors import UrdfError, import_extra
+from armgpi.robot import urdf
+from armgpi.robot.tree import Joint, Link
+from armgpi.robot.urdf import Coupled, Urdf
 
-#: By how much the two readings may differ, of the largest number: MuJoCo keeps some poses to 1e-9.
-_SAME = 1e-6
+#: By how much D(q) and C v + G may differ from MuJoCo's, of the largest number: rounding of rotations.
+_SAME = 1e-10
 #: Configurations at which they are compared.
 _LOOKS = 5
+_ZEROS = (0.0, 0.0, 0.0)
+_NO_INERTIA = (0.0,) * 6
 
 
 def is_mjcf(text: str) -> bool:
@@ -25,86 +35,375 @@ def is_mjcf(text: str) -> bool:
     return "<mujoco" in text and "<robot" not in text
 
 
-def model_of(path: Path) -> Any:
-    """Return the `pin.Model` of an MJCF file, with effort limits from its actuators.
+def read(path: Path, text: str) -> Urdf:
+    """Return the tree of an MJCF file, with rotor inertia, friction, limits and its actuators' efforts.
+
+    Args:
+        path: of the file; what it includes is found from there.
+        text: what is in it, for the hash.
 
     Raises:
         MissingPackage: when MuJoCo is not installed.
-        UrdfError: when it cannot be read, has what a rigid arm has not, or is read differently by the two.
+        UrdfError: when MuJoCo refuses it, or a joint is none that an arm has; it names the joint.
     """
+    return _Reader(compiled(path), path).document(text)
+
+
+def compiled(path: Path) -> Any:
+    """Return the `mujoco.MjModel` of a file; errors as for :func:`read`."""
     mujoco = import_extra("mujoco", "mujoco")
     try:
-        theirs = mujoco.MjModel.from_xml_path(str(path))
+        return mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, TypeError) as error:  # TypeError for a name that is no text
-        raise UrdfError(path, f"MuJoCo cannot read it: {' '.join(str(error).split())}") from None
-    _refuse_more_than_an_arm(theirs, path)
-    try:
-        made = pin.buildModelFromMJCF(str(path))
-    except Exception as error:  # whatever Pinocchio's parser raises
-        raise UrdfError(path, f"Pinocchio cannot read it: {' '.join(str(error).split())}") from None
-    model = made[0] if isinstance(made, tuple) else made
-    joints = [theirs.joint(j).name for j in range(theirs.njnt)]
-    if sorted(joints) != sorted(str(name) for name in list(model.names)[1:]):
-        raise UrdfError(path, f"Pinocchio and MuJoCo find other joints in it: give each of {joints} a name")
-    rows = [int(model.joints[model.getJointId(name)].idx_v) for name in joints]
-    model.effortLimit = _efforts(mujoco, theirs, rows)
-    if theirs.nq == model.nq == theirs.njnt:
-        _check_same(mujoco, theirs, model, rows, path)
-    return model
+        said = " ".join(str(error).split())
+        raise UrdfError(path, f"MuJoCo cannot read it: {said}") from None
 
 
-def _refuse_more_than_an_arm(theirs: Any, path: Path) -> None:
-    """Refuse what equations of rigid bodies on a tree of joints do not have."""
-    stiff = [theirs.joint(j).name for j in range(theirs.njnt) if np.any(theirs.jnt_stiffness[j])]
-    more = {
-        f"{theirs.neq} equality constraints, which close loops or couple joints": theirs.neq,
-        f"{theirs.ntendon} tendons": theirs.ntendon,
-        f"springs at {', '.join(stiff)}": len(stiff),
-        "bodies whose gravity is compensated (gravcomp)": np.any(theirs.body_gravcomp),
-    }
-    found = [what for what, count in more.items() if count]
-    if found:
-        said = f"has {' and '.join(found)}; armgpi simulates a tree of rigid bodies alone: take them out"
-        raise UrdfError(path, said)
+class _Reader:
+    """Reads the tree of one compiled model.
 
+    Attributes:
+        model: the `mujoco.MjModel`.
+        source: its file, for messages.
+        bodies: name of the link of every body; the world is "world".
+        joint_names: name of every joint; one without a name is called by its index.
+    """
 
-def _efforts(mujoco: Any, theirs: Any, rows: list[int]) -> Array:
-    """Return the largest torque that the actuators of each joint give [N m or N]; infinite without any."""
-    efforts = np.zeros(theirs.nv)
-    joint_of = int(mujoco.mjtTrn.mjTRN_JOINT)
-    for a in range(theirs.nu):
-        if int(theirs.actuator_trntype[a]) != joint_of:
-            continue
-        limit = np.inf
-        if theirs.actuator_forcelimited[a]:
-            limit = np.abs(theirs.actuator_forcerange[a]).max()
-        elif theirs.actuator_ctrllimited[a] and not np.any(theirs.actuator_biasprm[a]):
-            limit = np.abs(theirs.actuator_ctrlrange[a]).max() * abs(theirs.actuator_gainprm[a, 0])
-        joint = int(theirs.actuator_trnid[a, 0])
-        efforts[rows[joint]] += abs(theirs.actuator_gear[a, 0]) * limit
-    for j, row in enumerate(rows):
-        if theirs.jnt_actfrclimited[j]:
-            most = np.abs(theirs.jnt_actfrcrange[j]).max()
-            efforts[row] = min(efforts[row] or np.inf, most)
-    return np.where(efforts > 0.0, efforts, np.inf)  # a joint without an actuator has no limit that is known
+    def __init__(self, model: Any, source: Path) -> None:
+        """Name bodies and joints."""
+        mujoco = import_extra("mujoco", "mujoco")
+        self.model, self.source = model, source
+        self.kinds = {
+            int(mujoco.mjtJoint.mjJNT_HINGE): "revolute",
+            int(mujoco.mjtJoint.mjJNT_SLIDE): "prismatic",
+            int(mujoco.mjtJoint.mjJNT_FREE): "floating",
+        }
+        self.bodies = _names([model.body(b).name for b in range(model.nbody)], "body")
+        self.joint_names = _names([model.joint(j).name for j in range(model.njnt)], "joint")
+        self.links: dict[str, Link] = {}
+        self.joints: dict[str, Joint] = {}
 
+    def document(self, text: str) -> Urdf:
+        """Return the whole tree."""
+        model = self.model
+        self.efforts, self.mimics = self._efforts(), self._mimics()
+        skipped = self._targets()
+        for body in range(model.nbody):
+            if body not in skipped:
+                self._body(body)
+        self._sites(skipped)
+        rotors = {}
+        for joint, name in enumerate(self.joint_names):
+            if self.joints[name].moves:
+                rotors[name] = float(model.dof_armature[int(model.jnt_dofadr[joint])])
+        return urdf.assemble(
+            source=str(self.source),
+            name=_model_name(model) or "unnamed",
+            sha256=hashlib.sha256(text.encode()).hexdigest(),
+            root=self._root(),
+            links=self.links,
+            joints=self.joints,
+            armature=rotors,
+            gravity=tuple(float(x) for x in model.opt.gravity),
+            coupled=tuple(self._more_than_an_arm()),
+            compiled=model,
+        )
 
-def _check_same(mujoco: Any, theirs: Any, model: Any, rows: list[int], path: Path) -> None:
-    """Refuse a file whose torques the two compute differently: gravity, and acceleration from rest."""
-    rng, data, own = np.random.default_rng(0), mujoco.MjData(theirs), model.createData()
-    for _ in range(_LOOKS):
-        q, a = rng.uniform(-1.0, 1.0, (2, theirs.nv))
-        data.qpos[:], data.qvel[:], data.qacc[:] = q, 0.0, a
-        mujoco.mj_inverse(theirs, data)
-        # The contacts and limits that MuJoCo simulates are no part of the arm.
-        expected = np.asarray(data.qfrc_inverse + data.qfrc_constraint)
-        ordered, moved = np.zeros(theirs.nv), np.zeros(theirs.nv)
-        ordered[rows], moved[rows] = q, a
-        found = pin.rnea(model, own, ordered, np.zeros(theirs.nv), moved)[rows]
-        worst = int(np.abs(found - expected).argmax())
-        if not np.abs(found - expected).max() <= _SAME * max(1.0, np.abs(expected).max()):
-            said = (
-                f"Pinocchio and MuJoCo compute other torques for joint {theirs.joint(worst).name!r} "
-                f"({found[worst]:.6g} and {expected[worst]:.6g}): give a URDF"
+    def _targets(self) -> set[int]:
+        """Return mocap bodies, which are targets to drag, and what hangs on them, unless a joint does."""
+        model, skipped = self.model, set[int]()
+        moving = {int(body) for body in model.jnt_bodyid}
+        for body in range(1, model.nbody):
+            below = [b for b in range(model.nbody) if body in self._above(b)]
+            if model.body_mocapid[body] >= 0 and not moving.intersection(below):
+                skipped.update(below)
+        return skipped
+
+    def _above(self, body: int) -> list[int]:
+        """Return a body and those that carry it, without the world."""
+        found = []
+        while body:
+            found.append(body)
+            body = int(self.model.body_parentid[body])
+        return found
+
+    def _body(self, body: int) -> None:
+        """Add the link of a body, and its joints."""
+        model, name = self.model, self.bodies[body]
+        mass = float(model.body_mass[body])
+        inertia = tuple(float(x) for x in model.body_inertia[body])
+        tensor = (inertia[0], 0.0, 0.0, inertia[1], 0.0, inertia[2])
+        xyz, rpy = tuple(float(x) for x in model.body_ipos[body]), _rpy(_rotation(model.body_iquat[body]))
+        self.links[name] = Link(name, mass, xyz, rpy, tensor, mass > 0.0, ())
+        if body == 0:
+            return
+        parent = self.bodies[int(model.body_parentid[body])]
+        place = pin.SE3(_rotation(model.body_quat[body]), np.array(model.body_pos[body]))
+        first = int(model.body_jntadr[body])
+        for joint in range(first, first + int(model.body_jntnum[body])):
+            last = joint == first + int(model.body_jntnum[body]) - 1
+            # An axis beside the origin of its body: the body is a fixed link behind it.
+            anchor = np.array(model.jnt_pos[joint])
+            ends_here = last and (
+                not anchor.any() or self.kinds.get(int(model.jnt_type[joint])) == "floating"
             )
-            raise UrdfError(path, said, theirs.joint(worst).name)
+            link = name if ends_here else f"{name} ({self.joint_names[joint]})"
+            place = self._joint(joint, parent, link, place)
+            if not ends_here:
+                self.links[link] = Link(link, 0.0, _ZEROS, _ZEROS, _NO_INERTIA, False, ())
+            parent = link
+            if ends_here:
+                return
+        fixed = f"{name} (fixed)"
+        self.joints[fixed] = Joint(fixed, "fixed", parent, name, *_xyz_rpy(place))
+
+    def _joint(self, joint: int, parent: str, child: str, place: Any) -> Any:
+        """Add a joint on a body at `place` on its parent; return the place of the body on the child."""
+        model, name = self.model, self.joint_names[joint]
+        kind = self.kinds.get(int(model.jnt_type[joint]))
+        if kind is None:
+            raise UrdfError(
+                self.source,
+                f"joint {name!r} is a ball joint; armgpi needs hinges and slides: write three hinges in its "
+                "place, or take it out",
+                name,
+            )
+        if kind == "floating":
+            self.joints[name] = Joint(name, kind, parent, child, *_xyz_rpy(place))
+            return pin.SE3.Identity()
+        anchor, axis = np.array(model.jnt_pos[joint]), np.array(model.jnt_axis[joint])
+        # The pose that the file shows is that of qpos0.
+        zero = float(model.qpos0[int(model.jnt_qposadr[joint])])
+        shift = pin.SE3(np.eye(3), anchor)
+        if kind == "prismatic":
+            shift = shift * pin.SE3(np.eye(3), -zero * axis)
+        else:
+            shift = shift * pin.SE3(pin.exp3(-zero * axis), np.zeros(3))
+        lower, upper = -math.inf, math.inf
+        if model.jnt_limited[joint]:
+            lower, upper = (float(x) for x in model.jnt_range[joint])
+        elif kind == "revolute":
+            kind = "continuous"
+        leader, ratio, offset = self.mimics.get(name, (None, 1.0, 0.0))
+        row = int(model.jnt_dofadr[joint])
+        self.joints[name] = Joint(
+            name,
+            kind,
+            parent,
+            child,
+            *_xyz_rpy(place * shift),
+            axis=tuple(float(x) for x in axis),
+            lower=lower,
+            upper=upper,
+            effort=float(self.efforts[joint]),
+            damping=float(np.ravel(model.dof_damping[row])[0]),
+            friction=float(model.dof_frictionloss[row]),
+            mimic=leader,
+            mimic_multiplier=ratio,
+            mimic_offset=offset,
+        )
+        return pin.SE3(np.eye(3), -anchor)
+
+    def _sites(self, skipped: set[int]) -> None:
+        """Add the sites that have a name, as frames."""
+        model = self.model
+        for site in range(model.nsite):
+            name, body = model.site(site).name, int(model.site_bodyid[site])
+            if not name or name in self.links or body in skipped or f"{name} (site)" in self.joints:
+                continue
+            self.links[name] = Link(name, 0.0, _ZEROS, _ZEROS, _NO_INERTIA, False, ())
+            place = pin.SE3(_rotation(model.site_quat[site]), np.array(model.site_pos[site]))
+            joint = f"{name} (site)"
+            self.joints[joint] = Joint(joint, "fixed", self.bodies[body], name, *_xyz_rpy(place))
+
+    def _root(self) -> Element:
+        """Return the elements that checks of a URDF look at."""
+        root = Element("robot", name=_model_name(self.model) or "unnamed")
+        for name in self.links:
+            SubElement(root, "link", name=name)
+        for name, joint in self.joints.items():
+            element = SubElement(root, "joint", name=name, type=joint.type)
+            if joint.moves:
+                SubElement(element, "axis", xyz=" ".join(map(repr, joint.axis)))
+            if math.isfinite(joint.effort):
+                SubElement(element, "limit", effort=repr(joint.effort))
+        return root
+
+    def _efforts(self) -> Array:
+        """Return the largest force of the actuators of each joint [N m or N]; infinite without any."""
+        model = self.model
+        mujoco = import_extra("mujoco", "mujoco")
+        efforts = np.zeros(model.njnt)
+        for a in range(model.nu):
+            if int(model.actuator_trntype[a]) != int(mujoco.mjtTrn.mjTRN_JOINT):
+                continue
+            limit = np.inf
+            if model.actuator_forcelimited[a]:
+                limit = np.abs(model.actuator_forcerange[a]).max()
+            elif model.actuator_ctrllimited[a] and not np.any(model.actuator_biasprm[a]):
+                limit = np.abs(model.actuator_ctrlrange[a]).max() * abs(model.actuator_gainprm[a, 0])
+            efforts[int(model.actuator_trnid[a, 0])] += abs(model.actuator_gear[a, 0]) * limit
+        for joint in range(model.njnt):
+            if model.jnt_actfrclimited[joint]:
+                most = np.abs(model.jnt_actfrcrange[joint]).max()
+                efforts[joint] = min(efforts[joint] or np.inf, most)
+        return np.where(efforts > 0.0, efforts, np.inf)
+
+    def _mimics(self) -> dict[str, tuple[str, float, float]]:
+        """Return the joints that follow another in proportion: name -> leader, ratio and offset."""
+        model, found = self.model, dict[str, tuple[str, float, float]]()
+        for equality in self._equalities("mjEQ_JOINT"):
+            follower, leader = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
+            factors = model.eq_data[equality]
+            if leader >= 0 and not np.any(factors[2:5]):
+                zeros = [float(model.qpos0[int(model.jnt_qposadr[j])]) for j in (follower, leader)]
+                ratio = float(factors[1])
+                offset = float(factors[0]) + zeros[0] - ratio * zeros[1]
+                found[self.joint_names[follower]] = (self.joint_names[leader], ratio, offset)
+        return found
+
+    def _equalities(self, kind: str) -> list[int]:
+        """Return the equality constraints of one kind that are active."""
+        mujoco, model = import_extra("mujoco", "mujoco"), self.model
+        wanted = int(getattr(mujoco.mjtEq, kind))
+        return [i for i in range(model.neq) if model.eq_active0[i] and int(model.eq_type[i]) == wanted]
+
+    def _more_than_an_arm(self) -> Iterator[Coupled]:
+        """Give what equations of rigid bodies on a tree do not have, with the joints that it acts on."""
+        model = self.model
+        for joint in range(model.njnt):
+            if np.any(model.jnt_stiffness[joint]):
+                yield Coupled("a spring", (self.joint_names[joint],))
+        for body in range(1, model.nbody):
+            if model.body_gravcomp[body]:
+                joints = self._joints_of(self._above(body))
+                yield Coupled(f"gravity compensated (gravcomp) at body {self.bodies[body]!r}", joints)
+        yield from self._constraints()
+        for tendon in range(model.ntendon):
+            acts = (model.tendon_stiffness, model.tendon_damping, model.tendon_frictionloss)
+            if any(np.any(numbers[tendon]) for numbers in acts) or model.tendon_limited[tendon]:
+                what = f"tendon {model.tendon(tendon).name!r}, which pulls by itself"
+                yield Coupled(what, self._joints_of_tendon(tendon))
+
+    def _constraints(self) -> Iterator[Coupled]:
+        """Give the equality constraints that are no mimic joints."""
+        model = self.model
+        for equality in self._equalities("mjEQ_JOINT"):
+            follower, leader = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
+            if self.joint_names[follower] not in self.mimics:
+                names = tuple(self.joint_names[j] for j in (follower, leader) if j >= 0)
+                yield Coupled("an equality constraint that is no ratio between two joints", names)
+        for kind, what in (("mjEQ_CONNECT", "connect"), ("mjEQ_WELD", "weld")):
+            for equality in self._equalities(kind):
+                yield self._loop(equality, what)
+        if self._equalities("mjEQ_TENDON"):
+            yield Coupled("an equality constraint of tendons", tuple(self.joint_names))
+
+    def _loop(self, equality: int, what: str) -> Coupled:
+        """Return a constraint between two bodies, with the joints between them."""
+        mujoco, model = import_extra("mujoco", "mujoco"), self.model
+        ends = [int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])]
+        if int(model.eq_objtype[equality]) == int(mujoco.mjtObj.mjOBJ_SITE):
+            ends = [int(model.site_bodyid[site]) for site in ends]
+        first, second = (set(self._above(body)) for body in ends)
+        names = " and ".join(repr(self.bodies[body]) for body in ends)
+        joints = self._joints_of(sorted(first ^ second))
+        return Coupled(f"a loop: <{what}> of the bodies {names}", joints)
+
+    def _joints_of(self, bodies: list[int]) -> tuple[str, ...]:
+        """Return the names of the joints of some bodies."""
+        owners = [int(body) for body in self.model.jnt_bodyid]
+        return tuple(self.joint_names[j] for j, body in enumerate(owners) if body in bodies)
+
+    def _joints_of_tendon(self, tendon: int) -> tuple[str, ...]:
+        """Return the names of the joints that a tendon may pull at: of one through sites, all."""
+        mujoco, model = import_extra("mujoco", "mujoco"), self.model
+        first = int(model.tendon_adr[tendon])
+        wraps = range(first, first + int(model.tendon_num[tendon]))
+        if any(int(model.wrap_type[w]) != int(mujoco.mjtWrap.mjWRAP_JOINT) for w in wraps):
+            return tuple(self.joint_names)
+        return tuple(self.joint_names[int(model.wrap_objid[w])] for w in wraps)
+
+
+def check_same(robot: Any, document: Urdf) -> None:
+    """Refuse a robot whose D(q) or C v + G is not MuJoCo's, where it came from an MJCF.
+
+    Args:
+        robot: the robot; one with joints that follow others is not compared.
+        document: what it was built from.
+
+    Raises:
+        UrdfError: when they differ by more than rounding.
+    """
+    theirs = document.compiled
+    if theirs is None or robot.coupling is not None:
+        return
+    mujoco, path = import_extra("mujoco", "mujoco"), document.source
+    names = _names([theirs.joint(j).name for j in range(theirs.njnt)], "joint")
+    at = {name: int(theirs.jnt_qposadr[j]) for j, name in enumerate(names)}
+    rows = [int(theirs.jnt_dofadr[names.index(name)]) for name in robot.joint_names]
+    data, full = mujoco.MjData(theirs), np.zeros((theirs.nv, theirs.nv))
+    speeds = np.random.default_rng(0).uniform(-1.0, 1.0, (_LOOKS, robot.n))
+    positions = robot.random_positions(_LOOKS)
+    locked = {
+        name: value for name, value in robot.provenance["locked"].items() if document.joints[name].moves
+    }
+    for q, v in zip(positions, speeds, strict=True):
+        data.qpos[:], data.qvel[:] = theirs.qpos0, 0.0
+        for name, value in (*locked.items(), *zip(robot.joint_names, q, strict=True)):
+            data.qpos[at[name]] = value
+        data.qvel[rows] = v
+        mujoco.mj_forward(theirs, data)
+        _full_inertia(mujoco, theirs, data, full)
+        pairs = (
+            (full[np.ix_(rows, rows)], robot.mass_matrix(q)),
+            (np.array(data.qfrc_bias)[rows], robot.nonlinear_effects(q, v)),
+        )
+        for expected, found in pairs:
+            if not np.abs(found - expected).max() <= _SAME * max(1.0, np.abs(expected).max()):
+                said = (
+                    f"its equations differ from MuJoCo's by {np.abs(found - expected).max():.3g}: "
+                    "give a URDF, and report this file"
+                )
+                raise UrdfError(path, said)
+
+
+def _full_inertia(mujoco: Any, model: Any, data: Any, full: Array) -> None:
+    """Write MuJoCo's D(q), whose function has had two signatures."""
+    try:
+        mujoco.mj_fullM(model, data, full)
+    except TypeError:
+        mujoco.mj_fullM(model, full, data.qM)
+
+
+def _model_name(model: Any) -> str:
+    """Return the name that a compiled model has."""
+    return bytes(model.names).split(b"\0", 1)[0].decode("utf-8", "replace").strip()
+
+
+def _names(given: list[str], kind: str) -> list[str]:
+    """Return names, and for what has none its kind and index, as MuJoCo's viewer shows it."""
+    used, names = set(given), []
+    for index, name in enumerate(given):
+        unnamed = f"{kind}{index}"
+        while unnamed in used:
+            unnamed += "_"
+        names.append(name or unnamed)
+    return names
+
+
+def _rotation(quaternion: Any) -> Array:
+    """Return the matrix of a quaternion w, x, y, z."""
+    w, x, y, z = (float(number) for number in quaternion)
+    matrix: Array = pin.Quaternion(w, x, y, z).normalized().matrix()
+    return matrix
+
+
+def _rpy(rotation: Array) -> tuple[float, ...]:
+    """Return the angles of a rotation as a URDF has them."""
+    return tuple(float(angle) for angle in pin.rpy.matrixToRpy(rotation))
+
+
+def _xyz_rpy(place: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return a pose as a URDF has it."""
+    return tuple(float(x) for x in place.translation), _rpy(np.array(place.rotation))

@@ -71,7 +71,7 @@ _TEXTS = (
 _FLAGS = re.IGNORECASE | re.MULTILINE
 #: Root element -> what such a file is and the way on.
 _ROOTS = {
-    "mujoco": "a MuJoCo model (MJCF): Robot.load and `armgpi run` read one from its file",
+    "mujoco": "a MuJoCo model (MJCF): Robot.load and every command read one from its file",
     "mujocoinclude": "a part of a MuJoCo model (MJCF): give the whole one",
     "sdf": "an SDF model (Gazebo): give the URDF that it was made from; SDF is not read",
     "model": "a model of Gazebo (SDF): give the URDF that it was made from; SDF is not read",

@@ -14,9 +14,19 @@ import numpy as np
 import pinocchio as pin
 
 from armgpi.arrays import Array, ArrayLike, check_path, check_type, check_whole, frozen
-from armgpi.errors import UrdfError
+from armgpi.errors import UrdfError, import_extra
 from armgpi.escape import html_table
-from armgpi.robot import chains, from_mujoco, from_pinocchio, grippers, robots, tree, urdf, urdf_model
+from armgpi.robot import (
+    chains,
+    from_mujoco,
+    from_pinocchio,
+    grippers,
+    reading,
+    robots,
+    tree,
+    urdf,
+    urdf_model,
+)
 from armgpi.robot.checks import check_inertia
 from armgpi.robot.drives import Drives
 from armgpi.robot.edits import Edits, parts_of
@@ -124,13 +134,12 @@ class Robot(Edits):
             robot = cls.load(given["name"], given["lock"], keep, mimic, given["repair"])
             return robot.with_drives(Drives.read(found.drives, robot.joint_names))
         path, name = robots.locate(path_or_name)
-        text = urdf.read_file(path)
-        if from_mujoco.is_mjcf(text):
-            return cls.from_mjcf(path, lock, keep)
-        document = urdf.parse(text, str(path), repair)
+        document = reading.read(path, repair)
         if name is not None and keep is None:
             keep = robots.kept(name, (j.name for j in document.joints.values() if j.moves), lock)
-        return cls._from_document(document, name or document.name, lock, keep, mimic)
+        robot = cls._from_document(document, name or document.name, lock, keep, mimic)
+        from_mujoco.check_same(robot, document)
+        return robot
 
     @classmethod
     def from_xml(
@@ -175,22 +184,29 @@ class Robot(Edits):
         path: str | PathLike[str],
         lock: Sequence[str] | Mapping[str, float] = (),
         keep: Sequence[str] | None = None,
+        mimic: urdf_model.Mimic = "lock",
     ) -> Robot:
         """Load a robot from a MuJoCo model, with rotor inertia, friction, limits, efforts of its actuators.
 
-        Pinocchio reads it, and torques have to be those of MuJoCo, which is needed for that.
+        MuJoCo compiles it, so it is needed; D(q) and C v + G are compared with MuJoCo's. Equality constraints
+        in proportion are mimic joints. A joint without a name is called "joint" and its index.
 
         Args:
             path: of the file.
-            lock: joints to hold fixed, as for :meth:`load`.
+            lock: joints to hold fixed, as for :meth:`load`; free bases have to be.
             keep: when given, every joint that is not named here is locked.
+            mimic: as for :meth:`load`.
 
         Raises:
             MissingPackage: when MuJoCo is not installed.
             UrdfError: for a file that cannot be read, or has what a rigid arm has not; it says what.
         """
         source = check_path(path, "path")
-        return cls._from_model(from_mujoco.model_of(source), str(source), lock, keep)
+        import_extra("mujoco", "mujoco")  # said before anything about the file
+        document = from_mujoco.read(source, urdf.read_file(source))
+        robot = cls._from_document(document, document.name, lock, keep, mimic)
+        from_mujoco.check_same(robot, document)
+        return robot
 
     @classmethod
     def _from_model(
@@ -250,6 +266,16 @@ class Robot(Edits):
         )
         configurations = np.vstack([robot.middle(), robot.random_positions(_SAMPLES)])
         check_inertia(robot, configurations, document.source)
+        return robot._with_rotors_of(document)
+
+    def _with_rotors_of(self, document: urdf.Urdf) -> Robot:
+        """Return the robot with the rotor inertia and gravity that a MuJoCo model states."""
+        robot = self
+        rotors = {name: document.armature.get(name, 0.0) for name in robot.joint_names}
+        if any(rotors.values()):
+            robot = robot.with_armature(rotors)
+        if document.gravity not in (None, tuple(robot._model.gravity.linear)):
+            robot = robot.with_gravity(document.gravity)
         return robot
 
     @property

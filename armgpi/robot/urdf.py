@@ -12,7 +12,8 @@ import hashlib
 import math
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
 from armgpi.errors import UrdfError
@@ -32,9 +33,21 @@ _LEAST_RATIO, _MOST_RATIO = 1e-6, 1e6
 _INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
+class Coupled(NamedTuple):
+    """What a tree of rigid bodies does not have: it is refused while one of its joints moves.
+
+    Attributes:
+        what: in words.
+        joints: names of the joints on which it acts.
+    """
+
+    what: str
+    joints: tuple[str, ...]
+
+
 @dataclass(frozen=True)
 class Urdf:
-    """A URDF whose XML has been read and checked.
+    """A robot's tree that has been read and checked: of a URDF, or of another model.
 
     Attributes:
         source: path of the file, or a description of where the text came from.
@@ -46,6 +59,10 @@ class Urdf:
         base: name of the root link.
         wanted: names of the repairs that were asked for.
         repairs: those that were made.
+        armature: name of a joint -> rotor inertia [kg m^2 or kg], of a MuJoCo model.
+        gravity: acceleration of free fall [m/s^2], of a model that has one.
+        coupled: what is no part of a tree of rigid bodies, of a MuJoCo model.
+        compiled: the `mujoco.MjModel` that it came from, to compare with; None for others.
     """
 
     source: str
@@ -57,6 +74,10 @@ class Urdf:
     base: str
     wanted: frozenset[str] = frozenset()
     repairs: tuple[Repair, ...] = ()
+    armature: Mapping[str, float] = field(default_factory=dict)
+    gravity: tuple[float, ...] | None = None
+    coupled: tuple[Coupled, ...] = ()
+    compiled: Any = None
 
     def moved_links(self, locked: Iterable[str] = ()) -> frozenset[str]:
         """Return the links that some joint moves, when the `locked` ones do not."""
@@ -78,8 +99,7 @@ def parse(text: str, source: str, repair: str | Iterable[str] = ()) -> Urdf:
     repairs = Repairs(source, repair_names(repair))
     root = parse_xml(text, source)
     for tag in ("joint", "link"):
-        if len(root.findall(tag)) > MAX_JOINTS:
-            raise UrdfError(source, f"has more than {MAX_JOINTS} {tag}s")
+        _check_count(len(root.findall(tag)), tag, source)
     link_elements = _unique_names(root, "link", source)
     if not link_elements:
         semantic = root.find("group") is not None or root.find("disable_collisions") is not None
@@ -89,19 +109,41 @@ def parse(text: str, source: str, repair: str | Iterable[str] = ()) -> Urdf:
     repairs.check_names((*link_elements, *joint_elements))
     joints = {name: _Reader(element, repairs).joint() for name, element in joint_elements.items()}
     links = {name: _Reader(element, repairs).link() for name, element in link_elements.items()}
-    base = _check_tree(links, joints, source)
-    _check_mimics(joints, source)
-    return Urdf(
+    return assemble(
         source=source,
         name=" ".join(root.get("name", "").split()) or "unnamed",
         sha256=hashlib.sha256(text.encode()).hexdigest(),
         root=root,
         links=links,
         joints=joints,
-        base=base,
         wanted=repairs.wanted,
         repairs=tuple(repairs.made),
     )
+
+
+def assemble(source: str, links: Mapping[str, Link], joints: Mapping[str, Joint], **more: Any) -> Urdf:
+    """Return links and joints as a robot, checked to be one tree.
+
+    Args:
+        source: path or description, for messages.
+        links: every link by name.
+        joints: every joint by name.
+        more: the other attributes of :class:`Urdf`, but for its base.
+
+    Raises:
+        UrdfError: when they are too many, or no tree, or a joint copies itself.
+    """
+    _check_count(len(joints), "joint", source)
+    _check_count(len(links), "link", source)
+    base = _check_tree(links, joints, source)
+    _check_mimics(joints, source)
+    return Urdf(source=source, links=links, joints=joints, base=base, **more)
+
+
+def _check_count(count: int, tag: str, source: str) -> None:
+    """Refuse more links or joints than any robot has."""
+    if count > MAX_JOINTS:
+        raise UrdfError(source, f"has more than {MAX_JOINTS} {tag}s")
 
 
 def bad_numbers(element: Element, key: str, count: int, positive: bool) -> str:

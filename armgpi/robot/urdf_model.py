@@ -102,6 +102,7 @@ def build(
     locked = _locked_values(urdf, lock, keep, mimic)
     moving = [j for j in urdf.joints.values() if j.moves and j.name not in locked]
     _check_joints(urdf, moving, locked)
+    _check_coupled(urdf, {joint.name for joint in moving})
     moved = urdf.moved_links(locked)
     repairs = Repairs(urdf.source, urdf.wanted, urdf.repairs)
     links = [_check_link(link, repairs) if link.name in moved else link for link in urdf.links.values()]
@@ -143,6 +144,19 @@ def _check_joints(urdf: Urdf, moving: Collection[Joint], locked: Mapping[str, fl
             f"has {len(moving)} moving joints, more than the {MAX_MOVING_JOINTS} allowed; lock some of them "
             "or keep only those of an arm (keep=[...])",
         ).suggesting(Remedy("keep"))
+
+
+def _check_coupled(urdf: Urdf, moving: Collection[str]) -> None:
+    """Refuse what a tree of rigid bodies does not have, while a joint moves on which it acts."""
+    for what, joints in urdf.coupled:
+        acting = tuple(name for name in joints if name in moving)
+        if acting:
+            raise UrdfError(
+                urdf.source,
+                f"has {what}, which acts on {', '.join(map(repr, acting))}; armgpi simulates a tree of rigid "
+                "bodies alone: lock what it acts on, or take it out of the file",
+                acting[0],
+            ).suggesting(Remedy("lock", acting))
 
 
 def _check_link(link: Link, repairs: Repairs) -> Link:

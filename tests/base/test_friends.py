@@ -180,9 +180,16 @@ def test_an_mjcf_is_the_arm_that_mujoco_simulates(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ('<equality><joint joint1="j1" joint2="j2"/></equality>', "1 equality constraints"),
-        ('<tendon><fixed><joint joint="j1" coef="1"/></fixed></tendon>', "1 tendons"),
-        ('<default><joint stiffness="3"/></default>', "springs at j1, j2"),
+        (
+            '<equality><joint joint1="j1" joint2="j2" polycoef="0 1 2 0 0"/></equality>',
+            "no ratio between two",
+        ),
+        ('<equality><connect body1="lower" body2="base" anchor="0 0 0"/></equality>', "a loop: <connect>"),
+        (
+            '<tendon><fixed stiffness="2"><joint joint="j1" coef="1"/></fixed></tendon>',
+            "which pulls by itself",
+        ),
+        ('<default><joint stiffness="3"/></default>', "a spring, which acts on 'j1'"),
         ("<nonsense/>", "MuJoCo cannot read it"),
     ],
 )

@@ -1,0 +1,144 @@
+"""Robots from MuJoCo's models: D(q) and C v + G are MuJoCo's, however the file is written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from armgpi import Robot
+from armgpi.errors import UrdfError
+from armgpi.health import report as health
+
+mujoco = pytest.importorskip("mujoco")
+
+#: An arm whose joints have anchors beside their bodies, zeros elsewhere, two to a body, and one no name.
+ARM = """<mujoco model="crooked"><compiler angle="radian" autolimits="true"/>
+<default><joint damping="0.2"/><default class="big"><joint armature="0.04" damping="0.7"/></default></default>
+<default><default class="small"><joint frictionloss="0.3"/></default></default>
+<worldbody><body name="target" mocap="true"><geom size="0.02" mass="3" contype="0" conaffinity="0"/></body>
+<body name="one" pos="0.1 0.2 0.3" euler="0.3 1.5707963267948966 0.2">
+ <inertial pos="0.01 0.02 0.1" mass="3" fullinertia="0.03 0.04 0.02 0.001 0.002 0.003"/>
+ <joint name="a" class="big" axis="1 2 3" pos="0.03 0.01 0.05" ref="0.4" range="-1 2"/>
+ <joint axis="0 1 0" pos="0 0.02 0"/>
+ <body name="two" pos="0 0.05 0.4" quat="0.7 0.1 0.5 0.2"><site name="flange" pos="0 0 0.1"/>
+  <inertial pos="0.05 0 0.1" mass="1.5" diaginertia="0.011 0.012 0.004"/>
+  <joint name="slide" class="small" type="slide" axis="0 0.6 0.8" ref="0.05" range="0 0.3"/>
+  <body><geom type="box" size="0.05 0.02 0.04" mass="0.6" pos="0.05 0 0"/>
+   <joint name="tip" axis="0 0 1" pos="0.02 0 0" range="-1 1"/></body>
+ </body></body></worldbody>
+<actuator><position joint="a" kp="30" forcerange="-40 50"/><motor joint="slide" gear="3" ctrlrange="-5 5"/>
+ </actuator>{more}</mujoco>"""
+
+CUBE = '<worldbody><body name="cube"><freejoint/><geom size="0.1" mass="1"/></body></worldbody>'
+FOLLOW = '<equality><joint joint1="tip" joint2="slide" polycoef="0.2 -3 0 0 0"/></equality>'
+
+
+def write(folder: Path, more: str = "") -> Path:
+    """Write the arm, and return its path."""
+    path = folder / "crooked.xml"
+    path.write_text(ARM.format(more=more), encoding="utf-8")
+    return path
+
+
+def check_equations(robot: Robot, path: Path, names: list[str]) -> None:
+    """Hold D(q) and C v + G of a robot against those of MuJoCo, at the joints `names`, in its order."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data: Any = mujoco.MjData(model)
+    index = [int(model.jnt_dofadr[j]) for j in range(model.njnt) if model.jnt_type[j] != 0]
+    every = ["a", "joint1", "slide", "tip"]
+    rows = [index[every.index(name)] for name in names]
+    places = [int(model.jnt_qposadr[j]) for j in range(model.njnt) if model.jnt_type[j] != 0]
+    rng = np.random.default_rng(3)
+    for _ in range(10):
+        q, v = rng.uniform(-2.0, 2.0, (2, robot.n))
+        data.qpos[[places[every.index(name)] for name in names]] = q
+        data.qvel[rows] = v
+        mujoco.mj_forward(model, data)
+        columns = np.zeros((model.nv, len(rows)))
+        for column, row in enumerate(rows):
+            unit = np.zeros(model.nv)
+            unit[row] = 1.0
+            result = np.zeros(model.nv)
+            mujoco.mj_mulM(model, data, result, unit)
+            columns[:, column] = result
+        np.testing.assert_allclose(robot.mass_matrix(q), columns[rows], rtol=0.0, atol=1e-10)
+        bias = np.array(data.qfrc_bias)[rows]
+        np.testing.assert_allclose(robot.nonlinear_effects(q, v), bias, rtol=0.0, atol=1e-10)
+
+
+def test_the_equations_are_those_of_mujoco(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    robot = Robot.load(path)
+    assert robot.joint_names == ("a", "joint1", "slide", "tip")
+    assert robot.joint_types == ("revolute", "continuous", "prismatic", "revolute")
+    np.testing.assert_array_equal(robot.armature, [0.04, 0.0, 0.0, 0.0])
+    np.testing.assert_array_equal(robot.friction.viscous, [0.7, 0.2, 0.2, 0.2])
+    np.testing.assert_array_equal(robot.friction.coulomb, [0.0, 0.0, 0.3, 0.0])
+    np.testing.assert_array_equal(robot.limits.effort, [50.0, np.inf, 15.0, np.inf])
+    np.testing.assert_array_equal(robot.limits.lower, [-1.0, -np.inf, 0.0, -1.0])
+    check_equations(robot, path, ["a", "joint1", "slide", "tip"])
+
+
+def test_frames_are_where_mujoco_has_them(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    robot = Robot.load(path)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    q = np.array([0.7, -1.1, 0.2, 0.5])
+    data.qpos[:] = q
+    mujoco.mj_forward(model, data)
+    for name, place in (("two", data.body("two").xpos), ("flange", data.site("flange").xpos)):
+        np.testing.assert_allclose(robot.frame_pose(name, q).translation, place, atol=1e-12)
+
+
+def test_a_scene_that_includes_an_arm_is_the_arm(tmp_path: Path) -> None:
+    write(tmp_path)
+    scene = tmp_path / "scene.xml"
+    floor = '<worldbody><geom type="plane" size="1 1 1"/></worldbody>'
+    scene.write_text(f'<mujoco><include file="crooked.xml"/>{floor}</mujoco>', encoding="utf-8")
+    check_equations(Robot.load(scene), scene, ["a", "joint1", "slide", "tip"])
+
+
+def test_a_free_body_is_offered_to_be_locked(tmp_path: Path) -> None:
+    path = write(tmp_path, CUBE)
+    with pytest.raises(UrdfError, match="floating") as refused:
+        Robot.load(path)
+    (remedy,) = refused.value.remedies
+    assert remedy.kind == "lock"
+    robot = Robot.load(path, lock=list(remedy.joints))
+    check_equations(robot, path, ["a", "joint1", "slide", "tip"])
+
+
+def test_an_equality_in_proportion_is_a_mimic_joint(tmp_path: Path) -> None:
+    path = write(tmp_path, FOLLOW)
+    robot = Robot.load(path, mimic="follow")
+    assert robot.joint_names == ("a", "joint1", "slide")
+    assert robot.coupling is not None
+    # tip - 0 = 0.2 - 3 (slide - 0.05)
+    np.testing.assert_allclose(robot.coupling.ratio[3], [0.0, 0.0, -3.0])
+    np.testing.assert_allclose(robot.coupling.offset[3], 0.35)
+
+
+def test_a_spring_is_refused_until_its_joint_is_locked(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace('name="tip"', 'name="tip" stiffness="4"'), encoding="utf-8")
+    with pytest.raises(UrdfError, match="a spring, which acts on 'tip'"):
+        Robot.load(path)
+    assert Robot.load(path, lock={"tip": 0.3}).joint_names == ("a", "joint1", "slide")
+
+
+def test_a_ball_joint_is_refused_by_name(tmp_path: Path) -> None:
+    path = write(
+        tmp_path, '<worldbody><body><joint name="b" type="ball"/><geom size="1"/></body></worldbody>'
+    )
+    with pytest.raises(UrdfError, match="joint 'b' is a ball joint"):
+        Robot.load(path)
+
+
+def test_inspect_reads_what_run_reads(tmp_path: Path) -> None:
+    report = health.inspect(write(tmp_path), effort=100.0)
+    assert report.robot.joint_names == ("a", "joint1", "slide", "tip")
