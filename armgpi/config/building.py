@@ -263,6 +263,8 @@ def _believing(config: ExperimentConfig, top: _Place) -> tuple[ExperimentConfig,
     section = expand(config, top.at("robot"))
     config = config.replace(robot=section)
     robot = _robot(section, top.at("robot"))
+    section, robot = _with_encoder_side(config, section, robot)
+    config = config.replace(robot=section)
     word = section.drives if isinstance(section.drives, str) else None
     if word is None and (config.reality is not None or not has_rule(config)):
         return config, robot
@@ -281,6 +283,29 @@ def _believing(config: ExperimentConfig, top: _Place) -> tuple[ExperimentConfig,
     if twists and "engine" not in config.plant.given and config.reality is None:
         config = config.replace(plant=config.plant.replace(engine="elastic"))
     return config, robot
+
+
+def _with_encoder_side(
+    config: ExperimentConfig, section: RobotSection, robot: Robot
+) -> tuple[RobotSection, Robot]:
+    """Return the arm with the side of its encoders that the plant was given, where its drives have none.
+
+    Where the encoders sit is a fact of the arm, so the controller is told as well.
+    """
+    side = config.plant.encoder_side
+    unknown = [
+        joint
+        for joint, own in zip(robot.joint_names, robot.drives.sources("encoder_side"), strict=True)
+        if not own
+    ]
+    if side is None or not unknown or isinstance(section.drives, str):
+        return section, robot
+    drives = {joint: dict(own) for joint, own in (section.drives or {}).items()}
+    for joint in unknown:
+        drives[joint] = {**drives.get(joint, {}), "encoder_side": side}
+    return section.replace(drives=drives), robot.with_drives(
+        {joint: {"encoder_side": side} for joint in unknown}
+    )
 
 
 def has_rule(config: ExperimentConfig) -> bool:

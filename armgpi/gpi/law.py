@@ -20,7 +20,7 @@ from armgpi.gpi.realisation import REALISATIONS, Bumpless, Resting
 from armgpi.parameter import PerJoint, Vector, parameter, plain, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
-from armgpi.robot.batch import AnyRobot, check_robot, check_same_joints, with_heavier_rotors
+from armgpi.robot.batch import AnyRobot, check_robot, check_same_joints, feedback_model
 from armgpi.robot.robot import Robot
 
 #: Speed below which the sign of the reference velocity is smoothed [rad/s or m/s].
@@ -196,6 +196,13 @@ class GPI(Controller):
         per_joint=True,
         slider=(0.0, 100.0),
     )
+    link_factor: float = parameter(
+        "factor of the links' inertia in the nominal model of the feedback",
+        default=1.0,
+        least=0.0,
+        above=True,
+        structural=True,
+    )
     rotor_factor: float = parameter(
         "factor of the rotors' inertia in the nominal model of the feedback",
         default=1.0,
@@ -263,8 +270,7 @@ class GPI(Controller):
             raise ParameterError("frame", self.frame, "left out where there is no payload")
         self.fill("bias_robot", self.robot)
         check_same_joints(self.bias_robot, "bias_robot", self.robot)
-        if self.rotor_factor != 1.0:
-            self.keep("robot", with_heavier_rotors(self.robot, self.rotor_factor))
+        self.keep("robot", feedback_model(self.robot, self.link_factor, self.rotor_factor))
 
     @classmethod
     def untuned(

@@ -17,7 +17,7 @@ import numpy as np
 
 from armgpi.arrays import Array, as_float_array, check_number
 from armgpi.errors import ParameterError
-from armgpi.gpi import advice, geared, two_mass
+from armgpi.gpi import advice, collocated, geared, two_mass
 from armgpi.gpi.family import Member
 from armgpi.gpi.gains import FixedGains, Tuning
 from armgpi.gpi.margins import (
@@ -36,9 +36,17 @@ from armgpi.gpi.payload import (
     most_delta,
     plausible_load,
 )
+from armgpi.gpi.realisation import Bumpless
 from armgpi.parameter import with_parameters
 from armgpi.registry import Context
-from armgpi.robot.batch import AnyRobot, RobotBatch, check_powered, check_robot, with_heavier_rotors
+from armgpi.robot.batch import (
+    AnyRobot,
+    RobotBatch,
+    check_powered,
+    check_robot,
+    feedback_model,
+    with_heavier_rotors,
+)
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import believe_drives
@@ -147,7 +155,7 @@ def arguments(
     chosen = apply_rule(robot, dt, delay, bits, given)
     if "payload" in chosen:  # which the feedforward knows nothing of
         chosen["bias_robot"] = robot
-    gains = FixedGains(chosen.pop("omega_c"))
+    gains = FixedGains(chosen.pop("omega_c"), chosen.pop("zeta_c", 1.0))
     return {"robot": robot, "dt": dt, "delay": delay, "gains": gains, **chosen, **given}
 
 
@@ -215,6 +223,19 @@ def _choose_geared(
 ) -> dict[str, Any]:
     """Return what is chosen for an arm whose gears twist."""
     first = robot.robots[0] if isinstance(robot, RobotBatch) else robot
+    stiff = _choose_collocated(robot, dt, delay, bits, given)
+    if stiff is not None and _collocated_delay(robot, dt, delay) < collocated.COMPARED:
+        return stiff
+    soft = _choose_soft(first, robot, dt, delay, bits, given)
+    if stiff is None or isinstance(robot, RobotBatch):
+        return soft
+    return min((stiff, soft), key=lambda each: _yielding(robot, dt, delay, each))
+
+
+def _choose_soft(
+    first: Robot, robot: AnyRobot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return what is chosen for elastic joints, wherever the encoders sit and however late the loop is."""
     link, believed = geared.at_link(first), geared.is_believed(first)
     chosen = _with_structure(
         BELIEVED_LINK if link and believed else GEARED[link], robot, dt, delay, bits, given
@@ -223,6 +244,87 @@ def _choose_geared(
         return chosen
     other = _with_structure(GEARED[True], robot, dt, delay, bits, given)
     return other if _allowed_bandwidth(other) > ROLLOFF_GAIN * _allowed_bandwidth(chosen) else chosen
+
+
+def _collocated_delay(robot: AnyRobot, dt: float, delay: float) -> float:
+    """Return the delay of hold, transport and current loop [s]."""
+    first = robot.robots[0] if isinstance(robot, RobotBatch) else robot
+    current = float(np.min(first.drives.value("current_bandwidth", collocated.CURRENT_LOOP)))
+    return collocated.delay_of(dt, _samples(dt, delay), current)
+
+
+def _choose_collocated(
+    robot: AnyRobot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
+) -> dict[str, Any] | None:
+    """Return what is chosen for elastic joints whose encoders are specified to sit at the motors.
+
+    None where they are not, where the loop is too late, where no bandwidth is stable, or where some of the
+    structure is given already.
+    """
+    robots = robot.robots if isinstance(robot, RobotBatch) else (robot,)
+    at_motor = all((one.drives.value("encoder_side") == "motor").all() for one in robots)
+    taken = {*MEMBER, "gains", "omega_c", "zeta_c", "rotor_factor", "link_factor", "feedforward"} & set(given)
+    if not at_motor or taken or _collocated_delay(robot, dt, delay) >= collocated.LATE:
+        return None
+    loads = given.get("payload")
+    found: dict[Robot, collocated.Collocated] = {}
+    for one in dict.fromkeys(robots):
+        carried: Any = one if loads is None else loads.choose(one, dt, delay, 1e-9).nominal
+        counts = None if bits is None else one.encoder_count(_checked_bits(bits))
+        numbers = collocated.choose(one, carried, dt, _samples(dt, delay), counts, usual_effort(one))
+        if numbers is None:
+            return None
+        found[one] = numbers
+    poles = [found[one].poles for one in robots]
+    if not isinstance(robot, RobotBatch):
+        rows = poles[0]
+    else:
+        rows = collocated.Poles(*(np.stack(each) for each in zip(*poles, strict=True)))
+    return {
+        "integrators": INTEGRATORS,
+        "rolloff": 0,
+        "feedforward": "computed",
+        "link_factor": collocated.LINK_FACTOR,
+        "rotor_factor": collocated.ROTOR_FACTOR,
+        "friction_feedforward": _knows_friction(robot),
+        "rest_dead_zone": REST_ZONE,
+        **rows._asdict(),
+    }
+
+
+def _yielding(robot: AnyRobot, dt: float, delay: float, chosen: Mapping[str, Any]) -> float:
+    """Return how far the usual efforts of a rigid arm push its joints aside at most, about its middle.
+
+    Each joint is pushed alone and at the frequency at which it yields most; with it two controllers are
+    compared.
+    """
+    assert isinstance(robot, Robot)
+    own = member(chosen)
+    ones = np.ones(robot.n)
+    tuning = Tuning(chosen["omega_c"] * ones, chosen.get("zeta_c", 1.0) * ones, chosen["omega_c"] * ones)
+    realisation = Bumpless(own)
+    law = two_mass.joint_laws(realisation, realisation.coefficients(tuning, dt), robot.n)
+    q = robot.middle()
+    model: Any = feedback_model(robot, chosen.get("link_factor", 1.0), chosen.get("rotor_factor", 1.0))
+    law = two_mass.around(law, model.mass_matrix(q))
+    frequencies = np.geomspace(0.3, 0.5 * math.pi / dt, 120)
+    response = two_mass.law_response(law, np.exp(1j * frequencies * dt))
+    late = np.exp(-1j * frequencies * _collocated_delay(robot, dt, delay))[:, None, None]
+    stiffness = -(frequencies**2)[:, None, None] * robot.mass_matrix(q) - late * response
+    alone = np.abs(np.linalg.inv(stiffness)).max(axis=0)
+    return float((np.diag(alone) * usual_effort(robot)).max())
+
+
+def _checked_bits(bits: Any) -> Array:
+    """Return the resolution of encoders [bits].
+
+    Raises:
+        ParameterError: for what no encoder has.
+    """
+    checked = as_float_array(bits, "bits")
+    if not ((checked >= 1.0) & (checked <= 52.0)).all():
+        raise ParameterError("bits", bits, "1 to 52 bits")
+    return checked
 
 
 def _allowed_bandwidth(chosen: Mapping[str, Any]) -> float:
@@ -311,9 +413,7 @@ def _quietness(
     The step of the torque grows with the third power of the bandwidth, to within a tenth; where there is no
     roll-off, with the second.
     """
-    bits = as_float_array(bits, "bits")
-    if not ((bits >= 1.0) & (bits <= 52.0)).all():
-        raise ParameterError("bits", bits, "1 to 52 bits")
+    bits = _checked_bits(bits)
     slowest = float(np.min(omega))
     fast = [None if x is None else float(np.max(x)) for x in law.ratios]
     loudest = Member(law.integrators, law.rolloff, fast[0] or 1.0, fast[1], fast[2])
@@ -426,7 +526,19 @@ def verdict(law: Any, robot: Robot, bits: Any = None) -> Verdict:
         resonance = geared.resonance(robot)
     elif robot.armature.any():
         borne, usual = geared.borne(law, robot, late)
-    return Verdict(_what_limits(law, soft, bits), sensitivity, spare, resonance, borne, usual)
+    return Verdict(_limits_of(law, robot, soft, bits), sensitivity, spare, resonance, borne, usual)
+
+
+def _limits_of(law: Any, robot: Robot, soft: bool, bits: Any) -> tuple[str, ...]:
+    """Return joint by joint what limits the bandwidth of a law, as the rule that made it says."""
+    if law.link_factor == collocated.LINK_FACTOR and isinstance(law.robot, Robot):
+        counts = None if bits is None else robot.encoder_count(_checked_bits(bits))
+        late_by = _samples(law.dt, law.delay)
+        carried = robot if law.payload is None else law.payload.nominal
+        numbers = collocated.choose(robot, carried, law.dt, late_by, counts, usual_effort(robot))
+        if numbers is not None:
+            return numbers.limits
+    return _what_limits(law, soft, bits)
 
 
 def _what_limits(law: Any, soft: bool, bits: Any) -> tuple[str, ...]:

@@ -127,9 +127,13 @@ class Arm(Parametrised, Plant):
 
         Raises:
             ParameterError: naming the wall, with how deep the point is.
+            ArrayError: when numbers of the environment are for several rollouts, and positions for one.
         """
-        if self._surroundings is not None and isinstance(q, np.ndarray):
-            self._surroundings.check_start(q)
+        if self._surroundings is None or not isinstance(q, np.ndarray):
+            return
+        if self.batch is not None and q.ndim < 2:
+            raise ArrayError("q", f"expected shape ({self.batch}, {self.robot.n}), got {q.shape}")
+        self._surroundings.check_start(q)
 
     def contact_torque(self, q: Array, v: Array, k: Any, substep: float, dt: float) -> Any:
         """Return the torque [N m or N] of what the tool touches; 0.0 where there is nothing.

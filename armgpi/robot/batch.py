@@ -37,6 +37,14 @@ def with_heavier_rotors(robot: AnyRobot, factor: float) -> AnyRobot:
     return robot.with_drives(robot.drives.scaled("rotor_inertia", factor))
 
 
+def feedback_model(robot: AnyRobot, link_factor: float, rotor_factor: float) -> AnyRobot:
+    """Return a robot with the inertia of its links and that of its rotors multiplied by a factor each."""
+    if link_factor != 1.0:
+        robot = robot.scaled_inertia(link_factor)  # rotors too
+        rotor_factor = rotor_factor / link_factor
+    return robot if rotor_factor == 1.0 else with_heavier_rotors(robot, rotor_factor)
+
+
 def check_robot(robot: Any, name: str = "robot") -> None:
     """Refuse what is neither a robot nor one per rollout.
 

@@ -43,6 +43,7 @@ QUANTITIES: Mapping[str, Parameter] = {
         _quantity("damping", "damping of the gear", "N m s/rad or N s/m"),
         _quantity("current_bandwidth", "bandwidth of the current loop", "Hz", above=True),
         _quantity("encoder_side", "where the encoder sits", kind="choice", choices=("motor", "link")),
+        _quantity("gear_ratio", "turns of the motor in one of the joint; rad/m of a slide", above=True),
         _quantity("encoder_count", "counts of the encoder in a turn of the joint", above=True),
         _quantity("torque_constant", "torque constant", "N m/A or N/A", above=True),
         _quantity("velocity_limit", "velocity limit of the motor", "rad/s or m/s", above=True),
@@ -309,15 +310,18 @@ def _reflect_motor(own: dict[str, Any], source: str, joint: str) -> dict[str, fl
     """Return the rotor inertia at the joint where a drive gives those of motor and gear, and take these."""
     facts = {"motor_inertia": "zero or positive [kg m^2]", "gear_ratio": "positive, rad/m of a slide"}
     numbers = {key: _number(own.pop(key)) for key in facts if key in own}
+    ratio = {"gear_ratio": numbers["gear_ratio"]} if "gear_ratio" in numbers else {}
     for key, number in numbers.items():
         good = isinstance(number, float | int) and not isinstance(number, bool)
         if not good or not 0.0 <= number < LARGEST or (key == "gear_ratio" and number == 0.0):
             raise ConfigError(source, f"{joint}.{key}", f"expected {facts[key]}, got {show_value(number)}")
-    if "motor_inertia" not in numbers:  # a ratio alone says nothing
-        return {}
+    if "motor_inertia" not in numbers:  # a ratio alone says nothing of the rotor
+        return ratio
     if "rotor_inertia" in own:
         raise ConfigError(source, f"{joint}.rotor_inertia", "and motor_inertia exclude each other: give one")
-    return {"rotor_inertia": cast(float, numbers["motor_inertia"]) * numbers.get("gear_ratio", 1.0) ** 2}
+    return ratio | {
+        "rotor_inertia": cast(float, numbers["motor_inertia"]) * numbers.get("gear_ratio", 1.0) ** 2
+    }
 
 
 def _urdf_quantities(values: Mapping[str, str], joint: str, source: str) -> Iterator[tuple[str, Any]]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple, NoReturn, TypeVar
+from typing import Any, NamedTuple, NoReturn, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
 
 from armgpi.arrays import Array, ArrayLike, as_joint_array, check_type
 from armgpi.errors import ArrayError, LimitError, ParameterError, Remedy
+from armgpi.robot.drives import Drives
 from armgpi.robot.dynamics import Dynamics
 
 #: A quantity of every joint: a number, shape (n,), or joint name -> value.
@@ -19,6 +20,8 @@ PerJoint = ArrayLike | Mapping[str, float]
 _ROUNDING = 1e-9
 #: Travel that an encoder of a prismatic joint without limits divides [m].
 _ENCODER_TRAVEL = 1.0
+#: Gear ratio behind an encoder at the motor where the drives do not say one: that of most harmonic drives.
+ASSUMED_GEAR_RATIO = 100.0
 
 _Same = TypeVar("_Same", bound="Equations")
 
@@ -339,6 +342,9 @@ class Equations:
         """Return one count of an absolute encoder at every joint.
 
         It is a turn / 2^bits; for a prismatic joint its travel / 2^bits, or 1 m / 2^bits without limits.
+        An encoder that is specified to sit at the motor (`encoder_side` of the drives) is finer by the gear
+        ratio: that of the drives, or 100 where they have none, which is usual for harmonic drives. Of a
+        slide's motor the ratio has to be known [rad/m].
 
         Args:
             bits: resolution [bits], a number or an array that broadcasts against (n,); not checked.
@@ -348,7 +354,12 @@ class Equations:
         """
         travel = self.limits.upper - self.limits.lower
         travel = np.where(np.isfinite(travel) & (travel > 0.0), travel, _ENCODER_TRAVEL)
-        return np.asarray(np.where(self.prismatic, travel, 2.0 * math.pi) / 2.0**bits)
+        at_joint = np.where(self.prismatic, travel, 2.0 * math.pi)
+        drives: Drives = cast(Any, self).drives
+        ratio = drives.value("gear_ratio", math.nan)
+        known = np.where(self.prismatic, ratio, np.where(np.isnan(ratio), ASSUMED_GEAR_RATIO, ratio))
+        geared = (drives.value("encoder_side") == "motor") & np.isfinite(known)
+        return np.asarray(np.where(geared, 2.0 * math.pi / known, at_joint) / 2.0**bits)
 
     def middle(self) -> Array:
         """Return the middle of the joint ranges [rad or m], shape (n,) or (batch, n).

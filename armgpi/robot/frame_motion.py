@@ -1,6 +1,6 @@
 """Where a frame of an arm is, how it moves and what a force on it does, as elementwise NumPy.
 
-:class:`armgpi.robot.frames.Frames` asks Pinocchio, one configuration after another. What stands here runs on
+:meth:`armgpi.Robot.frame_pose` asks Pinocchio, one configuration after another. What stands here runs on
 batches at once and becomes generated C, so a plant may ask it at every stage of its integrator.
 """
 

@@ -195,6 +195,11 @@ def prepared(gains: Any) -> Any:
     return ready.nominal(), first, ready.step(e, np.ones(3), first.state).tuning, plain(ready.describe())
 
 
+def touched(contact: Any) -> None:
+    """Touch an arm for some samples."""
+    moved(armgpi.RigidBodyPlant(ARM, environment=[contact]))
+
+
 def pushed(load: Any) -> Any:
     """Ask a load for its torque."""
     repr(load)
@@ -421,6 +426,7 @@ CASES: dict[str, Case] = {
             "rolloff_ratio": 4.0,
             "second_ratio": 1.0,
             "second_zeta": 1.0,
+            "link_factor": 0.4,
             "rotor_factor": 2.0,
             "effort": 3.0,
             "bias_robot": ARM,
@@ -498,6 +504,7 @@ CASES: dict[str, Case] = {
             "robot": ARM,
             "loads": [armgpi.Step(0.1)],
             "friction": "urdf",
+            "environment": [armgpi.ToolForce([0.1, 0.0, 0.0])],
             "substeps": 1,
             "stick_velocity": 1e-3,
         },
@@ -509,6 +516,7 @@ CASES: dict[str, Case] = {
             "robot": ARM.with_armature(0.1),
             "loads": [armgpi.Step(0.1)],
             "friction": "urdf",
+            "environment": [armgpi.ToolForce([0.1, 0.0, 0.0])],
             "substeps": 1,
             "gear_stiffness": 1e3,
             "gear_damping": 1.0,
@@ -528,6 +536,7 @@ CASES: dict[str, Case] = {
             "robot": ARM,
             "loads": [armgpi.Step(0.1)],
             "friction": "urdf",
+            "environment": [armgpi.ToolForce([0.1, 0.0, 0.0])],
             "substeps": 1,
             "integrator": "rk4",
             "stops": False,
@@ -562,6 +571,42 @@ CASES: dict[str, Case] = {
         armgpi.Sine, {"amplitude": 0.1, "omega": 1.0, "phase": 0.1, "onset": 0.0, "end": 1.0}, pushed
     ),
     "Pulse": Case(armgpi.Pulse, {"amplitude": 0.1, "onset": 0.0, "duration": 1.0}, pushed),
+    "ToolForce": Case(
+        armgpi.ToolForce,
+        {
+            "force": [1.0, 0.0, 0.0],
+            "moment": [0.0, 0.1, 0.0],
+            "onset": 0.0,
+            "end": 1.0,
+            "frame": TIP,
+            "point": [0.0, 0.0, 0.1],
+        },
+        touched,
+    ),
+    "Wall": Case(
+        armgpi.Wall,
+        {
+            "normal": [0.0, 0.0, 1.0],
+            "distance": -9.0,
+            "stiffness": 1e3,
+            "damping": 1.0,
+            "friction": 0.1,
+            "frame": TIP,
+            "point": [0.0, 0.0, 0.1],
+        },
+        touched,
+    ),
+    "Spring": Case(
+        armgpi.Spring,
+        {
+            "anchor": [0.1, 0.0, 0.0],
+            "stiffness": 1e2,
+            "damping": 1.0,
+            "frame": TIP,
+            "point": [0.0, 0.0, 0.1],
+        },
+        touched,
+    ),
     "Step.torque": Case(armgpi.Step(0.1).torque, {"t": 0.1}),
     "Ramp.torque": Case(armgpi.Ramp(0.1).torque, {"t": 0.1}),
     "Sine.torque": Case(armgpi.Sine(0.1, 1.0).torque, {"t": 0.1}),
@@ -844,7 +889,7 @@ PLAIN = {
     *("ArmgpiError", "ArmgpiWarning", "Status", "__version__", "DynamicsReport", "Derivation"),
     *("Certificate", "ControlStep", "FullState", "Measurement", "Target", "Tuning"),
     *("Draw", "InverseSolution", "LargestPayload", "PathBound", "PayloadRange"),
-    *("Controller", "Gains", "Load", "Plant", "Reference", "Wrapper"),
+    *("Contact", "Controller", "Gains", "Load", "Plant", "Reference", "Wrapper"),
 }
 #: What starts a process for every call.
 PROCESS = {"validate", "suggest_urdf"}

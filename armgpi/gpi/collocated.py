@@ -1,0 +1,240 @@
+"""The controller for elastic joints whose encoders sit at the motors, in closed form.
+
+Motor and encoder move together, so the loop damps the joint's resonance at no cost as long as its phase stays
+above -180 degrees there. What limits it is not the resonance but the delay T of hold, transport and current
+loop, together with how much more inertia the feedback has than the rotor alone, which is all that the torque
+moves at high frequencies. So the derivative filter is kept apart from the bandwidth. With
+
+    C(s) = w s / (1 + s/f) + w^2 / 2.5 + w^3 / (25 s)
+
+the characteristic polynomial of one joint has a pair of poles at some w/2, a slow real one at some w/7 and a
+fast one near f. It is the member of the GPI family with one integrator and no roll-off.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.gpi.family import Member
+from armgpi.gpi.gains import Tuning
+from armgpi.gpi.realisation import Bumpless
+from armgpi.gpi.two_mass import ArmLoop, Gears, Law, around, gravity_stiffness, joint_laws
+from armgpi.robot.kinematics import random_configurations
+from armgpi.robot.robot import Robot
+from armgpi.robot.rotors import believe_gears
+
+#: Bandwidth of a current loop of which nothing is known [Hz]; 300 to 1000 are usual.
+CURRENT_LOOP = 500.0
+#: Share of the links' inertia in the feedback: between the rotor alone, which the torque moves above the
+#: resonance, and the whole arm, which it moves below.
+LINK_FACTOR = 0.4
+#: Share of the rotors' inertia in the feedback.
+ROTOR_FACTOR = 1.5
+#: Highest velocity gain w [rad/s]; faster loops bring little and step the torque more.
+FASTEST = 45.0
+#: Lowest velocity gain w [rad/s]: an arm that is slower falls under a load.
+SLOWEST = 4.0
+#: Largest w times delay times inertia ratio [-]. With the true rotors up to 0.6 is stable; assumed ones may
+#: be 2.5 times too heavy, or too light.
+DELAY_SHARE = 0.4
+#: Highest filter frequency f [rad/s].
+HIGHEST_FILTER = 1000.0
+#: Lowest filter frequency f that encoder counts may ask for [rad/s], and lowest one over w [-].
+LOWEST_FILTER = 150.0
+LEAST_FILTER_RATIO = 5.0
+#: Torque of one encoder count, as a share of the usual effort.
+COUNT_SHARE = 0.01
+#: Delay from which on a loop is slow enough for the other controller [s].
+LATE = 8e-3
+#: Delay from which on the two are compared [s].
+COMPARED = 5e-3
+#: Damping ratio of the joints at which loops have to be stable [-]; 1 to 5 % are usual.
+DAMPING = 0.03
+#: Factors of an assumed stiffness at which they have to be.
+STIFFNESS_FACTORS = (0.5, 1.0, 2.0)
+#: By how much all joints are slower where a loop is not stable [-].
+SLOWER = 1.25
+#: Configurations at which inertia is taken, and at which loops are tried.
+_CONFIGURATIONS = 8
+_TRIED = 2
+
+
+class Collocated(NamedTuple):
+    """The numbers of the controller.
+
+    Attributes:
+        w: velocity gain [rad/s], (n,).
+        f: filter frequency of the derivative [rad/s], (n,).
+        limits: joint by joint what limits w: "delay", "noise" (encoder counts), "gears" or "crossover".
+    """
+
+    w: Array
+    f: Array
+    limits: tuple[str, ...]
+
+    @property
+    def poles(self) -> Poles:
+        """The poles of each joint's loop, as parameters of the GPI family."""
+        return Poles(*np.array([poles_of(w, f) for w, f in zip(self.w, self.f, strict=True)]).T)
+
+
+class Poles(NamedTuple):
+    """Poles as a GPI controller takes them, each (n,).
+
+    Attributes:
+        omega_c: natural frequency of the pair [rad/s].
+        zeta_c: its damping ratio [-].
+        second_ratio: frequency of the second factor over omega_c [-].
+        second_zeta: its damping ratio [-], above 1: one slow and one fast real pole.
+    """
+
+    omega_c: Array
+    zeta_c: Array
+    second_ratio: Array
+    second_zeta: Array
+
+    @property
+    def member(self) -> Member:
+        """The member of the family: one integrator and no roll-off."""
+        return Member(1, 0, 4.0, self.second_ratio, self.second_zeta)
+
+
+def poles_of(w: float, f: float) -> tuple[float, float, float, float]:
+    """Return pair and second factor of s^3 (1 + s/f) + w s^2 + (w^2 s/2.5 + w^3/25) (1 + s/f).
+
+    Args:
+        w: velocity gain [rad/s].
+        f: filter frequency [rad/s], five times w at least: then two roots are real.
+
+    Returns:
+        Natural frequency [rad/s] and damping ratio of the pair, ratio and damping ratio of the other factor.
+    """
+    stiff = w * w / 2.5
+    integral = w**3 / 25.0
+    roots = np.roots([1.0 / f, 1.0, w + stiff / f, stiff + integral / f, integral])
+    order = np.argsort(np.abs(roots.imag))
+    slow, fast = np.sort(-roots[order[:2]].real)
+    pair = roots[order[2]]
+    omega = float(np.abs(pair))
+    product = float(slow * fast)
+    second = math.sqrt(product)
+    return omega, float(-pair.real) / omega, second / omega, float(slow + fast) / (2.0 * second)
+
+
+def delay_of(dt: float, late: int, current: float = CURRENT_LOOP) -> float:
+    """Return the delay of hold, transport and current loop [s].
+
+    Args:
+        dt: sample time [s].
+        late: samples by which measurements are late.
+        current: bandwidth of the current loop [Hz].
+    """
+    return dt * (0.5 + late) + 1.0 / (2.0 * math.pi * current)
+
+
+def choose(
+    robot: Robot, carried: Robot, dt: float, late: int, counts: Array | None, effort: Array
+) -> Collocated | None:
+    """Return the controller of an arm, or None where no bandwidth is stable.
+
+    Args:
+        robot: the arm as it is known; stiffness of which nothing is known is assumed.
+        carried: the same with the load in the nominal model of the feedback.
+        dt: sample time [s].
+        late: samples by which measurements are late.
+        counts: one count of each encoder, at the joint [rad or m], (n,); None for exact positions.
+        effort: usual effort of each joint [N m or N], (n,).
+    """
+    robot = believe_gears(robot)
+    rotor = robot.armature
+    if not rotor.all():
+        return None
+    current = float(np.min(robot.drives.value("current_bandwidth", CURRENT_LOOP)))
+    delay = delay_of(dt, late, current)
+    places = np.stack([robot.middle(), *random_configurations(robot, _CONFIGURATIONS - 1, seed=0)])
+    links = carried.mass_matrix(places) - np.diag(carried.armature)
+    feedback = LINK_FACTOR * links + ROTOR_FACTOR * np.diag(rotor)
+    own_ratio = np.max(np.diagonal(feedback, axis1=1, axis2=2) / rotor, axis=0)
+    w = np.minimum(FASTEST, DELAY_SHARE / (delay * own_ratio))
+    coupled = np.abs(np.linalg.eigvals(feedback / rotor[:, None] * w)).max()
+    w = w * min(1.0, DELAY_SHARE / (delay * coupled))
+    limits = np.where(w < FASTEST, "delay", "crossover").astype("U9")
+    w = np.maximum(w, SLOWEST)
+    f = np.full(robot.n, min(HIGHEST_FILTER, 2.0 / dt))
+    if counts is not None:
+        quiet_w, f = _quieten(np.abs(feedback).max(axis=0), counts, effort, w, f, dt)
+        limits = np.where(quiet_w < w, "noise", limits)
+        w = quiet_w
+    fast_enough = w
+    while not _is_stable(robot, carried, w, f, dt, late, current):
+        w = w / SLOWER
+        if float(w.min()) < SLOWEST / SLOWER:
+            return None
+    limits = np.where(w < fast_enough, "gears", limits)
+    return Collocated(w, f, tuple(limits.tolist()))
+
+
+def _quieten(
+    feedback: Array, counts: Array, effort: Array, w: Array, f: Array, dt: float
+) -> tuple[Array, Array]:
+    """Return w and f at which one count moves no torque by more than a share of the usual effort.
+
+    Args:
+        feedback: largest absolute entries of the feedback's inertia [kg m^2], (n, n).
+        counts: of the encoders at the joints [rad or m], (n,).
+        effort: usual effort [N m or N], (n,).
+        w: velocity gains [rad/s], (n,).
+        f: filter frequencies [rad/s], (n,).
+        dt: sample time [s].
+    """
+
+    def torque(w: Array, f: Array) -> Array:
+        # The derivative's gain at the sample of a step: w f / (1 + dt f / 2).
+        return np.asarray(feedback @ (counts * w * f / (1.0 + 0.5 * dt * f)) / effort)
+
+    least = np.minimum(f, np.maximum(LOWEST_FILTER, LEAST_FILTER_RATIO * w))
+    lowered = f
+    for share in np.linspace(1.0, 0.0, 21):
+        lowered = least + share * (f - least)
+        if (torque(w, lowered) <= COUNT_SHARE).all():
+            return w, lowered
+    noise = torque(w, lowered)
+    # Each joint's torque hears the counts of all others: those that are too loud are all slower.
+    loudest = np.max(np.where(feedback > 0.0, (noise / COUNT_SHARE)[:, None], 0.0), axis=0)
+    return w / np.maximum(loudest, 1.0), lowered
+
+
+def law_of(numbers: Collocated, dt: float) -> Law:
+    """Return the controller from errors to accelerations, linear."""
+    poles = numbers.poles
+    realisation = Bumpless(poles.member)
+    tuning = Tuning(poles.omega_c, poles.zeta_c, poles.omega_c)
+    return joint_laws(realisation, realisation.coefficients(tuning, dt), len(numbers.w))
+
+
+def _is_stable(
+    robot: Robot, carried: Robot, w: Array, f: Array, dt: float, late: int, current: float
+) -> bool:
+    """Tell whether the sampled loops are stable over what is known of the stiffness."""
+    own = law_of(Collocated(w, f, ()), dt)
+    stiffness = robot.drives.value("stiffness")
+    low, high = robot.drives.interval("stiffness")
+    assumed = np.array(robot.drives.sources("stiffness")) == "believed"
+    ends = [
+        np.where(assumed | (low == high), factor * stiffness, end)
+        for factor, end in zip(STIFFNESS_FACTORS, (low, stiffness, high), strict=True)
+    ]
+    places = (robot.middle(), *random_configurations(robot, _TRIED - 1, seed=1))
+    for q, each in itertools.product(places, ends):
+        links = carried.mass_matrix(q) - np.diag(carried.armature)
+        feedback = LINK_FACTOR * links + ROTOR_FACTOR * np.diag(robot.armature)
+        law = around(own, feedback, gravity_stiffness(robot, q))
+        gears = Gears(robot.armature, each, DAMPING, current, "motor")
+        if ArmLoop(robot, q, gears, dt, late).growth(law) >= 1.0:
+            return False
+    return True

@@ -1,0 +1,172 @@
+"""The controller for encoders at the motor: its poles, its limits, and what it holds by other witnesses."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import armgpi
+from armgpi import GPI, Robot, RobotBatch
+from armgpi.errors import ArmgpiError
+from armgpi.gpi import collocated, geared, two_mass
+from armgpi.gpi.two_mass import ArmLoop, Gears
+from armgpi.robot import rotors
+from armgpi.robot.equations import ASSUMED_GEAR_RATIO
+from armgpi.robot.kinematics import random_configurations
+
+PANDA = Robot.load("panda", ["panda_finger_joint1", "panda_finger_joint2"])
+UR5 = Robot.load("ur5")
+DT = 1e-3
+
+
+def at(robot: Robot, side: str, **more: Any) -> Robot:
+    """Return an arm with assumed drives, its encoders on one side."""
+    return rotors.believe_gears(robot).with_drives(
+        {joint: {"encoder_side": side, **more} for joint in robot.joint_names}
+    )
+
+
+def auto(robot: Robot, late: int = 1, bits: int | None = 16, dt: float = DT) -> GPI:
+    return GPI.untuned(robot, dt, delay=late * dt, bits=bits)
+
+
+@given(st.floats(4.0, 45.0), st.floats(5.0, 40.0))
+def test_its_poles_are_those_of_the_controller_in_the_form_of_a_pid(w: float, ratio: float) -> None:
+    f = ratio * w
+    omega, zeta, second_ratio, second_zeta = collocated.poles_of(w, f)
+    other = second_ratio * omega
+    own = np.polymul([1.0, 2.0 * zeta * omega, omega**2], [1.0, 2.0 * second_zeta * other, other**2])
+    # s^2 + C(s) = 0 with C = w s / (1 + s/f) + w^2 / 2.5 + w^3 / (25 s), times s (s + f).
+    asked = np.polyadd(np.polymul([1.0, 0.0, 0.0, 0.0], [1.0, f]), [w * f, 0.0, 0.0])
+    asked = np.polyadd(asked, np.polymul([w**2 / 2.5, w**3 / 25.0], [1.0, f]))
+    np.testing.assert_allclose(own, asked, rtol=1e-9, atol=1e-9 * np.abs(asked).max())
+    assert second_zeta > 1.0
+
+
+@pytest.mark.parametrize("arm", [PANDA, UR5], ids=["panda", "ur5"])
+def test_it_holds_what_is_not_known_of_the_gears(arm: Robot) -> None:
+    known = at(arm, "motor")
+    law = auto(known)
+    held = 0
+    for q in random_configurations(arm, 8, seed=27):
+        linear = two_mass.law(law, q)
+        for factor, damping in itertools.product((0.5, 1.0, 2.0), (0.05, 0.01)):
+            gears = Gears(known.armature, factor * known.drives.value("stiffness"), damping, 500.0, "motor")
+            held += ArmLoop(known, q, gears, DT, 1).growth(linear) < 1.0
+    assert held == 48
+
+
+@pytest.mark.parametrize(("arm", "most"), [(PANDA, 4e-3), (UR5, 3e-3)], ids=["panda", "ur5"])
+def test_a_push_moves_the_links_a_fifth_as_far_as_where_the_side_is_not_known(
+    arm: Robot, most: float
+) -> None:
+    """On the nonlinear plant: a tenth of gravity on every joint at once."""
+    known = at(arm, "motor")
+    gravity = np.abs(arm.gravity(random_configurations(arm, 50, seed=0))).max(axis=0)
+    plant: Any = armgpi.ElasticPlant(known, armgpi.Step(0.1 * gravity, 0.5))
+    plant = armgpi.Delayed(armgpi.Encoder(plant, 16), 1)
+    peaks = []
+    for law in (auto(known), auto(rotors.believe_gears(arm))):
+        rollout = armgpi.simulate(plant, law, armgpi.Hold(arm.middle()), 1.5, backend="compiled")
+        q = rollout["q"].values
+        peaks.append(np.abs(q[500:] - q[450]).max())
+    assert peaks[0] < most
+    assert peaks[0] < 0.2 * peaks[1]
+
+
+def test_it_is_only_for_encoders_at_all_motors_and_loops_that_are_early() -> None:
+    assert auto(at(UR5, "motor")).link_factor == collocated.LINK_FACTOR
+    for arm, late in ((at(UR5, "link"), 1), (rotors.believe_gears(UR5), 1), (at(UR5, "motor"), 8)):
+        assert auto(arm, late).link_factor == 1.0
+    mixed = at(UR5, "motor").with_drives({"elbow_joint": {"encoder_side": "link"}})
+    assert auto(mixed).link_factor == 1.0
+
+
+def test_what_is_given_is_kept() -> None:
+    law = GPI.untuned(at(UR5, "motor"), DT, delay=DT, rolloff=1)
+    assert (law.rolloff, law.link_factor) == (1, 1.0)
+
+
+def test_a_later_loop_is_slower_and_says_what_limits_it() -> None:
+    arm = at(UR5, "motor")
+    early, later = auto(arm), auto(arm, late=3)
+    assert (later.gains.nominal().omega_c < early.gains.nominal().omega_c).all()
+    numbers = collocated.choose(arm, arm, DT, 3, None, arm.limits.effort)
+    assert numbers is not None
+    assert set(numbers.limits) == {"delay"}
+
+
+def test_coarse_encoders_filter_first_and_then_slow_it_down() -> None:
+    arm = at(UR5, "motor")
+    effort = arm.limits.effort
+    fine, coarse = (
+        collocated.choose(arm, arm, DT, 1, arm.encoder_count(float(bits)), effort) for bits in (16, 6)
+    )
+    assert fine is not None
+    assert coarse is not None
+    assert (coarse.f <= fine.f).all()
+    assert coarse.f.min() >= collocated.LOWEST_FILTER
+    assert (coarse.w < fine.w).any()
+    assert "noise" in coarse.limits
+
+
+def test_a_count_moves_the_torque_by_a_share_of_the_effort() -> None:
+    law = auto(at(UR5, "motor"))
+    # Of the nominal model at its largest inertia; usual efforts are no larger than the limits.
+    assert (law.count_torque(16) <= 1.1 * collocated.COUNT_SHARE * law.effort).all()
+
+
+def test_a_batch_has_the_numbers_of_each_arm() -> None:
+    light, heavy = at(UR5, "motor"), at(UR5.with_payload("tool0", 3.0), "motor")
+    both = GPI.untuned(RobotBatch([light, heavy]), DT, delay=DT, bits=16)
+    for row, arm in enumerate((light, heavy)):
+        alone = auto(arm)
+        np.testing.assert_allclose(both.gains.nominal().omega_c[row], alone.gains.nominal().omega_c)
+        np.testing.assert_allclose(both.second_zeta[row], alone.second_zeta)
+
+
+def test_it_holds_rotors_that_are_not_as_assumed_on_the_nonlinear_plant() -> None:
+    """Rotors of 0.5 times what is assumed, joints half as stiff: a move with a load that nobody knows."""
+    known = at(UR5, "motor")
+    true = UR5.with_payload("tool0", 1.0).with_armature(0.5 * known.armature)
+    plant: Any = armgpi.ElasticPlant(true, gear_stiffness=0.5 * known.drives.value("stiffness"))
+    plant = armgpi.Delayed(armgpi.Encoder(plant, 20), 1)
+    start = UR5.middle()
+    rollout = armgpi.simulate(
+        plant, auto(known), armgpi.Bezier(start, start + 0.5, 2.0), 3.0, backend="compiled"
+    )
+    assert int(rollout["status"]) == armgpi.Status.FINISHED
+    # The motors are on their targets; links hang by gravity over stiffness beside them.
+    error = rollout["q_measured"].values[-1] - rollout["q_ref"].values[-1]
+    assert np.abs(error).max() < 2e-3
+
+
+def test_counts_of_an_encoder_at_the_motor_are_divided_by_the_gear_ratio() -> None:
+    count = 2.0 * math.pi / 2.0**16
+    assert UR5.encoder_count(16.0) == pytest.approx(count)
+    assert at(UR5, "link").encoder_count(16.0) == pytest.approx(count)
+    assert at(UR5, "motor").encoder_count(16.0) == pytest.approx(count / ASSUMED_GEAR_RATIO)
+    assert at(UR5, "motor", gear_ratio=50.0).encoder_count(16.0) == pytest.approx(count / 50.0)
+    assert at(UR5, "motor", gear_ratio=1.0).encoder_count(16.0) == pytest.approx(count)
+    plant = armgpi.Encoder(armgpi.RigidBodyPlant(at(UR5, "motor", gear_ratio=50.0)), 16)
+    assert plant.step_size == pytest.approx(count / 50.0)
+
+
+@pytest.mark.parametrize("ratio", [0.0, -1.0, math.nan, "many"])
+def test_a_gear_ratio_that_cannot_be_is_refused_with_its_joint(ratio: Any) -> None:
+    with pytest.raises(ArmgpiError, match=r"elbow_joint.*gear_ratio"):
+        UR5.with_drives({"elbow_joint": {"gear_ratio": ratio}})
+
+
+def test_motor_inertia_and_gear_ratio_are_kept_as_what_they_are() -> None:
+    arm = UR5.with_drives({"elbow_joint": {"motor_inertia": 1e-4, "gear_ratio": 100.0}})
+    own = arm.drives.of(["elbow_joint"])
+    assert own.value("rotor_inertia") == pytest.approx(1.0)
+    assert own.value("gear_ratio") == pytest.approx(100.0)
+    assert geared.at_link(arm) is False
