@@ -8,7 +8,7 @@ from difflib import get_close_matches
 
 from armgpi.errors import Remedy
 from armgpi.health.findings import Finding, Level, Subject, check
-from armgpi.robot import chains, grippers, tree, urdf
+from armgpi.robot import chains, grippers, markup, tree, urdf
 
 #: Turns beyond two to either side are hardly meant in radians [rad], nor such speeds [rad/s].
 _MOST_TURN, _MOST_SPIN = 4.0 * math.pi, 60.0
@@ -78,6 +78,16 @@ def unknown(subject: Subject) -> Iterator[Finding]:
                 repair = f"did you mean <{near[0]}>?" if near else ""
                 level: Level = "warning" if near else "info"
                 yield Finding(level, f"{tag} {element.get('name')!r}", message, child, None, repair)
+
+
+@check("xacro", "a definition of xacro that is used nowhere, and is not read", "warning")
+def xacro(subject: Subject) -> Iterator[Finding]:
+    """Find what an expansion by xacro, or by hand, left behind."""
+    for element in subject.document.root.iter():
+        if element.tag in markup.XACRO_DEFINITIONS:
+            name = element.get("name", "")
+            message = f"line {element.get('line')}: <{element.tag} name={name[:80]!r}> is used nowhere"
+            yield Finding("warning", "robot", message, name, None, "remove it")
 
 
 @check("frames", "links without mass", "info")

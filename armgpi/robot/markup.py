@@ -85,7 +85,17 @@ _ROOTS = {
     "Robot": "no URDF but something else (OpenRAVE, perhaps): give a URDF",
     "Environment": "an OpenRAVE environment: give a URDF",
 }
-_XACRO = "unexpanded xacro: expand it first (xacro FILE > robot.urdf) and give the result"
+_EXPAND = (
+    "expand it first (pip install xacrodoc, then xacrodoc FILE -o robot.urdf; with ROS: "
+    "xacro FILE > robot.urdf) and give the result"
+)
+_XACRO = f"unexpanded xacro: {_EXPAND}"
+#: What only defines something in xacro: without a use nothing of it reaches the robot.
+XACRO_DEFINITIONS = ("xacro:property", "xacro:macro", "xacro:arg")
+#: In these a value that xacro has to fill in changes no dynamics.
+_BESIDE_DYNAMICS = frozenset(
+    ("visual", "collision", "gazebo", "transmission", "ros2_control", "sensor", "material")
+)
 
 
 def _read_bytes(path: Path) -> bytes:
@@ -163,8 +173,6 @@ def parse_xml(text: str, source: str) -> Element:
         small = ", whose names are in small letters" if root.tag.lower() == "robot" else ""
         other = _ROOTS.get(root.tag, f"no URDF{small}")
         raise UrdfError(source, f"is {other}: expected the root element <robot>, got <{root.tag[:80]}>")
-    if any(element.tag.startswith("xacro:") for element in root.iter()):
-        raise UrdfError(source, f"is {_XACRO}")
     return root
 
 
@@ -178,7 +186,7 @@ def _elements(text: str, source: str) -> Element:
 
     Without namespaces, as urdfdom reads: old files have prefixes that they do not declare.
     """
-    builder = TreeBuilder()
+    builder = _Builder(source)
     parser = expat.ParserCreate()
     depth = count = 0
     keeps_text = False
@@ -194,7 +202,7 @@ def _elements(text: str, source: str) -> Element:
             raise UrdfError(source, f"has an element with more than {MAX_ATTRIBUTES} attributes")
         nonlocal keeps_text
         keeps_text = tag in TEXT_OF
-        builder.start(tag, attributes)
+        builder.start(tag, attributes, parser.CurrentLineNumber)
 
     def characters(text: str) -> None:
         if keeps_text:
@@ -215,8 +223,72 @@ def _elements(text: str, source: str) -> Element:
     parser.CharacterDataHandler = characters
     parser.StartDoctypeDeclHandler = doctype
     parser.Parse(text, True)
-    root: Element = builder.close()
-    return root
+    return builder.close()
+
+
+class _Builder:
+    """Keeps the elements of a file, and finds whether anything in it has to be expanded by xacro, and where.
+
+    Definitions of xacro that are used nowhere are kept as empty elements with the attribute `line`.
+    """
+
+    def __init__(self, source: str) -> None:
+        """Begin to read `source`."""
+        self.source = source
+        self.tree = TreeBuilder()
+        self.open: list[str] = []
+        self.inside = 0  # elements of a definition that are open
+        self.needed = ""
+        self.name = ""  # of the link or joint that is open
+        self.needing: str | None = None  # the one in which something has to be expanded
+
+    def start(self, tag: str, attributes: dict[str, str], line: int) -> None:
+        """Begin an element."""
+        if self.inside:
+            self.inside += 1
+            return
+        if tag in XACRO_DEFINITIONS:
+            self.inside = 1
+            self.tree.start(tag, {**attributes, "line": str(line)})
+            return
+        self.open.append(tag)
+        if len(self.open) == len(("robot", "link")):
+            self.name = attributes.get("name", "")
+        if not self.needed:
+            self.needed, self.needing = self._needs(tag, attributes, line), self.name or None
+        self.tree.start(tag, attributes)
+
+    def data(self, text: str) -> None:
+        """Keep text of the element that is open."""
+        if not self.inside:
+            self.tree.data(text)
+
+    def end(self, tag: str) -> None:
+        """End an element."""
+        if self.inside > 1:
+            self.inside -= 1
+            return
+        if not self.inside:
+            self.open.pop()
+        self.inside = 0
+        self.tree.end(tag)
+
+    def close(self) -> Element:
+        """Return the root; refuse a robot of which something has to be expanded."""
+        root: Element = self.tree.close()
+        if root.tag == "robot" and self.needed:
+            raise UrdfError(self.source, f"is unexpanded xacro, as {self.needed}: {_EXPAND}", self.needing)
+        return root
+
+    def _needs(self, tag: str, attributes: dict[str, str], line: int) -> str:
+        """Return what xacro has to do with an element; empty when nothing."""
+        if tag.startswith("xacro:"):
+            return f"line {line} has <{tag[:80]}>"
+        if not _BESIDE_DYNAMICS.intersection(self.open):
+            for key, value in attributes.items():
+                if "${" in value:
+                    return f"line {line} has {key[:80]}={value[:80]!r}"
+        return ""
 
 
 def _kind_of_text(text: str) -> str | None:

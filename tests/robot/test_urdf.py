@@ -121,6 +121,24 @@ def test_a_robot_without_a_name_a_comment_and_foreign_elements_are_no_obstacle()
     )
 
 
+def test_definitions_of_xacro_that_nothing_uses_are_not_read() -> None:
+    plain = urdf.parse(GOOD, "plain")
+    for left in (
+        '<xacro:property name="m" value="${2 * k}"/>',
+        '<xacro:arg name="prefix" default=""/>',
+        '<xacro:macro name="wheel" params="side"><link name="${side}"/></xacro:macro>',
+    ):
+        read = urdf.parse(GOOD.replace("<link", f"{left}<link", 1), "left")
+        assert (read.links, read.joints) == (plain.links, plain.joints)
+
+
+def test_a_name_that_xacro_has_to_fill_in_is_refused_with_its_line() -> None:
+    text = GOOD.replace("<link name", '\n\n\n<link name="${side}_tool"/><link name', 1)
+    line = 1 + text[: text.index("${side}")].strip().count("\n")
+    with pytest.raises(UrdfError, match=rf"line {line} has name='\$\{{side\}}_tool': expand it first"):
+        urdf.parse(text, "arm")
+
+
 def test_namespaces_and_the_word_xacro_alone_are_no_obstacle() -> None:
     # Drake's files have a namespace, expanded ones keep xacro's, old ones have prefixes without any.
     for attributes in ('xmlns="http://drake.mit.edu"', 'xmlns:xacro="http://www.ros.org/wiki/xacro"'):
@@ -370,7 +388,8 @@ def test_bytes_that_are_no_utf8_are_refused(tmp_path: Path, content: bytes) -> N
         ("#" + " \n#" * 1000, "not well-formed"),  # and that at once
         ("solid link\n", "a mesh (STL)"),
         ('<robot name="r"><group name="arm"/></robot>', "an SRDF"),
-        (GOOD.replace("<link", '<xacro:property name="m" value="1"/><link', 1), "xacro FILE > robot.urdf"),
+        (GOOD.replace("<link", '<xacro:include filename="a"/><link', 1), "xacro FILE > robot.urdf"),
+        (GOOD.replace("<link", '\n\n<xacro:if value="1"/><link', 1), "has <xacro:if>: expand"),
         (
             GOOD.replace("<robot", '<robot xmlns:xacro="http://x"').replace("<link", "<xacro:arm/><link", 1),
             "xacro",
@@ -485,7 +504,7 @@ REFUSED = [  # element, what stands there, what to write instead, what the error
     ("elbow", 'xyz="0 1 0"', 'xyz="0 1"', "2 numbers, expected 3"),
     ("elbow", 'xyz="0 1 0"', 'xyz="0,1,0"', "'0,1,0' is not a number"),
     ("elbow", 'xyz="0.2 0 0"', 'xyz="nan 0 0"', "not finite"),
-    ("elbow", 'xyz="0.2 0 0"', 'xyz="${l} 0 0"', "'${l} 0 0' is not a number"),
+    ("elbow", 'xyz="0.2 0 0"', 'xyz="${l} 0 0"', "has xyz='${l} 0 0': expand it first"),
     ("elbow", 'rpy="0 0 0"/><axis', 'rpy="inf 0 0"/><axis', "not finite"),
     ("elbow", LIMIT, "", "no <limit>"),
     ("elbow", 'effort="20"', "", "<limit> has no effort"),
@@ -516,7 +535,7 @@ REFUSED = [  # element, what stands there, what to write instead, what the error
     ("fore", 'value="1.0"', 'value="nan"', "value='nan' is not finite"),
     ("fore", 'value="1.0"', 'value="1,5"', "'1,5' is not a number"),
     ("fore", 'value="1.0"', 'value="heavy"', "'heavy' is not a number"),
-    ("fore", 'value="1.0"', 'value="${m}"', "'${m}' is not a number"),
+    ("fore", 'value="1.0"', 'value="${m}"', "has value='${m}': expand"),
     ("fore", 'value="1.0"', 'value="1_0"', "'1_0' is not a number"),
     ("fore", 'value="1.0"', 'value="٢"', "'٢' is not a number"),
     ("fore", 'value="1.0"', 'value="1 2"', "2 numbers, expected 1"),
