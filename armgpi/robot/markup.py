@@ -277,7 +277,9 @@ class _Builder:
         """Return the root; refuse a robot of which something has to be expanded."""
         root: Element = self.tree.close()
         if root.tag == "robot" and self.needed:
-            raise UrdfError(self.source, f"is unexpanded xacro, as {self.needed}: {_EXPAND}", self.needing)
+            where = f" in {self.needing!r}" if self.needing else ""
+            said = f"is unexpanded xacro, as {self.needed}{where}: {_EXPAND}"
+            raise UrdfError(self.source, said, self.needing)
         return root
 
     def _needs(self, tag: str, attributes: dict[str, str], line: int) -> str:

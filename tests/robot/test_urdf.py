@@ -135,7 +135,7 @@ def test_definitions_of_xacro_that_nothing_uses_are_not_read() -> None:
 def test_a_name_that_xacro_has_to_fill_in_is_refused_with_its_line() -> None:
     text = GOOD.replace("<link name", '\n\n\n<link name="${side}_tool"/><link name', 1)
     line = 1 + text[: text.index("${side}")].strip().count("\n")
-    with pytest.raises(UrdfError, match=rf"line {line} has name='\$\{{side\}}_tool': expand it first"):
+    with pytest.raises(UrdfError, match=rf"line {line} has name='\$\{{side\}}_tool'"):
         urdf.parse(text, "arm")
 
 
@@ -504,7 +504,7 @@ REFUSED = [  # element, what stands there, what to write instead, what the error
     ("elbow", 'xyz="0 1 0"', 'xyz="0 1"', "2 numbers, expected 3"),
     ("elbow", 'xyz="0 1 0"', 'xyz="0,1,0"', "'0,1,0' is not a number"),
     ("elbow", 'xyz="0.2 0 0"', 'xyz="nan 0 0"', "not finite"),
-    ("elbow", 'xyz="0.2 0 0"', 'xyz="${l} 0 0"', "has xyz='${l} 0 0': expand it first"),
+    ("elbow", 'xyz="0.2 0 0"', 'xyz="${l} 0 0"', "has xyz='${l} 0 0' in 'elbow': expand it first"),
     ("elbow", 'rpy="0 0 0"/><axis', 'rpy="inf 0 0"/><axis', "not finite"),
     ("elbow", LIMIT, "", "no <limit>"),
     ("elbow", 'effort="20"', "", "<limit> has no effort"),
@@ -535,7 +535,7 @@ REFUSED = [  # element, what stands there, what to write instead, what the error
     ("fore", 'value="1.0"', 'value="nan"', "value='nan' is not finite"),
     ("fore", 'value="1.0"', 'value="1,5"', "'1,5' is not a number"),
     ("fore", 'value="1.0"', 'value="heavy"', "'heavy' is not a number"),
-    ("fore", 'value="1.0"', 'value="${m}"', "has value='${m}': expand"),
+    ("fore", 'value="1.0"', 'value="${m}"', "has value='${m}' in 'fore': expand"),
     ("fore", 'value="1.0"', 'value="1_0"', "'1_0' is not a number"),
     ("fore", 'value="1.0"', 'value="٢"', "'٢' is not a number"),
     ("fore", 'value="1.0"', 'value="1 2"', "2 numbers, expected 1"),
