@@ -8,6 +8,7 @@ import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from armgpi.renamed import MEMBERS, warn_renamed
 from armgpi.version import VERSION
 
 if sys.platform == "win32":  # forks, signals and the cache's permissions are POSIX's; Pinocchio has no wheels
@@ -79,8 +80,8 @@ if TYPE_CHECKING:
     from armgpi.plants.mujoco import MuJoCoPlant as MuJoCoPlant
     from armgpi.plants.plant import Plant as Plant
     from armgpi.plants.plant import Wrapper as Wrapper
-    from armgpi.plants.reality import Draw as Draw
     from armgpi.plants.reality import Reality as Reality
+    from armgpi.plants.reality import Scenario as Scenario
     from armgpi.plants.rigid_body import RigidBodyPlant as RigidBodyPlant
     from armgpi.plants.sensors import Delayed as Delayed
     from armgpi.plants.sensors import Differentiated as Differentiated
@@ -104,7 +105,7 @@ if TYPE_CHECKING:
     from armgpi.robot.kinematics import TrackingInverse as TrackingInverse
     from armgpi.robot.kinematics import inverse_kinematics as inverse_kinematics
     from armgpi.robot.robot import Robot as Robot
-    from armgpi.robot.rotors import believe_drives as believe_drives
+    from armgpi.robot.rotors import assume_drives as assume_drives
     from armgpi.supervisor import Supervised as Supervised
     from armgpi.supervisor import Supervisor as Supervisor
     from armgpi.validation.check import validate as validate
@@ -150,7 +151,7 @@ _NAMES = {
     "plants.loads": ("Load", "Pulse", "Ramp", "Sine", "Step"),
     "plants.mujoco": ("MuJoCoPlant",),
     "plants.plant": ("Plant", "Wrapper"),
-    "plants.reality": ("Draw", "Reality"),
+    "plants.reality": ("Scenario", "Reality"),
     "plants.elastic": ("ElasticPlant",),
     "plants.rigid_body": ("RigidBodyPlant",),
     "plants.sensors": ("Delayed", "Differentiated", "DropOut", "Encoder", "Noisy"),
@@ -164,7 +165,7 @@ _NAMES = {
     "robot.batch": ("RobotBatch",),
     "robot.equations": ("Friction",),
     "robot.robot": ("Robot",),
-    "robot.rotors": ("believe_drives",),
+    "robot.rotors": ("assume_drives",),
     "loop.rollout": ("Status", "load", "save"),
     "loop.closed_loop": ("ClosedLoop",),
     "loop.prepared": ("PreparedLoop", "prepare"),
@@ -178,11 +179,15 @@ _NAMES = {
 _HOME = {name: module for module, names in _NAMES.items() for name in names}
 
 __version__ = VERSION
+_RENAMED = MEMBERS
 __all__ = sorted([*_MODULES, *_HOME, "__version__"])
 
 
 def __getattr__(name: str) -> object:
     """Load a public name on its first use (PEP 562)."""
+    if name in _RENAMED:
+        warn_renamed(f"armgpi.{name}", f"armgpi.{_RENAMED[name]}")
+        return __getattr__(_RENAMED[name])
     if name in _MODULES:
         value: object = import_module(f"armgpi.{_MODULES[name]}")
     elif name in _HOME:

@@ -128,7 +128,7 @@ def _chain(joints: int) -> armgpi.Robot:
         for i in range(joints)
     )
     robot = armgpi.Robot.from_xml(f'<robot name="chain{joints}">{links}{turns}</robot>')
-    return armgpi.believe_drives(robot)
+    return armgpi.assume_drives(robot)
 
 
 if __name__ == "__main__":

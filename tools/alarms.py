@@ -2,7 +2,7 @@
 
 Usage:
     python tools/alarms.py --seed 1 --realities mild wide late slow
-    python tools/alarms.py --seed 1 --arms held-out --laws untuned computed_torque --out alarms.json
+    python tools/alarms.py --seed 1 --arms held-out --laws gpi_auto computed_torque --out alarms.json
     python tools/alarms.py --seed 1 --speed 0.5   with SPEED, which is no default
     python tools/alarms.py --seed 1 --realities elastic undriven     as gears of arms twist
 
@@ -32,7 +32,7 @@ from armgpi.errors import ArmgpiError
 from armgpi.health import reality as health
 from armgpi.intervals import clopper_pearson
 from armgpi.parameter import parameters
-from armgpi.plants.reality import Draw
+from armgpi.plants.reality import Scenario
 from armgpi.supervisor import Reason
 
 sys.path.append(str(Path(__file__).resolve().parent))
@@ -104,13 +104,13 @@ def runs(
             outcome, one = health.outcome(free.isel(rollout=row), draw, name), watched.isel(rollout=row)
             reason = Reason(int(one.fault))
             said = (reason.name, str(one.joint.values[int(one.fault_joint)])) if reason else ("", "")
-            held = not outcome.lost and inside(free.isel(rollout=row), draw)
+            held = not outcome.failed and inside(free.isel(rollout=row), draw)
             known = (draw.dt, draw.delay, draw.encoder_bits, outcome.feasible, held, outcome.swinging)
             found.append(Run(reality, law, name, draw.index, *known, *said, float(one.t_fault)))
     return found
 
 
-def inside(rollout: xr.Dataset, draw: Draw) -> bool:
+def inside(rollout: xr.Dataset, draw: Scenario) -> bool:
     """Tell whether an arm stayed within its position limits and the margin: beyond is no false alarm."""
     lower, upper, *_ = draw.robot.limits
     margin = parameters(Supervisor)["position_margin"].default
@@ -179,8 +179,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--per-arm", type=int, default=BLOCK, help="draws of each arm")
     parser.add_argument("--realities", nargs="+", default=["wide"], choices=tuple(REALITIES))
     parser.add_argument("--arms", nargs="+", default=["fit"], help="fit, held-out, or names of arms")
-    parser.add_argument("--laws", nargs="+", default=["untuned"], help="types of controllers, or sections")
-    parser.add_argument("--drives", choices=("believed", "soft"), help="what laws believe")
+    parser.add_argument("--laws", nargs="+", default=["gpi_auto"], help="types of controllers, or sections")
+    parser.add_argument("--drives", choices=("stiff", "elastic"), help="what laws believe")
     parser.add_argument("--speed", type=float, help="share for SPEED; no check when not given")
     parser.add_argument("--out", type=Path, help="write all runs as JSON")
     given = parser.parse_args(arguments)

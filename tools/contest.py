@@ -65,7 +65,7 @@ def untuned(study: Study, arm: str, setting: Setting) -> Untuned:
     """Return what the rule is on an arm, and what its rivals are; read from the study where it is there."""
 
     def run() -> Array:
-        robot, section = Robot.load(arm, fingers(arm)), {"type": "untuned"}
+        robot, section = Robot.load(arm, fingers(arm)), {"type": "gpi_auto"}
         spent, judged = (
             Evaluator(draws(robot, count, first), KEPT)(section, [{}])
             for count, first in ((setting.fit, 0), (setting.held_out, _APART))
@@ -75,7 +75,7 @@ def untuned(study: Study, arm: str, setting: Setting) -> Untuned:
         return np.array([own, *(_rival(arm, law, setting, budget) for law in RIVALS)])
 
     (objective, variation), *rivals = study.part(
-        part_name(arm, "untuned", setting.seeds), (1 + len(RIVALS), 2), run
+        part_name(arm, "gpi_auto", setting.seeds), (1 + len(RIVALS), 2), run
     ).tolist()
     return Untuned(arm, objective, variation, dict(zip(RIVALS, rivals, strict=True)))
 
@@ -97,7 +97,7 @@ def _rival(arm: str, law: str, setting: Setting, budget: float) -> list[float]:
 
 def untuned_table(found: Sequence[Untuned]) -> str:
     """Return, as Markdown, the rule beside laws that are tuned for its variation, with quotients of error."""
-    head = ("error at torque variation [N m]", "untuned", *RIVALS, "untuned over the best ADRC")
+    head = ("error at torque variation [N m]", "gpi_auto", *RIVALS, "untuned over the best ADRC")
     lines = []
     for each in found:
         best = min(each.rivals[law][0] for law in RIVALS if not CONTENDERS[law].gpi)

@@ -360,7 +360,7 @@ def pushed(case: Case) -> tuple[float, float]:
     q = reference.at(begin * case.dt).q
     torque = 0.5 * np.diag(robot.limits.effort)
     arm = RigidBodyPlant(robot, Pulse(-small * torque, onset=0.1, duration=0.05))
-    law = GPI.untuned(robot, case.dt, bits=BITS, delay=late * case.dt, rest_dead_zone=0.0)
+    law = GPI.auto(robot, case.dt, bits=BITS, delay=late * case.dt, rest_dead_zone=0.0)
     rollout = simulate(Delayed(arm, late), law, Hold(q), 0.1 + SOON, progress=False)
     at_once = np.abs(np.linalg.solve(robot.mass_matrix(q), torque)).max() * (case.dt * (1 + late)) ** 2
     return float(np.abs(rollout.q - q).max()) / small, float(at_once)

@@ -96,7 +96,7 @@ def untuned(robot: Robot, bits: int | None = BITS, **given: Any) -> GPI:
     """Return what the rule makes."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ArmgpiWarning)
-        return GPI.untuned(robot, DT, delay=LATE * DT, bits=bits, **given)
+        return GPI.auto(robot, DT, delay=LATE * DT, bits=bits, **given)
 
 
 def peak(plant: two_mass.Plant, law: two_mass.Law, torque: Array) -> float:
@@ -183,7 +183,7 @@ def drawn(robot: Robot, rng: np.random.Generator) -> tuple[Array, Array]:
     def about(factor: float, *shape: int) -> Any:
         return np.exp(rng.uniform(-np.log(factor), np.log(factor), shape))
 
-    rotor = rotors.believable(robot) * about(2.5) * about(1.5, robot.n)
+    rotor = rotors.typical_inertia(robot) * about(2.5) * about(1.5, robot.n)
     return rotor, rotors.motor_torque(robot) / (8e-3 * about(2.0)) * about(1.3, robot.n)
 
 
@@ -264,7 +264,7 @@ def stops(seed: int) -> None:
     """Print how laws for rigid gears are stopped on the elastic plant: reason, travel, when at rest."""
     for name, (rotor, stiffness) in ARMS.items():
         robot = arm(name).with_armature(rotor)
-        law, start = untuned(robot, drives="believed"), robot.middle()
+        law, start = untuned(robot, drives="stiff"), robot.middle()
         given = complete_settings(Supervisor(), PlantSection(encoder_bits=BITS, delay=LATE), law)
         for side, factor in itertools.product(("motor", "link"), TIMES):
             plant = Saturated(elastic(robot, factor * np.array(stiffness), side))
@@ -291,7 +291,7 @@ def rollouts(seed: int) -> None:
         robot = bare.with_armature(rotor)
         start = robot.middle()
         laws = {
-            "fast, rotors told": untuned(robot, drives="believed"),
+            "fast, rotors told": untuned(robot, drives="stiff"),
             "soft, rotors told": untuned(robot),
             "soft, bare file": untuned(bare),
         }
@@ -330,8 +330,8 @@ def picture(seed: int) -> None:
     bare = arm("ur5")
     robot = bare.with_armature(rotor)
     laws = {
-        "rotors told not to be": untuned(bare, drives="rigid"),
-        "rotors believed": untuned(bare, drives="believed"),
+        "rotors told not to be": untuned(bare, drives="none"),
+        "rotors believed": untuned(bare, drives="stiff"),
         "rotors and gears believed": untuned(bare),
     }
     figure, (left, middle, right) = plt.subplots(1, 3, figsize=(11.0, 3.4), layout="constrained")

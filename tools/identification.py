@@ -146,7 +146,7 @@ def record(
     plant = TorqueNoise(plant, std=noise * size.effort, seed=seed)
     plant = armgpi.Delayed(armgpi.Encoder(armgpi.Saturated(plant, robot.limits.effort), 16), delay)
     nominal = robot.with_armature(rotors)
-    controller = armgpi.GPI.untuned(nominal, DT, delay=delay * DT, bits=16, drives="believed")
+    controller = armgpi.GPI.auto(nominal, DT, delay=delay * DT, bits=16, drives="stiff")
     run = armgpi.simulate(plant, controller, reference, seconds, progress=False, backend="auto")
     q, tau = run["q_measured"].values, run["tau_command"].values
     logs, target = [], reference.at(run["time"].values).q
@@ -181,7 +181,7 @@ def judge(found: Identified, true: Array, held: Array, apart: Array) -> dict[str
     error = held @ theta - torque
     share = np.sqrt((error**2).mean(axis=0) / (torque**2).mean(axis=0))
     rows = [row for row in found.table(bodies=True) if row.quantity in COLUMNS]
-    learned = np.array([row.learned for row in rows]).reshape(true.shape)
+    learned = np.array([row.data_share for row in rows]).reshape(true.shape)
     inside = np.array(
         [row.lower <= x <= row.upper for row, x in zip(rows, true.ravel(), strict=True)]
     ).reshape(true.shape)
@@ -387,11 +387,11 @@ def follow(known: armgpi.Robot, plant: Any, reference: Any, side: str) -> Log:
 
     Where that is before the end, slower laws are tried.
     """
-    told = armgpi.believe_drives(known)
+    told = armgpi.assume_drives(known)
     told = told.with_drives(told.drives.with_value("encoder_side", side))
     for omega in (None, *SLOWER):
         gains = omega and armgpi.FixedGains(omega)
-        law = armgpi.GPI.untuned(told, DT, delay=DT, bits=16, gains=gains)
+        law = armgpi.GPI.auto(told, DT, delay=DT, bits=16, gains=gains)
         run = armgpi.simulate(plant, law, reference, reference.t_end, progress=False, backend="compiled")
         q, tau = run["q_measured"].values, run["tau_command"].values
         there = (np.abs(q - run["q_ref"].values) < 0.2).all(axis=1)

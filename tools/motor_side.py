@@ -42,7 +42,7 @@ def load(name: str, side: str) -> armgpi.Robot:
     """Return an arm with assumed drives, its encoders where they are said to be."""
     known = armgpi.robots.names()
     robot = armgpi.Robot.load(name, lock=LOCKED.get(name, []) if name in known else [])
-    robot = armgpi.believe_drives(robot)
+    robot = armgpi.assume_drives(robot)
     if side:
         robot = robot.with_drives({joint: {"encoder_side": side} for joint in robot.joint_names})
     return robot
@@ -104,8 +104,8 @@ def main() -> None:
     for name, (dt, late) in itertools.product(wished.arms, LOOPS):
         arm = load(name, "motor")
         laws: dict[str, Any] = {
-            "side unknown": armgpi.GPI.untuned(load(name, ""), dt, delay=late * dt, bits=BITS),
-            "motor": armgpi.GPI.untuned(arm, dt, delay=late * dt, bits=BITS),
+            "side unknown": armgpi.GPI.auto(load(name, ""), dt, delay=late * dt, bits=BITS),
+            "motor": armgpi.GPI.auto(arm, dt, delay=late * dt, bits=BITS),
             "PID of positions": PIDPositions(arm, dt),
         }
         for kind, law in laws.items():

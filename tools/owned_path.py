@@ -28,7 +28,7 @@ from armgpi.identification.arm import identify, mean_inertia
 from armgpi.identification.excitation import FIRST_SHARE, excite
 from armgpi.identification.logs import Log
 from armgpi.intervals import wilson
-from armgpi.plants.reality import Draw, stack_draws
+from armgpi.plants.reality import Scenario, stack_draws
 
 #: A log ends where a joint is so far from where it should be [rad or m].
 CUT = 0.1
@@ -54,15 +54,15 @@ class Path(NamedTuple):
     rotors: tuple[float, float]
 
 
-def run(draw: Draw, nominal: armgpi.Robot, reference: Any, t_final: float) -> Any:
+def run(draw: Scenario, nominal: armgpi.Robot, reference: Any, t_final: float) -> Any:
     """Return a rollout of a draw under the law for untuned arms with a nominal model."""
     every = stack_draws([draw])
-    nominal = armgpi.believe_drives(nominal)
-    law = config.controller({"type": "untuned"}, every.context._replace(robot=nominal, nominal=nominal))
+    nominal = armgpi.assume_drives(nominal)
+    law = config.controller({"type": "gpi_auto"}, every.context._replace(robot=nominal, nominal=nominal))
     return armgpi.simulate(every.plant, law, reference, t_final, progress=False, backend="compiled")
 
 
-def record(draw: Draw, nominal: armgpi.Robot, share: float, seed: int) -> Log:
+def record(draw: Scenario, nominal: armgpi.Robot, share: float, seed: int) -> Log:
     """Return the log of a motion until a joint is off by :data:`CUT`; without the draw's disturbance.
 
     It is empty where motors are too weak for `excite`.
@@ -80,13 +80,13 @@ def record(draw: Draw, nominal: armgpi.Robot, share: float, seed: int) -> Log:
     return Log(rollout["time"].values[:end], q[:end], np.clip(tau[:end], -limit, limit), f"draw {draw.index}")
 
 
-def apart(found: armgpi.Robot, draw: Draw) -> float:
+def apart(found: armgpi.Robot, draw: Scenario) -> float:
     """Return how far the worst joint's mean inertia is off, as a factor."""
     ratio: Array = mean_inertia(found) / mean_inertia(draw.arm)
     return float(np.maximum(ratio, 1.0 / ratio).max())
 
 
-def follow(draw: Draw, name: str, stiff: bool) -> Path:
+def follow(draw: Scenario, name: str, stiff: bool) -> Path:
     """Return what the whole path makes of a draw."""
     assert draw.gears is not None
     assert draw.friction is not None
@@ -114,7 +114,7 @@ def follow(draw: Draw, name: str, stiff: bool) -> Path:
     return Path(outcomes, lengths, (apart(arms["first log"], draw), apart(arms["both logs"], draw)))
 
 
-def feasible(draw: Draw) -> bool:
+def feasible(draw: Scenario) -> bool:
     """Tell whether the motors can follow the move, and a law that knows the truth holds the arm."""
     return health.demand(draw) <= 1.0 and health.ideal_law_holds(draw)
 
@@ -126,13 +126,13 @@ def show(there: list[Path]) -> None:
     whole = (lengths > 0.995 * SECONDS).sum(axis=0)
     print(f"{len(there)} draws; logs that reached {SECONDS:g} s: first {whole[0]}, second {whole[1]}")
     print(f"worst joint's inertia off by a factor of (median): {np.round(np.median(worst, axis=0), 3)}")
-    print("| law for | lost [%] (95 %) | swinging [%] | chatter [%] | ITAE over truth's, median, 90 % |")
+    print("| law for | failed [%] (95 %) | swinging [%] | chatter [%] | ITAE over truth's, median, 90 % |")
     print("|---|---|---|---|---|")
     for stage in STAGES:
         own = [path.outcomes[stage] for path in there]
         pairs = [(x, path.outcomes["truth"]) for x, path in zip(own, there, strict=True)]
-        ratio = [x.itae / truth.itae for x, truth in pairs if not truth.lost]
-        lost = wilson(sum(x.lost for x in own), len(own))
+        ratio = [x.itae / truth.itae for x, truth in pairs if not truth.failed]
+        lost = wilson(sum(x.failed for x in own), len(own))
         shares = [100.0 * np.mean([getattr(x, key) for x in own]) for key in ("swinging", "chatter")]
         print(
             f"| {stage} | {100 * lost.value:.0f} ({100 * lost.lower:.0f} to {100 * lost.upper:.0f}) "
@@ -155,7 +155,7 @@ def main() -> None:
         every = (draw for draw in health.draws(reality, name, _MOST * given.count) if feasible(draw))
         for draw in islice(every, given.count):
             paths.append(follow(draw, name, given.stiff))
-            said = {stage: "lost" if x.lost else f"{x.itae:.3g}" for stage, x in paths[-1].outcomes.items()}
+            said = {stage: "lost" if x.failed else f"{x.itae:.3g}" for stage, x in paths[-1].outcomes.items()}
             print(name, draw.index, paths[-1].lengths, said, flush=True)
     show(paths)
 

@@ -90,7 +90,7 @@ def main() -> int:
         "--friction", type=float, default=0.0, help="Coulomb friction as a share of the effort"
     )
     parser.add_argument("--within", type=float, help="it is fed forward, and known within this share")
-    parser.add_argument("--laws", nargs="+", default=["none", "model", "untuned"])
+    parser.add_argument("--laws", nargs="+", default=["none", "model", "gpi_auto"])
     parser.add_argument("--moments", type=int, default=3, help="of the move at which the worst is looked for")
     given = parser.parse_args()
     print(
@@ -116,8 +116,8 @@ def row(name: str, rotors: float, law: str, given: Any) -> None:
         arms = [
             robot.with_friction(0.0, x * robot.friction.coulomb) for x in (1 - given.within, 1 + given.within)
         ]
-    if law == "untuned":
-        controller = armgpi.GPI.untuned(robot, 1e-3, bits=16, drives="believed", **options)
+    if law == "gpi_auto":
+        controller = armgpi.GPI.auto(robot, 1e-3, bits=16, drives="stiff", **options)
     else:
         controller = armgpi.GPI(robot, 1e-3, gains=FixedGains(30.0), feedforward=law, **options)
     start = robot.middle()
@@ -130,7 +130,7 @@ def row(name: str, rotors: float, law: str, given: Any) -> None:
         reference,
         end + 0.5,
         torque=given.torque + given.share * robot.limits.effort,
-        arms=None if law == "untuned" and not given.friction else arms,
+        arms=None if law == "gpi_auto" and not given.friction else arms,
         friction=bool(given.friction),
         bits=16,
     )
@@ -145,7 +145,7 @@ def row(name: str, rotors: float, law: str, given: Any) -> None:
     print(
         f"{head} {1e3 * made.error.min():.2g} to {1e3 * made.error.max():.2g} | {1e3 * made.tool:.2g} | "
         f"{1e3 * worst.min():.2g} to {1e3 * worst.max():.2g} | {ratio.min():.2f} to {ratio.max():.2f} | "
-        f"{made.bears:.2g} | {made.bears_force:.2g} | {took:.1f} |",
+        f"{made.tolerated_torque:.2g} | {made.tolerated_force:.2g} | {took:.1f} |",
         flush=True,
     )
 

@@ -3,9 +3,9 @@
 Usage:
     python tools/reality.py --count 1500 --arms fit
     python tools/reality.py --count 200 --arms held-out --laws gpi adrc '{type: gpi, rolloff: 1}'
-    python tools/reality.py --arms ur5 panda z1 --count 240 --laws untuned --only --reality elastic
+    python tools/reality.py --arms ur5 panda z1 --count 240 --laws gpi_auto --only --reality elastic
     python tools/reality.py --arms ur5 panda --laws gpi --reality bare --seed 1 --out found.json
-    python tools/reality.py --arms ur5 --laws untuned --only --reality undriven --change '{rotor_common: 5}'
+    python tools/reality.py --arms ur5 --laws gpi_auto --only --reality undriven --change '{rotor_common: 5}'
 
 The first row is the law of version 0.1, `gpi` with its defaults. Intervals are Wilson's, of
 95 %. Draws of one arm are alike, and so are those that share a sample time: for a new arm the intervals are
@@ -32,7 +32,7 @@ from armgpi.escape import markdown_table
 from armgpi.health import reality as health
 from armgpi.health.zoo import fingers
 from armgpi.parameter import parameters
-from armgpi.plants.reality import Draw
+from armgpi.plants.reality import Scenario
 from armgpi.robot import robots
 
 KINDS = parameters(Reality)["name"].choices
@@ -134,7 +134,7 @@ class Warned(NamedTuple):
     controller: bool
 
 
-def said_of(draw: Draw, law: Mapping[str, Any]) -> Warned:
+def said_of(draw: Scenario, law: Mapping[str, Any]) -> Warned:
     """Return what is said of a draw before it is run.
 
     Args:
@@ -163,11 +163,11 @@ def warned(drawn: Reality, found: Sequence[health.Outcome], law: Mapping[str, An
     for kind, text in kinds.items():
         one = [getattr(each, kind) if kind else any(each) for each in said]
         shares = (
-            [warning for warning, each in zip(one, found, strict=True) if each.lost is lost]
+            [warning for warning, each in zip(one, found, strict=True) if each.failed is lost]
             for lost in (True, False)
         )
         lines.append((text, *(health.share(each) for each in shares)))
-    return markdown_table((f"{label}: warned of", "lost [%]", "holding [%]"), lines)
+    return markdown_table((f"{label}: warned of", "failed [%]", "holding [%]"), lines)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -178,7 +178,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--laws", nargs="+", default=[], help="controllers beside gpi: types, or sections")
     parser.add_argument("--only", action="store_true", help="those laws alone, without gpi")
     parser.add_argument("--reality", default="geared", choices=KINDS)
-    parser.add_argument("--drives", nargs="+", default=[None], choices=("believed", "soft"))
+    parser.add_argument("--drives", nargs="+", default=[None], choices=("stiff", "elastic"))
     parser.add_argument("--change", type=yaml.safe_load, default={}, help="parameters of the reality")
     parser.add_argument("--block", type=int, help="draws in a row that share sample time and delay")
     parser.add_argument("--seed", type=int, default=0)

@@ -29,7 +29,7 @@ from armgpi.arrays import Array
 from armgpi.errors import ArmgpiError
 from armgpi.gpi import payload, untuned
 from armgpi.health import reality as health
-from armgpi.plants.reality import Draw
+from armgpi.plants.reality import Scenario
 from armgpi.studies.evaluation import Evaluated
 from armgpi.studies.objective import Judged
 from armgpi.studies.optimise import KEPT, Problem, Search
@@ -42,7 +42,7 @@ from reality import arms as arms_of
 #: The halves of the arms.
 PARTS = ("fit", "held-out")
 #: What a share of draws costs, in natural logarithms of the ITAE.
-WEIGHTS = {"lost": 10.0, "hunting": 2.0, "swinging": 1.0, "chatter": 2.0}
+WEIGHTS = {"failed": 10.0, "hunting": 2.0, "swinging": 1.0, "chatter": 2.0}
 #: The ITAE of a rollout that diverged [rad s^2].
 _DIVERGED = 10.0
 
@@ -75,7 +75,7 @@ class Rule(Space):
         today = {
             name: getattr(each.modules[0], name) if each.modules else 1.0 for name, each in CONSTANTS.items()
         }
-        self.section = {"type": "untuned"}
+        self.section = {"type": "gpi_auto"}
         self.dimensions = [
             Dimension(name, "", None, None, each.low, each.high, True, today[name])
             for name, each in CONSTANTS.items()
@@ -92,7 +92,7 @@ def rule(numbers: Mapping[str, float]) -> Iterator[dict[str, Any]]:
         setattr(module, name, numbers[name])
     try:
         rest = {name: value for name, value in numbers.items() if not CONSTANTS[name].modules}
-        yield {"type": "untuned", **rest}
+        yield {"type": "gpi_auto", **rest}
     finally:
         for (module, name), value in zip(inside, before, strict=True):
             setattr(module, name, value)
@@ -103,7 +103,7 @@ class Arms:
 
     def __init__(self, names: Sequence[str], reality: Reality, every: int) -> None:
         """Draw so many of every arm that has motors."""
-        self.by_arm: dict[str, list[Draw]] = {}
+        self.by_arm: dict[str, list[Scenario]] = {}
         for name in names:
             try:
                 drawn = health.draws(reality, name, every)
@@ -179,7 +179,9 @@ def judged(numbers: Mapping[str, float], part: str, reality: Reality, every: int
     """Return, as Markdown, what the rule is with today's numbers and with others on the same draws."""
     arms = Arms(arms_of(part), reality, every)
     found = {f"{part}, today": arms.outcomes({}), f"{part}, fitted": arms.outcomes(numbers)}
-    pairs = [(a, b) for a, b in zip(*found.values(), strict=True) if a.feasible and not (a.lost or b.lost)]
+    pairs = [
+        (a, b) for a, b in zip(*found.values(), strict=True) if a.feasible and not (a.failed or b.failed)
+    ]
     found |= {f"{label}, feasible": [x for x in rows if x.feasible] for label, rows in found.items()}
     logs = np.array([[math.log(b.itae / a.itae), math.log(b.peak / a.peak)] for a, b in pairs])
     mean, error = np.exp(logs.mean(axis=0)), 1.96 * logs.std(axis=0) / math.sqrt(len(logs))

@@ -32,8 +32,8 @@ def described(
     expected = EXPECTED[target]
     carried = "robot" if "gravity" in expected.adds else gravity or "arm"
     return {
-        "robot": {"name": arm, "lock": ARMS[target][arm], "gravity": carried, "drives": "soft"},
-        "controllers": [{"type": "untuned"}],
+        "robot": {"name": arm, "lock": ARMS[target][arm], "gravity": carried, "drives": "elastic"},
+        "controllers": [{"type": "gpi_auto"}],
         "plant": {"engine": "armgpi", "encoder_bits": bits, "delay": expected.delays[0]},
         "sample_time": expected.dt or dt,
         "supervisor": {} if expected.rate is None else {"torque_rate": expected.rate},

@@ -27,7 +27,7 @@ from armgpi.escape import markdown_table
 from armgpi.health import reality as health
 from armgpi.health.zoo import BITS, DELAY, DT, fingers
 from armgpi.loop import metrics
-from armgpi.plants.reality import Draw, Reality
+from armgpi.plants.reality import Reality, Scenario
 from armgpi.robot import robots
 from armgpi.robot.robot import Robot
 from armgpi.studies.evaluation import Evaluator
@@ -37,7 +37,7 @@ from armgpi.studies.space import Range, Space
 from armgpi.studies.study import BadPart, Identity, NoRoom, Study, part_name, rows
 
 #: The rule, and by which factor bandwidths may leave its own: searches of a hundred candidates begin nearby.
-RULE = {"type": "untuned"}
+RULE = {"type": "gpi_auto"}
 _FACTOR = 2.0
 #: What it wants: beyond the band of an arm at rest a milliradian costs as much as e times the ITAE.
 WANTED = f"log(itae) + 1000*max(hunting_amplitude, {health.HUNTING})"
@@ -52,14 +52,14 @@ class Judged(NamedTuple):
     """What came out of held-out draws.
 
     Attributes:
-        lost: share that was lost [-].
+        failed: share that failed [-].
         hunting: share that moves at rest [-].
         peak: median of the largest error [rad or m]; infinite where most diverge.
         itae: median of the sum of the joints' ITAE [rad s^2 or m s^2], likewise.
         variation: median torque variation [N m or N], likewise.
     """
 
-    lost: float
+    failed: float
     hunting: float
     peak: float
     itae: float
@@ -68,7 +68,7 @@ class Judged(NamedTuple):
     @classmethod
     def of(cls, found: Sequence[health.Outcome]) -> Judged:
         """Return what came out of draws."""
-        shares = (float(np.mean([getattr(x, name) for x in found])) for name in ("lost", "hunting"))
+        shares = (float(np.mean([getattr(x, name) for x in found])) for name in ("failed", "hunting"))
         costs = ("peak", "itae", "variation")
         return cls(*shares, *(float(np.median([getattr(x, name) for x in found])) for name in costs))
 
@@ -144,13 +144,13 @@ def run(name: str, evaluations: int, held_out: int, seed: int = 0) -> Row:
     return Row(name, robot.n, judge(RULE), tuned, values)
 
 
-def _feasible(reality: Reality, robot: Robot, first: int, number: int) -> list[Draw]:
+def _feasible(reality: Reality, robot: Robot, first: int, number: int) -> list[Scenario]:
     """Return the first draws that motors can follow.
 
     Raises:
         RolloutError: when there are too few.
     """
-    found: list[Draw] = []
+    found: list[Scenario] = []
     for tried in range(_TRIES * number):
         draw = reality.draw(robot, first + tried)
         if health.demand(draw) <= 1.0:
@@ -162,7 +162,7 @@ def _feasible(reality: Reality, robot: Robot, first: int, number: int) -> list[D
 
 def markdown(rows: Sequence[Row]) -> str:
     """Return rows as a Markdown table, and geometric means of what tuning changes."""
-    said = ("ITAE", "peak", "torque variation", "hunting [%]", "lost [%]")
+    said = ("ITAE", "peak", "torque variation", "hunting [%]", "failed [%]")
     head = ("robot", "n", *(f"{name}, rule → tuned" for name in said), "ITAE tuned / rule")
     lines = [(row.arm, str(row.n), *_cells(row.rule, row.tuned), _ratio(row, "itae")) for row in rows]
     both = [row for row in rows if row.tuned is not None]
@@ -176,7 +176,7 @@ def markdown(rows: Sequence[Row]) -> str:
     shares = (
         f"{name} {100.0 * np.mean([getattr(x, name) for x in side]):.1f} %"
         for side in ([row.rule for row in both], [row.tuned for row in both])
-        for name in ("hunting", "lost")
+        for name in ("hunting", "failed")
     )
     return (
         f"{table}\nTuned over rule, geometric mean of {len(both)} arms: {', '.join(means)}. "
@@ -203,7 +203,7 @@ def _cells(rule: Judged, tuned: Judged | None) -> list[str]:
 def _column_values(judged: Judged) -> list[str]:
     """Return the values of a column each."""
     sizes = [metrics.short(x, 3) for x in (judged.itae, judged.peak, judged.variation)]
-    return [*sizes, *(f"{100.0 * x:.0f}" for x in (judged.hunting, judged.lost))]
+    return [*sizes, *(f"{100.0 * x:.0f}" for x in (judged.hunting, judged.failed))]
 
 
 def main(arguments: list[str] | None = None) -> int:

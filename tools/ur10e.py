@@ -8,7 +8,7 @@ here: clone it yourself, and name the folder.
 
 Currents become torques by the drive gains that are named there (De Luca). Rows without motion are cut.
 
-``--control MOVES`` runs random moves under `untuned` laws on the arm that the whole log gives: laws for the
+``--control MOVES`` runs random moves under `gpi_auto` laws on the arm that the whole log gives: laws for the
 file without rotors, for the rotors of the rule, for the first 20 s, and for that arm itself.
 """
 
@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 import armgpi
-from armgpi.health.reality import is_lost, torques_of
+from armgpi.health.reality import has_failed, torques_of
 from armgpi.identification.arm import Identified, identify
 from armgpi.identification.logs import Log
 
@@ -76,13 +76,13 @@ def control(file: armgpi.Robot, part: armgpi.Robot, truth: armgpi.Robot, moves: 
     plant = armgpi.RigidBodyPlant(armgpi.RobotBatch([truth] * len(paths)), friction="urdf")
     real = armgpi.Delayed(armgpi.Encoder(armgpi.Saturated(plant, file.limits.effort), 16), 1)
     itae, lost = {}, {}
-    laws = {"file": (file, "rigid"), "rule": (file, drives), "20 s": (part, drives), "50 s": (truth, drives)}
+    laws = {"file": (file, "none"), "rule": (file, drives), "20 s": (part, drives), "50 s": (truth, drives)}
     for label, (model, believed) in laws.items():
-        law = armgpi.GPI.untuned(model, DT, delay=DT, bits=16, drives=believed)
+        law = armgpi.GPI.auto(model, DT, delay=DT, bits=16, drives=believed)
         run = armgpi.simulate(real, law, armgpi.ReferenceBatch(paths), seconds, progress=False)
         error = np.abs(run["q"].values - run["q_ref"].values)
         error[~np.isfinite(error)] = np.inf
-        lost[label] = sum(is_lost(each, run["time"].values) for each in error)
+        lost[label] = sum(has_failed(each, run["time"].values) for each in error)
         itae[label] = (error * run["time"].values[:, None]).sum(axis=(1, 2))
     print(f"{len(paths)} moves: lost, ITAE over that of the law for the whole log's arm (median)")
     for label, each in itae.items():
@@ -107,7 +107,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="the clone")
     parser.add_argument("--seconds", type=float, nargs="+", default=[5.0, 10.0, 20.0, 30.0, 50.0])
     parser.add_argument("--control", type=int, default=0, metavar="MOVES", help="random moves that are run")
-    parser.add_argument("--drives", default="believed", help="what laws believe: stiff gears, or 'soft'")
+    parser.add_argument("--drives", default="stiff", help="what laws believe: stiff gears, or 'elastic'")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     robot = armgpi.Robot.load(find(given.folder, "ur10e.urdf"))

@@ -24,6 +24,7 @@ from armgpi.gpi.gains import FixedGains
 from armgpi.gpi.law import GPI
 from armgpi.loop.units import POSITION, TORQUE
 from armgpi.references.reference import Reference, Target
+from armgpi.renamed import warn_renamed
 from armgpi.robot.batch import RobotBatch
 from armgpi.robot.robot import Robot
 
@@ -189,8 +190,8 @@ class PathBound(NamedTuple):
         tool: bound on the tool's distance from where it should be [m].
         torque: bound on each joint's torque [N m or N], (n,).
         parts: what makes the error -> its share for each joint, (n,).
-        bears: torque on all joints at once that could act as well [N m or N].
-        bears_force: force at the tool that could act instead [N].
+        tolerated_torque: torque on all joints at once that could act as well [N m or N].
+        tolerated_force: force at the tool that could act instead [N].
         reasons: why there is no tube, a sentence each; empty where there is one.
         tried: other arms that are possible, all within it.
     """
@@ -200,8 +201,8 @@ class PathBound(NamedTuple):
     tool: float
     torque: Array
     parts: dict[str, Array]
-    bears: float
-    bears_force: float
+    tolerated_torque: float
+    tolerated_force: float
     reasons: tuple[str, ...] = ()
     tried: int = 0
 
@@ -210,11 +211,23 @@ class PathBound(NamedTuple):
         """Whether there is a tube."""
         return not self.reasons
 
+    @property
+    def bears(self) -> float:
+        """Return `tolerated_torque`; its old name."""
+        warn_renamed("bears", "tolerated_torque")
+        return self.tolerated_torque
+
+    @property
+    def bears_force(self) -> float:
+        """Return `tolerated_force`; its old name."""
+        warn_renamed("bears_force", "tolerated_force")
+        return self.tolerated_force
+
     def weaker_than_friction(self) -> list[str]:
         """Return the joints whose Coulomb friction is not stated, and more than what it bears."""
         arms, names = self.wish.arms, self.wish.controller.robot.joint_names
         coulomb = np.max([np.broadcast_to(arm.friction.coulomb, (arm.n,)) for arm in arms], axis=0)
-        over = (not self.wish.friction) & (coulomb > self.wish.torque + self.bears)
+        over = (not self.wish.friction) & (coulomb > self.wish.torque + self.tolerated_torque)
         return [name for name, is_over in zip(names, over, strict=True) if is_over]
 
     def plain(self) -> dict[str, Any]:
@@ -225,8 +238,8 @@ class PathBound(NamedTuple):
             "holds": self.holds,
             "numbers": "searched",
             "tool": self.tool,
-            "bears": self.bears,
-            "bears_force": self.bears_force,
+            "tolerated_torque": self.tolerated_torque,
+            "tolerated_force": self.tolerated_force,
             **{key: dict(zip(names, x.tolist(), strict=True)) for key, x in each.items()},
             "parts": {what: dict(zip(names, x.tolist(), strict=True)) for what, x in self.parts.items()},
             "reasons": list(self.reasons),
@@ -678,8 +691,8 @@ class _Tube:
             tool=float(np.linalg.norm(known.jacobian @ own)),
             torque=self.torques(found, 0.0, wish.force),
             parts=parts,
-            bears=max((_most(lambda x, at=at: not at.reasons(x)) for at in tubes), default=0.0),
-            bears_force=max(
+            tolerated_torque=max((_most(lambda x, at=at: not at.reasons(x)) for at in tubes), default=0.0),
+            tolerated_force=max(
                 (_most(lambda x, at=at: not at.reasons(0.0, wish.force + x)) for at in tubes), default=0.0
             ),
         )
@@ -715,8 +728,8 @@ def describe(found: PathBound) -> list[str]:
     lines = [
         f"the tool stays within {1e3 * found.tool:.3g} mm of its path, for searched numbers of a rigid arm: "
         "the largest found, and 3 % more",
-        f"  besides what is stated it bears {found.bears:.2g} N m or N of any course on all joints at once, "
-        f"or {found.bears_force:.2g} N at the tool",
+        f"  it also tolerates {found.tolerated_torque:.2g} N m or N, arbitrary in time, on all joints at "
+        f"once, or {found.tolerated_force:.2g} N at the tool",
     ]
     if found.tried:
         lines.append(

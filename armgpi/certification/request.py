@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from armgpi import renamed
 from armgpi.arrays import Array, check_choice, check_whole, not_negative, positive, quantity
 from armgpi.certification.box import Box, box_of
 from armgpi.certification.quantities import PER_JOINT, Numbers, Setting
@@ -17,6 +18,7 @@ from armgpi.gpi.family import Member
 from armgpi.gpi.gains import FixedGains
 from armgpi.gpi.law import GPI
 from armgpi.gpi.network import BSplineNetwork
+from armgpi.renamed import current_name
 from armgpi.robot.robot import Robot
 
 #: Nothing disturbs.
@@ -92,7 +94,8 @@ def ask(
     check_choice(start, "start", STARTS)
     if bits is not None:
         check_whole(bits, "bits", 1, 32)
-    check_choice(controller, "controller", ("gpi", "untuned"))
+    controller = current_name(controller, renamed.CONTROLLERS)
+    check_choice(controller, "controller", ("gpi", "gpi_auto"))
     if controller == "gpi":
         law, rule = GPI(robot, dt, delay=delay * dt, payload=payload, **options), None
     else:
@@ -145,7 +148,7 @@ def _untuned_law(
         warnings.catch_warnings()
     ):  # the certificate is of the arm as given, without rotors that are believed
         warnings.filterwarnings("ignore", message=".*told to have no rotor")
-        law = GPI.untuned(robot, dt, delay=delay, bits=bits, drives="rigid", **given)
+        law = GPI.auto(robot, dt, delay=delay, bits=bits, drives="none", **given)
     if law.payload is not None and law.payload.lightest > 0.0:
         expected = "a lightest load of 0: the feedforward of the untuned law knows of no load"
         raise ParameterError("payload", payload, expected)

@@ -11,7 +11,7 @@ from armgpi.cli import options as opt
 from armgpi.cli.certify import (
     joint_numbers,
     load_ends,
-    note_believed,
+    note_assumed,
     note_gears,
     possible_arms,
 )
@@ -32,7 +32,7 @@ ROWS = {
     "start NAME": "wrong-load: the first torque is that of the controller's model; held: the loop held the "
     "arm.",
     "tool_speed NUMBER": "How far the supervisor's stop takes from this tool speed [m/s].",
-    "controller --controller --controllers NAME": "gpi or untuned. Default: the file's, else gpi, or untuned "
+    "controller --controller --controllers NAME": "gpi or gpi_auto. Default: the file's, else gpi; gpi_auto "
     "with an encoder or delay.",
     "out --out -o FILE": "Write the bound (JSON).",
 }
@@ -71,7 +71,7 @@ def bound(
     if friction_within is not None and not 0.0 <= friction_within <= 1.0:
         raise refusal("--friction-within", f"expected a share from 0 to 1, got {friction_within:g}")
     experiment = _experiment(robot, opt.drives_given(rotor_inertia, drives), controller)
-    note_believed(experiment.robot)
+    note_assumed(experiment.robot)
     law: Any = next(iter(experiment.controllers.values()))
     settings, loads = experiment.config.plant, load_ends(payload)
     drawn = possible_arms(identified, experiment.robot)
@@ -132,7 +132,7 @@ def _experiment(name: str, drives: dict[str, Any], controller: str | None) -> An
     law, plant = next(iter(experiment.controllers.values())), experiment.plant
     if not isinstance(law, GPI):
         raise origin.error(
-            ("controllers", 0, "type"), f"a bound is for gpi or untuned, got {type(law).__name__}"
+            ("controllers", 0, "type"), f"a bound is for gpi or gpi_auto, got {type(law).__name__}"
         )
     for name in ("torque_rate", "torque_cap"):
         if getattr(experiment.supervisor, name, None) is not None:
@@ -182,8 +182,8 @@ def _gears(found: Any) -> list[str]:
 
     law = found.wish.controller
     if not found.holds:
-        slow = "the law is slow, for gears that twist; --drives believed: that for stiff gears"
-        return [slow] if geared.is_believed(law.bias_robot) else []
-    arm = rotors.believe_drives(found.wish.arms[0], "soft")
-    line, source = sag(arm), "believed" if geared.is_believed(arm) else "told"
+        slow = "the law is slow, for gears that twist; --drives stiff: that for stiff gears"
+        return [slow] if geared.is_assumed(law.bias_robot) else []
+    arm = rotors.assume_drives(found.wish.arms[0], "elastic")
+    line, source = sag(arm), "assumed" if geared.is_assumed(arm) else "specified"
     return [note_gears(law, found.wish.delay), line and f"beside it, {line} (stiffness {source})"]

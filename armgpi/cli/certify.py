@@ -9,12 +9,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from armgpi import renamed
 from armgpi.cli import options as opt
 from armgpi.cli.derive import write
 from armgpi.cli.parsing import FAILED, OK, is_experiment, per_joint, refusal, stoppable
 from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import progress, say
 from armgpi.escape import json_data
+from armgpi.renamed import current_name
 
 if TYPE_CHECKING:
     from armgpi.certification.certificate import Certificate
@@ -43,7 +45,7 @@ ROWS = {
     "jump": "The load may jump from one end of its range to the other.",
     "start NAME": "How a run starts: wrong-load, with the torque of another load of the range, as GPI does; "
     "held, as the loop has held the arm so far; or exact, with the torque that holds its load.",
-    "controller --controller --controllers NAME": "gpi by default; or untuned, what the rule for untuned "
+    "controller --controller --controllers NAME": "gpi by default; or gpi_auto, what the rule for untuned "
     "arms makes, with one omega.",
     "prove": "Prove the numbers of the arm, as far as --budget does.",
     "budget SECONDS": "Processor time for the proof of each number of the arm.",
@@ -103,7 +105,7 @@ def certify(
     arm = load_arm(robot, how)
     dt, delay, controller = _loop_of(robot, dt, delay, controller)
     _refute_file(refute, arm)
-    note_believed(arm)
+    note_assumed(arm)
     texts = {"speed": speed, "acceleration": acceleration, "torque": torque, "radius": radius}
     vectors = {key: joint_numbers(arm, text, f"--{key}") for key, text in texts.items() if text is not None}
     law = {"integrators": integrators, "rolloff": rolloff, "rolloff_ratio": rolloff_ratio, "delay": delay}
@@ -133,7 +135,7 @@ def possible_arms(file: Path | None, arm: Any) -> dict[str, list[Any]]:
     return {"arms": drawn[:_DRAWN], "others": drawn[_DRAWN:]}
 
 
-def note_believed(arm: Any) -> None:
+def note_assumed(arm: Any) -> None:
     """Refuse an arm with believed rotors, and say of a file without them what a certificate is worth."""
     import math
 
@@ -141,7 +143,7 @@ def note_believed(arm: Any) -> None:
     from armgpi.robot import rotors
 
     ratio = math.sqrt(certified_sector().upper)
-    if rotors.believed_joints(arm):
+    if rotors.assumed_joints(arm):
         say(
             f"no certificate: rotors are believed within a factor of {rotors.SCATTER:g}, and a certificate "
             f"takes D as exact; within a factor of {ratio:.2g}, without load, there could be one: "
@@ -254,26 +256,26 @@ def _loop_of(
 
         said, origin = config.read(Path(robot))
         law = said.controllers[0].type
-        if controller is None and law not in ("gpi", "untuned"):
+        if controller is None and law not in ("gpi", "gpi_auto"):
             raise origin.error(
-                ("controllers", 0, "type"), f"a certificate is for gpi or untuned, got {law!r}"
+                ("controllers", 0, "type"), f"a certificate is for gpi or gpi_auto, got {law!r}"
             )
         usual = (said.sample_time, getattr(said.plant, "delay", None) or 0, law)
     return (
         usual[0] if dt is None else dt,
         usual[1] if delay is None else delay,
-        usual[2] if controller is None else controller,
+        usual[2] if controller is None else current_name(controller, renamed.CONTROLLERS),
     )
 
 
 def _chosen_parts(law: dict[str, Any]) -> dict[str, Any]:
     """Return the parts of the law; of an untuned one the rule chooses them."""
     usual = {"integrators": 2, "rolloff": 0, "rolloff_ratio": 4.0, "feedforward": "none"}
-    if law["controller"] != "untuned":
+    if law["controller"] != "gpi_auto":
         return law
     for name, value in usual.items():
         if law[name] != value:
-            raise refusal(f"--{name.replace('_', '-')}", "is chosen by the rule of --controller untuned")
+            raise refusal(f"--{name.replace('_', '-')}", "is chosen by the rule of --controller gpi_auto")
     return {name: value for name, value in law.items() if name not in usual}
 
 

@@ -35,7 +35,7 @@ ROWS = {
     "target NAME": "What is added to the C: bare (default) nothing, fci callbacks for libfranka, ur a loop "
     "for RTDE, ros2_control a plugin. The robots of fci and ur add gravity and have their own sample time: "
     "--gravity is robot for them, and --dt 0.001 for fci, 0.002 for ur.",
-    "direct_drive": "Motors without gears: no rotors are believed (--drives rigid); for bare and "
+    "direct_drive": "Motors without gears: no rotors are believed (--drives none); for bare and "
     "ros2_control.",
 }
 #: Configurations of a motion in which an arm's links may touch.
@@ -82,7 +82,7 @@ def export(
     own |= {"torque_rate": torque_rate, "prefix": name, "controllers": controller, "target": target}
     if direct_drive and options["drives"] is not None:
         raise refusal("--direct-drive", "is mutually exclusive with --drives")
-    options["drives"] = Path("rigid") if direct_drive else options["drives"]
+    options["drives"] = Path("none") if direct_drive else options["drives"]
     sys.exit(_export({**own, "declared": values_of(context), **options, "supervised": True}))
 
 
@@ -143,7 +143,7 @@ def _check_arm(experiment: Experiment, target: str) -> None:
     from armgpi.hardware.export.interfaces import COMPENSATING
     from armgpi.hardware.export.targets import GEARED
 
-    if target in COMPENSATING and experiment.config.robot.drives == "rigid":
+    if target in COMPENSATING and experiment.config.robot.drives == "none":
         raise refusal("--target", f"{target} is {GEARED}")
     if target == "ur" and experiment.robot.name in _CB3:
         said = (
@@ -207,8 +207,8 @@ def _target(options: dict[str, Any]) -> str:
             usual = [(each, interface.delays[0]) for each in declared() if each.flag == "--delay"]
             options["declared"] = [*usual, *options["declared"]]
             if options["controllers"] is None:
-                options["controllers"] = "untuned"
-                text = f"the law is what the rule chooses for a robot of {target}: --controller untuned"
+                options["controllers"] = "gpi_auto"
+                text = f"the law is what the rule chooses for a robot of {target}: --controller gpi_auto"
                 say(f"note: {text}", err=True)
         if options["torque_rate"] is None and interface.rate is not None:
             options["torque_rate"] = f"{interface.rate * _JUST_BELOW:.10g}"

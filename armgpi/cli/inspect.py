@@ -174,7 +174,7 @@ def _mass(kg: float) -> str:
 
 def _untuned_lines(facts: Mapping[str, Any]) -> list[str]:
     """Return what GPI takes for the arm when nobody tunes it."""
-    if (law := facts["untuned"]) is None:
+    if (law := facts["gpi_auto"]) is None:
         return []
     name = [joint["name"] for joint in facts["joints"]]
     slowest, fastest = min(law["omega_c"]), max(law["omega_c"])
@@ -182,12 +182,12 @@ def _untuned_lines(facts: Mapping[str, Any]) -> list[str]:
     j = shares.index(max(shares))
     phase, delay, (low, high) = law["phase_margin"], law["delay_margin"], law["delta"]
     return [
-        f"untuned: {law['integrators']} integrator, roll-off {law['rolloff']}, nominal load "
+        f"gpi_auto: {law['integrators']} integrator, roll-off {law['rolloff']}, nominal load "
         f"{law['nominal_load']:.2g} kg, omega_c = {slowest:.3g} to {fastest:.3g} rad/s; phase margin "
         f"{math.degrees(phase):.3g} deg, stable for delta {low:.2g} to {high:.2g}, delay margin "
         f"{1e3 * delay:.3g} ms; one count moves the torque of {printable(name[j])} by "
         f"{law['count_torque'][j]:.2g}, {100 * shares[j]:.2g} % of its effort",
-        f"untuned: {law['verdict']}",
+        f"gpi_auto: {law['verdict']}",
     ]
 
 

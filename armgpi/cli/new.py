@@ -165,7 +165,7 @@ def _file(
         f"  delay: {late}  # samples by which measurements are late{late_note}",
         f"  payload: {{mass: {load:.3g}, frame: {_text(arm.tip)}}}  # kg{load_note}",
         "controllers:",
-        "  - type: untuned  # the rule for arms that nobody tuned; the others: armgpi run --help",
+        "  - type: gpi_auto  # the rule for arms that nobody tuned; the others: armgpi run --help",
         "  - type: pid  # armgpi compare puts it beside the first, which the other commands take",
         f"sample_time: {step:g}  # s{step_note}",
         "vary:  # what armgpi sweep draws",

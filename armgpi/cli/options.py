@@ -24,8 +24,8 @@ ROWS = {
     "rotor_inertia NUMBERS": "Rotor inertia seen at the joints, gear ratio squared times rotor [kg m² or "
     "kg]: 'j1=0.1,j2=0.05', or one number for all; may be repeated.",
     "drives FILE": "YAML or JSON: joint -> rotor_inertia, viscous, coulomb, stiffness and others, where "
-    "known. Or what is believed where nothing tells: 'soft', rotors and gears that twist, the default of "
-    "type untuned; 'believed', rotors of stiff gears; 'rigid', no rotors.",
+    "known. Or what is assumed of drives without data: 'elastic' (rotors and elastic joints, the default of "
+    "type gpi_auto), 'stiff' (rotors and stiff joints) or 'none' (no rotors).",
     "identified FILE": "identification.json: the arm is one of those that it leaves possible, with 95 % "
     "confidence.",
     "report FILE": "Write what is found as one HTML file for any browser.",
@@ -42,9 +42,9 @@ ROWS = {
     "effort NUMBERS": "Torque limits [N m or N]: 'j1=10,j2=5', or one number for all; may be repeated.",
     "accept_code": "Go on with what other code has begun; it is marked.",
     "controller --controller --controllers NAME": "{controllers}; or a label of the file. Default: gpi, or "
-    "untuned with an encoder or delay.",
+    "gpi_auto with an encoder or delay.",
     "controllers --controllers --controller NAMES": "Which ones of {controllers}: 'gpi,pid' by default, "
-    "'untuned,pid' with an encoder or delay; or labels of the experiment file.",
+    "'gpi_auto,pid' with an encoder or delay; or labels of the experiment file.",
     "delay SAMPLES": "Samples by which measurements are late.",
     "out --out -o FOLDER": "Where to put rollout.nc, experiment.yaml and metrics.json.",
     "force": "Write to --out even where it holds another experiment.",
@@ -107,13 +107,15 @@ def robot_given(how: Mapping[str, Any]) -> dict[str, Any]:
 
 def drives_given(rotor_inertia: list[str] | None, path: Path | None) -> dict[str, Any]:
     """Return what --drives and --rotor-inertia give, as keys of the section `robot`; the latter wins."""
+    from armgpi import renamed
     from armgpi.cli.parsing import per_joint, refusal
 
     found: dict[str, Any] = {}
-    if str(path) in ("believed", "soft", "rigid"):
-        found["drives"] = str(path)
+    word = None if path is None else renamed.current_name(str(path), renamed.DRIVES)
+    if word in ("elastic", "stiff", "none"):
+        found["drives"] = word
     elif path is not None and not path.exists():
-        raise refusal("--drives", f"expected 'believed', 'soft', 'rigid' or a file, got {str(path)!r}")
+        raise refusal("--drives", f"expected 'elastic', 'stiff', 'none' or a file, got {str(path)!r}")
     elif path is not None:
         from armgpi.robot.drives import Drives
 

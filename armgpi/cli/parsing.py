@@ -87,7 +87,7 @@ _CALLS: tuple[tuple[str, Any], ...] = (
     (r"keep=\[\.\.\.\]", "--keep NAME"),
     (r"(mimic|repair)='([^']*)'", r"--\1 \2"),
     (r"robot\.with_gravity\(\(0, 0, 0\)\)", "--gravity robot"),
-    (r"make both of armgpi\.believe_drives\(robot\)", "--drives soft"),
+    (r"make both of armgpi\.assume_drives\(robot\)", "--drives elastic"),
     (
         r"robot\.with_limits\(effort=\{([^}]*)\}\)",
         lambda call: "--effort " + call[1].replace("'", "").replace(": ", "=").replace(", ", ","),

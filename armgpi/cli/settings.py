@@ -7,12 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from armgpi import config as configuration
+from armgpi import renamed
 from armgpi.cli.declared import Option, whole
 from armgpi.cli.options import robot_given
 from armgpi.cli.parsing import is_experiment, per_joint, refusal
 from armgpi.config import Loaded, Origin, keys
 from armgpi.errors import ConfigError
 from armgpi.paper import scenarios
+from armgpi.renamed import current_name
 from armgpi.robot import robots
 from armgpi.robot.repairs import SUPPOSE
 
@@ -192,9 +194,9 @@ def _standard(data: dict[str, Any], compare: bool) -> list[dict[str, Any]]:
     Then the arm has its friction, too, if nothing else was said.
     """
     found = robots.find_identified(data["robot"]["name"]) if compare else None
-    if found is not None and not any(name.startswith(SUPPOSE) for name in found.repair):
+    if found is not None and not any(name.startswith((SUPPOSE, *renamed.REPAIRS)) for name in found.repair):
         data["plant"] = {"friction": "urdf", **(data.get("plant") or {})}
-        law = {"type": "untuned"}
+        law = {"type": "gpi_auto"}
         return [{**law, "label": "file", "nominal": str(found.before)}, {**law, "label": "identified"}]
     return [{"type": configuration.standard_law(data)}, {"type": "pid"}]
 
@@ -223,7 +225,10 @@ def _choose_controllers(
     for name in names:
         # By label, by type, and as a new one, in this order.
         numbers = [i for i, section in enumerate(listed) if section.get("label") == name]
-        numbers = numbers or [i for i, section in enumerate(listed) if section["type"] == name]
+        if not numbers:
+            name = current_name(name, renamed.CONTROLLERS)
+            types = [renamed.CONTROLLERS.get(section["type"], section["type"]) for section in listed]
+            numbers = [i for i, kind in enumerate(types) if kind == name]
         for number in numbers if compare else numbers[:1]:
             for path, line in origin.lines.items():
                 if path[:2] == ("controllers", number):

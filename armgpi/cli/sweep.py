@@ -82,7 +82,7 @@ def _read(file: Path) -> Loaded:
         return read(file)
     data = {"robot": str(file), "plant": {"friction": "urdf"}, "vary": {IDENTIFICATION: {}}}
     origin = Origin(str(file))
-    return Loaded(check({**data, "controllers": [{"type": "untuned"}]}, origin), origin)
+    return Loaded(check({**data, "controllers": [{"type": "gpi_auto"}]}, origin), origin)
 
 
 def _run_sweep(

@@ -71,7 +71,7 @@ def zoo(
     else:  # tuned by nobody: lost arms are the result, not a failure
 
         def run(name: str) -> list[Any]:
-            return realities.outcomes(realities.draws(drawn, name, count), name, {"type": "untuned"})
+            return realities.outcomes(realities.draws(drawn, name, count), name, {"type": "gpi_auto"})
 
         rows, remarks = _run_arms(part, names, realities.Outcome, run)
         by_arm = {arm: list(own) for arm, own in groupby(rows, lambda row: row.arm)}

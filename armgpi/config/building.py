@@ -141,7 +141,7 @@ def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
         ConfigError: when something in it does not fit the robot; it names the key.
     """
     top = _Place(origin or Origin())
-    config, robot = _believing(config, top)
+    config, robot = _with_assumptions(config, top)
     if config.reality is None:
         context = _context(config, robot, top)
         engine = config.plant.engine
@@ -200,7 +200,7 @@ def robot(config: ExperimentConfig, origin: Origin | None = None) -> Robot:
     Raises:
         ConfigError: when something does not fit the robot; it names the key.
     """
-    return _believing(config, _Place(origin or Origin()))[1]
+    return _with_assumptions(config, _Place(origin or Origin()))[1]
 
 
 class Parts:
@@ -253,7 +253,7 @@ class Parts:
         return made
 
 
-def _believing(config: ExperimentConfig, top: _Place) -> tuple[ExperimentConfig, Robot]:
+def _with_assumptions(config: ExperimentConfig, top: _Place) -> tuple[ExperimentConfig, Robot]:
     """Return the arm of an experiment, and the experiment with what is believed of its drives filled in.
 
     It is believed where the file asks for it, and where it does not and has the rule for untuned arms. Then
@@ -268,13 +268,13 @@ def _believing(config: ExperimentConfig, top: _Place) -> tuple[ExperimentConfig,
     word = section.drives if isinstance(section.drives, str) else None
     if word is None and (config.reality is not None or not has_rule(config)):
         return config, robot
-    robot = rotors.believe_drives(robot, word)
-    if word != "rigid":
+    robot = rotors.assume_drives(robot, word)
+    if word != "none":
         given = section.drives if isinstance(section.drives, dict) else {}
         known = {joint: dict(own) for joint, own in given.items()}
         for quantity, data in robot.drives.data.items():
             for joint, datum in data.items():
-                if datum.source == "believed":
+                if datum.source == "assumed":
                     known.setdefault(joint, {})[quantity] = datum.plain()
         # Where there was nothing to believe, the word still says that there is not.
         section = section.replace(drives=known or section.drives)
@@ -641,7 +641,7 @@ def _nominal(section: Any, robot: Robot, place: _Place) -> Robot:
             )
         gravity = robot.pinocchio_model().gravity.linear
         found = change(found, {"effort": robot.limits.effort, "gravity": gravity})
-    return rotors.believe_drives(found) if section.type == Untuned.config_name else found
+    return rotors.assume_drives(found) if section.type == Untuned.config_name else found
 
 
 def _as_section(value: Any) -> Any:

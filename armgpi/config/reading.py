@@ -169,7 +169,7 @@ def standard_law(data: Mapping[Any, Any]) -> str:
     """
     plant = data.get("plant")
     real = isinstance(plant, Mapping) and (plant.get("encoder_bits") is not None or plant.get("delay"))
-    return "untuned" if real or data.get("reality") is not None else "gpi"
+    return "gpi_auto" if real or data.get("reality") is not None else "gpi"
 
 
 def dump(config: ExperimentConfig, full: bool = True) -> str:

@@ -13,6 +13,7 @@ import inspect
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
+from armgpi import renamed
 from armgpi.config.section import (
     Key,
     Path_,
@@ -90,9 +91,10 @@ class RobotSection(Section):
         rotor_inertia: seen at the joints, of the plant and of the nominal models [kg m^2 or kg].
         friction: joint friction that replaces the URDF's.
         drives: joint -> what is known of its drive (:mod:`armgpi.robot.drives`); the keys above come on top.
-            Or what is believed of drives of which the file says nothing (:func:`armgpi.believe_drives`):
-            "soft", rotors and gears that twist, as where a controller has the rule for untuned arms, and the
-            plant is elastic where nothing says otherwise; "believed", rotors of stiff gears; "rigid", none.
+            Or what is assumed of drives of which the file contains nothing (:func:`armgpi.assume_drives`):
+            "elastic", rotors and elastic joints, the default where a controller is tuned automatically; the
+            plant is then elastic unless specified otherwise; "stiff", rotors and stiff joints; "none",
+            no rotors.
         gravity: who carries the arm's weight: the controller ("arm"), or a robot that compensates it by
             itself; then plant and nominal models have no gravity.
         posterior: a copy of the ``identification.json`` from which a sweep draws arms; that of the folder of
@@ -110,7 +112,9 @@ class RobotSection(Section):
         "rotor_inertia": _change("rotor_inertia"),
         "friction": Key(FrictionSection.read, None, optional=True),
         "drives": Key(
-            by_shape(word("believed", "soft", "rigid"), None, mapping(anything)), None, optional=True
+            by_shape(word("elastic", "stiff", "none", old=renamed.DRIVES), None, mapping(anything)),
+            None,
+            optional=True,
         ),
         "gravity": _choice("arm", "arm", "robot"),
         "posterior": _text(),
@@ -352,7 +356,9 @@ class ExperimentConfig(Section):
         "robot": Key(RobotSection.read),
         "plant": Key(PlantSection.read, PlantSection()),
         "reality": Key(RealitySection.read, None, optional=True),
-        "controllers": Key(listing(one_of(CONTROLLERS), 1), [CONTROLLERS["gpi"](type="gpi")]),
+        "controllers": Key(
+            listing(one_of(CONTROLLERS, renamed.CONTROLLERS), 1), [CONTROLLERS["gpi"](type="gpi")]
+        ),
         "reference": Key(ReferenceSection.read, ReferenceSection()),
         "supervisor": Key(SupervisorSection.read, None, optional=True),
         "sample_time": _declare("sample time", "s", 1e-3, least=1e-9),

@@ -7,11 +7,13 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import FrozenInstanceError
 from numbers import Integral, Real
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar
 
 from armgpi.errors import ConfigError, NameNotFound
 from armgpi.escape import in_si, quote
 from armgpi.parameter import REQUIRED, Parameter, parameters
+from armgpi.renamed import current_name
 
 Path_ = tuple[str | int, ...]
 #: Reads a value at a path: returns it as it is kept, or raises `Wrong`.
@@ -184,12 +186,13 @@ def flag(value: Any, path: Path_) -> bool:
     return value
 
 
-def word(*choices: str) -> Form:
-    """Return the form of one of some words."""
+def word(*choices: str, old: Mapping[str, str] = MappingProxyType({})) -> Form:
+    """Return the form of one of some words; `old` ones have new names."""
     *others, last = map(repr, choices)
     expected = f"{', '.join(others)} or {last}" if others else last
 
     def read(value: Any, path: Path_) -> str:
+        value = current_name(value, old)
         if not isinstance(value, str) or value not in choices:
             raise _refusal(expected, value, path)
         return value
@@ -287,8 +290,8 @@ def names(value: Any, path: Path_) -> list[str]:
     return found
 
 
-def one_of(kinds: Mapping[str, type[Section]]) -> Form:
-    """Return the form of a section that is one of several, by its `type`."""
+def one_of(kinds: Mapping[str, type[Section]], old: Mapping[str, str] = MappingProxyType({})) -> Form:
+    """Return the form of a section that is one of several, by its `type`; `old` types have new names."""
 
     def read(value: Any, path: Path_) -> Section:
         if isinstance(value, Section):
@@ -298,10 +301,11 @@ def one_of(kinds: Mapping[str, type[Section]]) -> Form:
             raise _refusal(f"a mapping{named}", value, path)
         if "type" not in value:
             raise Wrong((*path, "type"), f"is missing; one of {', '.join(kinds)}")
-        if (tag := str(value["type"])) not in kinds:
+        tag = current_name(str(value["type"]), old)
+        if tag not in kinds:
             kind = [step for step in path if isinstance(step, str)][-1]
             raise Wrong((*path, "type"), str(NameNotFound(kind.rstrip("s"), tag, tuple(kinds))))
-        return kinds[tag].read(value, path)
+        return kinds[tag].read({**value, "type": tag}, path)
 
     return read
 

@@ -1,8 +1,8 @@
 """The GPI law: what it computes, its gains and networks, what its loop tolerates.
 
 Takes a robot (the nominal model), a sample time, delay, encoders and drives.
-Gives :class:`~armgpi.GPI`, tuned by hand or by a rule (``GPI.untuned``).
+Gives :class:`~armgpi.GPI`, tuned by hand or by a rule (``GPI.auto``).
 
-Read ``law``, ``family``, ``realisation``, ``gains`` first; ``margins``, ``payload``, ``untuned``, ``geared``
+Read ``law``, ``family``, ``realisation``, ``gains`` first; ``margins``, ``payload``, ``gpi_auto``, ``geared``
 and ``advice`` choose and judge gains, and no sample of a loop calls them.
 """

@@ -26,7 +26,7 @@ from armgpi.gpi.realisation import Bumpless
 from armgpi.gpi.two_mass import ArmLoop, Gears, Law, around, gravity_stiffness, joint_laws
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
-from armgpi.robot.rotors import believe_gears
+from armgpi.robot.rotors import assume_gears
 
 #: Bandwidth of a current loop of which nothing is known [Hz]; 300 to 1000 are usual.
 CURRENT_LOOP = 500.0
@@ -150,7 +150,7 @@ def choose(
         counts: one count of each encoder, at the joint [rad or m], (n,); None for exact positions.
         effort: usual effort of each joint [N m or N], (n,).
     """
-    robot = believe_gears(robot)
+    robot = assume_gears(robot)
     rotor = robot.armature
     if not rotor.all():
         return None
@@ -224,7 +224,7 @@ def _is_stable(
     own = law_of(Collocated(w, f, ()), dt)
     stiffness = robot.drives.value("stiffness")
     low, high = robot.drives.interval("stiffness")
-    assumed = np.array(robot.drives.sources("stiffness")) == "believed"
+    assumed = np.array(robot.drives.sources("stiffness")) == "assumed"
     ends = [
         np.where(assumed | (low == high), factor * stiffness, end)
         for factor, end in zip(STIFFNESS_FACTORS, (low, stiffness, high), strict=True)

@@ -27,7 +27,7 @@ from armgpi.gpi.two_mass import (
 from armgpi.gpi.two_mass import law as law_at
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
-from armgpi.robot.rotors import SCATTER, believe_gears, lowest_mode
+from armgpi.robot.rotors import SCATTER, assume_gears, lowest_mode
 
 #: Largest sensitivity peak where the stiffness is told, and what is tried where none is as low. Where the
 #: stiffness is believed, or none of these can be had: which share of the fastest stable bandwidth is taken,
@@ -80,9 +80,9 @@ def is_known(robot: Robot) -> bool:
     return bool(robot.drives.data.get("stiffness"))
 
 
-def is_believed(robot: Robot) -> bool:
+def is_assumed(robot: Robot) -> bool:
     """Tell whether the stiffness of some gear is believed."""
-    return "believed" in robot.drives.sources("stiffness")
+    return "assumed" in robot.drives.sources("stiffness")
 
 
 def at_link(robot: Robot) -> bool:
@@ -100,7 +100,7 @@ def cases(robot: Robot, dt: float, late: int, damping: float = DAMPINGS[1]) -> t
         late: samples by which measurements are late.
         damping: ratio at which loops have to be stable where nothing is known of it.
     """
-    robot = believe_gears(robot)
+    robot = assume_gears(robot)
     drives = robot.drives
     rotor = _rotor(robot)
     value, (low, high) = drives.value("stiffness"), drives.interval("stiffness")
@@ -109,7 +109,7 @@ def cases(robot: Robot, dt: float, late: int, damping: float = DAMPINGS[1]) -> t
         np.where(exact, (1.0 - STIFFNESS_OFF) * value, low),
         np.where(exact, (1.0 + STIFFNESS_OFF) * value, high),
     ]
-    if is_believed(robot):
+    if is_assumed(robot):
         softer = min(1.0, (SOFTEST / resonance(robot)) ** 2) if at_link(robot) else 1.0
         ends = [np.minimum(ends[0], softer * value), value, ends[1]]
     side = drives.value("encoder_side")
@@ -136,7 +136,7 @@ def cases(robot: Robot, dt: float, late: int, damping: float = DAMPINGS[1]) -> t
 
 def resonance(robot: Robot) -> float:
     """Return the lowest resonance of an arm with free motors in the middle [Hz]; gears may be believed."""
-    soft = believe_gears(robot)
+    soft = assume_gears(robot)
     rotor = _rotor(soft)
     stiffness = _fill_unknown(soft.drives.value("stiffness"), rotor)
     return lowest_mode(soft.mass_matrix(soft.middle()) - np.diag(soft.armature), rotor, stiffness)
@@ -175,7 +175,7 @@ def borne(law: Any, robot: Robot, late: int) -> tuple[float, float]:
         robot: the arm, without a word of its gears.
         late: samples by which measurements are late.
     """
-    soft = believe_gears(robot)
+    soft = assume_gears(robot)
     rotor = _rotor(soft)
     stiffness = _fill_unknown(soft.drives.value("stiffness"), rotor)
     linear = [(q, law_at(law, q)) for q in _configurations(robot)]

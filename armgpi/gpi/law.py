@@ -20,6 +20,7 @@ from armgpi.gpi.realisation import REALISATIONS, Bumpless, Resting
 from armgpi.parameter import PerJoint, Vector, parameter, plain, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
+from armgpi.renamed import warn_renamed
 from armgpi.robot.batch import AnyRobot, check_robot, check_same_joints, feedback_model
 from armgpi.robot.robot import Robot
 
@@ -51,7 +52,7 @@ class GPI(Controller):
     loads are the disturbance that its two integrators reject (constant and ramp without error). Other
     members of the family (:mod:`armgpi.gpi.family`) have more or fewer integrators, and a roll-off.
     What the nominal model knows of the way ahead can be added: ``tau = D(q) v + feedforward(q*, v*, a*)``.
-    ``GPI(robot, dt)`` is the law as printed; for an arm that nobody tuned there is :meth:`untuned`.
+    ``GPI(robot, dt)`` is the law as printed; for an arm that nobody tuned there is :meth:`gpi_auto`.
 
     Attributes:
         robot: nominal model; only D(q) is used, G(q) once to start, and what `feedforward` takes. With
@@ -273,7 +274,7 @@ class GPI(Controller):
         self.keep("robot", feedback_model(self.robot, self.link_factor, self.rotor_factor))
 
     @classmethod
-    def untuned(
+    def auto(
         cls,
         robot: AnyRobot,
         dt: float,
@@ -291,8 +292,8 @@ class GPI(Controller):
             delay: transport delay in the loop [s].
             bits: resolution of the encoders [bits], a number or an array that broadcasts against (n,); 16 is
                 assumed where nothing is said, None is for exact positions.
-            drives: what is believed of drives that nothing tells: "soft", rotors and gears that twist;
-                "believed", rotors of stiff gears; "rigid", no rotors; see :func:`armgpi.believe_drives`.
+            drives: what is assumed of drives without data: "elastic", rotors and elastic joints;
+                "stiff", rotors and stiff joints; "none", no rotors; see :func:`armgpi.assume_drives`.
             **given: parameters of the controller that are not to be chosen.
 
         Raises:
@@ -301,6 +302,12 @@ class GPI(Controller):
         made = cls(**untuned.arguments(robot, dt, delay, bits, drives, given))
         advice.warn(advice.coarse_counts(made, bits), 1)
         return made
+
+    @classmethod
+    def untuned(cls, robot: AnyRobot, dt: float, **given: Any) -> GPI:
+        """Return what :meth:`auto` does; the old name of that method."""
+        warn_renamed("GPI.untuned", "GPI.auto")
+        return cls.auto(robot, dt, **given)
 
     @classmethod
     def context_for(cls, given: Mapping[str, Any], context: Context) -> Context:

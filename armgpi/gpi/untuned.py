@@ -49,7 +49,7 @@ from armgpi.robot.batch import (
 )
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
-from armgpi.robot.rotors import believe_drives
+from armgpi.robot.rotors import assume_drives
 
 #: The member: one integrator, and one pole of roll-off so many times as fast as the others; faster where
 #: lateness limits the loop, which then has no count noise to spare it.
@@ -65,7 +65,7 @@ GEARED: Mapping[bool, Mapping[str, Any]] = {
     True: {**_COMMON, "rolloff": 1, "rolloff_ratio": RATIO},
 }
 #: The same at the link where the stiffness is believed, so may be low.
-BELIEVED_LINK = {**_COMMON, "rolloff": 1, "rolloff_ratio": LATE_RATIO, "rotor_factor": 3.0}
+ASSUMED_LINK = {**_COMMON, "rolloff": 1, "rolloff_ratio": LATE_RATIO, "rotor_factor": 3.0}
 #: How much faster than without a roll-off the law for a link has to be where stiffness is told, to reject as
 #: much: by peak errors after a step of torque, at 1 to 4 ms and 1 to 3 samples late.
 ROLLOFF_GAIN = 1.6
@@ -143,11 +143,11 @@ def arguments(
         dt: sample time [s].
         delay: transport delay in the loop [s].
         bits: resolution of the encoders; see :func:`apply_rule`.
-        drives: what is believed of drives that nothing tells; see :func:`armgpi.believe_drives`.
+        drives: what is believed of drives that nothing tells; see :func:`armgpi.assume_drives`.
         given: arguments that are not to be chosen.
     """
     check_robot(robot)
-    robot = believe_drives(robot, drives) if isinstance(robot, Robot) else robot
+    robot = assume_drives(robot, drives) if isinstance(robot, Robot) else robot
     given = {name: value for name, value in given.items() if name != "gains" or value is not None}
     loads = given.get("payload")
     if loads is not None and not isinstance(loads, LoadRange):
@@ -236,9 +236,9 @@ def _choose_soft(
     first: Robot, robot: AnyRobot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return what is chosen for elastic joints, wherever the encoders sit and however late the loop is."""
-    link, believed = geared.at_link(first), geared.is_believed(first)
+    link, believed = geared.at_link(first), geared.is_assumed(first)
     chosen = _with_structure(
-        BELIEVED_LINK if link and believed else GEARED[link], robot, dt, delay, bits, given
+        ASSUMED_LINK if link and believed else GEARED[link], robot, dt, delay, bits, given
     )
     if link or believed:
         return chosen
@@ -358,7 +358,7 @@ def _with_structure(
     def fastest(one: Robot) -> Array:
         own: Any = nominal(one)
         bias = one if every["feedforward"] == "computed" else None
-        believed, (usual, light) = geared.is_believed(one), geared.DAMPINGS
+        believed, (usual, light) = geared.is_assumed(one), geared.DAMPINGS
 
         def loops_at(damping: float) -> geared.Loops:
             arms = geared.cases(one, dt, _samples(dt, delay), damping)
@@ -499,7 +499,7 @@ class Verdict(NamedTuple):
         if math.isfinite(self.borne) and self.borne > self.usual:
             said += (
                 f"; gears are taken as rigid: below {self.borne:.3g} Hz of resonance they may lose the arm, "
-                f"and those of such motors have some {self.usual:.2g} Hz: --drives soft, or tell them by "
+                f"and those of such motors have some {self.usual:.2g} Hz: --drives elastic, or tell them by "
                 "--drives FILE"
             )
         return said
@@ -573,7 +573,7 @@ class Untuned(FixedGains):
     exact ones, and what is simulated is what is exported.
     """
 
-    config_name: ClassVar[str | None] = "untuned"
+    config_name: ClassVar[str | None] = "gpi_auto"
 
     @classmethod
     def chosen(cls, context: Context) -> dict[str, Any]:

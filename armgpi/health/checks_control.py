@@ -133,7 +133,7 @@ def armature(subject: Subject) -> Iterator[Finding]:
     names = none or rotors.silent(robot)
     if not names:
         return
-    every = zip(robot.joint_names, rotors.believable(robot), strict=True)
+    every = zip(robot.joint_names, rotors.typical_inertia(robot), strict=True)
     values = [float(x) if name in names else 0.0 for name, x in every]
     whole, added = subject.inertia, np.diag(values)
     less = np.linalg.eigvals(np.linalg.solve(whole + added, whole)).real.min()

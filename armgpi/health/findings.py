@@ -142,7 +142,7 @@ CHECKS: list[Check] = [
     Check(
         "payload",
         "an unknown load of 5 % of the arm's mass at the tip takes delta below 0.5, with the nominal load of "
-        "`untuned` (warning) or without one (info)",
+        "`gpi_auto` (warning) or without one (info)",
         ("warning", "info"),
     ),
     Check("cross-check", "yourdfpy reads another robot", ("error",)),

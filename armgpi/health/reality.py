@@ -1,7 +1,7 @@
 """What laws come to on arms as they may really be: draws of a reality, counted by what went wrong.
 
-A rollout is *lost* when it diverged, its error passed 0.5 rad, or 0.1 rad in the last 1.2 s; what gravity
-lets gears sink by unseen is not counted. One that is not lost is *hunting* when a joint moves by more than
+A rollout has *failed* when it diverged, its error passed 0.5 rad, or 0.1 rad in the last 1.2 s; what gravity
+lets gears sink by unseen is not counted. One that has not failed is *hunting* when a joint moves by more than
 four encoder counts and 0.5 mrad in that time, and *returning* when it also comes back by as much, and does
 not only creep where friction lets it: once in a slow return, or to and fro. It is *swinging* when it is
 returning and that goes on: in the last second it departs from the best cubic in time by more than those
@@ -36,8 +36,9 @@ from armgpi.intervals import Estimate, wilson
 from armgpi.loop import metrics
 from armgpi.loop.prepared import PreparedLoop, prepare
 from armgpi.loop.rollout import Status, describe_measurement
-from armgpi.plants.reality import Draw, Reality, batches, stack_draws
+from armgpi.plants.reality import Reality, Scenario, batches, stack_draws
 from armgpi.references.reference import Target
+from armgpi.renamed import warn_renamed
 from armgpi.robot import rotors
 from armgpi.robot.batch import with_heavier_rotors
 from armgpi.robot.equations import Friction
@@ -45,7 +46,7 @@ from armgpi.robot.robot import Robot
 from armgpi.supervisor import Supervisor, complete_settings
 
 #: Errors that lose an arm, at any time and at the end [rad or m]; what the end is [s].
-LOST_PEAK, LOST_END, END = 0.5, 0.1, 1.2
+FAILED_PEAK, FAILED_END, END = 0.5, 0.1, 1.2
 #: The time at the end that tells whether a joint swings, nothing having happened since [s]; and the share of
 #: the swinging in its first half that there is in the second at least: a mode of 5 Hz and 1 % damping, left
 #: alone, keeps 0.73. Set by hand.
@@ -76,7 +77,7 @@ class Outcome(NamedTuple):
     Attributes:
         arm: its name.
         index: of the draw.
-        lost: whether the arm was lost.
+        failed: whether the rollout diverged, or its error exceeded a limit.
         hunting: whether it moves at rest.
         swinging: whether it moves to and fro at rest, and goes on.
         chatter: whether its torque does.
@@ -90,7 +91,7 @@ class Outcome(NamedTuple):
 
     arm: str
     index: int  # type: ignore[assignment]
-    lost: bool
+    failed: bool
     hunting: bool
     swinging: bool
     chatter: bool
@@ -100,6 +101,12 @@ class Outcome(NamedTuple):
     demand: float
     held: bool = True
     returning: bool = False
+
+    @property
+    def lost(self) -> bool:
+        """Return `failed`; its old name."""
+        warn_renamed("lost", "failed")
+        return self.failed
 
     @property
     def feasible(self) -> bool:
@@ -112,15 +119,15 @@ def first_index(name: str) -> int:
     return zlib.crc32(name.encode()) % _APART * _APART
 
 
-def draws(reality: Reality, name: str, count: int, drives: str | None = None) -> list[Draw]:
+def draws(reality: Reality, name: str, count: int, drives: str | None = None) -> list[Scenario]:
     """Return the first draws of an arm by its name, its grippers locked.
 
     Args:
         reality: what is drawn from.
         name: of the arm.
         count: number of draws.
-        drives: what a law believes; see :func:`armgpi.believe_drives`. Where it is not given, the reality
-            says. Draws of rotors with the scatter of published drives are the same for "believed" and "soft".
+        drives: what a law believes; see :func:`armgpi.assume_drives`. Where it is not given, the reality
+            says. Draws of rotors with the scatter of published drives are the same for "stiff" and "elastic".
 
     Raises:
         ParameterError: when the count is no whole number from 1 to 4096.
@@ -128,12 +135,12 @@ def draws(reality: Reality, name: str, count: int, drives: str | None = None) ->
     """
     count = check_whole(count, "count", 1, _APART)
     robot = Robot.load(name, fingers(name))
-    robot = robot if drives is None else rotors.believe_drives(robot, drives)
+    robot = robot if drives is None else rotors.assume_drives(robot, drives)
     first = first_index(name)
     return [reality.draw(robot, first + i) for i in range(count)]
 
 
-def prepare_draws(draws: Sequence[Draw], law: Mapping[str, Any], **options: Any) -> PreparedLoop:
+def prepare_draws(draws: Sequence[Scenario], law: Mapping[str, Any], **options: Any) -> PreparedLoop:
     """Return the loop of a law on draws that may run together; see :func:`armgpi.prepare` for the options.
 
     Raises:
@@ -150,11 +157,11 @@ def in_rows(rollout: xr.Dataset) -> xr.Dataset:
 
 
 def rollouts(
-    found: Sequence[Draw],
+    found: Sequence[Scenario],
     law: Mapping[str, Any],
     backend: str = "compiled",
     supervisors: Sequence[Supervisor | None] = (None,),
-) -> Iterator[tuple[list[Draw], list[xr.Dataset]]]:
+) -> Iterator[tuple[list[Scenario], list[xr.Dataset]]]:
     """Yield draws of one arm that run together, and their rollouts under each supervisor.
 
     Args:
@@ -183,7 +190,7 @@ def rollouts(
 
 
 def outcomes(
-    found: Sequence[Draw],
+    found: Sequence[Scenario],
     name: str,
     law: Mapping[str, Any],
     backend: str = "compiled",
@@ -216,25 +223,27 @@ def _costs(rollout: xr.Dataset) -> list[Array]:
     return [cost(rollout).sum("joint").values for cost in (metrics.itae, metrics.total_variation)]
 
 
-def outcome(rollout: xr.Dataset, draw: Draw, name: str = "", costs: Sequence[Any] | None = None) -> Outcome:
+def outcome(
+    rollout: xr.Dataset, draw: Scenario, name: str = "", costs: Sequence[Any] | None = None
+) -> Outcome:
     """Return what came out of one rollout of a draw; its ITAE and torque variation where they are known."""
     needed = demand(draw)
     if int(rollout["status"]) == Status.DIVERGED:
         return Outcome(name, draw.index, True, False, False, False, *(math.inf,) * 3, needed)
     error = np.abs((rollout["q"] - rollout["q_ref"]).values + sunk(draw, rollout["q_ref"].values))
     time = rollout["time"].values
-    end, peak, lost = time > time[-1] - END, float(error.max()), is_lost(error, time)
+    end, peak, failed = time > time[-1] - END, float(error.max()), has_failed(error, time)
     itae, variation = map(float, _costs(rollout) if costs is None else costs)
     rest, still = rollout["q"].values[end], rest_band(draw)
     moved = np.ptp(rest, axis=0)
     back = moved - np.abs(rest[-1] - rest[0])
-    returning = not lost and bool((back > still).any())
+    returning = not failed and bool((back > still).any())
     steps = np.abs(np.diff(rollout["tau"].values[end], axis=0)).mean(axis=0)
     return Outcome(
         name,
         draw.index,
-        lost,
-        hunting=not lost and bool((moved > still).any()),
+        failed,
+        hunting=not failed and bool((moved > still).any()),
         swinging=returning and swings(rollout["q"].values[time > time[-1] - SWING], still),
         chatter=bool((steps > CHATTER * draw.scale).any()),
         peak=peak,
@@ -245,9 +254,9 @@ def outcome(rollout: xr.Dataset, draw: Draw, name: str = "", costs: Sequence[Any
     )
 
 
-def is_lost(error: Array, time: Array) -> bool:
-    """Tell whether errors, (samples, n), lose an arm: at any time, or at the end."""
-    return bool(error.max() > LOST_PEAK or error[time > time[-1] - END].max() > LOST_END)
+def has_failed(error: Array, time: Array) -> bool:
+    """Tell whether errors, (samples, n), exceed the limit of a failed run: at any time, or at the end."""
+    return bool(error.max() > FAILED_PEAK or error[time > time[-1] - END].max() > FAILED_END)
 
 
 def swings(q: Array, band: Array) -> bool:
@@ -266,14 +275,14 @@ def swings(q: Array, band: Array) -> bool:
     return bool(((after > band) & (after >= LASTING * before)).any())
 
 
-def sunk(draw: Draw, q: Array) -> Array:
+def sunk(draw: Scenario, q: Array) -> Array:
     """Return by how much gravity lets links sink at q that encoders at motors see at q [rad or m], as q."""
     if draw.gears is None or draw.gears.side == "link":
         return np.zeros_like(q)
     return np.asarray(draw.arm.gravity(q) / draw.gears.stiffness)
 
 
-def demand(draw: Draw) -> float:
+def demand(draw: Scenario) -> float:
     """Return the largest share of a motor's torque that following the reference exactly takes."""
     time = np.linspace(0.0, draw.t_final, MOMENTS)
     tau = torques_of(draw.arm, draw.reference.at(time), draw.friction)
@@ -290,7 +299,7 @@ def torques_of(arm: Robot, target: Target, friction: Friction | None) -> Array:
     return np.asarray(tau)
 
 
-def ideal_law_holds(draw: Draw) -> bool:
+def ideal_law_holds(draw: Scenario) -> bool:
     """Return whether a law that knows the truth holds an arm whose gears twist, where it starts and goes.
 
     The law is GPI with one integrator, the whole model fed forward, and a share of it or heavier rotors in
@@ -314,7 +323,7 @@ def ideal_law_holds(draw: Draw) -> bool:
     return False
 
 
-def _linear(draw: Draw, q: Array) -> two_mass.Gears:
+def _linear(draw: Scenario, q: Array) -> two_mass.Gears:
     """Return the drives of a draw as the linear loop takes them, with damping as ratios at q."""
     assert draw.gears is not None
     rotor, stiffness = draw.arm.armature, draw.gears.stiffness
@@ -323,7 +332,7 @@ def _linear(draw: Draw, q: Array) -> two_mass.Gears:
     return gears._replace(damping=draw.gears.damping / two_mass.damping_at_one(links, gears))
 
 
-def rest_band(draw: Draw) -> Array:
+def rest_band(draw: Scenario) -> Array:
     """Return how far a joint may move at rest [rad or m]."""
     return np.maximum(HUNTING_COUNTS * draw.arm.encoder_count(draw.encoder_bits), HUNTING)
 
@@ -331,20 +340,20 @@ def rest_band(draw: Draw) -> Array:
 def describe_knowledge(law: Mapping[str, Any]) -> str:
     """Return in words what a law measures and knows, by its section of an experiment file."""
     kind = KINDS[law["type"]].law
-    fed = "model" if law["type"] == "untuned" else law.get("feedforward", "none")
+    fed = "model" if law["type"] == "gpi_auto" else law.get("feedforward", "none")
     knows = kind.knows if fed == "none" else KNOWS[fed]
     return describe_measurement(kind.measurement_type.__name__, knows)
 
 
 def markdown(groups: Mapping[str, Sequence[Outcome]], heading: str = "law") -> str:
     """Return outcomes, in groups, as a Markdown table with 95 % intervals of the shares."""
-    shares = ("lost", "hunting", "returning", "swinging", "chatter")
-    names = (*shares[:1], "lost where feasible", *shares[1:])
+    shares = ("failed", "hunting", "returning", "swinging", "chatter")
+    names = (*shares[:1], "failed where feasible", *shares[1:])
     header = (heading, "draws", *(f"{name} [%]" for name in names), "median peak", "median ITAE")
     lines = []
     for label, found in groups.items():
         columns = {name: share([getattr(each, name) for each in found]) for name in shares}
-        columns["lost where feasible"] = share([each.lost for each in found if each.feasible])
+        columns["failed where feasible"] = share([each.failed for each in found if each.feasible])
         medians = (
             metrics.short(float(np.median([getattr(each, name) for each in found])) if found else None, 3)
             for name in ("peak", "itae")

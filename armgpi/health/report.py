@@ -102,7 +102,7 @@ def inspect(
         repair: names of repairs that may be made in the file.
         rotor_inertia: seen at the joints [kg m^2 or kg].
         drives: what is known of them; see :meth:`armgpi.Robot.with_drives`. Or a word for what is believed
-            where nothing is; see :func:`armgpi.believe_drives`.
+            where nothing is; see :func:`armgpi.assume_drives`.
 
     Raises:
         ArmgpiError: as :meth:`armgpi.Robot.load`, for what is no usable URDF. Where repairs would make it
@@ -139,7 +139,7 @@ def inspect(
         robot = robot.with_armature(rotor_inertia)
     word = drives if isinstance(drives, str) else None
     if word is not None:
-        robot = rotors.believe_drives(robot, word)
+        robot = rotors.assume_drives(robot, word)
     subject = Subject(document, robot, MeshFinder(path, package_dirs), dt, delay, encoder_bits)
     return HealthReport(robot, _facts(subject, word)).with_findings(findings.find(subject))
 
@@ -164,8 +164,8 @@ def with_payload(report: HealthReport, mass: float) -> HealthReport:
         message = f"the motors do not hold {mass:g} kg at {report.robot.tip!r} at every configuration"
         repair = "a smaller load, or more effort"
         found.append(Finding("warning", "robot", message, mass, most.effort, repair, (), "payload"))
-    robot = rotors.believe(report.robot)
-    law = report.facts["untuned"]
+    robot = rotors.assume_rotors(report.robot)
+    law = report.facts["gpi_auto"]
     carried = law["nominal_load"] if law is not None else 0.0
     # What the rule still cannot take is a warning, what the printed law cannot is worth knowing.
     levels: tuple[tuple[Level, float], ...] = (("warning", carried), ("info", 0.0))
@@ -190,7 +190,7 @@ def with_payload(report: HealthReport, mass: float) -> HealthReport:
 def _facts(subject: Subject, drives: str | None) -> dict[str, Any]:
     """Return what the model is and what a controller will do with it, some drives believed."""
     document, robot = subject.document, subject.robot
-    known = rotors.believe_drives(robot, drives)
+    known = rotors.assume_drives(robot, drives)
     return {
         "name": robot.name,
         "source": document.source,
@@ -218,7 +218,7 @@ def _facts(subject: Subject, drives: str | None) -> dict[str, Any]:
             "encoder_bits": subject.encoder_bits,
             "omega_c": subject.omega,
         },
-        "untuned": _untuned_facts(subject, known, drives),
+        "gpi_auto": _untuned_facts(subject, known, drives),
     }
 
 
@@ -229,7 +229,7 @@ def _untuned_facts(subject: Subject, known: Robot, drives: str | None) -> dict[s
         return None  # the check of the effort reports it
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ArmgpiWarning)  # the checks find what they say
-        law = GPI.untuned(known, dt, delay=subject.delay * dt, bits=bits, drives=drives)
+        law = GPI.auto(known, dt, delay=subject.delay * dt, bits=bits, drives=drives)
     margins, torque = law.margins(), law.count_torque(bits)
     said = untuned.verdict(law, known, bits)
     return {

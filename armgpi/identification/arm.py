@@ -31,6 +31,7 @@ from armgpi.identification.weak_form import (
     inverse_rows,
 )
 from armgpi.plants.reality import scales
+from armgpi.renamed import warn_renamed
 from armgpi.robot.batch import RobotBatch
 from armgpi.robot.drives import Drives
 from armgpi.robot.kinematics import random_configurations
@@ -75,7 +76,7 @@ class Estimate(NamedTuple):
         value: the estimate, in SI units.
         lower: lower end of its 95 % interval.
         upper: upper end.
-        learned: share of it that the log decided; the rest is what the file says.
+        data_share: share of it that the log decided; the rest is what the file says.
         expected: what the file says.
     """
 
@@ -84,8 +85,14 @@ class Estimate(NamedTuple):
     value: float
     lower: float
     upper: float
-    learned: float
+    data_share: float
     expected: float
+
+    @property
+    def learned(self) -> float:
+        """Return `data_share`; its old name."""
+        warn_renamed("learned", "data_share")
+        return self.data_share
 
 
 class Load(NamedTuple):
@@ -183,11 +190,11 @@ class Identified:
 
     @property
     def drives(self) -> Drives:
-        """Rotors, friction and gears with their intervals: "measured" where the logs decided them."""
+        """Rotors, friction and gears with their intervals: "identified" where the logs decided them."""
         drives = self.file.drives
         for row in self.table():
             if name := _DRIVES.get(row.quantity):
-                source = "measured" if row.learned > _DECIDED else "believed"
+                source = "identified" if row.data_share > _DECIDED else "assumed"
                 value, low, high = ({row.joint: x} for x in (row.value, row.lower, row.upper))
                 drives = drives.with_value(name, value, low, high, source)
         return drives if self.gears is None else self.gears.add_to(drives)

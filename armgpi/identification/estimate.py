@@ -17,7 +17,7 @@ from armgpi.identification.weak_form import BODY, COLUMNS, COULOMB, OFFSET, ROTO
 from armgpi.plants.reality import scales
 from armgpi.robot.repairs import SUPPOSE, made_in
 from armgpi.robot.robot import Robot
-from armgpi.robot.rotors import believable
+from armgpi.robot.rotors import typical_inertia
 
 #: Standard deviations that a maker's file has, chosen wide. Mass: a share of the link's, and of the arm's for
 #: the last one, which may carry something. Rotor: a share, so that four times either way is within. Friction
@@ -120,7 +120,7 @@ def expect(robot: Robot) -> Prior:
         mass = wide * max(body.mass, _LEAST_MASS * size.mass) + carried
         radius = math.sqrt(max(second, _RADIUS**2)) + (_REACH if carried else 0.0)
         std[i, : len(BODY)] = [mass, *[mass * radius] * 3, *[mass * radius**2] * 6]
-    mean[:, ROTOR] = np.where(robot.armature > 0.0, robot.armature, believable(robot))
+    mean[:, ROTOR] = np.where(robot.armature > 0.0, robot.armature, typical_inertia(robot))
     std[:, ROTOR] = _ROTOR * mean[:, ROTOR]
     mean[:, VISCOUS], mean[:, COULOMB] = robot.friction
     # Gears rub at joints that carry no weight, too.

@@ -20,7 +20,7 @@ from armgpi.identification.weak_form import COLUMNS, ROTOR
 from armgpi.references.recorded import Recorded
 from armgpi.robot.drives import Drives
 from armgpi.robot.robot import Robot
-from armgpi.robot.rotors import believe_gears, lowest_mode
+from armgpi.robot.rotors import assume_gears, lowest_mode
 
 #: Period of the multisine [s], lines from 2 to 60 Hz, and series of phases of which the flattest is taken.
 PERIOD = 2.0
@@ -89,9 +89,11 @@ class Gears(NamedTuple):
                 }
                 for each in (values, values / spread, values * spread)
             )
-            drives = drives.with_value(name, value, low, high, "measured")
+            drives = drives.with_value(name, value, low, high, "identified")
         return (
-            drives.with_value("encoder_side", self.side, source="measured") if self.measured.any() else drives
+            drives.with_value("encoder_side", self.side, source="identified")
+            if self.measured.any()
+            else drives
         )
 
 
@@ -186,7 +188,7 @@ def find_gears(robot: Robot, log: Log, lag: Array, gravity: bool = True) -> Gear
     if not turns:
         wanted = f"expected the motion of armgpi excite --resonance, {TURN:g} s for each joint"
         raise UnfitLog([f"shows no joint's multisine: {wanted} ({log.source})"])
-    soft = believe_gears(robot)
+    soft = assume_gears(robot)
     side = set(robot.drives.value("encoder_side").tolist())
     sides = tuple(side) if len(side) == 1 and "" not in side else ("motor", "link")
     found = [_Fit(soft, turns, each, lag + 0.5 * grid.dt, gravity) for each in sides]

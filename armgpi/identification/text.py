@@ -13,7 +13,7 @@ from armgpi.gpi.untuned import BITS, verdict
 from armgpi.identification.arm import Estimate, Identified, Load, Validation
 from armgpi.identification.estimate import is_supposed
 from armgpi.robot.robot import Robot
-from armgpi.robot.rotors import believe_gears
+from armgpi.robot.rotors import assume_gears
 
 #: Residual over torque up to which a model is good enough to control by, and from which it explains little.
 _GOOD, _POOR = 0.1, 0.25
@@ -178,7 +178,7 @@ def say_findings(found: Identified) -> list[str]:
             lines.append(f"{row.joint}: {_COUPLED.format(row.quantity[11:], _interval(row))}")
     together = {row.joint: row for row in found.sums()}
     for row in found.table():
-        if row.quantity == "rotor" and row.learned < _DECIDED:
+        if row.quantity == "rotor" and row.data_share < _DECIDED:
             both = together[row.joint]
             lines.append(
                 f"{row.joint}: the rotor cannot be told from the links; the joint's mean inertia is "
@@ -215,8 +215,8 @@ def say_law(found: Identified) -> list[str]:
     dt = min(found.dt, _SLOWEST)
     delay = max(round(float(found.lag.max()) / dt), 0) * dt
     try:
-        robot = believe_gears(found.robot)
-        law = GPI.untuned(robot, dt, delay=delay, bits=BITS)
+        robot = assume_gears(found.robot)
+        law = GPI.auto(robot, dt, delay=delay, bits=BITS)
     except ArmgpiError as error:
         return [f"no law for it: {error}"]
     omega = np.asarray(law.gains.nominal().omega_c)
@@ -254,7 +254,7 @@ def tabulate(found: Identified, validation: Validation | None) -> tuple[list[str
 def _interval(row: Estimate) -> str:
     """Return an estimate with its interval; in brackets what only the file says."""
     text = f"{row.value:.3g} [{row.lower:.3g}, {row.upper:.3g}]"
-    return text if row.learned >= _DECIDED else f"({text})"
+    return text if row.data_share >= _DECIDED else f"({text})"
 
 
 def _percent(share: float) -> str:

@@ -273,7 +273,7 @@ def experiment_files(
     experiment = {
         "format": schema.FORMAT,
         "robot": section,
-        "controllers": [{"type": "untuned"}],
+        "controllers": [{"type": "gpi_auto"}],
         "reference": {"file": "reference.csv"},
         "t_final": float(reference.t_end),
     }

@@ -169,7 +169,7 @@ class Move(NamedTuple):
     duration: float
 
 
-class Draw(NamedTuple):
+class Scenario(NamedTuple):
     """One arm, its drives and sensors, a move, and what a controller knows of them.
 
     Attributes:
@@ -247,7 +247,7 @@ class Draw(NamedTuple):
         return stack_draws([self]).context
 
 
-class DrawBatch(NamedTuple):
+class ScenarioBatch(NamedTuple):
     """Draws that run as one batch, or a single one.
 
     Attributes:
@@ -474,7 +474,7 @@ class Reality(Parametrised):
             cogging=self._uniform(index, "cogging", n),
         )
 
-    def draw(self, robot: Robot, index: int) -> Draw:
+    def draw(self, robot: Robot, index: int) -> Scenario:
         """Return draw `index` of an arm.
 
         Args:
@@ -490,7 +490,7 @@ class Reality(Parametrised):
         model, arm, friction, gears = robot, robot, None, None
         if self.name in _SCATTERED:
             # What is known of it in every draw: believed drives, and the encoders' side.
-            robot = rotors.believe_drives(robot)
+            robot = rotors.assume_drives(robot)
             if self.name == "elastic":
                 sides = Drives(robot.joint_names).with_value("encoder_side", _side(drawn))
                 robot = robot.with_drives(sides)
@@ -515,7 +515,7 @@ class Reality(Parametrised):
         nominal = model.scaled_inertia(drawn.inertia_scale)
         step = drawn.torque_step * scale.gravity
         parts = (model, nominal, arm, friction, effort, scale.effort, step, self.step_time, move)
-        return Draw(index, drawn, *parts, self.t_final, robot, gears)
+        return Scenario(index, drawn, *parts, self.t_final, robot, gears)
 
     def _nominal_rotors(self, scale: Scales) -> Array:
         """Return rotor inertia in shares of the arm's own [kg m^2 or kg], (n,)."""
@@ -569,7 +569,7 @@ class Reality(Parametrised):
         return bool(self._random(index, quantity)[0] < share)
 
 
-def stack_draws(draws: Sequence[Draw]) -> DrawBatch:
+def stack_draws(draws: Sequence[Scenario]) -> ScenarioBatch:
     """Return draws of one arm as one batch; a single one is no batch.
 
     Raises:
@@ -608,18 +608,18 @@ def stack_draws(draws: Sequence[Draw]) -> DrawBatch:
         durations = np.array([[move.duration] for move in moves])
     reference: Reference = Waypoints(points, [durations], [moves[0].begin, 0.0])
     context = Context(model, first.dt, 0, first.delay * first.dt, bits, nominal)  # type: ignore[arg-type]
-    return DrawBatch(plant, reference, context, first.t_final)
+    return ScenarioBatch(plant, reference, context, first.t_final)
 
 
-def batches(draws: Sequence[Draw]) -> list[list[Draw]]:
+def batches(draws: Sequence[Scenario]) -> list[list[Scenario]]:
     """Return draws in groups that may run together."""
-    groups: Mapping[Any, list[Draw]] = {_batch(draw): [] for draw in draws}
+    groups: Mapping[Any, list[Scenario]] = {_batch(draw): [] for draw in draws}
     for draw in draws:
         groups[_batch(draw)].append(draw)
     return list(groups.values())
 
 
-def _batch(draw: Draw) -> tuple[float, int, str]:
+def _batch(draw: Scenario) -> tuple[float, int, str]:
     """Return what draws of one batch have in common."""
     return draw.dt, draw.delay, draw.gears.side if draw.gears else ""
 
@@ -640,7 +640,7 @@ def _gears(arm: Robot, rotor: Array, drawn: Numbers, scale: Scales) -> Gears:
     return Gears(stiffness, damping, current, drawn.cogging * scale.gravity, _side(drawn))
 
 
-def _robots(draws: Sequence[Draw]) -> tuple[AnyRobot, AnyRobot, AnyRobot]:
+def _robots(draws: Sequence[Scenario]) -> tuple[AnyRobot, AnyRobot, AnyRobot]:
     """Return what the arms of draws really are, as their makers know them, and the nominal models."""
     first = draws[0]
     if len(draws) == 1:
@@ -648,7 +648,7 @@ def _robots(draws: Sequence[Draw]) -> tuple[AnyRobot, AnyRobot, AnyRobot]:
 
     def vary(name: str, **more: Any) -> AnyRobot:
         robots = [getattr(draw, name) for draw in draws]
-        if name == "arm" or not rotors.believed_joints(first.model):  # what is believed stays so
+        if name == "arm" or not rotors.assumed_joints(first.model):  # what is believed stays so
             more["rotor_inertia"] = np.stack([robot.armature for robot in robots])
         return first.robot.varied(effort=np.stack([robot.limits.effort for robot in robots]), **more)
 
@@ -660,7 +660,7 @@ def _robots(draws: Sequence[Draw]) -> tuple[AnyRobot, AnyRobot, AnyRobot]:
     return arm, vary("model"), vary("nominal", inertia_scale=scale)
 
 
-def _stack_draws(draws: Sequence[Draw], name: str) -> Array:
+def _stack_draws(draws: Sequence[Scenario], name: str) -> Array:
     """Return an array of each draw, (n,) or (batch, n)."""
     return _rows([getattr(draw, name) for draw in draws])
 

@@ -15,14 +15,15 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from armgpi import files
+from armgpi import files, renamed
 from armgpi.arrays import LARGEST, Array, check_choice, quantity
 from armgpi.errors import ArmgpiError, ConfigError, NameNotFound, ParameterError, UrdfError, show_value
 from armgpi.parameter import Parameter, plain
+from armgpi.renamed import current_name
 from armgpi.robot.markup import GEAR_RATIO, ROTOR_INERTIA
 
 #: Whose word a number is: a user's or a file's, a rule's where nobody said anything, or a measurement's.
-SOURCES = ("told", "believed", "measured")
+SOURCES = ("specified", "assumed", "identified")
 _MAX_BYTES = 1_000_000
 #: What a URDF's parameters are called that only armgpi knows.
 _OWN = "armgpi:"
@@ -59,19 +60,19 @@ class Datum(NamedTuple):
         value: its best value; a word where it is not a number.
         low: lowest value that it may have.
         high: highest value that it may have.
-        source: "told", "believed" or "measured".
+        source: "specified", "assumed" or "identified".
         file: where it is from; empty for no file.
     """
 
     value: Any
     low: Any
     high: Any
-    source: str = "told"
+    source: str = "specified"
     file: str = ""
 
     def plain(self) -> Any:
         """Return it as a file has it: the bare value where a user gave that alone."""
-        if (self.low, self.high, self.source, self.file) == (self.value, self.value, "told", ""):
+        if (self.low, self.high, self.source, self.file) == (self.value, self.value, "specified", ""):
             return self.value
         ends = {"low": self.low, "high": self.high} if self.low != self.high else {}
         file = {"file": self.file} if self.file else {}
@@ -114,7 +115,13 @@ class Drives:
         return tuple(own[joint].source if joint in own else "" for joint in self.joint_names)
 
     def with_value(
-        self, name: str, value: Any, low: Any = None, high: Any = None, source: str = "told", file: str = ""
+        self,
+        name: str,
+        value: Any,
+        low: Any = None,
+        high: Any = None,
+        source: str = "specified",
+        file: str = "",
     ) -> Drives:
         """Return these drives with another quantity.
 
@@ -123,7 +130,7 @@ class Drives:
             value: a number or word for all joints, one per joint, or joint -> value (the others keep theirs).
             low: lowest values, likewise; the values when not given.
             high: highest values, likewise.
-            source: "told", "believed" or "measured".
+            source: "specified", "assumed" or "identified".
             file: where it is from.
 
         Raises:
@@ -131,6 +138,7 @@ class Drives:
             ArrayError: for another shape, or what is not finite.
             ParameterError: when a value is not as declared, or outside its interval.
         """
+        source = current_name(source, renamed.SOURCES)
         check_choice(source, "source", SOURCES)
         known = dict(self._of(name))
         columns = [self._column(name, value)]

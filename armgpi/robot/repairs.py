@@ -9,11 +9,13 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any, NamedTuple
 
+from armgpi import renamed
 from armgpi.errors import NameNotFound, ParameterError, Remedy, UrdfError
+from armgpi.renamed import current_name
 
 ALL = "all"
 #: The repair that is no correction but a start.
-SUPPOSE = "suppose-bodies"
+SUPPOSE = "assume-bodies"
 #: Kind -> what the repair does.
 KINDS = {
     "drop-inertia": "a moving link with an inertia and the mass 0 becomes a frame, without inertia",
@@ -48,10 +50,17 @@ def repair_names(names: str | Iterable[str]) -> frozenset[str]:
         asked = frozenset(name.strip() for name in given if name.strip())
     except (TypeError, AttributeError):
         raise ParameterError("repair", names, "names of repairs, or 'all'") from None
+    asked = frozenset(map(_current, asked))
     for name in asked:
         if name.partition(":")[0] not in KINDS and name != ALL:
             raise NameNotFound("repair", name, (*KINDS, ALL))
     return asked
+
+
+def _current(name: str) -> str:
+    """Return the name of a repair with its current kind."""
+    kind, *rest = name.split(":", 1)
+    return ":".join([current_name(kind, renamed.REPAIRS, 4), *rest])
 
 
 def made_in(provenance: Mapping[str, Any]) -> list[str]:

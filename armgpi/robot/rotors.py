@@ -15,7 +15,9 @@ import math
 
 import numpy as np
 
+from armgpi import renamed
 from armgpi.arrays import Array, check_choice, check_type
+from armgpi.renamed import current_name
 from armgpi.robot.drives import Drives
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
@@ -44,8 +46,8 @@ _MOST_GRAVITY = 20.0
 #: Where nothing tells the torque or speed of a motor: so many times the joint's largest gravity torque,
 #: which is at least a share of the arm's; and that speed [rad/s or m/s].
 _GRAVITIES, _LEAST_SHARE, _SPEED = 3.0, 0.1, 3.0
-#: What may be taken where nothing is known of drives; see :func:`believe_drives`.
-BELIEFS = ("soft", "believed", "rigid")
+#: What may be taken where nothing is known of drives; see :func:`assume_drives`.
+ASSUMPTIONS = ("elastic", "stiff", "none")
 
 
 def silent(robot: Robot) -> tuple[str, ...]:
@@ -55,7 +57,7 @@ def silent(robot: Robot) -> tuple[str, ...]:
     return tuple(name for name, source, inertia in known if not source and not inertia)
 
 
-def believable(robot: Robot) -> Array:
+def typical_inertia(robot: Robot) -> Array:
     """Return the rotor inertia that each joint of an arm is believed to have [kg m^2 or kg], (n,)."""
     velocity = np.abs(robot.limits.velocity)
     speed = np.where((velocity > _STILL) & (velocity < _NO_VELOCITY), velocity, _SPEED)
@@ -75,13 +77,13 @@ def motor_torque(robot: Robot) -> Array:
     return np.where(told, effort, guessed)
 
 
-def believe_drives(robot: Robot, drives: str | None = None) -> Robot:
+def assume_drives(robot: Robot, drives: str | None = None) -> Robot:
     """Return the arm with what is believed of its drives where nothing is known of them.
 
     Args:
         robot: the arm.
-        drives: "soft" for rotors, and gears that twist; "believed" for rotors of stiff gears; "rigid" for no
-            rotors. None is "soft", and leaves an arm alone of which something is believed already.
+        drives: "elastic" for rotors, and gears that twist; "stiff" for rotors of stiff gears; "none" for no
+            rotors. None is "elastic", and leaves an arm alone of which something is believed already.
 
     Raises:
         ParameterError: for another word, or what is no robot.
@@ -89,39 +91,40 @@ def believe_drives(robot: Robot, drives: str | None = None) -> Robot:
     check_type(robot, "robot", Robot, "a Robot")
     if drives is None:
         sources = {datum.source for own in robot.drives.data.values() for datum in own.values()}
-        return robot if "believed" in sources else believe_gears(robot)
-    check_choice(drives, "drives", BELIEFS)
-    return {"soft": believe_gears, "believed": believe, "rigid": without_rotors}[drives](robot)
+        return robot if "assumed" in sources else assume_gears(robot)
+    drives = current_name(drives, renamed.DRIVES)
+    check_choice(drives, "drives", ASSUMPTIONS)
+    return {"elastic": assume_gears, "stiff": assume_rotors, "none": without_rotors}[drives](robot)
 
 
-def believe(robot: Robot) -> Robot:
+def assume_rotors(robot: Robot) -> Robot:
     """Return the arm with believed rotors where nothing is known of them; the same arm where all is told."""
-    rotors = _believed_rotors(robot)
+    rotors = _assumed_rotors(robot)
     return robot.with_drives(rotors) if rotors.data else robot
 
 
-def _believed_rotors(robot: Robot) -> Drives:
+def _assumed_rotors(robot: Robot) -> Drives:
     """Return rotors for the joints of whose rotors nothing is known."""
-    names, every = silent(robot), zip(robot.joint_names, believable(robot).tolist(), strict=True)
+    names, every = silent(robot), zip(robot.joint_names, typical_inertia(robot).tolist(), strict=True)
     value = {name: inertia for name, inertia in every if name in names}
     low, high = ({name: factor * x for name, x in value.items()} for factor in (1.0 / SCATTER, SCATTER))
     own = Drives(robot.joint_names)
-    return own.with_value("rotor_inertia", value, low, high, source="believed") if value else own
+    return own.with_value("rotor_inertia", value, low, high, source="assumed") if value else own
 
 
-def believe_gears(robot: Robot) -> Robot:
+def assume_gears(robot: Robot) -> Robot:
     """Return the arm with believed stiffness of the gears where nothing is known of it.
 
     Rotors of which nothing is known are believed as well: a gear that twists is between two masses.
     """
-    rotors, known = _believed_rotors(robot), robot.drives.data.get("stiffness", {})
+    rotors, known = _assumed_rotors(robot), robot.drives.data.get("stiffness", {})
     # One change of the arm, so that one read back from a file has the same history.
     armature = np.maximum(robot.armature, rotors.value("rotor_inertia", 0.0))
     twist = np.where(robot.prismatic, STRETCH, TWIST)
     every = zip(robot.joint_names, (motor_torque(robot) / twist).tolist(), armature, strict=True)
     value = {name: K for name, K, rotor in every if name not in known and rotor > 0.0}
     low, high = ({name: f * K for name, K in value.items()} for f in (1.0 / TWIST_SCATTER, TWIST_SCATTER))
-    more = rotors.with_value("stiffness", value, low, high, source="believed")
+    more = rotors.with_value("stiffness", value, low, high, source="assumed")
     return robot.with_drives(more) if more.data else robot
 
 
@@ -143,29 +146,29 @@ def without_rotors(robot: Robot) -> Robot:
     return robot.with_armature(dict.fromkeys(silent(robot), 0.0)) if silent(robot) else robot
 
 
-def believed_joints(robot: Robot) -> tuple[str, ...]:
+def assumed_joints(robot: Robot) -> tuple[str, ...]:
     """Return the joints whose rotors are believed."""
     sources = robot.drives.sources("rotor_inertia")
-    return tuple(
-        name for name, source in zip(robot.joint_names, sources, strict=True) if source == "believed"
-    )
+    return tuple(name for name, source in zip(robot.joint_names, sources, strict=True) if source == "assumed")
 
 
 def told_none(robot: Robot) -> tuple[str, ...]:
     """Return the joints that somebody, and no file of the arm, told to have no rotor."""
     own = robot.drives.data.get("rotor_inertia", {})
     return tuple(
-        joint for joint, datum in own.items() if datum.source == "told" and not (datum.value or datum.file)
+        joint
+        for joint, datum in own.items()
+        if datum.source == "specified" and not (datum.value or datum.file)
     )
 
 
 def unlike(nominal: Robot, arm: Robot) -> str:
     """Return in a line that a law believes rotors which a simulated arm lacks; nothing where all agree."""
-    both = set(believed_joints(nominal)) & set(silent(arm))
+    both = set(assumed_joints(nominal)) & set(silent(arm))
     names = ", ".join(name for name in arm.joint_names if name in both)
     return names and (
         f"the controller believes rotors in {names}, and the simulated arm has none, which such a law may "
-        "lose: make both of armgpi.believe_drives(robot), or tell both by robot.with_armature(...)"
+        "lose: make both of armgpi.assume_drives(robot), or tell both by robot.with_armature(...)"
     )
 
 
@@ -175,29 +178,29 @@ def describe(robot: Robot) -> str:
         return (
             f"no rotors, as it is told: {', '.join(none)}; an arm with geared motors is lost under such a law"
         )
-    rows = _believed_rows(robot, "rotor_inertia")
+    rows = _assumed_rows(robot, "rotor_inertia")
     return rows and (
         f"the file gives no rotor inertia; believed [kg m² or kg, within a factor of {SCATTER:g}]: {rows}; "
-        "give it by --rotor-inertia or --drives FILE, or none by --drives rigid"
+        "give it by --rotor-inertia or --drives FILE, or none by --drives none"
     )
 
 
 def describe_gears(robot: Robot) -> str:
     """Return in a line what is believed of the stiffness of an arm's gears; or nothing."""
-    rows = _believed_rows(robot, "stiffness")
+    rows = _assumed_rows(robot, "stiffness")
     return rows and (
         f"the file gives no gear stiffness; believed [N m/rad or N/m, within a factor of {TWIST_SCATTER:g}]: "
-        f"{rows}; for stiff gears --drives believed has 1/{SOFT_COST:g} of the error (ITAE), but loses most "
+        f"{rows}; for stiff gears --drives stiff has 1/{SOFT_COST:g} of the error (ITAE), but loses most "
         "arms whose gears twist; give stiffness by --drives FILE"
     )
 
 
-def _believed_rows(robot: Robot, quantity: str) -> str:
+def _assumed_rows(robot: Robot, quantity: str) -> str:
     """Return what is believed of a quantity, joint by joint."""
     data = robot.drives.data.get(quantity, {})
     rows = (
         f"{joint} {float(f'{data[joint].value:.2g}'):g}"
         for joint in robot.joint_names
-        if joint in data and data[joint].source == "believed"
+        if joint in data and data[joint].source == "assumed"
     )
     return ", ".join(rows)

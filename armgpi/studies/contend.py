@@ -21,7 +21,7 @@ from armgpi.errors import NameNotFound
 from armgpi.escape import markdown_table
 from armgpi.health.reality import describe_knowledge as described
 from armgpi.health.zoo import fingers
-from armgpi.plants.reality import Draw, Reality, scales
+from armgpi.plants.reality import Reality, Scenario, scales
 from armgpi.robot.robot import Robot
 from armgpi.studies.evaluation import Evaluator
 from armgpi.studies.objective import Objective
@@ -116,7 +116,7 @@ def budgets(robot: Robot) -> tuple[float, ...]:
     return tuple(share * budget for budget in BUDGETS)
 
 
-def draws(robot: Robot, count: int, first: int, kind: str = "bare") -> list[Draw]:
+def draws(robot: Robot, count: int, first: int, kind: str = "bare") -> list[Scenario]:
     """Return scenarios of an arm: 16 bits, one sample late, unknown load, wrong inertia, torque step.
 
     Arms of other realities than `bare` have rotors, friction in all draws, and encoders at the motors.

@@ -16,7 +16,7 @@ from armgpi.health.reality import in_rows, prepare_draws
 from armgpi.loop import metrics
 from armgpi.loop.prepared import PreparedLoop
 from armgpi.loop.rollout import Status
-from armgpi.plants.reality import Draw, batches, stack_draws
+from armgpi.plants.reality import Scenario, batches, stack_draws
 
 
 class Evaluated(NamedTuple):
@@ -39,7 +39,7 @@ class Evaluator:
         names: of the metrics that it works out.
     """
 
-    def __init__(self, draws: Sequence[Draw], names: Sequence[str], backend: str = "compiled") -> None:
+    def __init__(self, draws: Sequence[Scenario], names: Sequence[str], backend: str = "compiled") -> None:
         """Keep the draws.
 
         Args:

@@ -74,7 +74,7 @@ def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "c
     data.setdefault("controllers", [{"type": "gpi"}])
     silent = given.robot.drives is None and given.reality is None
     if silent:  # what is found is for an arm that has rotors
-        given = given.replace(robot=given.robot.replace(drives="believed"))
+        given = given.replace(robot=given.robot.replace(drives="stiff"))
     experiment = config.build(given, origin)
     data["robot"] = experiment.config.robot.plain(given=True)
     _warn(given, experiment, silent, origin)
@@ -89,9 +89,11 @@ def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "c
 
 def _warn(given: ExperimentConfig, experiment: Experiment, silent: bool, origin: Origin) -> None:
     """Warn of what candidates are searched without; `silent`: nothing says how the arm is driven."""
-    if silent and "stiffness" in rotors.believe_gears(experiment.robot).drives.data:
+    if silent and "stiffness" in rotors.assume_gears(experiment.robot).drives.data:
         said = "gears are searched as rigid ones: where they twist, what is found may shake the arm; try it "
-        warnings.warn(str(origin.error(("robot",), f"{said}with drives: soft")), ArmgpiWarning, stacklevel=3)
+        warnings.warn(
+            str(origin.error(("robot",), f"{said}with drives: elastic")), ArmgpiWarning, stacklevel=3
+        )
     if experiment.supervisor is not None:
         said = "candidates are searched without the supervisor of the file; run what is found under it"
         warnings.warn(str(origin.error(("supervisor",), said)), ArmgpiWarning, stacklevel=3)

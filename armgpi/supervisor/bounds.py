@@ -23,7 +23,7 @@ SMOOTHING = 5e-3
 #: Configurations in which inertias are looked at, always the same. Set by hand.
 _POSES = 16
 #: Resolution of positions where none is given: a turn, or the travel of a prismatic joint, in 2^16 counts, as
-#: GPI.untuned takes it where nobody says it.
+#: GPI.auto takes it where nobody says it.
 _BITS = 16
 #: Standard deviations of noise that count as resolution: a normal one passes them once in 5e8 samples.
 _SIGMAS = 6.0

@@ -49,7 +49,7 @@ _ANSWERS = 8
 #: hand, as long as a push of half the motor's torque looks like a wrong sign (docs/supervisor.md).
 _FORGOTTEN = 0.01
 #: Changes of a torque that have to be answered, as a share of its limit. Set by hand: above what a count of a
-#: 16-bit encoder moves under GPI.untuned, 1 %.
+#: 16-bit encoder moves under GPI.auto, 1 %.
 _ASKED = 0.02
 #: How much faster than when it was found a joint that answers the wrong way may be, and still get a torque.
 #: Set by hand: a motor that was wrongly accused stays below 2.5 times (tests/supervisor/test_supervisor.py).

@@ -76,7 +76,7 @@ REASONS = {
     Reason.RESPONSE: Cause(
         "a joint answers its torque the wrong way",
         "a motor or its command turned round, an arm that swings on its gears, a long push",
-        "look at the sign of torque and position; `--drives soft` where gears twist",
+        "look at the sign of torque and position; `--drives elastic` where gears twist",
     ),
     Reason.SPEED: Cause(
         "a joint is too fast",

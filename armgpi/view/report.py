@@ -457,7 +457,7 @@ def _plain(value: Any) -> str:
     if isinstance(value, list | tuple):
         return f"({', '.join(map(_plain, value))})"
     if isinstance(value, Mapping) and "value" in value:  # what is known of a drive
-        return f"{_plain(value['value'])} ({value.get('source', 'told')})"
+        return f"{_plain(value['value'])} ({value.get('source', 'specified')})"
     if isinstance(value, Mapping):
         return ", ".join(f"{key} {_plain(each)}" for key, each in value.items())
     return f"{value:g}" if isinstance(value, float) else str(value)

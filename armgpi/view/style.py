@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
 #: Controllers, by their names in files, that have a colour of their own: the palette's, in its order. The
 #: first four, compared the most, have a contrast of 3 on white (WCAG 2.2, 1.4.11), which not all seven could.
-_OWN = ("gpi", "pid", "network", "untuned", "adrc", "ctdob", "schedule")
+_OWN = ("gpi", "pid", "network", "gpi_auto", "adrc", "ctdob", "schedule")
 #: The reference, in figures and as the ghost in the scene.
 REFERENCE = "#000000"
 #: Limits and the like: what is there but is not the point.

@@ -824,8 +824,8 @@ CASES: dict[str, Case] = {
         lambda found: found.error[np.isfinite(found.error)],
         slow=True,
     ),
-    "believe_drives": Case(
-        armgpi.believe_drives, {"robot": ARM, "drives": "soft"}, lambda found: found.armature
+    "assume_drives": Case(
+        armgpi.assume_drives, {"robot": ARM, "drives": "elastic"}, lambda found: found.armature
     ),
     "bound_path": Case(
         armgpi.bound_path,

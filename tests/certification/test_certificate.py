@@ -562,9 +562,9 @@ def test_bad_options_are_refused_by_name(
 def test_what_the_rule_chooses_is_no_option_of_the_untuned_law() -> None:
     law = {"integrators": 2, "rolloff": 0, "rolloff_ratio": 4.0, "feedforward": "none", "delay": 1}
     assert _chosen_parts({**law, "controller": "gpi"})["integrators"] == 2
-    assert _chosen_parts({**law, "controller": "untuned"}) == {"controller": "untuned", "delay": 1}
+    assert _chosen_parts({**law, "controller": "gpi_auto"}) == {"controller": "gpi_auto", "delay": 1}
     with pytest.raises(armgpi.errors.ConfigError, match="--rolloff"):
-        _chosen_parts({**law, "controller": "untuned", "rolloff": 1})
+        _chosen_parts({**law, "controller": "gpi_auto", "rolloff": 1})
 
 
 def test_shares_of_what_disturbs_are_told_and_add_up() -> None:

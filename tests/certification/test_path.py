@@ -204,7 +204,7 @@ def test_a_tube_is_the_least_that_its_own_disturbances_do_not_leave() -> None:
         reasons=lambda torque, force=3.0: ["more"] * (torque > 0.2 or not 3.0 <= force <= 3.5)
     )
     made = tube.path_bound([bears])
-    assert [made.bears, made.bears_force] == pytest.approx([0.2, 0.5], rel=2e-3)
+    assert [made.tolerated_torque, made.tolerated_force] == pytest.approx([0.2, 0.5], rel=2e-3)
 
 
 def test_what_matrices_make_of_torques_is_added_up_by_size() -> None:
@@ -454,8 +454,8 @@ def test_the_worst_course_comes_near_and_the_tool_stays_within() -> None:
 def test_what_it_bears_is_borne() -> None:
     law = GPI(ARM, 1e-3, FixedGains(20.0), feedforward="model")
     made = bound_path(law, PATH, 2.6, torque=0.1)
-    assert bound_path(law, PATH, 2.6, torque=0.1 + 0.9 * made.bears).holds
-    assert bound_path(law, PATH, 2.6, torque=0.1, force=0.9 * made.bears_force).holds
+    assert bound_path(law, PATH, 2.6, torque=0.1 + 0.9 * made.tolerated_torque).holds
+    assert bound_path(law, PATH, 2.6, torque=0.1, force=0.9 * made.tolerated_force).holds
 
 
 def test_bounds_grow_with_what_is_stated() -> None:
@@ -597,7 +597,7 @@ def test_the_command_prints_it_and_writes_page_and_file(cli: Any, tmp_path: Path
     for line in answer.out.splitlines()[-3:]:  # the stop, the gears, and what they let the tool sink
         assert f"<p>{line.strip()}</p>" in page.read_text()
     assert "the supervisor stops the tool" in answer.out
-    arm = armgpi.believe_drives(ARM, "soft")
+    arm = armgpi.assume_drives(ARM, "elastic")
     assert f"beside it, {sag(arm)} (stiffness believed)" in answer.out
     file.write_text(f"{file.read_text()}plant: {{gear_stiffness: 1e4, engine: elastic}}\n")
     refused = cli("bound", file)
@@ -614,9 +614,9 @@ def test_a_page_shows_the_errors_of_its_run() -> None:
 
 
 def test_a_law_for_gears_that_twist_is_bounded_on_a_rigid_arm(cli: Any) -> None:
-    words = ("anthropomorphic3", "--controller", "untuned", "--rotor-inertia", "0.1", "--torque", "0.1")
+    words = ("anthropomorphic3", "--controller", "gpi_auto", "--rotor-inertia", "0.1", "--torque", "0.1")
     lowest = []
-    for drives in ((), ("--drives", "believed")):
+    for drives in ((), ("--drives", "stiff")):
         answer = cli("bound", *words, *drives)
         assert answer.code == 0, answer.err
         lowest.append(float(re.findall(r"below ([\d.]+) Hz", answer.out)[0]))

@@ -49,7 +49,7 @@ def test_no_rollout_exceeds_a_certificate(options: dict[str, Any]) -> None:
 def test_no_rollout_of_the_untuned_law_exceeds_its_certificate() -> None:
     """From the right load's start and from the other one's; its dead zone is in the claims."""
     robot = armgpi.Robot.load("anthropomorphic3").with_armature(0.1)
-    asked = ask(robot, 1e-3, speed=0.2, radius=0.2, controller="untuned", torque=0.001, gains=None)
+    asked = ask(robot, 1e-3, speed=0.2, radius=0.2, controller="gpi_auto", torque=0.001, gains=None)
     made = certificate(asked, search_numbers(asked.setting))
     assert float(made.data["law"]["omega"][0]) == pytest.approx(55.3, abs=0.1)  # the rule's, not GPI's
     assert made.certified, made.reasons
@@ -60,7 +60,7 @@ def test_no_rollout_of_the_untuned_law_exceeds_its_certificate() -> None:
     assert seen.gain.max() >= 0.2  # the others are made of the dead zone for the most part
     assert "one omega: the rule gives the joints" in str(made)
     with pytest.raises(armgpi.errors.ParameterError, match="lightest load of 0"):
-        ask(robot, 1e-3, speed=0.2, controller="untuned", payload=(0.05, 0.1))
+        ask(robot, 1e-3, speed=0.2, controller="gpi_auto", payload=(0.05, 0.1))
 
 
 def test_each_generation_keeps_the_best_and_is_better() -> None:

@@ -471,7 +471,7 @@ def test_a_plant_with_stiff_gears_is_told_from_an_arm_whose_gears_twist(
         pytest.skip("the robots extra is not installed")
     if plant == "mujoco":
         pytest.importorskip("mujoco")
-    answer = cli("run", "ur5", "--controller", "untuned", "--plant", plant, *SHORT)
+    answer = cli("run", "ur5", "--controller", "gpi_auto", "--plant", plant, *SHORT)
     assert answer.code == 0, answer.err
     assert "the file gives no gear stiffness; believed" in answer.err
     assert (f"the plant {plant} has stiff gears" in answer.err) == (plant != "elastic")

@@ -27,13 +27,13 @@ DT = 1e-3
 
 def at(robot: Robot, side: str, **more: Any) -> Robot:
     """Return an arm with assumed drives, its encoders on one side."""
-    return rotors.believe_gears(robot).with_drives(
+    return rotors.assume_gears(robot).with_drives(
         {joint: {"encoder_side": side, **more} for joint in robot.joint_names}
     )
 
 
 def auto(robot: Robot, late: int = 1, bits: int | None = 16, dt: float = DT) -> GPI:
-    return GPI.untuned(robot, dt, delay=late * dt, bits=bits)
+    return GPI.auto(robot, dt, delay=late * dt, bits=bits)
 
 
 @given(st.floats(4.0, 45.0), st.floats(5.0, 40.0))
@@ -72,7 +72,7 @@ def test_a_push_moves_the_links_a_fifth_as_far_as_where_the_side_is_not_known(
     plant: Any = armgpi.ElasticPlant(known, armgpi.Step(0.1 * gravity, 0.5))
     plant = armgpi.Delayed(armgpi.Encoder(plant, 16), 1)
     peaks = []
-    for law in (auto(known), auto(rotors.believe_gears(arm))):
+    for law in (auto(known), auto(rotors.assume_gears(arm))):
         rollout = armgpi.simulate(plant, law, armgpi.Hold(arm.middle()), 1.5, backend="compiled")
         q = rollout["q"].values
         peaks.append(np.abs(q[500:] - q[450]).max())
@@ -82,14 +82,14 @@ def test_a_push_moves_the_links_a_fifth_as_far_as_where_the_side_is_not_known(
 
 def test_it_is_only_for_encoders_at_all_motors_and_loops_that_are_early() -> None:
     assert auto(at(UR5, "motor")).link_factor == collocated.LINK_FACTOR
-    for arm, late in ((at(UR5, "link"), 1), (rotors.believe_gears(UR5), 1), (at(UR5, "motor"), 8)):
+    for arm, late in ((at(UR5, "link"), 1), (rotors.assume_gears(UR5), 1), (at(UR5, "motor"), 8)):
         assert auto(arm, late).link_factor == 1.0
     mixed = at(UR5, "motor").with_drives({"elbow_joint": {"encoder_side": "link"}})
     assert auto(mixed).link_factor == 1.0
 
 
 def test_what_is_given_is_kept() -> None:
-    law = GPI.untuned(at(UR5, "motor"), DT, delay=DT, rolloff=1)
+    law = GPI.auto(at(UR5, "motor"), DT, delay=DT, rolloff=1)
     assert (law.rolloff, law.link_factor) == (1, 1.0)
 
 
@@ -124,7 +124,7 @@ def test_a_count_moves_the_torque_by_a_share_of_the_effort() -> None:
 
 def test_a_batch_has_the_numbers_of_each_arm() -> None:
     light, heavy = at(UR5, "motor"), at(UR5.with_payload("tool0", 3.0), "motor")
-    both = GPI.untuned(RobotBatch([light, heavy]), DT, delay=DT, bits=16)
+    both = GPI.auto(RobotBatch([light, heavy]), DT, delay=DT, bits=16)
     for row, arm in enumerate((light, heavy)):
         alone = auto(arm)
         np.testing.assert_allclose(both.gains.nominal().omega_c[row], alone.gains.nominal().omega_c)

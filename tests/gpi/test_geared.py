@@ -26,7 +26,7 @@ DT = 1e-3
 
 
 def rule(robot: Robot, drives: str | None = None, late: int = 1) -> GPI:
-    return GPI.untuned(robot, DT, delay=late * DT, bits=16, drives=drives)
+    return GPI.auto(robot, DT, delay=late * DT, bits=16, drives=drives)
 
 
 def told(robot: Robot, factor: float, side: str) -> Robot:
@@ -73,7 +73,7 @@ def test_a_specified_stiffness_behind_the_link_is_as_fast_as_its_sensitivity_all
 
 def test_each_joint_is_as_fast_as_all_loops_bear() -> None:
     arm = told(PANDA, 1.0, "motor")
-    law = GPI.untuned(arm, DT, delay=DT, second_zeta=0.7)  # else another rule has it
+    law = GPI.auto(arm, DT, delay=DT, second_zeta=0.7)  # else another rule has it
     omega, most = law.gains.nominal().omega_c, geared.SENSITIVITIES[0]
     loops = geared.Loops(geared.cases(arm, DT, 1), law.robot, arm, law.member, DT)
     assert loops.holds(omega, most)
@@ -83,7 +83,7 @@ def test_each_joint_is_as_fast_as_all_loops_bear() -> None:
 
 
 def test_a_late_loop_bears_gears_that_are_softer_than_believed() -> None:
-    law = GPI.untuned(UR5, 4e-3, delay=4e-3, bits=16)
+    law = GPI.auto(UR5, 4e-3, delay=4e-3, bits=16)
     arm, rolled = law.bias_robot, law.with_values(rolloff=1, rolloff_ratio=8.0)
     assert law.rolloff == 0
     held = np.zeros(2, dtype=int)
@@ -101,12 +101,12 @@ def test_a_late_loop_bears_gears_that_are_softer_than_believed() -> None:
 
 def test_no_loop_is_so_slow_that_the_arm_falls_under_its_load() -> None:
     for late in (2, 3):
-        law = GPI.untuned(PANDA, 4e-3, delay=late * 4e-3, bits=20)
+        law = GPI.auto(PANDA, 4e-3, delay=late * 4e-3, bits=20)
         assert law.gains.nominal().omega_c.min() == pytest.approx(geared.SLOWEST)
 
 
 def test_behind_encoders_at_the_link_believed_gears_may_be_as_soft_as_any() -> None:
-    robot = rotors.believe_gears(UR5).with_drives({j: {"encoder_side": "link"} for j in UR5.joint_names})
+    robot = rotors.assume_gears(UR5).with_drives({j: {"encoder_side": "link"} for j in UR5.joint_names})
     law, q = rule(robot), UR5.middle()
     stiffness = robot.drives.value("stiffness") * (geared.SOFTEST / geared.resonance(robot)) ** 2
     gears = Gears(robot.armature, stiffness, 0.03, 500.0, "link")
@@ -120,7 +120,7 @@ def test_gears_told_stiff_change_nothing(late: int) -> None:
     stiff = rule(told(UR5, 1e3, "motor"), late=late)
     # The same encoders: behind the gear their counts are finer.
     at_motor = {joint: {"encoder_side": "motor"} for joint in UR5.joint_names}
-    rigid = rule(UR5.with_armature(ROTORS[UR5]).with_drives(at_motor), "believed", late)
+    rigid = rule(UR5.with_armature(ROTORS[UR5]).with_drives(at_motor), "stiff", late)
     assert stiff.values()["rolloff_ratio"] == rigid.values()["rolloff_ratio"]
     assert (stiff.feedforward, stiff.rotor_factor) == (rigid.feedforward, 1.0)
     np.testing.assert_array_equal(stiff.gains.nominal(), rigid.gains.nominal())
@@ -128,11 +128,11 @@ def test_gears_told_stiff_change_nothing(late: int) -> None:
 
 def test_a_batch_has_the_soft_law_where_one_of_its_gears_is_soft() -> None:
     stiff, stiffer, soft = (told(UR5, factor, "motor") for factor in (1e3, 2e3, 1.0))
-    law = GPI.untuned(RobotBatch([stiffer, stiff]), DT, delay=DT, bits=16)
+    law = GPI.auto(RobotBatch([stiffer, stiff]), DT, delay=DT, bits=16)
     alone = rule(stiff)
     assert (law.feedforward, law.rotor_factor) == (alone.feedforward, alone.rotor_factor)
     np.testing.assert_allclose(law.gains.nominal().omega_c[1], alone.gains.nominal().omega_c)
-    mixed = GPI.untuned(RobotBatch([stiff, soft]), DT, delay=DT, bits=16)
+    mixed = GPI.auto(RobotBatch([stiff, soft]), DT, delay=DT, bits=16)
     assert mixed.feedforward == "computed" != law.feedforward
 
 
@@ -156,8 +156,8 @@ def test_heavier_rotors_are_those_of_the_feedback_alone() -> None:
 
 
 def test_a_batch_has_the_rule_of_each() -> None:
-    arms = [rotors.believe_gears(UR5), rotors.believe_gears(UR5.with_armature(ROTORS[UR5]))]
-    both = GPI.untuned(RobotBatch(arms), DT, delay=DT, bits=16).gains.nominal().omega_c
+    arms = [rotors.assume_gears(UR5), rotors.assume_gears(UR5.with_armature(ROTORS[UR5]))]
+    both = GPI.auto(RobotBatch(arms), DT, delay=DT, bits=16).gains.nominal().omega_c
     np.testing.assert_allclose(both, [rule(arm).gains.nominal().omega_c for arm in arms], rtol=1e-4)
 
 
@@ -183,7 +183,7 @@ def test_ms_of_an_arm_without_gears_is_that_of_one_joint() -> None:
 
 
 def test_the_delay_margin_is_where_the_loop_begins_to_swing() -> None:
-    law = rule(rotors.believe(UR5))
+    law = rule(rotors.assume_rotors(UR5))
     for case in geared.rigid_cases(law.bias_robot, DT, 1):
         linear = two_mass.law(law, case.q)
         samples = case.arm.delay_margin(linear) / DT
@@ -196,14 +196,14 @@ def test_the_delay_margin_is_where_the_loop_begins_to_swing() -> None:
 
 def test_a_run_has_the_law_and_the_drives_that_an_export_writes() -> None:
     data: dict[str, Any] = {
-        "robot": {"name": "ur5", "drives": "soft"},
+        "robot": {"name": "ur5", "drives": "elastic"},
         "plant": {"encoder_bits": 16, "delay": 1},
-        "controllers": [{"type": "untuned"}],
+        "controllers": [{"type": "gpi_auto"}],
         "t_final": 0.5,
     }
     made = config.build(config.check(data, config.Origin()))
-    law: Any = made.controllers["untuned"]
-    direct = rule(rotors.believe_gears(UR5))
+    law: Any = made.controllers["gpi_auto"]
+    direct = rule(rotors.assume_gears(UR5))
     np.testing.assert_array_equal(law.gains.nominal(), direct.gains.nominal())
     assert (law.rotor_factor, law.feedforward, law.rolloff) == (3.0, "computed", 0)
     np.testing.assert_array_equal(law.robot.armature, direct.robot.armature)
@@ -226,30 +226,30 @@ def test_a_law_with_heavier_rotors_gets_no_certificate() -> None:
 
 
 def test_it_says_what_limits_a_law_and_what_gears_lose_it() -> None:
-    soft = untuned.verdict(rule(rotors.believe_gears(UR5)), rotors.believe_gears(UR5), 16)
+    soft = untuned.verdict(rule(rotors.assume_gears(UR5)), rotors.assume_gears(UR5), 16)
     assert soft.limits[1:] == ("gears",) * 5
     assert soft.limits[0] == "noise"
     assert "limited by gears and noise" in soft.describe()
-    stiff = untuned.verdict(rule(UR5, "believed"), rotors.believe(UR5), 16)
+    stiff = untuned.verdict(rule(UR5, "stiff"), rotors.assume_rotors(UR5), 16)
     assert not math.isfinite(stiff.resonance)
     assert "taken as rigid: below" in stiff.describe()
-    arm = rotors.believe_gears(UR5)
+    arm = rotors.assume_gears(UR5)
     factor = (1.05 * stiff.borne / stiff.usual) ** 2
     for times, bears in ((factor, True), (0.7 * factor, False)):
         gears = Gears(arm.armature, times * arm.drives.value("stiffness"), geared.DAMPINGS[0], geared.CURRENT)
         peaks = [
-            ArmLoop(arm, case.q, gears, DT, 1).sensitivity(two_mass.law(rule(UR5, "believed"), case.q))
+            ArmLoop(arm, case.q, gears, DT, 1).sensitivity(two_mass.law(rule(UR5, "stiff"), case.q))
             for case in geared.rigid_cases(arm, DT, 1)
         ]
         assert (max(peaks) <= geared.RIGID_SENSITIVITY) == bears
     late = untuned.verdict(
-        GPI.untuned(UR5, 4e-3, delay=12e-3, bits=None, drives="believed"), rotors.believe(UR5)
+        GPI.auto(UR5, 4e-3, delay=12e-3, bits=None, drives="stiff"), rotors.assume_rotors(UR5)
     )
     assert set(late.limits) <= {"delay", "load"}
 
 
 def test_coarse_encoders_make_no_joint_slower_than_an_arm_bears() -> None:
-    law = GPI.untuned(UR5, DT, delay=DT, bits=10)
+    law = GPI.auto(UR5, DT, delay=DT, bits=10)
     assert law.gains.nominal().omega_c.min() >= geared.SLOWEST
 
 
@@ -258,7 +258,7 @@ def test_a_rotor_whose_interval_reaches_zero_is_as_light_as_a_believed_one() -> 
     lowest = (dict.fromkeys(rotor, 0.0), {name: x / rotors.SCATTER for name, x in rotor.items()})
     arms = [told(UR5, 1.0, "motor") for _ in lowest]
     arms = [
-        arm.with_drives(arm.drives.with_value("rotor_inertia", rotor, low, rotor, "measured"))
+        arm.with_drives(arm.drives.with_value("rotor_inertia", rotor, low, rotor, "identified"))
         for arm, low in zip(arms, lowest, strict=True)
     ]
     assert rule(arms[0]).gains.nominal().omega_c == pytest.approx(

@@ -43,7 +43,7 @@ def tuning(omega: float) -> Tuning:
 
 @pytest.mark.parametrize(("dt", "delay"), [(5e-4, 0.0), (1e-3, 1e-3), (4e-3, 4e-3), (4e-3, 12e-3)])
 def test_a_joint_is_as_fast_as_stiffness_and_delay_margin_allow(dt: float, delay: float) -> None:
-    law = GPI.untuned(ARM, dt, delay=delay, bits=None)
+    law = GPI.auto(ARM, dt, delay=delay, bits=None)
     (omega,) = set(law.gains.nominal().omega_c)
     late = dt == 4e-3  # then lateness limits, and the roll-off is farther out
     assert set(law.rolloff_ratio) == {untuned.LATE_RATIO if late else untuned.RATIO}
@@ -57,38 +57,38 @@ def test_a_joint_is_as_fast_as_stiffness_and_delay_margin_allow(dt: float, delay
 
 
 def test_no_gains_given_are_those_of_the_rule() -> None:
-    chosen, none = (GPI.untuned(ARM, 1e-3, **given) for given in ({}, {"gains": None}))
+    chosen, none = (GPI.auto(ARM, 1e-3, **given) for given in ({}, {"gains": None}))
     np.testing.assert_array_equal(none.gains.nominal().omega_c, chosen.gains.nominal().omega_c)
 
 
 @pytest.mark.filterwarnings("ignore:sample time, delay and encoders leave")  # 12 bits are coarse
 @pytest.mark.parametrize("bits", [12, 16, 20])
 def test_counts_make_no_more_noise_than_is_allowed(bits: int) -> None:
-    law = GPI.untuned(ARM, 1e-3, delay=1e-3, bits=bits)
+    law = GPI.auto(ARM, 1e-3, delay=1e-3, bits=bits)
     count = 2.0 * math.pi / 2**bits / math.sqrt(12.0)
     noise = [count * count_noise(tuning(omega), 1e-3, MEMBER).step for omega in law.gains.nominal().omega_c]
     shares = untuned.most_inertia(ARM) * noise / untuned.usual_effort(ARM)[:, np.newaxis]
     assert shares.max() < 1.1 * untuned.TORQUE_SHARE  # the noise is no exact cube of the bandwidth
-    free = GPI.untuned(ARM, 1e-3, delay=1e-3, bits=None).gains.nominal().omega_c
+    free = GPI.auto(ARM, 1e-3, delay=1e-3, bits=None).gains.nominal().omega_c
     assert (law.gains.nominal().omega_c <= free).all()
     assert shares.max() > 0.9 * untuned.TORQUE_SHARE or (law.gains.nominal().omega_c == free).all()
 
 
 def test_what_is_given_stays() -> None:
-    law = GPI.untuned(ARM, 1e-3, bits=16, gains=FixedGains(12.0), integrators=2, feedforward="none")
+    law = GPI.auto(ARM, 1e-3, bits=16, gains=FixedGains(12.0), integrators=2, feedforward="none")
     assert (law.integrators, law.rolloff, law.feedforward) == (2, untuned.ROLLOFF, "none")
     assert set(law.gains.nominal().omega_c) == {12.0}
-    loaded = GPI.untuned(ARM, 1e-3, bits=16, payload=(0.0, 0.2))
+    loaded = GPI.auto(ARM, 1e-3, bits=16, payload=(0.0, 0.2))
     assert loaded.payload.heaviest == 0.2
     assert (loaded.gains.nominal().omega_c <= loaded.payload.omega_c).all()
-    assert not GPI.untuned(ARM, 1e-3).friction_feedforward
-    assert GPI.untuned(ARM.with_friction(coulomb=0.1), 1e-3).friction_feedforward
+    assert not GPI.auto(ARM, 1e-3).friction_feedforward
+    assert GPI.auto(ARM.with_friction(coulomb=0.1), 1e-3).friction_feedforward
 
 
 def test_a_batch_has_the_rule_of_each() -> None:
     arms = [ARM, ARM.scaled_inertia(2.0)]
-    both = GPI.untuned(RobotBatch(arms), 1e-3, delay=1e-3, bits=14).gains.nominal().omega_c
-    each = [GPI.untuned(arm, 1e-3, delay=1e-3, bits=14).gains.nominal().omega_c for arm in arms]
+    both = GPI.auto(RobotBatch(arms), 1e-3, delay=1e-3, bits=14).gains.nominal().omega_c
+    each = [GPI.auto(arm, 1e-3, delay=1e-3, bits=14).gains.nominal().omega_c for arm in arms]
     np.testing.assert_allclose(both, each, rtol=1e-12)
 
 
@@ -98,38 +98,38 @@ def test_an_experiment_takes_it_behind_real_sensors_and_keeps_what_it_chose() ->
     (section,) = config.check(ideal, config.Origin()).controllers
     assert section.type == "gpi"
     built = config.build(config.check(real, config.Origin()))
-    law = built.controllers["untuned"]
+    law = built.controllers["gpi_auto"]
     assert isinstance(law, GPI)
-    direct = GPI.untuned(ARM, 1e-3, delay=1e-3, bits=16)
+    direct = GPI.auto(ARM, 1e-3, delay=1e-3, bits=16)
     np.testing.assert_array_equal(law.gains.nominal(), direct.gains.nominal())
     assert (law.integrators, law.rolloff, law.feedforward, law.knows) == (1, 1, "model", "model")
     (section,) = built.config.controllers
     assert (section.integrators, section.feedforward) == (1, "model")
-    again = config.build(built.config).controllers["untuned"]
+    again = config.build(built.config).controllers["gpi_auto"]
     np.testing.assert_array_equal(law.gains.nominal(), again.gains.nominal())  # type: ignore[attr-defined]
-    own = {"type": "untuned", "omega": 9.0, "rolloff": 0}
+    own = {"type": "gpi_auto", "omega": 9.0, "rolloff": 0}
     chosen = config.build(config.check({**real, "controllers": [own]}, config.Origin())).controllers[
-        "untuned"
+        "gpi_auto"
     ]
     assert (chosen.rolloff, chosen.integrators) == (0, 1)  # type: ignore[attr-defined]
     assert set(chosen.gains.nominal().omega_c) == {9.0}  # type: ignore[attr-defined]
 
 
 def test_one_count_moves_the_torque_by_what_is_said() -> None:
-    law = GPI.untuned(ARM, 1e-3, bits=16)
+    law = GPI.auto(ARM, 1e-3, bits=16)
     torque = law.count_torque(16)
     omega = law.gains.nominal().omega_c
     own = [count_noise(tuning(w), 1e-3, MEMBER).at_once * 2.0 * math.pi / 2**16 for w in omega]
     np.testing.assert_allclose(torque, (untuned.most_inertia(law.robot) * own).max(axis=1), rtol=1e-12)
     with pytest.raises(ParameterError, match="a single Robot"):
-        GPI.untuned(RobotBatch([ARM, ARM]), 1e-3).count_torque(16)
+        GPI.auto(RobotBatch([ARM, ARM]), 1e-3).count_torque(16)
 
 
 @pytest.mark.filterwarnings("ignore:.*5 % of what moves")
 @pytest.mark.parametrize("late", [1e-3, 12e-3])
 def test_the_nominal_load_is_what_the_loop_has_delay_margin_to_spare_for(late: float) -> None:
-    arm = rotors.believe(Robot.load("kinova"))
-    law = GPI.untuned(arm, 1e-3, delay=late, bits=16)
+    arm = rotors.assume_rotors(Robot.load("kinova"))
+    law = GPI.auto(arm, 1e-3, delay=late, bits=16)
     load = plausible_load(arm)
     empty = law.payload.delta[1]
     if late == 1e-3:  # as far above 1 empty as below it with the load that is likely
@@ -142,8 +142,8 @@ def test_the_nominal_load_is_what_the_loop_has_delay_margin_to_spare_for(late: f
     assert all(delay_margin(open_loop(each, own, empty)) > 1.5e-3 + late for each in tunings)
     assert law.bias_robot is arm  # the feedforward knows of no load
     arms = RobotBatch([arm, arm.scaled_inertia(2.0)])
-    both = GPI.untuned(arms, 1e-3, delay=late, bits=16)
-    one = GPI.untuned(arms.robots[1], 1e-3, delay=late, bits=16)
+    both = GPI.auto(arms, 1e-3, delay=late, bits=16)
+    one = GPI.auto(arms.robots[1], 1e-3, delay=late, bits=16)
     q = arm.middle()
     np.testing.assert_allclose(
         both.robot.robots[1].mass_matrix(q),  # type: ignore[union-attr]
@@ -155,14 +155,14 @@ def test_the_nominal_load_is_what_the_loop_has_delay_margin_to_spare_for(late: f
 
 def test_what_will_go_wrong_is_said() -> None:
     with pytest.warns(ArmgpiWarning, match="leave joint 'q1'.*sample faster"):
-        GPI.untuned(ARM, 1e-2, delay=3e-2)
+        GPI.auto(ARM, 1e-2, delay=3e-2)
     light = Robot.load("hextilt_arm").with_armature(1e-9)
-    GPI.untuned(light, 1e-3)  # of a load that nobody told nothing is said unasked: tests fail on warnings
+    GPI.auto(light, 1e-3)  # of a load that nobody told nothing is said unasked: tests fail on warnings
     (found,) = advice.light_model(light)
     assert "5 % of what moves" in found.message
     fast = {"gains": FixedGains(30.0), "rolloff": 0}
     with pytest.warns(ArmgpiWarning, match="one encoder count moves the torque of joint 'q2' by .* % of its"):
-        GPI.untuned(ARM.with_limits(effort=1.0), 1e-3, bits=10, **fast)
+        GPI.auto(ARM.with_limits(effort=1.0), 1e-3, bits=10, **fast)
     section = {"type": "gpi", "omega": 30.0}
     context = Context(ARM.with_limits(effort=1.0), 1e-3, bits=np.full(3, 10.0), nominal=ARM)
     with pytest.warns(ArmgpiWarning, match="one encoder count"):
@@ -170,8 +170,8 @@ def test_what_will_go_wrong_is_said() -> None:
 
 
 def test_encoders_of_which_nothing_is_said_have_16_bits() -> None:
-    made, told = (GPI.untuned(ARM, 1e-3, **given) for given in ({}, {"bits": 16}))
-    run: Any = config.controller({"type": "untuned"}, Context(ARM, 1e-3, nominal=ARM))
+    made, told = (GPI.auto(ARM, 1e-3, **given) for given in ({}, {"bits": 16}))
+    run: Any = config.controller({"type": "gpi_auto"}, Context(ARM, 1e-3, nominal=ARM))
     for law in (made, run):
         assert (law.gains.nominal().omega_c == told.gains.nominal().omega_c).all()
 
@@ -192,7 +192,7 @@ def test_encoders_of_which_nothing_is_said_have_16_bits() -> None:
 )
 def test_what_cannot_be_is_refused(given: dict[str, Any], error: type[ArmgpiError], named: str) -> None:
     with pytest.raises(error, match=named):
-        GPI.untuned(**{"robot": ARM, "dt": 1e-3, **given})
+        GPI.auto(**{"robot": ARM, "dt": 1e-3, **given})
 
 
 @pytest.mark.slow
@@ -201,10 +201,10 @@ def test_what_cannot_be_is_refused(given: dict[str, Any], error: type[ArmgpiErro
 def test_a_panda_behind_16_bits_and_a_sample_of_delay_moves_quietly_and_well(inertia: str) -> None:
     file = Robot.load("panda", ["panda_finger_joint1", "panda_finger_joint2"])
     told = float(inertia.replace("none", "0")) if inertia != "believed" else None
-    panda = rotors.believe(file) if told is None else file.with_armature(told)
+    panda = rotors.assume_rotors(file) if told is None else file.with_armature(told)
     q0 = panda.middle()
     real = RigidBodyPlant(panda.with_payload("panda_hand", 0.25))
-    law = GPI.untuned(panda, 1e-3, delay=1e-3, bits=16, drives="believed")
+    law = GPI.auto(panda, 1e-3, delay=1e-3, bits=16, drives="stiff")
     plant = Delayed(Encoder(real, 16), 1)
     rollout = simulate(plant, law, Bezier(q0, q0 + 0.5, 3.0), 8.0, progress=False, backend="compiled")
     # [N m] per ms, what libfranka takes; 4.0 for the printed law
@@ -220,7 +220,7 @@ def test_the_rule_s_numbers_decide_no_code(monkeypatch: pytest.MonkeyPatch) -> N
     whole = stack_draws(draws)
 
     def structure() -> Any:
-        law = config.controller({"type": "untuned"}, whole.context)
+        law = config.controller({"type": "gpi_auto"}, whole.context)
         loop = ClosedLoop(whole.plant, law, whole.reference)
         with tracing():
             return Inventory(loop, loop.init()).structure

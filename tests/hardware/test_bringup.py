@@ -25,7 +25,7 @@ from armgpi.plants.plant import inside
 ARM = """
 robot: {name: anthropomorphic3, rotor_inertia: 0.02}
 plant: {encoder_bits: 17}
-controllers: [{type: untuned}]
+controllers: [{type: gpi_auto}]
 """
 
 
@@ -92,7 +92,7 @@ def test_friction_that_the_file_tells_stops_no_sound_arm(tmp_path: Path) -> None
 
 def test_a_hand_holds_the_links_of_an_arm_whose_gears_twist(tmp_path: Path) -> None:
     text = "robot: {name: z1, lock: [jointGripper]}\nplant: {encoder_bits: 18, payload: {mass: 0.5}}\n"
-    (tmp_path / "z1.yaml").write_text(text + "controllers: [{type: untuned}]\n")
+    (tmp_path / "z1.yaml").write_text(text + "controllers: [{type: gpi_auto}]\n")
     loaded = config.read(tmp_path / "z1.yaml")
     folder = stages.write(loaded, config.build(*loaded), tmp_path / "bringup")
     first, slow, full = (folder.experiment(folder.stages[k]) for k in (0, -2, -1))

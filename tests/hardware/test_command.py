@@ -180,7 +180,7 @@ def test_the_default_for_a_geared_robot_holds_it(
         pytest.skip("the robots extra is not installed")
     rotor, stiffness = GEARS[robot]
     grows = {}
-    for name, options in (("default", ()), ("stiff", ("--drives", "believed"))):
+    for name, options in (("default", ()), ("stiff", ("--drives", "stiff"))):
         code, out, err = export(
             robot, "--target", target, "--t-final", "0.1", *options, "-o", tmp_path / name
         )
@@ -205,7 +205,7 @@ def test_a_geared_robot_without_rotors_is_refused_by_what_it_lacks(
 ) -> None:
     if "ur5" not in armgpi.robots.names():
         pytest.skip("the robots extra is not installed")
-    for none in (("--rotor-inertia", "0"), ("--drives", "rigid"), ("--direct-drive",)):
+    for none in (("--rotor-inertia", "0"), ("--drives", "none"), ("--direct-drive",)):
         code, out, err = export("ur5", "--target", "ur", *none, "-o", tmp_path)
         assert code == 2, out
         assert "for a model with rotors" in err
@@ -216,11 +216,11 @@ def test_a_geared_robot_without_rotors_is_refused_by_what_it_lacks(
 @pytest.mark.usefixtures("without_compiler")
 def test_direct_drives_have_neither_rotors_nor_gears(export: Callable[..., Answer], tmp_path: Path) -> None:
     short = ("--t-final", "0.1", "-o", tmp_path)
-    code, out, err = export("anthropomorphic3", "--controller", "untuned", "--direct-drive", *short)
+    code, out, err = export("anthropomorphic3", "--controller", "gpi_auto", "--direct-drive", *short)
     assert code == 0, out + err
     assert "believed" not in err
-    assert "drives: rigid" in (tmp_path / "experiment.yaml").read_text()
-    code, out, err = export("anthropomorphic3", "--direct-drive", "--drives", "soft", *short)
+    assert "drives: none" in (tmp_path / "experiment.yaml").read_text()
+    code, out, err = export("anthropomorphic3", "--direct-drive", "--drives", "elastic", *short)
     assert code == 2
     assert "mutually exclusive" in err
 

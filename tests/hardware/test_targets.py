@@ -33,7 +33,7 @@ from armgpi import (
 )
 from armgpi.errors import ParameterError
 from armgpi.loop import log as logs
-from armgpi.robot.rotors import believe
+from armgpi.robot.rotors import assume_rotors
 from armgpi.supervisor import State
 
 pytest.importorskip("casadi", reason="casadi writes the C")
@@ -344,11 +344,11 @@ def test_a_franka_callback_ends_its_motion_when_the_arm_has_stopped(
 @pytest.mark.parametrize("target", ["fci", "ur"])
 def test_the_recommended_law_moves_a_simulated_arm_to_its_goal(target: str, tmp_path: Path) -> None:
     robot, dt, rate = interface(target)
-    law = GPI.untuned(robot, dt, bits=18)
+    law = GPI.auto(robot, dt, bits=18)
     assert law.feedforward != "none"
     export_controller(Supervised(law, rate), tmp_path, measure=False, target=target)
     # The arm has the rotors that the law believes.
-    load, rotors = ".with_gravity((0, 0, 0))\n", "robot = armgpi.robot.rotors.believe(robot)\n"
+    load, rotors = ".with_gravity((0, 0, 0))\n", "robot = armgpi.robot.rotors.assume_rotors(robot)\n"
     script = LOOP.replace(load, load + rotors).replace("import armgpi\n", "import armgpi.robot.rotors\n")
     goal = ",".join(f"{x:.3f}" for x in robot.middle() + 0.2)
     said = run_python(script, target, goal, 0, folder=tmp_path)
@@ -379,7 +379,7 @@ int main() {
 @pytest.mark.parametrize("target", ["fci", "ur"])
 def test_a_package_follows_the_motion_of_its_log(target: str, tmp_path: Path) -> None:
     robot, dt, rate = interface(target)
-    controller = Supervised(GPI.untuned(believe(robot), dt, bits=18), rate)
+    controller = Supervised(GPI.auto(assume_rotors(robot), dt, bits=18), rate)
     q = robot.middle()
     motion = Waypoints([q, q + 0.1, q], [0.5, 0.5])
     export_controller(
@@ -387,7 +387,7 @@ def test_a_package_follows_the_motion_of_its_log(target: str, tmp_path: Path) ->
         measure=False,
         target=target,
     )
-    load, rotors = ".with_gravity((0, 0, 0))\n", "robot = armgpi.robot.rotors.believe(robot)\n"
+    load, rotors = ".with_gravity((0, 0, 0))\n", "robot = armgpi.robot.rotors.assume_rotors(robot)\n"
     script = LOOP.replace(load, load + rotors).replace("import armgpi\n", "import armgpi.robot.rotors\n")
     said = run_python(script, target, "--motion motion.csv --log 20-pulse.armlog", 0, folder=tmp_path)
     assert said.startswith("run none")
@@ -493,10 +493,8 @@ def test_the_cpp_program_moves_a_simulated_arm_too(
     """Built by the folder's own CMakeLists.txt, and without a warning by both compilers."""
     monkeypatch.chdir(tmp_path)  # where it writes its log
     robot, dt, rate = interface(target)
-    robot = believe(robot)
-    export_controller(
-        Supervised(GPI.untuned(robot, dt, bits=18), rate), tmp_path, measure=False, target=target
-    )
+    robot = assume_rotors(robot)
+    export_controller(Supervised(GPI.auto(robot, dt, bits=18), rate), tmp_path, measure=False, target=target)
     for compiler in ("g++", "clang++"):
         flags = ["-std=c++17", *WARNINGS, "-isystem", STUBS, "-fsyntax-only", '-DARMGPI_URSCRIPT="x"']
         run(need(compiler), *flags, f"{target}.cpp", folder=tmp_path)

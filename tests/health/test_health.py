@@ -365,12 +365,12 @@ def test_a_new_check_is_one_function(report: Any, monkeypatch: pytest.MonkeyPatc
     assert "| `reach` | warning | an arm longer than 10 cm |" in findings.table()
 
 
-@pytest.mark.parametrize("drives", ["believed", "rigid"])
+@pytest.mark.parametrize("drives", ["stiff", "none"])
 def test_a_likely_load_that_endangers_the_loop_is_said(drives: str) -> None:
     told = False
     for name, lock in (("panda", ["panda_finger_joint1"]), ("panda", ()), ("ur5", ())):
         report = health.with_payload(health.inspect(name, lock=lock, drives=drives), 0.0)
-        robot = rotors.believe(report.robot)
+        robot = rotors.assume_rotors(report.robot)
         load = 0.05 * sum(body.mass for body in robot.pinocchio_model().inertias[1:])  # of what moves
         sides = 0.05 * np.eye(3)  # beside the tip, where the last joint feels it most
         middle = robot.middle()
@@ -387,7 +387,7 @@ def test_a_likely_load_that_endangers_the_loop_is_said(drives: str) -> None:
         assert delta <= max(sampled, 0.5) + 1e-9
         assert all(f.level == ("warning" if delta < 0.36 else "info") for f in said)
         told |= bool(said)
-    assert told == (drives == "rigid")  # typical rotors carry such a load
+    assert told == (drives == "none")  # typical rotors carry such a load
 
 
 def test_a_slow_default_bandwidth_and_missing_rotors_are_said() -> None:

@@ -120,7 +120,7 @@ def test_friction_that_grows_with_the_load_or_towards_rest_is_found_where_it_is(
 def test_what_cannot_be_told_apart_is_told_as_a_sum() -> None:
     (base,) = (row for row in found().table() if (row.joint, row.quantity) == ("q1", "rotor"))
     both = found().sums()[0]
-    assert both.learned > 0.9
+    assert both.data_share > 0.9
     assert both.upper - both.lower < 0.5 * (base.upper - base.lower)
 
 
@@ -148,15 +148,15 @@ def test_without_data_the_file_stays() -> None:
     nothing = Block(np.zeros((3, 1, 2)), np.zeros((3, 1)), np.ones((3, 1), dtype=bool), np.arange(3))
     result = fit([nothing], prior, physical=False)
     assert result.free.tolist() == [0.0, 0.0]
-    assert result.learned == pytest.approx([0.0, 0.0])
+    assert result.data_share == pytest.approx([0.0, 0.0])
 
 
 def test_an_arm_of_which_the_file_tells_no_mass_is_found(tmp_path: Path) -> None:
     path = tmp_path / "bare.urdf"
     path.write_bytes(_without_inertials(robots.locate("anthropomorphic3")[0].read_bytes()))
-    with pytest.raises(ArmgpiError, match="armgpi identify --repair suppose-bodies"):
+    with pytest.raises(ArmgpiError, match="armgpi identify --repair assume-bodies"):
         armgpi.Robot.load(path, repair="all")
-    result = identify(log(), armgpi.Robot.load(path, repair="suppose-bodies"))
+    result = identify(log(), armgpi.Robot.load(path, repair="assume-bodies"))
     z = excite(file(), 10.0, 0.6, seed=9).reference.at(np.linspace(0.5, 9.5, 100))
     true, own = (each.inverse_dynamics(z.q, z.v, z.a) for each in (arm(), result.robot))
     assert np.sqrt(((own - true) ** 2).mean(axis=0) / (true**2).mean(axis=0)).max() < 0.01
@@ -168,7 +168,7 @@ def test_an_arm_of_which_the_file_tells_no_mass_is_found(tmp_path: Path) -> None
 
 def test_rotors_that_the_file_does_not_tell_are_those_that_a_law_believes() -> None:
     expected = expect(file()).mean.reshape(file().n, len(COLUMNS))[:, ROTOR]
-    np.testing.assert_array_equal(expected, rotors.believable(file()))
+    np.testing.assert_array_equal(expected, rotors.typical_inertia(file()))
     told = expect(arm()).mean.reshape(file().n, len(COLUMNS))[:, ROTOR]
     np.testing.assert_array_equal(told, arm().armature)
 
@@ -760,7 +760,7 @@ def record_experiment(folder: Path) -> tuple[Path, Log]:
     """Return an experiment, and the log of an arm that has another rotor and friction than its file says."""
     near, motion = file().with_armature([0.2, 0.15, 0.08]), excite(file(), 6.0, 0.6, seed=3)
     files = experiment_files(near, "anthropomorphic3", motion, {})
-    text = files["experiment.yaml"].replace("untuned", "gpi\n  omega: 10.0") + "sample_time: 0.004\nplant: "
+    text = files["experiment.yaml"].replace("gpi_auto", "gpi\n  omega: 10.0") + "sample_time: 0.004\nplant: "
     plant = {"rotor_inertia": [0.3, 0.2, 0.1], "coulomb": 0.5, "viscous": 0.4}
     known = {"engine": "armgpi", "delay": 1}
     for name, own in (("real", {**known, **plant}), ("file", known)):

@@ -40,7 +40,7 @@ from armgpi.robot.kinematics import (
     _wide,
     inverse_kinematics,
 )
-from armgpi.robot.rotors import believable
+from armgpi.robot.rotors import typical_inertia
 
 UR5 = Robot.load("ur5")
 Q = np.array([0.3, -1.1, 0.9, -0.4, 0.7, 0.5])
@@ -139,8 +139,10 @@ def test_free_joints_are_drawn_home_and_the_frame_goes_where_it_should() -> None
 
 def test_a_joint_without_a_speed_is_believed_to_have_a_rotor_like_any_other() -> None:
     still = UR5.with_limits(velocity=[0.0, 3.0, 3.0, 3.0, 3.0, 3.0])
-    assert np.isfinite(believable(still)).all()
-    np.testing.assert_array_equal(believable(still)[1:], believable(UR5.with_limits(velocity=3.0))[1:])
+    assert np.isfinite(typical_inertia(still)).all()
+    np.testing.assert_array_equal(
+        typical_inertia(still)[1:], typical_inertia(UR5.with_limits(velocity=3.0))[1:]
+    )
 
 
 def test_whatever_disturbs_more_adds_more_to_a_sample_of_a_certificate() -> None:

@@ -327,7 +327,7 @@ def test_the_command_says_what_a_log_is_and_replays_an_export(
     cli: Callable[..., Answer], tmp_path: Path
 ) -> None:
     pytest.importorskip("casadi", reason="casadi writes the C")
-    options = ("--t-final", "0.2", "--controller", "untuned", "--encoder-bits", "12")
+    options = ("--t-final", "0.2", "--controller", "gpi_auto", "--encoder-bits", "12")
     code, out, err = cli("export", "anthropomorphic3", *options, "-o", tmp_path / "c")
     assert code == 0, out + err
     file = tmp_path / "c" / "log.armlog"

@@ -51,7 +51,7 @@ def test_a_sensor_that_fails_measures_what_it_says(gain: float, offset: float, b
     np.testing.assert_allclose(seen, expected, rtol=0.0, atol=1e-15)
 
 
-def test_a_sensor_that_is_lost_measures_nan() -> None:
+def test_a_sensor_that_has_failed_measures_nan() -> None:
     found = run(sensor(end=0.051, lost=SECOND + 0.5 * (1.0 - SECOND)), supervisor=Supervisor())
     nan = np.isnan(found["q_measured"].values)
     assert nan[50, 1]

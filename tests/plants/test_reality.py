@@ -18,7 +18,7 @@ from armgpi.errors import ArmgpiError, ConfigError, ParameterError
 from armgpi.health import reality as health
 from armgpi.intervals import clopper_pearson, wilson
 from armgpi.parameter import parameters
-from armgpi.plants.reality import Draw, Gears, Numbers, batches, scales, stack_draws
+from armgpi.plants.reality import Gears, Numbers, Scenario, batches, scales, stack_draws
 from armgpi.references.bezier import PEAK_VELOCITY
 from armgpi.robot import rotors
 
@@ -136,7 +136,7 @@ def test_there_is_no_friction_without_rotor_inertia() -> None:
         Reality.geared(rotor_share=0.0)
 
 
-def test_rotors_have_the_scatter_of_published_drives_about_what_is_believed() -> None:
+def test_rotors_have_the_scatter_of_published_drives_about_what_is_assumed() -> None:
     reality = Reality("undriven", seed=1, block=1)
     ratios = np.array([reality.numbers(3, index).rotor_inertia for index in range(MANY)])
     common, each = reality.rotor_common, reality.rotor_each
@@ -150,7 +150,7 @@ def test_rotors_have_the_scatter_of_published_drives_about_what_is_believed() ->
     assert np.abs(np.log(held_out)).max() <= math.log(common * each)
 
 
-def gears_of(draw: Draw) -> Gears:
+def gears_of(draw: Scenario) -> Gears:
     """Return the gears of a draw that has any."""
     assert draw.gears is not None
     return draw.gears
@@ -158,7 +158,7 @@ def gears_of(draw: Draw) -> Gears:
 
 def test_what_is_known_of_an_arm_that_somebody_has() -> None:
     arm = Robot.load("ur5")
-    believed = rotors.believe(arm)
+    believed = rotors.assume_rotors(arm)
     for index in range(8):
         draws = {kind: Reality(kind, 4).draw(arm, index) for kind in ("undriven", "elastic", "owned")}
         for kind, draw in draws.items():
@@ -167,10 +167,10 @@ def test_what_is_known_of_an_arm_that_somebody_has() -> None:
             knows = true if kind == "elastic" else believed.armature
             np.testing.assert_allclose(draw.model.armature, knows, rtol=1e-12)
             (source,) = set(draw.model.drives.sources("rotor_inertia"))
-            assert source == ("told" if kind == "elastic" else "believed")
+            assert source == ("specified" if kind == "elastic" else "assumed")
             side = [gears_of(draw).side if kind == "elastic" else ""] * 6
             assert draw.model.drives.value("encoder_side").tolist() == side
-            assert set(draw.model.drives.sources("stiffness")) == {"believed"}
+            assert set(draw.model.drives.sources("stiffness")) == {"assumed"}
         assert gears_of(draws["owned"]).side == "motor"
         # As geared ones, but for what is theirs alone.
         geared = Reality("geared", 4).draw(arm, index)
@@ -218,14 +218,14 @@ def test_what_dies_out_or_returns_once_is_no_swinging() -> None:
 def test_a_law_that_believes_gears_has_the_same_draws() -> None:
     reality = Reality("owned", 3)
     for one, other in zip(
-        *(health.draws(reality, "ur5", 3, drives) for drives in ("believed", None)), strict=True
+        *(health.draws(reality, "ur5", 3, drives) for drives in ("stiff", None)), strict=True
     ):
         for name in ("armature", "limits"):
             np.testing.assert_array_equal(getattr(one.arm, name), getattr(other.arm, name))
         np.testing.assert_array_equal(one.gears.stiffness, other.gears.stiffness)
         np.testing.assert_array_equal(one.move.goal, other.move.goal)
         assert not one.model.drives.sources("stiffness")[0]
-        assert other.model.drives.sources("stiffness")[0] == "believed"
+        assert other.model.drives.sources("stiffness")[0] == "assumed"
 
 
 def test_what_gravity_twists_unseen_loses_no_arm() -> None:
@@ -421,9 +421,9 @@ def test_outcomes_are_what_their_definitions_say() -> None:
     end = still["time"] > draw.t_final - health.END
     assert health.outcome(still, draw)[2:5] == (False, False, False)
     beyond = still["q_ref"] + xr_pulse(still, 0.51, ~end)
-    assert health.outcome(still.assign(q=beyond), draw).lost
+    assert health.outcome(still.assign(q=beyond), draw).failed
     late = still["q_ref"] + xr_pulse(still, 0.11, end)
-    assert health.outcome(still.assign(q=late), draw).lost
+    assert health.outcome(still.assign(q=late), draw).failed
     count = float(ARM.encoder_count(draw.encoder_bits)[0])
     sway = max(5e-4, 4.0 * count)
     for size, expected in ((0.4, False), (0.6, True)):
@@ -433,7 +433,7 @@ def test_outcomes_are_what_their_definitions_say() -> None:
         torque = size * health.CHATTER * draw.scale * alternating(still).values[:, None]
         found = health.outcome(still.assign(tau=still["tau"] + torque), draw)
         assert found.chatter is expected
-        assert not found.lost
+        assert not found.failed
 
 
 def alternating(run):  # type: ignore[no-untyped-def]
@@ -467,7 +467,7 @@ def test_rollouts_of_draws_are_supervised_by_what_suits_each_encoder_and_the_del
     reality = Reality.geared(2, sample_time=[4e-3], encoder_bits=(12, 20), t_final=2.8)
     found = [reality.draw(ARM, index) for index in (0, 1)]
     assert len({draw.encoder_bits for draw in found}) == 2
-    ((group, (free, watched)),) = health.rollouts(found, {"type": "untuned"}, "numpy", (None, Supervisor()))
+    ((group, (free, watched)),) = health.rollouts(found, {"type": "gpi_auto"}, "numpy", (None, Supervisor()))
     assert [each.index for each in group] == [0, 1]
     assert "fault" not in free
     given = json.loads(watched.attrs["provenance"])["controller"]["supervisor"]
@@ -510,7 +510,7 @@ def test_what_is_said_of_a_draw_beforehand_is_torque_that_is_known_to_lack_and_w
     None
 ):
     said_of = TOOL["said_of"]
-    law = {"type": "untuned"}
+    law = {"type": "gpi_auto"}
     calm = Reality.bare(0, encoder_bits=(20, 20), sample_time=[1e-3], effort_share=0.0, speed=(4.0, 4.0))
     coarse = calm.with_values(encoder_bits=(10, 10))
     assert said_of(calm.draw(ARM, 0), law) == (False, False)

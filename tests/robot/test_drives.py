@@ -20,8 +20,8 @@ FILE = """
 q1: {gear_ratio: 100, motor_inertia: 2e-5, coulomb: 0.5}
 q2:
   viscous: 0.25
-  rotor_inertia: {value: 0.1, low: 0.05, high: 0.2, source: believed}
-  stiffness: {value: 1.0e+4, source: measured, file: log.nc}
+  rotor_inertia: {value: 0.1, low: 0.05, high: 0.2, source: assumed}
+  stiffness: {value: 1.0e+4, source: identified, file: log.nc}
   encoder_side: motor
 """
 
@@ -39,8 +39,8 @@ def test_a_file_says_values_intervals_and_sources(tmp_path: Path) -> None:
     low, high = drives.interval("rotor_inertia")
     np.testing.assert_allclose([low[:2], high[:2]], [[0.2, 0.05], [0.2, 0.2]])
     assert math.isnan(low[2])
-    assert drives.sources("rotor_inertia") == ("told", "believed", "")
-    assert drives.data["stiffness"]["q2"] == (1e4, 1e4, 1e4, "measured", "log.nc")
+    assert drives.sources("rotor_inertia") == ("specified", "assumed", "")
+    assert drives.data["stiffness"]["q2"] == (1e4, 1e4, 1e4, "identified", "log.nc")
     assert drives.value("encoder_side").tolist() == ["", "motor", ""]
 
 
@@ -96,7 +96,7 @@ def test_an_arm_has_the_drives_that_it_was_told(tmp_path: Path) -> None:
     np.testing.assert_allclose(robot.friction.viscous, [0.0, 0.25, 0.0])
     np.testing.assert_allclose(robot.friction.coulomb, [0.5, 0.0, 0.0])
     np.testing.assert_allclose(robot.limits.effort, [2.0, *ARM.limits.effort[1:]])
-    assert robot.drives.data["stiffness"]["q2"].source == "measured"
+    assert robot.drives.data["stiffness"]["q2"].source == "identified"
     # Its file says that it has no rotors, and nothing else of its drives.
     assert ARM.drives.plain() == before
     assert {name: set(own) for name, own in before.items()} == {key: {"rotor_inertia"} for key in before}
@@ -105,7 +105,7 @@ def test_an_arm_has_the_drives_that_it_was_told(tmp_path: Path) -> None:
 
 def test_edits_of_an_arm_are_in_its_drives() -> None:
     robot = ARM.with_armature({"q2": 0.4}).with_friction(viscous=0.2)
-    assert robot.drives.sources("rotor_inertia") == ("told", "told", "told")
+    assert robot.drives.sources("rotor_inertia") == ("specified", "specified", "specified")
     own = robot.drives.data["rotor_inertia"]
     assert [bool(own[name].file) for name in ARM.joint_names] == [True, False, True]
     assert robot.scaled_inertia(2.0).drives.value("rotor_inertia", 0.0).tolist() == [0.0, 0.8, 0.0]
@@ -153,7 +153,7 @@ def test_rotor_inertia_that_is_given_besides_comes_on_top() -> None:
         ("q1: {stiffness: {value: 1, low: 2, high: 3}}", "low <= value <= high"),
         ("q1: {stiffness: {low: 2}}", "a value"),
         ("q1: {stiffness: {value: 2, unit: N}}", "unit"),
-        ("q1: {stiffness: {value: 2, source: guess}}", "told, believed, measured"),
+        ("q1: {stiffness: {value: 2, source: guess}}", "specified, assumed, identified"),
         ("q1: {encoder_side: left}", "motor, link"),
         ("q9: {stiffness: 1}", "q9"),
         ("q1: 3", "q1: expected a mapping"),

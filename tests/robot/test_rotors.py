@@ -17,7 +17,7 @@ from armgpi.errors import ArmgpiWarning, ParameterError
 from armgpi.gpi import two_mass
 from armgpi.robot import rotors
 from armgpi.robot.kinematics import random_configurations
-from armgpi.robot.rotors import believe_drives
+from armgpi.robot.rotors import assume_drives
 
 #: Rotor inertia of the drives [kg m^2], and stiffness of the gears [N m/rad], assumed, of typical size.
 PANDA = Robot.load("panda", ["panda_finger_joint1", "panda_finger_joint2"])
@@ -38,34 +38,34 @@ def test_the_time_is_that_of_the_drives_to_fit_and_holds_for_those_held_out() ->
 
 
 def test_what_nothing_tells_is_believed_and_what_somebody_tells_is_not() -> None:
-    arm = rotors.believe(UR5)
+    arm = rotors.assume_rotors(UR5)
     np.testing.assert_allclose(arm.armature, rotors.SPIN_UP * UR5.limits.effort / UR5.limits.velocity)
-    assert rotors.believed_joints(arm) == UR5.joint_names
+    assert rotors.assumed_joints(arm) == UR5.joint_names
     assert "wrist_3_joint 0.2" in rotors.describe(arm)
     told = UR5.with_armature({"elbow_joint": 0.7})
-    assert rotors.believe(told).armature[2] == 0.7
-    assert "elbow_joint" not in rotors.believed_joints(rotors.believe(told))
+    assert rotors.assume_rotors(told).armature[2] == 0.7
+    assert "elbow_joint" not in rotors.assumed_joints(rotors.assume_rotors(told))
     none = rotors.without_rotors(UR5)
-    assert rotors.believe(none) is none
+    assert rotors.assume_rotors(none) is none
     assert rotors.told_none(none) == UR5.joint_names
     with pytest.warns(ArmgpiWarning, match="told to have no rotor"):
-        GPI.untuned(none, 1e-3)
+        GPI.auto(none, 1e-3)
     paper = Robot.load("anthropomorphic3")  # its file says that it has none
-    assert rotors.believe(paper) is paper
+    assert rotors.assume_rotors(paper) is paper
     assert not rotors.told_none(paper)
 
 
 def test_an_arm_without_the_rotors_that_its_law_believes_is_warned_of() -> None:
-    law, move = GPI.untuned(UR5, 1e-3), Hold(UR5.middle())
+    law, move = GPI.auto(UR5, 1e-3), Hold(UR5.middle())
     with pytest.warns(ArmgpiWarning, match="the controller believes rotors in shoulder_pan_joint"):
         simulate(RigidBodyPlant(UR5), law, move, 2e-3)
-    for arm in (rotors.believe(UR5), UR5.with_armature(0.1), rotors.without_rotors(UR5)):
+    for arm in (rotors.assume_rotors(UR5), UR5.with_armature(0.1), rotors.without_rotors(UR5)):
         assert not rotors.unlike(law.robot, arm)
 
 
 @pytest.mark.parametrize("effort", [0.0, 1000.0, math.inf])
 def test_limits_that_no_motor_has_say_nothing(effort: float) -> None:
-    believed = rotors.believable(UR5.with_limits(effort=effort))
+    believed = rotors.typical_inertia(UR5.with_limits(effort=effort))
     assert (believed > 0.0).all()
     assert believed.max() < 5.0
 
@@ -74,7 +74,7 @@ def test_limits_that_no_motor_has_say_nothing(effort: float) -> None:
 def test_velocities_that_no_motor_has_say_nothing(velocity: str) -> None:
     file = (Path(__file__).parents[2] / "urdf" / "anthropomorphic3.urdf").read_text(encoding="utf-8")
     texts = [re.sub('velocity="[^"]*"', f'velocity="{x}"', file) for x in (velocity, "1000")]
-    told, nothing = (rotors.believable(Robot.from_xml(text)) for text in texts)
+    told, nothing = (rotors.typical_inertia(Robot.from_xml(text)) for text in texts)
     np.testing.assert_array_equal(told, nothing)
 
 
@@ -82,19 +82,19 @@ def test_velocities_that_no_motor_has_say_nothing(velocity: str) -> None:
 def test_a_law_from_the_bare_file_holds_the_arm_with_its_rotors(arm: Robot) -> None:
     gears = two_mass.Gears(np.array(ROTORS[arm]))
     held = {}
-    for name in (None, "believed", "rigid"):
-        with pytest.warns(ArmgpiWarning) if name == "rigid" else nullcontext():
-            law = GPI.untuned(arm, 1e-3, delay=1e-3, bits=16, drives=name)
+    for name in (None, "stiff", "none"):
+        with pytest.warns(ArmgpiWarning) if name == "none" else nullcontext():
+            law = GPI.auto(arm, 1e-3, delay=1e-3, bits=16, drives=name)
         held[name] = sum(
             two_mass.ArmLoop(arm, q, gears, 1e-3, 1).growth(two_mass.law(law, q)) < 1.0
             for q in random_configurations(arm, 8, seed=0)
         )
-    assert held == {None: 8, "believed": 8, "rigid": 0}
+    assert held == {None: 8, "stiff": 8, "none": 0}
 
 
 def test_a_stiff_gear_is_no_gear() -> None:
     q, rotor = UR5.middle(), np.array(ROTORS[UR5])
-    law = two_mass.law(GPI.untuned(UR5, 1e-3, delay=1e-3, bits=16, drives="believed"), q)
+    law = two_mass.law(GPI.auto(UR5, 1e-3, delay=1e-3, bits=16, drives="stiff"), q)
     rigid = two_mass.ArmLoop(UR5, q, two_mass.Gears(rotor), 1e-3, 1).growth(law)
     off = []
     for factor in (1e3, 1e4):
@@ -104,57 +104,57 @@ def test_a_stiff_gear_is_no_gear() -> None:
 
 
 def test_what_is_believed_is_a_word_and_is_believed_once() -> None:
-    soft = believe_drives(UR5)
-    assert set(soft.drives.sources("stiffness")) == {"believed"}
-    assert believe_drives(soft) is soft
-    stiff = believe_drives(UR5, "believed")
-    assert believe_drives(stiff) is stiff  # of which somebody decided that its gears are stiff
+    soft = assume_drives(UR5)
+    assert set(soft.drives.sources("stiffness")) == {"assumed"}
+    assert assume_drives(soft) is soft
+    stiff = assume_drives(UR5, "stiff")
+    assert assume_drives(stiff) is stiff  # of which somebody decided that its gears are stiff
     assert not stiff.drives.data.get("stiffness")
-    assert not believe_drives(UR5, "rigid").armature.any()
+    assert not assume_drives(UR5, "none").armature.any()
     told = UR5.with_armature(0.2)  # rotors alone say nothing of gears
-    assert set(believe_drives(told).drives.sources("stiffness")) == {"believed"}
-    assert believe_drives(told, "believed") is told
+    assert set(assume_drives(told).drives.sources("stiffness")) == {"assumed"}
+    assert assume_drives(told, "stiff") is told
     paper = Robot.load("anthropomorphic3")  # no rotor, no gear
-    assert believe_drives(paper) is paper
-    with pytest.raises(ParameterError, match="soft, believed, rigid"):
-        believe_drives(UR5, "stiff")
+    assert assume_drives(paper) is paper
+    with pytest.raises(ParameterError, match="elastic, stiff, none"):
+        assume_drives(UR5, "loose")
 
 
 @pytest.mark.filterwarnings("ignore::armgpi.errors.ArmgpiWarning")
 def test_a_gear_twists_by_an_angle_and_a_belt_stretches_by_a_length_under_the_limit() -> None:
     panda = Robot.load("panda")
-    twist = panda.limits.effort / believe_drives(panda).drives.value("stiffness")
+    twist = panda.limits.effort / assume_drives(panda).drives.value("stiffness")
     expected = [2e-3 if "finger" in joint else 8e-3 for joint in panda.joint_names]
     np.testing.assert_allclose(twist, expected, rtol=1e-12)
 
 
-@pytest.mark.parametrize("drives", [None, "soft", "believed", "rigid"])
+@pytest.mark.parametrize("drives", [None, "elastic", "stiff", "none"])
 @pytest.mark.parametrize("inertia", [None, 0.3], ids=["silent", "told"])
 @pytest.mark.filterwarnings("ignore:.*told to have no rotor")
 def test_what_an_experiment_writes_is_what_it_had(drives: str | None, inertia: float | None) -> None:
     robot = {"name": "ur5", "drives": drives, "rotor_inertia": inertia}
-    data = {"robot": robot, "controllers": [{"type": "untuned"}], "t_final": 1.0}
+    data = {"robot": robot, "controllers": [{"type": "gpi_auto"}], "t_final": 1.0}
     made = config.build(config.check(data, config.Origin()))
     again = config.build(config.check(made.config.plain(given=True), config.Origin()))
     assert again.robot.drives.data == made.robot.drives.data
     assert type(again.plant) is type(made.plant)
     assert again.config.controllers == made.config.controllers
-    direct = GPI.untuned(UR5 if inertia is None else UR5.with_armature(inertia), 1e-3, drives=drives)
-    laws: list[Any] = [direct, made.controllers["untuned"], again.controllers["untuned"]]
+    direct = GPI.auto(UR5 if inertia is None else UR5.with_armature(inertia), 1e-3, drives=drives)
+    laws: list[Any] = [direct, made.controllers["gpi_auto"], again.controllers["gpi_auto"]]
     for law in laws[1:]:
         np.testing.assert_array_equal(law.gains.nominal(), laws[0].gains.nominal())
         assert (law.rotor_factor, law.rolloff) == (laws[0].rotor_factor, laws[0].rolloff)
 
 
 def test_an_experiment_with_the_rule_simulates_what_it_believes_and_writes_it_down() -> None:
-    data = {"robot": {"name": "ur5"}, "controllers": [{"type": "untuned"}], "t_final": 1.0}
+    data = {"robot": {"name": "ur5"}, "controllers": [{"type": "gpi_auto"}], "t_final": 1.0}
     made = config.build(config.check(data, config.Origin()))
     real: Any = made.plant.robot
-    np.testing.assert_array_equal(real.armature, rotors.believe(UR5).armature)
+    np.testing.assert_array_equal(real.armature, rotors.assume_rotors(UR5).armature)
     again = config.build(config.check(made.config.plain(), config.Origin()))
     np.testing.assert_array_equal(again.robot.armature, made.robot.armature)
-    assert rotors.believed_joints(again.robot) == UR5.joint_names
+    assert rotors.assumed_joints(again.robot) == UR5.joint_names
     data["controllers"] = [{"type": "gpi"}]
     assert not config.build(config.check(data, config.Origin())).robot.armature.any()
-    data["robot"] = {"name": "ur5", "drives": "believed"}
+    data["robot"] = {"name": "ur5", "drives": "stiff"}
     assert config.build(config.check(data, config.Origin())).robot.armature.all()

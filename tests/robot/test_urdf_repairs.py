@@ -260,7 +260,7 @@ def test_bodies_that_are_supposed_are_rods_to_the_next_joint_that_the_motors_hol
         <axis xyz="0 1 0"/>{elbow}</joint>
         <joint name="t" type="fixed"><parent link="fore"/><child link="tip"/><origin xyz="0 0 0.25"/>
         </joint></robot>""",
-        repair="suppose-bodies",
+        repair="assume-bodies",
     )
     reach, total = 0.75, min(28.0 * 0.75**2, max(efforts) / (3.0 * 0.4) / (9.81 * 0.75))
     share = (0.5 + 0.05 * reach) / (reach + 2.0 * 0.05 * reach)

@@ -30,7 +30,7 @@ def test_an_arm_is_judged_on_draws_that_no_search_saw(monkeypatch: pytest.Monkey
     assert not {draw.index for draw in searched} & {draw.index for draw in judged}
     assert all(health.demand(draw) <= 1.0 for draw in (*searched, *judged))
     found = [each for draw in judged for each in health.outcomes([draw], ARM, ZOO["RULE"])]
-    assert row.rule.lost == np.mean([each.lost for each in found])
+    assert row.rule.failed == np.mean([each.failed for each in found])
     assert row.rule.hunting == np.mean([each.hunting for each in found])
     assert row.rule.peak == pytest.approx(np.median([each.peak for each in found]), rel=1e-6)
     assert row.rule.itae == pytest.approx(np.median([each.itae for each in found]), rel=1e-6)
@@ -70,12 +70,12 @@ def test_it_goes_on_where_it_was(tmp_path: Path, capsys: pytest.CaptureFixture[s
 def test_the_fitted_rule_is_the_rule_with_other_numbers() -> None:
     tool = runpy.run_path(str(TOOLS / "rule.py"))
     late = {"dt": 4e-3, "delay": 4e-3, "bits": 40}  # so fine that the delay alone limits
-    before = GPI.untuned(Robot.load(ARM), **late)
+    before = GPI.auto(Robot.load(ARM), **late)
     today = tool["Rule"]()
     with tool["rule"]({**today.keys(today.start), "DELAY_SHARE": 0.5}) as section:
-        slower = GPI.untuned(Robot.load(ARM), **late)
-    after = GPI.untuned(Robot.load(ARM), **late)
-    assert section == {"type": "untuned", "zeta": 1.0}
+        slower = GPI.auto(Robot.load(ARM), **late)
+    after = GPI.auto(Robot.load(ARM), **late)
+    assert section == {"type": "gpi_auto", "zeta": 1.0}
     omega = [law.gains.nominal().omega_c for law in (before, slower, after)]
     np.testing.assert_allclose(omega[1], omega[0] * 0.5 / DELAY_SHARE)
     np.testing.assert_array_equal(omega[2], omega[0])

@@ -890,7 +890,7 @@ def test_an_arm_that_its_gears_swing_is_stopped_and_comes_to_rest() -> None:
     stiffness = 0.5 * np.array([20e3, 20e3, 15e3, 5e3, 5e3, 5e3])
     plant: Any = armgpi.ElasticPlant(robot, gear_stiffness=stiffness, encoder_side="link")
     plant = armgpi.Delayed(armgpi.Encoder(Saturated(plant), 16), 1)
-    law, start = GPI.untuned(robot, DT, delay=DT, bits=16, drives="believed"), robot.middle()
+    law, start = GPI.auto(robot, DT, delay=DT, bits=16, drives="stiff"), robot.middle()
     given = Supervisor(resolution=robot.encoder_count(16), response=0.005)
     move = Bezier(start, start + 0.5, 3.0)
     seen = simulate(plant, law, move, 2.5, progress=False, backend="compiled", supervisor=given)

@@ -277,7 +277,7 @@ def test_controllers_are_told_apart_without_some_colours(kind: str) -> None:
 
 
 def test_controllers_that_are_compared_the_most_are_seen_on_white() -> None:
-    for each in style.looks(["gpi", "pid", "network", "untuned"]):
+    for each in style.looks(["gpi", "pid", "network", "gpi_auto"]):
         luminance = float(np.array([0.2126, 0.7152, 0.0722]) @ linear(each.color))
         assert 1.05 / (luminance + 0.05) >= 3.0  # WCAG 2.2, 1.4.11
 
