@@ -94,8 +94,7 @@ def ask(
     check_choice(start, "start", STARTS)
     if bits is not None:
         check_whole(bits, "bits", 1, 32)
-    controller = current_name(controller, renamed.CONTROLLERS)
-    check_choice(controller, "controller", ("gpi", "gpi_auto"))
+    controller = _current_type(controller)
     if controller == "gpi":
         law, rule = GPI(robot, dt, delay=delay * dt, payload=payload, **options), None
     else:
@@ -137,6 +136,13 @@ def _with_loads(arms: Sequence[Robot], loads: Any) -> tuple[Robot, ...]:
         return tuple(arms)
     ends = (loads.lightest, loads.heaviest)
     return tuple(arm.with_payload(loads.frame, load, loads.com) for load in ends for arm in arms)
+
+
+def _current_type(controller: str) -> str:
+    """Return the type of a controller that can be certified, by its current name."""
+    controller = current_name(controller, renamed.CONTROLLERS, 4)
+    check_choice(controller, "controller", ("gpi", "gpi_auto"))
+    return controller
 
 
 def _untuned_law(
