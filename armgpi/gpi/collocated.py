@@ -140,7 +140,7 @@ def delay_of(dt: float, late: int, current: float = CURRENT_LOOP) -> float:
 def choose(
     robot: Robot, carried: Robot, dt: float, late: int, counts: Array | None, effort: Array
 ) -> Collocated | None:
-    """Return the controller of an arm, or None where no bandwidth is stable.
+    """Return the controller of an arm, or None where no bandwidth is stable and quiet enough.
 
     Args:
         robot: the arm as it is known; stiffness of which nothing is known is assumed.
@@ -168,6 +168,8 @@ def choose(
     f = np.full(robot.n, min(HIGHEST_FILTER, 2.0 / dt))
     if counts is not None:
         quiet_w, f = _quieten(np.abs(feedback).max(axis=0), counts, effort, w, f, dt)
+        if float(quiet_w.min()) < SLOWEST:
+            return None
         limits = np.where(quiet_w < w, "noise", limits)
         w = quiet_w
     fast_enough = w

@@ -224,7 +224,9 @@ def _choose_geared(
     """Return what is chosen for an arm whose gears twist."""
     first = robot.robots[0] if isinstance(robot, RobotBatch) else robot
     stiff = _choose_collocated(robot, dt, delay, bits, given)
-    if stiff is not None and _collocated_delay(robot, dt, delay) < collocated.COMPARED:
+    early = _collocated_delay(robot, dt, delay) < collocated.COMPARED
+    # Encoder counts or late loops may leave the stiff one less than the soft one has anyway.
+    if stiff is not None and early and float(np.min(stiff["omega_c"])) > geared.SLOWEST:
         return stiff
     soft = _choose_soft(first, robot, dt, delay, bits, given)
     if stiff is None or isinstance(robot, RobotBatch):

@@ -106,7 +106,7 @@ def test_coarse_encoders_filter_first_and_then_slow_it_down() -> None:
     arm = at(UR5, "motor")
     effort = arm.limits.effort
     fine, coarse = (
-        collocated.choose(arm, arm, DT, 1, arm.encoder_count(float(bits)), effort) for bits in (16, 6)
+        collocated.choose(arm, arm, DT, 1, arm.encoder_count(float(bits)), effort) for bits in (16, 9)
     )
     assert fine is not None
     assert coarse is not None
@@ -114,6 +114,17 @@ def test_coarse_encoders_filter_first_and_then_slow_it_down() -> None:
     assert coarse.f.min() >= collocated.LOWEST_FILTER
     assert (coarse.w < fine.w).any()
     assert "noise" in coarse.limits
+    assert collocated.choose(arm, arm, DT, 1, arm.encoder_count(6.0), effort) is None
+
+
+@pytest.mark.parametrize(
+    ("ratio", "bits"), [(100.0, 8), (100.0, 10), (1.0, 12), (1.0, 16)], ids=["8", "10", "direct-12", "direct"]
+)
+def test_encoders_too_coarse_for_it_leave_the_controller_of_an_unknown_side(ratio: float, bits: int) -> None:
+    """Counts left it a bandwidth of 0.2 rad/s: an arm falls under its load."""
+    law = auto(at(UR5, "motor", gear_ratio=ratio), bits=bits)
+    assert law.gains.nominal().omega_c.min() >= geared.SLOWEST
+    assert law.link_factor == 1.0
 
 
 def test_a_count_moves_the_torque_by_a_share_of_the_effort() -> None:

@@ -810,6 +810,11 @@ def test_a_loop_for_ur_ends_in_a_fault(tmp_path: Path) -> None:
             "for a sample time of 0.001 s, its robot's",
         ),
         (lambda: GPI(ur5().with_armature(0.0), 2e-3), "ur", "for a model with rotors"),
+        (
+            lambda: GPI(panda().with_drives({"panda_joint3": {"encoder_side": "motor"}}), 1e-3),
+            "fci",
+            "reads the motor of joint 'panda_joint3'.*fci reads the link.*encoder_side: link",
+        ),
         (lambda: GPI(with_jaw(6), 1e-3), "fci", r"this arm has 7, with 'jaw' of its gripper"),
         (lambda: GPI(with_jaw(5), 2e-3), "ur", "for 6 joints; this arm has 6, with 'jaw' of its gripper"),
         (lambda: GPI(named("übergelenk"), 1e-3), "ros2_control", "ROS would not find joint 'übergelenk'"),

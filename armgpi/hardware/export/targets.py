@@ -124,6 +124,7 @@ def _check_arm(target: str, controller: Supervised) -> None:
     if "friction" in interface.adds and getattr(controller.law, "friction_feedforward", False):
         raise ParameterError("target", target, "one for a law without the friction that its robot adds")
     _check_joints(target, robot)
+    _check_side(interface.side, target, robot)
     if not math.isclose(controller.dt, dt):
         expected = f"for a sample time of {dt:g} s, its robot's; this controller's is {controller.dt:g} s"
         raise ParameterError("target", target, expected)
@@ -142,6 +143,19 @@ def _check_joints(target: str, robot: Any) -> None:
         which = f", with {', '.join(map(repr, fingers))} of its gripper" if fingers else ""
         refused = ParameterError("target", target, f"for {joints} joints; this arm has {robot.n}{which}")
         raise refused.suggesting(Remedy("lock", tuple(fingers))) if fingers else refused
+
+
+def _check_side(side: str, target: str, robot: Any) -> None:
+    """Refuse an arm whose encoders are specified to sit where the target's positions are not measured."""
+    sides = zip(robot.joint_names, robot.drives.value("encoder_side").tolist(), strict=True)
+    for joint, specified in sides:
+        if side and specified not in ("", side):
+            expected = (
+                f"one that reads the {specified} of joint {joint!r}, where its encoder is specified to sit: "
+                f"{target} reads the {side}, behind which such a controller can be unstable; specify "
+                f"encoder_side: {side}, or leave it out"
+            )
+            raise ParameterError("target", target, expected)
 
 
 def compensates_gravity(robot: Any) -> bool:
