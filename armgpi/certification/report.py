@@ -14,6 +14,7 @@ from armgpi.gpi.advice import COUNT_SHARE
 from armgpi.gpi.gains import Tuning
 from armgpi.gpi.margins import open_loop
 from armgpi.loop.units import POSITION, TORQUE
+from armgpi.verdict import Verdict
 from armgpi.view import page, style
 from armgpi.view.drawing import LINE, Drawing, figure
 
@@ -29,18 +30,20 @@ _DASHES["kappa_e"] = ("7 2 2 2", "dash-dotted")
 _QUIET = "#aeb8c2"
 
 
-def html(asked: Asked, made: Certificate) -> str:
+def html(asked: Asked, made: Certificate, judged: Verdict | None = None) -> str:
     """Return the page, without scripts and without anything from elsewhere.
 
     Args:
         asked: what was asked for.
         made: the certificate, or why there is none.
+        judged: the verdict, where something that was asked for was left out.
     """
     sections = {}
     if made.reasons:
         sections["What is in the way, and what would do"] = page.bullets(made.reasons)
     if made.data["solutions"]:
-        sections["What is certified"] = _claims(asked, made)
+        heading = "What is certified" if made.certified else "Bounds that hold, less than was asked for"
+        sections[heading] = _claims(asked, made)
     sections["Numbers of the arm"] = _numbers(made)
     sections["Nyquist's curve and the circle"] = _nyquist(made)
     sections["How much of each number the box takes"] = _box(asked, made)
@@ -51,7 +54,10 @@ def html(asked: Asked, made: Certificate) -> str:
     sections["What it rests on"] = page.bullets(made.data["assumptions"])
     useful, what_for = _worth(asked, made)
     kind = "good" if useful else "bad"
-    summary = f"<p>{page.text(table(made)[0])}</p><p class={kind}>{page.text(verdict(made) + what_for)}</p>"
+    said = verdict(made)
+    if judged is not None and judged.outcome == "holds for part":
+        kind, said = "fair" if useful else "bad", judged.line
+    summary = f"<p>{page.text(table(made)[0])}</p><p class={kind}>{page.text(said + what_for)}</p>"
     return page.document(f"Certificate of {made.data['robot']['name']}", summary, sections)
 
 

@@ -4,7 +4,7 @@ Takes the words of a command.
 Gives what rooms return, as tables, files and pages; what joins two leaves is here.
 
 Exit codes: 0 fine, 1 what was asked failed (a rollout diverged, findings that stop a run, a model that
-differs), 2 bad input, 130 interrupted, 143 terminated.
+differs), 2 bad input, 3 something was not judged (:mod:`armgpi.verdict`), 130 interrupted, 143 terminated.
 """
 
 from __future__ import annotations

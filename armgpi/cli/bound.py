@@ -16,10 +16,11 @@ from armgpi.cli.certify import (
     possible_arms,
 )
 from armgpi.cli.derive import write
-from armgpi.cli.parsing import FAILED, OK, is_experiment, refusal, stoppable
+from armgpi.cli.parsing import is_experiment, refusal, stoppable
 from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import say
 from armgpi.escape import json_data
+from armgpi.verdict import judge
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
@@ -53,6 +54,7 @@ def bound(
     rotor_inertia: list[str] | None = None,
     drives: Path | None = None,
     out: Path | None = None,
+    allow_part: bool = False,
     report: Path | None = None,
     as_json: bool = False,
 ) -> None:
@@ -93,15 +95,21 @@ def bound(
     stop = None
     if found.holds and tool_speed is not None:
         stop = bound_stop(found, tool_speed, experiment.supervisor)
-    data = json_data({**found.plain(), "stop": None if stop is None else stop._asdict()})
+    supervised = experiment.supervisor is not None and stop is None
+    left_out = ["a stop by the supervisor of the file (--tool-speed bounds it)"] * supervised
+    verdict = judge(found.holds, "the bound holds", left_out, accepted=allow_part)
+    data = json_data(
+        {**found.plain(), "stop": None if stop is None else stop._asdict(), "verdict": verdict.plain()}
+    )
     if out is not None:
         write(out, json.dumps(data, indent=1) + "\n", "--out")
-    unseen = "a stop by the supervisor is not in it" * (experiment.supervisor is not None and stop is None)
-    notes = [*filter(None, (str(stop or ""), unseen, *_gears(found)))]
+    notes = [*filter(None, (str(stop or ""), *_gears(found)))]
+    unseen = [verdict.line] * (verdict.outcome == "holds for part")
     if report is not None:
-        write(report, _page(found, experiment, notes), "--report")
-    say(json.dumps(data) if as_json else "\n  ".join([str(found), *notes]), lines=True)
-    sys.exit(OK if found.holds else FAILED)
+        write(report, _page(found, experiment, [*unseen, *notes]), "--report")
+    text = "\n".join([*unseen, "\n  ".join([str(found), *notes])])
+    say(json.dumps(data) if as_json else text, lines=True)
+    sys.exit(verdict.exit_code)
 
 
 def _experiment(name: str, drives: dict[str, Any], controller: str | None) -> Any:

@@ -7,11 +7,13 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
+from armgpi.cli.parsing import refusal, stoppable
 from armgpi.cli.terminal import say
+from armgpi.verdict import Verdict
+from armgpi.verdict import judge as judged
 
 if TYPE_CHECKING:
-    from armgpi.hardware.realtime.judge import Verdict
+    from armgpi.hardware.realtime.judge import Verdict as Seen
     from armgpi.hardware.realtime.stages import Folder
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
@@ -25,7 +27,11 @@ ROWS = {
 
 @stoppable
 def bringup(
-    what: list[str], out: Path = Path("bringup"), floor: float | None = None, as_json: bool = False
+    what: list[str],
+    out: Path = Path("bringup"),
+    floor: float | None = None,
+    allow_part: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Write the stages from a dry run to full speed, each with its caps, or judge their logs.
 
@@ -41,9 +47,13 @@ def bringup(
         if not logs or len({log.parent for log in logs}) > 1:
             raise refusal("check", "expected logs of one folder, such as bringup/*.armlog")
         folder = stages.read(logs[0].parent)
-        verdict = judge.judge(folder, logs)
-        say(json.dumps(verdict.plain())) if as_json else _print(verdict, folder)
-        sys.exit(FAILED if verdict.findings else OK)
+        seen = judge.judge(folder, logs)
+        verdict = _verdict(seen, allow_part)
+        if as_json:
+            say(json.dumps({**seen.plain(), "verdict": verdict.plain()}))
+        else:
+            _print(seen, folder, verdict)
+        sys.exit(verdict.exit_code)
     from armgpi import config
 
     if len(what) > 1:
@@ -77,16 +87,29 @@ def _say_next(folder: Folder, place: int) -> None:
     say(f"  armgpi bringup check {folder.path}/*.armlog")
 
 
-def _print(verdict: Verdict, folder: Folder) -> None:
+def _verdict(seen: Seen, allow_part: bool) -> Verdict:
+    """Return the verdict; what no stage that is still to come tests is left out."""
+    from armgpi.hardware.realtime.judge import QUESTIONS
+
+    if seen.findings:
+        return judged(False, "STOP: go no further before this is mended")
+    left_out = []
+    if seen.following is None:
+        for question, joints in seen.untested.items():
+            if joints:
+                of = "" if joints == ("",) else f" ({', '.join(joints)})"
+                left_out.append(f"{QUESTIONS[question]}{of}")
+    return judged(True, "nothing is wrong in what was tested", left_out, accepted=allow_part)
+
+
+def _print(verdict: Seen, folder: Folder, judgement: Verdict) -> None:
     """Print a verdict: what is wrong or fine, what was tested, what was not, and what comes next."""
     from armgpi.hardware.realtime.judge import QUESTIONS
 
-    if verdict.findings:
-        say("STOP: go no further before this is mended", fg="red")
-        for each in verdict.findings:
-            say(f"  {each}")
-    else:
-        say("nothing is wrong in what was tested", fg="green")
+    colours = {"good": "green", "fair": "yellow", "bad": "red"}
+    say(judgement.line, fg=colours[judgement.page_class])
+    for each in verdict.findings:
+        say(f"  {each}")
     count = len(folder.stages[0].joints)
     for title, found in (("tested", verdict.passed), ("not tested", verdict.untested)):
         for question, joints in found.items():

@@ -17,6 +17,7 @@ from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import progress, say
 from armgpi.escape import json_data
 from armgpi.renamed import current_name
+from armgpi.verdict import Verdict, judge
 
 if TYPE_CHECKING:
     from armgpi.certification.certificate import Certificate
@@ -89,6 +90,7 @@ def certify(
     report: Path | None = None,
     refute: Path | None = None,
     identified: Path | None = None,
+    allow_part: bool = False,
     as_json: bool = False,
     **how: Any,
 ) -> None:
@@ -99,6 +101,7 @@ def certify(
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.certification.box import read_box
     from armgpi.certification.certificate import certify as certified
+    from armgpi.certification.text import verdict as verdict_of
 
     if report is not None:
         check_file(report, "--report")
@@ -114,9 +117,39 @@ def certify(
     proof: Any = {"prove": prove, "budget": budget, "rate": "auto" if rate == "auto" else None}
     proof |= {"payload": load_ends(payload), "box": box and read_box(box), **possible_arms(identified, arm)}
     options = {**vectors, **_chosen_parts(named), **stated, **proof, "gains": _gains(omega, zeta, pole, rate)}
+    typed = {"payload": payload, "omega": omega, "encoder_bits": encoder_bits}
+    typed |= {"friction": friction or None, "integrators": integrators != 2 or None}
+    left_out = _left_out(robot, {key for key, value in typed.items() if value is not None})
     with progress() as told:
         found = certified(arm, dt, progress=told, **options)
-    sys.exit(_publish(found, arm, out, report, as_json))
+    verdict = judge(found.certified, verdict_of(found), left_out, accepted=allow_part)
+    _publish(found, arm, out, report, as_json, verdict)
+    sys.exit(verdict.exit_code)
+
+
+def _left_out(robot: str, typed: set[str]) -> list[str]:
+    """Return the keys of an experiment file that change its loop and that no certificate is made for.
+
+    Args:
+        robot: what stands in the place of a robot.
+        typed: keys that options give in place of the file's.
+    """
+    if not is_experiment(robot):
+        return []
+    from armgpi import config
+
+    data = config.read(Path(robot)).config.plain(given=True)
+    # What options of this command have, what it takes from the file, and what no bound depends on.
+    known = {"type", "label", "delay", "engine", *typed}
+    found = []
+    for name, section in (
+        ("plant", data.get("plant") or {}),
+        ("controllers.0", (data.get("controllers") or [{}])[0]),
+    ):
+        found += [f"{name}.{key} of {robot}" for key in section if key not in known]
+    if data.get("supervisor") is not None:
+        found.append(f"supervisor of {robot}")
+    return found
 
 
 def possible_arms(file: Path | None, arm: Any) -> dict[str, list[Any]]:
@@ -144,12 +177,14 @@ def note_assumed(arm: Any) -> None:
 
     ratio = math.sqrt(certified_sector().upper)
     if rotors.assumed_joints(arm):
-        say(
+        text = (
             f"no certificate: rotors are believed within a factor of {rotors.SCATTER:g}, and a certificate "
             f"takes D as exact; within a factor of {ratio:.2g}, without load, there could be one: "
             "identify the rotors, and tell them by --rotor-inertia or --drives FILE"
         )
-        sys.exit(FAILED)
+        verdict = Verdict("not judged", text)
+        say(verdict.line)
+        sys.exit(verdict.exit_code)
     if names := rotors.silent(arm):
         say(
             f"note: the file says nothing of rotors in {', '.join(names)}, so this is of an arm without "
@@ -172,19 +207,22 @@ def note_gears(law: Any, delay: int) -> str:
     )
 
 
-def _publish(found: Certificate, arm: Any, out: Path | None, report: Path | None, as_json: bool) -> int:
-    """Write and print a certificate, and return the exit code."""
+def _publish(
+    found: Certificate, arm: Any, out: Path | None, report: Path | None, as_json: bool, verdict: Verdict
+) -> None:
+    """Write and print a certificate with its verdict."""
     from armgpi.certification.refute import again
     from armgpi.certification.report import html
 
     if out is not None:
         write(out, found.text, "--out")
     if report is not None:
-        write(report, html(again(found, arm), found), "--report")
+        write(report, html(again(found, arm), found, verdict), "--report")
     said = str(found)
     if as_json:  # null for what is not certified
         data: dict[str, Any] = {
             "certified": found.certified,
+            "verdict": verdict.plain(),
             "numbers_proved": found.numbers_proved,
             "joints": found.joint_names,
             "per_torque": found.per_torque.tolist(),
@@ -201,8 +239,9 @@ def _publish(found: Certificate, arm: Any, out: Path | None, report: Path | None
     elif found.certified:
         asked = again(found, arm)
         said = "\n".join(filter(None, [said, note_gears(asked.controller, asked.delay)]))
+    if verdict.left_out and found.certified and not as_json:
+        say(verdict.line)
     say(said, lines=True)
-    return OK if found.certified else FAILED
 
 
 def _refute_file(file: Path | None, arm: Any) -> None:

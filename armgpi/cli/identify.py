@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +53,7 @@ def identify(
     load: Path | None = None,
     anyway: bool = False,
     out: Path = Path("identified"),
+    allow_part: bool = False,
     report: Path | None = None,
     as_json: bool = False,
     **how: Any,
@@ -64,7 +67,7 @@ def identify(
     from rich.table import Table
 
     from armgpi.identification.arm import identify as identified
-    from armgpi.identification.text import lines, say_load, tabulate
+    from armgpi.identification.text import judge_arm, lines, say_load, tabulate
     from armgpi.identification.writing import write_identified
 
     arm = load_arm(robot, how)
@@ -86,9 +89,13 @@ def identify(
     written = write_identified(found, out, validation, carried)
     if report is not None:
         files.write(report, (out / "report.html").read_text(encoding="utf-8"))
+    verdict = judge_arm(found, validation, allow_part)
     if as_json:
-        say((out / "identification.json").read_text(encoding="utf-8"), lines=True)
+        data = json.loads((out / "identification.json").read_text(encoding="utf-8"))
+        say(json.dumps({**data, "verdict": verdict.plain()}))
     else:
+        if verdict.outcome != "holds":
+            say(verdict.line)
         say(lines(found, validation, [] if carried is None else [say_load(carried)]), lines=True)
         head, rows = tabulate(found, validation)
         table = Table(*head)
@@ -98,6 +105,7 @@ def identify(
         widen(screen, table)
         screen.print(table)
     _say_written(written, out)
+    sys.exit(verdict.exit_code)
 
 
 def _say_written(paths: list[Path], folder: Path) -> None:

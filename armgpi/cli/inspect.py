@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from armgpi.cli import options as opt
-from armgpi.cli.parsing import FAILED, OFFERED, as_option, is_experiment
+from armgpi.cli.parsing import OFFERED, as_option, is_experiment
 from armgpi.cli.terminal import console as console_of
 from armgpi.cli.terminal import natural_width, say, widen
 from armgpi.escape import printable
+from armgpi.verdict import Verdict, judge
 
 if TYPE_CHECKING:
     from armgpi.health.findings import Finding
@@ -37,6 +38,7 @@ def inspect(
     dt: float | None = None,
     payload: float | None = None,
     cross_check: bool = False,
+    allow_part: bool = False,
     report: Path | None = None,
     as_json: bool = False,
     **how: Any,
@@ -63,19 +65,33 @@ def inspect(
         from armgpi.health.crosscheck import with_cross_check
 
         found = with_cross_check(found)
+    verdict = _verdict(found, allow_part)
     if as_json:
-        data = found.as_dict()
+        data = {**found.as_dict(), "verdict": verdict.plain()}
         for row, finding in zip(data["findings"], found.findings, strict=True):
             row["option"] = _option(finding)
         say(json.dumps(data))
     else:
-        _show(found)
+        _show(found, verdict)
     if report is not None:
         from armgpi.view import meshcat
 
-        say(f"wrote {meshcat.write(_page(found), report)}", err=True)
-    if found.has_errors:
-        sys.exit(FAILED)
+        say(f"wrote {meshcat.write(_page(found, verdict), report)}", err=True)
+    sys.exit(verdict.exit_code)
+
+
+def _verdict(report: HealthReport, allow_part: bool = False) -> Verdict:
+    """Return the verdict: a second reading that was asked for and could not be had is left out."""
+    from armgpi.health.findings import fold
+
+    left_out = [
+        f"{finding.kind}: {finding.message}"
+        for finding in report.findings
+        if finding.kind == "cross-check" and finding.level == "warning"
+    ]
+    stops = "something stops a run: " if report.has_errors else ""
+    text = stops + _count_findings(fold(report.findings))
+    return judge(not report.has_errors, text, left_out, accepted=allow_part)
 
 
 def _settings(robot: str, how: Mapping[str, Any], typed: dict[str, Any]) -> dict[str, Any]:
@@ -94,8 +110,8 @@ def _settings(robot: str, how: Mapping[str, Any], typed: dict[str, Any]) -> dict
     return arm | opt.robot_given(how) | {key: value for key, value in loop.items() if value is not None}
 
 
-def _show(report: HealthReport) -> None:
-    """Print the report: facts, joints, findings."""
+def _show(report: HealthReport, verdict: Verdict) -> None:
+    """Print the report: facts, joints, findings, verdict."""
     from armgpi.health.findings import fold
 
     console = console_of(soft_wrap=True)
@@ -118,7 +134,7 @@ def _show(report: HealthReport) -> None:
         with_run = "" if option.split(" ")[0] in OFFERED else "run with "
         remedy = f"{'; ' if finding.repair else ' -> '}{with_run}{option}" if option else ""
         console.print(f"{finding.level}: {printable(f'{finding}{remedy}')}", style=styles[finding.level])
-    console.print(_count_findings(findings))
+    console.print(verdict.line)
 
 
 def _what_it_is(facts: Mapping[str, Any]) -> list[str]:
@@ -191,7 +207,7 @@ def _untuned_lines(facts: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _page(report: HealthReport) -> str:
+def _page(report: HealthReport, judged: Verdict) -> str:
     """Return the report as a page: the verdict, what was found, the joints, what a controller will do."""
     from armgpi.health.findings import fold
     from armgpi.view import page
@@ -213,7 +229,8 @@ def _page(report: HealthReport) -> str:
         "Joints": page.table(["joint", *(column.heading for column in _COLUMNS)], joints, label="joints"),
         "What a controller will do with it": page.bullets(_what_follows(facts)),
     }
-    verdict = f"<p class={kind}>{page.text(_count_findings(findings))}</p>"
+    kind = kind if judged.outcome == "holds" else judged.page_class
+    verdict = f"<p class={kind}>{page.text(judged.line)}</p>"
     # Of the file its name alone: a page is passed on.
     said = page.bullets(_what_it_is({**facts, "source": Path(facts["source"]).name}))
     return page.document(facts["name"], verdict + said, sections)

@@ -29,6 +29,7 @@ ROWS = {
     "identified FILE": "identification.json: the arm is one of those that it leaves possible, with 95 % "
     "confidence.",
     "report FILE": "Write what is found as one HTML file for any browser.",
+    "allow_part": "Accept a verdict that holds for part of what was asked: exit code 0 in place of 3.",
     "as_json --json": "Print JSON instead of tables.",
     "robot <ROBOT>": "Name of a robot (see `armgpi robots`), or path of a URDF or an experiment file (YAML).",
     "dt SECONDS": "Sample time [s]; 0.001 by default.",

@@ -16,7 +16,8 @@ from armgpi.escape import in_si
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
-OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+#: INCOMPLETE: something that was supplied or asked for was not judged (:mod:`armgpi.verdict`).
+OK, FAILED, BAD_INPUT, INCOMPLETE, INTERRUPTED = 0, 1, 2, 3, 130
 
 #: Kind of a remedy -> the option that does it, and how its value is shown where none is proposed.
 OPTIONS = {

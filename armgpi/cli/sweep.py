@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armgpi import files
-from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
+from armgpi.cli.parsing import refusal, stoppable
 from armgpi.cli.terminal import progress, say
 from armgpi.escape import json_data
+from armgpi.verdict import Verdict, judge
 
 # What takes long to import is imported by the command, so that --help answers at once.
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ def sweep(
     cluster: str | None = None,
     report: Path | None = None,
     accept_code: bool = False,
+    allow_part: bool = False,
     as_json: bool = False,
 ) -> None:
     """Run an experiment many times with drawn numbers and say how often it fails, with intervals.
@@ -69,7 +71,7 @@ def sweep(
             raise refusal(option, "--rare has its levels one after the other in this process, and no page")
         _rare(asked, study, count, as_json)
         return
-    sys.exit(FAILED if _run_sweep(asked, study, count, workers, cluster, report, as_json) else OK)
+    sys.exit(_run_sweep(asked, study, count, workers, cluster, report, as_json, allow_part).exit_code)
 
 
 def _read(file: Path) -> Loaded:
@@ -93,8 +95,9 @@ def _run_sweep(
     cluster: str | None,
     report: Path | None,
     as_json: bool,
-) -> bool:
-    """Run and print a sweep, and tell whether a chunk is broken."""
+    allow_part: bool,
+) -> Verdict:
+    """Run and print a sweep, and return its verdict: for part where chunks were not run."""
     from armgpi.studies import results
     from armgpi.studies import workers as running
     from armgpi.studies.sample import chunk_name
@@ -118,21 +121,29 @@ def _run_sweep(
         which = f"chunk {first} and {len(others)} others are" if others else f"chunk {first} is"
         say(f"{which} broken: {reason}", err=True, fg="yellow")
     if len(broken) == len(chunks):
-        return True
+        verdict = Verdict("not judged", f"none of {count} rollouts was run")
+        say(verdict.line, err=True, fg="red")
+        return verdict
     found = results.collect(sweep, study, count)
+    ran = found.sizes["rollout"]
+    left_out = [f"{count - ran} rollouts of broken chunks"] * (ran < count)
+    verdict = judge(True, f"{ran} of {count} rollouts were run", left_out, accepted=allow_part)
     said = results.summary(sweep, found)
     written = results.write(sweep, found, said, study.folder)
     if as_json:
-        say(json.dumps(json_data(said)))
+        say(json.dumps(json_data({**said, "verdict": verdict.plain()})))
     else:
+        if left_out:
+            say(verdict.line, fg="yellow")
         _print(sweep, said, results.sentences(said))
     if report is not None:
         from armgpi.studies import page
         from armgpi.view.report import write
 
-        written.append(write(page.html(sweep, found, said), report))
+        unseen = verdict.line if left_out else ""
+        written.append(write(page.html(sweep, found, said, unseen), report))
     say(f"wrote {len(written)} files to {study.folder}", err=True)
-    return bool(broken)
+    return verdict
 
 
 def _rare(sweep: Sweep, study: Study, count: int, as_json: bool) -> None:

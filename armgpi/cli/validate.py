@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
 
 from armgpi.cli.derive import load, write
-from armgpi.cli.parsing import FAILED, OK, per_joint, refusal, stoppable
+from armgpi.cli.parsing import per_joint, refusal, stoppable
 from armgpi.cli.terminal import say
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
@@ -21,6 +22,7 @@ ROWS = {
     "absolute": "The model counts the angles of parallel joints from the base.",
     "from_vertical up|down": "Where the model counts its first level axis from.",
     "names --map NAME=FUNCTION": "What the model calls a function; M, D, C, G are known.",
+    "allow_uncompared": "Accept functions of the model that were not compared: exit code 0 in place of 3.",
     "markdown FILE": "Write the report as Markdown.",
     "latex FILE": "Write the report as LaTeX.",
     "suggest_urdf FILE": "Write a URDF whose parameters fit the model best.",
@@ -43,6 +45,7 @@ def validate(
     from_vertical: str | None = None,
     rotor_inertia: list[str] | None = None,
     names: list[str] | None = None,
+    allow_uncompared: bool = False,
     report: Path | None = None,
     markdown: Path | None = None,
     latex: Path | None = None,
@@ -78,8 +81,9 @@ def validate(
         rotor_inertia=per_joint(",".join(rotor_inertia), "--rotor-inertia") if rotor_inertia else None,
         names=functions,
     )
-    say(found.to_json() if as_json else str(found), lines=True)
-    forms = ("--report", report, found.html), ("--markdown", markdown, found.markdown)
+    allow = allow_uncompared
+    say(found.to_json(allow) if as_json else found.text(allow), lines=True)
+    forms = ("--report", report, partial(found.html, allow)), ("--markdown", markdown, found.markdown)
     for option, path, form in (*forms, ("--latex", latex, found.latex)):
         if path is not None:
             write(path, form(), option)
@@ -89,7 +93,7 @@ def validate(
         suggestion = suggested(model, arm, joints=joints, time_limit=time_limit)
         write(suggest_urdf, suggestion.urdf, "--suggest-urdf")
         say(f"{suggest_urdf}: {suggestion.text}", err=True, lines=True)
-    sys.exit(OK if found.agrees else FAILED)
+    sys.exit(found.judge(allow).exit_code)
 
 
 def _read_map(items: list[str] | None) -> dict[str, str]:

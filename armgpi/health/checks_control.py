@@ -144,14 +144,16 @@ def armature(subject: Subject) -> Iterator[Finding]:
     )
     if not none:
         message = (
-            "no rotor inertia in the file; the rule for untuned arms believes rotors as motors of such "
+            "no rotor inertia in the file; the rule for untuned arms assumes rotors as motors of such "
             f"torque and speed have them. With {rotors.SCATTER:g} times those the eigenvalues delta of "
-            f"D^-1 D-hat go down to {wrong:.2g}, with none believed to {less:.2g}; GPI needs 0.36"
+            f"D^-1 D-hat go down to {wrong:.2g}; GPI needs 0.36. A model without rotors would have "
+            f"{less:.2g}; the automatic controller has none such"
         )
     told = zip(robot.joint_names, values, strict=True)
     proposed = ",".join(f"{name}={value:.2g}" for name, value in told if name in names)
+    unstable = (less if none else wrong) < 0.36
     yield Finding(
-        "warning" if none else "info",
+        "warning" if none or unstable else "info",
         "joints",
         message,
         float(less if none else wrong),

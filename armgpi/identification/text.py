@@ -14,6 +14,7 @@ from armgpi.identification.arm import Estimate, Identified, Load, Validation
 from armgpi.identification.estimate import is_supposed
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import assume_gears
+from armgpi.verdict import Verdict, judge
 
 #: Residual over torque up to which a model is good enough to control by, and from which it explains little.
 _GOOD, _POOR = 0.1, 0.25
@@ -269,3 +270,43 @@ def lines(found: Identified, validation: Validation | None, rows: Sequence[str] 
     verdict = say_residuals(found.robot, residuals, validation is not None, causes)
     notes = say_notes(found, validation)
     return "\n".join([*verdict, *notes, *rows]) + "\n"
+
+
+def judge_arm(found: Identified, validation: Validation | None, accepted: bool = False) -> Verdict:
+    """Return the verdict: joints that no log moves, and gears that have no turn in their log, are left out.
+
+    It fails where the arm that was found is lost when it is simulated, or explains little of another log.
+
+    Args:
+        found: the arm.
+        validation: on another log, where one was given.
+        accepted: whether what was left out is accepted.
+    """
+    names = found.robot.joint_names
+    left_out = [
+        f"{name}: did not move in the fitted logs"
+        for name, share in zip(names, found.residuals, strict=True)
+        if np.isnan(share)
+    ]
+    if validation is not None:
+        judged = zip(names, validation.identified, strict=True)
+        left_out += [f"{name}: did not move in the other log" for name, share in judged if np.isnan(share)]
+    if found.gears is not None:
+        misfits = zip(names, found.gears.misfit, strict=True)
+        left_out += [f"{name}: its gear had no turn in the log" for name, x in misfits if np.isnan(x)]
+    lost = found.simulated is not None and bool(np.isinf(found.simulated).any())
+    residuals = found.residuals if validation is None else validation.identified
+    moved = residuals[np.isfinite(residuals)]
+    if not len(moved):
+        return Verdict(
+            "not judged", "no joint moved in the log on which the model is judged", tuple(left_out)
+        )
+    poor = float(np.median(moved)) > _POOR
+    text = "the identified model explains the torques"
+    if lost:
+        text = "the identified arm fails when it is simulated with the experiment of the first log"
+    elif poor:
+        text = (
+            f"the identified model leaves {100.0 * float(np.median(moved)):.2g} % of the torques unexplained"
+        )
+    return judge(not (lost or poor), text, left_out, accepted=accepted)

@@ -14,7 +14,7 @@ from armgpi.arrays import Array
 from armgpi.config import build, dump, keys
 from armgpi.config import experiment as experiments
 from armgpi.loop import metrics
-from armgpi.studies.results import QUANTILES, heading, of_arm, quantile_words, sentences, worst
+from armgpi.studies.results import QUANTILES, failure_words, heading, of_arm, quantile_words, sentences, worst
 from armgpi.studies.sample import Sweep
 from armgpi.view import page, report
 from armgpi.view.drawing import LINE, Drawing, figure
@@ -25,13 +25,14 @@ _BARS, _WIDTH, _HEIGHT, _BELOW = 40, 300, 92, 18
 _BAR, _BAD = "#4878a8", "#c44e52"
 
 
-def html(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any]) -> str:
+def html(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any], unseen: str = "") -> str:
     """Return the page.
 
     Args:
         sweep: what was run.
         found: its rollouts, from :func:`armgpi.studies.results.collect`.
         said: from :func:`armgpi.studies.results.summary`.
+        unseen: the line of a verdict for part; empty where every rollout was run.
 
     Raises:
         MissingPackage: when trimesh is not installed.
@@ -46,11 +47,7 @@ def html(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any]) -> str:
         for name in sweep.metrics
     ]
     head = ["metric of the arm", *(f"{100 * share:g} %" for share in QUANTILES)]
-    parts = [
-        page.bullets(sentences(said)),
-        page.table(head, quantiles, label="Quantiles of the metrics with 95 % intervals"),
-        "<h3>Distribution of every metric</h3>",
-        _figures((_histogram(of_arm(found, name)), heading(sweep, name)) for name in sweep.metrics),
+    failures = [
         "<h3>Share of failures by what was drawn</h3>",
         _figures(
             (_map(rows), _heading_of(sweep, name)) for name, rows in said["failure by what was drawn"].items()
@@ -59,6 +56,16 @@ def html(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any]) -> str:
             (_square(pair["parts"]), " × ".join(_heading_of(sweep, name) for name in pair["of"]))
             for pair in said["failure by two of them"]
         ),
+    ]
+    if not found["failed"].values.any():
+        failures = ["<p>No rollout failed, so there is no chart of failures.</p>"]
+    parts = [
+        f"<p class=fair>{page.text(unseen)}</p>" if unseen else "",
+        page.bullets([*sentences(said), f"A rollout has failed that {failure_words(sweep)}."]),
+        page.table(head, quantiles, label="Quantiles of the metrics with 95 % intervals"),
+        "<h3>Distribution of every metric</h3>",
+        _figures((_histogram(of_arm(found, name)), heading(sweep, name)) for name in sweep.metrics),
+        *failures,
         f"<p>Rollout {int(found['rollout'].values[i])}, the worst, is the one that is played and below.</p>",
     ]
     return report.build(

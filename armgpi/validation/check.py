@@ -113,7 +113,9 @@ def validate(
                 worker.name, None, joint_names, samples.rows_of(sampled), (), (), tuple(found), notes
             )
             return replace(laws_alone, uncompared=worker.uncompared)
-        return _compare(model, worker, robot, frame, rtol, states, sampled, own, found, notes)
+        report = _compare(model, worker, robot, frame, rtol, states, sampled, own, found, notes)
+        compares_frame = any(name in sampled for name in ("forward_kinematics", "jacobian"))
+        return report if compares_frame else replace(report, frame=frame)
 
 
 def check_time_limit(time_limit: float) -> float:
@@ -136,9 +138,6 @@ def _notes(worker: Worker, sampled: Mapping[str, Sampled]) -> Iterator[str]:
     if worst.digits >= _FEW_DIGITS:
         text = f"{worst.function} is only computed to {worst.digits:.1g} of its largest value"
         yield f"{text}: differences up to {samples.SAFETY:g} times that do not count"
-    if worker.uncompared:
-        told = "nothing is said of it: give it a known name, or map it"
-        yield f"not compared: {', '.join(worker.uncompared)} ({told})"
 
 
 def _compare(

@@ -7,7 +7,8 @@ coordinates, so that everything else need not know of it.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
+from difflib import get_close_matches
 from functools import wraps
 from typing import Any, NamedTuple
 
@@ -23,6 +24,30 @@ SHORT = {
     **dict.fromkeys(("M", "D", "inertia_matrix"), "mass_matrix"),
     **dict.fromkeys(("C", "coriolis"), "coriolis_matrix"),
     **dict.fromkeys(("G", "gravity_vector", "gravity_torque"), "gravity"),
+}
+#: Parts of names that people give to functions -> the function that is probably meant, in words.
+_MEANT = {
+    "kinetic": "kinetic_energy",
+    "potential": "potential_energy",
+    "mass": "mass_matrix",
+    "inertia": "mass_matrix",
+    "coriolis": "coriolis_matrix",
+    "centrifugal": "coriolis_matrix",
+    "centripetal": "coriolis_matrix",
+    "grav": "gravity",
+    "jac": "jacobian",
+    "inverse_dyn": "inverse_dynamics",
+    "rnea": "inverse_dynamics",
+    "forward_dyn": "forward_dynamics",
+    "aba": "forward_dynamics",
+    "forward_kin": "forward_kinematics",
+    "fkin": "forward_kinematics",
+}
+#: Function -> what it is in words.
+_IN_WORDS = {
+    "mass_matrix": "the inertia matrix",
+    "coriolis_matrix": "the Coriolis matrix",
+    "gravity": "the gravity torque",
 }
 #: What a model may have its first level axis counted from.
 VERTICALS = ("up", "down")
@@ -67,6 +92,39 @@ class Convention(NamedTuple):
             return np.asarray(value, dtype=np.float64) @ A if name == "jacobian" else value
 
         return call
+
+
+def near_function(name: str, known: Mapping[str, tuple[str, ...]]) -> str | None:
+    """Return the known function that an unknown name probably means; None where none is near.
+
+    Args:
+        name: what the model calls its function.
+        known: functions that are compared, by name.
+    """
+    folded = name.casefold()
+    for part, function in _MEANT.items():
+        if part in folded:
+            return function
+    folded_names = {each.casefold(): each for each in known}
+    near = get_close_matches(folded, folded_names, n=1, cutoff=0.6)
+    return folded_names[near[0]] if near else None
+
+
+def propose_map(name: str, known: Mapping[str, tuple[str, ...]], taken: Collection[str] = ()) -> str:
+    """Return what is said of a function that was not compared, with an option to paste where one is near.
+
+    Args:
+        name: what the model calls it.
+        known: functions that are compared, by name.
+        taken: those that the model has under their own names; a second one cannot be mapped to them.
+    """
+    function = near_function(name, known)
+    if function is None:
+        return f"unknown function name. What is it? --map {name}=FUNCTION"
+    if function in taken:
+        return f"unknown function name; the model has a {function} already"
+    words = _IN_WORDS.get(function, f"the model's {function}")
+    return f"unknown function name. Is it {words}? --map {name}={function}"
 
 
 def declare_convention(

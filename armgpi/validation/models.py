@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.validation.conventions import SHORT, Convention
+from armgpi.validation.conventions import SHORT, Convention, near_function
 from armgpi.validation.graph import Program, is_drawn, joint_of, states_of
 
 #: Function -> names of its arguments.
@@ -594,11 +594,8 @@ def _is_number(value: Any) -> bool:
 
 def _nothing(names: Any) -> str:
     """Return the message for a model without any known function."""
-    from difflib import get_close_matches
-
     text = f"has none of the functions {', '.join(ARGUMENTS)}"
-    for name in names:
-        near = get_close_matches(str(name), ARGUMENTS, n=1, cutoff=0.75)
-        if near:
-            return f"{text}; is {name!r} meant to be {near[0]!r}?"
+    for name in map(str, names):
+        if name[:1] != "_" and (near := near_function(name, ARGUMENTS)):
+            return f"{text}; is {name!r} meant to be {near!r}? --map {name}={near}"
     return text

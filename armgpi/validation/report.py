@@ -11,9 +11,11 @@ from typing import Any, NamedTuple
 
 from armgpi.escape import html_table, json_data, latex_text
 from armgpi.validation import typeset
+from armgpi.validation.conventions import propose_map
 from armgpi.validation.diagnose import Cause
 from armgpi.validation.laws import Law
 from armgpi.validation.models import ARGUMENTS
+from armgpi.verdict import Verdict, judge
 
 #: Elements listed in a line of text, at most: the JSON has all.
 _LISTED = 8
@@ -63,6 +65,7 @@ class DynamicsReport:
         notes: what else was seen, such as a link of the robot that no rigid body can be.
         repaired: the model's source with changes with which it agrees; None without such.
         uncompared: functions of a state that the model has beside those: nothing is said of them.
+        frame: the frame that was asked for where the model has no kinematics to compare in it.
     """
 
     model: str
@@ -75,10 +78,11 @@ class DynamicsReport:
     notes: tuple[str, ...]
     repaired: str | None = None
     uncompared: tuple[str, ...] = ()
+    frame: str | None = None
 
     @property
     def agrees(self) -> bool:
-        """Whether every function agrees and no law fails."""
+        """Whether every function that was compared agrees and no law fails; see :meth:`judge`."""
         return all(report.agrees for report in self.functions) and all(
             law.verdict != "fails" for law in self.laws
         )
@@ -99,7 +103,25 @@ class DynamicsReport:
                 return report
         raise KeyError(function)
 
-    def to_dict(self) -> dict[str, Any]:
+    def judge(self, accept_uncompared: bool = False) -> Verdict:
+        """Return the verdict: for part where a function or frame was given that nothing was compared with.
+
+        Args:
+            accept_uncompared: whether that is accepted.
+        """
+        left_out = [f"function {name}" for name in self.uncompared]
+        left_out += [] if self.frame is None else [f"frame {self.frame}: the model has no kinematics"]
+        text = self._found()
+        if self.agrees and left_out:
+            compared, count = len(self.functions), len(self.functions) + len(self.uncompared)
+            text = f"{compared} of {count} functions {'was' if compared == 1 else 'were'} compared"
+            if self.robot is None:
+                text = f"{text[: -len('compared')]}checked"
+            if not self.uncompared:
+                text = "the model agrees in what was compared"
+        return judge(self.agrees, text, left_out, "--allow-uncompared", accept_uncompared)
+
+    def to_dict(self, accept_uncompared: bool = False) -> dict[str, Any]:
         """Return the report as plain data for JSON; NaN and infinity are None."""
         data: dict[str, Any] = {
             "model": self.model,
@@ -107,6 +129,7 @@ class DynamicsReport:
             "joints": self.joint_names,
             "states": self.states,
             "agrees": self.agrees,
+            "verdict": self.judge(accept_uncompared).plain(),
             "functions": [
                 {**t._asdict(), "diagnosis": [_plain(cause) for cause in t.diagnosis]} for t in self.functions
             ],
@@ -118,15 +141,19 @@ class DynamicsReport:
         }
         return dict(json_data(data))
 
-    def to_json(self) -> str:
+    def to_json(self, accept_uncompared: bool = False) -> str:
         """Return the report as JSON."""
-        return json.dumps(self.to_dict(), ensure_ascii=False)
+        return json.dumps(self.to_dict(accept_uncompared), ensure_ascii=False)
 
     def __str__(self) -> str:
         """Return the report as text."""
+        return self.text()
+
+    def text(self, accept_uncompared: bool = False) -> str:
+        """Return the report as text; its last line is the verdict."""
         lines = [f"{self.title}: {self.states} states"]
-        if self.functions:
-            rows = [_cells(t) for t in self.functions]
+        if self.functions or self.uncompared:
+            rows = [*map(_cells, self.functions), *self._uncompared_rows()]
             lines += ["", *_table(("function", "", "largest error", "relative", "where"), rows)]
             for t in self.functions:
                 if not t.agrees:
@@ -141,12 +168,19 @@ class DynamicsReport:
             lines += _table(("", "", "error", ""), self._checked_laws())[1:]
         if self.notes:
             lines += ["", *(f"note: {note}" for note in self.notes)]
-        return "\n".join([*lines, "", self.verdict()])
+        return "\n".join([*lines, "", self.judge(accept_uncompared).line])
+
+    def _uncompared_rows(self) -> list[tuple[str, ...]]:
+        """Return a row of the table for each function that was not compared."""
+        taken = [each.function for each in self.functions]
+        return [
+            (name, "NOT COMPARED", "", "", propose_map(name, ARGUMENTS, taken)) for name in self.uncompared
+        ]
 
     def _repr_html_(self) -> str:
         """Return functions, laws and causes as tables, for notebooks."""
         head = ("function", "", "largest error", "relative", "where")
-        rows = [_cells(t, "differs") for t in self.functions]
+        rows = [*(_cells(t, "differs") for t in self.functions), *self._uncompared_rows()]
         caption = f"{self.model}: {self.verdict()}"
         parts = [html_table(caption, head, rows)]
         if self.causes:
@@ -158,16 +192,20 @@ class DynamicsReport:
 
     def verdict(self) -> str:
         """Return the result in one line."""
+        return self.judge().line
+
+    def _found(self) -> str:
+        """Return what was found in what was compared."""
         if self.agrees:
             if not self.functions:
                 return "the model obeys every law that could be checked"
-            return f"the model agrees{' in what was compared' if self.uncompared else ''}"
+            return "the model agrees"
         differ = [t.function for t in self.functions if not t.agrees]
         if differ:
             return f"the model differs in {', '.join(differ)}"
         return f"the model violates: {', '.join(law.name for law in self.laws if law.verdict == 'fails')}"
 
-    def html(self) -> str:
+    def html(self, accept_uncompared: bool = False) -> str:
         """Return the report as a page of its own, without scripts and without anything from elsewhere."""
         from armgpi.view import page  # it imports what draws, which text needs not
 
@@ -193,8 +231,12 @@ class DynamicsReport:
             sections["Laws"] = _html_table("laws", laws, self._checked_laws(), words=(1, 3))
         if self.notes:
             sections["Notes"] = page.bullets(self.notes)
-        verdict = f"<p class={'good' if self.agrees else 'bad'}>{page.text(self.verdict())}</p>"
-        return page.document(self.title, verdict, sections)
+        if self.uncompared:
+            lines = [f"{name}: {proposal}" for name, *_, proposal in self._uncompared_rows()]
+            sections["Not compared"] = page.bullets(lines)
+        verdict = self.judge(accept_uncompared)
+        line = f"<p class={verdict.page_class}>{page.text(verdict.line)}</p>"
+        return page.document(self.title, line, sections)
 
     def markdown(self) -> str:
         """Return the report as Markdown."""
@@ -202,6 +244,7 @@ class DynamicsReport:
         if self.functions:
             lines += ["| function | | largest error | relative | where |", "|---|---|---|---|---|"]
             lines += [f"| {' | '.join(_cells(t))} |" for t in self.functions]
+            lines += [f"| {' | '.join(row)} |" for row in self._uncompared_rows()]
         for cause in self.causes:
             first, *rest = _lines_of(cause)
             lines += ["", first]

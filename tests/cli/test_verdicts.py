@@ -1,0 +1,166 @@
+"""No verdict is greener than what was judged: each command that judges, with something that is left out."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from commands import Answer
+
+import armgpi
+from armgpi.certification import check_certificate
+from armgpi.certification.certificate import seal
+from armgpi.cli import bringup, inspect
+from armgpi.identification.text import judge_arm
+from armgpi.verdict import Verdict, judge
+
+Cli = Callable[..., Answer]
+
+ARM = "robot: {name: anthropomorphic3, rotor_inertia: 0.05}\n"
+
+
+@pytest.mark.parametrize(
+    ("verdict", "code", "colour", "begin"),
+    [
+        (judge(True, "all agree"), 0, "good", "all agree"),
+        (judge(False, "it differs"), 1, "bad", "it differs"),
+        (judge(False, "it differs", ["a part"]), 1, "bad", "it differs"),
+        (
+            judge(True, "one agrees", ["the other"]),
+            3,
+            "fair",
+            "INCOMPLETE: one agrees; not judged: the other",
+        ),
+        (judge(True, "one agrees", ["the other"], accepted=True), 0, "fair", "INCOMPLETE: one agrees"),
+        (Verdict("not judged", "nothing ran"), 3, "fair", "NOT JUDGED: nothing ran"),
+    ],
+)
+def test_a_verdict_gives_code_colour_and_line(verdict: Verdict, code: int, colour: str, begin: str) -> None:
+    assert (verdict.exit_code, verdict.page_class) == (code, colour)
+    assert verdict.line.startswith(begin)
+    assert verdict.plain()["exit_code"] == code
+
+
+def test_validate_names_what_was_not_compared(cli: Cli, tmp_path: Path) -> None:
+    (tmp_path / "arm.py").write_text(
+        "import armgpi\n"
+        "robot = armgpi.Robot.load('anthropomorphic3')\n"
+        "def mass(q): return robot.mass_matrix(q)\n"
+        "def gravity(q): return robot.gravity(q)\n"
+    )
+    words = ("validate", tmp_path / "arm.py", "--robot", "anthropomorphic3")
+    done = cli(*words)
+    assert done.code == 3
+    assert "--map mass=mass_matrix" in done.out
+    assert "INCOMPLETE: 1 of 2 functions was compared" in done.out
+    assert cli(*words, "--allow-uncompared").code == 0
+    assert cli(*words, "--map", "mass=mass_matrix").code == 0  # the proposal
+    page = tmp_path / "page.html"
+    said = json.loads(cli(*words, "--json", "--report", page).out)
+    assert said["verdict"]["outcome"] == "holds for part"
+    assert "class=fair" in page.read_text()
+
+
+def test_inspect_names_a_second_reading_that_could_not_be_had(
+    cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    finding = armgpi.health.Finding("warning", "file", "yourdfpy cannot read it", kind="cross-check")
+    monkeypatch.setattr(
+        "armgpi.health.crosscheck.with_cross_check", lambda report: report.with_findings([finding])
+    )
+    assert cli("inspect", "anthropomorphic3").code == 0
+    done = cli("inspect", "anthropomorphic3", "--cross-check")
+    assert done.code == 3
+    assert done.out.splitlines()[-1].startswith("INCOMPLETE: 0 errors")
+    assert cli("inspect", "anthropomorphic3", "--cross-check", "--allow-part").code == 0
+    assert inspect._verdict(SimpleNamespace(findings=(), has_errors=False)).outcome == "holds"  # type: ignore[arg-type]
+
+
+@pytest.mark.slow
+def test_certify_and_bound_name_keys_of_a_file_that_they_leave_out(cli: Cli, tmp_path: Path) -> None:
+    file = tmp_path / "arm.yaml"
+    file.write_text(ARM + "controllers: [{type: gpi, omega: 25.0}]\nsupervisor: {}\n")
+    done = cli("certify", file, "--radius", "0.2")
+    assert done.code == 3
+    first = done.out.splitlines()[0]
+    assert first.startswith("INCOMPLETE: ")
+    assert "controllers.0.omega" in first
+    assert "supervisor" in first
+    bounded = cli("bound", file, "--torque", "0.05")
+    assert bounded.code == 3
+    assert "a stop by the supervisor" in bounded.out.splitlines()[0]
+    assert cli("bound", file, "--torque", "0.05", "--allow-part").code == 0
+
+
+def test_certify_does_not_judge_an_arm_with_assumed_rotors(cli: Cli) -> None:
+    done = cli("certify", "ur5", "--drives", "believed")
+    assert done.code == 3
+    assert done.out.startswith("NOT JUDGED: ")
+
+
+@pytest.mark.slow
+def test_the_checker_names_what_was_asked_for_and_has_no_claim(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot = armgpi.Robot.load("anthropomorphic3").with_armature(0.05)
+    made = armgpi.certify(robot, speed=0.2, torque=np.full(3, 0.001), radius=np.full(3, 0.2))
+    made.save(tmp_path / "whole.json")
+    assert check_certificate.main([str(tmp_path / "whole.json")]) == 0
+    data = json.loads(made.text)
+    del data["solutions"]["stated"], data["inputs"]["stated"]
+    data["seal"] = seal(data)
+    (tmp_path / "part.json").write_text(json.dumps(data))
+    assert check_certificate.main([str(tmp_path / "part.json")]) == 3
+    assert "HOLDS FOR PART: asked for and not claimed: everything that was stated" in capsys.readouterr().out
+
+
+def test_bringup_names_what_no_stage_will_test() -> None:
+    seen: Any = SimpleNamespace(findings=(), following=None, untested={"weight": ("q1",), "lag": ()})
+    verdict = bringup._verdict(seen, False)
+    assert verdict.exit_code == 3
+    assert "(q1)" in verdict.line
+    assert bringup._verdict(seen, True).exit_code == 0
+    assert bringup._verdict(SimpleNamespace(findings=("x",), untested={}), False).exit_code == 1  # type: ignore[arg-type]
+
+
+@pytest.mark.slow
+def test_sweep_names_rollouts_that_were_not_run(
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from armgpi.studies import workers
+
+    file = tmp_path / "study.yaml"
+    file.write_text(ARM + "t_final: 0.05\nvary: {controller.omega: {uniform: [20.0, 30.0]}}\n")
+    run = workers.run
+
+    def leave_first(folder: Path, chunks: list[Any], *others: Any) -> dict[int, str]:
+        return run(folder, chunks[1:], *others) | {chunks[0][0]: "no disk"}
+
+    monkeypatch.setattr(workers, "run", leave_first)
+    monkeypatch.setattr("armgpi.studies.sample._MOST", 16)
+    done = cli("sweep", file, "--rollouts", "32", "--out", tmp_path / "out")
+    assert done.code == 3
+    assert done.out.splitlines()[0].startswith("INCOMPLETE: 16 of 32 rollouts were run")
+
+
+def test_identify_names_joints_that_no_log_moves() -> None:
+    names = ("q1", "q2")
+    found: Any = SimpleNamespace(
+        robot=SimpleNamespace(joint_names=names),
+        residuals=np.array([0.01, np.nan]),
+        gears=None,
+        simulated=None,
+    )
+    verdict = judge_arm(found, None)
+    assert verdict.exit_code == 3
+    assert "q2: did not move in the fitted logs" in verdict.line
+    assert judge_arm(found, None, accepted=True).exit_code == 0
+    other: Any = SimpleNamespace(identified=np.array([0.5, 0.6]))
+    assert judge_arm(found, other).exit_code == 1
+    still: Any = SimpleNamespace(identified=np.array([np.nan, np.nan]))
+    assert judge_arm(found, still).outcome == "not judged"
