@@ -16,9 +16,11 @@ and what to do.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Any, Literal, NamedTuple, TypeVar
 
 Level = Literal["error", "warning", "info"]
@@ -349,7 +351,27 @@ class MissingPackage(ArmgpiError):
     def __init__(self, package: str, extra: str = "viz") -> None:
         """Say which package is missing and how to get it."""
         self.package, self.extra = package, extra
-        super().__init__(f"needs the package {package!r}: pip install 'armgpi[{extra}]'")
+        super().__init__(f"needs the package {package!r}: pip install 'armgpi[{extra}]', or {package}")
+
+
+def require_extra(module: str, extra: str, package: str = "") -> None:
+    """Refuse to begin what needs a module that is not installed; nothing is imported.
+
+    Args:
+        module: its name.
+        extra: the extra of armgpi that brings it.
+        package: what it is called where it is installed from, when that is another name.
+
+    Raises:
+        MissingPackage: when it is not installed.
+    """
+    top = module.partition(".")[0]
+    try:
+        there = find_spec(top) is not None
+    except ValueError:  # imported already, or hidden
+        there = sys.modules.get(top) is not None
+    if not there:
+        raise MissingPackage(package or top, extra)
 
 
 def import_extra(module: str, extra: str, package: str = "") -> Any:

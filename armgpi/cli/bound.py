@@ -38,6 +38,9 @@ ROWS = {
     "out --out -o FILE": "Write the bound (JSON).",
 }
 
+#: What a bound leaves out where the experiment has a supervisor.
+_STOP = "a stop by the supervisor of the file (--tool-speed bounds it)"
+
 
 @stoppable
 def bound(
@@ -68,10 +71,7 @@ def bound(
     from armgpi.config.building import has_friction
     from armgpi.plants.plant import inside
 
-    if report is not None:
-        check_file(report, "--report")
-    if friction_within is not None and not 0.0 <= friction_within <= 1.0:
-        raise refusal("--friction-within", f"expected a share from 0 to 1, got {friction_within:g}")
+    _check_options(report, friction_within)
     experiment = _experiment(robot, opt.drives_given(rotor_inertia, drives), controller)
     note_assumed(experiment.robot)
     law: Any = next(iter(experiment.controllers.values()))
@@ -96,11 +96,9 @@ def bound(
     if found.holds and tool_speed is not None:
         stop = bound_stop(found, tool_speed, experiment.supervisor)
     supervised = experiment.supervisor is not None and stop is None
-    left_out = ["a stop by the supervisor of the file (--tool-speed bounds it)"] * supervised
-    verdict = judge(found.holds, "the bound holds", left_out, accepted=allow_part)
-    data = json_data(
-        {**found.plain(), "stop": None if stop is None else stop._asdict(), "verdict": verdict.plain()}
-    )
+    verdict = judge(found.holds, "the bound holds", [_STOP] * supervised, accepted=allow_part)
+    stopping = None if stop is None else stop._asdict()
+    data = json_data({**found.plain(), "stop": stopping, "verdict": verdict.plain()})
     if out is not None:
         write(out, json.dumps(data, indent=1) + "\n", "--out")
     notes = [*filter(None, (str(stop or ""), *_gears(found)))]
@@ -110,6 +108,14 @@ def bound(
     text = "\n".join([*unseen, "\n  ".join([str(found), *notes])])
     say(json.dumps(data) if as_json else text, lines=True)
     sys.exit(verdict.exit_code)
+
+
+def _check_options(report: Path | None, friction_within: float | None) -> None:
+    """Refuse a page that cannot be written, and a share that is none."""
+    if report is not None:
+        check_file(report, "--report")
+    if friction_within is not None and not 0.0 <= friction_within <= 1.0:
+        raise refusal("--friction-within", f"expected a share from 0 to 1, got {friction_within:g}")
 
 
 def _experiment(name: str, drives: dict[str, Any], controller: str | None) -> Any:

@@ -15,6 +15,7 @@ from armgpi.cli.derive import write
 from armgpi.cli.parsing import FAILED, OK, is_experiment, per_joint, refusal, stoppable
 from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import progress, say
+from armgpi.errors import require_extra
 from armgpi.escape import json_data
 from armgpi.renamed import current_name
 from armgpi.verdict import Verdict, judge
@@ -103,6 +104,8 @@ def certify(
     from armgpi.certification.certificate import certify as certified
     from armgpi.certification.text import verdict as verdict_of
 
+    if refute is None:
+        require_extra("clarabel", "certify")
     if report is not None:
         check_file(report, "--report")
     arm = load_arm(robot, how)
@@ -117,8 +120,7 @@ def certify(
     proof: Any = {"prove": prove, "budget": budget, "rate": "auto" if rate == "auto" else None}
     proof |= {"payload": load_ends(payload), "box": box and read_box(box), **possible_arms(identified, arm)}
     options = {**vectors, **_chosen_parts(named), **stated, **proof, "gains": _gains(omega, zeta, pole, rate)}
-    typed = {"payload": payload, "omega": omega, "encoder_bits": encoder_bits}
-    typed |= {"friction": friction or None, "integrators": integrators != 2 or None}
+    typed = {"payload": payload, "omega": omega, "encoder_bits": encoder_bits, "friction": friction or None}
     left_out = _left_out(robot, {key for key, value in typed.items() if value is not None})
     with progress() as told:
         found = certified(arm, dt, progress=told, **options)

@@ -12,7 +12,7 @@ from armgpi.cli import options as opt
 from armgpi.cli.certify import load_arm
 from armgpi.cli.parsing import is_experiment, per_joint, stoppable
 from armgpi.cli.terminal import console, say, widen
-from armgpi.errors import ParameterError
+from armgpi.errors import ParameterError, require_extra
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
@@ -70,6 +70,7 @@ def identify(
     from armgpi.identification.text import judge_arm, lines, say_load, tabulate
     from armgpi.identification.writing import write_identified
 
+    require_extra("clarabel", "certify")
     arm = load_arm(robot, how)
     constants = None if current is None else per_joint(current, "--current")
     found = identified(

@@ -59,7 +59,7 @@ def check_packages(picture: str, option: str) -> None:
     """Refuse a picture whose packages are not installed."""
     for package in _NEEDS[picture]:
         if find_spec(package) is None:
-            raise refusal(option, f"needs the package {package!r}: pip install 'armgpi[viz]'")
+            raise refusal(option, f"needs the package {package!r}: pip install 'armgpi[viz]', or {package}")
 
 
 def check_file(path: Path, option: str) -> None:

@@ -12,6 +12,7 @@ from armgpi.cli import options as opt
 from armgpi.cli.declared import values_of
 from armgpi.cli.parsing import refusal, stoppable
 from armgpi.cli.terminal import say
+from armgpi.errors import require_extra
 
 File = Annotated[Path | None, opt.page("Where to put the page; ROBOT.html by default.")]
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
@@ -44,11 +45,14 @@ def play(
     from armgpi.cli import pictures
     from armgpi.cli.settings import settings
     from armgpi.view import meshcat
+    from armgpi.view.play import compiler
 
+    pictures.check_packages("html", "--out")
+    require_extra("casadi", "compiled")
+    compiler()
     options |= {"robot": robot, "controllers": controller, "declared": values_of(context)}
     experiment = configuration.build(*settings(options, compare=False))
     path = Path(f"{experiment.robot.name}.html") if out is None else out
-    pictures.check_packages("html", "--out")
     pictures.check_file(path, "--out")
     written = meshcat.write(pictures.page_to_play_with(experiment, frame=frame), path)
     say(f"wrote {written}", err=True)

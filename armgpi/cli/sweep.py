@@ -13,6 +13,7 @@ import typer
 from armgpi import files
 from armgpi.cli.parsing import refusal, stoppable
 from armgpi.cli.terminal import progress, say
+from armgpi.errors import require_extra
 from armgpi.escape import json_data
 from armgpi.verdict import Verdict, judge
 
@@ -62,6 +63,11 @@ def sweep(
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.studies.sample import Sweep
 
+    require_extra("casadi", "compiled")
+    if report is not None:
+        require_extra("trimesh", "viz")
+    if workers > 1 or cluster is not None:
+        require_extra("dask.distributed", "cluster")
     count = _count(rollouts)
     asked = Sweep.of(*_read(file), sampling)
     study = asked.enter(out, accept_code)

@@ -33,7 +33,7 @@ def enter(folder: Path, wanted: Wanted, resume: bool, accept_code: bool = False)
     tune = yaml.safe_dump({"tune": wanted.tune.plain()}, sort_keys=False, allow_unicode=True)
     asked = replace(wanted.identity, text=wanted.identity.text + tune)
     study = Study.enter(folder, asked, STUDY, accept_code)
-    if study.there and not resume:
+    if study.there and study.begun and not resume:
         raise RolloutError(f"{folder}: holds this study already; resume it, or choose another folder")
     return study
 

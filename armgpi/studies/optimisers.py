@@ -166,3 +166,5 @@ class Parzen:
 
 #: Name in files -> what proposes.
 METHODS: dict[str, type[CMA] | type[Swarm] | type[Parzen]] = {"cma": CMA, "pso": Swarm, "optuna": Parzen}
+#: Name in files -> module and extra of its library.
+LIBRARIES = {"cma": ("cma", "tune"), "optuna": ("optuna", "optuna")}

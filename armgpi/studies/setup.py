@@ -14,7 +14,7 @@ from armgpi import config
 from armgpi.config import Experiment, ExperimentConfig, Origin
 from armgpi.config.building import expand
 from armgpi.config.reading import beside, check_section, read_data
-from armgpi.errors import ArmgpiError, ArmgpiWarning, NameNotFound, ParameterError
+from armgpi.errors import ArmgpiError, ArmgpiWarning, NameNotFound, ParameterError, require_extra
 from armgpi.loop import metrics
 from armgpi.parameter import parameters
 from armgpi.plants.reality import Reality
@@ -22,6 +22,7 @@ from armgpi.robot import rotors
 from armgpi.studies.evaluation import Evaluator
 from armgpi.studies.objective import Objective, known_names
 from armgpi.studies.optimise import KEPT, Problem
+from armgpi.studies.optimisers import LIBRARIES
 from armgpi.studies.space import Range, Space
 from armgpi.studies.spec import TuneSection
 from armgpi.studies.study import Identity, identify
@@ -68,6 +69,8 @@ def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "c
     if not isinstance(found, dict | None):
         raise origin.error(("tune",), "expected a mapping")
     tune = check_section(TuneSection, {**(found or {}), **(changes or {})}, origin, "tune")
+    if tune.method in LIBRARIES:  # before any work or warning
+        require_extra(*LIBRARIES[tune.method])
     given = beside(config.check(data, origin), path)
     given = given.replace(robot=expand(given))
     data = given.plain(given=True)

@@ -203,6 +203,10 @@ class Study:
                 what differs.
         """
         there = (folder / IDENTITY).exists()
+        if there and not _is_begun(folder) and not _is_same(folder, identity):
+            for left in (IDENTITY, name):  # of a start that failed: nothing was run
+                (folder / left).unlink(missing_ok=True)
+            there = False
         codes: Mapping[str, Any] = {identity.code_digest: dict(identity.code)}
         if there:
             codes = _known_codes(folder, identity, accept_code)
@@ -217,6 +221,11 @@ class Study:
             said = {"digest": identity.digest, "what": identity.what, "codes": codes}
             _write(folder, {"format": FORMAT, **said})
         return cls(folder, identity, codes, there)
+
+    @property
+    def begun(self) -> bool:
+        """Whether a part is there: a folder without any is no study that could be lost."""
+        return _is_begun(self.folder)
 
     def place(self, name: str) -> Path:
         """Return the file of a part."""
@@ -282,6 +291,19 @@ class Study:
         if head["code"] not in self.codes:
             raise BadPart(f"{place}: was run by other code; {remedy}")
         return np.frombuffer(content, dtype="<f8").reshape(head["shape"])
+
+
+def _is_begun(folder: Path) -> bool:
+    """Tell whether a study in a folder has a part."""
+    return any(folder.rglob("*.chunk"))
+
+
+def _is_same(folder: Path, identity: Identity) -> bool:
+    """Tell whether a folder holds a study of the same digest, or one that is damaged: that is said later."""
+    try:
+        return bool(read_identity(folder)["digest"] == identity.digest)
+    except RolloutError:
+        return True
 
 
 def _check_free(folder: Path, identity: Identity, name: str) -> None:

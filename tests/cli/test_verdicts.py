@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,7 +17,9 @@ import armgpi
 from armgpi.certification import check_certificate
 from armgpi.certification.certificate import seal
 from armgpi.cli import bringup, inspect
+from armgpi.errors import RolloutError
 from armgpi.identification.text import judge_arm
+from armgpi.studies.study import Identity, Study
 from armgpi.verdict import Verdict, judge
 
 Cli = Callable[..., Answer]
@@ -164,3 +167,39 @@ def test_identify_names_joints_that_no_log_moves() -> None:
     assert judge_arm(found, other).exit_code == 1
     still: Any = SimpleNamespace(identified=np.array([np.nan, np.nan]))
     assert judge_arm(found, still).outcome == "not judged"
+
+
+@pytest.mark.parametrize(
+    ("module", "words"),
+    [
+        ("cma", ("tune", "study.yaml", "--out", "out")),
+        ("clarabel", ("certify", "ur5", "--out", "out")),
+        ("clarabel", ("identify", "log.csv", "--robot", "ur5", "--out", "out")),
+        ("casadi", ("sweep", "study.yaml", "--out", "out")),
+        ("trimesh", ("play", "ur5", "--out", "out")),
+        ("casadi", ("play", "ur5", "--out", "out")),
+    ],
+)
+def test_an_extra_is_asked_for_before_any_work(
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, words: tuple[str, ...]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("study.yaml").write_text(ARM.replace(", rotor_inertia: 0.05", "") + "tune: {evaluations: 4}\n")
+    monkeypatch.setitem(sys.modules, module, None)
+    done = cli(*words)
+    assert done.code == 2
+    (line,) = done.err.splitlines()  # no warning before it
+    assert f"needs the package '{module}'" in line
+    assert "pip install" in line
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["study.yaml"]
+
+
+def test_a_study_folder_that_never_began_is_no_study(tmp_path: Path) -> None:
+    first, second = (Identity({"what": name}, {"code": "1"}, text=f"{name}\n") for name in "ab")
+    Study.enter(tmp_path, first, "experiment.yaml")
+    study = Study.enter(tmp_path, second, "experiment.yaml")
+    assert not study.there
+    assert (tmp_path / "experiment.yaml").read_text() == "b\n"
+    study.write("part", np.zeros(2))
+    with pytest.raises(RolloutError, match="holds another study"):
+        Study.enter(tmp_path, first, "experiment.yaml")

@@ -97,7 +97,7 @@ def test_another_arm_under_the_same_name_is_another_study(
     ],
 )
 def test_what_differs_is_said(asked: Path, tmp_path: Path, change: tuple[str, str], said: str) -> None:
-    Sweep.of(*read(asked)).enter(tmp_path / "out")
+    Sweep.of(*read(asked)).enter(tmp_path / "out").write("part", np.zeros(1))  # it has begun
     asked.write_text(SMALL.replace(*change))
     with pytest.raises(RolloutError, match=said):
         Sweep.of(*read(asked)).enter(tmp_path / "out")
@@ -115,7 +115,7 @@ vary: {plant.payload.mass: {uniform: [0.0, 0.3]}}
     rows = [f"{0.01 * k:g},0,{0.3 + 0.001 * k:g},0" for k in range(20)]
     path.write_text("\n".join(["time,q1,q2,q3", *rows]) + "\n")
     file.write_text(text)
-    Sweep.of(*read(file)).enter(tmp_path / "out")
+    Sweep.of(*read(file)).enter(tmp_path / "out").write("part", np.zeros(1))
     file.write_text(text.replace("20, 4", "20, 5"))
     with pytest.raises(RolloutError, match=r"weights.omega.1: 4.0 there, 5.0 here"):
         Sweep.of(*read(file)).enter(tmp_path / "out")

@@ -110,7 +110,7 @@ def compiler() -> tuple[str, ...]:
         return (clang,)
     raise BackendError(
         "WebAssembly needs the compiler of the package 'ziglang', which is not installed: pip install "
-        "'armgpi[play]'; or Clang with lld"
+        "'armgpi[play]', or ziglang; or Clang with lld"
     )
 
 
