@@ -171,7 +171,7 @@ def possible_arms(file: Path | None, arm: Any) -> dict[str, list[Any]]:
 
 
 def note_assumed(arm: Any) -> None:
-    """Refuse an arm with believed rotors, and say of a file without them what a certificate is worth."""
+    """Refuse an arm with assumed rotors, and say of a file without them what a certificate is worth."""
     import math
 
     from armgpi.gpi.payload import certified_sector
@@ -180,7 +180,7 @@ def note_assumed(arm: Any) -> None:
     ratio = math.sqrt(certified_sector().upper)
     if rotors.assumed_joints(arm):
         text = (
-            f"no certificate: rotors are believed within a factor of {rotors.SCATTER:g}, and a certificate "
+            f"no certificate: rotors are assumed within a factor of {rotors.SCATTER:g}, and a certificate "
             f"takes D as exact; within a factor of {ratio:.2g}, without load, there could be one: "
             "identify the rotors, and tell them by --rotor-inertia or --drives FILE"
         )
