@@ -23,6 +23,7 @@ from armgpi.gpi.advice import light_model
 from armgpi.gpi.law import GPI
 from armgpi.gpi.payload import largest_payload
 from armgpi.health import checks_control, findings
+from armgpi.health import checks_shapes as checks_shapes
 from armgpi.health import checks_urdf as checks_urdf  # registers its checks
 from armgpi.health.findings import LEVELS, Finding, Level, Subject
 from armgpi.plants.elastic import sag
