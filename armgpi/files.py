@@ -3,12 +3,17 @@
 A file is written under another name beside its place, brought to the disk, and renamed. Whoever is killed, or
 runs out of disk, leaves what was there before. A set of files ends with ``SHA256SUMS``, the hashes of the
 others as ``sha256sum --check`` reads them: renamed last, so that a mixture of two sets does not pass for one.
+
+What is read may come from strangers, so that every file is opened by :func:`open_regular`: a pipe would make
+the reader wait for ever, a device has no end, and a sparse file is larger than what was ever sent.
 """
 
 from __future__ import annotations
 
+import errno
 import glob
 import hashlib
+import math
 import os
 import secrets
 import shutil
@@ -19,6 +24,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from os import PathLike
 from pathlib import Path
+from typing import BinaryIO
 
 from armgpi.errors import RolloutError
 
@@ -28,6 +34,106 @@ SUMS = "SHA256SUMS"
 _STALE = 86400.0
 #: Largest size of a file with hashes [bytes].
 _MAX_SUMS = 1_000_000
+#: What a file may declare, or hold when it is decompressed, is at most so many times what is stored of it.
+#: Rollouts of arms at rest, which compress best, have 5 to 40.
+RATIO = 100
+#: What any file may declare or hold, however small it is [bytes].
+_SMALL = 64 * 2**20
+#: Unit of `st_blocks`, by POSIX's <sys/stat.h> [bytes].
+_BLOCK = 512
+
+
+class NotRegular(OSError):
+    """What is no regular file; `kind` says what it is, with an article."""
+
+    def __init__(self, kind: str) -> None:
+        """Say what it is."""
+        super().__init__(errno.EINVAL, f"it is {kind}, and no regular file; give a file on a disk")
+        self.kind = kind
+
+
+class TooLarge(OSError):
+    """A file that is larger than what is read."""
+
+    def __init__(self, size: int, most: int, why: str = "") -> None:
+        """Say how large it is."""
+        said = why or f"it has {size} bytes, more than the {most} that are read"
+        super().__init__(errno.EFBIG, said)
+        self.size, self.most = size, most
+
+
+@contextmanager
+def open_regular(path: str | PathLike[str], most: int | None = None) -> Iterator[BinaryIO]:
+    """Open a regular file of at most `most` bytes for reading, without waiting for anybody.
+
+    Raises:
+        NotRegular: when it is a folder, a pipe, a device or a socket.
+        TooLarge: when it is larger, or most of it is stored nowhere.
+        OSError: when it is not there or may not be read.
+        ValueError: when no path can be so.
+    """
+    # Without waiting: opening a pipe waits for who writes into it, a terminal for its line.
+    opened = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+    status = os.fstat(opened)
+    if not stat.S_ISREG(status.st_mode):
+        os.close(opened)
+        raise NotRegular(_kind(status.st_mode))
+    with open(opened, "rb") as stream:
+        if most is not None and status.st_size > most:
+            raise TooLarge(status.st_size, most)
+        if status.st_size > allowance(stored := stored_bytes(status)):
+            why = f"it says to have {status.st_size} bytes, and {stored} of them are stored; copy it in whole"
+            raise TooLarge(status.st_size, stored, why)
+        yield stream
+
+
+def read_bytes(path: str | PathLike[str], most: int) -> bytes:
+    """Return the bytes of a regular file, at most so many; errors as :func:`open_regular`."""
+    with open_regular(path, most) as stream:
+        # Not what it has grown by meanwhile, nor one of /proc, which says to be empty and may have no end.
+        return stream.read(os.fstat(stream.fileno()).st_size)
+
+
+def read_text(path: str | PathLike[str], most: int, encoding: str = "utf-8") -> str:
+    """Return the text of a regular file of at most so many bytes; errors as :func:`open_regular`.
+
+    Raises:
+        UnicodeDecodeError: when it is no text.
+    """
+    return read_bytes(path, most).decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
+
+
+def reason(error: BaseException) -> str:
+    """Return in one line why a file could not be read."""
+    said = error.strerror if isinstance(error, OSError) else None
+    return " ".join((said or str(error)).split())[:300] or type(error).__name__
+
+
+def stored_bytes(status: os.stat_result) -> int:
+    """Return how much of a file is stored [bytes]: of a sparse one less than its size."""
+    return min(status.st_size, status.st_blocks * _BLOCK)
+
+
+def allowance(stored: int) -> int:
+    """Return what a file may declare, or hold when it is decompressed [bytes], by what is stored of it."""
+    return max(RATIO * stored, _SMALL)
+
+
+def machine_bytes() -> float:
+    """Return how much memory this machine has [B], infinite when it does not tell."""
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    except (AttributeError, OSError, ValueError):  # as on Windows
+        return math.inf
+
+
+def _kind(mode: int) -> str:
+    """Return what is no regular file, with an article."""
+    if stat.S_ISDIR(mode):
+        return "a folder"
+    if stat.S_ISFIFO(mode):
+        return "a pipe"
+    return "a socket" if stat.S_ISSOCK(mode) else "a device"
 
 
 def make_folder(path: Path) -> Path:
@@ -96,18 +202,19 @@ def check_set(folder: Path, names: Sequence[str] | None = None) -> None:
     try:
         if not sums.is_file():
             return
-        with sums.open("rb") as file:
-            lines = file.read(_MAX_SUMS).decode(errors="replace").splitlines()
+        lines = read_bytes(sums, _MAX_SUMS).decode(errors="replace").splitlines()
         for digest, _, name in (line.partition("  ") for line in lines):
             if names is not None and name not in names:
                 continue
             path = folder / name
+            if Path(name).is_absolute() or ".." in Path(name).parts:
+                raise RolloutError(f"{sums}: names {name}, which is outside its folder; {_REMEDY}")
             if not path.is_file():
                 raise RolloutError(f"{path}: is missing, and {sums} names it; {_REMEDY}")
             if _digest(path) != digest:
                 raise RolloutError(f"{path}: is not the file that {sums} names; {_REMEDY}")
     except (OSError, ValueError) as error:
-        raise RolloutError(f"{folder}: cannot be read: {error}") from None
+        raise RolloutError(f"{folder}: cannot be read: {reason(error)}") from None
 
 
 _REMEDY = f"it was changed, or a run that wrote here did not end: run again, or remove {SUMS}"
@@ -196,7 +303,7 @@ def _sweep(places: Sequence[Path]) -> None:
 def _digest(path: Path) -> str:
     """Return the SHA-256 of a file."""
     found = hashlib.sha256()
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         while block := file.read(1 << 20):
             found.update(block)
     return found.hexdigest()

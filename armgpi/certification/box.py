@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import yaml
 
 from armgpi.arrays import Array, quantity
 from armgpi.errors import ConfigError, ParameterError
 from armgpi.robot.robot import Robot
+from armgpi.yaml_text import read_yaml
 
 #: Characters of a task file that are read: a line for each of a hundred joints is a hundredth of it.
 _MOST = 1_000_000
@@ -87,13 +87,7 @@ def read_box(path: Path) -> Any:
     Raises:
         ConfigError: when the file cannot be read, or is not a mapping or number.
     """
-    try:
-        if path.exists() and not path.is_file():  # a pipe, which may never end
-            raise ConfigError(path, "box", "is no regular file")
-        with path.open(encoding="utf-8") as stream:
-            data = yaml.safe_load(stream.read(_MOST))
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        raise ConfigError(path, "box", f"cannot be read: {error}") from None
+    data = read_yaml(path, _MOST)
     data = data.get("box", data) if isinstance(data, Mapping) else data
     if not isinstance(data, Mapping | int | float) or isinstance(data, bool):
         raise ConfigError(path, "box", f"expected a number or {', '.join(KEYS)}, got {data!r}")

@@ -177,7 +177,7 @@ def _set(over: _Overlay, text: str) -> None:
 def _value(text: str) -> Any:
     """Return what was typed as an experiment file has it: numbers, a word, null, a list in brackets."""
     if text[0] in "[{":
-        from armgpi.config.text import parse_text
+        from armgpi.yaml_text import parse_text
 
         return parse_text(f"value: {text}", "command line: --set")[0]["value"]
     if text in (words := {"true": True, "false": False, "null": None}):

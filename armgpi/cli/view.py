@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from armgpi.cli import options as opt
 from armgpi.cli.parsing import refusal, stoppable
 from armgpi.cli.terminal import say
-from armgpi.files import check_set
+from armgpi.files import check_set, read_bytes
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -158,7 +158,10 @@ def _arm(name: str, result: xr.Dataset) -> Robot:
 def _configuration(files: list[Path]) -> str | None:
     """Return the experiment file beside a single rollout, as `armgpi run --out` writes it."""
     beside = files[0].parent / "experiment.yaml"
-    if len(files) > 1 or not beside.is_file() or beside.stat().st_size > 1_000_000:
+    if len(files) > 1 or not beside.is_file():
         return None
     check_set(beside.parent, [beside.name])
-    return beside.read_text(encoding="utf-8", errors="replace")
+    try:
+        return read_bytes(beside, 1_000_000).decode(errors="replace")
+    except OSError:  # too large for one that armgpi wrote
+        return None

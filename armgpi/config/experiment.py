@@ -27,6 +27,9 @@ from armgpi.robot import robots
 if TYPE_CHECKING:
     import xarray as xr
 
+#: Largest size of a file that is copied beside an experiment [bytes]: a trajectory's.
+_MOST_BYTES = 256 * 1024 * 1024
+
 
 def run(
     experiment: Experiment, label: str, progress: bool | None = None, backend: str = "auto"
@@ -229,7 +232,7 @@ def is_another(experiment: Experiment, folder: Path) -> bool:
     beside = folder / "experiment.yaml"
     try:
         if beside.is_file():
-            return beside.read_bytes() != portable(experiment.config)[0].encode()
+            return files.read_bytes(beside, _MOST_BYTES) != portable(experiment.config)[0].encode()
         return (folder / "rollout.nc").exists()
     except OSError:
         return True
@@ -272,9 +275,9 @@ def portable(config: ExperimentConfig, full: bool = True) -> tuple[str, dict[str
 def _file_copy(source: Path) -> tuple[str, bytes]:
     """Return the name of a copy of a file, and its content."""
     try:
-        content = source.read_bytes()
+        content = files.read_bytes(source, _MOST_BYTES)
     except OSError as error:
-        raise RolloutError(f"{source}: cannot be read: {error.strerror or error}") from None
+        raise RolloutError(f"{source}: cannot be read: {files.reason(error)}") from None
     # The hash in its name keeps the copy from overwriting another one.
     digest = hashlib.sha256(content).hexdigest()[:8]
     stem = "".join(c if c.isprintable() else "_" for c in source.stem.removesuffix(f"-{digest}"))

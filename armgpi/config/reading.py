@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+from armgpi import files
 from armgpi.config.schema import FORMAT, ExperimentConfig
 from armgpi.config.section import Path_, Section, Wrong
 from armgpi.errors import ConfigError
@@ -98,17 +99,19 @@ def with_nominals(config: ExperimentConfig, names: Iterable[str | None]) -> Expe
 def _text(path: Path) -> str:
     """Return the text of a file; errors as :func:`read`."""
     try:
-        if not path.exists():
-            raise ConfigError(path, "", "there is no such file; `armgpi new ROBOT` writes an experiment file")
-        if not path.is_file():
-            raise ConfigError(path, "", "is a folder or a device; give the YAML file itself")
-        if path.stat().st_size > _MAX_BYTES:
-            raise ConfigError(path, "", f"is larger than {_MAX_BYTES} bytes")
-        return path.read_text(encoding="utf-8")
+        return files.read_text(path, _MAX_BYTES)
+    except FileNotFoundError:
+        raise ConfigError(
+            path, "", "there is no such file; `armgpi new ROBOT` writes an experiment file"
+        ) from None
+    except files.NotRegular as error:
+        raise ConfigError(path, "", f"is {error.kind}; give the YAML file itself") from None
+    except files.TooLarge:
+        raise ConfigError(path, "", f"is larger than {_MAX_BYTES} bytes") from None
     except UnicodeDecodeError:
         raise ConfigError(path, "", "is not UTF-8 text") from None
-    except OSError as error:
-        raise ConfigError(path, "", f"cannot be read: {error.strerror or error}") from None
+    except (OSError, ValueError) as error:
+        raise ConfigError(path, "", f"cannot be read: {files.reason(error)}") from None
 
 
 def parse(text: str, source: str) -> Loaded:
@@ -119,7 +122,7 @@ def parse(text: str, source: str) -> Loaded:
 
 def _data(text: str, source: str) -> tuple[dict[str, Any], Origin]:
     """Return the text of a file as plain data, and where its keys are; errors as :func:`read`."""
-    from armgpi.config.text import parse_text  # here: YAML takes long to import, and most runs have no file
+    from armgpi.yaml_text import parse_text  # here: YAML takes long to import, and most runs have no file
 
     if text.lstrip("\ufeff \n").startswith("<"):
         raise ConfigError(

@@ -18,6 +18,8 @@ from armgpi.renamed import current_name
 Path_ = tuple[str | int, ...]
 #: Reads a value at a path: returns it as it is kept, or raises `Wrong`.
 Form = Callable[[Any, Path_], Any]
+#: What YAML 1.1 calls true and false besides, and 1.2 does not.
+_TRUTH = {"yes": True, "on": True, "no": False, "off": False}
 _Same = TypeVar("_Same", bound="Section")
 #: Names that Python or the command line has for what a file has -> its key.
 _MEANT = {"dt": "sample_time", "duration": "t_final", "urdf": "robot", "controller": "controllers"}
@@ -180,7 +182,9 @@ def text(value: Any, path: Path_) -> str:
 
 
 def flag(value: Any, path: Path_) -> bool:
-    """Read a truth value."""
+    """Read a truth value, also as YAML 1.1 has it."""
+    if isinstance(value, str) and value.lower() in _TRUTH:
+        return _TRUTH[value.lower()]
     if not isinstance(value, bool):
         raise _refusal("true or false", value, path)
     return value
@@ -246,7 +250,7 @@ def mapping(form: Form, optional: bool = False) -> Form:
         if not isinstance(value, Mapping):
             raise _refusal("a mapping", value, path)
         if odd := [name for name in value if not isinstance(name, str)]:
-            raise Wrong((*path, odd[0]), "a key is text")
+            raise Wrong((*path, odd[0]), "a key is text: put it in quotes")
         key = Key(form, optional=optional)
         return _read_each(((name, key, x) for name, x in value.items()), path)
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import csv
 import re
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,7 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from armgpi import files
 from armgpi.arrays import Array, as_sized_array, check_path, check_type
+from armgpi.columns import read_table
 from armgpi.errors import ArrayError, NameNotFound, ParameterError, UnreadableTrajectory
 from armgpi.loop.log import ENDING, ArmLog, read
 from armgpi.references.recorded import joint_states
@@ -182,8 +184,6 @@ def _read_file(path: Path, robot: Robot, rollout: int, columns: Mapping[str, str
     """Return the log, or the rollout, in a file."""
     ending = path.suffix.lower()
     try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise UnreadableTrajectory(path, f"is larger than {_MOST_BYTES} bytes")
         if ending == ENDING:
             return _of_arm_log(read(path), robot)
         if ending in (".nc", ".nc4", ".h5"):
@@ -194,7 +194,7 @@ def _read_file(path: Path, robot: Robot, rollout: int, columns: Mapping[str, str
             return _of_states(path, robot)
         head, table = _read_table(path)
     except OSError as error:
-        raise UnreadableTrajectory(path, f"{error.strerror or error}; give a log's file") from None
+        raise UnreadableTrajectory(path, f"{files.reason(error)}; give a log's file") from None
     arrays = {key: _columns(path, head, table, key, robot, columns or {}) for key in _COLUMNS}
     return Log(arrays["time"][:, 0], arrays["q"], arrays["tau"], str(path))
 
@@ -207,16 +207,11 @@ def _read_table(path: Path) -> tuple[list[str], Array]:
         UnreadableTrajectory: when it is none, has no rows, or others than of finite numbers.
     """
     try:
-        with path.open(encoding="utf-8-sig") as file:
-            head = [*map(str.strip, file.readline().split(","))]
-            with warnings.catch_warnings():  # of no rows, which is said below
-                warnings.simplefilter("ignore", UserWarning)
-                table = np.loadtxt(file, delimiter=",", ndmin=2)
-    except ValueError as error:
+        head, table = read_table(path, _MOST_BYTES)
+    except (ValueError, csv.Error) as error:
         binary = isinstance(error, UnicodeDecodeError)
         said = "it is binary" if binary else " ".join(str(error).split())[:200].rstrip(".")
-        way = "" if binary or len(head) > 1 else "; separate columns by commas"
-        raise UnreadableTrajectory(path, f"is no CSV file of numbers under names: {said}{way}") from None
+        raise UnreadableTrajectory(path, f"is no CSV file of numbers under names: {said}") from None
     if not len(table):
         raise UnreadableTrajectory(path, "has no rows: expected names, and numbers below them")
     if table.shape[1:] != (len(head),):

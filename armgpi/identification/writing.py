@@ -25,6 +25,7 @@ from armgpi.identification.estimate import expect
 from armgpi.identification.excitation import Excitation
 from armgpi.identification.text import say_causes, say_notes, say_residuals, tabulate
 from armgpi.identification.weak_form import COLUMNS, ROTOR
+from armgpi.robot import markup
 from armgpi.robot.identified import FORMAT, NAME
 from armgpi.robot.robot import Robot
 from armgpi.robot.robots import find_identified
@@ -138,7 +139,7 @@ def _source(robot: Robot) -> bytes:
     path = Path(str(provenance["source"]))
     if path.suffix.lower() != ".urdf" or not path.is_file():
         return robot._xml.encode()
-    content = path.read_bytes()
+    content = files.read_bytes(path, markup.MAX_BYTES)
     if hashlib.sha256(content.decode("utf-8-sig").encode()).hexdigest() != provenance["sha256"]:
         raise UrdfError(path, "has changed since it was loaded: load it and identify again")
     return content

@@ -238,12 +238,9 @@ def read(path: str | PathLike[str]) -> ArmLog:
     """
     source = check_path(path, "path")
     try:
-        size = source.stat().st_size
-        if size > _LARGEST:
-            raise RolloutError(f"{source}: is larger than a log may be ({_LARGEST} bytes)")
-        content = source.read_bytes()
+        content = files.read_bytes(source, _LARGEST)
     except OSError as error:
-        raise RolloutError(f"{source}: cannot be read: {error.strerror or error}") from None
+        raise RolloutError(f"{source}: cannot be read: {files.reason(error)}") from None
     if content[:8] != MAGIC or len(content) < 16:
         raise RolloutError(
             f"{source}: is no log of an arm; expected a file that begins with {MAGIC.decode()}"

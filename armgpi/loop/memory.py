@@ -24,14 +24,6 @@ _KEPT = 16
 _LINE = 64
 
 
-def machine_bytes() -> float:
-    """Return how much memory this machine has [B], infinite when it does not tell."""
-    try:
-        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    except (AttributeError, OSError, ValueError):  # as on Windows
-        return math.inf
-
-
 class Memory:
     """Arrays for one recording after the other.
 

@@ -32,10 +32,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from armgpi import files
+from armgpi import files, hdf5
 from armgpi.arrays import Array, check_path, check_type
 from armgpi.errors import RolloutError
-from armgpi.loop.memory import Memory, machine_bytes
+from armgpi.files import machine_bytes
+from armgpi.loop.memory import Memory
 from armgpi.loop.provenance import Provenance, versions
 from armgpi.loop.units import POSITION, TORQUE, VELOCITY
 from armgpi.robot.batch import AnyRobot
@@ -469,23 +470,18 @@ def read_netcdf(source: Path) -> xr.Dataset:
     """Return all of a NetCDF file.
 
     Raises:
-        RolloutError: when it is missing or broken.
+        RolloutError: when it is missing or broken, or declares what :mod:`armgpi.hdf5` does not load.
     """
-    import h5py
-    import xarray as xr
-
-    if not source.is_file():
-        raise RolloutError(f"{source}: there is no such file; give a rollout that armgpi wrote")
     try:
-        with h5py.File(source) as file:  # damage that h5netcdf would be loud about shows here
-            dict(file.attrs)
-        with xr.open_dataset(source, engine="h5netcdf") as lazy:
-            return lazy.load()
+        return hdf5.load(source)
+    except FileNotFoundError:
+        raise RolloutError(f"{source}: there is no such file; give a rollout that armgpi wrote") from None
+    except (hdf5.Refused, files.NotRegular, files.TooLarge) as error:
+        said = f"is not read: {files.reason(error)}; give a rollout that armgpi wrote"
+        raise RolloutError(f"{source}: {said}") from None
     except Exception as error:  # h5py has no one kind of error for a damaged file
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise RolloutError(
-            f"{source}: is no readable NetCDF file ({reason}); give a rollout that armgpi wrote"
-        ) from None
+        said = f"is no readable NetCDF file ({files.reason(error)}); give a rollout that armgpi wrote"
+        raise RolloutError(f"{source}: {said}") from None
 
 
 def _damage(rollout: xr.Dataset) -> str:

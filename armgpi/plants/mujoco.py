@@ -17,6 +17,7 @@ from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
 
 import numpy as np
 
+from armgpi import files
 from armgpi.arrays import Array, check_path, is_listing, new
 from armgpi.errors import ParameterError, UrdfError, import_extra
 from armgpi.parameter import parameter, with_parameters
@@ -24,7 +25,7 @@ from armgpi.plants.arm import Arm
 from armgpi.plants.plant import PlantState
 from armgpi.robot import repairs, urdf
 from armgpi.robot.dynamics import thread_count
-from armgpi.robot.meshes import MeshFinder
+from armgpi.robot.meshes import MAX_MESH_BYTES, MeshFinder
 from armgpi.robot.robot import Robot
 
 #: Integrator -> order, by MuJoCo's names.
@@ -438,7 +439,7 @@ def _add_shapes(root: Element, robot: Robot, package_dirs: Iterable[Path]) -> di
                         source, f"contacts need the mesh {found.name!r}: {reason}", link.get("name")
                     )
                 name = f"{len(assets)}{found.path.suffix.lower()}"
-                assets[name] = found.path.read_bytes()
+                assets[name] = files.read_bytes(found.path, MAX_MESH_BYTES)
                 mesh.set("filename", name)
             links[link.get("name")].append(own)
     return assets

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import copy
 import csv
-import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from armgpi import columns, files, hdf5
 from armgpi.arrays import (
     SMALLEST,
     Array,
@@ -30,7 +30,6 @@ from armgpi.errors import (
     NameNotFound,
     ParameterError,
     UnreadableTrajectory,
-    import_extra,
 )
 from armgpi.references.reference import Reference, Target
 from armgpi.robot.equations import Equations
@@ -126,18 +125,16 @@ class Recorded(Reference):
             check_type(variable, "variable", str, "the name of a variable")
         rollout = check_whole(rollout, "rollout", 0)
         try:
-            if source.stat().st_size > _MOST_BYTES:
-                raise UnreadableTrajectory(source, f"is larger than {_MOST_BYTES} bytes")
-            columns = _columns(source, variable, rollout)
+            found = _columns(source, variable, rollout)
         except OSError as error:
-            raise UnreadableTrajectory(source, error.strerror or str(error)) from None
-        times = columns.pop("", np.empty(0))
+            raise UnreadableTrajectory(source, files.reason(error)) from None
+        times = found.pop("", np.empty(0))
         for name in robot.joint_names:
-            if name not in columns:
-                raise NameNotFound(f"column in {source} for the joint", name, list(columns))
+            if name not in found:
+                raise NameNotFound(f"column in {source} for the joint", name, list(found))
         try:
             made = cls(
-                times, np.stack([columns[name] for name in robot.joint_names], axis=-1), t_start, str(source)
+                times, np.stack([found[name] for name in robot.joint_names], axis=-1), t_start, str(source)
             )
         except ArrayError as error:
             raise UnreadableTrajectory(source, str(error)) from None
@@ -218,11 +215,11 @@ def _columns(source: Path, variable: str | None, rollout: int) -> dict[str, Arra
 def _csv(source: Path) -> dict[str, Array]:
     """Return the columns of a CSV file by their names, times under an empty one."""
     try:
-        with source.open(encoding="utf-8-sig", newline="") as file:
-            rows = [row for row in csv.reader(file) if row]
-        head, values = [name.strip() for name in rows[0]], np.array(rows[1:], dtype=np.float64)
-    except (ValueError, IndexError, csv.Error) as error:
-        said = f"is no CSV file of numbers under a line of names: {error}"
+        head, values = columns.read_table(source, _MOST_BYTES)
+        if not head:
+            raise ValueError("it is empty")
+    except (ValueError, csv.Error) as error:
+        said = f"is no CSV file of numbers under a line of names: {files.reason(error)}"
         raise UnreadableTrajectory(source, said) from None
     if head[0].lower() not in _TIMES or values.shape[1:] != (len(head),) or len(set(head)) < len(head):
         raise UnreadableTrajectory(
@@ -233,19 +230,17 @@ def _csv(source: Path) -> dict[str, Array]:
 
 def _netcdf(source: Path, variable: str, rollout: int) -> dict[str, Array]:
     """Return the same of a variable in a NetCDF file."""
-    import xarray as xr
-
     try:
-        with xr.open_dataset(source, engine="h5netcdf") as lazy:
-            data = lazy[variable].load()
+        data = hdf5.load(source)[variable]
         if "rollout" in data.dims:
             data = data.isel(rollout=rollout)
         values = data.transpose("time", "joint")
         joints = [str(name) for name in values["joint"].values]
         return {"": values["time"].values, **dict(zip(joints, values.values.T, strict=True))}
+    except (FileNotFoundError, PermissionError):
+        raise
     except Exception as error:  # h5py has no one kind of error for a damaged file
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
-        said = f"has no variable {variable!r} over time and joint ({reason})"
+        said = f"has no variable {variable!r} over time and joint ({files.reason(error)})"
         raise UnreadableTrajectory(source, said) from None
 
 
@@ -257,34 +252,17 @@ def joint_states(source: Path, topic: str, fields: Sequence[str]) -> dict[str, d
     """
     rows: dict[str, dict[str, list[float]]] = {field: {} for field in fields}
     try:
-        for time, state in _messages(source, topic, ("name", *fields)):
+        for time, state in columns.read_messages(source, topic, ("name", *fields), _MOST_BYTES):
             for field in fields:
                 for name, value in zip(["", *state["name"]], [time, *state[field]], strict=True):
                     rows[field].setdefault(name, []).append(float(value))
     except (OSError, MissingPackage):
         raise
     except Exception as error:  # the libraries have no one kind of error for a damaged file
-        said = " ".join(str(error).split())[:200] or type(error).__name__
-        raise UnreadableTrajectory(source, f"cannot be read as joint states on {topic!r}: {said}") from None
+        said = f"cannot be read as joint states on {topic!r}: {files.reason(error)}"
+        raise UnreadableTrajectory(source, said) from None
     if not rows[fields[0]]:
         raise UnreadableTrajectory(source, f"has no message on the topic {topic!r}")
     if len({len(values) for field in fields for values in rows[field].values()}) > 1:
         raise UnreadableTrajectory(source, f"has messages of different joints on {topic!r}")
     return {field: {name: np.array(x) for name, x in rows[field].items()} for field in fields}
-
-
-def _messages(source: Path, topic: str, fields: Sequence[str]) -> Iterator[tuple[float, dict[str, Any]]]:
-    """Return time [s] and fields of the messages on a topic."""
-    make_reader = import_extra("mcap.reader", "mcap").make_reader
-    ros = import_extra("mcap_ros2.decoder", "mcap", "mcap").DecoderFactory()
-    with source.open("rb") as file:
-        for schema, channel, message in make_reader(file).iter_messages(topics=[topic]):
-            time = message.log_time * 1e-9
-            if channel.message_encoding == "json":
-                yield time, json.loads(message.data)
-                continue
-            decode = ros.decoder_for(channel.message_encoding, schema)
-            if decode is None:
-                raise ValueError(f"messages are {channel.message_encoding!r}, not JSON or ROS 2's CDR")
-            decoded = decode(message.data)
-            yield time, {field: getattr(decoded, field) for field in fields}

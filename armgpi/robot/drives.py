@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
+from pathlib import Path
 from typing import Any, NamedTuple, cast
 from xml.etree.ElementTree import Element
 
@@ -231,13 +232,9 @@ class Drives:
         Raises:
             ConfigError: when it cannot be read, or something in it is not as it should be.
         """
-        import yaml
+        from armgpi.yaml_text import read_yaml  # here: YAML takes long to import
 
-        try:
-            with open(path, "rb") as stream:
-                data = yaml.safe_load(stream.read(_MAX_BYTES))
-        except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-            raise ConfigError(path, "", f"cannot be read: {' '.join(str(error).split())}") from None
+        data = read_yaml(Path(path), _MAX_BYTES)
         return cls.from_plain(data, joint_names, str(path))
 
     def write(self, path: str | PathLike[str]) -> None:

@@ -19,6 +19,7 @@ import pinocchio as pin
 from armgpi.arrays import Array
 from armgpi.errors import UrdfError, import_extra
 from armgpi.robot import urdf
+from armgpi.robot.markup import read_file
 from armgpi.robot.tree import Joint, Link
 from armgpi.robot.urdf import Coupled, Urdf
 
@@ -52,6 +53,7 @@ def read(path: Path, text: str) -> Urdf:
 def compiled(path: Path) -> Any:
     """Return the `mujoco.MjModel` of a file; errors as for :func:`read`."""
     mujoco = import_extra("mujoco", "mujoco")
+    read_file(path)  # which refuses what is no regular file, where MuJoCo would wait
     try:
         return mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, TypeError) as error:  # TypeError for a name that is no text

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from armgpi import files
 from armgpi.arrays import LARGEST
 from armgpi.errors import UrdfError
 from armgpi.version import other_format
@@ -57,11 +58,9 @@ def read_data(path: Path) -> Mapping[str, Any]:
         UrdfError: when it is missing, damaged or of another version.
     """
     try:
-        with path.open("rb") as stream:
-            data = json.loads(stream.read(_MAX_BYTES))
+        data = json.loads(files.read_bytes(path, _MAX_BYTES))
     except (OSError, ValueError, RecursionError) as error:
-        said = " ".join(str(error).split())
-        raise UrdfError(path, f"cannot be read: {said}; {_REMEDY}") from None
+        raise UrdfError(path, f"cannot be read: {files.reason(error)}; {_REMEDY}") from None
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         known = data.get("format") if isinstance(data, dict) else None
         raise UrdfError(path, f"{other_format(known, FORMAT)}; {_REMEDY}")
@@ -96,9 +95,9 @@ def _beside(path: Path, arm: Mapping[str, Any], key: str) -> Path:
         )
     file = path.with_name(name)
     try:
-        content = file.read_bytes()
+        content = files.read_bytes(file, _MAX_BYTES)
     except OSError as error:
-        raise UrdfError(file, f"cannot be read: {error.strerror or error}; {_REMEDY}") from None
+        raise UrdfError(file, f"cannot be read: {files.reason(error)}; {_REMEDY}") from None
     if hashlib.sha256(content).hexdigest() != digest:
         raise UrdfError(file, f"was changed since it was identified; {_REMEDY}")
     return file

@@ -7,11 +7,11 @@ and what is not kept cannot be large.
 from __future__ import annotations
 
 import re
-import stat
 from pathlib import Path
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
+from armgpi import files
 from armgpi.errors import Remedy, UrdfError
 
 MAX_BYTES = 32 * 1024 * 1024
@@ -105,22 +105,17 @@ def _read_bytes(path: Path) -> bytes:
         UrdfError: when it is no regular file, empty, too large or unreadable.
     """
     try:
-        # A FIFO would hang and a device would fill the memory: look before opening.
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode):
-            pipe = "no regular file but a pipe or a device: write the URDF to a file first"
-            kind = "a folder: give the URDF in it" if stat.S_ISDIR(status.st_mode) else pipe
-            raise UrdfError(path, f"expected a URDF file, this is {kind}")
-        if status.st_size == 0:  # or it is one of /proc, which may wait for ever
-            raise UrdfError(path, "is empty; give a URDF")
-        if status.st_size > MAX_BYTES:
-            raise UrdfError(path, f"has {status.st_size} bytes, more than the {MAX_BYTES} allowed")
-        with path.open("rb") as file:
-            content = file.read(MAX_BYTES + 1)  # it may have grown meanwhile
+        content = files.read_bytes(path, MAX_BYTES)
+    except files.NotRegular as error:
+        pipe = "no regular file but a pipe or a device: write the URDF to a file first"
+        kind = "a folder: give the URDF in it" if error.kind == "a folder" else pipe
+        raise UrdfError(path, f"expected a URDF file, this is {kind}") from None
+    except files.TooLarge as error:
+        raise UrdfError(path, f"has {error.size} bytes, more than the {MAX_BYTES} allowed") from None
     except OSError as error:
         raise UrdfError(path, f"cannot be read: {error.strerror or error}") from None
-    if len(content) > MAX_BYTES:
-        raise UrdfError(path, f"has more than the {MAX_BYTES} bytes allowed")
+    if not content:
+        raise UrdfError(path, "is empty; give a URDF")
     return content
 
 

@@ -17,6 +17,8 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import unquote
 
+from armgpi import files
+
 MAX_MESH_BYTES = 256 * 1024 * 1024
 MESHES = frozenset({".stl", ".dae", ".obj", ".ply", ".glb", ".gltf", ".off", ".3mf", ".mesh", ".stlb"})
 #: How far up from the URDF its package is looked for.
@@ -172,9 +174,9 @@ def _manifest_name(folder: Path) -> str | None:
     """Return the name in a folder's package.xml; None when it has none."""
     try:
         manifest = folder / "package.xml"
-        if not manifest.is_file() or manifest.stat().st_size > 1_000_000:
+        if not manifest.is_file():
             return None
-        text = manifest.read_text(encoding="utf-8", errors="replace")
+        text = files.read_bytes(manifest, 1_000_000).decode(errors="replace")
     except OSError:
         return None
     match = re.search(r"<name>\s*([^<\s]+)\s*</name>", text)

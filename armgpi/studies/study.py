@@ -271,9 +271,7 @@ class Study:
         place, remedy = self.place(name), "remove it, and run again"
         most = _MOST if None in shape else 8 * math.prod(filter(None, shape))
         try:
-            if place.stat().st_size > most + _HEAD:
-                raise ValueError
-            with place.open("rb") as file:
+            with files.open_regular(place, most + _HEAD) as file:
                 head = json.loads(file.readline(_HEAD))
                 content = file.read(most + 1)
             whole = head.pop("sha256") == _hash(head, content) and len(content) == 8 * math.prod(
@@ -310,7 +308,7 @@ def _check_free(folder: Path, identity: Identity, name: str) -> None:
     """Refuse a folder that holds files which a study would have, others than its own experiment."""
     for path in (folder / other for other in _OTHERS if (folder / other).exists()):
         with suppress(OSError, ValueError):
-            if path.name == name and path.read_text(encoding="utf-8") == identity.text:
+            if path.name == name and files.read_text(path, _MOST) == identity.text:
                 continue  # of a study that was killed before its last file
         raise RolloutError(f"{folder}: holds something else ({path.name}); choose another folder")
 
@@ -344,9 +342,9 @@ def read_identity(folder: Path) -> dict[str, Any]:
     """
     place = folder / IDENTITY
     try:
-        if not place.is_file() or place.stat().st_size > _MOST:
+        if not place.is_file():
             raise RolloutError(f"{folder}: holds no study")
-        known = json.loads(place.read_text(encoding="utf-8"))
+        known = json.loads(files.read_bytes(place, _MOST))
         if (found := known.get("format")) != FORMAT:
             raise RolloutError(f"{place}: {other_format(found, FORMAT)}; choose another folder")
         if known["digest"] != _digest(dict(known["what"])) or not known["codes"]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import inspect
+import io
 import json
 import math
 import sys
@@ -24,6 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from armgpi import files
 from armgpi.arrays import Array
 from armgpi.validation.conventions import SHORT, Convention, near_function
 from armgpi.validation.graph import Program, is_drawn, joint_of, states_of
@@ -50,6 +52,8 @@ SYMPY_SUFFIXES = (".sympy", ".txt")
 #: Notebooks: their cells of code, one after the other, are the source.
 NOTEBOOK = ".ipynb"
 _SUFFIXES = (".py", NOTEBOOK, *SYMPY_SUFFIXES)
+#: Largest size of a model's file [bytes].
+_MOST_BYTES = 16 * 1024 * 1024
 #: How functions of MATLAB become a model.
 _MATLAB = (
     "; of MATLAB, write the symbolic expressions with char() into a .sympy file (^ becomes **), "
@@ -299,8 +303,11 @@ def _text(path: Path) -> str:
         Unusable: when it is none.
     """
     try:
-        with tokenize.open(path) as file:  # in the encoding that its first lines say
-            text = file.read()
+        content = files.read_bytes(path, _MOST_BYTES)
+        encoding, _ = tokenize.detect_encoding(io.BytesIO(content).readline)  # which its first lines say
+        text = io.TextIOWrapper(io.BytesIO(content), encoding).read()
+    except OSError as error:
+        raise Unusable(f"cannot be read: {files.reason(error)}") from None
     except (UnicodeDecodeError, SyntaxError) as error:
         raise Unusable(f"is no text in UTF-8: {error}") from None
     if path.suffix != NOTEBOOK:

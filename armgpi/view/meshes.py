@@ -22,7 +22,7 @@ from xml.etree import ElementTree
 import numpy as np
 import numpy.typing as npt
 
-from armgpi import interrupts
+from armgpi import files, interrupts
 from armgpi.arrays import Array
 from armgpi.errors import ArmgpiError, MissingPackage, import_extra
 from armgpi.robot.meshes import Found, MeshFinder
@@ -109,7 +109,7 @@ def load(robot: Robot, filename: str) -> Triangles:
 @lru_cache(maxsize=64)
 def _parse(path: str, _changed: int, filename: str, kind: str) -> Triangles:
     """Return the triangles of a file; the last ones read are remembered, as arms repeat their parts."""
-    content = Path(path).read_bytes()
+    content = files.read_bytes(path, MAX_BYTES)
     if kind in _CHECKS:
         _CHECKS[kind](content, filename)
     try:

@@ -217,7 +217,7 @@ def test_pages_and_figures_show_in_notebooks() -> None:
         ("mcap.writer", "mcap", lambda folder: logs.write(RUN, folder / "run.mcap")),
         ("rerun", "rerun", lambda folder: logs.write(RUN, folder / "run.rrd")),
         ("mujoco", "mujoco", lambda folder: Robot.from_mjcf(folder / "two.xml")),
-        ("mcap.reader", "mcap", lambda folder: Recorded.load(folder / "run.mcap", ARM)),
+        ("mcap.stream_reader", "mcap", lambda folder: Recorded.load(folder / "run.mcap", ARM)),
     ],
 )
 def test_a_missing_package_says_what_brings_it(

@@ -525,14 +525,14 @@ def write(path: Path, content: bytes) -> Path:
     ("make", "message"),
     [
         (lambda folder: folder / "none.yaml", "no such file"),
-        (lambda folder: folder, "is a folder or a device"),
+        (lambda folder: folder, "is a (folder|device)"),
         (lambda folder: folder / ("a" * 300), "cannot be read"),
         (lambda folder: write(folder / "b.yaml", b"\xff\xfe\x00binary"), "not UTF-8"),
         (lambda folder: write(folder / "b.yaml", b"seed: caf\xe9"), "not UTF-8"),
         (lambda folder: write(folder / "b.yaml", bytes(range(32))), "not valid YAML"),
         (lambda folder: write(folder / "b.yaml", b"#" * 1_000_001), "larger than"),
         (lambda folder: write(folder / "b.yaml", b"[" * 100_000), "nested too deeply"),
-        (lambda folder: Path("/dev/zero"), "is a folder or a device"),
+        (lambda folder: Path("/dev/zero"), "is a (folder|device)"),
     ],
 )
 def test_a_file_that_cannot_be_read_is_named(

@@ -158,7 +158,7 @@ def test_rotor_inertia_that_is_given_besides_comes_on_top() -> None:
         ("q9: {stiffness: 1}", "q9"),
         ("q1: 3", "q1: expected a mapping"),
         ("[1, 2]", "joint -> its drive"),
-        ("{", "cannot be read"),
+        ("{", "is not valid YAML"),
     ],
 )
 def test_a_bad_file_of_drives_is_named(tmp_path: Path, text: str, named: str) -> None:

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from armgpi import files
 from armgpi.arrays import LARGEST, check_path, check_type, check_whole
 from armgpi.codegen import build
 from armgpi.control.controller import Controller, ControlStep, FullState, Measurement
@@ -23,6 +24,9 @@ FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared")
 HEADER, SOURCE = "armgpi_controller.h", "armgpi_controller.c"
 #: What a step is given, with the bit that says so; see `armgpi_info.inputs`.
 _ARGUMENTS = (("q_measured", 0), ("v_measured", 1), ("q_ref", 0), ("v_ref", 2), ("a_ref", 4))
+
+#: Largest size of an exported source [bytes].
+_MOST_BYTES = 64 * 1024 * 1024
 
 
 class _Info(ctypes.Structure):
@@ -69,9 +73,9 @@ class ExportedController(Controller):
         texts = []
         for path in (place / rename(file, name) for file in (HEADER, SOURCE)):
             try:
-                texts.append(path.read_text(encoding="utf-8"))
+                texts.append(files.read_text(path, _MOST_BYTES))
             except (OSError, ValueError) as error:
-                reason = error.strerror if isinstance(error, OSError) else "no text"
+                reason = files.reason(error) if isinstance(error, OSError) else "no text"
                 raise BackendError(f"{path}: cannot be read: {reason}") from None
         header, source = texts
         self._start(robot, header, source, name)
