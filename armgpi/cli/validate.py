@@ -54,6 +54,8 @@ def validate(
 ) -> None:
     """Compare hand-derived dynamics with Pinocchio's and say what is wrong with them.
 
+    The model is code, which runs with your rights: read a stranger's model before you run it.
+
     \b
     armgpi validate paper --robot anthropomorphic3
     armgpi validate my_arm.py --robot my_arm.urdf --report report.html

@@ -1,13 +1,15 @@
 """A process of its own for the user's model, so that nothing it does can harm or hang ours.
 
 A model may raise, hang, print, call ``sys.exit``, change its arguments or end the process. It runs in a
-forked child, which takes lists of calls and sends the answers back; the parent waits for each call no longer
-than a limit. What went wrong becomes a :class:`armgpi.errors.ModelError`.
+forked child, which takes lists of calls and sends the answers back as JSON: a pickle would be code of the
+model in the parent. The parent waits for each call no longer than a limit. What went wrong becomes a
+:class:`armgpi.errors.ModelError`.
 """
 
 from __future__ import annotations
 
 import io
+import json
 import multiprocessing
 import os
 import resource
@@ -41,6 +43,8 @@ _TOGETHER = 0.05
 _CUT, _BROKEN = 96, 97
 #: No function of a model returns more numbers than this: D of 64 joints has 4096.
 _MOST_NUMBERS = 10_000
+#: Longest answer that is taken [bytes].
+_LONGEST = 64 * 2**20
 
 
 class Worker:
@@ -92,9 +96,11 @@ class Worker:
             self._process.start()
         theirs.close()  # so that the pipe ends with the child
         try:
-            answer: tuple[list[str], int | None, bool, str | None, tuple[str, ...]]
             answer = self._receive("", max(LOADING * time_limit, LOADING_LEAST), "reading it")
-            self.functions, self.n, self.printed, self.source, self.uncompared = answer
+            try:
+                self.functions, self.n, self.printed, self.source, self.uncompared = _read_opening(answer)
+            except (TypeError, ValueError):
+                raise self._nonsense("") from None
         except BaseException:
             self.close()
             raise
@@ -138,7 +144,14 @@ class Worker:
             raise self._died(function) from None
         values: list[Array] = []
         while len(values) < len(states):
-            for value, printed, took in self._receive(function, self.time_limit + _TOGETHER, "", states):
+            answer = self._receive(function, self.time_limit + _TOGETHER, "", states)
+            try:
+                taken = [_read_call(each) for each in answer]
+            except (TypeError, ValueError):
+                raise self._nonsense(function) from None
+            if not 0 < len(taken) <= len(states) - len(values):
+                raise self._nonsense(function)
+            for value, printed, took in taken:
                 # The least: the machine may be busy, a function is never faster than it is.
                 self.takes[function] = min(self.takes.get(function, took), took)
                 self.printed = self.printed or printed
@@ -152,10 +165,9 @@ class Worker:
         """
         try:
             self._pipe.send(("", (goal, known, budget)))
-            found: search.Repaired | None = self._receive("", 10.0 * search.BUDGET, "")
-        except (OSError, ModelError):
+            return _read_repaired(self._receive("", 10.0 * search.BUDGET, ""))
+        except (OSError, ModelError, TypeError, ValueError):
             return None
-        return found
 
     def _receive(
         self, function: str, limit: float, doing: str, states: Sequence[Sequence[Array]] = ()
@@ -169,9 +181,11 @@ class Worker:
                     f"took longer than {self.time_limit if function else limit:g} s {doing}; allow more time"
                 )
                 raise ModelError(self.name, function, text).suggesting(Remedy("time_limit"))
-            good, answer = self._pipe.recv()
+            good, answer = json.loads(self._pipe.recv_bytes(_LONGEST))
         except (EOFError, OSError):
             raise self._died(function) from None
+        except (ValueError, TypeError, RecursionError):
+            raise self._nonsense(function) from None
         if not good:
             text = f"{answer} {self._last(function, states)}" if function else answer
             raise ModelError(self.name, function, text)
@@ -182,6 +196,11 @@ class Worker:
         given = states[max(self._started.value, 1) - 1]
         named = zip(models.ARGUMENTS[function], given, strict=True)
         return "at " + ", ".join(f"{name} = ({', '.join(f'{x:.4g}' for x in x_)})" for name, x_ in named)
+
+    def _nonsense(self, function: str) -> ModelError:
+        """End a process that wrote into the pipe to its parent, and return the error."""
+        self.close()
+        return ModelError(self.name, function, "writes into the pipe by which its process answers")
 
     def _died(self, function: str) -> ModelError:
         """Return the error of a process that is no more."""
@@ -196,6 +215,60 @@ class Worker:
         if code is not None and code < 0:
             how = f"by {signal.Signals(-code).name}"
         return ModelError(self.name, function, f"ended its Python process {how}")
+
+
+def _read_opening(answer: Any) -> tuple[list[str], int | None, bool, str | None, tuple[str, ...]]:
+    """Return what a process says of the model that it has read, checked."""
+    functions, n, printed, source, uncompared = answer
+    good = all(isinstance(name, str) for name in [*functions, *uncompared])
+    if not good or not isinstance(source, str | None) or not isinstance(n, int | None):
+        raise ValueError
+    return list(functions), n, bool(printed), source, tuple(uncompared)
+
+
+def _read_call(answer: Any) -> tuple[Array, bool, float]:
+    """Return the numbers of a call, whether the model has printed, and how long it took [s]."""
+    shape, numbers, printed, took = answer
+    if len(numbers) > _MOST_NUMBERS:
+        raise ValueError
+    return (
+        np.array(numbers, dtype=np.float64).reshape([int(size) for size in shape]),
+        bool(printed),
+        float(took),
+    )
+
+
+def _read_repaired(answer: Any) -> search.Repaired | None:
+    """Return changes of a source that were sent as JSON."""
+    if answer is None:
+        return None
+    changes, source, doubts, checked, other, sure, standing = answer
+    made = [
+        edits.Change(kind, tuple(span), old, new, where, name, bits, frozenset(reaches))
+        for kind, span, old, new, where, name, bits, reaches in changes
+    ]
+    rates = {int(k): {int(j): float(rate) for j, rate in each} for k, each in standing}
+    return search.Repaired(tuple(made), source, doubts, checked, other, sure, rates)
+
+
+def _plain_repaired(found: search.Repaired | None) -> Any:
+    """Return changes of a source as JSON has them; see :func:`_read_repaired`."""
+    if found is None:
+        return None
+    changes = [[*change[:-1], sorted(change.reaches)] for change in found.changes]
+    standing = [[int(k), [[int(j), float(x)] for j, x in each.items()]] for k, each in found.standing.items()]
+    numbers = [int(found.doubts), int(found.checked), int(found.other), bool(found.sure)]
+    return [changes, found.source, *numbers, standing]
+
+
+def _send(pipe: Any, good: bool, answer: Any) -> None:
+    """Send an answer as JSON."""
+    pipe.send_bytes(json.dumps([good, answer], default=_plain_number).encode())
+
+
+def _plain_number(value: Any) -> Any:
+    """Return a number of NumPy as one of Python."""
+    return value.item()
 
 
 class _Silent(io.TextIOBase):
@@ -219,10 +292,11 @@ def _serve(
             functions = models.resolve(model, source, convention)
             _end_copies(own)
             text = functions.origin.source if functions.origin is not None else None
-            pipe.send((True, (list(functions.calls), functions.n, silent.used, text, functions.uncompared)))
+            opening = [list(functions.calls), functions.n, silent.used, text, list(functions.uncompared)]
+            _send(pipe, True, opening)
         except BaseException as error:
             _end_copies(own)
-            pipe.send((False, _description(error)))
+            _send(pipe, False, _description(error))
             os._exit(0)
         while True:
             try:
@@ -231,7 +305,7 @@ def _serve(
                 os._exit(0)
             if not name:
                 found = _search(functions, lambda s: models.resolve(model, s, convention), *given)
-                pipe.send((True, found))
+                _send(pipe, True, _plain_repaired(found))
                 os._exit(0)
             _answer_calls(pipe, functions, name, given, silent, own, started)
     except OSError:  # the pipe is gone
@@ -328,15 +402,15 @@ def _answer_calls(
                 if not np.array_equal(x, before):
                     raise models.Unusable(f"changes its argument {label} in place; let it work on a copy")
             now = time.perf_counter()
-            answers.append((value, silent.used, now - start))
+            answers.append((value.shape, value.ravel().tolist(), silent.used, now - start))
             if now - sent > _TOGETHER:
-                pipe.send((True, answers))
+                _send(pipe, True, answers)
                 answers, sent = [], now
         if answers:
-            pipe.send((True, answers))
+            _send(pipe, True, answers)
     except BaseException as error:
         _end_copies(own)
-        pipe.send((False, _description(error)))
+        _send(pipe, False, _description(error))
 
 
 def _end_copies(own: int) -> None:

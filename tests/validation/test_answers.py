@@ -1,0 +1,62 @@
+"""What a model writes into the pipe by which its process answers: data, or one line."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import pytest
+
+from armgpi.errors import ModelError
+from armgpi.validation.edits import Change
+from armgpi.validation.search import Repaired
+from armgpi.validation.worker import Worker, _plain_repaired, _read_repaired
+
+MODEL = """
+import gc, multiprocessing.connection, os
+import numpy as np
+
+class Answer:
+    def __reduce__(self):
+        return os.system, ("touch OWNED",)
+
+for each in gc.get_objects():
+    if isinstance(each, multiprocessing.connection.Connection) and not each.closed:
+        try:
+            WRITE
+        except OSError:
+            pass
+
+def mass_matrix(q):
+    return np.eye(3)
+"""
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        "each.send(Answer())",
+        "each.send_bytes(b'garbage')",
+        "each.send_bytes(b'[true, 3]')",
+        "each.send_bytes(b'[' * 100_000)",
+        "each.send_bytes(b'[true, [[1], 2, false, null, []]]')",
+        "os.write(each.fileno(), b'\\x7f\\xff\\xff\\xff')",
+    ],
+)
+def test_what_a_model_writes_is_no_code(write: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "model.py"
+    path.write_text(MODEL.replace("WRITE", write))
+    begun = time.monotonic()
+    with pytest.raises(ModelError), Worker(path, "model.py", 1.0):
+        pass
+    assert not (tmp_path / "OWNED").exists()
+    assert time.monotonic() - begun < 30.0
+
+
+def test_changes_arrive_as_they_were_sent() -> None:
+    change = Change("sign", (1, 2, 1, 3), "a", "-a", "f", "", 3.5, frozenset({"mass_matrix"}))
+    found = Repaired((change,), "x = 1", 1, 2, 3, True, {0: {1: 0.5}})
+    assert _read_repaired(json.loads(json.dumps(_plain_repaired(found)))) == found
+    assert _read_repaired(_plain_repaired(None)) is None
