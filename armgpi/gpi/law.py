@@ -152,8 +152,8 @@ class GPI(Controller):
         above=True,
         per_joint=True,
         log=True,
-        search=(0.2, 5.0),
-        slider=(0.2, 5.0),
+        search=(0.2, 20.0),
+        slider=(0.2, 20.0),
     )
     second_zeta: PerJoint = parameter(
         "damping ratio of the second quadratic factor",
@@ -163,8 +163,8 @@ class GPI(Controller):
         above=True,
         per_joint=True,
         log=True,
-        search=(0.3, 3.0),
-        slider=(0.3, 2.0),
+        search=(0.3, 30.0),
+        slider=(0.3, 30.0),
     )
 
     feedforward: str = parameter(

@@ -340,11 +340,20 @@ def _urdf_quantities(values: Mapping[str, str], joint: str, source: str) -> Iter
 
     inertia = next((number(name) for name in values if name in ROTOR_INERTIA), None)
     if inertia is not None:  # gear ratios alone, which many files have, say nothing
-        ratio = next((number(name) for name in values if name in GEAR_RATIO), 1.0)
+        stated = next((number(name) for name in values if name in GEAR_RATIO), None)
+        ratio = 1.0 if stated is None else abs(stated)  # below zero where motor and joint turn apart
+        if not 0.0 < ratio < math.inf:
+            raise UrdfError(
+                source,
+                f"the gear ratio of joint {joint!r} is {ratio:g}, expected not zero and finite",
+                joint,
+            )
         value = inertia * ratio**2
         if not 0.0 <= value < math.inf:
             raise UrdfError(source, f"the rotor inertia of joint {joint!r} is {value:g}", joint)
         yield "rotor_inertia", value
+        if stated is not None:
+            yield "gear_ratio", ratio
     for key, declared in QUANTITIES.items():
         if (name := f"{_OWN}{key}") in values:
             try:

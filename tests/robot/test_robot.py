@@ -6,6 +6,7 @@ That the equations of motion are right is in `test_dynamics.py` and `laws/test_e
 from __future__ import annotations
 
 import copy
+import math
 import pickle
 import sys
 from collections.abc import Callable, Iterator
@@ -631,6 +632,19 @@ def test_the_rotor_inertia_of_a_urdf_is_taken(name: str) -> None:
     np.testing.assert_allclose(robot.armature, [expected], rtol=1e-15)
     bare = Robot.from_xml(driven(""))
     np.testing.assert_allclose(robot.mass_matrix([0.3]), bare.mass_matrix([0.3]) + expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("name", "ratio"), [("drake", 50.0), ("classic", 10.0), ("no ratio", math.nan)])
+def test_the_gear_ratio_of_a_urdf_is_kept(name: str, ratio: float) -> None:
+    robot = Robot.from_xml(driven(TRANSMISSIONS[name][0]))
+    np.testing.assert_array_equal(robot.drives.value("gear_ratio"), [ratio])
+
+
+@pytest.mark.parametrize("ratio", ["0", "inf", "nan", "many"])
+def test_a_gear_ratio_of_a_urdf_that_cannot_be_is_refused(ratio: str) -> None:
+    text = TRANSMISSIONS["classic"][0].replace(">10<", f">{ratio}<")
+    with pytest.raises(UrdfError, match=r"gear ratio of joint 'j1'|mechanicalReduction"):
+        Robot.from_xml(driven(text))
 
 
 @pytest.mark.parametrize("value", ["-1", "heavy", "nan"])
