@@ -17,11 +17,11 @@ from armgpi.robot.robot import Robot
 from armgpi.validation import laws, repair, samples
 from armgpi.validation.alternatives import names_with
 from armgpi.validation.conventions import declare_convention
-from armgpi.validation.diagnose import ALTERNATIVES, UNNAMED, Cause, diagnose, join_equal
+from armgpi.validation.diagnose import ALTERNATIVES, NOT_NAMED, UNNAMED, Cause, diagnose, join_equal
 from armgpi.validation.edits import harmless
 from armgpi.validation.hypotheses import CONVENTIONS
 from armgpi.validation.models import ARGUMENTS, States
-from armgpi.validation.problem import Mask, Problem
+from armgpi.validation.problem import Element, Mask, Problem
 from armgpi.validation.report import DynamicsReport, FunctionReport
 from armgpi.validation.samples import Sampled
 from armgpi.validation.tree import evaluate, from_robot
@@ -34,6 +34,8 @@ MOST_JOINTS = 8
 _SLIDE = 1.0
 #: Longest time limit of a call [s].
 _PATIENCE = 1e6
+#: Relative error up to which accelerations agree that cannot be taken apart into D, C v and G.
+_PASSIVE = 1e-8
 #: Rounding errors beyond this, relative, deserve a note: double precision leaves 1e-13 or so.
 _FEW_DIGITS = 1e-11
 
@@ -156,10 +158,17 @@ def _compare(
     problem = Problem(from_robot(robot, frame), states.q, sampled, rtol)
     follows = dict(_follows(problem, sampled, own))
     seen = [_function_report(robot, problem, states, s) for s in sampled.values()]
+    seen = [_with_passive_joints(worker, robot, problem, states, one) for one in seen]
     causes: list[Cause] = []
     repaired = None
+    odd: tuple[str, ...] = ()
+    if all(one.agrees for one in seen):
+        odd = repair.odd_numbers(
+            model, worker, states, problem, lambda name, s: _reference(robot, problem, name, s), list(sampled)
+        )
     if not all(one.agrees for one in seen):
         causes, repaired = _causes(model, worker, robot, problem, states, sampled, follows)
+        causes += list(_undiagnosed(seen, causes))
     functions = tuple(
         one._replace(diagnosis=tuple(c for c in causes if one.function in c.functions)) for one in seen
     )
@@ -174,6 +183,7 @@ def _compare(
         (*notes, *impossible_links(robot)),
         repaired,
         worker.uncompared,
+        numbers_only=odd,
     )
 
 
@@ -368,6 +378,51 @@ def _function_report(robot: Robot, problem: Problem, states: States, sampled: Sa
     if not mask.any():  # a forward dynamics in which some torque moves nothing: there is no D to compare
         agrees = float(away[worst]) <= problem.rtol * max(size, 1e-300)
     return FunctionReport(name, agrees, float(away[worst]), relative, where, differing, (), note)
+
+
+def _with_passive_joints(
+    worker: Worker, robot: Robot, problem: Problem, states: States, report: FunctionReport
+) -> FunctionReport:
+    """Return the report of a forward dynamics that does not read the torque of some joints.
+
+    They are passive in it, as in an Acrobot or a cart with a pole: it is compared with their torque zero.
+    """
+    name = report.function
+    if name != "forward_dynamics" or report.agrees or problem.of_function(name).any():
+        return report
+    few = states.first(len(problem.q))
+    values = samples.call(worker, name, few.q, few.v, few.tau)
+    unread = []
+    for joint in range(robot.n):
+        tau = few.tau.copy()
+        tau[:, joint] += 1.0
+        if np.array_equal(samples.call(worker, name, few.q, few.v, tau), values):
+            unread.append(joint)
+    if not unread or len(unread) == robot.n:
+        return report
+    tau = few.tau.copy()
+    tau[:, unread] = 0.0
+    reference = robot.forward_dynamics(few.q, few.v, tau)
+    away = np.abs(values - reference).max(axis=1)
+    worst, size = int(np.argmax(away)), max(float(np.abs(reference).max()), 1e-300)
+    torques = ", ".join(f"tau{joint + 1}" for joint in unread)
+    note = f"the model does not read {torques}: compared with {torques} = 0 (passive joints)"
+    where = {"q": few.q[worst].tolist(), "v": few.v[worst].tolist(), "tau": tau[worst].tolist()}
+    agrees = float(away[worst]) <= max(problem.rtol, _PASSIVE) * size
+    report = report._replace(agrees=agrees, max_abs=float(away[worst]), max_rel=float(away[worst]) / size)
+    return report._replace(worst=where, note=note)
+
+
+def _undiagnosed(seen: list[FunctionReport], causes: list[Cause]) -> Iterator[Cause]:
+    """Yield a cause without a name for every function that differs and has none."""
+    told = {name for cause in causes for name in cause.functions}
+    for one in seen:
+        if one.agrees or one.function in told:
+            continue
+        text = f"{NOT_NAMED} ({one.function})"
+        worst = f"{one.function}: largest error {one.max_abs:.3g} at {one.worst_at(', ', 4)}"
+        element = Element(one.function, "whole", ())
+        yield Cause("unknown", text, "model", (element,), evidence=tuple(filter(None, (worst, one.note))))
 
 
 def _reference(robot: Robot, problem: Problem, name: str, s: States) -> Array:

@@ -168,11 +168,46 @@ class _Search:
             for h, fits, bits in self.discrete
             if h.kind in CONVENTIONS and fits.all()
         ]
+        triangles = list(self.triangles())
+        found += [*self.rotors(), *triangles]
         # With a level first axis every joint's other sign is gravity's other sign, which is more likely.
         found += self.gravity(np.ones_like(self.differing), self.differing)
-        if len({e[1:] for e in self.problem.elements_of(self.differing)}) < 2:
+        if not triangles and len({e[1:] for e in self.problem.elements_of(self.differing)}) < 2:
             return []  # one entry alone is wrong
         return [self.cause(_best_first(found), self.differing, "model")] if found else []
+
+    def rotors(self) -> Iterator[_Candidate]:
+        """Yield rotor inertias that the model has in addition: a constant diagonal that is not negative."""
+        p, n = self.problem, self.problem.tree.n
+        added = np.zeros(n)
+        for column in np.flatnonzero(self.differing):
+            _, quantity, place = p.elements[column]
+            rest = p.user[:, column] - p.reference[:, column]
+            if quantity != "D" or place[0] != place[1] or rest.min() <= 0.0:
+                return
+            if np.ptp(rest) > 2.0 * p.tolerance[column]:
+                return
+            added[place[0]] = rest.mean()
+        # One joint alone may as well have another mistake in its constant.
+        if np.count_nonzero(added) < 2 or n < 2:
+            return
+        rotors = zip(p.tree.joint_names, p.tree.armature + added, strict=True)
+        values = ",".join(f"{name}={x:.6g}" for name, x in rotors if x)
+        text = (
+            "rotor inertia: D is larger than the robot's by a constant diagonal; "
+            f"compare with --rotor-inertia {values}"
+        )
+        yield _Candidate(-1.0, "rotor-inertia", text, structural=False)
+
+    def triangles(self) -> Iterator[_Candidate]:
+        """Yield that one triangle of D is filled alone."""
+        p = self.problem
+        for which, below in (("upper", True), ("lower", False)):
+            empty = [k for k, e in enumerate(p.elements) if _is_in_triangle(e, below)]
+            wrong = np.flatnonzero(self.differing).tolist()
+            if wrong and {*wrong} <= {*empty} and not np.abs(p.user[:, empty]).max():
+                text = f"only the {which} triangle of D is filled: mirror it, D = D + D' - diag(D)"
+                yield _Candidate(0.0, "triangle", text)
 
     def run(self, follows: Mapping[str, tuple[str, Mask]]) -> list[Cause]:
         """Return the causes, the ones with the largest scope first."""
@@ -412,6 +447,13 @@ class _Search:
                 continue
             formulas += [(f"{label}, {whose}", harmonics.code(text)) for whose, text in told.items()]
         return tuple(lines), tuple(formulas)
+
+
+def _is_in_triangle(element: Element, below: bool) -> bool:
+    """Tell whether an element is an entry of D below the diagonal, or above it."""
+    if element.quantity != "D" or element.place[0] == element.place[1]:
+        return False
+    return (element.place[0] > element.place[1]) == below
 
 
 def _other_gravity(g: Array, felt: Array) -> _Candidate:

@@ -42,6 +42,8 @@ CONVENTIONS = (
     "absolute-angles",
     "axis",
     "armature",
+    "rotor-inertia",
+    "triangle",
 )
 
 

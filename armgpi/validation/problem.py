@@ -33,7 +33,7 @@ class Element(NamedTuple):
 
     Attributes:
         function: the function.
-        quantity: "D", "H", "G", "V", "F", "J", "B" or "Z".
+        quantity: "D", "H", "G", "V", "F", "J", "B" or "Z"; "whole" for all that a function gives.
         place: its indices, from 0.
     """
 
@@ -53,8 +53,8 @@ class Element(NamedTuple):
             return f"q̇{one[1]} (linear) in τ{one[0]}"
         if self.quantity == "Z":
             return f"torque at rest of τ{one[0]}"
-        if self.quantity == "V":
-            return "V"
+        if self.quantity in ("V", "whole"):
+            return self.quantity
         if self.quantity == "F":
             return "xyz"[self.place[0]]
         if self.quantity == "J":

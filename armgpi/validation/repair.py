@@ -18,7 +18,7 @@ from armgpi.validation.edits import ALL, ROWS, Change, Goal, Target
 from armgpi.validation.models import ARGUMENTS, States
 from armgpi.validation.problem import Problem
 from armgpi.validation.search import BUDGET, Repaired, is_number
-from armgpi.validation.slopes import slopes, with_changes
+from armgpi.validation.slopes import own_numbers, slopes, with_changes
 from armgpi.validation.tree import evaluate
 from armgpi.validation.units import numbers, with_numbers
 from armgpi.validation.worker import Worker
@@ -59,6 +59,26 @@ def search(
     return found._replace(sure=sure)
 
 
+def odd_numbers(
+    model: Any,
+    worker: Worker,
+    states: States,
+    problem: Problem,
+    reference: Callable[[str, States], Array],
+    names: Sequence[str],
+) -> tuple[str, ...]:
+    """Return the numbers of a model that agrees with which it no longer would, were they others.
+
+    Each number is varied. The model then has to move as the robot does with another number of that value,
+    and with any inertias: a mistake that round numbers hide does not. Arguments as in :func:`search`.
+    """
+    if worker.source is None:
+        return ()
+    with Worker(model, worker.name, worker.time_limit, None, worker.convention) as twin:
+        found = twin.search(_goal(states.first(ROWS), problem, reference, names), (), 0.0)
+    return () if found is None else found.odd
+
+
 def _goal(
     few: States, problem: Problem, reference: Callable[[str, States], Array], names: Sequence[str]
 ) -> Goal:
@@ -94,18 +114,29 @@ def _goal(
 
 def _agrees_renumbered(model: Any, worker: Worker, found: Repaired, states: States, problem: Problem) -> bool:
     """Tell whether a repaired model agrees where its numbers, and what they are in the robot, are others."""
-    named = [node for _, node in numbers(ast.parse(found.source))]
+    source = found.spelled or found.source
+    named = [node for _, node in numbers(ast.parse(source))]
     # Shares that no products or ratios of few of them make one again.
     draw = np.random.default_rng(20261123).uniform(0.75, 1.3, size=len(named))
     own = {k: float(ast.literal_eval(named[k])) for k in found.standing}
     changes = [(named[k], value * draw[k]) for k, value in own.items()]
+    known = [one.value for one, _ in own_numbers(problem.tree)]
+    known.append(float(np.linalg.norm(problem.tree.gravity)))
     moved: dict[int, float] = {}
+    factors: dict[int, float] = {}
     for k, value in own.items():
         for j, rate in found.standing[k].items():
-            moved[j] = moved.get(j, 0.0) + rate * (value * (draw[k] - 1.0))
+            power = rate * value / known[j] if known[j] else 0.0
+            # An inertia m a² / 12 moves with every number that it is made of, and by their product.
+            if abs(power - 1.0) < 1e-6 or abs(power - 2.0) < 1e-6:
+                factors[j] = factors.get(j, 1.0) * draw[k] ** round(power)
+            else:
+                moved[j] = moved.get(j, 0.0) + rate * (value * (draw[k] - 1.0))
+    for j, factor in factors.items():
+        moved[j] = moved.get(j, 0.0) + known[j] * (factor - 1.0)
     other = copy.copy(problem)
     other.tree = with_changes(problem.tree, moved)
-    return agrees(model, worker, with_numbers(found.source, changes), states, other)
+    return agrees(model, worker, with_numbers(source, changes), states, other)
 
 
 def _parts(s: States, letters: tuple[str, ...]) -> dict[str, tuple[States, Signs]]:

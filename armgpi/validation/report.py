@@ -66,6 +66,7 @@ class DynamicsReport:
         repaired: the model's source with changes with which it agrees; None without such.
         uncompared: functions of a state that the model has beside those: nothing is said of them.
         frame: the frame that was asked for where the model has no kinematics to compare in it.
+        numbers_only: numbers of the model that agree by their values alone: with others it would differ.
     """
 
     model: str
@@ -79,12 +80,15 @@ class DynamicsReport:
     repaired: str | None = None
     uncompared: tuple[str, ...] = ()
     frame: str | None = None
+    numbers_only: tuple[str, ...] = ()
 
     @property
     def agrees(self) -> bool:
-        """Whether every function that was compared agrees and no law fails; see :meth:`judge`."""
-        return all(report.agrees for report in self.functions) and all(
-            law.verdict != "fails" for law in self.laws
+        """Whether every function agrees, for other numbers too, and no law fails; see :meth:`judge`."""
+        return (
+            not self.numbers_only
+            and all(report.agrees for report in self.functions)
+            and all(law.verdict != "fails" for law in self.laws)
         )
 
     @property
@@ -138,6 +142,7 @@ class DynamicsReport:
             "notes": self.notes,
             "repaired": self.repaired,
             "uncompared": self.uncompared,
+            "numbers_only": self.numbers_only,
         }
         return dict(json_data(data))
 
@@ -201,6 +206,12 @@ class DynamicsReport:
                 return "the model obeys every law that could be checked"
             return "the model agrees"
         differ = [t.function for t in self.functions if not t.agrees]
+        if self.numbers_only and not differ:
+            names = ", ".join(self.numbers_only)
+            return (
+                f"the model agrees for these numbers only: with another {names} it would differ from the "
+                "robot (two quantities of the same value may be in each other's place)"
+            )
         if differ:
             return f"the model differs in {', '.join(differ)}"
         return f"the model violates: {', '.join(law.name for law in self.laws if law.verdict == 'fails')}"

@@ -41,10 +41,12 @@ from armgpi.validation.edits import (
 )
 from armgpi.validation.graph import joint_of
 from armgpi.validation.models import POSITIONS, Functions
-from armgpi.validation.units import USUAL, check, readings
+from armgpi.validation.units import USUAL, check, readings, spell_out
 
 #: Time of the processor that all the searching may take [s].
 BUDGET = 20.0
+#: A model that takes longer to be read is not read with other numbers where it agrees [s].
+_READ = 0.1
 #: Changes that are made at most: nobody believes a report of more.
 MOST = 3
 #: Changes with which the search goes on, where none makes all agree.
@@ -95,6 +97,10 @@ class Repaired(NamedTuple):
     sure: bool = False  # whether nothing else is as good, as far as the numbers tell
     #: Place among the source's numbers -> the robot's that it is, and how they change with it.
     standing: Mapping[int, Mapping[int, float]] = {}
+    #: The source with a number of its own for every name: what `standing` counts.
+    spelled: str = ""
+    #: Names of numbers that mean nothing in the robot.
+    odd: tuple[str, ...] = ()
 
     @property
     def rank(self) -> tuple[int, int, int, bool, float]:
@@ -153,6 +159,17 @@ def find_repair(
     late = max(until, time.process_time() + 0.75 * BUDGET) if extra and steps else until
     best = _go_on(trials, steps, known, most, late)
     return best or (trials.first_that_agrees(trials.tried_pairs()) if most == MOST else None)
+
+
+def vary_numbers(functions: Functions, again: Again, goal: Goal) -> Repaired | None:
+    """Return a source as it is, with what its numbers are in the robot; None where that takes too long."""
+    assert functions.origin is not None
+    start = time.process_time()
+    again(functions.origin.source)
+    if time.process_time() - start > _READ:
+        return None  # it is read twice for every number
+    trials = _Trials(Editor(functions.origin, goal, ()), again, start + BUDGET, 0)
+    return trials.with_doubts(Repaired((), functions.origin.source))
 
 
 def _search_stages(trials: _Trials, known: Sequence[float], most: int) -> tuple[Repaired | None, list[_Step]]:
@@ -288,7 +305,7 @@ class _Trials:
             changes = tuple(self.editor.change(pick) for pick in picks)
             repair = Repaired(changes, apply_changes(self.editor.source, changes))
             if self._agrees(repair.source):
-                self._proved[key] = self._with_doubts(repair)
+                self._proved[key] = self.with_doubts(repair)
         return self._proved[key]
 
     def without_idle(self, repair: Repaired) -> Repaired:
@@ -297,7 +314,7 @@ class _Trials:
             fewer = Repaired(tuple(one for one in repair.changes if one is not change), "")
             fewer = fewer._replace(source=apply_changes(self.editor.source, fewer.changes))
             if self._agrees(fewer.source):
-                return self.without_idle(self._with_doubts(fewer))
+                return self.without_idle(self.with_doubts(fewer))
         return repair
 
     def _agrees(self, source: str) -> bool:
@@ -316,7 +333,7 @@ class _Trials:
         except BaseException:  # a name that is not there yet, or a module that never ends
             return None
 
-    def _with_doubts(self, repair: Repaired) -> Repaired:
+    def with_doubts(self, repair: Repaired) -> Repaired:
         """Return a repair with its doubts."""
         slopes = self.editor.goal.slopes
         if slopes is None:
@@ -330,7 +347,8 @@ class _Trials:
             return np.concatenate([found[name].ravel() / size for name, size in sizes])
 
         text = " ".join(f"{one.old} {one.new}" for one in repair.changes)
-        found = check(repair.source, values, slopes, text)
+        spelled = self._spelled(repair.source)
+        found = check(spelled, values, slopes, text, whole=not repair.changes)
         wrong = found.wrong + sum(self._is_guess(one, found.seen > 0) for one in repair.changes)
         sure = found.sure and wrong == found.other == 0
         # Numbers in each other's place may as well be names in each other's place.
@@ -340,8 +358,23 @@ class _Trials:
             as_good = check(other, values, slopes)
             sure = sure and as_good.wrong + as_good.other > 0
         return repair._replace(
-            doubts=wrong, checked=found.seen, other=found.other, sure=sure, standing=found.standing
+            doubts=wrong,
+            checked=found.seen,
+            other=found.other,
+            sure=sure,
+            standing=found.standing,
+            spelled=spelled,
+            odd=found.names,
         )
+
+    def _spelled(self, source: str) -> str:
+        """Return a source with a number for every name, so that each can be varied alone."""
+        try:
+            with impatient():
+                origin = self.again(source).origin
+            return source if origin is None else spell_out(source, vars(origin.module))
+        except BaseException:  # as everywhere, where a model runs
+            return source
 
     def _is_guess(self, change: Change, named: bool) -> bool:
         """Tell whether a change puts a number that may explain anything: it is neither known nor a unit's.

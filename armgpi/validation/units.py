@@ -99,9 +99,45 @@ class Slopes(NamedTuple):
                 rest = column - self.columns[:, chosen] @ self.values[list(chosen)]
                 if self.same(rest, column):
                     return rates
+                if scaled := self._with_inertias(rest, column, units, value):
+                    return {**rates, **scaled}
                 if units == {"m"} and (moved := self._one_more(rest, column, value, chosen)):
                     return {**rates, **moved}
         return {}
+
+    def _with_inertias(self, rest: Array, column: Array, units: set[str], value: float) -> dict[int, float]:
+        """Return the inertias that follow from a mass or a length, as m a²/12, and their changes by it."""
+        power = {"kg": 1.0, "m": 2.0}.get(min(units))
+        if power is None:
+            return {}
+        moments: dict[int, list[int]] = {}
+        for j, unit in enumerate(self.units):
+            if unit == "kg m²" and self.values[j]:
+                moments.setdefault(self.links[j], []).append(j)
+        groups = [of_link for of_link in moments.values() if np.abs(self.columns[:, of_link]).max() > 1e-9]
+        if not groups:
+            return {}
+        matrix = np.stack([self.columns[:, of_link] @ self.values[of_link] for of_link in groups], axis=-1)
+        shares = np.linalg.lstsq(matrix, rest, rcond=1e-12)[0]
+        whole = np.isclose(shares, power, rtol=1e-4) | (np.abs(shares) < 1e-4)
+        if not whole.all() or not self.same(rest - matrix @ (power * np.round(shares / power)), column):
+            return {}
+        moved = [of_link for of_link, share in zip(groups, shares, strict=True) if share > 0.5]
+        return {j: power * float(self.values[j]) / value for of_link in moved for j in of_link}
+
+    def explained_with_inertias(self, column: Array, value: float) -> bool:
+        """Tell whether numbers of that value, and any inertias, give a derivative: a cylinder's length."""
+        inertias = [j for j, unit in enumerate(self.units) if unit == "kg m²"]
+        basis = span([self.columns[:, j] for j in inertias]) if inertias else np.zeros((len(column), 0))
+        alike = [*self.alike(value), *self.alike(value, 0.5)]
+        for size in range(min(len(alike), _ALIKE) + 1):
+            for chosen in itertools.combinations(alike, size):
+                if len({self.units[j] for j in chosen}) > 1:
+                    continue
+                rest = column - self.columns[:, chosen] @ self.values[list(chosen)]
+                if self.same(rest - basis @ (basis.T @ rest), column):
+                    return True
+        return False
 
     def _one_more(
         self, rest: Array, column: Array, value: float, chosen: tuple[int, ...]
@@ -130,6 +166,7 @@ class Check(NamedTuple):
     seen: int
     sure: bool
     standing: Mapping[int, Mapping[int, float]]
+    names: tuple[str, ...] = ()  # of the numbers that mean nothing in the robot, whatever follows from them
 
 
 def span(columns: Sequence[Array]) -> Array:
@@ -140,7 +177,13 @@ def span(columns: Sequence[Array]) -> Array:
     return np.asarray(left[:, sizes > 1e-6])
 
 
-def check(source: str, values: Callable[[str], Array | None], known: Slopes, text: str = "") -> Check:
+def check(
+    source: str,
+    values: Callable[[str], Array | None],
+    known: Slopes,
+    text: str = "",
+    whole: bool = False,
+) -> Check:
     """Return what the numbers of a source are in the robot.
 
     Args:
@@ -148,6 +191,7 @@ def check(source: str, values: Callable[[str], Array | None], known: Slopes, tex
         values: gives what a changed source gives, as in `known`; None when it does not work.
         known: the robot's derivatives.
         text: what was changed: the numbers named in it are looked at first, the others where these are right.
+        whole: look at all numbers, also where one is found to be none of the robot's.
     """
     tree = ast.parse(source)
     named = list(numbers(tree))
@@ -159,7 +203,7 @@ def check(source: str, values: Callable[[str], Array | None], known: Slopes, tex
 
     # The sort is stable: the others in their order.
     for k, (name, node) in sorted(enumerate(named[:_MOST]), key=lambda one: not is_new(one[1][0])):
-        if checked.wrong + checked.other > 0 and not is_new(name):
+        if not whole and checked.wrong + checked.other > 0 and not is_new(name):
             break
         value = checked.stated[k]
         if value == 0.0 or name in ("n", "N"):
@@ -167,8 +211,9 @@ def check(source: str, values: Callable[[str], Array | None], known: Slopes, tex
         ends = [values(with_numbers(source, [(node, value * (1.0 + s * STEP))])) for s in (1.0, -1.0)]
         if ends[0] is not None and ends[1] is not None:
             checked.add(k, name, (ends[0] - ends[1]) / (2.0 * STEP))
-    sure = len(named) <= _MOST and not _bare(tree, named) and checked.is_sure()
-    return Check(checked.wrong, checked.other, checked.seen, sure, checked.standing)
+    sure = len(named) <= _MOST and not _bare(tree, named) and not _unseen(tree) and checked.is_sure()
+    names = tuple(dict.fromkeys([*checked.odd, *checked.mixed()]))
+    return Check(checked.wrong, checked.other, checked.seen, sure, checked.standing, names)
 
 
 class _Checked:
@@ -179,9 +224,12 @@ class _Checked:
         self.known, self.stated = known, stated
         self.wrong = self.other = self.seen = 0
         self.standing: dict[int, dict[int, float]] = {}
+        self.odd: list[str] = []
         self._linked = True  # whether each is of a link
         #: The robot's numbers that are used, those of which half is, and the model's that nothing depends on.
         self._used, self._halves, self._unused = set[int](), set[int](), list[float]()
+        #: Inertias that follow from masses and lengths, and from which number.
+        self._scaled: dict[int, str] = {}
         self._families: dict[str, list[tuple[int, int]]] = {}
 
     def add(self, k: int, name: str, column: Array) -> None:
@@ -197,16 +245,23 @@ class _Checked:
             own = {*chosen} & {*whole, *known.alike(value, 0.5)}
             links = {known.links[j] for j in own}
             self._used |= own
+            self._scaled |= {j: name for j in {*chosen} - own if known.units[j] == "kg m²"}
             self._halves |= own - {*whole}
         else:
             found = known.of(column, self.stated)
             self.wrong += not found
             self.other += bool(whole)
+            if whole and not found and not known.explained_with_inertias(column, value):
+                self.odd.append(name)
             links = {link for link in found if link is not None}
             self._linked = self._linked and bool(links)
         family = _FAMILY.match(name.strip("'"))
         letter, place = (family[1], int(family[2])) if family else (name, k)
         self._families.setdefault(letter, []).append((place, min(links, default=0)))
+
+    def mixed(self) -> list[str]:
+        """Return the numbers with which an inertia moves that is a number of its own as well."""
+        return [name for j, name in self._scaled.items() if j in self._used]
 
     def is_sure(self) -> bool:
         """Tell whether each is of one link, families are in the links' order, and none may be forgotten."""
@@ -215,6 +270,7 @@ class _Checked:
         in_order = [[link for _, link in sorted(rows)] for rows in self._families.values()]
         return (
             self._linked
+            and not self.mixed()
             and not any(set(self.known.alike(x)) - left for x in self._unused)
             and all(links == sorted(links) for links in in_order)
         )
@@ -227,20 +283,24 @@ def _bare(tree: ast.AST, named: Sequence[tuple[str, ast.Constant]]) -> bool:
     return any(x not in known and x.value not in USUAL for x in found)
 
 
+#: Calls whose arguments are the numbers themselves; a name with a capital is a class, such as a record.
+_HOLDERS = ("array", "asarray", "diag", "list", "tuple")
+#: Calls that make numbers of which none stands in the source.
+_MAKERS = ("ones", "full", "linspace", "repeat", "tile", "loadtxt", "genfromtxt", "load", "eye")
+
+
 def numbers(tree: ast.AST) -> Iterator[tuple[str, ast.Constant]]:
-    """Yield numbers of a source that have a name: assigned, items, arguments, defaults, entries of lists."""
+    """Yield numbers of a source that have a name: assigned, items, arguments, defaults, entries of arrays."""
     pairs: list[tuple[str, Any]] = []
     for node in ast.walk(tree):
         match node:
-            case ast.Assign(targets=[ast.Tuple(elts=names)], value=ast.Tuple(elts=values)):
-                pairs += [(ast.unparse(a), b) for a, b in zip(names, values, strict=False)]
-            case ast.Assign(targets=[ast.Name() | ast.Attribute() as name], value=value):
-                entries = value.elts if isinstance(value, ast.List | ast.Tuple) else [value]
-                pairs += [(ast.unparse(name), x) for x in entries]
-            case ast.AnnAssign(target=target, value=ast.Constant() as value):
-                pairs.append((ast.unparse(target), value))
+            case ast.Assign(targets=[target], value=value):
+                pairs += _leaves(target, value)
+            case ast.AnnAssign(target=target, value=ast.expr() as value):
+                pairs += _leaves(target, value)
             case ast.Dict(keys=keys, values=values):
-                pairs += [(ast.unparse(a), b) for a, b in zip(keys, values, strict=True) if a is not None]
+                for key, item in zip(keys, values, strict=True):
+                    pairs += _leaves(key, item) if key is not None else []
             case ast.keyword(arg=str() as word, value=value):
                 pairs.append((word, value))
             case ast.arguments():
@@ -252,6 +312,103 @@ def numbers(tree: ast.AST) -> Iterator[tuple[str, ast.Constant]]:
         inner = getattr(x, "operand", x)  # -0.3
         if isinstance(inner, ast.Constant) and type(inner.value) in (int, float):
             yield text, inner
+
+
+def _leaves(target: ast.expr, value: ast.expr) -> list[tuple[str, Any]]:
+    """Return the constants that a target is given, each with its name."""
+    match target, value:
+        case ast.Tuple(elts=names), ast.Tuple(elts=values) if len(names) == len(values):
+            return [one for a, b in zip(names, values, strict=True) for one in _leaves(a, b)]
+        case ast.Tuple() | ast.Subscript(), _:
+            return []
+        case _, ast.List(elts=values) | ast.Tuple(elts=values):
+            return [one for entry in _without_directions(values) for one in _leaves(target, entry)]
+        case _, ast.Call(func=function, args=arguments) if _is_holder(function):
+            return [one for entry in arguments for one in _leaves(target, entry)]
+    return [(ast.unparse(target), value)]
+
+
+def _without_directions(values: list[ast.expr]) -> list[ast.expr]:
+    """Return the entries of a list; of a unit vector, or of a row of a rotation, no ones and zeros."""
+    constants = [getattr(x, "operand", x) for x in values]
+    numbers_alone = all(isinstance(x, ast.Constant) and x.value for x in constants)
+    if numbers_alone:
+        return values
+    return [
+        value
+        for value, x in zip(values, constants, strict=True)
+        if not isinstance(x, ast.Constant) or x.value not in (0, 1)
+    ]
+
+
+def _is_holder(function: ast.expr) -> bool:
+    """Tell whether a call only keeps its arguments: an array, or a record of a class."""
+    name = ast.unparse(function).split(".")[-1]
+    return name in _HOLDERS or name[:1].isupper()
+
+
+def _unseen(tree: ast.Module) -> bool:
+    """Tell whether names are given numbers that are not seen: several at once, or from a call alone."""
+    own = {x.name for x in tree.body if isinstance(x, ast.FunctionDef)}
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Assign):
+            continue
+        inner = getattr(node.value, "operand", node.value)
+        if len(node.targets) > 1 and isinstance(inner, ast.Constant) and inner.value:
+            return True
+        calls = (
+            [x for x in ast.walk(node.value) if isinstance(x, ast.Call)]
+            if _is_independent(node.value)
+            else []
+        )
+        called = {ast.unparse(call.func).split(".")[-1] for call in calls}
+        if called & ({*_MAKERS} | own):
+            return True
+    return False
+
+
+def _is_independent(value: ast.expr) -> bool:
+    """Tell whether a value depends on constants alone."""
+    called = {x.func for x in ast.walk(value) if isinstance(x, ast.Call)}
+    owners = {x.value for x in called if isinstance(x, ast.Attribute)}
+    names = {x for x in ast.walk(value) if isinstance(x, ast.Name | ast.Attribute)}
+    return bool(called) and not names - called - owners
+
+
+def spell_out(source: str, namespace: Mapping[str, Any]) -> str:
+    """Return a source with a number of its own for every name that a module gives one.
+
+    ``m1 = m2 = 1.0`` and ``m1, m2 = np.ones(2)`` become two numbers each, so that each can be varied.
+
+    Args:
+        source: of the module.
+        namespace: what running it gave.
+    """
+    spelled = source
+    statements = [x for x in ast.parse(source).body if isinstance(x, ast.Assign)]
+    for node in reversed(statements):
+        text = _spelled(node, namespace)
+        if text:
+            lines = [line.encode() for line in spelled.splitlines(keepends=True)]
+            first, last = node.lineno - 1, (node.end_lineno or node.lineno) - 1
+            head, tail = lines[first][: node.col_offset], lines[last][node.end_col_offset :]
+            spelled = b"".join([*lines[:first], head + text.encode() + tail, *lines[last + 1 :]]).decode()
+    return spelled
+
+
+def _spelled(node: ast.Assign, namespace: Mapping[str, Any]) -> str:
+    """Return an assignment with a literal for every name; empty where it is not one of constants alone."""
+    constant = isinstance(getattr(node.value, "operand", node.value), ast.Constant)
+    if not (constant and len(node.targets) > 1) and not _is_independent(node.value):
+        return ""
+    names = [name for target in node.targets for name in getattr(target, "elts", [target])]
+    parts = []
+    for name in names:
+        value = namespace.get(name.id) if isinstance(name, ast.Name) else None
+        if isinstance(value, bool) or not isinstance(value, int | float | np.floating | np.integer):
+            return ""
+        parts.append(f"{name.id} = {float(value)!r}")
+    return "; ".join(parts)
 
 
 def readings(source: str) -> dict[str, float]:

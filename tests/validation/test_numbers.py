@@ -1,0 +1,156 @@
+"""Names are confirmed, and agreement is green, only where every number was varied; usual causes are known."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from armgpi import Robot, validate
+from armgpi.arrays import Array
+from armgpi.validation import units
+
+_LINK = (
+    '<link name="{name}"><inertial><origin xyz="{c} 0 0"/><mass value="{m}"/>'
+    '<inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+)
+_JOINT = (
+    '<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+    '<origin xyz="{at} 0 0"/><axis xyz="0 -1 0"/>'
+    '<limit lower="-3" upper="3" effort="80" velocity="9"/></joint>'
+)
+
+
+def _arm(folder: Path, m: Array, c: Array, i: Array, length: float) -> Robot:
+    """Return a planar arm of two links that lies level at zero."""
+    parts = [_LINK.format(name=f"part{k + 1}", c=c[k], m=m[k], i=i[k]) for k in range(2)]
+    parts += [
+        _JOINT.format(name="first", parent="base", child="part1", at=0.0),
+        _JOINT.format(name="second", parent="part1", child="part2", at=length),
+    ]
+    path = folder / "arm.urdf"
+    path.write_text(f'<robot name="pair"><link name="base"/>{"".join(parts)}</robot>', encoding="utf-8")
+    return Robot.load(path)
+
+
+def _file(folder: Path, text: str) -> Path:
+    path = folder / "model.py"
+    path.write_text("import numpy as np\n" + text, encoding="utf-8")
+    return path
+
+
+_TWOS = """
+m1, m2 = 2.0, 2.0
+l1 = l2 = 2.0
+J1, J2 = np.full(2, 2.0)
+g = 9.81
+
+def mass_matrix(q):
+    c = np.cos(q[1])
+    d = J2 + m2 * (l2**2 + l1 * l2 * c)
+    a = J1 + m1 * l1**2 + J2 + m2 * (l1**2 + l2**2 + 2 * l1 * l2 * c)
+    return np.array([[a, d], [d, J2 + m2 * l2**2]])
+
+def gravity(q):
+    b = m2 * g * l2 * np.cos(q[0] + q[1])
+    return np.array([(m1 + m2) * g * l1 * np.cos(q[0]) + b, b])
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "odd"),
+    [
+        ("", "", ()),
+        ("g * l1", "g * l2", ("l1",)),
+        ("2 * l1 * l2 * c", "2 * l1 * l1 * c", ("l1", "l2")),
+    ],
+)
+def test_round_numbers_hide_no_mistake(old: str, new: str, odd: tuple[str, ...], tmp_path: Path) -> None:
+    twos = np.full(2, 2.0)
+    report = validate(_file(tmp_path, _TWOS.replace(old, new)), _arm(tmp_path, twos, twos, twos, 2.0))
+    assert all(one.agrees for one in report.functions)
+    assert bool(report.numbers_only) == bool(odd)
+    assert {*odd} & {*report.numbers_only} or not odd
+    assert report.agrees == (not odd)
+    assert ("for these numbers only" in report.verdict()) == bool(odd)
+
+
+_RODS = """
+m = np.array([1.7, 1.1])
+a1 = 0.62
+a2 = 0.44
+J1 = m[0] * a1**2 / 12
+J2 = m[1] * a2**2 / 12
+
+def mass_matrix(q):
+    k = m[1] * a1 * a2 / 2 * np.cos(q[1])
+    d22 = J2 + m[1] * a2**2 / 4
+    d12 = d22 + k
+    return np.array([[J1 + m[0] * a1**2 / 4 + m[1] * a1**2 + d22 + 2 * k, d12], [d12, d22]])
+"""
+
+
+def test_a_mistake_in_rods_is_confirmed_with_what_follows_from_a_length(tmp_path: Path) -> None:
+    m, a = np.array([1.7, 1.1]), np.array([0.62, 0.44])
+    arm = _arm(tmp_path, m, a / 2, m * a**2 / 12, 0.62)
+    assert validate(_file(tmp_path, _RODS), arm).agrees
+    report = validate(_file(tmp_path, _RODS.replace("+ 2 * k", "- 2 * k")), arm)
+    assert report.causes[0].confirmed
+    assert report.causes[0].kind == "sign"
+
+
+def test_numbers_that_no_source_shows_are_spelled_out() -> None:
+    source = "import numpy as np\na = b = 1.5\nc, d = np.ones(2)\ne = np.zeros(3)\n"
+    space: dict[str, object] = {}
+    exec(source, space)
+    spelled = units.spell_out(source, space)
+    found = [(name, ast.literal_eval(node)) for name, node in units.numbers(ast.parse(spelled))]
+    assert found == [("a", 1.5), ("b", 1.5), ("c", 1.0), ("d", 1.0)]
+
+
+def test_rotors_that_a_model_has_are_named_with_the_option(tmp_path: Path) -> None:
+    arm = Robot.load("anthropomorphic3")
+    rotors = np.array([0.3, 0.2, 0.04])
+
+    def mass_matrix(q: Array) -> Array:
+        return np.asarray(arm.mass_matrix(q) + np.diag(rotors))
+
+    (cause,) = validate({"mass_matrix": mass_matrix}, arm).causes
+    assert cause.kind == "rotor-inertia"
+    assert cause.text.endswith("--rotor-inertia q1=0.3,q2=0.2,q3=0.04")
+    assert validate({"mass_matrix": mass_matrix}, arm, rotor_inertia=rotors).agrees
+
+
+@pytest.mark.parametrize(("fill", "which"), [(np.triu, "upper"), (np.tril, "lower")])
+def test_a_triangle_of_an_inertia_matrix_is_named(fill: object, which: str) -> None:
+    arm = Robot.load("anthropomorphic3")
+
+    def mass_matrix(q: Array) -> Array:
+        return np.asarray(fill(arm.mass_matrix(q)))  # type: ignore[operator]
+
+    (cause,) = validate({"mass_matrix": mass_matrix}, arm).causes
+    assert f"only the {which} triangle" in cause.text
+
+
+def _passive(factor: float) -> dict[str, object]:
+    arm = Robot.load("anthropomorphic3")
+
+    def forward_dynamics(q: Array, v: Array, tau: Array) -> Array:
+        return np.asarray(factor * arm.forward_dynamics(q, v, tau * np.array([1.0, 0.0, 1.0])))
+
+    return {"forward_dynamics": forward_dynamics}
+
+
+def test_a_passive_joint_is_seen() -> None:
+    report = validate(_passive(1.0), "anthropomorphic3")
+    assert report.agrees
+    assert "does not read tau2" in report.functions[0].note
+
+
+def test_a_wrong_model_with_a_passive_joint_has_a_diagnosis() -> None:
+    report = validate(_passive(1.01), "anthropomorphic3")
+    assert not report.agrees
+    assert "not named" in report.causes[0].text
+    assert "What is wrong" in str(report)
