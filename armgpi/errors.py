@@ -234,15 +234,15 @@ class EffortError(ArmgpiError):
         effort: its effort limit [N m or N].
     """
 
-    def __init__(self, joint: str, effort: float, others: Sequence[str] = ()) -> None:
-        """Describe the joint without torque, and `others` that lack it too, and how to give them some."""
+    def __init__(self, joint: str, effort: float, others: Sequence[str] = (), enough: float = 10.0) -> None:
+        """Describe the joint without torque, and `others` that lack it too, and how to give them `enough`."""
         self.joint = joint
         self.effort = float(effort)
         joints = (joint, *others)
-        self.remedies = (Remedy("effort", joints, 10.0), Remedy("lock", joints))
+        self.remedies = (Remedy("effort", joints, enough), Remedy("lock", joints))
         besides = f" (nor have {', '.join(others)} more)" if others else ""
         them, it = ("them some", "them") if others else ("it one", "it")
-        efforts = dict.fromkeys(joints, 10.0)
+        efforts = dict.fromkeys(joints, enough)
         super().__init__(
             f"joint {joint!r} has effort limit {effort:g}, so no controller can move it{besides}; "
             f"give {them} with robot.with_limits(effort={efforts}), or lock {it}"

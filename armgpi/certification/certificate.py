@@ -24,7 +24,7 @@ from armgpi.certification.proofs import prove_numbers
 from armgpi.certification.quantities import PER_JOINT, Numbers, Progress, count_outside, search_numbers
 from armgpi.certification.request import NOTHING, Asked, ask, inputs_of, law_of, numbers_of, shares_of
 from armgpi.certification.solve import Solution, merge_facts, solvable, solve
-from armgpi.certification.text import share_covered, table
+from armgpi.certification.text import table
 from armgpi.errors import ConfigError, ParameterError
 from armgpi.escape import html_text
 from armgpi.gpi.gains import FixedGains
@@ -429,8 +429,8 @@ def _assumptions(asked: Asked) -> list[str]:
     arm = "The arm is the rigid body model of the URDF with the rotor inertia given here, and a point mass "
     if tried := _count_others(asked):
         arm = (
-            f"The arm is in the hull of arms that are possible, as with 95 % confidence "
-            f"{100.0 * share_covered(tried):.0f} % of them are: {tried} more are. It has a point mass "
+            f"The arm is in the hull of arms that are possible: {tried} more do not exceed the numbers at "
+            "the worst points of the controller's own, and were searched nowhere else. It has a point mass "
         )
     return [
         f"{arm}between the loads given; its joints follow the torque at once and exactly.",

@@ -6,9 +6,12 @@ import math
 from collections.abc import Iterator
 from difflib import get_close_matches
 
+import numpy as np
+
 from armgpi.errors import Remedy
 from armgpi.health.findings import Finding, Level, Subject, check
 from armgpi.robot import chains, grippers, markup, tree, urdf
+from armgpi.robot.batch import enough_effort
 
 #: Turns beyond two to either side are hardly meant in radians [rad], nor such speeds [rad/s].
 _MOST_TURN, _MOST_SPIN = 4.0 * math.pi, 60.0
@@ -302,10 +305,13 @@ def velocity(subject: Subject) -> Iterator[Finding]:
 @check("effort", "an effort limit of 0: no controller can move the joint", "error")
 def no_effort(subject: Subject) -> Iterator[Finding]:
     """Find joints without torque."""
-    for name, effort in zip(subject.robot.joint_names, subject.robot.limits.effort, strict=True):
+    holding = np.abs(subject.gravity).max(axis=0)
+    rows = zip(subject.robot.joint_names, subject.robot.limits.effort, holding, strict=True)
+    for name, effort, held in rows:
         if effort == 0.0:
             message = "has effort limit 0, so no controller can move it"
-            repair, remedies = "give its torque, or lock it", (Remedy("effort", (name,), 10.0),)
+            proposed = enough_effort(float(held))
+            repair, remedies = "give its torque, or lock it", (Remedy("effort", (name,), proposed),)
             yield Finding("error", f"joint {name!r}", message, 0.0, None, repair, remedies)
 
 
@@ -317,13 +323,16 @@ def no_effort(subject: Subject) -> Iterator[Finding]:
 )
 def endless_effort(subject: Subject) -> Iterator[Finding]:
     """Find effort limits that do not limit."""
-    for joint, effort in zip(subject.free, subject.robot.limits.effort.tolist(), strict=True):
+    holding = np.abs(subject.gravity).max(axis=0)
+    rows = zip(subject.free, subject.robot.limits.effort.tolist(), holding, strict=True)
+    for joint, effort, held in rows:
         if effort > _MOST_EFFORT:
             unit = "N" if joint.type == "prismatic" else "N m"
             message = f"has effort limit {effort:g} {unit}: torque is never saturated"
             absent = math.isinf(effort) and subject.elements[joint.name].find("limit") is None
             level: Level = "info" if absent else "warning"
-            repair, remedies = "give what its motor can", (Remedy("effort", (joint.name,), 10.0),)
+            proposed = enough_effort(float(held))
+            repair, remedies = "give what its motor can", (Remedy("effort", (joint.name,), proposed),)
             yield Finding(level, f"joint {joint.name!r}", message, effort, _MOST_EFFORT, repair, remedies)
 
 

@@ -75,4 +75,19 @@ def check_powered(robot: AnyRobot, effort: Array) -> None:
     if powerless.size:
         index = tuple(int(i) for i in powerless[0])
         alike = [int(i) for i in np.flatnonzero(~(effort[index[:-1]] > 0.0)) if i != index[-1]]
-        raise EffortError(robot.joint_names[index[-1]], effort[index], [robot.joint_names[i] for i in alike])
+        joints = [index[-1], *alike]
+        others = [robot.joint_names[i] for i in alike]
+        enough = 10.0
+        if hasattr(robot, "random_positions"):  # one arm, no batch: what is proposed holds it
+            q = np.vstack([robot.middle(), robot.random_positions(500, seed=1)])
+            enough = enough_effort(float(np.abs(robot.dynamics.gravity(q))[:, joints].max()))
+        raise EffortError(robot.joint_names[index[-1]], effort[index], others, enough)
+
+
+def enough_effort(holding: float) -> float:
+    """Return an effort to propose [N m or N]: half more than what holds the arm, 10 at least.
+
+    Args:
+        holding: largest torque that holds the arm [N m or N].
+    """
+    return max(10.0, float(f"{1.5 * holding:.3g}"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -203,3 +204,16 @@ def test_a_study_folder_that_never_began_is_no_study(tmp_path: Path) -> None:
     study.write("part", np.zeros(2))
     with pytest.raises(RolloutError, match="holds another study"):
         Study.enter(tmp_path, first, "experiment.yaml")
+
+
+def test_an_effort_that_is_proposed_passes_the_check_that_proposed_it(cli: Cli, tmp_path: Path) -> None:
+    source = Path(__file__).parents[1] / "fixtures" / "urdf_cases" / "00_good.urdf"
+    text = re.sub(r'mass value="[^"]*"', 'mass value="40"', source.read_text())
+    file = tmp_path / "heavy.urdf"
+    file.write_text(re.sub(r'effort="[^"]*"', 'effort="0"', text))
+    for words in (("inspect", file), ("run", file, "--t-final", "0.01")):
+        refused = cli(*words)
+        assert refused.code in (1, 2)
+        found = re.findall(r"--effort (\S+?)\)?(?=\s|$)", refused.out + refused.err)
+        (proposed,) = dict.fromkeys(found)
+        assert cli(*words, "--effort", proposed.rstrip("),")).code == 0
