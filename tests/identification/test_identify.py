@@ -148,7 +148,7 @@ def test_without_data_the_file_stays() -> None:
     nothing = Block(np.zeros((3, 1, 2)), np.zeros((3, 1)), np.ones((3, 1), dtype=bool), np.arange(3))
     result = fit([nothing], prior, physical=False)
     assert result.free.tolist() == [0.0, 0.0]
-    assert result.data_share == pytest.approx([0.0, 0.0])
+    assert result.learned == pytest.approx([0.0, 0.0])
 
 
 def test_an_arm_of_which_the_file_tells_no_mass_is_found(tmp_path: Path) -> None:
