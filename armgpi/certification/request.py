@@ -153,7 +153,7 @@ def _untuned_law(
     with (
         warnings.catch_warnings()
     ):  # the certificate is of the arm as given, without rotors that are believed
-        warnings.filterwarnings("ignore", message=".*told to have no rotor")
+        warnings.filterwarnings("ignore", message=".*specified to have no rotor")
         law = GPI.auto(robot, dt, delay=delay, bits=bits, drives="none", **given)
     if law.payload is not None and law.payload.lightest > 0.0:
         expected = "a lightest load of 0: the feedforward of the untuned law knows of no load"

@@ -97,7 +97,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     experiment = configuration.build(*settings(options, compare))
     experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
     check_out(options, experiment)
-    note_drives(experiment)
+    note_drives(experiment, options["explain"])
     wanted = ("plot", "view", "html", "report", "interactive")
     pictures.check(**{name: options[name] for name in wanted})
     check_table(options["table"])
@@ -155,27 +155,37 @@ def _verdict(experiment: Experiment, records: list[dict[str, Any]]) -> str:
     return f"{names[1]} has {after / before:.2g} of the error of {names[0]} (ITAE)"
 
 
-def note_drives(experiment: Experiment) -> None:
-    """Say what is believed of an arm's drives, and what limits the laws made by the rule for untuned arms."""
+def note_drives(experiment: Experiment, explain: bool = True) -> None:
+    """Say what is assumed of an arm's drives, and what limits automatically tuned controllers.
+
+    Args:
+        experiment: of the arm.
+        explain: whether values and reasons are said; else one line that names the quantities.
+    """
     from armgpi.config.building import verdicts
     from armgpi.gpi.geared import is_known
     from armgpi.gpi.untuned import BITS
     from armgpi.plants.elastic import ElasticPlant
     from armgpi.plants.plant import inside
-    from armgpi.robot.rotors import describe, describe_gears
+    from armgpi.robot.rotors import describe, describe_gears, summarise
 
-    for said in filter(None, (describe(experiment.robot), describe_gears(experiment.robot))):
+    robot = experiment.robot
+    assumed = "" if explain else summarise(robot)
+    for said in filter(None, (assumed,) if assumed else (describe(robot), describe_gears(robot))):
         say(said, err=True)
     stiff = [name for name, plant in experiment.plants.items() if not isinstance(inside(plant), ElasticPlant)]
     if stiff and is_known(experiment.robot):
         say(
-            f"note: the plant {' and '.join(stiff)} has stiff gears, and those of this arm twist: errors are "
-            "not that arm's; --plant elastic simulates them",
+            f"note: the plant {' and '.join(stiff)} simulates stiff joints, and those of this arm are "
+            "elastic: its errors will differ; --plant elastic simulates them",
             err=True,
         )
     made = verdicts(experiment)
     if made and getattr(experiment.config.plant, "encoder_bits", None) is None:
-        say(f"note: encoders are assumed to have {BITS} bits: --encoder-bits tells them", err=True)
+        say(
+            f"note: the encoder resolution is not specified; {BITS} bits assumed: --encoder-bits",
+            err=True,
+        )
     for label, each in made.items():
         say(f"{label}: {each.describe()}", err=True)
 

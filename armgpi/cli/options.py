@@ -75,6 +75,7 @@ ROWS = {
     "plot FILE": "Draw position, error and torque of every joint: PNG, SVG, PDF.",
     "view": "Serve the animation to this machine until Ctrl-C.",
     "html FILE": "Write the animation as one file for any browser.",
+    "explain": "Print the values and reasons of what is assumed of the drives.",
     "interactive": "Make --report a page to play with, as `armgpi play` does; of the first controller.",
     "frame FRAME": "The tool whose path is drawn; the tip by default.",
     "port PORT": "Port of 127.0.0.1; the first free one from 7070 by default.",
@@ -197,6 +198,7 @@ def results(
     html: Path | None = None,
     report: Path | None = None,
     interactive: bool = False,
+    explain: bool = False,
     as_json: bool = False,
 ) -> None:
     """List the options of what a run becomes, for :func:`add_options`."""

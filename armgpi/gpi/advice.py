@@ -116,10 +116,10 @@ def untuned_arm(robot: Robot, chosen: Mapping[str, Any], rigid: bool) -> Iterato
         yield Finding("warning", f"joint {name!r}", message, float(omega[j]), SLOWEST_DEFAULT, repair)
     if names := told_none(robot):
         message = (
-            f"{', '.join(names)}: told to have no rotor; where a geared motor drives a joint this law loses "
-            "the arm, a light wrist from 0.05 kg m^2 on"
+            f"{', '.join(names)}: specified to have no rotor; a geared motor at such a joint makes the "
+            "loop unstable, at a light wrist from 0.05 kg m^2 on"
         )
-        yield Finding("warning", "joints", message, repair="tell its rotor inertia, or let it be believed")
+        yield Finding("warning", "joints", message, repair="specify its rotor inertia, or let it be assumed")
 
 
 def light_model(robot: Robot, nominal: float = 0.0) -> Iterator[Finding]:

@@ -493,15 +493,15 @@ class Verdict(NamedTuple):
         """Return it in a line."""
         said = "limited by " + " and ".join(dict.fromkeys(sorted(self.limits, key=self.limits.count)[::-1]))
         if math.isfinite(self.sensitivity):
-            said += f"; Ms {self.sensitivity:.2f}, {1e3 * self.spare:.3g} ms of delay to spare"
+            said += f"; Ms {self.sensitivity:.2f}, delay margin {1e3 * self.spare:.3g} ms"
         else:
-            said += "; not stable at every end of what is known of the gears"
+            said += "; not stable over the whole range of the joint stiffness"
         if math.isfinite(self.resonance):
             said += f", lowest resonance {self.resonance:.3g} Hz"
         if math.isfinite(self.borne) and self.borne > self.usual:
             said += (
-                f"; gears are taken as rigid: below {self.borne:.3g} Hz of resonance they may lose the arm, "
-                f"and those of such motors have some {self.usual:.2g} Hz: --drives elastic, or tell them by "
+                f"; stiff joints are assumed: a resonance below {self.borne:.3g} Hz may be unstable, "
+                f"and such motors have some {self.usual:.2g} Hz: --drives elastic, or specify stiffness by "
                 "--drives FILE"
             )
         return said

@@ -366,6 +366,6 @@ def sag(robot: Robot, stiffness: Array | None = None, at_motor: Any = None) -> s
     if not sunk.any():  # a robot that carries its weight by itself: its model has none
         return ""
     return (
-        f"gears twist under gravity, which encoders at motors do not see: the tool is off by "
-        f"{np.median(sunk):.2g} mm (median), at most {sunk.max():.2g} mm, of {_CONFIGURATIONS} configurations"
+        f"Deflection under gravity that motor encoders cannot measure: {np.median(sunk):.2g} mm median, "
+        f"{sunk.max():.2g} mm largest (tool, {_CONFIGURATIONS} configurations)"
     )

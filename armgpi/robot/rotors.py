@@ -163,36 +163,54 @@ def told_none(robot: Robot) -> tuple[str, ...]:
 
 
 def unlike(nominal: Robot, arm: Robot) -> str:
-    """Return in a line that a law believes rotors which a simulated arm lacks; nothing where all agree."""
+    """Return in a line that a controller assumes rotors which a simulated arm lacks; or nothing."""
     both = set(assumed_joints(nominal)) & set(silent(arm))
     names = ", ".join(name for name in arm.joint_names if name in both)
     return names and (
-        f"the controller believes rotors in {names}, and the simulated arm has none, which such a law may "
-        "lose: make both of armgpi.assume_drives(robot), or tell both by robot.with_armature(...)"
+        f"the controller assumes rotor inertia in {names}, and the simulated arm has none; the loop "
+        "may be unstable: make both of armgpi.assume_drives(robot), or specify both by "
+        "robot.with_armature(...)"
     )
 
 
 def describe(robot: Robot) -> str:
-    """Return in a line what is believed of an arm's rotors, or that it is told to have none; or nothing."""
+    """Return in a line the rotor inertia that is assumed, or that it was specified as zero; or nothing."""
     if none := told_none(robot):
         return (
-            f"no rotors, as it is told: {', '.join(none)}; an arm with geared motors is lost under such a law"
+            f"rotor inertia was specified as zero: {', '.join(none)}; with geared motors the loop would be "
+            "unstable"
         )
     rows = _assumed_rows(robot, "rotor_inertia")
     return rows and (
-        f"the file gives no rotor inertia; believed [kg m² or kg, within a factor of {SCATTER:g}]: {rows}; "
-        "give it by --rotor-inertia or --drives FILE, or none by --drives none"
+        f"the URDF contains no rotor inertia; assumed [kg m² or kg, within a factor of {SCATTER:g}]: {rows}; "
+        "specify it by --rotor-inertia or --drives FILE, or none by --drives none"
     )
 
 
 def describe_gears(robot: Robot) -> str:
-    """Return in a line what is believed of the stiffness of an arm's gears; or nothing."""
+    """Return in a line the joint stiffness that is assumed; or nothing."""
     rows = _assumed_rows(robot, "stiffness")
     return rows and (
-        f"the file gives no gear stiffness; believed [N m/rad or N/m, within a factor of {TWIST_SCATTER:g}]: "
-        f"{rows}; for stiff gears --drives stiff has 1/{SOFT_COST:g} of the error (ITAE), but loses most "
-        "arms whose gears twist; give stiffness by --drives FILE"
+        f"the URDF contains no joint stiffness; assumed [N m/rad or N/m, within a factor of "
+        f"{TWIST_SCATTER:g}]: {rows}; if joints are stiff, --drives stiff has 1/{SOFT_COST:g} of the ITAE, "
+        "but destabilises most arms with elastic joints; specify stiffness by --drives FILE"
     )
+
+
+def summarise(robot: Robot) -> str:
+    """Return in one line which quantities of an arm's drives are assumed, and how well they are known."""
+    names, factors = [], []
+    for quantity, name, factor in (
+        ("rotor_inertia", "rotor inertia", SCATTER),
+        ("stiffness", "joint stiffness", TWIST_SCATTER),
+    ):
+        if "assumed" in robot.drives.sources(quantity):
+            names.append(name)
+            factors.append(f"{factor:g}")
+    if not names:
+        return ""
+    within = f"within {'factors' if len(names) > 1 else 'a factor of'} {' and '.join(factors)}"
+    return f"Assumed (not in the URDF): {' and '.join(names)}, {within}. Values: --explain"
 
 
 def _assumed_rows(robot: Robot, quantity: str) -> str:

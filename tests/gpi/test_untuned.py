@@ -196,7 +196,7 @@ def test_what_cannot_be_is_refused(given: dict[str, Any], error: type[ArmgpiErro
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.*told to have no rotor")
+@pytest.mark.filterwarnings("ignore:.*specified to have no rotor")
 @pytest.mark.parametrize("inertia", ["none", "believed", "0.1", "0.3"])
 def test_a_panda_behind_16_bits_and_a_sample_of_delay_moves_quietly_and_well(inertia: str) -> None:
     file = Robot.load("panda", ["panda_finger_joint1", "panda_finger_joint2"])

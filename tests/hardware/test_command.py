@@ -185,7 +185,7 @@ def test_the_default_for_a_geared_robot_holds_it(
             robot, "--target", target, "--t-final", "0.1", *options, "-o", tmp_path / name
         )
         assert code == 0, out + err
-        assert ("the file gives no gear stiffness; believed" in err) == (name == "default")
+        assert ("the URDF contains no joint stiffness; assumed" in err) == (name == "default")
         # Fingers are not the arm's.
         assert ("of the gripper locked" in err) == (robot == "panda")
         assert f"ARMGPI_N ({len(rotor)}U)" in (tmp_path / name / "armgpi_controller.h").read_text()
@@ -208,9 +208,9 @@ def test_a_geared_robot_without_rotors_is_refused_by_what_it_lacks(
     for none in (("--rotor-inertia", "0"), ("--drives", "none"), ("--direct-drive",)):
         code, out, err = export("ur5", "--target", "ur", *none, "-o", tmp_path)
         assert code == 2, out
-        assert "for a model with rotors" in err
+        assert "for a model with rotor inertia" in err
         assert "gear_stiffness" not in err
-        assert all(way in " ".join(err.split()) for way in ("believed", "--drives FILE", "armgpi identify"))
+        assert all(way in " ".join(err.split()) for way in ("assumed", "--drives FILE", "armgpi identify"))
 
 
 @pytest.mark.usefixtures("without_compiler")
@@ -218,7 +218,7 @@ def test_direct_drives_have_neither_rotors_nor_gears(export: Callable[..., Answe
     short = ("--t-final", "0.1", "-o", tmp_path)
     code, out, err = export("anthropomorphic3", "--controller", "gpi_auto", "--direct-drive", *short)
     assert code == 0, out + err
-    assert "believed" not in err
+    assert "assumed [" not in err
     assert "drives: none" in (tmp_path / "experiment.yaml").read_text()
     code, out, err = export("anthropomorphic3", "--direct-drive", "--drives", "elastic", *short)
     assert code == 2

@@ -809,7 +809,7 @@ def test_a_loop_for_ur_ends_in_a_fault(tmp_path: Path) -> None:
             "fci",
             "for a sample time of 0.001 s, its robot's",
         ),
-        (lambda: GPI(ur5().with_armature(0.0), 2e-3), "ur", "for a model with rotors"),
+        (lambda: GPI(ur5().with_armature(0.0), 2e-3), "ur", "for a model with rotor inertia"),
         (
             lambda: GPI(panda().with_drives({"panda_joint3": {"encoder_side": "motor"}}), 1e-3),
             "fci",

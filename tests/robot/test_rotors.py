@@ -48,7 +48,7 @@ def test_what_nothing_tells_is_believed_and_what_somebody_tells_is_not() -> None
     none = rotors.without_rotors(UR5)
     assert rotors.assume_rotors(none) is none
     assert rotors.told_none(none) == UR5.joint_names
-    with pytest.warns(ArmgpiWarning, match="told to have no rotor"):
+    with pytest.warns(ArmgpiWarning, match="specified to have no rotor"):
         GPI.auto(none, 1e-3)
     paper = Robot.load("anthropomorphic3")  # its file says that it has none
     assert rotors.assume_rotors(paper) is paper
@@ -57,7 +57,7 @@ def test_what_nothing_tells_is_believed_and_what_somebody_tells_is_not() -> None
 
 def test_an_arm_without_the_rotors_that_its_law_believes_is_warned_of() -> None:
     law, move = GPI.auto(UR5, 1e-3), Hold(UR5.middle())
-    with pytest.warns(ArmgpiWarning, match="the controller believes rotors in shoulder_pan_joint"):
+    with pytest.warns(ArmgpiWarning, match="the controller assumes rotor inertia in shoulder_pan_joint"):
         simulate(RigidBodyPlant(UR5), law, move, 2e-3)
     for arm in (rotors.assume_rotors(UR5), UR5.with_armature(0.1), rotors.without_rotors(UR5)):
         assert not rotors.unlike(law.robot, arm)
@@ -130,7 +130,7 @@ def test_a_gear_twists_by_an_angle_and_a_belt_stretches_by_a_length_under_the_li
 
 @pytest.mark.parametrize("drives", [None, "elastic", "stiff", "none"])
 @pytest.mark.parametrize("inertia", [None, 0.3], ids=["silent", "told"])
-@pytest.mark.filterwarnings("ignore:.*told to have no rotor")
+@pytest.mark.filterwarnings("ignore:.*specified to have no rotor")
 def test_what_an_experiment_writes_is_what_it_had(drives: str | None, inertia: float | None) -> None:
     robot = {"name": "ur5", "drives": drives, "rotor_inertia": inertia}
     data = {"robot": robot, "controllers": [{"type": "gpi_auto"}], "t_final": 1.0}

@@ -48,8 +48,8 @@ TARGETS: dict[str, dict[str, str]] = {
 }
 #: What a target with a geared robot is for, and three ways out.
 GEARED = (
-    "one for a model with rotors, as its robot is geared and would be lost: leave what says there are none "
-    "out (--rotor-inertia 0, --drives none, --direct-drive), and they are believed; give what they have "
+    "one for a model with rotor inertia, as its robot is geared and the loop would be unstable: leave out "
+    "--rotor-inertia 0, --drives none and --direct-drive, and it is assumed; specify it "
     "(--drives FILE); or identify them (armgpi identify)"
 )
 _POSITIONS = ("q_measured", "q_ref")
