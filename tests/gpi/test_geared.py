@@ -232,7 +232,7 @@ def test_it_says_what_limits_a_law_and_what_gears_lose_it() -> None:
     assert "limited by gears and noise" in soft.describe()
     stiff = untuned.verdict(rule(UR5, "stiff"), rotors.assume_rotors(UR5), 16)
     assert not math.isfinite(stiff.resonance)
-    assert "taken as rigid: below" in stiff.describe()
+    assert "stiff joints are assumed: a resonance below" in stiff.describe()
     arm = rotors.assume_gears(UR5)
     factor = (1.05 * stiff.borne / stiff.usual) ** 2
     for times, bears in ((factor, True), (0.7 * factor, False)):
