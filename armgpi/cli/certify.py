@@ -55,8 +55,7 @@ ROWS = {
     "refute FILE": "Try to refute the numbers of this certificate by 20,000 configurations instead.",
 }
 #: Arms drawn in whose hull the true one is taken to be, so many times as far from the estimate as drawn; and
-#: more that are held against what follows: none of 59 outside says with 95 % confidence that 95 % are inside
-#: (0.95^59 < 0.05).
+#: more that are held against what follows, at the nominal arm's worst points: a trial, and no confidence.
 _DRAWN, _FARTHER, _TRIED = 12, 2.5, 59
 
 

@@ -269,15 +269,21 @@ def _choose_collocated(
     if not at_motor or taken or _collocated_delay(robot, dt, delay) >= collocated.LATE:
         return None
     loads = given.get("payload")
-    found: dict[Robot, collocated.Collocated] = {}
-    for one in dict.fromkeys(robots):
-        carried: Any = one if loads is None else loads.choose(one, dt, delay, 1e-9).nominal
-        counts = None if bits is None else one.encoder_count(_checked_bits(bits))
-        numbers = collocated.choose(one, carried, dt, _samples(dt, delay), counts, usual_effort(one))
-        if numbers is None:
-            return None
-        found[one] = numbers
-    poles = [found[one].poles for one in robots]
+    # Arms of a batch may each have encoders of their own.
+    fine = None if bits is None else _checked_bits(bits)
+    rows_of_bits = None if fine is None else np.broadcast_to(fine, (len(robots), robot.n))
+    found: dict[tuple[Robot, bytes], collocated.Poles] = {}
+    poles: list[collocated.Poles] = []
+    for row, one in enumerate(robots):
+        counts = None if rows_of_bits is None else one.encoder_count(rows_of_bits[row])
+        key = (one, b"" if counts is None else counts.tobytes())
+        if key not in found:
+            carried: Any = one if loads is None else loads.choose(one, dt, delay, 1e-9).nominal
+            numbers = collocated.choose(one, carried, dt, _samples(dt, delay), counts, usual_effort(one))
+            if numbers is None:
+                return None
+            found[key] = numbers.poles
+        poles.append(found[key])
     if not isinstance(robot, RobotBatch):
         rows = poles[0]
     else:

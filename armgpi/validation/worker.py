@@ -243,13 +243,14 @@ def _read_repaired(answer: Any) -> search.Repaired | None:
     """Return changes of a source that were sent as JSON."""
     if answer is None:
         return None
-    changes, source, doubts, checked, other, sure, standing = answer
+    changes, source, doubts, checked, other, sure, standing, spelled, odd = answer
     made = [
         edits.Change(kind, tuple(span), old, new, where, name, bits, frozenset(reaches))
         for kind, span, old, new, where, name, bits, reaches in changes
     ]
     rates = {int(k): {int(j): float(rate) for j, rate in each} for k, each in standing}
-    return search.Repaired(tuple(made), source, doubts, checked, other, sure, rates)
+    numbers = (int(doubts), int(checked), int(other), bool(sure))
+    return search.Repaired(tuple(made), source, *numbers, rates, str(spelled), tuple(map(str, odd)))
 
 
 def _plain_repaired(found: search.Repaired | None) -> Any:
@@ -259,7 +260,7 @@ def _plain_repaired(found: search.Repaired | None) -> Any:
     changes = [[*change[:-1], sorted(change.reaches)] for change in found.changes]
     standing = [[int(k), [[int(j), float(x)] for j, x in each.items()]] for k, each in found.standing.items()]
     numbers = [int(found.doubts), int(found.checked), int(found.other), bool(found.sure)]
-    return [changes, found.source, *numbers, standing]
+    return [changes, found.source, *numbers, standing, found.spelled, list(found.odd)]
 
 
 def _send(pipe: Any, good: bool, answer: Any) -> None:

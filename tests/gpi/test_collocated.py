@@ -142,6 +142,15 @@ def test_a_batch_has_the_numbers_of_each_arm() -> None:
         np.testing.assert_allclose(both.second_zeta[row], alone.second_zeta)
 
 
+def test_arms_of_a_batch_may_have_encoders_of_their_own() -> None:
+    arm = at(UR5, "motor")
+    bits = np.array([[16.0], [14.0]])
+    both = GPI.auto(RobotBatch([arm, arm.scaled_inertia(1.0)]), DT, delay=DT, bits=bits)
+    for row, each in enumerate(bits[:, 0]):
+        alone = GPI.auto(arm, DT, delay=DT, bits=each)
+        np.testing.assert_allclose(both.gains.nominal().omega_c[row], alone.gains.nominal().omega_c)
+
+
 def test_it_holds_rotors_that_are_not_as_assumed_on_the_nonlinear_plant() -> None:
     """Rotors of 0.5 times what is assumed, joints half as stiff: a move with a load that nobody knows."""
     known = at(UR5, "motor")
