@@ -170,6 +170,30 @@ def warned(drawn: Reality, found: Sequence[health.Outcome], law: Mapping[str, An
     return markdown_table((f"{label}: warned of", "failed [%]", "holding [%]"), lines)
 
 
+#: Classes of the delay of hold, transport and current loop: label -> least and most [s].
+LAGS = {"T < 5 ms": (0.0, 5e-3), "T 5-8 ms": (5e-3, 8e-3), "T >= 8 ms": (8e-3, np.inf)}
+
+
+def by_lag(found: Mapping[str, Sequence[health.Outcome]]) -> str:
+    """Return, as Markdown, the draws that the motors can follow, by their delay, beside the first law."""
+    head = ("delay", "law", "draws", "failed [%]", "hunting [%]", "chatter [%]", "final error", "ITAE ratio")
+    lines = []
+    reference = next(iter(found.values()))
+    for label, (least, most) in LAGS.items():
+        for law, rows in found.items():
+            here = [each for each in rows if least <= each.lag < most and each.demand <= 1.0]
+            if not here:
+                continue
+            shares = [
+                health.share([getattr(x, key) for x in here]) for key in ("failed", "hunting", "chatter")
+            ]
+            error = f"{np.median([each.final_error for each in here]):.2g}"
+            arms_ratios = list(health.itae_ratios(here, reference).values())
+            ratio = f"{np.exp(np.mean(np.log(arms_ratios))):.3g}" if arms_ratios else "-"
+            lines.append((label, law, str(len(here)), *shares, error, ratio))
+    return markdown_table(head, lines)
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run what is asked for; 1 when no arm could be run."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -206,6 +230,8 @@ def main(arguments: list[str] | None = None) -> int:
         tuple(given.drives),
     )
     print(health.markdown(done.found))
+    print("\ndraws within the torque limits, by delay; ITAE over that of the first law, geometric mean\n")
+    print(by_lag(done.found))
     print("\nfeasible draws alone\n")
     print(health.markdown({label: [x for x in found if x.feasible] for label, found in done.found.items()}))
     draws = next(iter(done.found.values()))

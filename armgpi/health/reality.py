@@ -87,6 +87,10 @@ class Outcome(NamedTuple):
         demand: largest share of a motor's torque that following takes [-]; above 1 nothing can.
         held: whether a law searched with the truth holds it.
         returning: whether it turns at rest.
+        sample_time: of the controller [s].
+        delay: samples by which measurements are late.
+        lag: delay of hold, transport and current loop [s].
+        final_error: largest error at the end [rad or m]; infinite where it diverged.
     """
 
     arm: str
@@ -101,6 +105,10 @@ class Outcome(NamedTuple):
     demand: float
     held: bool = True
     returning: bool = False
+    sample_time: float = math.nan
+    delay: int = 0
+    lag: float = math.nan
+    final_error: float = math.nan
 
     @property
     def lost(self) -> bool:
@@ -214,7 +222,8 @@ def outcomes(
         costs = zip(*_costs(rollout), strict=True)
         for row, (draw, own) in enumerate(zip(group, costs, strict=True)):
             one = outcome(rollout.isel(rollout=row), draw, name, own)
-            by_index[draw.index] = one._replace(held=holds[draw.index])
+            one = one._replace(held=holds[draw.index], lag=loop_lag(draw))
+            by_index[draw.index] = one._replace(sample_time=draw.dt, delay=draw.delay)
     return [by_index[draw.index] for draw in found]
 
 
@@ -229,7 +238,8 @@ def outcome(
     """Return what came out of one rollout of a draw; its ITAE and torque variation where they are known."""
     needed = demand(draw)
     if int(rollout["status"]) == Status.DIVERGED:
-        return Outcome(name, draw.index, True, False, False, False, *(math.inf,) * 3, needed)
+        lost = Outcome(name, draw.index, True, False, False, False, *(math.inf,) * 3, needed)
+        return lost._replace(final_error=math.inf)
     error = np.abs((rollout["q"] - rollout["q_ref"]).values + sunk(draw, rollout["q_ref"].values))
     time = rollout["time"].values
     end, peak, failed = time > time[-1] - END, float(error.max()), has_failed(error, time)
@@ -251,7 +261,29 @@ def outcome(
         variation=variation,
         demand=needed,
         returning=returning,
+        final_error=float(error[-1].max()),
     )
+
+
+def loop_lag(draw: Scenario) -> float:
+    """Return the delay of hold, transport and current loop of a draw [s]."""
+    current = 0.0 if draw.gears is None else 1.0 / (2.0 * math.pi * draw.numbers.current)
+    return draw.dt * (0.5 + draw.delay) + current
+
+
+def itae_ratios(found: Sequence[Outcome], reference: Sequence[Outcome]) -> dict[str, float]:
+    """Return arm -> geometric mean of ITAE over that of a reference, draw by draw.
+
+    Draws count where the motors can follow (`demand` of at most 1) and neither failed.
+    """
+    by_draw = {(each.arm, each.index): each for each in reference}
+    logs: dict[str, list[float]] = {}
+    for each in found:
+        other = by_draw.get((each.arm, each.index))
+        if other is None or each.demand > 1.0 or each.failed or other.failed:
+            continue
+        logs.setdefault(each.arm, []).append(math.log(each.itae / other.itae))
+    return {arm: math.exp(float(np.mean(values))) for arm, values in logs.items()}
 
 
 def has_failed(error: Array, time: Array) -> bool:

@@ -49,6 +49,7 @@ _QUANTITIES = (
         "current",
         "cogging",
     ),
+    *("gear_ratio", "side_known"),
 )
 #: More quantities than there will ever be.
 _MOST_QUANTITIES = 64
@@ -138,6 +139,8 @@ class Numbers(NamedTuple):
         at_motor: whether the encoders sit at the motors.
         current: bandwidth of the current loops [Hz].
         cogging: amplitude of the cogging torque over gravity torque [-], (n,).
+        gear_ratio: turns of a motor in one of its joint, of all joints.
+        side_known: whether the controller knows on which side of the gears the encoders sit.
     """
 
     sample_time: float
@@ -158,6 +161,8 @@ class Numbers(NamedTuple):
     at_motor: bool
     current: float
     cogging: Array
+    gear_ratio: float
+    side_known: bool
 
 
 class Move(NamedTuple):
@@ -342,6 +347,20 @@ class Reality(Parametrised):
     cogging: tuple[float, float] = parameter(
         "amplitude of the cogging torque over gravity torque", kind="range", default=(0.0, 0.01), least=0.0
     )
+    gear_ratio: tuple[float, float] = parameter(
+        "turns of a motor in one of its joint; where the side of the encoders is known, those at the motors "
+        "are finer by it, and the controller assumes 100",
+        kind="range",
+        default=(30.0, 160.0),
+        least=0.0,
+        above=True,
+    )
+    side_known: float = parameter(
+        "share of undriven and owned draws whose controller knows the encoders' side",
+        default=0.0,
+        least=0.0,
+        most=1.0,
+    )
     payload: tuple[float, float] = parameter(
         "unknown payload over the mass of the arm", kind="range", default=(0.0, 0.05), least=0.0
     )
@@ -472,6 +491,8 @@ class Reality(Parametrised):
             at_motor=self.name == "owned" or self._chance(block, "at_motor", self.motor_share),
             current=float(self._uniform(index, "current")[0]),
             cogging=self._uniform(index, "cogging", n),
+            gear_ratio=float(self._uniform(block, "gear_ratio")[0]),
+            side_known=self.name == "elastic" or self._chance(block, "side_known", self.side_known),
         )
 
     def draw(self, robot: Robot, index: int) -> Scenario:
@@ -491,12 +512,13 @@ class Reality(Parametrised):
         if self.name in _SCATTERED:
             # What is known of it in every draw: believed drives, and the encoders' side.
             robot = rotors.assume_drives(robot)
-            if self.name == "elastic":
+            if drawn.side_known:
                 sides = Drives(robot.joint_names).with_value("encoder_side", _side(drawn))
                 robot = robot.with_drives(sides)
             rotor = np.where(robot.armature > 0.0, robot.armature, self._nominal_rotors(scale))
             arm = robot.with_armature(drawn.rotor_inertia * rotor)
             model = arm if self.name == "elastic" else robot
+            arm = _with_gear_ratio(arm, drawn)
         elif self.name == "geared":
             rotor = np.where(robot.armature > 0.0, robot.armature, self._nominal_rotors(scale))
             model, arm = robot.with_armature(rotor), robot.with_armature(drawn.rotor_inertia * rotor)
@@ -619,9 +641,18 @@ def batches(draws: Sequence[Scenario]) -> list[list[Scenario]]:
     return list(groups.values())
 
 
-def _batch(draw: Scenario) -> tuple[float, int, str]:
-    """Return what draws of one batch have in common."""
-    return draw.dt, draw.delay, draw.gears.side if draw.gears else ""
+def _batch(draw: Scenario) -> tuple[float, int, str, float]:
+    """Return what draws of one batch have in common; the gear ratio where encoders are finer by it."""
+    side = draw.gears.side if draw.gears else ""
+    finer = draw.gears is not None and draw.numbers.side_known and side == "motor"
+    return draw.dt, draw.delay, side, draw.numbers.gear_ratio if finer else 0.0
+
+
+def _with_gear_ratio(arm: Robot, drawn: Numbers) -> Robot:
+    """Return an arm whose motors have the gear ratio of a draw, where the side of its encoders is known."""
+    if not drawn.side_known:
+        return arm
+    return arm.with_drives(Drives(arm.joint_names).with_value("gear_ratio", drawn.gear_ratio))
 
 
 def _side(drawn: Numbers) -> str:
@@ -650,7 +681,8 @@ def _robots(draws: Sequence[Scenario]) -> tuple[AnyRobot, AnyRobot, AnyRobot]:
         robots = [getattr(draw, name) for draw in draws]
         if name == "arm" or not rotors.assumed_joints(first.model):  # what is believed stays so
             more["rotor_inertia"] = np.stack([robot.armature for robot in robots])
-        return first.robot.varied(effort=np.stack([robot.limits.effort for robot in robots]), **more)
+        base = _with_gear_ratio(first.robot, first.numbers) if name == "arm" and first.gears else first.robot
+        return base.varied(effort=np.stack([robot.limits.effort for robot in robots]), **more)
 
     mass = scales(first.robot).mass
     payload = np.array([draw.numbers.payload * mass for draw in draws])

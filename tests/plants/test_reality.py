@@ -518,3 +518,26 @@ def test_what_is_said_of_a_draw_beforehand_is_torque_that_is_known_to_lack_and_w
     half = weak.model.with_limits(effort=0.5 * np.abs(weak.model.gravity(weak.q0)).max())
     assert said_of(weak._replace(model=half), law).torque
     assert said_of(coarse.draw(ARM, 0), law).controller
+
+
+def test_counts_of_a_known_motor_side_are_finer_by_the_drawn_gear_ratio() -> None:
+    known, unknown = (Reality("owned", seed=2, block=4, side_known=share) for share in (1.0, 0.0))
+    draws = [known.draw(ARM, index) for index in range(4)]
+    plain = [unknown.draw(ARM, index) for index in range(4)]
+    ratio = draws[0].numbers.gear_ratio
+    assert known.gear_ratio[0] <= ratio <= known.gear_ratio[1]
+    turn = 2.0 * math.pi / 2.0**16
+    assert draws[0].arm.encoder_count(16) == pytest.approx(turn / ratio, rel=1e-12)
+    assert draws[0].model.encoder_count(16) == pytest.approx(turn / 100.0, rel=1e-12)
+    assert plain[0].arm.encoder_count(16) == pytest.approx(turn, rel=1e-12)
+    assert len(batches(draws)) == 1
+    single, batch = draws[3].plant, stack_draws(draws).plant
+    np.testing.assert_array_equal(batch.plant.step_size[3], single.plant.step_size)  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(plain[0].move.goal, draws[0].move.goal)  # other draws stay as they were
+
+
+def test_itae_ratios_are_geometric_means_of_draws_that_the_motors_can_follow() -> None:
+    one = health.Outcome("arm", 0, False, False, False, False, 0.1, 1.0, 1.0, 0.5)
+    first = [one, one._replace(index=1), one._replace(index=2, demand=2.0)]
+    found = [one._replace(itae=0.5), one._replace(index=1, itae=2.0), first[2]._replace(itae=9.0)]
+    assert health.itae_ratios(found, first) == pytest.approx({"arm": 1.0}, rel=1e-12)
