@@ -362,9 +362,11 @@ def check_same(robot: Any, document: Urdf) -> None:
             (np.array(data.qfrc_bias)[rows], robot.nonlinear_effects(q, v)),
         )
         for expected, found in pairs:
-            if not np.abs(found - expected).max() <= _SAME * max(1.0, np.abs(expected).max()):
+            apart = np.abs(found - expected)
+            if not apart.max() <= _SAME * max(1.0, np.abs(expected).max()):
+                worst = robot.joint_names[int(np.unravel_index(apart.argmax(), apart.shape)[0])]
                 said = (
-                    f"its equations differ from MuJoCo's by {np.abs(found - expected).max():.3g}: "
+                    f"its equations differ from MuJoCo's at joint {worst!r} by {apart.max():.3g}: "
                     "give a URDF, and report this file"
                 )
                 raise UrdfError(path, said)

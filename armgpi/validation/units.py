@@ -292,10 +292,16 @@ _MAKERS = ("ones", "full", "linspace", "repeat", "tile", "loadtxt", "genfromtxt"
 def numbers(tree: ast.AST) -> Iterator[tuple[str, ast.Constant]]:
     """Yield numbers of a source that have a name: assigned, items, arguments, defaults, entries of arrays."""
     pairs: list[tuple[str, Any]] = []
+    functions = [x for x in ast.walk(tree) if isinstance(x, ast.FunctionDef)]
+    local = {x for function in functions for x in ast.walk(function)}
     for node in ast.walk(tree):
         match node:
             case ast.Assign(targets=[target], value=value):
-                pairs += _leaves(target, value)
+                found = _leaves(target, value)
+                # Arrays of ones that a function makes choose and add: they are no numbers of the arm.
+                if node in local and not isinstance(value, ast.Constant):
+                    found = [leaf for leaf in found if getattr(leaf[1], "value", None) not in (0, 1)]
+                pairs += found
             case ast.AnnAssign(target=target, value=ast.expr() as value):
                 pairs += _leaves(target, value)
             case ast.Dict(keys=keys, values=values):

@@ -888,7 +888,7 @@ CASES: dict[str, Case] = {
 PLAIN = {
     *("ArmgpiError", "ArmgpiWarning", "Status", "__version__", "DynamicsReport", "Derivation"),
     *("Certificate", "ControlStep", "FullState", "Measurement", "Target", "Tuning"),
-    *("Draw", "InverseSolution", "LargestPayload", "PathBound", "PayloadRange"),
+    *("Scenario", "InverseSolution", "LargestPayload", "PathBound", "PayloadRange"),
     *("Contact", "Controller", "Gains", "Load", "Plant", "Reference", "Wrapper"),
 }
 #: What starts a process for every call.

@@ -56,7 +56,9 @@ def test_what_yourdfpy_alone_cannot_read_does_not_take_the_report(
     path.write_text(text.replace(old, new), encoding="utf-8")
     with pytest.raises(CrossCheckUnavailable, match=said):
         cross_check(Robot.load(path))
-    app(["inspect", str(path), "--cross-check"], standalone_mode=False)
+    with pytest.raises(SystemExit) as end:  # what was asked for was not judged
+        app(["inspect", str(path), "--cross-check"], standalone_mode=False)
+    assert end.value.code == 3
     assert (
         f"warning: file: yourdfpy {'cannot' if said == 'KeyError' else 'finds no'}" in capsys.readouterr().out
     )

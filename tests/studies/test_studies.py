@@ -683,7 +683,7 @@ def test_a_file_of_a_study_may_be_as_long_as_is_said(tmp_path: Path, monkeypatch
     monkeypatch.setattr(study, "_MOST", whole - 1)
     with pytest.raises(RolloutError, match="is damaged"):
         own.read("part", (2, 3))
-    with pytest.raises(RolloutError, match="holds no study"):
+    with pytest.raises(RolloutError, match="is damaged"):
         study.read_identity(tmp_path)
 
 
