@@ -297,11 +297,9 @@ def numbers(tree: ast.AST) -> Iterator[tuple[str, ast.Constant]]:
     for node in ast.walk(tree):
         match node:
             case ast.Assign(targets=[target], value=value):
-                found = _leaves(target, value)
-                # Arrays of ones that a function makes choose and add: they are no numbers of the arm.
-                if node in local and not isinstance(value, ast.Constant):
-                    found = [leaf for leaf in found if getattr(leaf[1], "value", None) not in (0, 1)]
-                pairs += found
+                pairs += _selected(
+                    _leaves(target, value), node in local and not isinstance(value, ast.Constant)
+                )
             case ast.AnnAssign(target=target, value=ast.expr() as value):
                 pairs += _leaves(target, value)
             case ast.Dict(keys=keys, values=values):
@@ -318,6 +316,13 @@ def numbers(tree: ast.AST) -> Iterator[tuple[str, ast.Constant]]:
         inner = getattr(x, "operand", x)  # -0.3
         if isinstance(inner, ast.Constant) and type(inner.value) in (int, float):
             yield text, inner
+
+
+def _selected(leaves: list[tuple[str, Any]], of_function: bool) -> list[tuple[str, Any]]:
+    """Return constants without those of the arrays of ones that a function makes, which choose and add."""
+    if not of_function:
+        return leaves
+    return [leaf for leaf in leaves if getattr(leaf[1], "value", None) not in (0, 1)]
 
 
 def _leaves(target: ast.expr, value: ast.expr) -> list[tuple[str, Any]]:
