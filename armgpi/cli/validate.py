@@ -19,6 +19,7 @@ ROWS = {
     "joints NUMBER": "Number of joints, without a robot; found by trying.",
     "time_limit SECONDS": "How long one call of the model may take [s]; reading it, twelve times that.",
     "seed NUMBER": "Seed of the random states.",
+    "isolate": "Run the model without network, other processes and files to write; needs Linux.",
     "absolute": "The model counts the angles of parallel joints from the base.",
     "from_vertical up|down": "Where the model counts its first level axis from.",
     "names --map NAME=FUNCTION": "What the model calls a function; M, D, C, G are known.",
@@ -46,6 +47,7 @@ def validate(
     rotor_inertia: list[str] | None = None,
     names: list[str] | None = None,
     allow_uncompared: bool = False,
+    isolate: bool = False,
     report: Path | None = None,
     markdown: Path | None = None,
     latex: Path | None = None,
@@ -54,7 +56,7 @@ def validate(
 ) -> None:
     """Compare hand-derived dynamics with Pinocchio's and say what is wrong with them.
 
-    The model is code, which runs with your rights: read a stranger's model before you run it.
+    The model is code, which runs with your rights: read a stranger's before you run it, or --isolate it.
 
     \b
     armgpi validate paper --robot anthropomorphic3
@@ -82,6 +84,7 @@ def validate(
         from_vertical=from_vertical,
         rotor_inertia=per_joint(",".join(rotor_inertia), "--rotor-inertia") if rotor_inertia else None,
         names=functions,
+        isolate=isolate,
     )
     allow = allow_uncompared
     say(found.to_json(allow) if as_json else found.text(allow), lines=True)
@@ -92,7 +95,7 @@ def validate(
     if suggest_urdf is not None:
         from armgpi.validation.skeleton import suggest_urdf as suggested  # it imports SciPy, late
 
-        suggestion = suggested(model, arm, joints=joints, time_limit=time_limit)
+        suggestion = suggested(model, arm, joints=joints, time_limit=time_limit, isolate=isolate)
         write(suggest_urdf, suggestion.urdf, "--suggest-urdf")
         say(f"{suggest_urdf}: {suggestion.text}", err=True, lines=True)
     sys.exit(found.judge(allow).exit_code)

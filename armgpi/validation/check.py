@@ -14,7 +14,7 @@ from armgpi.arrays import Array, check_number, check_type, check_whole
 from armgpi.errors import ModelError, ParameterError, Remedy
 from armgpi.robot.equations import PerJoint
 from armgpi.robot.robot import Robot
-from armgpi.validation import laws, repair, samples
+from armgpi.validation import containment, laws, repair, samples
 from armgpi.validation.alternatives import names_with
 from armgpi.validation.conventions import declare_convention
 from armgpi.validation.diagnose import ALTERNATIVES, NOT_NAMED, UNNAMED, Cause, diagnose, join_equal
@@ -53,6 +53,7 @@ def validate(
     from_vertical: str | None = None,
     rotor_inertia: PerJoint | None = None,
     names: Mapping[str, str] | None = None,
+    isolate: bool = False,
 ) -> DynamicsReport:
     """Compare hand-derived dynamics with a robot's, and say what is wrong with them.
 
@@ -77,6 +78,8 @@ def validate(
         rotor_inertia: what the robot's joints have in addition [kg m^2 or kg]: a number, one per joint, or
             name -> value.
         names: what the model calls its functions -> what they are; M, D, C and G are known.
+        isolate: the model has no network, sees no other process and writes no file; it needs the user
+            namespaces of Linux.
 
     Returns:
         What agrees, what differs, where, and why.
@@ -97,7 +100,8 @@ def validate(
         robot = robot.with_armature(rotor_inertia)
     tree = None if robot is None else from_robot(robot, frame)
     convention = declare_convention(tree, names or {}, absolute, from_vertical, tuple(ARGUMENTS))
-    with Worker(model, name_of(model), time_limit, None, convention) as worker:
+    check_type(isolate, "isolate", bool, "True or False")
+    with Worker(model, name_of(model), time_limit, None, convention, isolate) as worker:
         if robot is None:
             n = count_joints(worker, joints)
             states = random_states(np.full(n, -np.pi), np.full(n, np.pi), np.zeros(n, dtype=bool), seed)
@@ -134,6 +138,7 @@ def load_robot(robot: Robot | str | PathLike[str] | None) -> Robot | None:
 
 def _notes(worker: Worker, sampled: Mapping[str, Sampled]) -> Iterator[str]:
     """Yield what else was seen of a model: that it prints, computes with few digits, has other functions."""
+    yield from containment.gaps()
     if worker.printed:
         yield "the model prints while it computes; that is not shown"
     worst = max(sampled.values(), key=lambda s: s.digits)

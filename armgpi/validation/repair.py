@@ -50,7 +50,7 @@ def search(
     """
     if worker.source is None:
         return None
-    with Worker(model, worker.name, worker.time_limit, None, worker.convention) as copy:
+    with worker.again() as copy:
         known = [value for value, _ in phrasing.known_numbers(problem.tree) if value]
         found = copy.search(_goal(states.first(ROWS), problem, reference, names), known, budget)
     if found is None or not agrees(model, worker, found.source, states, problem):
@@ -74,7 +74,7 @@ def odd_numbers(
     """
     if worker.source is None:
         return ()
-    with Worker(model, worker.name, worker.time_limit, None, worker.convention) as twin:
+    with worker.again() as twin:
         found = twin.search(_goal(states.first(ROWS), problem, reference, names), (), 0.0)
     return () if found is None else found.odd
 
@@ -169,7 +169,7 @@ def _parts(s: States, letters: tuple[str, ...]) -> dict[str, tuple[States, Signs
 def agrees(model: Any, worker: Worker, source: str, states: States, problem: Problem) -> bool:
     """Tell whether a model with another source agrees everywhere."""
     try:
-        with Worker(model, worker.name, worker.time_limit, source, worker.convention) as repaired:
+        with worker.again(source) as repaired:
             sampled = samples.sample(repaired, states)
             return bool(Problem(problem.tree, states.q, sampled, problem.rtol).agreeing.all())
     except ModelError:

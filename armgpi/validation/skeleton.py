@@ -19,7 +19,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from scipy.optimize import least_squares
 
-from armgpi.arrays import Array
+from armgpi.arrays import Array, check_type
 from armgpi.errors import ModelError, Remedy
 from armgpi.robot.robot import Robot
 from armgpi.validation import check, laws, samples
@@ -59,6 +59,7 @@ def suggest_urdf(
     *,
     joints: int | None = None,
     time_limit: float = 5.0,
+    isolate: bool = False,
 ) -> Suggestion:
     """Return a URDF skeleton whose inertia matrix and gravity are those of a model.
 
@@ -71,6 +72,7 @@ def suggest_urdf(
         robot: the chain, if there is one.
         joints: number of joints, when it cannot be found by trying.
         time_limit: as in :func:`armgpi.validate` [s].
+        isolate: as in :func:`armgpi.validate`.
 
     Raises:
         ParameterError: when another argument is not as it should be.
@@ -78,8 +80,9 @@ def suggest_urdf(
             no robot is given.
     """
     time_limit = check.check_time_limit(time_limit)
+    check_type(isolate, "isolate", bool, "True or False")
     arm = check.load_robot(robot)
-    with Worker(model, check.name_of(model), time_limit) as worker:
+    with Worker(model, check.name_of(model), time_limit, isolate=isolate) as worker:
         n = arm.n if arm is not None else check.count_joints(worker, joints)
         lower, upper = np.full(n, -1.5), np.full(n, 1.5)
         states = check.random_states(lower, upper, np.zeros(n, dtype=bool), 1).first(_ROWS)

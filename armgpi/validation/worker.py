@@ -2,16 +2,19 @@
 
 A model may raise, hang, print, call ``sys.exit``, change its arguments or end the process. It runs in a
 forked child, which takes lists of calls and sends the answers back as JSON: a pickle would be code of the
-model in the parent. The parent waits for each call no longer than a limit. What went wrong becomes a
-:class:`armgpi.errors.ModelError`.
+model in the parent. The parent waits for each call no longer than a limit, and takes nothing that it reads
+for granted. What went wrong becomes a :class:`armgpi.errors.ModelError`. All that the model has started
+ends with it (:mod:`armgpi.validation.containment`).
 """
 
 from __future__ import annotations
 
+import ast
 import io
 import json
 import multiprocessing
 import os
+import pickle
 import resource
 import signal
 import sys
@@ -27,9 +30,10 @@ from typing import Any
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.errors import ModelError, Remedy
-from armgpi.validation import edits, graph, models, search
+from armgpi.errors import ModelError, ParameterError, Remedy
+from armgpi.validation import containment, edits, graph, models, search, units
 from armgpi.validation.conventions import Convention
+from armgpi.validation.line import Line, pair
 
 #: Reading a model may take so many times as long as one call, and always so long [s]: it may have to import
 #: or derive something first.
@@ -38,13 +42,20 @@ LOADING, LOADING_LEAST = 12.0, 10.0
 MEMORY = 4 * 1024**3
 #: Answers of calls are sent together, as often as this [s].
 _TOGETHER = 0.05
-#: Exit codes of the process when its pipe is gone, and when the Python in it no longer works: large ones,
-#: which few programs use.
-_CUT, _BROKEN = 96, 97
+#: Exit codes of the process when its pipe is gone, when the Python in it no longer works, and when it cannot
+#: be isolated: large ones, which few programs use.
+_CUT, _BROKEN, _OPEN = 96, 97, 98
 #: No function of a model returns more numbers than this: D of 64 joints has 4096.
-_MOST_NUMBERS = 10_000
-#: Longest answer that is taken [bytes].
-_LONGEST = 64 * 2**20
+_MOST_NUMBERS, _JOINTS, _DIMENSIONS = 10_000, 64, 8
+#: Longest answer that is taken [bytes], and most values and separators in it: a short text of empty lists
+#: would take a hundred times its size.
+_LONGEST, _MOST_VALUES = 64 * 2**20, 2_000_000
+#: Answers are sent when they have so many numbers, however little time has passed.
+_MANY_NUMBERS = 200_000
+#: How long an answer may take from its first byte to its last, and the keeper to end all processes [s].
+_ARRIVES, _ENDS = 30.0, 10.0
+#: Longest text of the model that is shown.
+_SHOWN = 500
 
 
 class Worker:
@@ -69,24 +80,26 @@ class Worker:
         time_limit: float,
         source: str | None = None,
         convention: Convention | None = None,
+        isolate: bool = False,
     ) -> None:
         """Start the process and read the model in it, from another text than its file's when one is given.
 
         Raises:
             ModelError: when the model cannot be read.
+            ParameterError: when this system cannot isolate it, and that was asked for.
         """
         self.name = name
-        self.time_limit, self.convention = time_limit, convention
+        self.time_limit, self.convention, self.isolate = time_limit, convention, isolate
+        self._model = model
         self.takes: dict[str, float] = {}
         # Forked, as a model may be an object that cannot be pickled (closures, a class in a notebook), and as
         # a fresh Python would take a second to import what is imported here already.
         context = multiprocessing.get_context("fork")
         # In shared memory: which of its calls the process is at, also when it never comes back.
         self._started = context.RawValue("L", 0)
-        self._pipe, theirs = context.Pipe()
-        self._process = context.Process(
-            target=_serve, args=(self._pipe, theirs, model, source, convention, self._started), daemon=True
-        )
+        self._line, theirs = pair()
+        given = (model, source, convention, self._started)
+        self._process = context.Process(target=_keep, args=(self._line, theirs, isolate, given), daemon=True)
         # What is in a buffer at the fork would be written by both.
         sys.stdout.flush()
         sys.stderr.flush()
@@ -94,16 +107,24 @@ class Worker:
             # Newer Pythons warn of forks beside threads; the child uses none of ours.
             warnings.simplefilter("ignore", DeprecationWarning)
             self._process.start()
-        theirs.close()  # so that the pipe ends with the child
+        theirs.close()  # so that the line ends with the child
         try:
             answer = self._receive("", max(LOADING * time_limit, LOADING_LEAST), "reading it")
             try:
                 self.functions, self.n, self.printed, self.source, self.uncompared = _read_opening(answer)
-            except (TypeError, ValueError):
+            except _ODD:
                 raise self._nonsense("") from None
         except BaseException:
             self.close()
             raise
+
+    def again(self, source: str | None = None) -> Worker:
+        """Return another process of the same model, from another text than its file's when one is given.
+
+        Raises:
+            ModelError: when the model cannot be read.
+        """
+        return Worker(self._model, self.name, self.time_limit, source, self.convention, self.isolate)
 
     def __enter__(self) -> Worker:
         """Return itself."""
@@ -117,14 +138,15 @@ class Worker:
 
     def close(self) -> None:
         """End the process, whatever it is doing, and those that it has started."""
-        # Its group has its id, and is there as long as the process has not been waited for.
-        with suppress(OSError):
-            if self._process.pid is not None and os.getpgid(self._process.pid) == self._process.pid:
-                os.killpg(self._process.pid, signal.SIGKILL)
-        if self._process.is_alive():
-            self._process.kill()
+        if self._process.pid is not None and self._process.is_alive():
+            with suppress(OSError):
+                os.kill(self._process.pid, signal.SIGCONT)  # a model may have stopped its keeper
+            self._process.terminate()
+            self._process.join(_ENDS)
+            if self._process.is_alive():
+                self._process.kill()
         self._process.join()
-        self._pipe.close()
+        self._line.close()
 
     def call(self, function: str, states: Sequence[Sequence[Array]]) -> list[Array]:
         """Return what a function of the model gives at some states, as float arrays of any shape.
@@ -139,7 +161,7 @@ class Worker:
         """
         self._started.value = 0
         try:
-            self._pipe.send((function, states))
+            self._line.send(pickle.dumps((function, states)), max(self.time_limit, _ARRIVES))
         except OSError:
             raise self._died(function) from None
         values: list[Array] = []
@@ -147,7 +169,7 @@ class Worker:
             answer = self._receive(function, self.time_limit + _TOGETHER, "", states)
             try:
                 taken = [_read_call(each) for each in answer]
-            except (TypeError, ValueError):
+            except _ODD:
                 raise self._nonsense(function) from None
             if not 0 < len(taken) <= len(states) - len(values):
                 raise self._nonsense(function)
@@ -165,9 +187,9 @@ class Worker:
         nothing is changed: it is only found what the model's numbers are in the robot.
         """
         try:
-            self._pipe.send(("", (goal, known, budget)))
-            return _read_repaired(self._receive("", 10.0 * search.BUDGET, ""))
-        except (OSError, ModelError, TypeError, ValueError):
+            self._line.send(pickle.dumps(("", (goal, known, budget))), _ARRIVES)
+            return _read_repaired(self._receive("", 10.0 * search.BUDGET, ""), self.source)
+        except (OSError, ModelError, *_ODD):
             return None
 
     def _receive(
@@ -175,26 +197,33 @@ class Worker:
     ) -> Any:
         """Return the next answer, or raise what it says of the state that was called last."""
         try:
-            if not self._pipe.poll(limit):
-                self.close()  # from outside: a model may swallow every exception and mask every signal
-                doing = self._last(function, states) if function else "to read"
-                text = (
-                    f"took longer than {self.time_limit if function else limit:g} s {doing}; allow more time"
-                )
-                raise ModelError(self.name, function, text).suggesting(Remedy("time_limit"))
-            good, answer = json.loads(self._pipe.recv_bytes(_LONGEST))
+            text = self._line.receive(_LONGEST, limit, _ARRIVES)
+            if sum(map(text.count, (b"[", b"{", b","))) > _MOST_VALUES:
+                raise ValueError
+            good, answer = json.loads(text)
+            if not isinstance(good, bool) or not (good or isinstance(answer, str)):
+                raise ValueError
+        except TimeoutError:
+            self.close()  # from outside: a model may swallow every exception and mask every signal
+            doing = self._last(function, states) if function else "to read"
+            seconds = self.time_limit if function else limit
+            text_of_it = f"took longer than {seconds:g} s {doing}; allow more time"
+            raise ModelError(self.name, function, text_of_it).suggesting(Remedy("time_limit")) from None
         except (EOFError, OSError):
             raise self._died(function) from None
-        except (ValueError, TypeError, RecursionError):
+        except _ODD:
             raise self._nonsense(function) from None
         if not good:
-            text = f"{answer} {self._last(function, states)}" if function else answer
-            raise ModelError(self.name, function, text)
+            said = _line_of(answer)
+            raise ModelError(
+                self.name, function, f"{said} {self._last(function, states)}" if function else said
+            )
         return answer
 
     def _last(self, function: str, states: Sequence[Sequence[Array]]) -> str:
         """Return "at q = ..., v = ..." for the call that was begun last."""
-        given = states[max(self._started.value, 1) - 1]
+        # The model can write there as well.
+        given = states[min(max(self._started.value, 1), len(states)) - 1]
         named = zip(models.ARGUMENTS[function], given, strict=True)
         return "at " + ", ".join(f"{name} = ({', '.join(f'{x:.4g}' for x in x_)})" for name, x_ in named)
 
@@ -205,10 +234,12 @@ class Worker:
 
     def _died(self, function: str) -> ModelError:
         """Return the error of a process that is no more."""
-        self._process.join(1.0)  # the pipe ends a moment before the process
+        self._process.join(_ENDS)  # the line ends a moment before the process
         code = self._process.exitcode
         if code == _CUT:
             return ModelError(self.name, function, "closes file descriptors that are not its own")
+        if code == _OPEN:
+            raise ParameterError("isolate", True, f"False, as this system cannot: {_why_open()}") from None
         if code == _BROKEN:
             text = "breaks the Python it runs in: does it replace builtins, or functions of NumPy?"
             return ModelError(self.name, function, text)
@@ -218,39 +249,111 @@ class Worker:
         return ModelError(self.name, function, f"ended its Python process {how}")
 
 
+#: What reading an answer that no process of ours has written may raise.
+_ODD = (ArithmeticError, LookupError, MemoryError, RecursionError, SyntaxError, TypeError, ValueError)
+
+
 def _read_opening(answer: Any) -> tuple[list[str], int | None, bool, str | None, tuple[str, ...]]:
     """Return what a process says of the model that it has read, checked."""
     functions, n, printed, source, uncompared = answer
-    good = all(isinstance(name, str) for name in [*functions, *uncompared])
-    if not good or not isinstance(source, str | None) or not isinstance(n, int | None):
+    _check_type(functions, list)
+    _check_type(uncompared, list)
+    _check_type(source, str | None)
+    _check_type(n, int | None)
+    if not functions or set(functions) - set(models.ARGUMENTS) or (n is not None and not 1 <= n <= _JOINTS):
         raise ValueError
-    return list(functions), n, bool(printed), source, tuple(uncompared)
+    return functions, n, bool(printed), _parsed(source), tuple(_line_of(each) for each in uncompared)
+
+
+def _check_type(value: Any, kind: Any) -> None:
+    """Refuse a value of another type."""
+    if not isinstance(value, kind) or isinstance(value, bool):
+        raise TypeError
+
+
+def _parsed(source: str | None) -> str | None:
+    """Return a source, None when it is no Python: then no line of it can be named."""
+    try:
+        ast.parse(source or "")
+    except (MemoryError, RecursionError, SyntaxError, ValueError):
+        return None
+    return source
+
+
+def _line_of(value: Any) -> str:
+    """Return a text in one line that is not too long."""
+    return " ".join(_text(value).split())[:_SHOWN]
+
+
+def _text(value: Any) -> str:
+    """Return a text, refusing what is none."""
+    _check_type(value, str)
+    return str(value)
+
+
+def _whole(value: Any, most: int) -> int:
+    """Return a whole number from 0 to some, refusing what is none."""
+    _check_type(value, int)
+    if not 0 <= value <= most:
+        raise ValueError
+    return int(value)
 
 
 def _read_call(answer: Any) -> tuple[Array, bool, float]:
     """Return the numbers of a call, whether the model has printed, and how long it took [s]."""
     shape, numbers, printed, took = answer
-    if len(numbers) > _MOST_NUMBERS:
+    _check_type(shape, list)
+    _check_type(numbers, list)
+    _check_type(took, int | float)
+    if len(numbers) > _MOST_NUMBERS or len(shape) > _DIMENSIONS or not took >= 0.0:
         raise ValueError
-    return (
-        np.array(numbers, dtype=np.float64).reshape([int(size) for size in shape]),
-        bool(printed),
-        float(took),
+    sizes = [_whole(size, _MOST_NUMBERS) for size in shape]
+    return np.array(numbers, dtype=np.float64).reshape(sizes), bool(printed), float(took)
+
+
+def _read_repaired(answer: Any, own_source: str | None) -> search.Repaired | None:
+    """Return changes of a source that were sent as JSON, if they are changes of that source."""
+    if answer is None or own_source is None:
+        return None
+    changes, source, doubts, checked, other, sure, standing, spelled, odd = answer
+    lines = own_source.splitlines()
+    made = tuple(_read_change(change, len(lines)) for change in changes)
+    ast.parse(_text(source))
+    count = len(list(units.numbers(ast.parse(_text(spelled) or source))))
+    rates: dict[int, dict[int, float]] = {}
+    for k, each in standing:
+        rates[_whole(k, count - 1)] = {_whole(j, _MOST_NUMBERS): float(rate) for j, rate in each}
+    return search.Repaired(
+        made,
+        source,
+        doubts=_whole(doubts, _MOST_NUMBERS),
+        checked=_whole(checked, _MOST_NUMBERS),
+        other=_whole(other, _MOST_NUMBERS),
+        sure=bool(sure),
+        standing=rates,
+        spelled=spelled,
+        odd=tuple(map(_line_of, odd)),
     )
 
 
-def _read_repaired(answer: Any) -> search.Repaired | None:
-    """Return changes of a source that were sent as JSON."""
-    if answer is None:
-        return None
-    changes, source, doubts, checked, other, sure, standing, spelled, odd = answer
-    made = [
-        edits.Change(kind, tuple(span), old, new, where, name, bits, frozenset(reaches))
-        for kind, span, old, new, where, name, bits, reaches in changes
-    ]
-    rates = {int(k): {int(j): float(rate) for j, rate in each} for k, each in standing}
-    numbers = (int(doubts), int(checked), int(other), bool(sure))
-    return search.Repaired(tuple(made), source, *numbers, rates, str(spelled), tuple(map(str, odd)))
+def _read_change(change: Any, lines: int) -> edits.Change:
+    """Return one change of a source of so many lines."""
+    kind, (first, start, last, end), old, new, where, name, bits, reaches = change
+    if not 1 <= _whole(first, lines) <= _whole(last, lines):
+        raise ValueError
+    span = (first, _whole(start, _LONGEST), last, _whole(end, _LONGEST))
+    if kind in ("unit", "value"):
+        float(old), float(new)
+    return edits.Change(
+        _text(kind),
+        span,
+        _text(old),
+        _text(new),
+        _text(where),
+        _text(name),
+        float(bits),
+        frozenset(map(_text, reaches)),
+    )
 
 
 def _plain_repaired(found: search.Repaired | None) -> Any:
@@ -263,9 +366,9 @@ def _plain_repaired(found: search.Repaired | None) -> Any:
     return [changes, found.source, *numbers, standing, found.spelled, list(found.odd)]
 
 
-def _send(pipe: Any, good: bool, answer: Any) -> None:
+def _send(line: Line, good: bool, answer: Any) -> None:
     """Send an answer as JSON."""
-    pipe.send_bytes(json.dumps([good, answer], default=_plain_number).encode())
+    line.send(json.dumps([good, answer], default=_plain_number).encode())
 
 
 def _plain_number(value: Any) -> Any:
@@ -283,40 +386,79 @@ class _Silent(io.TextIOBase):
         return len(text)
 
 
-def _serve(
-    parents: Any, pipe: Any, model: Any, source: str | None, convention: Convention | None, started: Any
-) -> None:
+def _keep(parents: Line, line: Line, isolated: bool, given: Sequence[Any]) -> None:
+    """Keep the process of a model: this one adopts what it starts, and ends with it."""
+    parents.close()  # or the child would never see that the parent is gone
+    with suppress(OSError):
+        os.setsid()  # what a terminal sends to its group is not for us
+
+    def serve() -> None:
+        _serve(line, *given)
+
+    def serve_closed_off() -> None:
+        try:
+            containment.close_off()
+        except containment.Unavailable:
+            os._exit(_OPEN)
+        containment.keep(serve)  # the first process of a namespace: all others end with it
+
+    if isolated:
+        try:
+            containment.isolate()
+        except containment.Unavailable:
+            os._exit(_OPEN)
+    containment.keep(serve_closed_off if isolated else serve)
+
+
+def _why_open() -> str:
+    """Return why no process can be isolated here, as one tells that tries."""
+    reader, writer = os.pipe()
+    tried = os.fork()
+    if not tried:
+        why = "its file system cannot be made read-only"
+        try:
+            containment.isolate()
+        except containment.Unavailable as error:
+            why = str(error)
+        os.write(writer, why.encode())
+        os._exit(0)
+    os.close(writer)
+    os.waitpid(tried, 0)
+    with open(reader, encoding="utf-8") as said:
+        return said.read()
+
+
+def _serve(line: Line, model: Any, source: str | None, convention: Convention | None, started: Any) -> None:
     """Answer for the model in the child: read it, then answer calls until the parent goes away."""
     try:
-        parents.close()  # or the child would never see that the parent is gone
-        own, silent = os.getpid(), _isolate(model)
+        own, silent = os.getpid(), _prepare(model)
         try:
             functions = models.resolve(model, source, convention)
             _end_copies(own)
             text = functions.origin.source if functions.origin is not None else None
             opening = [list(functions.calls), functions.n, silent.used, text, list(functions.uncompared)]
-            _send(pipe, True, opening)
+            _send(line, True, opening)
         except BaseException as error:
             _end_copies(own)
-            _send(pipe, False, _description(error))
+            _send(line, False, _description(error))
             os._exit(0)
         while True:
             try:
-                name, given = pipe.recv()
+                name, given = pickle.loads(line.receive(_LONGEST))  # from armgpi itself
             except EOFError:
                 os._exit(0)
             if not name:
                 found = _search(functions, lambda s: models.resolve(model, s, convention), *given)
-                _send(pipe, True, _plain_repaired(found))
+                _send(line, True, _plain_repaired(found))
                 os._exit(0)
-            _answer_calls(pipe, functions, name, given, silent, own, started)
-    except OSError:  # the pipe is gone
+            _answer_calls(line, functions, name, given, silent, own, started)
+    except OSError:  # the line is gone
         os._exit(_CUT)
     finally:
         os._exit(_BROKEN)  # not sys.exit: no handler of the parent's may run twice
 
 
-def _isolate(model: Any) -> _Silent:
+def _prepare(model: Any) -> _Silent:
     """Take from the process its parent's group, signals, streams and arguments, and limit its memory."""
     with suppress(OSError):
         os.setsid()  # a group of its own: what the model starts ends with it
@@ -324,7 +466,7 @@ def _isolate(model: Any) -> _Silent:
         # A handler of the program that we run in (a test runner's alarm, say) must not run for the model.
         if callable(signal.getsignal(number)):
             signal.signal(number, signal.SIG_DFL)
-    with suppress(OSError, ValueError):
+    with suppress(OSError, ValueError):  # where there is no /proc, the report says that nothing bounds it
         # What we have mapped already, and as much again as a model may need.
         used = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
         resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
@@ -384,7 +526,7 @@ def _as_graph(functions: models.Functions, again: search.Again, goal: edits.Goal
 
 
 def _answer_calls(
-    pipe: Any,
+    line: Line,
     functions: models.Functions,
     name: str,
     states: Sequence[Sequence[Array]],
@@ -395,7 +537,7 @@ def _answer_calls(
     """Answer one list of calls up to the first that fails; `own` is the process that may."""
     try:
         function = functions.calls[name]
-        answers, sent = [], time.perf_counter()
+        answers, sent, count = [], time.perf_counter(), 0
         for state in states:
             started.value += 1
             given = [np.array(x) for x in state]  # copies, so that a change is seen
@@ -407,14 +549,15 @@ def _answer_calls(
                     raise models.Unusable(f"changes its argument {label} in place; let it work on a copy")
             now = time.perf_counter()
             answers.append((value.shape, value.ravel().tolist(), silent.used, now - start))
-            if now - sent > _TOGETHER:
-                _send(pipe, True, answers)
-                answers, sent = [], now
+            count += value.size
+            if now - sent > _TOGETHER or count > _MANY_NUMBERS:
+                _send(line, True, answers)
+                answers, sent, count = [], now, 0
         if answers:
-            _send(pipe, True, answers)
+            _send(line, True, answers)
     except BaseException as error:
         _end_copies(own)
-        _send(pipe, False, _description(error))
+        _send(line, False, _description(error))
 
 
 def _end_copies(own: int) -> None:

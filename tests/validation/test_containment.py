@@ -1,0 +1,291 @@
+"""What a model starts ends with the command, and nothing that it writes harms the process that reads it."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import pickle
+import random
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from armgpi import errors, validate
+from armgpi.validation import containment, worker
+from armgpi.validation.line import Line, pair
+
+ARM = "double_pendulum"
+#: Forks twice with a session of its own in between, as a daemon does; the last process writes its id.
+DAEMON = """
+import os, time
+if not os.path.exists({path!r}):
+    if not os.fork():
+        os.setsid()
+        if not os.fork():
+            open({path!r} + ".new", "w").write(str(os.getpid()))
+            os.rename({path!r} + ".new", {path!r})
+            time.sleep(300)
+        os._exit(0)
+    os.wait()
+def gravity(q):
+    {body}
+    return [0.0, 0.0]
+"""
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="adoption of orphans is Linux's")
+
+
+def can_isolate() -> bool:
+    """Tell whether this system has user namespaces, in a fork, as the answer changes who asks."""
+    if not (tried := os.fork()):
+        try:
+            containment.isolate()
+            os._exit(0)
+        except containment.Unavailable:
+            os._exit(1)
+    return os.waitpid(tried, 0)[1] == 0
+
+
+def start(folder: Path, body: str, *options: str) -> tuple[subprocess.Popen[str], Path]:
+    """Start `armgpi validate` on a model with a daemon; return it, and where the daemon writes its id."""
+    place = folder / "daemon"
+    (folder / "model.py").write_text(DAEMON.format(path=str(place), body=body), encoding="utf-8")
+    words = ["-m", "armgpi", "validate", "model.py", "--robot", ARM, "--time-limit", "60", *options]
+    begun = subprocess.Popen(
+        [sys.executable, *words], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+    return begun, place
+
+
+def daemon_of(place: Path) -> int:
+    """Return the id of a daemon, as soon as it has written it."""
+    until = time.monotonic() + 60.0
+    while not place.exists():
+        assert time.monotonic() < until
+        time.sleep(0.02)
+    return int(place.read_text())
+
+
+def wait_for_end(process: int) -> None:
+    """Wait until a process is no more."""
+    until = time.monotonic() + 20.0
+    while os.path.exists(f"/proc/{process}"):
+        assert time.monotonic() < until, f"{process} is still there"
+        time.sleep(0.02)
+
+
+def test_a_daemon_ends_with_the_command(tmp_path: Path) -> None:
+    begun, place = start(tmp_path, "pass")
+    begun.communicate(timeout=120)
+    wait_for_end(daemon_of(place))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_a_daemon_ends_when_the_command_is_stopped(tmp_path: Path, number: signal.Signals) -> None:
+    begun, place = start(tmp_path, "time.sleep(100)")
+    daemon = daemon_of(place)
+    time.sleep(0.3)
+    begun.send_signal(number)
+    begun.communicate(timeout=60)
+    wait_for_end(daemon)
+
+
+def test_a_stopped_keeper_ends_too(tmp_path: Path) -> None:
+    path = tmp_path / "model.py"
+    path.write_text(
+        "import os, signal\ndef gravity(q):\n    os.kill(os.getppid(), signal.SIGSTOP)\n    return [0.0, 0.0]"
+    )
+    began = time.monotonic()
+    validate(path, ARM)
+    assert time.monotonic() - began < 30.0
+
+
+#: Tries what an isolated model may not do, and returns as gravity what it achieved.
+TRIES = """
+import os, socket
+def achieved(attempt):
+    try:
+        attempt()
+    except Exception:
+        return 0.0
+    return 1.0
+done = [
+    achieved(lambda: open({folder!r} + "/written", "w")),
+    achieved(lambda: socket.create_connection(("127.0.0.1", {port}), 1.0)),
+    achieved(lambda: os.kill({parent}, 0)),
+    achieved(lambda: os.listdir("/proc/{parent}")),
+    achieved(lambda: os.unlink({folder!r} + "/other")),
+]
+def gravity(q):
+    if any(done):
+        raise ValueError(done)
+    return [0.0, 0.0]
+"""
+
+
+@pytest.mark.skipif(not can_isolate(), reason="this system forbids user namespaces")
+def test_an_isolated_model_writes_nothing_and_reaches_nobody(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        text = TRIES.format(folder=str(tmp_path), port=port, parent=os.getpid())
+        path = tmp_path / "model.py"
+        path.write_text(text, encoding="utf-8")
+        (tmp_path / "other").touch()
+        report = validate(path, ARM, isolate=True)
+        assert [one.function for one in report.functions] == ["gravity"]
+        with pytest.raises(errors.ModelError, match=r"ValueError: \[1\.0, 1\.0, 1\.0, 1\.0, 1\.0\]"):
+            validate(path, ARM)
+
+
+@pytest.mark.skipif(not can_isolate(), reason="this system forbids user namespaces")
+def test_an_isolated_model_and_its_daemon_end(tmp_path: Path) -> None:
+    path = tmp_path / "model.py"
+    text = "import os, time\nif not os.fork():\n    os.setsid()\n    os.fork()\n    time.sleep(301)\n"
+    path.write_text(text + "def gravity(q):\n    os._exit(7)\n", encoding="utf-8")
+    with pytest.raises(errors.ModelError, match="with exit code 7"):
+        validate(path, ARM, isolate=True)
+    assert not [x for x in Path("/proc").glob("[0-9]*/cmdline") if str(path) in x.read_text(errors="ignore")]
+
+
+def test_where_nothing_isolates_one_line_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def forbidden() -> None:
+        raise containment.Unavailable("unshare: Operation not permitted")
+
+    monkeypatch.setattr(containment, "isolate", forbidden)
+    with pytest.raises(errors.ParameterError, match=r"isolate.*unshare: Operation not permitted"):
+        validate("paper", "anthropomorphic3", isolate=True)
+
+
+def test_a_report_says_what_is_not_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "not bounded" not in validate("paper", "anthropomorphic3").text()
+    monkeypatch.setattr(sys, "platform", "darwin")
+    text = validate("paper", "anthropomorphic3").text()
+    assert "the memory of the model is not bounded on this system" in text
+    assert "processes that the model starts in a session of their own are not ended" in text
+
+
+def test_orphans_are_ended_without_proc(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A group ends where nothing tells of children, as on macOS."""
+    reader, writer = os.pipe()
+    if not (kept := os.fork()):
+        monkeypatch.setattr(containment, "_children", list)
+
+        def wait() -> None:
+            os.write(writer, b"x")
+            time.sleep(300)
+
+        containment.keep(wait)
+    os.read(reader, 1)
+    os.kill(kept, signal.SIGTERM)
+    assert os.waitstatus_to_exitcode(os.waitpid(kept, 0)[1]) == 0
+
+
+#: Answers as a process sends them.
+OPENING: list[Any] = [True, [["gravity"], 2, False, "def gravity(q):\n    return q * 1.5\n", []]]
+CALL: list[Any] = [[2], [0.0, 0.0], False, 1e-5]
+CHANGE = ["sign", [2, 4, 2, 8], "q", "-q", "gravity", "", 3.0, ["gravity"]]
+SOURCE = "def gravity(q):\n    return -q * 1.5\n"
+REPAIRED: list[Any] = [True, [[CHANGE], SOURCE, 0, 1, 0, True, [[0, [[0, 1.0]]]], SOURCE, []]]
+ODD: tuple[Any, ...] = (
+    *(None, True, -1, 10**400, 1e308, float("nan"), float("inf"), "x", "\x1b[2J\n", "\ud800", [], {}),
+    *([[]], ["gravity"], {"gravity": 1}, [1e999], "(" * 5000, 2**63, 64, [2**40], [-1], 0.5),
+)
+
+
+def altered(value: Any, draw: random.Random) -> Any:
+    """Return a value with something odd somewhere in it."""
+    if not isinstance(value, list) or not value or draw.random() < 0.15:
+        return draw.choice(ODD)
+    k = draw.randrange(len(value))
+    if draw.random() < 0.1:
+        return value[:k] + value[k + 1 :]
+    return [*value[:k], altered(value[k], draw), *value[k + 1 :]]
+
+
+def written(answer: Any, draw: random.Random) -> bytes:
+    """Return an odd answer as bytes: odd data, no JSON, or another length than it says."""
+    kind = draw.random()
+    if kind < 0.8:
+        text = json.dumps(altered(answer, draw)).encode()
+        return struct.pack("!Q", len(text)) + text
+    if kind < 0.9:
+        text = draw.randbytes(40)
+        return struct.pack("!Q", len(text)) + text
+    return struct.pack("!Q", draw.choice([2**63, 2**40, 500])) + b"[" * 100
+
+
+def hostile(seed: int) -> Any:
+    """Return what serves in a model's place: all goes well for some answers, then one is odd."""
+
+    def serve(line: Line, *_: Any) -> None:
+        draw = random.Random(seed)
+        good = draw.randrange(30)
+        with contextlib.suppress(Exception):
+            for k in range(200):
+                name, given = "reading", [0]
+                if k:
+                    name, given = pickle.loads(line.receive(2**30))
+                answer = OPENING if not k else [True, [CALL] * len(given)] if name else REPAIRED
+                if k < good:
+                    line.send(json.dumps(answer).encode())
+                    continue
+                line._end.sendall(written(answer, draw))
+        time.sleep(0.2)
+        os._exit(0)
+
+    return serve
+
+
+def outcome(seed: int, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Return how a validation ends whose process answers oddly."""
+    monkeypatch.setattr(worker, "_serve", hostile(seed))
+    monkeypatch.setattr(worker, "_ARRIVES", 0.3)
+    try:
+        report = validate({"gravity": lambda q: q}, ARM, time_limit=0.3)
+    except errors.ArmgpiError as error:
+        return type(error).__name__ if "\n" not in str(error) else "several lines"
+    assert "\x1b" not in report.text()
+    assert report.html()
+    return "report"
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_the_parent_survives_whatever_a_process_writes(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert outcome(seed, monkeypatch) in ("ModelError", "report")
+
+
+@pytest.fixture
+def line() -> Iterator[tuple[Line, socket.socket]]:
+    ours, theirs = pair()
+    yield ours, theirs._end
+    ours.close()
+    theirs.close()
+
+
+def test_a_message_that_does_not_end_is_not_waited_for(line: tuple[Line, socket.socket]) -> None:
+    ours, theirs = line
+    theirs.sendall(struct.pack("!Q", 100) + b"x")
+    with pytest.raises(ValueError, match="does not end"):
+        ours.receive(1000, 1.0, 0.1)
+
+
+def test_a_long_message_is_refused_before_it_is_read(line: tuple[Line, socket.socket]) -> None:
+    ours, theirs = line
+    theirs.sendall(struct.pack("!Q", 2**62))
+    with pytest.raises(ValueError, match="a message of"):
+        ours.receive(1000, 1.0, 0.1)
+
+
+def test_nothing_is_sent_to_who_does_not_read(line: tuple[Line, socket.socket]) -> None:
+    ours, _ = line
+    with pytest.raises(OSError, match="timed out"):
+        ours.send(bytes(2**24), 0.1)
