@@ -97,10 +97,10 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     experiment = configuration.build(*settings(options, compare))
     experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
     check_out(options, experiment)
-    note_drives(experiment, options["explain"])
     wanted = ("plot", "view", "html", "report", "interactive")
     pictures.check(**{name: options[name] for name in wanted})
     check_table(options["table"])
+    note_drives(experiment, options["explain"])
     _note_end_and_load(experiment)
     _warn_of_weak_motors(experiment)
     note_differences(experiment)
@@ -162,7 +162,7 @@ def note_drives(experiment: Experiment, explain: bool = True) -> None:
         experiment: of the arm.
         explain: whether values and reasons are said; else one line that names the quantities.
     """
-    from armgpi.config.building import verdicts
+    from armgpi.config.building import summary, verdicts
     from armgpi.gpi.geared import is_known
     from armgpi.gpi.untuned import BITS
     from armgpi.plants.elastic import ElasticPlant
@@ -170,6 +170,7 @@ def note_drives(experiment: Experiment, explain: bool = True) -> None:
     from armgpi.robot.rotors import describe, describe_gears, summarise
 
     robot = experiment.robot
+    say(summary(experiment), err=True)
     assumed = "" if explain else summarise(robot)
     for said in filter(None, (assumed,) if assumed else (describe(robot), describe_gears(robot))):
         say(said, err=True)

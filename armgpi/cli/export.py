@@ -107,8 +107,6 @@ def _export(options: dict[str, Any]) -> int:
     experiment = _experiment(options, target)
     _check_arm(experiment, target)
     experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
-    note_drives(experiment)
-    _note_contacts(experiment, options["package_dir"])
     label, controller = next(iter(experiment.controllers.items()))
     supervised = supervise(controller, experiment.supervisor)
     # What cannot be written is refused before the simulation.
@@ -121,6 +119,8 @@ def _export(options: dict[str, Any]) -> int:
     except ParameterError as error:
         raise refusal(option, str(error)) from error
     experiments.prepare(options["out"])
+    note_drives(experiment)
+    _note_contacts(experiment, options["package_dir"])
     log = record(experiment.plant, supervised, experiment.reference, experiment.t_final)
     config, copied = experiments.portable(experiment.config)
     beside: dict[str, str | bytes] = {"experiment.yaml": config, **copied}

@@ -17,7 +17,7 @@ _OPTIONS = {
     ),
     "Motion": ("--to", "--from", "--path", "--trajectory", "--direction", "--duration", "--t-final"),
     "Controllers": ("--controller", "--controllers", "--inertia-scale", "--supervised"),
-    "Plant": ("--plant", "--payload", "--friction", "--encoder-bits", "--delay", "--dt", "--seed"),
+    "Plant": ("--plant", "--payload", "--friction", "--ideal", "--encoder-bits", "--delay", "--dt", "--seed"),
     "Wire": (
         *("--clock", "--policy", "--exported", "--loss", "--outage", "--stall", "--kill", "--watchdog"),
         "--reaction",

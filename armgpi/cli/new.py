@@ -13,32 +13,46 @@ import typer
 from armgpi.cli import options as opt
 from armgpi.cli.certify import load_arm
 from armgpi.cli.derive import write
-from armgpi.cli.parsing import is_experiment, refusal
+from armgpi.cli.parsing import INCOMPLETE, is_experiment, refusal
 from armgpi.cli.terminal import say
 from armgpi.errors import ArmgpiError, ArmgpiWarning
 
-#: What is believed of an arm of which nobody says more: absolute encoders and a bus as geared arms have them.
+#: Assumed where nothing is specified: absolute encoders and a bus as geared arms have them.
 _BITS, _DELAY = 16, 1
-#: A load that an arm is for, as a share of its moving mass: makers' payloads of 3 and 5 kg are 0.18 of what
-#: moves in Panda's URDF and 0.29 in UR5's; the share of what its motors hold everywhere that it may be; and
-#: at least so much [kg].
-_LOAD_SHARE, _HELD_SHARE, _LEAST_LOAD = 0.15, 0.5, 0.01
+#: Command -> the module and the package that it needs beside armgpi's own.
+_NEEDS = {
+    "run": ("", ""),
+    "compare": ("", ""),
+    "inspect": ("", ""),
+    "bound": ("", ""),
+    "excite": ("", ""),
+    "bringup": ("", ""),
+    "sweep": ("casadi", "casadi"),
+    "play": ("casadi", "casadi"),
+    "export": ("casadi", "casadi"),
+    "tune": ("cma", "cma"),
+    "certify": ("clarabel", "clarabel"),
+    "identify": ("clarabel", "clarabel"),
+}
 #: Kinds of findings that make what the file says of an arm doubtful: most are wrong units.
 _DOUBTS = ("axis", "degrees", "inertia", "length", "limits", "mass", "velocity")
+
+#: Configurations at which the torque that holds the arm is looked at.
+_HOLDING = 500
 
 _Value = TypeVar("_Value")
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
     "robot <ROBOT>": "Path of a URDF file, or name of a robot (see `armgpi robots`).",
     "out --out -o FILE": "The file; by default beside the URDF, with its name.",
-    "payload KG": "Heaviest load that the arm will carry, unknown to it.",
+    "payload KG": "Heaviest load that the arm will carry, unknown to its controller; none by default.",
     "target NAME": "Hardware that `armgpi export` writes for.",
     "force": "Replace the file.",
 }
 
 
 class _Answers:
-    """What is known of the arm: typed as an option, asked where a person is there, or believed.
+    """What is known of the arm: typed as an option, asked where a person is there, or assumed.
 
     Attributes:
         asks: whether a person can be asked.
@@ -48,14 +62,14 @@ class _Answers:
         self.asks = sys.stdin.isatty() and sys.stderr.isatty()
 
     def get(
-        self, question: str, typed: _Value | None, believed: _Value, kind: Callable[[str], Any]
+        self, question: str, typed: _Value | None, assumed: _Value, kind: Callable[[str], Any]
     ) -> tuple[_Value, str]:
         """Return an answer, and the note that goes behind it in the file."""
         if typed is not None:
             return typed, ""
         if self.asks:
-            return typer.prompt(question, default=believed, type=kind, err=True), ""
-        return believed, "; believed: change it where you know better"
+            return typer.prompt(question, default=assumed, type=kind, err=True), ""
+        return assumed, "; assumed: change it where you know better"
 
 
 @opt.add_options(opt.loading, opt.arm)
@@ -70,7 +84,10 @@ def new(
     force: bool = False,
     **how: Any,
 ) -> None:
-    """Begin an experiment file for an arm: what its URDF says, and what you say or armgpi believes.
+    """Begin an experiment file for an arm: what its URDF contains, what you specify, and what is assumed.
+
+    Nothing is added that nobody specified: a payload is not there without --payload. Of an arm whose joints
+    have no effort limit the file has blanks to fill in, and the exit code is 3.
 
     \b
     armgpi new my_arm.urdf
@@ -93,16 +110,21 @@ def new(
     section: dict[str, Any] = {"name": name, **opt.robot_given(how)}
     if set(section.get("lock", {}).values()) == {None}:
         section["lock"] = [*section["lock"]]
-    lines = _file(arm, section, hands, answers, typed, path)
+    blanks = [name for name, effort in zip(arm.joint_names, arm.limits.effort, strict=True) if effort <= 0.0]
+    lines = _file(arm, section, hands, answers, typed, path, blanks)
     text = "\n".join(lines) + "\n"
-    checked, _ = config.parse(text, str(path))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ArmgpiWarning)  # the commands will give them
-        config.build(checked.replace(robot=checked.robot.replace(name=robot)))
+    if not blanks:
+        checked, _ = config.parse(text, str(path))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ArmgpiWarning)  # the commands will give them
+            config.build(checked.replace(robot=checked.robot.replace(name=robot)))
     write(path, text, "--out")
     for each in findings.fold(report.inspect(robot, **opt.robot_given(how)).findings):
         if each.level == "warning" and each.kind in _DOUBTS:
             say(f"warning: {each}", err=True, fg="yellow")
+    if blanks:
+        say(f"INCOMPLETE: fill in robot.effort of {', '.join(blanks)} in {path}; then: armgpi run {path}")
+        sys.exit(INCOMPLETE)
     say(f"{arm.name}: {arm.n} joints; next: armgpi run {path}")
 
 
@@ -126,51 +148,166 @@ def _place(robot: str, out: Path | None, force: bool) -> tuple[Path, str]:
 
 
 def _file(
-    arm: Any, section: dict[str, Any], hands: list[str], answers: _Answers, typed: dict[str, Any], path: Path
+    arm: Any,
+    section: dict[str, Any],
+    hands: list[str],
+    answers: _Answers,
+    typed: dict[str, Any],
+    path: Path,
+    blanks: list[str],
 ) -> list[str]:
-    """Return the lines of the file, from the section of its robot and what was typed, asked or believed."""
+    """Return the lines of the file.
+
+    Args:
+        arm: the arm.
+        section: of its robot.
+        hands: joints of its gripper, which are locked.
+        answers: what gives the rest.
+        typed: what options gave, None for what they did not.
+        path: of the file.
+        blanks: joints whose effort limit has to be filled in.
+    """
     from armgpi.config.schema import FORMAT
-    from armgpi.gpi.payload import largest_payload
     from armgpi.hardware.export.interfaces import COMPENSATING
     from armgpi.hardware.export.targets import TARGETS
-    from armgpi.robot import rotors
+    from armgpi.robot import robots
 
     target, _ = answers.get(f"Target ({', '.join(TARGETS)})", typed["target"], "bare", str)
     interface = COMPENSATING.get(target)
-    held = largest_payload(arm, dt=1e-3).effort
-    likely = max(_LEAST_LOAD, float(f"{min(_LOAD_SHARE * arm.moving_mass, _HELD_SHARE * held):.2g}"))
-    load, load_note = answers.get("Heaviest load at the tool [kg]", typed["payload"], likely, float)
+    load, _ = answers.get("Heaviest load at the tool [kg]", typed["payload"], 0.0, float)
     bits, bits_note = answers.get("Encoder resolution [bits per turn]", typed["encoder_bits"], _BITS, int)
     delay = max(_DELAY, interface.delays[0]) if interface else _DELAY
     late, late_note = answers.get("Delay of measurements [samples]", typed["delay"], delay, int)
     step, step_note = answers.get("Sample time [s]", typed["dt"], interface.dt if interface else 1e-3, float)
     if interface is not None:
         section["gravity"] = "robot"
-    silent = rotors.silent(arm)
-    notes = [
-        f"  # The URDF says nothing of the rotors of {len(silent)} joints; the rule believes them.",
-        "  # Where you know them, seen at the joint [kg m², kg]: rotor_inertia: {JOINT: NUMBER}",
+    payload = f"  payload: {{mass: {load:.3g}, frame: {_text(arm.tip)}}}  # kg"
+    none = f"  # payload: {{mass: 0.5, frame: {_text(arm.tip)}}}  # kg; none unless this line is in use"
+    ideal = robots.is_textbook(section["name"]) and typed["encoder_bits"] is None and typed["delay"] is None
+    sensors = [
+        f"  encoder_bits: {bits}  # per turn{bits_note}",
+        f"  delay: {late}  # samples by which measurements are late{late_note}",
+        _friction_line(arm, interface is not None),
     ]
+    realistic = "ideal: false  # a realistic arm: what no line states is assumed (armgpi run says what)"
+    textbook = "ideal: true  # a textbook's arm: rigid, no rotors, no friction, exact positions"
+    automatic = "  - type: gpi_auto  # chosen for this arm by itself; the others: armgpi run --help"
+    printed = "  - type: gpi  # as printed in the paper; the others: armgpi run --help"
     return [
         f"# {arm.name}: {arm.n} joints, tool {arm.tip!r}. One file for every command:",
-        f"#   armgpi run {path}; compare, inspect, sweep, tune, play, certify, excite, export, bringup too,",
-        f"#   armgpi identify log.armlog --robot {path}, armgpi export {path} --target {target}",
+        *_command_lines(path, target),
         f"format: {FORMAT}",
         "robot:",
         *(f"  {key}: {_text(value)}" for key, value in section.items()),
         *(f"  # {joint!r} looks like a gripper, and is locked" for joint in hands),
-        *(notes if silent else []),
+        *_effort_lines(arm, blanks),
+        *([] if blanks or "drives" in section else _drive_lines(arm)),
+        textbook if ideal else realistic,
         "plant:  # what the controller does not know",
-        f"  encoder_bits: {bits}  # per turn{bits_note}",
-        f"  delay: {late}  # samples by which measurements are late{late_note}",
-        f"  payload: {{mass: {load:.3g}, frame: {_text(arm.tip)}}}  # kg{load_note}",
+        *(["  engine: armgpi"] if ideal else sensors),
+        payload if load else none,
         "controllers:",
-        "  - type: gpi_auto  # the rule for arms that nobody tuned; the others: armgpi run --help",
+        printed if ideal else automatic,
         "  - type: pid  # armgpi compare puts it beside the first, which the other commands take",
         f"sample_time: {step:g}  # s{step_note}",
-        "vary:  # what armgpi sweep draws",
-        f"  plant.payload.mass: {{uniform: [0, {load:.3g}]}}",
+        *_vary_lines(arm, load, blanks),
     ]
+
+
+def _command_lines(path: Path, target: str) -> list[str]:
+    """Return the commands that take the file, those of missing packages with the line that installs them."""
+    from importlib.util import find_spec
+
+    shown = {"identify": f"identify log.armlog --robot {path}", "export": f"export {path} --target {target}"}
+    lines = []
+    for command, (module, package) in _NEEDS.items():
+        missing = module and find_spec(module) is None
+        note = f"   (needs a package: pip install {package})" if missing else ""
+        lines.append(f"#   armgpi {shown.get(command, f'{command} {path}')}{note}")
+    return lines
+
+
+def _effort_lines(arm: Any, blanks: list[str]) -> list[str]:
+    """Return the blanks of effort limits, each with the torque that holds the arm."""
+    import numpy as np
+
+    if not blanks:
+        return []
+    q = np.vstack([arm.middle(), arm.random_positions(_HOLDING, seed=1)])
+    holding = dict(zip(arm.joint_names, np.abs(arm.gravity(q)).max(axis=0), strict=True))
+    return [
+        "  effort:  # N m or N: FILL IN. The file has 0, with which no controller can move the arm",
+        *(
+            f"    {name}:  # FILL IN; gravity alone takes up to {round(holding[name], 9):.3g}"
+            for name in blanks
+        ),
+    ]
+
+
+def _drive_lines(arm: Any) -> list[str]:
+    """Return what is assumed of the drives as keys, with their intervals; nothing where all is known."""
+    from armgpi.robot import rotors
+
+    assumed = rotors.assume_drives(arm, "elastic").drives.plain()
+    known = arm.drives.plain()
+    lines = []
+    for joint, quantities in assumed.items():
+        own = {key: _rounded(value) for key, value in quantities.items() if key not in known.get(joint, {})}
+        if own:
+            lines.append(f"    {_text(joint)}: {_text(own)}")
+    if not lines:
+        return []
+    return [
+        "  # The URDF contains no rotor inertia [kg m² or kg] or joint stiffness [N m/rad or N/m].",
+        "  # Assumed from effort and velocity limits (docs/drives.md), replace what you know:",
+        f"  # rotors that spin up in {rotors.SPIN_UP:g} s, within a factor of {rotors.SCATTER:g}, and joints",
+        f"  # that twist by {rotors.TWIST:g} rad at the limit, within a factor of {rotors.TWIST_SCATTER:g}.",
+        "  drives:",
+        *lines,
+    ]
+
+
+def _rounded(datum: Any) -> Any:
+    """Return a value of a drive with three digits, and its ends likewise."""
+    if not isinstance(datum, dict):
+        return datum
+    ordered = {key: datum[key] for key in ("value", "low", "high", "source", "file") if key in datum}
+    return {key: float(f"{x:.3g}") if isinstance(x, float) else x for key, x in ordered.items()}
+
+
+def _friction_line(arm: Any, robot_compensates: bool) -> str:
+    """Return the key of friction, with what the URDF contains of it."""
+    if robot_compensates:
+        return "  friction: none  # the robot compensates gravity and friction by itself"
+    viscous, coulomb = arm.friction
+    if not (viscous.any() or coulomb.any()):
+        return "  friction: urdf  # the URDF contains none: nothing rubs; specify it by robot.friction"
+    return (
+        f"  friction: urdf  # contained in the URDF: viscous up to {viscous.max():g} N m s/rad, Coulomb up "
+        f"to {coulomb.max():g} N m; none drops it"
+    )
+
+
+def _vary_lines(arm: Any, load: float, blanks: list[str]) -> list[str]:
+    """Return what a sweep draws: what is assumed of the drives, within its intervals, and the load."""
+    from armgpi.robot import rotors
+
+    varied = []
+    if not blanks:
+        sources = rotors.assume_drives(arm, "elastic").drives
+        if set(sources.sources("rotor_inertia")) == {"assumed"}:
+            varied.append(
+                f"  plant.rotor_inertia: {{factor: {rotors.SCATTER:g}, each: joint}}  # 1/2.5 to 2.5 times"
+            )
+        if set(sources.sources("stiffness")) == {"assumed"}:
+            varied.append(f"  plant.gear_stiffness: {{factor: {rotors.TWIST_SCATTER:g}, each: joint}}")
+    if load:
+        varied.append(f"  plant.payload.mass: {{uniform: [0, {load:.3g}]}}  # kg")
+    if not varied:
+        return [
+            "# vary: {plant.delay: {choices: [0, 1, 2]}}  # what armgpi sweep draws; nothing here is assumed"
+        ]
+    return ["vary:  # what armgpi sweep draws", *varied]
 
 
 def _arm(robot: str, how: dict[str, Any], answers: _Answers) -> tuple[Any, list[str]]:
@@ -189,9 +326,9 @@ def _arm(robot: str, how: dict[str, Any], answers: _Answers) -> tuple[Any, list[
         if how["keep"] or len(several) < 2:
             raise
     if not how["keep"] and several:
-        believed = chains.first_arm(several).name
+        first = chains.first_arm(several).name
         said = chains.describe(several)
-        chosen, _ = answers.get(f"{said}. Keep", None, believed, str)
+        chosen, _ = answers.get(f"{said}. Keep", None, first, str)
         say(f"note: {said}; the file keeps {chosen}", err=True)
         how["keep"] = [chosen]
     hands = [] if how["keep"] else [j for j in arm.provenance.get("grippers", ()) if j in arm.joint_names]
@@ -204,7 +341,7 @@ def _text(value: Any) -> str:
     import yaml
 
     return (
-        yaml.safe_dump(value, default_flow_style=True, allow_unicode=True, width=1e9)
+        yaml.safe_dump(value, default_flow_style=True, allow_unicode=True, width=1e9, sort_keys=False)
         .removesuffix("...\n")
         .strip()
     )

@@ -23,7 +23,7 @@ OK, FAILED, BAD_INPUT, INCOMPLETE, INTERRUPTED = 0, 1, 2, 3, 130
 OPTIONS = {
     "config": ("--config", "FILE"),
     "effort": ("--effort", "JOINT=EFFORT"),
-    "friction": ("--friction", ""),
+    "friction": ("--friction", "none"),
     "joints": ("--joints", "NUMBER"),
     "keep": ("--keep", "JOINT,JOINT,..."),
     "lock": ("--lock", "JOINT,JOINT,..."),

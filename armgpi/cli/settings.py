@@ -53,6 +53,7 @@ def settings(options: dict[str, Any], compare: bool) -> Loaded:
     data, origin = _read(options)
     over = _Overlay(options, data)
     _arm(over)
+    _world(over)
     over.take("dt", "sample_time")
     over.take("t_final", "t_final")
     over.take("seed", "seed")
@@ -113,10 +114,18 @@ def _arm(over: _Overlay) -> None:
         over.put(f"--{key.replace('_', '-')}", value, "robot", key)
     over.take("plant", "plant", "engine")
     over.take("payload", "plant", "payload", "mass")
-    over.take("friction", "plant", "friction", read=lambda wanted: "urdf" if wanted else "none")
+    over.take("friction", "plant", "friction")
     for option, value in over.options["declared"]:
         if not option.owners:
             over.put(option.flag, value, "plant", option.key)
+
+
+def _world(over: _Overlay) -> None:
+    """Put the world: of a file it is its own, unless --ideal is typed; of an arm by name that of the arm."""
+    if over.options.get("ideal"):
+        over.put("--ideal", True, "ideal")
+    elif over.options["config"] is None:
+        over.data["ideal"] = robots.is_textbook(over.data["robot"]["name"])
 
 
 def _set_declared(over: _Overlay, option: Option, value: Any) -> None:

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from armgpi.arrays import Array, quantity
+from armgpi.config import world
 from armgpi.config.reading import Origin, check
 from armgpi.config.schema import (
     ARM_KEYS,
@@ -31,7 +32,7 @@ from armgpi.parameter import REQUIRED, Parameter, Parametrised, parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.environment import Contact
 from armgpi.plants.loads import Load
-from armgpi.plants.plant import Plant, Wrapper
+from armgpi.plants.plant import Plant, Wrapper, inside
 from armgpi.plants.reality import Reality, stack_draws
 from armgpi.plants.sensors import Encoder
 from armgpi.references.bezier import Bezier, minimum_duration
@@ -264,9 +265,10 @@ def _with_assumptions(config: ExperimentConfig, top: _Place) -> tuple[Experiment
     config = config.replace(robot=section)
     robot = _robot(section, top.at("robot"))
     section, robot = _with_encoder_side(config, section, robot)
-    config = config.replace(robot=section)
+    config = world.in_world(config.replace(robot=section), robot)
     word = section.drives if isinstance(section.drives, str) else None
-    if word is None and (config.reality is not None or not has_rule(config)):
+    realistic = config.ideal is False or (config.ideal is None and has_rule(config))
+    if word is None and (config.reality is not None or not realistic):
         return config, robot
     robot = rotors.assume_drives(robot, word)
     if word != "none":
@@ -305,6 +307,16 @@ def _with_encoder_side(
         drives[joint] = {**drives.get(joint, {}), "encoder_side": side}
     return section.replace(drives=drives), robot.with_drives(
         {joint: {"encoder_side": side} for joint in unknown}
+    )
+
+
+def summary(experiment: Experiment) -> str:
+    """Return one line on the arm and the controllers that an experiment has, the same for all commands."""
+    engines = {type(inside(plant)).__name__ for plant in experiment.plants.values()}
+    elastic = {name.startswith("Elastic") for name in engines}
+    joints = {True: "elastic joints", False: "stiff joints"}
+    return world.describe(
+        experiment.config, experiment.robot, " and ".join(joints[x] for x in sorted(elastic))
     )
 
 

@@ -168,8 +168,10 @@ def standard_law(data: Mapping[Any, Any]) -> str:
     """Return which controller an experiment has that names none, by its plain data.
 
     It is the law of the paper where positions are exact and at once, and what suits an arm that nobody tuned
-    where encoders count or measurements are late.
+    where encoders count or measurements are late. Where the key `ideal` names the world, it alone chooses.
     """
+    if data.get("ideal") is not None:
+        return "gpi" if data["ideal"] is True else "gpi_auto"
     plant = data.get("plant")
     real = isinstance(plant, Mapping) and (plant.get("encoder_bits") is not None or plant.get("delay"))
     return "gpi_auto" if real or data.get("reality") is not None else "gpi"

@@ -21,6 +21,7 @@ from armgpi.config.section import (
     Wrong,
     anything,
     by_shape,
+    flag,
     key_of,
     keys_of,
     listing,
@@ -303,13 +304,14 @@ class ReferenceSection(Section):
 
 
 class VarySection(Section):
-    """What a parameter of a sweep is drawn from: one of four distributions.
+    """What a parameter of a sweep is drawn from: one of five distributions.
 
     Attributes:
         uniform: lowest and highest value.
         log_uniform: the same, its logarithm evenly drawn.
         normal: mean and standard deviation; the tails beyond 4 of these are cut.
         choices: some values, all as likely.
+        factor: what the parameter is, divided and multiplied by up to this, its logarithm evenly drawn.
         each: whether a per-joint parameter is drawn once for each rollout, or for each of its joints.
     """
 
@@ -319,6 +321,7 @@ class VarySection(Section):
             for name in ("uniform", "log_uniform", "normal")
         },
         "choices": Key(listing(plain_number, 1), None, optional=True),
+        "factor": Key(plain_number, None, optional=True),
         "each": _choice("rollout", "rollout", "joint"),
     }
 
@@ -336,6 +339,9 @@ class ExperimentConfig(Section):
     Attributes:
         format: of the file, which armgpi writes; a file without it is of the first.
         robot: which arm.
+        ideal: which world fills in what the file does not state (:mod:`armgpi.config.world`): false for
+            assumed drives, friction that the URDF contains, encoders and delay, and the automatic controller;
+            true for an arm without all these. A file without the key has what it states alone.
         plant: what it really is like.
         reality: instead of `plant`, a draw (`index`) of a reality by its name and seed. It also says sample
             time, reference and length of the run, where the file does not.
@@ -354,6 +360,7 @@ class ExperimentConfig(Section):
     keys: ClassVar[Mapping[str, Key]] = {
         "format": Key(_format, FORMAT),
         "robot": Key(RobotSection.read),
+        "ideal": Key(flag, None, optional=True),
         "plant": Key(PlantSection.read, PlantSection()),
         "reality": Key(RealitySection.read, None, optional=True),
         "controllers": Key(

@@ -67,7 +67,17 @@ class Section:
     keys: ClassVar[Mapping[str, Key]] = {}
     #: Keys that are not written where they are null.
     quiet: ClassVar[frozenset[str]] = frozenset(
-        {"drives", "nominal", "bodies", "posterior", "inertia_scale", "viscous", "coulomb", "gravity"}
+        {
+            "ideal",
+            "drives",
+            "nominal",
+            "bodies",
+            "posterior",
+            "inertia_scale",
+            "viscous",
+            "coulomb",
+            "gravity",
+        }
     )
     given: frozenset[str]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import Literal
 
 import numpy as np
 
@@ -18,6 +19,8 @@ _LEAST_MASS = 1e-4
 _CONDITION, _LEAST_EIGENVALUE = 1e6, 1e-6
 #: GPI with zeta_c = 1 is unstable where friction moves a joint's pole beyond this times omega_c (Theory).
 _FRICTION_RATE = 6.67
+#: Share of the effort limit above which Coulomb friction looks like a placeholder: real gears lose less.
+_COULOMB_SHARE = 0.2
 #: It is unstable, too, where gravity drives the arm away faster than the root of this times omega_c (Theory).
 _UNSTABLE = 16.0 / 15.0
 #: Configurations at which that is computed, step of the differences [rad or m], most of the delay margin
@@ -90,13 +93,42 @@ def gravity(subject: Subject) -> Iterator[Finding]:
             yield Finding("warning", where, message, most, limit, repair, remedies)
 
 
-@check("friction", "the URDF states some; the plant has it only when asked for", "info")
+@check("friction", "the URDF contains some, which acts in the plant of realistic arms", "info")
 def friction(subject: Subject) -> Iterator[Finding]:
     """Find joint friction."""
     viscous, coulomb = subject.robot.friction
     if viscous.any() or coulomb.any():
-        message = "the URDF states joint friction; the plant has it only when asked for"
+        message = "the URDF contains joint friction, which acts in the plant of realistic arms"
         yield Finding("info", "joints", message, float(viscous.max()), remedies=(Remedy("friction"),))
+
+
+@check(
+    "friction", "equal numbers on all joints, or too large for the motors: placeholders?", "info", "warning"
+)
+def placeholder_friction(subject: Subject) -> Iterator[Finding]:
+    """Find friction that looks like an exporter's or a simulation's placeholder."""
+    viscous, coulomb = subject.robot.friction
+    effort = subject.robot.limits.effort
+    message = ""
+    level: Literal["info", "warning"] = "info"
+    large = coulomb > _COULOMB_SHARE * effort
+    same = [bool(column[0]) and bool((column == column[0]).all()) for column in (viscous, coulomb)]
+    where = "joints"
+    if large.any():
+        j = int(np.argmax(large))
+        where = f"joint {subject.robot.joint_names[j]!r}"
+        level = "warning"
+        message = (
+            f"Coulomb friction {coulomb[j]:.4g} is above {_COULOMB_SHARE:.0%} of the effort "
+            f"limit {effort[j]:g}: it may be a placeholder"
+        )
+    elif len(viscous) > 1 and any(same):
+        message = (
+            f"all joints have the same friction (viscous {viscous[0]:g}, Coulomb {coulomb[0]:g}): "
+            "it may be a placeholder"
+        )
+    if message:
+        yield Finding(level, where, message, float(coulomb.max()), remedies=(Remedy("friction"),))
 
 
 @check(

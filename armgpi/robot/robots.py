@@ -119,11 +119,16 @@ EXAMPLE_ROBOT_DATA: dict[str, Example] = {
 
 def names() -> tuple[str, ...]:
     """Return the names that :meth:`armgpi.Robot.load` finds on this machine without fetching anything."""
-    ours = tuple(sorted(path.stem for path in _own_folder().glob("*.urdf")))
+    ours = _own_names()
     folder = example_folder()
     if folder is None:
         return ours
     return ours + tuple(name for name, arm in EXAMPLE_ROBOT_DATA.items() if (folder / arm.file).is_file())
+
+
+def _own_names() -> tuple[str, ...]:
+    """Return the names of our own arms."""
+    return tuple(sorted(path.stem for path in _own_folder().glob("*.urdf")))
 
 
 def description_names() -> tuple[str, ...]:
@@ -200,6 +205,11 @@ def _existing(path: Path, text: str) -> Path:
         hint = f"; the name {path.stem!r} alone is a robot that armgpi knows" if known else hint
         raise UrdfError(path, f"there is no such file{hint}")
     return path
+
+
+def is_textbook(name: object) -> bool:
+    """Tell whether a name is that of one of our own arms, of textbooks: rigid, with exact positions."""
+    return isinstance(name, str) and name in _own_names()
 
 
 def _find_installed(name: str) -> Path | None:

@@ -46,6 +46,12 @@ _MOST_GRAVITY = 20.0
 #: Where nothing tells the torque or speed of a motor: so many times the joint's largest gravity torque,
 #: which is at least a share of the arm's; and that speed [rad/s or m/s].
 _GRAVITIES, _LEAST_SHARE, _SPEED = 3.0, 0.1, 3.0
+#: Configurations at which gravity torques are computed.
+_GRAVITY_CONFIGURATIONS = 50
+#: Gravity [m/s^2] of an arm mounted on a wall or a floor.
+_GRAVITY_DIRECTIONS = ((9.81, 0.0, 0.0), (0.0, 9.81, 0.0), (0.0, 0.0, 9.81))
+#: An arm moves in a horizontal plane where its gravity torque is below this share of what it is otherwise.
+_HORIZONTAL = 0.05
 #: What may be taken where nothing is known of drives; see :func:`assume_drives`.
 ASSUMPTIONS = ("elastic", "stiff", "none")
 
@@ -67,7 +73,7 @@ def typical_inertia(robot: Robot) -> Array:
 def motor_torque(robot: Robot) -> Array:
     """Return the torque limit of each motor [N m or N], (n,), believed where the limit is a word for none."""
     effort = np.abs(robot.limits.effort)
-    gravity = np.abs(robot.gravity(random_configurations(robot, 50, seed=0))).max(axis=0)
+    gravity = _gravity_torque(robot)
     largest = float(gravity.max())
     told = (effort > 0.0) & (effort < _NO_EFFORT)
     strongest = float(effort[told].max(initial=0.0))
@@ -75,6 +81,18 @@ def motor_torque(robot: Robot) -> Array:
         effort = effort * _MOST_GRAVITY * largest / strongest
     guessed = _GRAVITIES * np.maximum(gravity, _LEAST_SHARE * largest)
     return np.where(told, effort, guessed)
+
+
+def _gravity_torque(robot: Robot) -> Array:
+    """Return the largest gravity torque of each joint at random configurations [N m or N], (n,).
+
+    Of an arm that moves in a horizontal plane, gravity tells nothing: it is taken as if it stood upright.
+    """
+    q = random_configurations(robot, _GRAVITY_CONFIGURATIONS, seed=0)
+    mounted = np.abs(robot.gravity(q)).max(axis=0)
+    turned = [np.abs(robot.with_gravity(g).gravity(q)).max(axis=0) for g in _GRAVITY_DIRECTIONS]
+    upright = np.max(turned, axis=0)
+    return np.asarray(upright if mounted.max() < _HORIZONTAL * upright.max() else mounted)
 
 
 def assume_drives(robot: Robot, drives: str | None = None) -> Robot:

@@ -17,7 +17,7 @@ from armgpi.errors import ParameterError
 from armgpi.parameter import Parameter
 
 #: Kinds of distributions, by their names in experiment files.
-KINDS = ("uniform", "log_uniform", "normal", "choices")
+KINDS = ("uniform", "log_uniform", "normal", "choices", "factor")
 #: How chunks draw: every number by itself, or points that fill the space evenly (Sobol 1967, scrambled).
 SAMPLINGS = ("random", "sobol")
 #: A normal distribution ends so many standard deviations from its mean: beyond are 6 in 100,000.
@@ -33,13 +33,15 @@ class Distribution(NamedTuple):
 
     Attributes:
         kind: one of :data:`KINDS`.
-        numbers: lower and upper end, mean and standard deviation, or the choices.
+        numbers: lower and upper end, mean and standard deviation, the choices, or the largest factor.
         joints: how many numbers are drawn for a rollout: one, or one for every joint.
+        nominal: what a factor multiplies: one value, or one for every joint.
     """
 
     kind: str
     numbers: tuple[float, ...]
     joints: int = 1
+    nominal: tuple[float, ...] = (1.0,)
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -47,6 +49,9 @@ class Distribution(NamedTuple):
         if self.kind == "normal":
             mean, deviation = self.numbers
             return mean - _TAILS * deviation, mean + _TAILS * deviation
+        if self.kind == "factor":
+            (factor,) = self.numbers
+            return min(self.nominal) / factor, max(self.nominal) * factor
         return min(self.numbers), max(self.numbers)
 
     def of(self, u: Array) -> Array:
@@ -54,6 +59,9 @@ class Distribution(NamedTuple):
         if self.kind == "choices":
             places = np.minimum((u * len(self.numbers)).astype(int), len(self.numbers) - 1)
             return np.asarray(np.array(self.numbers)[places])
+        if self.kind == "factor":
+            (factor,) = self.numbers
+            return np.asarray(np.array(self.nominal) * factor ** (2.0 * u - 1.0))
         low, high = self.numbers
         if self.kind == "uniform":
             return np.asarray(low + (high - low) * u)
@@ -71,7 +79,7 @@ def distribution(name: str, given: Any, declared: Parameter, joints: int, value:
         given: the section: one of :data:`KINDS`, and `each`; with none of them the declared range.
         declared: the parameter.
         joints: number of joints.
-        value: what the parameter is in the file.
+        value: what the parameter is in the experiment, which a factor multiplies.
 
     Raises:
         ParameterError: when it is none, or leaves the parameter's bounds.
@@ -83,7 +91,9 @@ def distribution(name: str, given: Any, declared: Parameter, joints: int, value:
         _check_numbers(name, kind, numbers)
     if given.each == "joint" and not declared.per_joint:
         raise ParameterError(name, "each: joint", "drawn once for each rollout; it is not per joint")
-    found = Distribution(kind, numbers, joints if given.each == "joint" else 1)
+    drawn = joints if given.each == "joint" else 1
+    nominal = _nominal(name, value, drawn) if kind == "factor" else (1.0,)
+    found = Distribution(kind, numbers, drawn, nominal)
     _check_bounds(name, found, declared)
     return found
 
@@ -92,7 +102,11 @@ def _kind_and_numbers(
     name: str, given: Any, declared: Parameter, value: Any
 ) -> tuple[str, tuple[float, ...]]:
     """Return which distribution a section gives, and its numbers; with none the declared range."""
-    known = {kind: tuple(x) for kind in KINDS if (x := getattr(given, kind)) is not None}
+    known = {}
+    for kind in KINDS:
+        numbers = getattr(given, kind)
+        if numbers is not None:
+            known[kind] = (numbers,) if kind == "factor" else tuple(numbers)
     if not known:
         if (ends := declared.range(value)) is None:
             raise ParameterError(name, value, "told from where to where it goes, as in {uniform: [1, 2]}")
@@ -102,8 +116,29 @@ def _kind_and_numbers(
     return next(iter(known.items()))
 
 
+def _nominal(name: str, value: Any, drawn: int) -> tuple[float, ...]:
+    """Return the values that a factor multiplies, one for each number that is drawn.
+
+    Raises:
+        ParameterError: where there is none, or one is not positive; where joints have different values and
+            share a factor.
+    """
+    if value is None:
+        raise ParameterError(name, None, "a value to multiply by the factor; or {log_uniform: [1, 2]}")
+    values = np.ravel(np.asarray(value, dtype=np.float64))
+    if not (values > 0.0).all():
+        raise ParameterError(name, float(values.min()), "a positive value to multiply by the factor")
+    if drawn == 1 and len(set(values.tolist())) > 1:
+        raise ParameterError(name, "a factor", "`each: joint` beside it, since its joints have other values")
+    return tuple(np.broadcast_to(values if drawn > 1 else values[:1], (drawn,)).tolist())
+
+
 def _check_numbers(name: str, kind: str, numbers: tuple[float, ...]) -> None:
-    """Refuse numbers that a distribution between two ends, or a normal one, cannot have."""
+    """Refuse numbers that a distribution between two ends, a normal one or a factor cannot have."""
+    if kind == "factor":
+        if numbers[0] < 1.0:
+            raise ParameterError(name, numbers[0], "a factor of at least 1: from 1/factor to factor times")
+        return
     if len(numbers) != 2:
         raise ParameterError(name, numbers, "two numbers")
     if kind == "normal":

@@ -23,7 +23,7 @@ from armgpi.escape import json_data
 from armgpi.intervals import clopper_pearson, quantile, wilson
 from armgpi.loop import metrics
 from armgpi.loop.rollout import FAULTS, Status
-from armgpi.studies.sample import Sweep, chunk_name
+from armgpi.studies.sample import FAILURE_SHARES, Sweep, chunk_name
 from armgpi.studies.study import Study
 from armgpi.supervisor import Reason
 
@@ -282,4 +282,8 @@ def failure_words(sweep: Sweep) -> str:
     """Return when a rollout of a study has failed, in words."""
     stopped = [] if sweep.experiment.supervisor is None else ["stopped"]
     beyond = (f"{metrics.ALL[name].heading} > {most:g}" for name, most in sweep.failure.items())
-    return " or ".join(["diverged", *stopped, *beyond])
+    words = " or ".join(["diverged", *stopped, *beyond])
+    if sweep.config.failure:
+        return words
+    shares = " and ".join(f"{share:.0%}" for share in FAILURE_SHARES.values())
+    return f"{words} ({shares} of the largest move of a joint; the key `failure` states others)"

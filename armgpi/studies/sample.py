@@ -36,8 +36,11 @@ from armgpi.studies.study import Identity, Study, identify, read_identity
 _WORK = 1 << 23
 #: Rollouts of a chunk, at least and at most; a draw of a reality takes milliseconds.
 _FEWEST, _MOST, _MOST_DRAWS = 16, 4096, 256
-#: A rollout has failed that diverges or exceeds one of these, where the file does not say.
-FAILURE: Mapping[str, float] = {"peak_error": 0.5, "final_error": 0.1}
+#: Where the file does not state it, a rollout has failed that diverges, or that has a larger error of a joint
+#: than these shares of the largest move of any joint.
+FAILURE_SHARES: Mapping[str, float] = {"peak_error": 0.1, "final_error": 0.02}
+#: Move of a reference that stands still [rad or m], and times at which references are looked at.
+_LEAST_MOVE, _LOOKS = 0.5, 401
 #: What is kept of a rollout, and what runs it.
 _KEPT: Mapping[str, Any] = {"record": "metrics", "backend": "compiled"}
 #: What goes with a load that varies, and what an identification draws of a plant.
@@ -100,7 +103,7 @@ class Sweep:
         if not getattr(classes_of(Arm).get(config.plant.engine), "varies", False):
             said = f"a sweep runs generated code, which {config.plant.engine!r} has none of; take armgpi"
             raise origin.error(("plant", "engine"), said)
-        failure = dict(config.failure or FAILURE)
+        failure = dict(config.failure or usual_failure(experiment))
         for name in failure:
             if name not in (known := metrics.without_rollouts()):
                 raise origin.error(("failure", name), str(metrics.not_found(name, known)))
@@ -439,6 +442,19 @@ def _read_sweep(folder: Path, digest: str, sampling: str) -> tuple[Sweep, Study]
     """Return the sweep of a folder that says that it holds one of a digest."""
     sweep = Sweep.of(*read(folder / EXPERIMENT), sampling)
     return sweep, sweep.enter(folder)
+
+
+def usual_failure(experiment: Experiment) -> dict[str, float]:
+    """Return the errors [rad or m] beyond which a rollout has failed where its file states none.
+
+    They are shares of the move: a tenth at the peak, a fiftieth at the end (:data:`FAILURE_SHARES`).
+    """
+    move = _LEAST_MOVE
+    if experiment.reference is not None:
+        q = experiment.reference.at(np.linspace(0.0, experiment.t_final, _LOOKS)).q
+        travel = float(np.ptp(q, axis=0).max())
+        move = travel if travel > 0.0 else _LEAST_MOVE
+    return {name: float(f"{share * move:.3g}") for name, share in FAILURE_SHARES.items()}
 
 
 def chunk_name(chunk: int, rows: int) -> str:

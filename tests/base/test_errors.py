@@ -115,7 +115,7 @@ def test_an_error_carries_what_would_help_as_data() -> None:
         (Remedy("lock", ("q2",), 0.0), "--lock q2=0"),
         (Remedy("mimic", value="follow"), "--mimic follow"),
         (Remedy("omega", value=30.0), "--omega 30"),
-        (Remedy("friction"), "--friction"),
+        (Remedy("friction"), "--friction none"),
     ],
 )
 def test_the_command_line_offers_a_remedy_as_its_option(

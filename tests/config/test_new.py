@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import warnings
 from collections.abc import Callable
@@ -11,6 +12,7 @@ from types import SimpleNamespace
 import pytest
 from commands import Answer
 
+import armgpi
 from armgpi import ArmgpiWarning, Robot, config, robots
 from armgpi.cli import pictures
 from armgpi.gpi.untuned import Untuned
@@ -96,10 +98,10 @@ def test_what_a_file_says_in_full_is_not_chosen_again(file: Path, monkeypatch: p
     assert config.build(again).config.controllers == full.config.controllers
 
 
-def test_what_is_not_said_is_believed_and_marked_so(file: Path, cli: Callable[..., Answer]) -> None:
+def test_what_is_not_specified_is_assumed_and_marked_so(file: Path, cli: Callable[..., Answer]) -> None:
     lines = {line.split(":")[0].strip(): line for line in file.read_text(encoding="utf-8").splitlines()}
-    assert "believed" in lines["encoder_bits"]
-    assert "believed" not in lines["payload"]
+    assert "assumed" in lines["encoder_bits"]
+    assert "assumed" not in lines["payload"]
     again = cli("new", "my_arm.urdf")
     assert again.code == 2
     assert "my_arm.yaml exists; choose another file, or add --force" in again.err
@@ -147,3 +149,43 @@ def test_the_file_of_a_whole_robot_keeps_one_arm(
     assert answer.code == 0, answer.err
     assert "the file keeps left_arm" in answer.err
     assert "keep: [left_arm]" in (tmp_path / "arm.yaml").read_text(encoding="utf-8")
+
+
+@pytest.mark.usefixtures("file")
+def test_no_payload_is_invented(cli: Callable[..., Answer], tmp_path: Path) -> None:
+    assert cli("new", "my_arm.urdf", "-o", "bare.yaml").code == 0
+    assert config.read(tmp_path / "bare.yaml").config.plant.payload is None
+
+
+def test_assumed_drives_are_keys_with_their_intervals_and_a_sweep_draws_them(
+    cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    path = tmp_path / "arm.yaml"
+    assert cli("new", "ur5", "-o", path).code == 0
+    found = config.read(path).config
+    assumed = armgpi.assume_drives(Robot.load("ur5"))
+    for joint, rotor in zip(assumed.joint_names, assumed.armature, strict=True):
+        datum = found.robot.drives[joint]["rotor_inertia"]
+        assert datum["source"] == "assumed"
+        assert datum["value"] == pytest.approx(rotor, rel=5e-3)
+        assert datum["high"] / datum["value"] == pytest.approx(2.5, rel=1e-2)
+    assert [*found.vary] == ["plant.rotor_inertia", "plant.gear_stiffness"]
+    assert found.vary["plant.rotor_inertia"].factor == 2.5
+
+
+def test_an_arm_without_effort_limits_gets_blanks_and_runs_when_they_are_filled(
+    cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    urdf = robots.locate("anthropomorphic3")[0].read_text(encoding="utf-8")
+    (tmp_path / "weak.urdf").write_text(re.sub('effort="[^"]*"', 'effort="0"', urdf), encoding="utf-8")
+    answer = cli("new", tmp_path / "weak.urdf")
+    assert answer.code == 3
+    assert "fill in robot.effort of q1, q2, q3" in answer.out
+    path = tmp_path / "weak.yaml"
+    refused = cli("run", path)
+    assert refused.code == 2
+    assert "robot.effort.q1" in refused.err
+    lines = path.read_text(encoding="utf-8").splitlines()
+    filled = [line.partition("#")[0] + "30" if "gravity alone" in line else line for line in lines]
+    path.write_text("\n".join(filled), encoding="utf-8")
+    assert cli("run", path, "--t-final", 0.1).code == 0

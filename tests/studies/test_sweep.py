@@ -708,11 +708,11 @@ def test_levels_and_their_estimate_are_those_that_are_worked_out_point_by_point(
 
 
 def test_whole_numbers_are_drawn_from_all_between_the_ends_alike() -> None:
-    nothing = dict.fromkeys(("log_uniform", "normal", "choices", "each"))
+    nothing = dict.fromkeys(("log_uniform", "normal", "choices", "factor", "each"))
     declared = Parameter("samples", kind="integer", least=0, most=2000)
     for low, high, whole in ((2.0, 5.0, (2, 3, 4, 5)), (2.2, 5.7, (3, 4, 5)), (4.0, 4.0, (4,))):
         found = distribution("plant.delay", SimpleNamespace(uniform=[low, high], **nothing), declared, 3)
-        assert found == ("choices", whole, 1)
+        assert found[:3] == ("choices", whole, 1)
     with pytest.raises(ParameterError, match="a range of at most 1000"):
         distribution("plant.delay", SimpleNamespace(uniform=[0, 1001], **nothing), declared, 3)
     wide = distribution("plant.delay", SimpleNamespace(uniform=[0, 1000], **nothing), declared, 3)
@@ -835,3 +835,38 @@ def test_parameters_say_whether_they_vary() -> None:
     assert not Parameter("x", structural=True).varies
     with pytest.raises(ParameterError):
         Sweep.of(*parse(TEXT, "study.yaml"), "halton")
+
+
+def test_where_a_file_states_no_failure_it_is_a_share_of_the_move() -> None:
+    """The largest move of the file is known in closed form from its points."""
+    text = TEXT[: TEXT.index("failure:")]
+    sweep = made(text)
+    points = np.array(sweep.config.reference.points)
+    move = float(np.ptp(points, axis=0).max())
+    assert sweep.failure == {
+        "peak_error": pytest.approx(0.1 * move, rel=1e-2),
+        "final_error": pytest.approx(0.02 * move, rel=1e-2),
+    }
+    assert "10% and 2% of the largest move" in results.failure_words(sweep)
+    assert "of the largest move" not in results.failure_words(made(TEXT))
+
+
+def test_a_factor_multiplies_what_each_joint_has() -> None:
+    """Logarithms are evenly drawn: the middle is the value, the ends are the factor either way."""
+    nominal = np.array([0.1, 2.0, 30.0])
+    drawn = Distribution("factor", (2.5,), 3, tuple(nominal))
+    for share, factor in ((0.0, 1 / 2.5), (0.5, 1.0), (1.0, 2.5)):
+        np.testing.assert_allclose(drawn.of(np.full((1, 3), share))[0], factor * nominal)
+    assert drawn.ends == pytest.approx((0.04, 75.0))
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("controller.omega: {factor: 0.5}", "a factor of at least 1"),
+        ("plant.rotor_inertia: {factor: 2, each: joint}", "a positive value to multiply"),
+    ],
+)
+def test_a_factor_that_cannot_be_is_refused(line: str, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        made(TEXT[: TEXT.index("vary:")] + f"vary:\n  {line}\n")

@@ -1,0 +1,91 @@
+"""The worlds: what they assume, that given keys win, and that old files keep their meaning."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from commands import Answer
+
+from armgpi import Robot, config, robots
+from armgpi.config import building
+
+#: A pendulum with friction on its joint, and a motor that bears it.
+ARM = """<robot name="rough"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 -0.2"/>
+<mass value="2"/><inertia ixx="0.03" iyy="0.03" izz="0.003" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="40" velocity="3"/>
+<dynamics damping="0.7" friction="1.3"/></joint></robot>"""
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    path = tmp_path / "rough.urdf"
+    path.write_text(ARM, encoding="utf-8")
+    return path
+
+
+def built(arm: Path, **more: Any) -> building.Experiment:
+    given = {"robot": {"name": str(arm)}, **more}
+    return building.build(config.check(given, config.Origin("test")))
+
+
+def friction_of(experiment: building.Experiment) -> Any:
+    return vars(building.inside(experiment.plant))["friction"]
+
+
+def test_friction_of_the_urdf_acts_in_the_realistic_plant_and_is_fed_forward(arm: Path) -> None:
+    found = built(arm, ideal=False)
+    np.testing.assert_array_equal(np.ravel(friction_of(found)), [0.7, 1.3])
+    (section,) = found.config.controllers
+    assert section.friction_feedforward is True
+    assert (found.config.plant.encoder_bits, found.config.plant.delay) == (16, 1)
+    assert found.robot.friction.viscous == Robot.load(arm).friction.viscous
+
+
+@pytest.mark.parametrize("more", [{}, {"ideal": True}, {"ideal": False, "plant": {"friction": "none"}}])
+def test_old_files_the_ideal_world_and_a_given_key_have_none(arm: Path, more: dict[str, Any]) -> None:
+    assert friction_of(built(arm, **more)) is None
+
+
+def test_old_files_and_the_ideal_world_have_exact_positions_and_the_printed_controller(arm: Path) -> None:
+    for more in ({}, {"ideal": True}):
+        found = built(arm, **more)
+        assert found.config.plant.encoder_bits is None
+        assert [each.type for each in found.config.controllers] == ["gpi"]
+        assert not found.robot.armature.any()
+
+
+def test_given_keys_win_over_the_realistic_world(arm: Path) -> None:
+    found = built(arm, ideal=False, plant={"encoder_bits": 12, "delay": 3}, controllers=[{"type": "pid"}])
+    assert (found.config.plant.encoder_bits, found.config.plant.delay) == (12, 3)
+    assert [each.type for each in found.config.controllers] == ["pid"]
+    line = building.summary(found)
+    assert "12-bit encoders, delay 3 samples" in line
+    assert "(assumed)" not in line
+    assert "viscous up to 0.7, Coulomb up to 1.3" in line
+
+
+def test_an_experiment_that_is_written_out_is_the_same_one(arm: Path) -> None:
+    found = built(arm, ideal=False)
+    again = building.build(*config.parse(config.dump(found.config), "written"))
+    assert again.config.plant == found.config.plant
+    np.testing.assert_array_equal(np.ravel(friction_of(again)), np.ravel(friction_of(found)))
+
+
+def test_only_our_own_arms_are_ideal() -> None:
+    assert robots.is_textbook("anthropomorphic3")
+    assert not robots.is_textbook("ur5")
+    assert not robots.is_textbook("rough.urdf")
+
+
+def test_commands_say_the_same_line(arm: Path, tmp_path: Path, cli: Callable[..., Answer]) -> None:
+    said = set()
+    for command in (("run",), ("loop",), ("export", "-o", tmp_path / "out"), ("run", "--encoder-bits", 16)):
+        answer = cli(command[0], arm, *(("--t-final", 0.1) if command[0] != "export" else ()), *command[1:])
+        (line,) = [each for each in answer.err.splitlines() if each.startswith("world:")]
+        said.add(line.replace(" (assumed)", ""))
+    assert len(said) == 1
