@@ -12,6 +12,7 @@ from commands import Answer
 
 from armgpi import Robot, config, robots
 from armgpi.config import building
+from armgpi.plants.plant import inside
 
 #: A pendulum with friction on its joint, and a motor that bears it.
 ARM = """<robot name="rough"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 -0.2"/>
@@ -34,7 +35,7 @@ def built(arm: Path, **more: Any) -> building.Experiment:
 
 
 def friction_of(experiment: building.Experiment) -> Any:
-    return vars(building.inside(experiment.plant))["friction"]
+    return vars(inside(experiment.plant))["friction"]
 
 
 def test_friction_of_the_urdf_acts_in_the_realistic_plant_and_is_fed_forward(arm: Path) -> None:
