@@ -19,6 +19,8 @@ _MOST_TURN, _MOST_SPIN = 4.0 * math.pi, 60.0
 _LEAST_SPEED = 1e-6
 #: Position limits beyond this are practically no limits [rad].
 _ENDLESS = 1000.0
+#: Soft limits are narrower than limits when by more than this [rad or m].
+_SOFT_ROUNDING = 1e-3
 #: Lengths that are hardly meant in metres [m].
 _MOST_LENGTH = 20.0
 _MOST_MASS, _MOST_EFFORT = 1e4, 1e5
@@ -250,6 +252,27 @@ def position_range(subject: Subject) -> Iterator[Finding]:
             remedies = (Remedy("lock", (joint.name,)),)
             repair = "give its range, or lock it"
             yield Finding("warning", where, message, joint.lower, joint.upper, repair, remedies)
+
+
+@check("soft", "soft limits of a <safety_controller> that are narrower; they are not limits here", "warning")
+def soft_limits(subject: Subject) -> Iterator[Finding]:
+    """Find soft limits that the robot's own controller holds, and that nothing here reads."""
+    for joint in subject.free:
+        element = subject.elements[joint.name].find("safety_controller")
+        if element is None or joint.type == "continuous":
+            continue
+        try:
+            # By ROS, 0 where they are missing; both 0 then mean that there are none.
+            lower, upper = (float(element.get(f"soft_{end}_limit", "0")) for end in ("lower", "upper"))
+        except ValueError:
+            continue
+        narrower = lower > joint.lower + _SOFT_ROUNDING or upper < joint.upper - _SOFT_ROUNDING
+        if lower < upper and narrower:
+            message = (
+                f"has soft limits {lower:g}..{upper:g} inside its limits {joint.lower:g}..{joint.upper:g}"
+            )
+            repair = "its own controller stops it there: write them into lower and upper of <limit>"
+            yield Finding("warning", f"joint {joint.name!r}", message, lower, joint.lower, repair)
 
 
 @check("limits", "a joint that is locked outside its limits", "warning")

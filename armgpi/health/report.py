@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import Any
 
@@ -27,11 +27,12 @@ from armgpi.health import checks_shapes as checks_shapes
 from armgpi.health import checks_urdf as checks_urdf  # registers its checks
 from armgpi.health.findings import LEVELS, Finding, Level, Subject
 from armgpi.plants.elastic import sag
-from armgpi.robot import reading, repairs, robots, rotors, urdf_model
+from armgpi.robot import reading, repairs, robots, rotors, tensors, urdf_model
 from armgpi.robot.drives import Drives
 from armgpi.robot.equations import PerJoint
 from armgpi.robot.meshes import MeshFinder
 from armgpi.robot.robot import Robot
+from armgpi.robot.urdf import Urdf
 
 
 @dataclass(frozen=True)
@@ -129,9 +130,9 @@ def inspect(
         if not any(remedy.kind == "repair" for remedy in error.remedies):
             raise
         # Whatever is wrong beside what can be repaired is raised here: no set of repairs would do.
-        needed = repairs.made_in(load([repairs.ALL]).provenance)
-        raise error.suggesting(Remedy("repair", (), ",".join(needed))) from None
-    document = reading.read(path, {*asked, *repairs.made_in(robot.provenance)})
+        needed = repairs.made_in(load([repairs.ALL, repairs.ACCEPT, repairs.NO_FRICTION]).provenance)
+        raise error.suggesting(Remedy("repair", (), ",".join(dict.fromkeys(needed)))) from None
+    document = _as_built(reading.read(path, {*asked, *repairs.made_in(robot.provenance)}), robot)
     if effort is not None:
         robot = robot.with_limits(effort=effort)
     if drives is not None and not isinstance(drives, str):
@@ -143,6 +144,17 @@ def inspect(
         robot = rotors.assume_drives(robot, word)
     subject = Subject(document, robot, MeshFinder(path, package_dirs), dt, delay, encoder_bits)
     return HealthReport(robot, _facts(subject, word)).with_findings(findings.find(subject))
+
+
+def _as_built(document: Urdf, robot: Robot) -> Urdf:
+    """Return what a file contains with the inertias that the robot has by another order of their numbers."""
+    links = dict(document.links)
+    for name in repairs.made_in(robot.provenance):
+        kind, _, link = name.partition(":")
+        reading = tensors.only_reading(links[link].inertia) if kind == "reorder-inertia" else None
+        if reading is not None:
+            links[link] = replace(links[link], inertia=reading.values)
+    return replace(document, links=links)
 
 
 def with_payload(report: HealthReport, mass: float) -> HealthReport:

@@ -16,9 +16,15 @@ from armgpi.renamed import current_name
 ALL = "all"
 #: The repair that is no correction but a start.
 SUPPOSE = "assume-bodies"
+#: Kinds that are no corrections either: they take what no arm has.
+ACCEPT, NO_FRICTION = "accept-inertia", "no-friction"
 #: Kind -> what the repair does.
 KINDS = {
+    ACCEPT: "an inertia that no rigid body has, of an identified set, is taken as it is; not part of all",
     "drop-inertia": "a moving link with an inertia and the mass 0 becomes a frame, without inertia",
+    "mirror-inertia": "an inertia whose lower triangle alone is written (iyx, izx, izy) is symmetric",
+    NO_FRICTION: "a negative damping or friction, of an identified set, is taken as 0; not part of all",
+    "reorder-inertia": "an inertia that is positive in one other order of its numbers alone is read so",
     SUPPOSE: "an arm without any mass gets supposed bodies, to be identified; not part of all",
     "split-commas": "commas between the numbers of one attribute are read as separators",
 }
@@ -83,6 +89,11 @@ class Repairs:
         self.wanted = wanted
         self.made = list(made)
 
+    def wants(self, kind: str, element: str) -> bool:
+        """Tell whether a repair was asked for; `all` means corrections alone."""
+        asked = {kind, f"{kind}:{element}"} | (set() if kind in (ACCEPT, NO_FRICTION) else {ALL})
+        return bool(self.wanted & asked)
+
     def make(self, kind: str, element: str, problem: str, before: str, after: str) -> None:
         """Record a repair that was asked for.
 
@@ -90,7 +101,7 @@ class Repairs:
             UrdfError: with the `problem` and the name of the repair, when it was not.
         """
         name = f"{kind}:{element}"
-        if not self.wanted & {ALL, kind, name}:
+        if not self.wants(kind, element):
             error = UrdfError(
                 self.source, f"{problem}; correct the file, or load it with repair={name!r}", element
             )

@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
@@ -22,7 +22,7 @@ from armgpi.robot import tree
 from armgpi.robot.markup import MAX_BYTES as MAX_BYTES
 from armgpi.robot.markup import parse_xml, xacro_hint
 from armgpi.robot.markup import read_file as read_file
-from armgpi.robot.repairs import Repair, Repairs, repair_names
+from armgpi.robot.repairs import NO_FRICTION, Repair, Repairs, repair_names
 from armgpi.robot.tree import MOVING_TYPES, MULTI_DOF_TYPES, Joint, Link
 
 MAX_JOINTS = 2_000
@@ -31,6 +31,8 @@ _HUGEST = 1e15
 #: Ratios of mimic joints are between these, or 0.
 _LEAST_RATIO, _MOST_RATIO = 1e-6, 1e6
 _INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+#: Products of inertia -> the same in the lower triangle.
+_MIRRORED = {"ixy": "iyx", "ixz": "izx", "iyz": "izy"}
 
 
 class Coupled(NamedTuple):
@@ -212,8 +214,7 @@ class _Reader:
             raise self._error(f"{self.where} has the axis 0 0 0; give a direction, such as 0 0 1")
         limits = self._limits(kind)
         dynamics, mimic = self.element.find("dynamics"), self.element.find("mimic")
-        damping = self._not_negative(dynamics, "damping", "damping", 0.0)
-        friction = self._not_negative(dynamics, "friction", "friction", 0.0)
+        damping, friction = (self._friction(dynamics, key) for key in ("damping", "friction"))
         for label, value in (("damping", damping), ("friction", friction)):
             if value > _HUGEST:
                 raise self._error(f"{self.where} has a {label} of {value:g}, larger than any robot")
@@ -247,7 +248,9 @@ class _Reader:
             if element is None:
                 missing = missing or tag
             else:
-                numbers[tag] = tuple(self._read_required(element, key) for key in keys)
+                numbers[tag] = tuple(
+                    self._read_required(element, key) for key in self._written(element, keys)
+                )
         (mass,), inertia = numbers["mass"], numbers["inertia"] if missing != "mass" else (0.0,) * 6
         if mass < 0.0:
             raise self._error(f"{self.where} has the negative mass {mass:g}; give kg, 0 or more")
@@ -256,6 +259,27 @@ class _Reader:
             said = f"{self.where} has a mass or inertia of {most:g}, larger than any robot; give kg, kg m^2"
             raise self._error(said)
         return Link(self.name, mass, xyz, rpy, inertia, True, meshes, missing)
+
+    def _written(self, element: Element, keys: Sequence[str]) -> list[str]:
+        """Return the attributes of an element by which it has what `keys` name: of a triangle, the other."""
+        written = []
+        for key in keys:
+            other = _MIRRORED.get(key, key)
+            if element.get(key) is None and element.get(other) is not None:
+                problem = f"{self.where}, <{element.tag}> has {other} and no {key}"
+                self.repairs.make("mirror-inertia", self.name, problem, f"{other} alone", f"{key} = {other}")
+                key = other
+            written.append(key)
+        return written
+
+    def _friction(self, element: Element | None, key: str) -> float:
+        """Return a damping or friction, which a fit may have given below 0."""
+        value = self._optional(element, key, 0.0)
+        if value >= 0.0:
+            return value
+        problem = f"{self.where} has a negative {key}: {value:g}; give 0 or more"
+        self.repairs.make(NO_FRICTION, self.name, problem, f"{key} {value:g}", "0, more than was identified")
+        return 0.0
 
     def _type(self) -> str:
         """Return the type of the <joint>."""

@@ -23,8 +23,8 @@ import pinocchio as pin
 
 from armgpi.arrays import Array, as_number, check_choice, frozen
 from armgpi.errors import ArmgpiWarning, NameNotFound, ParameterError, Remedy, UrdfError
-from armgpi.robot import tree
-from armgpi.robot.repairs import SUPPOSE, Repair, Repairs
+from armgpi.robot import tensors, tree
+from armgpi.robot.repairs import ACCEPT, SUPPOSE, Repair, Repairs
 from armgpi.robot.tree import MULTI_DOF_TYPES, Joint, Link
 from armgpi.robot.urdf import Urdf
 
@@ -165,12 +165,7 @@ def _check_link(link: Link, repairs: Repairs) -> Link:
     if link.missing:
         raise UrdfError(repairs.source, f"{where} has an <inertial> without <{link.missing}>", link.name)
     if smallest < -1e-9 * max(1e-6, largest):
-        raise UrdfError(
-            repairs.source,
-            f"{where} has an inertia that is not positive (smallest eigenvalue {smallest:g}); take it "
-            "from CAD again, in kg m^2",
-            link.name,
-        )
+        return _check_tensor(link, smallest, repairs)
     if link.mass > 0.0 or largest == 0.0:
         return link
     before = f"mass 0, inertia {join(link.inertia)}"
@@ -178,6 +173,22 @@ def _check_link(link: Link, repairs: Repairs) -> Link:
         "drop-inertia", link.name, f"{where} has an inertia but no mass", before, "a frame, without inertia"
     )
     return replace(link, inertia=(0.0,) * 6)
+
+
+def _check_tensor(link: Link, smallest: float, repairs: Repairs) -> Link:
+    """Return a link whose inertia is not positive with one that was asked for."""
+    before = f"inertia {join(link.inertia)}"
+    problem = f"link {link.name!r} has an inertia that is not positive (smallest eigenvalue {smallest:g})"
+    reading = tensors.only_reading(link.inertia)
+    if reading is not None and f"{ACCEPT}:{link.name}" not in repairs.wanted:
+        after = f"{join(reading.values)}, read {reading.order}"
+        problem += f"; it is when it is read {reading.order}"
+        repairs.make("reorder-inertia", link.name, problem, before, after)
+        return replace(link, inertia=reading.values)
+    after = "it is; not guaranteed: D(q) is positive at all q (17 are checked), other simulators load it"
+    problem += "; take it from CAD again, in kg m^2, or accept it if an identification gave it"
+    repairs.make(ACCEPT, link.name, problem, before, after)
+    return link
 
 
 def _refuse_shapes_alone(urdf: Urdf, moved: Collection[str]) -> None:
