@@ -49,6 +49,9 @@ REALITIES: dict[str, dict[str, Any]] = {
         **{"speed": (4.0, 40.0), "duration": (2.5, 10.0), "t_final": 14.0},
     },
     **{kind: {"name": kind} for kind in ("undriven", "elastic", "owned")},
+    # The same arms and moves, once with a controller that knows that the encoders are at the motors.
+    "motor_unknown": {"name": "owned", "side_known": 0.0},
+    "motor_known": {"name": "owned", "side_known": 1.0},
 }
 SAMPLE_TIMES = (1e-3, 2e-3, 4e-3)
 #: Draws of an arm in a row that share sample time and delay: each such pair is compiled.
@@ -88,7 +91,7 @@ class Run(NamedTuple):
 
 
 def runs(
-    reality: str, seed: int, name: str, law: str, count: int, supervisor: Supervisor, drives: str | None
+    drawn: Reality, reality: str, name: str, law: str, count: int, supervisor: Supervisor, drives: str | None
 ) -> list[Run]:
     """Return what came of draws of an arm; see :func:`health.draws` for what the law believes.
 
@@ -97,7 +100,6 @@ def runs(
     """
     section = yaml.safe_load(law)
     section = section if isinstance(section, dict) else {"type": section}
-    drawn = Reality(seed=seed, block=BLOCK, sample_time=SAMPLE_TIMES, **REALITIES[reality])
     draws, found = health.draws(drawn, name, count, drives), []
     for group, (free, watched) in health.rollouts(draws, section, supervisors=(None, supervisor)):
         for row, draw in enumerate(group):
@@ -181,6 +183,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--arms", nargs="+", default=["fit"], help="fit, held-out, or names of arms")
     parser.add_argument("--laws", nargs="+", default=["gpi_auto"], help="types of controllers, or sections")
     parser.add_argument("--drives", choices=("stiff", "elastic"), help="what laws believe")
+    parser.add_argument("--sample-times", type=float, nargs="+", default=SAMPLE_TIMES, help="[s]")
     parser.add_argument("--speed", type=float, help="share for SPEED; no check when not given")
     parser.add_argument("--out", type=Path, help="write all runs as JSON")
     given = parser.parse_args(arguments)
@@ -189,10 +192,12 @@ def main(arguments: list[str] | None = None) -> int:
     found: list[Run] = []
     failed = {}
     for reality in given.realities:
+        loops = {"block": BLOCK, "sample_time": tuple(given.sample_times)}
+        drawn = Reality(seed=given.seed, **loops, **REALITIES[reality])
         for law in given.laws:
             for name in names:
                 try:
-                    found += runs(reality, given.seed, name, law, given.per_arm, supervisor, given.drives)
+                    found += runs(drawn, reality, name, law, given.per_arm, supervisor, given.drives)
                 except ArmgpiError as error:
                     failed[f"{name}, {law}"] = str(error)
             print(f"{reality}, {law}: {time.process_time():.0f} s of CPU", file=sys.stderr, flush=True)

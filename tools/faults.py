@@ -4,6 +4,8 @@ Usage:
     python tools/faults.py                the matrix; the rows of tools/bounds.py are kept as they are
     python tools/faults.py --bounds       those as well
     python tools/faults.py --target fci   one target; rows of the others are kept as they are
+    python tools/faults.py --side motor   encoders known to be at the motors, beside the page: nothing is
+                                          written
     python tools/faults.py --page         nothing is measured: the page anew from docs/faults.csv
 
 Each fault happens in the middle of a move of all joints, at 0.75 rad/s for the fastest, with 18-bit encoders,
@@ -147,6 +149,7 @@ class Case(NamedTuple):
     dt: float
     gravity: str
     elastic: bool
+    side: str = ""
 
     def __str__(self) -> str:
         """Return it in words."""
@@ -214,9 +217,9 @@ class Outcome(NamedTuple):
 
 
 @cache
-def experiment_of(target: str, arm: str, dt: float, gravity: str) -> Any:
+def experiment_of(target: str, arm: str, dt: float, gravity: str, side: str) -> Any:
     """Return the experiment that `armgpi export --target` writes the controller of."""
-    data = targets.described(target, arm, BITS, gravity, dt)
+    data = targets.described(target, arm, BITS, gravity, dt, side)
     origin = config.Origin(target)
     return config.build(config.check(data, origin), origin)
 
@@ -257,7 +260,7 @@ def happened(case: Case, faults: list[Fault], **given: Any) -> list[Outcome]:
         faults: with the same `away`, `blocked`, `payload` and `rest`.
         **given: bounds of the supervisor that differ from the export's.
     """
-    experiment = experiment_of(*case[:4])
+    experiment = experiment_of(*case[:4], case.side)
     robot, dt, one = experiment.robot, case.dt, faults[0]
     law = next(iter(experiment.controllers.values()))
     supervised = Supervised(law, suited(experiment.supervisor, given))
@@ -333,7 +336,7 @@ def least(case: Case) -> tuple[float, float]:
     ((D v)_j t - G_j t^2 / 2 - sum of D_jk d_k) / D_jj away. Each of them ends near where it was, or near its
     move: a law that lets all joints travel by T moves this one by T times the sum of |D_jk| / D_jj at most.
     """
-    robot = experiment_of(*case[:4]).robot
+    robot = experiment_of(*case[:4], case.side).robot
     reference, begin = move_of(robot, False, case.dt)
     now, later = reference.at(begin * case.dt), reference.at(begin * case.dt + SOON)
     inertia, gravity, ahead = robot.mass_matrix(now.q), robot.gravity(now.q), later.q - now.q
@@ -355,7 +358,11 @@ def pushed(case: Case) -> tuple[float, float]:
     And how far one whose law knows all of the arm, but sees the push no sooner than its measurements come:
     pushed so long, and pushed back as long. Both of the worst joint.
     """
-    robot, small, late = experiment_of(*case[:4]).robot, 1e-4, targets.EXPECTED[case.target].delays[0]
+    robot, small, late = (
+        experiment_of(*case[:4], case.side).robot,
+        1e-4,
+        targets.EXPECTED[case.target].delays[0],
+    )
     reference, begin = move_of(robot, False, case.dt)
     q = reference.at(begin * case.dt).q
     torque = 0.5 * np.diag(robot.limits.effort)
@@ -366,14 +373,17 @@ def pushed(case: Case) -> tuple[float, float]:
     return float(np.abs(rollout.q - q).max()) / small, float(at_once)
 
 
-def measure(chosen: list[str]) -> list[Outcome]:
-    """Return all outcomes of some targets."""
+def measure(chosen: list[str], side: str = "") -> list[Outcome]:
+    """Return all outcomes of some targets; with a side, of arms with gears, their encoders there."""
     groups: dict[Any, list[Fault]] = {}
     for fault in FAULTS:
         groups.setdefault((fault.away, fault.blocked, fault.payload, fault.rest), []).append(fault)
     found: list[Outcome] = []
     for target in chosen:
-        for case in cases(target):
+        for each in cases(target):
+            case = each._replace(side=side)
+            if side and case.arm == "anthropomorphic3":  # it has no gears
+                continue
             for faults in groups.values():
                 found += happened(case, faults)
             print(f"{target}, {case}, {case.gravity}: {time.process_time():.0f} s of CPU", flush=True)
@@ -446,7 +456,7 @@ def worst_of(found: list[Outcome]) -> Iterator[Worst]:
         groups.setdefault((each.case, each.fault.name), []).append(each)
     for (case, fault), mine in groups.items():
         x = max(mine, key=Outcome.travel)
-        names = experiment_of(*case[:4]).robot.joint_names
+        names = experiment_of(*case[:4], case.side).robot.joint_names
         counts = [sum(y.kept for y in mine), sum(y.travel() <= NEAR for y in mine)]
         counts += [sum(y.goes_on or y.rest <= SOON for y in mine), len(mine)]
         most = (max(y.peak for y in mine), max(y.rest for y in mine), max(y.rate for y in mine))
@@ -616,13 +626,42 @@ def page(rows: list[Worst], kept: list[str]) -> str:
     return head.replace("ARMS", arms_table(rows)).replace("COUNT", str(len(FAULTS)))
 
 
+def against(rows: list[Worst], page: list[Worst]) -> Iterator[str]:
+    """Yield the lines of a table: outcomes of arms with a known side beside those of the page."""
+    yield "| arm, who carries the weight | side | kept | 0.1 rad | at rest in time | worse of the faults |"
+    yield "|---|---|---:|---:|---:|---|"
+    known = {(row.case._replace(side=""), row.fault): row for row in page}
+    for case, mine in by(rows, lambda row: row.case).items():
+        pairs = [(known.get((case._replace(side=""), row.fault)), row) for row in mine]
+        both = [(before, row) for before, row in pairs if before is not None]
+        worse = ", ".join(
+            f"{row.fault} ({before.kept} to {row.kept} of {row.of}, "
+            f"{before.travel:.3f} to {row.travel:.3f} rad)"
+            for before, row in both
+            if row.kept < before.kept
+        )
+        for side, own in (("unknown", [x for x, _ in both]), (case.side, [x for _, x in both])):
+            of = sum(row.of for row in own)
+            counts = [f"{sum(row[k] for row in own)} of {of}" for k in (2, 3, 4)]
+            said = (worse or "none") if side == case.side else ""
+            yield f"| `{case.target}`, {case}, {case.gravity} | {side} | {' | '.join(counts)} | {said} |"
+
+
 def main() -> None:
     """Run what is asked for, and write page and table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--target", choices=targets.ARMS, help="this one alone")
     parser.add_argument("--page", action="store_true", help="measure nothing")
     parser.add_argument("--bounds", action="store_true", help="measure the rows of tools/bounds.py as well")
+    parser.add_argument(
+        "--side", choices=("motor", "link"), help="encoders known to be there; nothing is written"
+    )
     given = parser.parse_args()
+    if given.side:
+        chosen = [given.target] if given.target else list(targets.ARMS)
+        rows = list(worst_of(measure(chosen, given.side)))
+        print(*against(rows, read_table(DOCS / "faults.csv")), sep="\n")
+        return
     chosen = [] if given.page else [given.target] if given.target else list(targets.ARMS)
     rows = list(worst_of(measure(chosen)))
     if len(chosen) < len(targets.ARMS):

@@ -1,6 +1,7 @@
 """How the automatic controllers for encoders at the motor and for an unknown side compare, arm by arm.
 
     python tools/motor_side.py [--seed 55] [ARM ...]
+    python tools/motor_side.py --torque-step [ARM ...]
 
 Stability is that of the sampled linear loop (eigenvalues) at configurations that no rule looks at: with the
 assumed stiffness times 0.5, 1 and 2, at damping ratios of 5 and 1 %, and in the corners with the true rotors
@@ -8,6 +9,10 @@ assumed stiffness times 0.5, 1 and 2, at damping ratios of 5 and 1 %, and in the
 ``ElasticPlant`` with 16-bit encoders at the motors: the largest error of a link. ITAE and torque variation
 are those of a move of 0.5 rad in 2 s with 0.5 kg that the controller does not know, means over the stiffness
 times 0.5, 1 and 2.
+
+With ``--torque-step``: the largest change of torque in a sample that the controllers ask for, of all joints,
+and what is left where a supervisor limits it to 1 N m per ms, as libfranka does. The robot carries its own
+weight, as those that libfranka controls do. Largest and final errors are those of the links.
 """
 
 from __future__ import annotations
@@ -16,7 +21,7 @@ import argparse
 import itertools
 import math
 import warnings
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,6 +41,13 @@ LOOPS = ((1e-3, 1), (2e-3, 1), (1e-3, 3))
 CURRENT_LOOP = 500.0  # [Hz]
 BITS = 16
 PAYLOAD = 0.5  # [kg]
+#: Of the torque's step: bits of the encoders, gear ratios, and the rate that libfranka takes [N m/s].
+STEP_BITS = (16, 18, 20)
+GEAR_RATIOS = (30, 100, 160)
+TORQUE_RATE = 1000.0
+#: Starts beside the reference [rad]; torque pulses of 50 ms, as shares of the torque limit.
+OFFSETS = (0.002, 0.01, 0.03)
+PULSES = (0.1, 0.5)
 
 
 def load(name: str, side: str) -> armgpi.Robot:
@@ -90,6 +102,69 @@ def move(robot: armgpi.Robot, law: Any, late: int) -> tuple[float, float]:
     return float(itae), float(variation)
 
 
+class Motion(NamedTuple):
+    """What an arm is to do: its reference, loads, and how far from the reference it starts [rad]."""
+
+    name: str
+    reference: Any
+    loads: Any = ()
+    offset: float = 0.0
+
+
+def motions(robot: armgpi.Robot, gravity: Any) -> list[Motion]:
+    """Return the motions over which torques are looked at."""
+    middle = robot.middle()
+    hold = armgpi.Hold(middle)
+    goal = np.clip(middle + 0.5, robot.limits.lower, robot.limits.upper)
+    found = [
+        Motion("rest", hold),
+        Motion("move of 0.5 rad in 2 s", armgpi.Bezier(middle, goal, 2.0)),
+        Motion("push of 10 % of gravity", hold, armgpi.Step(0.1 * gravity, 0.5)),
+    ]
+    for share in PULSES:
+        pulse = armgpi.Pulse(-share * robot.limits.effort, onset=0.5, duration=0.05)
+        found.append(Motion(f"pulse of {share:.0%} of the limits, 50 ms".replace("%", " %"), hold, pulse))
+    found += [Motion(f"start {1e3 * offset:g} mrad beside", hold, offset=offset) for offset in OFFSETS]
+    return found
+
+
+def torque_steps(name: str, dt: float, late: int) -> None:
+    """Print the largest steps of torque of an arm under both controllers."""
+    gravity = load(name, "")
+    heaviest = np.abs(gravity.gravity(random_configurations(gravity, 50, seed=0))).max(axis=0)
+    supervisor = armgpi.Supervisor(torque_rate=TORQUE_RATE)
+    for side, motion in itertools.product(("", "motor"), motions(gravity, heaviest)):
+        rows: dict[bool, list[tuple[float, float, float]]] = {False: [], True: []}
+        for bits, ratio in itertools.product(STEP_BITS, GEAR_RATIOS):
+            robot = load(name, side).with_gravity((0.0, 0.0, 0.0))
+            robot = robot.with_drives({joint: {"gear_ratio": ratio} for joint in robot.joint_names})
+            law = armgpi.GPI.auto(robot, dt, delay=late * dt, bits=bits)
+            for factor, limited in itertools.product(STIFFNESS, rows):
+                plant: Any = armgpi.ElasticPlant(
+                    robot, motion.loads, gear_stiffness=factor * robot.drives.value("stiffness")
+                )
+                plant = armgpi.Delayed(armgpi.Encoder(armgpi.Saturated(plant), bits), late)
+                start = robot.middle() - motion.offset
+                under = {"q0": start, "supervisor": supervisor if limited else None, "backend": "auto"}
+                rollout = armgpi.simulate(plant, law, motion.reference, 2.5, **under)
+                rows[limited].append(step_and_errors(rollout))
+        asked, (left, worst, final) = np.max(rows[False], axis=0), np.max(rows[True], axis=0)
+        said = f"| {name} | {1e3 * dt:g} ms, {late} late | {side or 'side unknown'} | {motion.name} | "
+        said += (
+            f"{asked[0]:.2g} | {left:.3g} | {1e3 * asked[1]:.3g} | {1e3 * worst:.3g} | {1e3 * final:.2g} |"
+        )
+        print(said, flush=True)
+
+
+def step_and_errors(rollout: Any) -> tuple[float, float, float]:
+    """Return the largest step of torque [N m], largest and final error [rad]; infinite where it failed."""
+    if int(rollout["status"]) != armgpi.Status.FINISHED:
+        return math.inf, math.inf, math.inf
+    error = np.abs(rollout["q"].values - rollout["q_ref"].values)
+    step = np.abs(np.diff(rollout["tau_command"].values, axis=0)).max()
+    return float(step), float(error.max()), float(error[-1].max())
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(
@@ -97,8 +172,15 @@ def main() -> None:
     )
     parser.add_argument("arms", nargs="*", default=ARMS)
     parser.add_argument("--seed", type=int, default=55)
+    parser.add_argument("--torque-step", action="store_true", help="steps of torque instead")
     wished = parser.parse_args()
     warnings.simplefilter("ignore")
+    if wished.torque_step:
+        print("| arm | loop | controller | motion | asked | limited | error | error, limited | final |")
+        print("|---|---|---|---|---|---|---|---|---|")
+        for name, (dt, late) in itertools.product(wished.arms, ((1e-3, 0), (1e-3, 1))):
+            torque_steps(name, dt, late)
+        return
     print("| arm | loop | controller | stable | rotors x 0.4-1.6 | push [mrad] | ITAE | variation [N m] |")
     print("|---|---|---|---|---|---|---|---|")
     for name, (dt, late) in itertools.product(wished.arms, LOOPS):

@@ -18,7 +18,7 @@ EXPECTED = {each.target: each for each in reversed(INTERFACES)}
 
 
 def described(
-    target: str, arm: str, bits: int, gravity: str | None = None, dt: float = 1e-3
+    target: str, arm: str, bits: int, gravity: str | None = None, dt: float = 1e-3, side: str = ""
 ) -> dict[str, Any]:
     """Return an experiment file, as data, of what `armgpi export --target` writes of an arm.
 
@@ -28,13 +28,20 @@ def described(
         bits: resolution of the encoders.
         gravity: who carries the weight where the target leaves it open; the controller when not given.
         dt: sample time where the target leaves it open [s].
+        side: where the encoders are specified to sit; "" for nothing that is known.
     """
     expected = EXPECTED[target]
     carried = "robot" if "gravity" in expected.adds else gravity or "arm"
+    plant: dict[str, Any] = {"engine": "armgpi", "encoder_bits": bits, "delay": expected.delays[0]}
+    robot: dict[str, Any] = {"name": arm, "lock": ARMS[target][arm], "gravity": carried}
+    if side:  # elastic joints are assumed where nothing is said
+        plant |= {"engine": "elastic", "encoder_side": side}
+    else:
+        robot["drives"] = "elastic"
     return {
-        "robot": {"name": arm, "lock": ARMS[target][arm], "gravity": carried, "drives": "elastic"},
+        "robot": robot,
         "controllers": [{"type": "gpi_auto"}],
-        "plant": {"engine": "armgpi", "encoder_bits": bits, "delay": expected.delays[0]},
+        "plant": plant,
         "sample_time": expected.dt or dt,
         "supervisor": {} if expected.rate is None else {"torque_rate": expected.rate},
     }

@@ -167,6 +167,18 @@ class Controller(Parametrised, ABC):
             The torque, within +-`effort` [N m or N], of the shape of the positions, and the next state.
         """
 
+    def waiting(self, measurement: Any, target: Target, state: Any) -> Any:
+        """Return the state of a controller whose first torque is not reached yet, as its rate is limited.
+
+        The arm may have moved since :meth:`init` meanwhile: what it did was not by this controller.
+
+        Args:
+            measurement: what is measured now.
+            target: what is wanted now.
+            state: the one before, which is that of the start.
+        """
+        return state
+
     def limited(self, tau: Array) -> Array:
         """Return a torque saturated at what the controller may ask for.
 

@@ -59,8 +59,9 @@ class GPI(Controller):
             `payload`, the one with the heaviest load.
         gains: the tuning per joint; ``FixedGains(default_omega(dt, delay))`` when not given.
         realisation: "bumpless" (three bounded states) or "paper" (as printed).
-        start: "hold" starts with the torque that holds the arm (brakes released under torque), "zero" with
-            the integrators at zero.
+        start: "hold" starts with the torque that holds the arm (brakes released under torque), "rest" also
+            takes an arm that starts beside its reference to be at rest there, so that no derivative of the
+            first error kicks; "zero" starts with the integrators at zero.
         feedforward: torque of the nominal model that is added: "none" (the paper); at the reference "gravity"
             G(q*), or "model" D(q*) a* + C(q*, v*) v* + G(q*); or "computed", at the measured position
             D(q) a* + C(q, v*) v* + G(q).
@@ -103,10 +104,11 @@ class GPI(Controller):
         structural=True,
     )
     start: str = parameter(
-        "start with the torque that holds the arm, or with the integrators at zero",
+        "start with the torque that holds the arm, with that and without a kick of the derivative where it "
+        "starts beside its reference, or with the integrators at zero",
         kind="choice",
         default="hold",
-        choices=("hold", "zero"),
+        choices=("hold", "rest", "zero"),
         structural=True,
     )
     delay: float = parameter("transport delay in the loop", unit="s", default=0.0, least=0.0, in_file=False)
@@ -247,6 +249,8 @@ class GPI(Controller):
             raise ParameterError("realisation", self.realisation, expected)
         elif self._rests:
             raise ParameterError("realisation", self.realisation, "bumpless with a dead zone or a leak")
+        elif self.start == "rest":
+            raise ParameterError("realisation", self.realisation, "bumpless with start: rest")
         self._emptied = -np.expm1(-self.rest_leak * self.dt)
         self._viscous, self._coulomb = self.bias_robot.friction
         self._dynamics, self._bias = self.robot.dynamics, self.bias_robot.dynamics
@@ -333,7 +337,7 @@ class GPI(Controller):
         q = measurement.q
         e = q - target.q
         hold = np.zeros_like(e)
-        if self.start == "hold":
+        if self.start != "zero":
             weight = self._bias.gravity(q)
             held = self.limited(weight)
             if self.feedforward != "none":
@@ -342,7 +346,16 @@ class GPI(Controller):
                 held = held - (weight if at is q else self._bias.gravity(at))
             hold = self._dynamics.inertia_solve(q, held)
         learn = np.ones_like(e)
-        return GPIState(self._law.init(hold, self._nominal), self.gains.init(e), learn)
+        first = self._settled(e, self._law.init(hold, self._nominal))
+        return GPIState(first, self.gains.init(e), learn)
+
+    def waiting(self, measurement: Measurement, target: Target, state: GPIState) -> GPIState:
+        """Return the state at the start, from where the arm is now; see :meth:`Controller.waiting`."""
+        return state._replace(law=self._settled(measurement.q - target.q, state.law))
+
+    def _settled(self, e: Array, state: Any) -> Any:
+        """Return a state of the law, its filter settled on an error where it starts at rest."""
+        return self._law.settled(e, state, self._nominal) if self.start == "rest" else state
 
     def step(self, measurement: Measurement, target: Target, state: GPIState) -> ControlStep:
         """Return torque and next state; what is NaN goes through: nothing is checked here.

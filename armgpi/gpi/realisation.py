@@ -48,6 +48,19 @@ class Realisation(ABC):
     def init(self, hold: Array, c: Any) -> Any:
         """Return the state that, while the error is zero, keeps v = `hold` [rad/s^2]."""
 
+    def settled(self, e: Array, state: Any, c: Any) -> Any:
+        """Return a state whose filter has settled on an error, so that its derivative does not kick.
+
+        Args:
+            e: error that is taken to have stood for long [rad or m].
+            state: of the integrators.
+            c: the coefficients.
+
+        Raises:
+            NotImplementedError: for a realisation without a filter of its own.
+        """
+        raise NotImplementedError
+
     @abstractmethod
     def output(self, e: Array, state: Any, c: Any) -> Array:
         """Return v [rad/s^2 or m/s^2] for the error `e` [rad or m]."""
@@ -181,6 +194,20 @@ class Bumpless(Realisation):
         """Return the state at rest; see :meth:`Realisation.init`."""
         zero = np.zeros_like(hold)
         return new(self._state, (zero - hold, *[zero] * (self.member.integrators + self.member.rolloff)))
+
+    def settled(self, e: Array, state: Any, c: Any) -> Any:
+        """Return a state whose filter has settled on an error; see :meth:`Realisation.settled`."""
+        m = self.member.integrators
+        order = 1 + self.member.rolloff
+        drive = c[1 + m : 1 + m + order]
+        leak = c[1 + m + order : 1 + m + 2 * order]
+        eta = drive[-1] * e / (1.0 - leak[0] if order == 1 else leak[-1])
+        filters = [eta]
+        # Each state stays where it is: the next one balances what it loses and what the error adds.
+        for k in range(order - 1):
+            lost = (1.0 - leak[0]) * eta if k == 0 else leak[k] * eta
+            filters.append((lost - drive[k] * e) / c.dt)
+        return new(self._state, (*state[:m], *filters))
 
     def output(self, e: Array, state: Any, c: Any) -> Array:
         """Return v; see :meth:`Realisation.output`."""

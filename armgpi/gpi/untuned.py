@@ -296,6 +296,7 @@ def _choose_collocated(
         "rotor_factor": collocated.ROTOR_FACTOR,
         "friction_feedforward": _knows_friction(robot),
         "rest_dead_zone": REST_ZONE,
+        "start": "rest",
         **rows._asdict(),
     }
 

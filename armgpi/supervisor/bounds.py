@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.arrays import LARGEST, Array, per_joint, quantity
-from armgpi.control.controller import Controller
+from armgpi.control.controller import Controller, Measurement
 from armgpi.parameter import Parametrised, PerJoint, parameter, parameters, with_parameters
+from armgpi.references.reference import Target
 
 #: Positions beyond this are no measurements: sine and cosine would lose digits and time [rad or m]. Set by
 #: hand: single precision is left 1 mrad there.
@@ -35,6 +36,8 @@ _STOP_RISE = 0.1
 #: A measurement that does not change for so long [s], while it should, is frozen. Set by hand; healthy draws
 #: that it stops are counted by tools/alarms.py.
 _FROZEN_TIME = 0.05
+#: Error at which gains are taken [rad or m]: small, and far above what rounding leaves of a torque.
+_SMALL = 1e-4
 
 
 @with_parameters
@@ -312,6 +315,30 @@ def turning(law: Controller) -> tuple[Array, Array]:
 def least_acceleration(law: Controller) -> Array:
     """Return each joint's least acceleration by all its torque, the others held [rad/s^2 or m/s^2]."""
     return np.asarray(np.minimum(law.effort, LARGEST) / heaviest(law))
+
+
+def proportional_gain(law: Controller) -> Array | None:
+    """Return what an error that stays asks of each joint's torque, without any integral [N m/rad or N/m].
+
+    None for a law whose first torque from beside its reference has the kick of a derivative as well.
+    """
+    if getattr(law, "start", "") != "rest":
+        return None
+    robot: Any = law.robot
+    shape = (robot.n,) if law.batch is None else (law.batch, robot.n)
+    zero, free = np.zeros(shape), law.unlimited()
+    q = np.ascontiguousarray(np.broadcast_to(robot.middle(), shape))
+    seen = Measurement(q)
+
+    def torque(wanted: Array) -> Array:
+        target = Target(wanted, zero, zero)
+        return np.asarray(free.step(seen, target, free.init(seen, target)).tau)
+
+    held, steps = torque(q), _SMALL * np.eye(robot.n)
+    return (
+        np.abs(np.stack([(torque(q + step) - held)[..., j] for j, step in enumerate(steps)], axis=-1))
+        / _SMALL
+    )
 
 
 def heaviest(law: Controller) -> Array:

@@ -25,6 +25,7 @@ from armgpi.supervisor.bounds import (
     frozen_samples,
     largest_gravity,
     own_inverse_inertia,
+    proportional_gain,
     smoothing,
     turning,
 )
@@ -42,6 +43,11 @@ _STEADY = 0.75
 #: Errors below this, or :data:`COUNTS` counts, say nothing of how a joint answers its torque [rad or m]. Set
 #: by hand: a fiftieth of what FOLLOWING allows.
 ALERT = 0.01
+#: Where less than that asks a stiff law for so much of the joint's torque limit, that is enough: such a law
+#: drives an arm whose motor turns the other way away the faster (tools/faults.py --side motor).
+_ALERT_SHARE = 0.05
+#: What a sample counts in which the rate of torque limits it: a push takes a stiff law there as well.
+_SLOW_SHARE = 0.5
 #: Samples in which a joint has to answer, beside `response`. Set by hand: links on gears swing the wrong way
 #: for 20 ms after a push, of 2 ms and three late; at 4 ms arms run away in ten (docs/supervisor.md).
 _ANSWERS = 8
@@ -300,7 +306,10 @@ class Response:
         self.samples = 0
         if given.response:
             self.samples = _ANSWERS + math.ceil(given.response / law.dt - 1e-9)
-        self.least = np.maximum(ALERT, bounds.travel)
+        gain = proportional_gain(law)
+        self._stiff, self._limited = gain is not None, given.torque_rate is not None
+        enough = ALERT if gain is None else np.minimum(ALERT, _ALERT_SHARE * law.effort / gain)
+        self.least = np.maximum(enough, bounds.travel)
         self._effort, inverse = law.effort, own_inverse_inertia(law)
         self._smoothing, self._forgotten = smoothing(law.dt, SMOOTHING), smoothing(law.dt, _FORGOTTEN)
         self.overpowered = 0.5 * law.dt**2 * np.minimum(law.effort, LARGEST) * inverse
@@ -314,8 +323,24 @@ class Response:
         """Tell whether any joint is far enough from its reference to say something, (1,) or (batch, 1)."""
         return any_joint(~opened & (np.abs(e) > self.least)) if self.samples else opened & ~opened
 
+    def looks_while_slow(self, cut: Mask, asked: Array) -> Mask:
+        """Tell whether the model is asked though the rate cuts a torque, (1,) or (batch, 1).
+
+        A stiff law asks for more than the rate as soon as a motor turns the other way.
+        """
+        if not self._stiff:
+            return cut & ~cut
+        return cut & ~any_joint(np.abs(asked) >= self._effort)
+
     def after(
-        self, alert: Mask, looks: Mask, dead: Mask, model: Array, watch: Watch, e: Array, v: Array
+        self,
+        alert: Mask,
+        looked: tuple[Mask, Mask],
+        dead: Mask,
+        model: Array,
+        watch: Watch,
+        e: Array,
+        v: Array,
     ) -> ResponseState:
         """Return what is kept of how the joints answer their torques.
 
@@ -324,7 +349,8 @@ class Response:
 
         Args:
             alert: see :meth:`alert`.
-            looks: whether the model was asked as well, (1,) or (batch, 1).
+            looked: whether the model was asked as well, and whether that was while the rate of torque
+                limited it, each (1,) or (batch, 1).
             dead: whether the loop is open for good, likewise.
             model: torque of the nominal model for the motion measured [N m or N].
             watch: what was kept so far.
@@ -333,7 +359,7 @@ class Response:
         """
         if not self.samples:
             return ResponseState(*(np.zeros_like(v),) * 4)
-        kept = watch.response
+        kept, (looks, slow) = watch.response, looked
         known = kept.model_torque_lowpass != 0.0
         torque = np.where(known, kept.torque + self._smoothing * (watch.tau - kept.torque), watch.tau)
         change = np.where(known, torque - kept.torque_lowpass, 0.0)
@@ -347,7 +373,9 @@ class Response:
         pushed = pushed & ((v - watch.v) * e > self.overpowered * np.abs(e))
         wrong = np.where(looks, wrong, pushed) & (np.abs(e) > self.least) & ((v - watch.rv) * e > 0.0)
         adverse = np.where(looks | limited, 1.0, kept.adverse_samples)
-        adverse = np.where(wrong, np.maximum(kept.adverse_samples, 1.0) + 1.0, adverse)
+        adverse = np.where(
+            wrong, np.maximum(kept.adverse_samples, 1.0) + np.where(slow, _SLOW_SHARE, 1.0), adverse
+        )
         after = ResponseState(adverse, torque, torque_lowpass, model_torque)
         # Without the loop nothing new is learnt, and nothing forgotten.
         before = [np.where(dead, old, 0.0) for old in kept]
@@ -368,6 +396,10 @@ class Response:
         """
         turned, speed = dead & self.fails(kept), np.abs(v)
         most = np.where(watch.status < float(State.FAULT), _FASTER * speed, watch.response.torque)
+        if self._limited and self._stiff:
+            # A torque that its rate keeps from turning round yet says nothing of how the joint answers it.
+            waits = (most > 0.0) & (watch.tau * tau > 0.0)
+            most = np.where(waits, np.maximum(most, _FASTER * speed), most)
         most = np.where(speed > np.abs(most), np.where(most > 0.0, -_FASTER * speed, 0.0), most)
         kept = kept._replace(torque=np.where(turned, most, kept.torque))
         sign = np.where(most > 0.0, -1.0, np.where(most < 0.0, 1.0, 0.0))

@@ -328,7 +328,8 @@ class Supervised(Controller):
         shown = watch.v * (1.0 / self.dt)
         if self.measurement_type is FullState:
             shown = np.where(seen.lost, shown, measurement.v)
-        asked, after = law.step(self._measurement(seen.q, shown), self._target(aim, target, stopping), before)
+        given, wanted = self._measurement(seen.q, shown), self._target(aim, target, stopping)
+        asked, after = law.step(given, wanted, before)
         # A law whose torque is NaN may have NaN in its state: it cannot go on.
         unsound = beyond(sum_joints(asked), LARGEST)
         capped = None if caps is None else caps(asked) & ~unused
@@ -341,6 +342,7 @@ class Supervised(Controller):
         if self.supervisor.torque_rate is not None:
             ramping = (watch.status == float(State.INIT)) & self._held_back(asked, lower, upper)
             going, opened = np.where(ramping, float(State.INIT), going), opened | ramping
+            before = _chosen(ramping, self.law.waiting(given, wanted, before), before)
         moves = any_joint(aim.v != 0.0) | seen.lost | (restless > 0.0)
         stopped = np.where(moves, float(State.STOPPING), float(State.HOLD))
         reason, joint = self._reason(seen, entering, unsound, capped, watch)
@@ -467,11 +469,13 @@ class Supervised(Controller):
         turned = self.response.fails(watch.response)
         torque, motion = self.stop.open_loop(opened, dead, turned, accused, seen, v, aim, watch)
         alert = self.response.alert(opened, seen.e)
-        looks = alert & ~any_joint((asked <= limits[0]) | (asked >= limits[1]))
+        cut = any_joint((asked <= limits[0]) | (asked >= limits[1]))
+        slow = self.response.looks_while_slow(cut, asked)
+        looks = alert & (~cut | slow)
         rate = 1.0 / self.dt
         measured = np.ones_like(watch.ready), seen.q, v * rate, (v - watch.v) * (rate * rate)
         model = self._brakes.inverse_where(*choose(looks, measured, motion))
-        response = self.response.after(alert, looks, dead, model, watch, seen.e, v)
+        response = self.response.after(alert, (looks, slow), dead, model, watch, seen.e, v)
         return self.response.turned_round(dead, np.where(opened, model + torque, asked), v, watch, response)
 
     def _motion(self, seen: Sample, accused: Mask, watch: Watch) -> tuple[Array, Array, Array]:
@@ -522,6 +526,11 @@ class Supervised(Controller):
     def __repr__(self) -> str:
         """Return a one-line description."""
         return f"Supervised({self.law!r})"
+
+
+def _chosen(condition: Mask, yes: Any, no: Any) -> Any:
+    """Return one of two states; most laws wait in the state that they have."""
+    return no if yes is no else choose(condition, yes, no)
 
 
 def _gone(v: Array) -> Array:

@@ -19,6 +19,7 @@ from armgpi.gpi.two_mass import ArmLoop, Gears
 from armgpi.robot import rotors
 from armgpi.robot.equations import ASSUMED_GEAR_RATIO
 from armgpi.robot.kinematics import random_configurations
+from armgpi.supervisor import Reason
 
 PANDA = Robot.load("panda", ["panda_finger_joint1", "panda_finger_joint2"])
 UR5 = Robot.load("ur5")
@@ -190,3 +191,66 @@ def test_motor_inertia_and_gear_ratio_are_kept_as_what_they_are() -> None:
     assert own.value("rotor_inertia") == pytest.approx(1.0)
     assert own.value("gear_ratio") == pytest.approx(100.0)
     assert geared.at_link(arm) is False
+
+
+def test_a_start_beside_the_reference_has_no_kick_of_the_derivative() -> None:
+    """The first torque is that of w^2 / 2.5 and of half a sample of the integral; after it comes no jump."""
+    known = at(PANDA, "motor").with_gravity((0.0, 0.0, 0.0))
+    law = auto(known, bits=20)
+    q, zero = known.middle(), np.zeros(known.n)
+    target = armgpi.Target(q, zero, zero)
+    off = 1e-3 * np.ones(known.n)
+    seen = armgpi.Measurement(q + off)
+    state = law.init(seen, target)
+    first, state = law.step(seen, target, state)
+    numbers = collocated.choose(known, known, DT, 1, known.encoder_count(np.array(20.0)), law.effort)
+    assert numbers is not None
+    w = numbers.w
+    asked = -(w**2 / 2.5 + 0.5 * DT * w**3 / 25.0) * off
+    np.testing.assert_allclose(first, law.robot.mass_matrix(seen.q) @ asked, rtol=1e-9)
+    second, _ = law.step(seen, target, state)
+    # While the reference rests the integral is fed with what is beyond its dead zone.
+    fed = -DT * w**3 / 25.0 * (off - law.rest_dead_zone)
+    np.testing.assert_allclose(second - first, law.robot.mass_matrix(seen.q) @ fed, rtol=1e-6)
+
+
+@pytest.mark.parametrize("offset", [0.01, 0.03])
+def test_a_supervised_arm_that_starts_beside_its_reference_gets_there_within_its_rate(offset: float) -> None:
+    """A robot that carries its own weight and takes 1 N m per ms, as libfranka does."""
+    known = at(PANDA, "motor").with_gravity((0.0, 0.0, 0.0))
+    plant: Any = armgpi.Delayed(armgpi.Encoder(armgpi.Saturated(armgpi.ElasticPlant(known)), 16), 1)
+    start = known.middle()
+    rollout = armgpi.simulate(
+        plant,
+        auto(known),
+        armgpi.Hold(start),
+        1.5,
+        q0=start - offset,
+        supervisor=armgpi.Supervisor(torque_rate=1000.0),
+    )
+    assert int(rollout["fault"]) == 0
+    assert np.abs(np.diff(rollout["tau_command"].values, axis=0)).max() <= 1.0 + 1e-9
+    error = np.abs(rollout["q"].values - start)
+    assert error.max() < 1.01 * offset
+    assert error[-1].max() < 1e-3
+
+
+@pytest.mark.parametrize("joint", [0, 2, 5])
+def test_a_motor_that_turns_the_other_way_is_found_while_the_rate_of_torque_limits_it(joint: int) -> None:
+    known = at(PANDA, "motor").with_gravity((0.0, 0.0, 0.0))
+    start = known.middle()
+    move = armgpi.Bezier(start, start + 0.3, 1.0)
+    gain = np.ones(known.n)
+    gain[joint] = -1.0
+    arm = armgpi.MotorFault(armgpi.Saturated(armgpi.ElasticPlant(known)), onset=0.5, gain=gain)
+    plant: Any = armgpi.Delayed(armgpi.Encoder(arm, 18), 1)
+    rollout = armgpi.simulate(
+        plant, auto(known, bits=18), move, 1.2, supervisor=armgpi.Supervisor(torque_rate=1000.0)
+    )
+    assert Reason(int(rollout["fault"])) is Reason.RESPONSE
+    assert int(rollout["fault_joint"]) == joint
+    assert float(rollout["t_fault"]) < 0.6
+    # Within half a second, from where it was or from its move, whichever is nearer: as tools/faults.py.
+    q = rollout["q"].values[500:1000, joint]
+    wanted = move.at(rollout["time"].values[500:1000]).q[:, joint]
+    assert np.minimum(np.abs(q - q[0]), np.abs(q - wanted)).max() < 0.3

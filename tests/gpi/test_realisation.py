@@ -13,7 +13,9 @@ from machines import sled
 from scipy import signal
 
 from armgpi import GPI, FixedGains, Gains, Measurement, Target, Tuning
+from armgpi.gpi.family import Member
 from armgpi.gpi.gains import GainStep
+from armgpi.gpi.realisation import Bumpless
 
 Array = npt.NDArray[np.float64]
 
@@ -216,3 +218,22 @@ def test_over_a_day_the_printed_integrals_grow_without_bound_and_the_bumpless_st
     # The same v for a push of 1 m/s^2, with fewer digits as the integrals grow (3e-13, then 1e-11).
     np.testing.assert_allclose(v_paper[:hour], v_bumpless[:hour], rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(v_paper, v_bumpless, rtol=0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize("integrators", [1, 2, 3])
+@pytest.mark.parametrize("rolloff", [0, 1, 2])
+def test_a_filter_that_has_settled_stays_under_a_constant_error(integrators: int, rolloff: int) -> None:
+    member = Member(integrators, rolloff, 3.0, 1.5, 1.2)
+    realisation = Bumpless(member)
+    e, hold = np.array([0.01, -0.02]), np.array([3.0, -1.0])
+    c = realisation.coefficients(Tuning(*(x * np.ones(2) for x in (20.0, 0.8, 20.0))), DT)
+    state = realisation.settled(e, realisation.init(hold, c), c)
+    np.testing.assert_array_equal(state[:integrators], realisation.init(hold, c)[:integrators])
+    after = realisation.update(e, realisation.output(e, state, c), None, state, c)
+    filters = np.array(state[integrators:])
+    np.testing.assert_allclose(after[integrators:], filters, rtol=1e-9)
+    # Where it came from nothing, it gets there by itself.
+    slow = realisation.init(hold, c)
+    for _ in range(3000):
+        slow = realisation.update(e, realisation.output(e, slow, c), None, slow, c)
+    np.testing.assert_allclose(slow[integrators:], filters, rtol=1e-9)

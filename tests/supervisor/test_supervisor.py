@@ -939,12 +939,13 @@ def test_what_is_a_fault_goes_by_the_arm_and_not_by_the_heavier_rotors_of_a_feed
 # The same in C.
 
 
-@pytest.mark.parametrize("rate", [None, 50.0])
-def test_c_does_the_same_bit_by_bit(rate: float | None) -> None:
+@pytest.mark.parametrize(("rate", "start"), [(None, "hold"), (50.0, "hold"), (50.0, "rest")])
+def test_c_does_the_same_bit_by_bit(rate: float | None, start: str) -> None:
     pytest.importorskip("casadi")
     # D(q) of a mass on a rail is one product, so that not even the dynamics round in another way.
     rail = machines.sled(bounds='lower="-1" upper="1"').with_limits(velocity=2.0, effort=20.0)
-    ours = Supervised(GPI(rail, DT), Supervisor(torque_rate=rate, missed=4, frozen_samples=20))
+    law = GPI(rail, DT, start=start)
+    ours = Supervised(law, Supervisor(torque_rate=rate, missed=4, frozen_samples=20))
     theirs: Any = armgpi.ExportedController.of(ours)
     random = np.random.default_rng(7)
     q, seen, outage = np.zeros(1), set(), 0

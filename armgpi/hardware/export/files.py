@@ -38,6 +38,8 @@ from armgpi.references.reference import Reference, Target
 from armgpi.supervisor import FARTHEST, SIGNALS, Reason, Supervised, Supervisor, reasons
 from armgpi.version import VERSION
 
+#: What a package says of a controller whose first torque is the weight.
+_HOLDS = "The first torque of the law is the one that holds the arm: release the brakes under it."
 #: Samples of a log at most.
 MOST_SAMPLES = 100_000
 #: Largest difference from Python, as a share of the torque scale.
@@ -383,7 +385,8 @@ def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | Non
         for j, (name, kind, (unit, of_torque)) in enumerate(rows)
     ]
     start = {
-        "hold": "The first torque of the law is the one that holds the arm: release the brakes under it.",
+        "hold": _HOLDS,
+        "rest": _HOLDS,
         "zero": "The torque begins at zero, but for a feedforward (an arm that rests on something).",
     }.get("" if compensates_gravity(robot) else getattr(controller.law, "start", ""), "")
     return (
