@@ -48,7 +48,7 @@ class NotRegular(OSError):
 
     def __init__(self, kind: str) -> None:
         """Say what it is."""
-        super().__init__(errno.EINVAL, f"it is {kind}, and no regular file; give a file on a disk")
+        super().__init__(errno.EINVAL, f"it is {kind}, not a regular file; expected a file on a disk")
         self.kind = kind
 
 
@@ -82,7 +82,10 @@ def open_regular(path: str | PathLike[str], most: int | None = None) -> Iterator
         if most is not None and status.st_size > most:
             raise TooLarge(status.st_size, most)
         if status.st_size > allowance(stored := stored_bytes(status)):
-            why = f"it says to have {status.st_size} bytes, and {stored} of them are stored; copy it in whole"
+            why = (
+                f"it declares {status.st_size} bytes, but only {stored} of them are stored; copy "
+                "the whole file"
+            )
             raise TooLarge(status.st_size, stored, why)
         yield stream
 

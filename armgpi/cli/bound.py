@@ -25,14 +25,18 @@ from armgpi.verdict import judge
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
     "robot <ROBOT>": "Path of an experiment file (YAML) or a URDF, or name of a robot.",
-    "torque NUMBERS": "Torque of any course, on all joints at once [N m or N].",
-    "force NUMBER": "Force at the tool, of any direction and course [N].",
-    "friction": "The robot's friction acts; plant.friction too.",
-    "friction_within SHARE": "Friction acts, and is larger or smaller by up to this share, as 0.2.",
-    "payload KG:KG": "Load at the tip between two ends, as '0:1'.",
-    "start NAME": "wrong-load: the first torque is that of the controller's model; held: the loop held the "
-    "arm.",
-    "tool_speed NUMBER": "How far the supervisor's stop takes from this tool speed [m/s].",
+    "torque NUMBERS": (
+        "Disturbance torque on all joints at once, arbitrary in time, bounded by this [N m or N]."
+    ),
+    "force NUMBER": "Force at the tool in any direction, arbitrary in time, bounded by this [N].",
+    "friction": "Include the robot's joint friction, as plant.friction does.",
+    "friction_within SHARE": (
+        "Include joint friction, which may be larger or smaller by up to this share, such as 0.2."
+    ),
+    "payload KG:KG": "Lightest and heaviest payload at the tip [kg], such as '0:1'.",
+    "start NAME": "How the run starts. wrong-load: the first torque is that of the controller's model; "
+    "held: the loop has held the arm.",
+    "tool_speed NUMBER": "Also bound the stopping distance of the supervisor from this tool speed [m/s].",
     "controller --controller --controllers NAME": "gpi or gpi_auto. Default: the file's, else gpi; gpi_auto "
     "with an encoder or delay.",
     "out --out -o FILE": "Write the bound (JSON).",
@@ -146,14 +150,17 @@ def _experiment(name: str, drives: dict[str, Any], controller: str | None) -> An
     law, plant = next(iter(experiment.controllers.values())), experiment.plant
     if not isinstance(law, GPI):
         raise origin.error(
-            ("controllers", 0, "type"), f"a bound is for gpi or gpi_auto, got {type(law).__name__}"
+            ("controllers", 0, "type"),
+            f"a bound can be computed for gpi and gpi_auto, got {type(law).__name__}",
         )
     for name in ("torque_rate", "torque_cap"):
         if getattr(experiment.supervisor, name, None) is not None:
-            raise origin.error(("supervisor", name), "a bound takes torques that nothing but effort limits")
+            raise origin.error(
+                ("supervisor", name), "a bound assumes that only the effort limits bound the torques"
+            )
     if experiment.config.plant.loads:
         raise origin.error(
-            ("plant", "loads"), "a bound takes disturbances by --torque and --force, not from here"
+            ("plant", "loads"), "disturbances of a bound are given by --torque and --force; remove this key"
         )
     effort = law.effort
     while isinstance(plant, Encoder | Delayed | Saturated):
@@ -161,7 +168,9 @@ def _experiment(name: str, drives: dict[str, Any], controller: str | None) -> An
         plant = plant.plant
     if type(plant) is not RigidBodyPlant:
         kind = getattr(type(plant), "config_name", None) or type(plant).__name__
-        raise origin.error(("plant",), f"a bound is for rigid arms with encoders and delay, got {kind!r}")
+        raise origin.error(
+            ("plant",), f"a bound can be computed for stiff joints with encoders and delay, got {kind!r}"
+        )
     # A motor may give less than its law believes.
     return experiment._replace(controllers={name: law.with_values(effort=effort)})
 
@@ -196,8 +205,11 @@ def _gears(found: Any) -> list[str]:
 
     law = found.wish.controller
     if not found.holds:
-        slow = "the law is slow, for gears that twist; --drives stiff: that for stiff gears"
+        slow = (
+            "This controller is slow, because elastic joints are assumed. If the joints are "
+            "stiff, use --drives stiff."
+        )
         return [slow] if geared.is_assumed(law.bias_robot) else []
     arm = rotors.assume_drives(found.wish.arms[0], "elastic")
     line, source = sag(arm), "assumed" if geared.is_assumed(arm) else "specified"
-    return [note_gears(law, found.wish.delay), line and f"beside it, {line} (stiffness {source})"]
+    return [note_gears(law, found.wish.delay), line and f"In addition: {line} (stiffness {source})"]

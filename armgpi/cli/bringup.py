@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
-    "what <FILE | check LOG...>": "Experiment file of the arm; or 'check' and logs of stages, which have the "
-    "stages' names.",
-    "out --out -o FOLDER": "Where the stages go.",
-    "floor METRES": "Height that all links stay above while the arm is excited.",
+    "what <FILE | check LOG...>": "Experiment file of the arm; or 'check' and the logs of stages, named "
+    "after the stages.",
+    "out --out -o FOLDER": "Folder for the stages.",
+    "floor METRES": "Height above which all links stay while the arm is excited [m].",
 }
 
 
@@ -60,7 +60,10 @@ def bringup(
         raise refusal("", f"expected one experiment file, or check and logs, got {what[1]!r} as well")
     loaded = config.read(Path(what[0]))
     folder = stages.write(loaded, config.build(*loaded), out, floor)
-    say(f"{len(folder.stages)} stages in {out}; a hand on the emergency stop, nobody in reach of the arm")
+    say(
+        f"{len(folder.stages)} stages in {out}; keep a hand on the emergency stop, and everybody out "
+        "of reach of the arm"
+    )
     _say_next(folder, 0)
 
 
@@ -71,15 +74,21 @@ def _say_next(folder: Folder, place: int) -> None:
     match stage.kind:
         case "dry":
             ways = (f"{joint} {x:+.2g}" for joint, x in zip(stage.joints, stage.way, strict=True))
-            does = f"nothing is sent; move by hand, one after another, and back each time: {', '.join(ways)}"
+            does = (
+                "no torque is sent; move each joint by hand, one after another, and back again: "
+                f"{', '.join(ways)}"
+            )
         case "pulse" | "joint":
-            does = f"{stage.joints[0]} goes {stage.way[0]:+.2g} rad or m and back, the others stand"
+            does = (
+                f"{stage.joints[0]} goes {stage.way[0]:+.2g} rad or m and back; the other joints "
+                "hold their positions"
+            )
         case "excite":
-            does = "the whole arm, slowly, to identify it"
+            does = "the whole arm moves slowly, to be identified"
         case "slow":
-            does = "its own motion, four times as slow"
+            does = "the motion of the experiment file, four times slower"
         case _:
-            does = "its own motion; no caps but the limits"
+            does = "the motion of the experiment file, without stage limits"
     say(f"next: {stage.name}: {does}")
     dry = " --dry-run" if stage.kind == "dry" else ""
     say(f"  armgpi loop {file}.yaml{dry} --clock simulated --log {file}.armlog   (a simulated arm)")
@@ -92,14 +101,14 @@ def _verdict(seen: Seen, allow_part: bool) -> Verdict:
     from armgpi.hardware.realtime.judge import QUESTIONS
 
     if seen.findings:
-        return judged(False, "STOP: go no further before this is mended")
+        return judged(False, "STOP: correct this before you run the next stage")
     left_out = []
     if seen.following is None:
         for question, joints in seen.untested.items():
             if joints:
                 of = "" if joints == ("",) else f" ({', '.join(joints)})"
                 left_out.append(f"{QUESTIONS[question]}{of}")
-    return judged(True, "nothing is wrong in what was tested", left_out, accepted=allow_part)
+    return judged(True, "no fault was found in what was tested", left_out, accepted=allow_part)
 
 
 def _print(verdict: Seen, folder: Folder, judgement: Verdict) -> None:

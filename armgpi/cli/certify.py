@@ -25,32 +25,42 @@ if TYPE_CHECKING:
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
-    "speed NUMBERS": "Speed of each joint of the reference at most [rad/s or m/s]; where it rests, of an "
-    "error that moves D(q) as much.",
-    "payload KG:KG": "Lightest and heaviest load at the tip, as '0:3'; none by default.",
+    "speed NUMBERS": "Largest speed of each joint of the reference [rad/s or m/s]; for a reference at "
+    "rest, the speed of an error that changes D(q) as fast.",
+    "payload KG:KG": "Lightest and heaviest payload at the tip [kg], such as '0:3'; none by default.",
     "box FILE": "YAML with the configurations of the reference: around and by, or lower and upper; the joint "
     "ranges by default.",
-    "acceleration NUMBERS": "Acceleration of the reference [rad/s² or m/s²]: then the errors of moving are "
-    "bounded as well.",
-    "torque NUMBERS": "Disturbance torque, of any course [N m or N].",
+    "acceleration NUMBERS": "Acceleration of the reference [rad/s² or m/s²]; with it, tracking errors "
+    "are bounded as well.",
+    "torque NUMBERS": "Disturbance torque, arbitrary in time, bounded by this [N m or N].",
     "radius NUMBERS": "How far the arm may be from its reference [rad or m].",
-    "omega NUMBER": "Natural frequency [rad/s]; as armgpi run takes it. '22:40' for one that moves.",
-    "rate NUMBER": "rho of abs(d omega/dt) <= rho omega^2, one for all joints; 'auto' for the largest found.",
+    "omega NUMBER": (
+        "Natural frequency omega_c [rad/s], by default that of armgpi run; '22:40' for "
+        "one that adapts in this range."
+    ),
+    "rate NUMBER": (
+        "Bound rho on its rate, abs(d omega/dt) <= rho omega^2, one for all joints; "
+        "'auto' takes the largest that is found."
+    ),
     "zeta NUMBER": "Damping ratio.",
     "pole --p NUMBER": "Real pole [rad/s]; omega.",
     "integrators NUMBER": "Number of integrators: 1 to 3.",
-    "rolloff NUMBER": "Poles that roll off the noise: 0 to 2.",
-    "rolloff_ratio NUMBER": "Roll-off poles over omega.",
+    "rolloff NUMBER": "Number of roll-off poles, which filter noise: 0 to 2.",
+    "rolloff_ratio NUMBER": "Roll-off poles divided by omega.",
     "feedforward NAME": "Feedforward: none, gravity or model.",
-    "delay SAMPLES": "By how much measurements are late.",
-    "friction": "The URDF's joint friction disturbs.",
-    "jump": "The load may jump from one end of its range to the other.",
-    "start NAME": "How a run starts: wrong-load, with the torque of another load of the range, as GPI does; "
-    "held, as the loop has held the arm so far; or exact, with the torque that holds its load.",
-    "controller --controller --controllers NAME": "gpi by default; or gpi_auto, what the rule for untuned "
-    "arms makes, with one omega.",
-    "prove": "Prove the numbers of the arm, as far as --budget does.",
-    "budget SECONDS": "Processor time for the proof of each number of the arm.",
+    "delay SAMPLES": "Delay of the measurements [samples].",
+    "friction": "Count the URDF's joint friction as a disturbance.",
+    "jump": "The payload may be attached and removed while the arm moves.",
+    "start NAME": "How a run starts: wrong-load, with the torque for another payload of the range, as "
+    "GPI does; held, after the loop has held the arm; or exact, with the torque that holds "
+    "its payload.",
+    "controller --controller --controllers NAME": "gpi by default; or gpi_auto: automatic tuning with one "
+    "omega for all joints.",
+    "prove": (
+        "Prove the numbers of the arm (branch and bound), as far as --budget suffices; "
+        "otherwise they are estimated numerically."
+    ),
+    "budget SECONDS": "Processor time for the proof of each number of the arm [s].",
     "out --out -o FILE": "Write the certificate file (JSON).",
     "refute FILE": "Try to refute the numbers of this certificate by 20,000 configurations instead.",
 }
@@ -179,17 +189,17 @@ def note_assumed(arm: Any) -> None:
     ratio = math.sqrt(certified_sector().upper)
     if rotors.assumed_joints(arm):
         text = (
-            f"no certificate: rotors are assumed within a factor of {rotors.SCATTER:g}, and a certificate "
-            f"takes D as exact; within a factor of {ratio:.2g}, without load, there could be one: "
-            "identify the rotors, and tell them by --rotor-inertia or --drives FILE"
+            f"not certified: the rotor inertias are assumed, within a factor of {rotors.SCATTER:g}, but a "
+            f"certificate needs the exact D(q); without payload, a factor of up to {ratio:.2g} could be "
+            "certified. Identify the rotor inertias and specify them by --rotor-inertia or --drives FILE"
         )
         verdict = Verdict("not judged", text)
         say(verdict.line)
         sys.exit(verdict.exit_code)
     if names := rotors.silent(arm):
         say(
-            f"note: the file says nothing of rotors in {', '.join(names)}, so this is of an arm without "
-            "them; one with geared motors has them",
+            f"note: the URDF contains no rotor inertia of {', '.join(names)}, so this certificate is of "
+            "an arm without rotors; geared motors have them",
             err=True,
         )
 
@@ -203,8 +213,9 @@ def note_gears(law: Any, delay: int) -> str:
         return ""
     lowest, usual = geared.borne(law, law.bias_robot, delay)
     return (
-        f"gears are taken as rigid: below {lowest:.3g} Hz of lowest resonance the law may lose the arm, "
-        f"and this is void (searched); such motors have some {usual:.2g} Hz"
+        f"Stiff joints are assumed. If the lowest resonance of the joints is below {lowest:.3g} Hz "
+        "(estimated numerically), the controller may become unstable and this is not valid; such motors "
+        f"usually have about {usual:.2g} Hz"
     )
 
 
@@ -258,14 +269,18 @@ def _refute_file(file: Path | None, arm: Any) -> None:
         wrong = checker.verify(certificate.data)
     except checker.ERRORS as error:
         raise refusal("--refute", f"{file} is no certificate: {checker.text(str(error))}") from None
-    said = [f"the file does not hold: {x}" for x in wrong]
+    said = [f"the certificate is not valid: {x}" for x in wrong]
     with progress() as told:
         exceeded = [] if wrong else refute(certificate, arm, progress=told)
     for name, claimed, found, q in exceeded:
         where = ", ".join(f"{x:.4g}" for x in q)
         said.append(f"refuted: {name} is {found:.6g}, not {claimed:.6g}, at q = ({where})")
     say(
-        "\n".join(said) or "the file holds, and no configuration exceeds its numbers: that is no proof",
+        "\n".join(said)
+        or (
+            "the certificate passes the check, and no tried configuration exceeds its "
+            "numbers; that is no proof"
+        ),
         lines=True,
     )
     sys.exit(FAILED if said else OK)
@@ -298,7 +313,7 @@ def _loop_of(
         law = said.controllers[0].type
         if controller is None and law not in ("gpi", "gpi_auto"):
             raise origin.error(
-                ("controllers", 0, "type"), f"a certificate is for gpi or gpi_auto, got {law!r}"
+                ("controllers", 0, "type"), f"a certificate can be computed for gpi and gpi_auto, got {law!r}"
             )
         usual = (said.sample_time, getattr(said.plant, "delay", None) or 0, law)
     return (
@@ -315,7 +330,9 @@ def _chosen_parts(law: dict[str, Any]) -> dict[str, Any]:
         return law
     for name, value in usual.items():
         if law[name] != value:
-            raise refusal(f"--{name.replace('_', '-')}", "is chosen by the rule of --controller gpi_auto")
+            raise refusal(
+                f"--{name.replace('_', '-')}", "is chosen by --controller gpi_auto itself; leave it out"
+            )
     return {name: value for name, value in law.items() if name not in usual}
 
 
@@ -332,7 +349,9 @@ def _gains(omega: str | None, zeta: float, pole: float | None, rate: str | None)
     match ends:
         case [low, high]:
             if pole is not None:
-                raise refusal("--p", "follows an omega that moves")
+                raise refusal(
+                    "--p", "cannot be set with an omega that adapts: it follows omega; leave it out"
+                )
             # One that is looked for has to be something first.
             moves = 0.05 if rate == "auto" else _number(str(rate), "--rate")
             return BSplineNetwork(omega_c=(low, high), zeta_c=zeta, common=True, rate=moves)
@@ -371,5 +390,7 @@ def load_ends(text: str | None) -> tuple[float, float] | None:
     except ValueError:
         light, heavy = math.inf, 0.0
     if not 0.0 <= light <= heavy < math.inf:
-        raise refusal("--payload", f"expected two loads [kg], the lighter first, as '0:3', got {text!r}")
+        raise refusal(
+            "--payload", f"expected two payloads [kg], the lighter first, such as '0:3', got {text!r}"
+        )
     return light, heavy

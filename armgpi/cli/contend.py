@@ -12,12 +12,12 @@ from armgpi.escape import json_data
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
     "arms <[ROBOT]...>": "Which ones; ur5, panda, kinova and the paper's arm.",
-    "out --out -o FOLDER": "Where the contest and its tables go.",
+    "out --out -o FOLDER": "Folder for the comparison and its tables.",
     "laws --controllers --law NAMES": "Which ones; may be repeated. All by default.",
-    "evaluations": "Candidates for each law, arm and seed.",
-    "seeds": "Searches of each law and arm.",
-    "reality NAME": "What the arms are: bare, geared or elastic.",
-    "quick": "A small contest, of minutes for one arm.",
+    "evaluations": "Candidates for each controller, arm and seed.",
+    "seeds": "Searches for each controller and arm.",
+    "reality NAME": "Uncertainty model of the arms: bare, geared or elastic.",
+    "quick": "A small comparison, which takes minutes for one arm.",
 }
 
 
@@ -64,4 +64,4 @@ def contend(
     paths = [files.write(out / "contest.md", text)]
     data = json_data([entry._asdict() for entry in entries]) if as_json else None
     picture = out / "contest.png", lambda pictures: pictures.contest_picture(entries)
-    show("Contest of the laws", text, data, paths, report, picture)
+    show("Comparison of tuned controllers", text, data, paths, report, picture)

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
     "robot <ROBOT>": "Name of a robot (see `armgpi robots`) or path of a URDF file.",
-    "latex": "LaTeX instead of a Python module.",
-    "numbers": "Values in place of symbols for masses and lengths.",
-    "out --out -o FILE": "Where to write it; the screen by default.",
+    "latex": "Write LaTeX instead of a Python module.",
+    "numbers": "Insert the values of masses and lengths instead of symbols.",
+    "out --out -o FILE": "File to write; by default it is printed.",
 }
 
 

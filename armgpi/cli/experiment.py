@@ -177,8 +177,8 @@ def note_drives(experiment: Experiment, explain: bool = True) -> None:
     stiff = [name for name, plant in experiment.plants.items() if not isinstance(inside(plant), ElasticPlant)]
     if stiff and is_known(experiment.robot):
         say(
-            f"note: the plant {' and '.join(stiff)} simulates stiff joints, and those of this arm are "
-            "elastic: its errors will differ; --plant elastic simulates them",
+            f"note: the plant {' and '.join(stiff)} simulates stiff joints, but this arm is assumed to "
+            "have elastic joints, so its errors will differ. Use --plant elastic to simulate them",
             err=True,
         )
     made = verdicts(experiment)
@@ -242,9 +242,10 @@ def _warn_of_weak_motors(experiment: Experiment) -> None:
     if weak is not None:
         needed = abs(weak.torque)
         say(
-            f"warning: at {times[weak.place[0]]:.3g} s joint {weak.joint!r} needs {needed:.4g} to hold the "
-            f"arm where the reference is, and has effort limit {weak.effort:g}: it cannot hold it; go "
-            f"elsewhere, or give what its motor can: --effort {weak.joint}={1.5 * needed:.3g}",
+            f"warning: at {times[weak.place[0]]:.3g} s joint {weak.joint!r} needs {needed:.4g} to hold "
+            f"the arm at the reference, and its effort limit is {weak.effort:g}, so it cannot hold the "
+            "arm there. Choose another goal, or specify the effort of its motor: --effort "
+            f"{weak.joint}={1.5 * needed:.3g}",
             err=True,
             fg="yellow",
         )
@@ -254,8 +255,9 @@ def _warn_of_weak_motors(experiment: Experiment) -> None:
     if share[at, j] > 1.0:
         joint, limit = robot.joint_names[j], robot.limits.effort[j]
         say(
-            f"warning: at {times[at]:.3g} s joint {joint!r} needs {share[at, j] * limit:.4g} to follow the "
-            f"reference, and has effort limit {limit:g}: it cannot follow; go slower: --duration",
+            f"warning: at {times[at]:.3g} s joint {joint!r} needs {share[at, j] * limit:.4g} to follow "
+            f"the reference, and its effort limit is {limit:g}, so it cannot follow. Choose a slower "
+            "motion: --duration",
             err=True,
             fg="yellow",
         )

@@ -21,21 +21,23 @@ if TYPE_CHECKING:
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
-    "out --out -o FOLDER": "Where to put it.",
+    "out --out -o FOLDER": "Folder for the export.",
     "real TYPE": "Number type in C: double (default) or float.",
-    "name NAME": "What files, functions, types and macros begin with: 'left_arm' makes left_arm.h and "
-    "left_arm_step; armgpi by default. With one each, several controllers go into one program.",
+    "name NAME": "Prefix of files, functions, types and macros: 'left_arm' makes left_arm.h and "
+    "left_arm_step; armgpi by default. With different prefixes, several controllers fit "
+    "into one program.",
     "on_fault TORQUE": "Torque in FAULT, without a measurement: brake (default), hold or zero.",
-    "frozen SAMPLES": "Samples that make a measurement frozen that should change; 0 for no such check; those "
-    "of 0.05 s, and of the delay, by default.",
-    "jump SAMPLES": "Samples of travel at the velocity limit that a measurement may take at once: 2 by "
-    "default, 0 for no such check.",
+    "frozen SAMPLES": "Samples without a change after which a measurement that should change is reported "
+    "as FROZEN; 0 for no such check; by default those of 0.05 s plus the delay.",
+    "jump SAMPLES": "Largest jump of a measurement, in samples of motion at the velocity limit: 2 by "
+    "default, 0 for no such check (JUMP).",
     "torque_rate NUMBERS": "Highest rate of change of torque [N m/s or N/s], in every state: "
     "'j1=1000,j2=500', or one number for all; no limit by default.",
-    "target NAME": "What is added to the C: bare (default) nothing, fci callbacks for libfranka, ur a loop "
-    "for RTDE, ros2_control a plugin. The robots of fci and ur add gravity and have their own sample time: "
-    "--gravity is robot for them, and --dt 0.001 for fci, 0.002 for ur.",
-    "direct_drive": "Motors without gears: no rotors are believed (--drives none); for bare and "
+    "target NAME": "What is added to the C: nothing (bare, the default), callbacks for libfranka (fci), "
+    "a loop for RTDE (ur), or a plugin (ros2_control). Robots of fci and ur compensate "
+    "gravity and have their own sample time: --gravity is robot for them, and --dt is "
+    "0.001 for fci, 0.002 for ur.",
+    "direct_drive": "Direct-drive motors: no rotor inertia is assumed (--drives none); for bare and "
     "ros2_control.",
 }
 #: Configurations of a motion in which an arm's links may touch.
@@ -129,11 +131,18 @@ def _export(options: dict[str, Any]) -> int:
     out = options["out"]
     say(f"wrote {', '.join(str(file.relative_to(out)) for file in done.files)} in {out}", err=True)
     if "diverged" in log.header:
-        say(f"the controller loses the arm in the simulation, at {log.header['diverged']:g} s", err=True)
+        say(
+            f"the simulated arm becomes unstable under this controller, at {log.header['diverged']:g} s",
+            err=True,
+        )
         return FAILED
     if log.fault is not None:
         if supervised.supervisor.torque_rate is not None:
-            say("note: torque begins at zero and ramps by its rate, and no brake holds this arm", err=True)
+            say(
+                "note: the torque begins at zero and is limited in rate, and no brake holds this "
+                "arm, so the simulated arm sank at the start",
+                err=True,
+            )
         return FAILED
     return OK if done.measured is None or done.measured.agrees else FAILED
 
@@ -181,7 +190,7 @@ def _experiment(options: dict[str, Any], target: str) -> Experiment:
         given = settings(options, compare=False)
     elif fingers:
         lock = " ".join(f"--lock {name}" for name in fingers)
-        said = f"{', '.join(fingers)} of a gripper gets torque with the arm; {lock} leaves it out"
+        said = f"{', '.join(fingers)} of a gripper is controlled together with the arm; {lock} leaves it out"
         say(f"warning: {said}", err=True, fg="yellow")
     return configuration.build(*given)
 
@@ -199,7 +208,7 @@ def _target(options: dict[str, Any]) -> str:
         raise refusal("--target", f"must be one of {', '.join(TARGETS)}, got {target!r}")
     if target in COMPENSATING:
         if options["gravity"] not in (None, "robot"):
-            raise refusal("--gravity", f"must be robot for {target}: that robot adds gravity by itself")
+            raise refusal("--gravity", f"must be robot for {target}: that robot compensates gravity itself")
         options["gravity"] = "robot"
         interface = COMPENSATING[target]
         if options["config"] is None:
@@ -208,7 +217,10 @@ def _target(options: dict[str, Any]) -> str:
             options["declared"] = [*usual, *options["declared"]]
             if options["controllers"] is None:
                 options["controllers"] = "gpi_auto"
-                text = f"the law is what the rule chooses for a robot of {target}: --controller gpi_auto"
+                text = (
+                    f"the controller for {target} is chosen automatically, with gravity "
+                    "compensated by the robot: use --controller gpi_auto"
+                )
                 say(f"note: {text}", err=True)
         if options["torque_rate"] is None and interface.rate is not None:
             options["torque_rate"] = f"{interface.rate * _JUST_BELOW:.10g}"
@@ -238,7 +250,9 @@ def _say(done: Export, log: ArmLog, label: str, as_json: bool) -> None:
         f"{type(done.code.law.controller.law).__name__} of {done.code.law.controller.robot.name}, "
         f"{done.code.law.n} joints, as C in {done.folder}"
     )
-    carried = "without gravity: the robot adds it" if facts["gravity"] == "robot" else "contains gravity"
+    carried = (
+        "without gravity: the robot compensates it" if facts["gravity"] == "robot" else "contains gravity"
+    )
     say(f"  torque                   {carried}")
     say(f"  state                    {done.state_bytes} bytes")
     say(f"  operations of a step     {sum(typical):,}, at worst {sum(worst_case):,}")

@@ -18,23 +18,31 @@ from armgpi.errors import ParameterError, require_extra
 ROWS = {
     "logs <LOG...>": "Logs of one arm: .armlog, CSV with time, q_JOINT and tau_JOINT, MCAP, or a rollout "
     "(NetCDF).",
-    "identify.robot ROBOT": "The arm as its file has it: URDF or name.",
-    "validate LOG": "Another log, on which the model is judged.",
-    "no_gravity": "The torques do not carry the arm's weight: the arm adds that.",
+    "identify.robot ROBOT": "The arm before it is identified: URDF or name.",
+    "validate LOG": "Another log, on which the identified model is evaluated.",
+    "no_gravity": "The logged torques do not contain gravity: the arm compensates it itself.",
     "current NUMBERS": "Torque constants at the joints [N m/A], for logs with currents as tau, such as "
     "'j1=10,j2=12'.",
     "columns NAMES": "What columns of CSV files are called: 'time=t,q=pos_JOINT,tau=i_NUMBER' (from 1).",
-    "identify.resonance LOG": "A log of excite --resonance: stiffness of the gears, first mode.",
-    "excite.resonance": "Joint by joint, 2 to 60 Hz, in a few degrees: shows the gears.",
-    "experiment FILE": "The experiment of the first log: simulated with the arm found, a second opinion.",
-    "load LOG": "A log of the same arm with a load at its tip: what it is.",
-    "anyway": "Fit although the check before it fails.",
-    "out --out -o FOLDER": "Where the files go.",
-    "seconds SECONDS": "How long the motion is.",
+    "identify.resonance LOG": (
+        "A log of excite --resonance, from which joint stiffness and the first mode are identified."
+    ),
+    "excite.resonance": (
+        "Excite joint by joint with 2 to 60 Hz and a few degrees of motion, to identify joint stiffness."
+    ),
+    "experiment FILE": (
+        "The experiment of the first log; it is simulated with the identified arm and compared."
+    ),
+    "load LOG": "A log of the same arm with a payload at its tip, which is identified.",
+    "anyway": "Identify even if the check of the log fails.",
+    "out --out -o FOLDER": "Folder for the files.",
+    "seconds SECONDS": "Duration of the motion [s].",
     "share NUMBER": "Share of the limits of speed and torque; 0.7, 0.25 for --first, 0.4 for --resonance.",
-    "first": "For an arm of which nothing but the file is known: slower, with believed rotors.",
-    "floor METRES": "Height that all links stay above.",
-    "box NUMBERS": "Two corners of a box that links stay out of: x,y,z,x,y,z [m].",
+    "first": (
+        "For an arm of which only the URDF is known: a slower motion, planned with assumed rotor inertia."
+    ),
+    "floor METRES": "Height above which all links stay [m].",
+    "box NUMBERS": "Two corners of a box that all links avoid: x,y,z,x,y,z [m].",
     "seed NUMBER": "Another motion.",
 }
 
@@ -177,12 +185,18 @@ def excite(
     if is_experiment(robot):
         source, how["lock"] = str(arm.provenance["source"]), arm.provenance["locked"]
     written = files.write_set(folder, experiment_files(arm, source, motion, how, first))
-    torque = "torque over its limit, for rotors up to four times the believed ones"
-    for what, shares in {"speed over its limit": motion.share, torque: motion.effort}.items():
+    torque = "largest torque in percent of its limit, for up to four times the assumed rotor inertia"
+    for what, shares in {
+        "largest speed in percent of its limit": motion.share,
+        torque: motion.effort,
+    }.items():
         said = (f"{name} {100 * x:.2g}" for name, x in zip(arm.joint_names, shares, strict=True))
-        say(f"{what} [%]: {', '.join(said)}")
-    known = " but the box" if box is not None else " but the floor" if floor is not None else ""
-    say(f"It knows no obstacles{known}. Look at it before it runs.")
+        say(f"{what}: {', '.join(said)}")
+    known = ", except the box" if box is not None else ", except the floor" if floor is not None else ""
+    say(f"Obstacles were not considered{known}. Watch the motion in a simulation before it runs.")
     if first or resonance:
-        say("Should it swing, its gears are softer than believed: --set controller.omega=5, then 3.")
+        say(
+            "If the arm oscillates, its joints are less stiff than assumed: use --set "
+            "controller.omega=5, then 3."
+        )
     _say_written(written, out)

@@ -25,8 +25,8 @@ _FOLDED = 10
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
-    "payload KG": "Load at the tip whose effect on the loop is shown; 0.5 by default.",
-    "cross_check": "Read the file a second time with yourdfpy, and compare.",
+    "payload KG": "Payload at the tip whose effect on the loop is shown [kg]; 0.5 by default.",
+    "cross_check": "Read the URDF with yourdfpy as well, and compare.",
 }
 
 
@@ -160,19 +160,21 @@ def _what_follows(facts: Mapping[str, Any]) -> list[str]:
     control, load, motion = facts["control"], facts["payload"], facts["motion"]
     less, more = load["delta_unknown"][0], load["delta_nominal"][1]
     said = [
-        f"over {facts['configurations']} configurations: D(q) has eigenvalues from "
-        f"{facts['least_eigenvalue']:.3g} and condition up to {facts['condition']:.3g}",
+        f"over {facts['configurations']} configurations: the smallest eigenvalue of D(q) is "
+        f"{facts['least_eigenvalue']:.3g}, its largest condition number {facts['condition']:.3g}",
         f"for armgpi certify, at 1 rad/s or m/s: sigma = {motion['sigma']:.3g} 1/s (rate of D), kappa_v = "
         f"{motion['kappa_v']:.3g} 1/s (Coriolis), kappa_e = {motion['kappa_e']:.3g} 1/s^2 (gravity)",
         f"default bandwidth: omega_c = {control['omega_c']:.4g} rad/s at {1e3 * control['dt']:g} ms and "
-        f"{control['delay']} samples of delay; {control['encoder_bits']}-bit encoders allow the last column",
+        f"{control['delay']} samples of delay; the last column is the largest bandwidth for "
+        f"{control['encoder_bits']}-bit encoders",
         *_untuned_lines(facts),
-        f"{load['mass']:g} kg at {load['frame']!r}: a nominal D(q) without it is {less:.2g} to 1 of the "
-        f"true one; with it, and the load gone, 1 to {more:.3g}; mu = {load['mobility']:.3g} 1/kg: a "
-        f"load that comes and goes may have a certificate up to {_mass(load['largest_certifiable'])}",
-        f"largest load: {_mass(load['largest_unknown'])} unknown (the edge of stability), "
-        f"{_mass(load['largest_nominal'])} as --payload-range at the default bandwidth, "
-        f"{_mass(load['largest_held'])} by effort",
+        f"payload {load['mass']:g} kg at {load['frame']!r}: inertia ratio delta (1: exact model) is "
+        f"{less:.2g} to 1 if it is attached but not in the model, 1 to {more:.3g} if it is in the model "
+        f"but not attached; mu = {load['mobility']:.3g} 1/kg, so a payload attached and removed can be "
+        f"certified up to {_mass(load['largest_certifiable'])}",
+        f"largest payload: {_mass(load['largest_unknown'])} if the controller does not know it (limit of "
+        f"stability), {_mass(load['largest_nominal'])} with --payload-range at the default bandwidth, "
+        f"{_mass(load['largest_held'])} by the effort limits",
     ]
     if "cross_check" in facts and not facts["cross_check"]["differences"]:
         check = facts["cross_check"]
@@ -200,8 +202,8 @@ def _untuned_lines(facts: Mapping[str, Any]) -> list[str]:
     return [
         f"gpi_auto: {law['integrators']} integrator, roll-off {law['rolloff']}, nominal load "
         f"{law['nominal_load']:.2g} kg, omega_c = {slowest:.3g} to {fastest:.3g} rad/s; phase margin "
-        f"{math.degrees(phase):.3g} deg, stable for delta {low:.2g} to {high:.2g}, delay margin "
-        f"{1e3 * delay:.3g} ms; one count moves the torque of {printable(name[j])} by "
+        f"{math.degrees(phase):.3g} deg, stable for inertia ratio delta {low:.2g} to {high:.2g}, delay "
+        f"margin {1e3 * delay:.3g} ms; one encoder count changes the torque of {printable(name[j])} by "
         f"{law['count_torque'][j]:.2g}, {100 * shares[j]:.2g} % of its effort",
         f"gpi_auto: {law['verdict']}",
     ]
@@ -227,7 +229,7 @@ def _page(report: HealthReport, judged: Verdict) -> str:
         if found
         else "<p>None.</p>",
         "Joints": page.table(["joint", *(column.heading for column in _COLUMNS)], joints, label="joints"),
-        "What a controller will do with it": page.bullets(_what_follows(facts)),
+        "What this means for a controller": page.bullets(_what_follows(facts)),
     }
     kind = kind if judged.outcome == "holds" else judged.page_class
     verdict = f"<p class={kind}>{page.text(judged.line)}</p>"

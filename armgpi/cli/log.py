@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
     "file <FILE>": "A log (.armlog) of hardware, of armgpi loop or of an export.",
-    "replay EXPERIMENT": "Give the law of this experiment file, or of the folder of an export, what the log "
-    "says it was given, and compare the torques.",
+    "replay EXPERIMENT": "Replay the log with the controller of this experiment file or of this folder "
+    "of an export, and compare the torques.",
     "csv FILE": "Write the samples as a table.",
 }
 #: Torques of one law in Python, and in C on another machine, differ by roundings: this share of the largest.
@@ -107,12 +107,12 @@ def _print(file: Path, facts: dict[str, Any]) -> None:
         f"{file}: {facts['samples']} samples{of}, {facts['seconds']:.4g} s at {1.0 / facts['dt']:.6g} Hz, "
         f"{len(facts['joints'])} joints"
     )
-    say(f"  written by      {facts['made_by'] or 'a program that does not say'}")
+    say(f"  written by      {facts['made_by'] or 'not recorded'}")
     late = (
         f"{facts['missed']} samples, at most {facts['most_missed']} in a row" if facts["missed"] else "none"
     )
     say(f"  missed          {late}")
-    said = "not said" if not facts["applied_known"] else f"said in {facts['applied_known']} samples"
+    said = "not recorded" if not facts["applied_known"] else f"recorded in {facts['applied_known']} samples"
     say(f"  torque applied  {said}")
     say(f"  fault           {facts['fault'] or 'none'}")
     if facts["fault"]:
@@ -132,7 +132,7 @@ def _print(file: Path, facts: dict[str, Any]) -> None:
             f"first in sample {played['first']}"
         )
     if played["status"] is not None:
-        say(f"                  another status or reason from sample {played['status']} on")
+        say(f"                  the status or reason differs from sample {played['status']} on")
 
 
 def _table(there: ArmLog) -> str:

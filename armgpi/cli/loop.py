@@ -26,16 +26,19 @@ ROWS = {
     "policy NAME": "Scheduling: 'fifo' (real time), 'other', or 'auto': real time where it is allowed "
     "(default).",
     "exported": "Run the controller as exported C.",
-    "loss SHARE": "Share of datagrams that get lost; none by default.",
-    "outage BEGIN,LENGTH": "Time in which all datagrams get lost [s].",
-    "stall BEGIN,LENGTH": "Time in which the controller is stopped [s].",
-    "kill SECONDS": "When the controller is killed [s].",
-    "watchdog SAMPLES": "Silence that the arm bears; 12 by default.",
-    "reaction NAME": "What the arm does in silence: 'damping' (default), 'gravity', 'hold' the last torque, "
-    "'zero'.",
-    "dry_run": "Send nothing: the arm is moved along the reference by hand; law and supervisor look on.",
+    "loss SHARE": "Share of datagrams that are dropped; none by default.",
+    "outage BEGIN,LENGTH": "Interval in which all datagrams are dropped: begin,length [s].",
+    "stall BEGIN,LENGTH": "Interval in which the controller is stopped: begin,length [s].",
+    "kill SECONDS": "Time at which the controller is killed [s].",
+    "watchdog SAMPLES": "Samples without a torque that the arm tolerates; 12 by default.",
+    "reaction NAME": "What the arm does without a torque: 'damping' (default), 'gravity', 'hold' the "
+    "last torque, 'zero'.",
+    "dry_run": (
+        "Send no torque: the arm is moved along the reference by hand, and controller and "
+        "supervisor only compute."
+    ),
     "log FILE": "Write the controller's log (.armlog) there.",
-    "view": "Serve a page on which the arm moves as it does.",
+    "view": "Serve a page that shows the arm while it moves.",
 }
 
 
@@ -162,7 +165,7 @@ def _watcher(experiment: Experiment, stack: ExitStack) -> Callable[[dict[str, An
         texts = {
             "time": f"{state['t']:.1f} s",
             "samples without a torque in time": f"{state['missed']} of {state['samples']}",
-            "watchdog": "has given the controller up"
+            "watchdog": "reports the controller as failed"
             if state["latched"]
             else f"acted {state['fired']} times",
         }
@@ -213,7 +216,7 @@ def _print(label: str, outcome: Outcome, found: dict[str, Any]) -> None:
         times = ", ".join(f"{k * dt:.4g}" for k in watchdog["fired"][:5])
         say(f"watchdog: {len(watchdog['fired'])} times, at {times} s")
     if watchdog["travel"] is not None:
-        say(f"given up; travelled {watchdog['travel']:.4g} since the last torque")
+        say(f"the controller was given up; the arm moved by {watchdog['travel']:.4g} since the last torque")
 
 
 def _print_histogram(histogram: dict[str, Any]) -> None:

@@ -44,7 +44,7 @@ _Value = TypeVar("_Value")
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
     "robot <ROBOT>": "Path of a URDF file, or name of a robot (see `armgpi robots`).",
-    "out --out -o FILE": "The file; by default beside the URDF, with its name.",
+    "out --out -o FILE": "The experiment file; by default next to the URDF, with its name.",
     "payload KG": "Heaviest load that the arm will carry, unknown to its controller; none by default.",
     "target NAME": "Hardware that `armgpi export` writes for.",
     "force": "Replace the file.",
@@ -101,7 +101,9 @@ def new(
         raise refusal("--target", f"must be one of {', '.join(TARGETS)}, got {target!r}")
     if is_experiment(robot):
         raise refusal(
-            "ROBOT", f"{robot} is an experiment file already: armgpi run {robot}; give a URDF or name"
+            "ROBOT",
+            f"{robot} is an experiment file already: armgpi run {robot}; expected a URDF or "
+            "the name of a robot",
         )
     path, name = _place(robot, out, force)
     answers = _Answers()
@@ -186,7 +188,7 @@ def _file(
     ideal = robots.is_textbook(section["name"]) and typed["encoder_bits"] is None and typed["delay"] is None
     sensors = [
         f"  encoder_bits: {bits}  # per turn{bits_note}",
-        f"  delay: {late}  # samples by which measurements are late{late_note}",
+        f"  delay: {late}  # samples; measurements are delayed by so many{late_note}",
         _friction_line(arm, interface is not None),
     ]
     realistic = "ideal: false  # a realistic arm: what no line states is assumed (armgpi run says what)"
@@ -203,12 +205,12 @@ def _file(
         *_effort_lines(arm, blanks),
         *([] if blanks or "drives" in section else _drive_lines(arm)),
         textbook if ideal else realistic,
-        "plant:  # what the controller does not know",
+        "plant:  # the simulated arm; the controller does not know the payload",
         *(["  engine: armgpi"] if ideal else sensors),
         payload if load else none,
         "controllers:",
         printed if ideal else automatic,
-        "  - type: pid  # armgpi compare puts it beside the first, which the other commands take",
+        "  - type: pid  # for armgpi compare; the other commands take the first controller",
         f"sample_time: {step:g}  # s{step_note}",
         *_vary_lines(arm, load, blanks),
     ]
@@ -307,7 +309,7 @@ def _vary_lines(arm: Any, load: float, blanks: list[str]) -> list[str]:
         return [
             "# vary: {plant.delay: {choices: [0, 1, 2]}}  # what armgpi sweep draws; nothing here is assumed"
         ]
-    return ["vary:  # what armgpi sweep draws", *varied]
+    return ["vary:  # what armgpi sweep varies at random", *varied]
 
 
 def _arm(robot: str, how: dict[str, Any], answers: _Answers) -> tuple[Any, list[str]]:

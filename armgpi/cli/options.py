@@ -21,64 +21,75 @@ def robot_names(begun: str) -> list[str]:
 #: Options of several commands: parameter, its flags where they are others than its name, what --help shows
 #: for its value (in <> of an argument) -> what --help says. A command's module has such rows of its own.
 ROWS = {
-    "rotor_inertia NUMBERS": "Rotor inertia seen at the joints, gear ratio squared times rotor [kg m² or "
-    "kg]: 'j1=0.1,j2=0.05', or one number for all; may be repeated.",
-    "drives FILE": "YAML or JSON: joint -> rotor_inertia, viscous, coulomb, stiffness and others, where "
-    "known. Or what is assumed of drives without data: 'elastic' (rotors and elastic joints, the default of "
-    "type gpi_auto), 'stiff' (rotors and stiff joints) or 'none' (no rotors).",
-    "identified FILE": "identification.json: the arm is one of those that it leaves possible, with 95 % "
-    "confidence.",
-    "report FILE": "Write what is found as one HTML file for any browser.",
-    "allow_part": "Accept a verdict that holds for part of what was asked: exit code 0 in place of 3.",
+    "rotor_inertia NUMBERS": "Reflected rotor inertia (armature): rotor inertia times the gear ratio "
+    "squared [kg m² or kg]: 'j1=0.1,j2=0.05', or one number for all; may be "
+    "repeated.",
+    "drives FILE": "YAML or JSON file with rotor_inertia, viscous, coulomb, stiffness and others for "
+    "each joint, where known. Or what is assumed for joints without data: 'elastic' "
+    "(rotors and elastic joints, the default of type gpi_auto), 'stiff' (rotors and stiff "
+    "joints) or 'none' (no rotors).",
+    "identified FILE": "identification.json of armgpi identify: the arm is one of those inside its 95 % "
+    "intervals.",
+    "report FILE": "Write the results as one HTML file for any browser.",
+    "allow_part": (
+        "Accept an incomplete verdict, which holds for part of what was asked: exit code 0 instead of 3."
+    ),
     "as_json --json": "Print JSON instead of tables.",
     "robot <ROBOT>": "Name of a robot (see `armgpi robots`), or path of a URDF or an experiment file (YAML).",
     "dt SECONDS": "Sample time [s]; 0.001 by default.",
     "encoder_bits BITS": "Encoder resolution; exact by default.",
     "lock JOINT": "Joint to hold fixed, 'name' or 'name=value'; may be repeated.",
-    "keep JOINT": "Joint to keep, or chain of a whole robot; all others are locked; may be repeated.",
+    "keep JOINT": ("Joint to keep, or arm of a whole robot; all other joints are locked; may be repeated."),
     "mimic HOW": "Joints that mimic another: 'lock' (default), or 'follow' it exactly.",
-    "repair NAME": "Repair to make in the URDF, as its refusal names it, or 'all'; may be repeated.",
-    "package_dir FOLDER": "Folder of a package, or of packages, in which meshes are looked for; may be "
+    "repair NAME": (
+        "Repair to make in the URDF, by the name in the error message, or 'all'; may be repeated."
+    ),
+    "package_dir FOLDER": "Folder of a package, or of packages, in which meshes are searched; may be "
     "repeated.",
     "effort NUMBERS": "Torque limits [N m or N]: 'j1=10,j2=5', or one number for all; may be repeated.",
-    "accept_code": "Go on with what other code has begun; it is marked.",
+    "accept_code": ("Continue a study that another version of the code has begun; the results are marked."),
     "controller --controller --controllers NAME": "{controllers}; or a label of the file. Default: gpi, or "
     "gpi_auto with an encoder or delay.",
     "controllers --controllers --controller NAMES": "Which ones of {controllers}: 'gpi,pid' by default, "
     "'gpi_auto,pid' with an encoder or delay; or labels of the experiment file.",
-    "delay SAMPLES": "Samples by which measurements are late.",
-    "out --out -o FOLDER": "Where to put rollout.nc, experiment.yaml and metrics.json.",
+    "delay SAMPLES": "Delay of the measurements [samples].",
+    "out --out -o FOLDER": "Folder for rollout.nc, experiment.yaml and metrics.json.",
     "force": "Write to --out even where it holds another experiment.",
     "config --config -c FILE": "Experiment file (YAML) or name of a scenario (see `armgpi scenarios`); "
     "options override it.",
     "to CONFIGURATION": "Goal [rad or m]: 'j1=0.8,j2=-0.4', the others stay; or all joints '0.8,-0.4'.",
-    "start --from CONFIGURATION": "Start, given as --to; the middle of the joint ranges by default.",
+    "start --from CONFIGURATION": (
+        "Start position, written like --to; by default the middle of the joint ranges."
+    ),
     "path NAME": "Instead of --to, a path of the tool in space: {paths}.",
     "trajectory FILE": "Instead of --to, a recorded trajectory: CSV (time and joints by name), NetCDF (a "
     "rollout) or MCAP (/joint_states).",
-    "direction X,Y,Z": "Where the tip's z axis points to along a path: '0,0,-1' is down; free by default.",
-    "duration SECONDS": "Time of each move [s]; gentle by default.",
-    "inertia_scale FACTOR": "The controllers' nominal models have D(q) times this; the plant stays as it is.",
-    "plant NAME": "Simulator: {plants} (armgpi by default; mujoco is a second one), or for compare both.",
-    "payload KG": "Mass at the tip [kg] that the controllers do not know of.",
+    "direction X,Y,Z": ("Direction of the tip's z axis along a path: '0,0,-1' is down; free by default."),
+    "duration SECONDS": "Duration of each move [s]; by default chosen for a slow motion.",
+    "inertia_scale FACTOR": (
+        "Multiply D(q) of the controllers' nominal models by this factor; the plant is not changed."
+    ),
+    "plant NAME": "Simulator: {plants} (armgpi by default), or for compare both.",
+    "payload KG": "Mass at the tip [kg] that the controllers do not know.",
     "friction WORD": "'urdf': the URDF's joint friction acts, default of realistic arms; or 'none'.",
     "ideal": "Rigid joints, no rotors, no friction, exact positions, and the controller as printed.",
-    "t_final SECONDS": "How long to run [s]; by default 2 s beyond the last hold.",
+    "t_final SECONDS": "Simulated time [s]; by default the motion and 2 s more.",
     "seed NUMBER": "Seed of noise and drop-outs.",
-    "supervised": "Put the controllers under a supervisor, which stops the arm when something is wrong; with "
-    "the bounds of the experiment file, or the default ones.",
-    "gravity WHO": "Who carries the arm's weight: 'arm' (default), the controller does, or 'robot', as "
-    "libfranka and UR do: then plant and nominal models have no gravity.",
+    "supervised": "Run the controllers under a supervisor, which stops the arm when it detects a fault; "
+    "with the bounds of the experiment file, or the default ones.",
+    "gravity WHO": "What compensates gravity: the controller of the arm ('arm', the default), or the "
+    "robot itself ('robot'), as with libfranka and UR; then plant and nominal models have "
+    "no gravity.",
     "settings --set KEY=VALUE": "Any key of an experiment file, such as plant.delay=2 or "
     "controller.omega=25; may be repeated.",
-    "backend NAME": "What computes: 'numpy', 'compiled' (generated C), or 'auto': the faster one.",
+    "backend NAME": ("What computes the run: 'numpy', 'compiled' (generated C), or 'auto', the faster one."),
     "table FILE": "Write the table of metrics: .csv, .md (Markdown) or .tex (LaTeX).",
-    "plot FILE": "Draw position, error and torque of every joint: PNG, SVG, PDF.",
-    "view": "Serve the animation to this machine until Ctrl-C.",
+    "plot FILE": "Plot position, error and torque of every joint: PNG, SVG or PDF.",
+    "view": "Serve the animation on this machine until Ctrl-C.",
     "html FILE": "Write the animation as one file for any browser.",
-    "explain": "Print the values and reasons of what is assumed of the drives.",
-    "interactive": "Make --report a page to play with, as `armgpi play` does; of the first controller.",
-    "frame FRAME": "The tool whose path is drawn; the tip by default.",
+    "explain": "Print the values that are assumed for the drives, and why.",
+    "interactive": ("Write --report as an interactive page, as `armgpi play` does, of the first controller."),
+    "frame FRAME": "Frame whose path is drawn; the tip by default.",
     "port PORT": "Port of 127.0.0.1; the first free one from 7070 by default.",
 }
 

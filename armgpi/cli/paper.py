@@ -9,7 +9,7 @@ from armgpi.cli.terminal import say
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
-    "out --out -o FOLDER": "Where to put tables and figures.",
+    "out --out -o FOLDER": "Folder for tables and figures.",
     "quick": "A step of 1e-3 s and no side studies: under half a minute.",
     "name <NAME>": "Which one to print.",
 }

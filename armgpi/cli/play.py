@@ -14,7 +14,7 @@ from armgpi.cli.parsing import refusal, stoppable
 from armgpi.cli.terminal import say
 from armgpi.errors import require_extra
 
-File = Annotated[Path | None, opt.page("Where to put the page; ROBOT.html by default.")]
+File = Annotated[Path | None, opt.page("File of the page; ROBOT.html by default.")]
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
     "open_ --open": "Open the page in a browser.",

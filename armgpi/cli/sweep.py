@@ -29,11 +29,14 @@ _MOST = 10**9
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
-    "file <FILE>": "Experiment file with `vary:` or a reality to draw from; or an identified arm's folder.",
-    "out --out -o FOLDER": "Where chunks and results go; one study each.",
-    "rollouts NUMBER": "How many rollouts, such as 1e6.",
+    "file <FILE>": (
+        "Experiment file with `vary:` or an uncertainty model (`reality:`); or the folder "
+        "of an identified arm."
+    ),
+    "out --out -o FOLDER": "Folder for chunks and results, one for each study.",
+    "rollouts NUMBER": "Number of rollouts, such as 1e6.",
     "sampling": "random, or sobol: points that fill the space evenly.",
-    "rare": "Rare failures by subset simulation; --rollouts in each level.",
+    "rare": "Estimate rare failures by subset simulation, with --rollouts in each level.",
     "cluster ADDRESS": "A Dask scheduler, such as tcp://host:8786.",
 }
 

@@ -125,10 +125,11 @@ def _loop(controller: GPI, experiment: Experiment) -> str:
     phase, delay, delta = controller.margins()
     spent = 0.5 * controller.dt + controller.delay
     # The verdict above has the loop with its gears; this one is of a joint alone.
-    loop = "loop, were the gears rigid" if is_known(experiment.robot) else "loop"
+    loop = "loop, if the joints were stiff" if is_known(experiment.robot) else "loop"
     said = (
-        f"  {loop}: phase margin {math.degrees(phase):.3g} deg, stable for delta {delta.lower:.2g} to "
-        f"{delta.upper:.2g}, delay margin {1e3 * delay:.3g} ms (hold and transport take {1e3 * spent:.3g})"
+        f"  {loop}: phase margin {math.degrees(phase):.3g} deg, stable for inertia ratio delta "
+        f"{delta.lower:.2g} to {delta.upper:.2g}, delay margin {1e3 * delay:.3g} ms (of which sampling "
+        f"and transport use {1e3 * spent:.3g})"
     )
     bits = getattr(experiment.config.plant, "encoder_bits", None)
     if bits is None:
@@ -138,9 +139,9 @@ def _loop(controller: GPI, experiment: Experiment) -> str:
     share = torque / controller.effort
     j = int(np.argmax(share))
     unit = "N" if experiment.robot.prismatic[j] else "N m"
-    much = ": more than 1 %, which shakes an arm" if share[j] > COUNT_SHARE else ""
+    much = ": more than 1 %, which causes torque chatter" if share[j] > COUNT_SHARE else ""
     return (
-        f"{said}; one encoder count moves the torque of {printable(experiment.robot.joint_names[j])} by "
+        f"{said}; one encoder count changes the torque of {printable(experiment.robot.joint_names[j])} by "
         f"{torque[j]:.2g} {unit}, {100 * share[j]:.2g} % of its effort{much}"
     )
 

@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
     "file <FILE>": "Experiment file (YAML) with a section `tune`.",
-    "out --out -o FOLDER": "Where the study and its result go.",
-    "resume": "Go on where the study in the folder stopped.",
-    "evaluations NUMBER": "How many candidates are tried; the file's.",
-    "seed NUMBER": "Of the search; the file's.",
+    "out --out -o FOLDER": "Folder for the study and its result.",
+    "resume": "Continue the study in the folder.",
+    "evaluations NUMBER": "Number of candidates that are tried; by default that of the file.",
+    "seed NUMBER": "Seed of the search; by default that of the file.",
     "backend NAME": "numpy, compiled or auto.",
 }
 
@@ -109,7 +109,7 @@ def show(
     if report is not None:
         from armgpi.view import page
 
-        sections = {"Result": page.from_markdown(text, "what was found")}
+        sections = {"Result": page.from_markdown(text, "result")}
         if drawn:
             sections["Pictures"] = page.picture(drawn, title)
         paths = [*paths, files.write(report, page.document(title, "", sections))]

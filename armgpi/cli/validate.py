@@ -13,20 +13,26 @@ from armgpi.cli.terminal import say
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
     "model <MODEL>": "Python file, module (with :Name when it has several models), SymPy file, or 'paper'.",
-    "robot ROBOT": "What it is a model of: name or URDF; without, laws alone are checked.",
-    "frame NAME": "Frame that its kinematics mean; the tip by default.",
+    "robot ROBOT": (
+        "Robot that the model describes: name or URDF; without it, only structural properties are checked."
+    ),
+    "frame NAME": "Frame of its kinematics; the tip by default.",
     "rtol NUMBER": "Relative error up to which two values agree.",
-    "joints NUMBER": "Number of joints, without a robot; found by trying.",
-    "time_limit SECONDS": "How long one call of the model may take [s]; reading it, twelve times that.",
+    "joints NUMBER": "Number of joints, where no robot is given; by default found by trying.",
+    "time_limit SECONDS": (
+        "Longest time for one call of the model [s]; reading it may take twelve times as long."
+    ),
     "seed NUMBER": "Seed of the random states.",
     "isolate": "Run the model without network, other processes and files to write; needs Linux.",
-    "absolute": "The model counts the angles of parallel joints from the base.",
-    "from_vertical up|down": "Where the model counts its first level axis from.",
-    "names --map NAME=FUNCTION": "What the model calls a function; M, D, C, G are known.",
+    "absolute": "The model measures the angles of parallel joints from the base (absolute angles).",
+    "from_vertical up|down": "Direction from which the model measures its first horizontal axis.",
+    "names --map NAME=FUNCTION": (
+        "Name of a function in the model, such as M=mass_matrix; M, D, C and G are found by their names."
+    ),
     "allow_uncompared": "Accept functions of the model that were not compared: exit code 0 in place of 3.",
     "markdown FILE": "Write the report as Markdown.",
     "latex FILE": "Write the report as LaTeX.",
-    "suggest_urdf FILE": "Write a URDF whose parameters fit the model best.",
+    "suggest_urdf FILE": "Write a URDF with the parameters that fit the model best.",
 }
 
 

@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
     "names <[ROBOT]...>": "Which ones; all by default.",
-    "out --out -o FOLDER": "Where the study of the arms and its table go.",
-    "reality NAME": "Instead, draw drives, sensors, loads and moves of this reality: geared, elastic, owned "
-    "...",
-    "seed": "Of the draws.",
+    "out --out -o FOLDER": "Folder for the study of the arms and its table.",
+    "reality NAME": "Instead, draw drives, sensors, payloads and moves from this uncertainty model: "
+    "geared, elastic, owned ...",
+    "seed": "Seed of the randomised arms.",
 }
 
 
@@ -40,7 +40,9 @@ def zoo(
     report: Path | None = None,
     as_json: bool = False,
     reality: str | None = None,
-    count: Annotated[int, typer.Option(min=1, max=4096, help="Draws of each arm, with --reality.")] = 16,
+    count: Annotated[
+        int, typer.Option(min=1, max=4096, help="Randomised arms of each robot, with --reality.")
+    ] = 16,
     seed: int = 0,
 ) -> None:
     """Run every arm that can be loaded with default gains, empty and loaded, and print one table.

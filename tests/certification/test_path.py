@@ -602,7 +602,7 @@ def test_the_command_prints_it_and_writes_page_and_file(cli: Any, tmp_path: Path
     file.write_text(f"{file.read_text()}plant: {{gear_stiffness: 1e4, engine: elastic}}\n")
     refused = cli("bound", file)
     assert refused.code == 2
-    assert "rigid arms with encoders" in refused.err
+    assert "stiff joints with encoders" in refused.err
 
 
 def test_a_page_shows_the_errors_of_its_run() -> None:

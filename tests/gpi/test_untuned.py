@@ -161,7 +161,9 @@ def test_what_will_go_wrong_is_said() -> None:
     (found,) = advice.light_model(light)
     assert "5 % of what moves" in found.message
     fast = {"gains": FixedGains(30.0), "rolloff": 0}
-    with pytest.warns(ArmgpiWarning, match="one encoder count moves the torque of joint 'q2' by .* % of its"):
+    with pytest.warns(
+        ArmgpiWarning, match="one encoder count changes the torque of joint 'q2' by .* % of its"
+    ):
         GPI.auto(ARM.with_limits(effort=1.0), 1e-3, bits=10, **fast)
     section = {"type": "gpi", "omega": 30.0}
     context = Context(ARM.with_limits(effort=1.0), 1e-3, bits=np.full(3, 10.0), nominal=ARM)
