@@ -185,6 +185,7 @@ def _count(text: str) -> int:
 def _print(sweep: Sweep, said: dict[str, Any], sentences: list[str]) -> None:
     """Print what a sweep says: failures, the quantiles of what counts, and what failures depend on."""
     from armgpi.loop import metrics
+    from armgpi.loop.units import NEWTON
     from armgpi.studies.results import failure_words, heading, quantile_words
 
     say(f"{sweep.label} on {sweep.robot.name}; failed is {failure_words(sweep)}")
@@ -193,6 +194,8 @@ def _print(sweep: Sweep, said: dict[str, Any], sentences: list[str]) -> None:
     for each in metrics.shown_in("terminal"):
         if each.name in said["quantiles"]:
             values = said["quantiles"][each.name]
+            if each.unit == NEWTON and not any(x["value"] for x in values.values()):
+                continue  # nothing touched anything
             shares = (f"{100 * float(share):g} % {quantile_words(x)}" for share, x in values.items())
             say(f"{heading(sweep, each.name)}: {', '.join(shares)}")
     for name, parts in said["failure by what was drawn"].items():

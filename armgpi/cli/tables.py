@@ -28,6 +28,8 @@ from armgpi.loop import metrics, units
 from armgpi.loop.rollout import describe_measurement
 from armgpi.loop.running import ROUNDING
 from armgpi.parameter import parameters
+from armgpi.plants.elastic import ElasticPlant
+from armgpi.plants.plant import inside
 from armgpi.plants.sensors import Encoder
 from armgpi.supervisor.reasons import remedy
 
@@ -38,23 +40,54 @@ _FOLDED = 10
 def print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None:
     """Print a table of metrics per controller and joint, and a line on how each rollout ended."""
     console = console_of()
-    robot, chosen = experiment.robot, metrics.shown_in("terminal")
+    robot, shown = experiment.robot, metrics.shown_in("terminal")
+    chosen = metrics.of_joints(shown)
     slides = bool(robot.prismatic.all())
     title = f"{printable(robot.name)}, {experiment.t_final:.4g} s"
     if len(records) == 1:
         title = f"{printable(records[0]['label'])} on {title}"
     tables = [(title, chosen)]
     if narrow := natural_width(console, _table(title, records, chosen, slides)) > console.width:
-        tables = [(f"{title}: {group}", [m for m in chosen if m.group == group]) for group in metrics.GROUPS]
+        tables = [
+            (f"{title}: {group}", [m for m in chosen if m.group == group]) for group in metrics.GROUPS[:2]
+        ]
     for heading, columns in tables:
         if narrow:
             # Long names are folded; a terminal too narrow even so gets whole numbers all the same.
             widen(console, _table(heading, records, columns, slides, longest=_FOLDED))
         console.print(_table(heading, records, columns, slides))
+    for line in _tool_lines(experiment, records, metrics.of_tool(shown, records)):
+        console.print(line)
     if note := units.note(robot.joint_names, robot.prismatic):
         console.print(printable(note))
     for record in records:
         _print_end(console, experiment, record)
+
+
+def _tool_lines(
+    experiment: Experiment, records: list[dict[str, Any]], chosen: Sequence[metrics.Metric]
+) -> list[str]:
+    """Return a line per controller on what its tool did; of links, wherever the encoders sit."""
+    lines = []
+    for record in records if chosen else ():
+        values = []
+        for metric in chosen:
+            number = metric.text(record["metrics"][metric.name][0], 3)
+            values.append(f"{metric.heading} {number} {metric.unit.symbol()}")
+        if record["label"] in experiment.runs:
+            values[0] += _sunk(experiment, record["label"])
+        lines.append(f"{printable(record['label'])}: {', '.join(values)}")
+    return lines
+
+
+def _sunk(experiment: Experiment, label: str) -> str:
+    """Return the part of the tool's error at the end that is static deflection, unseen by motor encoders."""
+    arm = inside(experiment.runs[label][0])
+    end = experiment.reference.at(experiment.t_final).q
+    if not isinstance(arm, ElasticPlant) or end.ndim != 1:
+        return ""
+    sunk = arm.static_deflection(end)
+    return f" (static deflection at the end: {metrics.short(sunk, 3)} mm)" if sunk > 0.0 else ""
 
 
 def _print_end(console: Any, experiment: Experiment, record: dict[str, Any]) -> None:
@@ -86,6 +119,7 @@ def write_table(experiment: Experiment, records: list[dict[str, Any]], path: Pat
     """Write all metrics of every controller and joint as a table in the format of a file's name."""
     slides = bool(experiment.robot.prismatic.all())
     chosen = tuple(metrics.declared().values())
+    # Those of the tool stand in the row of every joint, as a table has one shape.
     heads = ["controller", "joint"]
     for metric in chosen:
         unit = metric.unit.symbol(slides)

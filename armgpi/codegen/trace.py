@@ -725,12 +725,15 @@ def _add_up(running: Any, result: Trace) -> None:
     """Note how the sums change with a sample."""
     before = tuple(Symbols.new(name, (result.n,)) for name in TOTALS)
     result.sums = [x for part in before for x in flat(part)]
-    seen = {name: Symbols.new(f"seen_{name}", (result.n,)) for name in ("q", "q_ref", "tau")}
+    seen = {name: Symbols.new(f"seen_{name}", (result.n,)) for name in ("q", "q_ref", "tau", "v")}
     result.seen = {name: flat(part) for name, part in seen.items()}
     k = Symbols(np.array(Scalar(result.k), dtype=object))
     result.summed, result.early = (
         [x for part in after for x in flat(np.broadcast_to(part, (result.n,)))]
-        for after in (running.add(k, *seen.values(), before, late) for late in (True, False))
+        for after in (
+            running.add(k, seen["q"], seen["q_ref"], seen["tau"], before, late, v=seen["v"])
+            for late in (True, False)
+        )
     )
 
 

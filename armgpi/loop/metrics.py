@@ -26,7 +26,8 @@ from armgpi.arrays import Array
 from armgpi.errors import NameNotFound, RolloutError
 from armgpi.loop.rollout import Recorded, Status
 from armgpi.loop.running import ROUNDING, Totals, fold
-from armgpi.loop.units import POSITION, TORQUE, Unit, prismatic
+from armgpi.loop.tool import ToolSample, angle_of
+from armgpi.loop.units import NEWTON, POSITION, TORQUE, PlainUnit, Unit, prismatic
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -34,8 +35,9 @@ if TYPE_CHECKING:
 #: A function of totals to numbers (..., n); or of a rollout, dimensions ([rollout], time, joint), to numbers
 #: ([rollout], joint).
 Function = Callable[[Any], Any]
-#: What a metric is about; a table that is too wide is split by it.
-Group = Literal["errors", "torques"]
+#: What a metric is about; a table that is too wide is split by it. Metrics of the tool are those of the arm:
+#: every joint has the same number, and tables show it once.
+Group = Literal["errors", "torques", "tool"]
 GROUPS: tuple[Group, ...] = get_args(Group)
 #: The tables that show metrics; the files have them all.
 Table = Literal["terminal", "report", "reproduction", "zoo"]
@@ -73,7 +75,7 @@ class Metric:
     name: str
     heading: str
     long_name: str
-    unit: Unit
+    unit: Unit | PlainUnit
     group: Group
     tables: tuple[Table, ...]
     total: bool
@@ -113,7 +115,7 @@ ALL: dict[str, Metric] = {}
 
 def metric(
     heading: str,
-    unit: Unit,
+    unit: Unit | PlainUnit,
     group: Group,
     *,
     long_name: str = "",
@@ -175,6 +177,28 @@ def shown_in(table: Table) -> list[Metric]:
     """Return the metrics that a table shows: those of errors first, as they were declared."""
     shown = [metric for metric in declared().values() if table in metric.tables]
     return sorted(shown, key=lambda metric: GROUPS.index(metric.group))
+
+
+def of_joints(shown: Iterable[Metric]) -> list[Metric]:
+    """Return the metrics that differ by joint: tables have a row for each of these."""
+    return [metric for metric in shown if metric.group != "tool"]
+
+
+def of_tool(shown: Iterable[Metric], records: Iterable[Mapping[str, Any]]) -> list[Metric]:
+    """Return the metrics of the tool that say something of rollouts: forces only where something touched.
+
+    Args:
+        shown: the metrics to choose from.
+        records: of the rollouts, as :func:`armgpi.config.experiment.records` has them.
+    """
+    chosen = []
+    for metric in shown:
+        values = [record["metrics"][metric.name][0] for record in records]
+        known = [value for value in values if value is not None]
+        touched = any(value != 0.0 for value in known) or metric.unit != NEWTON
+        if metric.group == "tool" and known and touched:
+            chosen.append(metric)
+    return chosen
 
 
 def short(value: float | None, digits: int = 4) -> str:
@@ -297,6 +321,50 @@ def hunting_frequency(run: Totals) -> Array:
     return np.where(run.swing > ROUNDING, swings, 0.0)
 
 
+def _of_tool(run: Totals, values: Array) -> Array:
+    """Return a metric of the tool; NaN where no tool is known."""
+    return values if run.has_tool else np.full(np.shape(values), np.nan)
+
+
+@metric(
+    "tool error",
+    PlainUnit("mm"),
+    "tool",
+    long_name="largest distance of the tool from its path",
+    tables=_RUNS[:2],
+)
+def tool_error(run: Totals) -> Array:
+    """Return the largest distance of the arm's tip from where the reference puts it.
+
+    It is that of the links: what elastic joints and encoders at the motors hide is in it.
+    """
+    return _of_tool(run, 1e3 * np.sqrt(run.tool_offset))
+
+
+@metric(
+    "tool angle",
+    PlainUnit("deg"),
+    "tool",
+    long_name="largest angle of the tool off its path",
+    tables=_RUNS[:2],
+)
+def tool_angle(run: Totals) -> Array:
+    """Return the largest angle between the tip's orientation and the wished one."""
+    return _of_tool(run, np.degrees(run.tool_turn if run.has_angles else angle_of(run.tool_turn)))
+
+
+@metric("peak force", NEWTON, "tool", long_name="largest force of a contact", tables=_RUNS[:2])
+def peak_force(run: Totals) -> Array:
+    """Return the largest force that one contact of `plant.environment` had at a sample; 0 without any."""
+    return _of_tool(run, np.sqrt(run.force))
+
+
+@metric("final force", NEWTON, "tool", long_name="largest force of a contact at the end", tables=_RUNS[:2])
+def final_force(run: Totals) -> Array:
+    """Return the largest force of a contact in the last sample; 0 without any."""
+    return _of_tool(run, np.sqrt(run.force_last))
+
+
 def summary(rollout: xr.Dataset) -> xr.Dataset:
     """Return every metric in one dataset, dimensions ([rollout], joint).
 
@@ -330,7 +398,11 @@ def of_recorded(run: Recorded) -> dict[str, Array]:
     recording, rows = run.recording, (len(run.recording.status), run.robot.n)
     kept = recording.kept_samples
     q, q_ref, tau = (recording.variables[name][:kept].reshape(-1, *rows) for name in _FOLDED)
-    totals = fold(recording.times[:kept], q, q_ref, tau, run.robot.limits)
+    track = run.track()
+    tool = None
+    if track is not None:
+        tool = ToolSample(*(x[:kept].reshape(-1, rows[0], 1) for x in track.sample()))
+    totals = fold(recording.times[:kept], q, q_ref, tau, run.robot.limits, tool)
     found = of_totals(totals, recording.status == Status.DIVERGED)
     missing = [each for name, each in declared().items() if name not in found]
     if missing:
@@ -376,11 +448,15 @@ def _of_totals(rollout: xr.Dataset) -> Callable[[Any], xr.DataArray]:
     q, q_ref, tau, *limits = (x.transpose(*dims).values.reshape(shape) for x in arrays)
     ends = np.maximum((~np.isnan(q - q_ref).any(axis=-1)).sum(axis=0), 2)
     times = rollout["time"].values
+    tool = _recorded_tool(rollout, template.dims[:-1])
     folds = []
     for end in np.unique(ends):
         rows = ends == end
         own = _Limits(*(x[0, rows] for x in limits))
-        folds.append((rows, fold(times[:end], q[:end, rows], q_ref[:end, rows], tau[:end, rows], own)))
+        seen = None if tool is None else ToolSample(*(x[:end, rows] for x in tool))
+        totals = fold(times[:end], q[:end, rows], q_ref[:end, rows], tau[:end, rows], own, seen)
+        totals.has_angles = True
+        folds.append((rows, totals))
 
     def values(function: Callable[[Totals], Array]) -> xr.DataArray:
         found = np.empty(q.shape[1:])
@@ -390,3 +466,24 @@ def _of_totals(rollout: xr.Dataset) -> Callable[[Any], xr.DataArray]:
         return xr.DataArray(found.reshape(template.shape), template.coords, template.dims)
 
     return values
+
+
+def _recorded_tool(rollout: xr.Dataset, rollouts: tuple[Any, ...]) -> ToolSample | None:
+    """Return what the tool did in a rollout, arrays (samples, rollouts, 1); None where that is not recorded.
+
+    In place of the square of its turn stands the angle itself.
+    """
+    if "tool" not in rollout:
+        return None
+    dims, count = ("time", *rollouts), rollout.sizes["time"]
+
+    def squared(values: xr.DataArray) -> Array:
+        squares = (values**2).sum("axis", skipna=False).transpose(*dims)
+        return np.asarray(squares.values.reshape(count, -1, 1))
+
+    turn = rollout["tool_turn"].transpose(*dims).values.reshape(count, -1, 1)
+    force = np.zeros(turn.shape)
+    if "contact_force" in rollout:
+        for _, each in rollout["contact_force"].groupby("contact", squeeze=False):
+            force = np.maximum(force, squared(each.isel(contact=0)))
+    return ToolSample(squared(rollout["tool"] - rollout["tool_ref"]), turn, force)

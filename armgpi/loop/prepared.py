@@ -41,6 +41,7 @@ from armgpi.loop.memory import Memory, NetCDF
 from armgpi.loop.rollout import SAMPLED, Recorded, Recording, Status, provenance, summary_dataset
 from armgpi.loop.runner import DIVERGENCE, NumPyRun, Runner, drive
 from armgpi.loop.running import TOTALS, Running, Totals
+from armgpi.loop.tool import Tool
 from armgpi.loop.variables import Variable, check_values, rows_of, spread_rows, variables, with_values
 from armgpi.plants.elastic import ElasticPlant
 from armgpi.plants.plant import Plant, inside
@@ -314,7 +315,7 @@ class PreparedLoop:
         """Run a loop to its end, or until Ctrl-C where a part is wanted, and return what did it."""
         running = None
         if self._metrics:
-            running = Running(self._times, loop.plant.robot.limits.effort)
+            running = Running(self._times, loop.plant.robot.limits.effort, Tool(loop.plant))
         steps = self.steps
         run: Runner = NumPyRun(
             loop, state, recording, self._divergence, signals=self._signals, running=running
@@ -377,7 +378,9 @@ class PreparedLoop:
         interrupted = (recording.status == Status.INTERRUPTED).any()
         last = max(run.done - 1, 1) if interrupted else self.steps
         running, by_name = Running(self._times, limits.effort), dict(zip(TOTALS, run.sums, strict=True))
-        totals = Totals(running, by_name.__getitem__, self._times[: last + 1], limits)
+        has_tool = Tool(loop.plant).motion is not None
+        times = self._times[: last + 1]
+        totals = Totals(running, by_name.__getitem__, times, limits, has_tool=has_tool)
         found = metrics.of_totals(totals, diverged)
         ends = {}
         if final:
@@ -398,7 +401,8 @@ class PreparedLoop:
 def _collect(loop: ClosedLoop, recording: Recording, made_from: Mapping[str, Any]) -> Recorded:
     """Return what a run of a loop recorded."""
     described = {**loop.describe(), **made_from}
-    return Recorded(recording, loop.plant.robot, loop.plant.disturbance(recording.times), described)
+    disturbance = loop.plant.disturbance(recording.times)
+    return Recorded(recording, loop.plant.robot, disturbance, described, Tool(loop.plant))
 
 
 def _names(record: Any) -> frozenset[str]:

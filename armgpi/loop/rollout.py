@@ -8,6 +8,10 @@ Dimensions are ``time`` and ``joint``, and ``rollout`` in front when a batch was
 ``q_measured``            positions as the controller saw them                         rad
 ``tau_command``, ``tau``  torque asked for and applied from this sample to the next    N m
 ``disturbance``           disturbance torque of the loads, where there are any         N m
+``tool``, ``tool_ref``    position of the tip and the wished one, over ``axis``        m
+``tool_turn``             angle between the tip's orientation and the wished one       rad
+``contact_force``         force of each contact on the arm, over ``contact, axis``     N
+``contact_point``         where it acts, likewise                                      m
 ``status``, ``t_end``     how and when the rollout ended                               , s
 ``lower`` ... ``effort``  limits of the plant's joints                                 rad, N m
 ``supervisor``            state of the supervisor, where there is one
@@ -38,6 +42,7 @@ from armgpi.errors import RolloutError
 from armgpi.files import machine_bytes
 from armgpi.loop.memory import Memory
 from armgpi.loop.provenance import Provenance, versions
+from armgpi.loop.tool import MOST, Tool, ToolTrack, angle_of
 from armgpi.loop.units import POSITION, TORQUE, VELOCITY
 from armgpi.robot.batch import AnyRobot
 from armgpi.supervisor import SIGNALS, Reason
@@ -263,12 +268,48 @@ class Recorded(NamedTuple):
         robot: the plant's, for names and limits.
         disturbance: disturbance torque at all of the recording's times, or None.
         made_from: what was run, as plain data: see :class:`armgpi.loop.provenance.Provenance`.
+        tool: what works out what the tool did; None where nobody asks.
     """
 
     recording: Recording
     robot: AnyRobot
     disturbance: Array | None
     made_from: Mapping[str, Any]
+    tool: Tool | None = None
+
+    def track(self) -> ToolTrack | None:
+        """Return what the tool did; None where positions were not recorded, or are too many to go through."""
+        recording, stored = self.recording, self.recording.kept_samples
+        needed = ("q", "v", "q_ref")
+        if self.tool is None or not all(name in recording.variables for name in needed):
+            return None
+        if stored * len(recording.status) > MOST:
+            return None
+        q, v, q_ref = (np.asarray(self._samples()[name][:stored], dtype=np.float64) for name in needed)
+        return self.tool.track(q, v, q_ref, recording.times[:stored])
+
+    def _tool_variables(self, per_rollout: tuple[str, ...]) -> dict[str, Any]:
+        """Return the variables of the tool: name -> dimensions, values, attributes."""
+        names = self.recording.names
+        track = self.track() if names is None else None
+        if track is None:
+            return {}
+
+        def first(x: Array) -> Array:
+            """Return an array with rollouts before samples."""
+            return np.swapaxes(x, 0, 1) if per_rollout else x
+
+        dims = (*per_rollout, "time")
+        made: dict[str, Any] = {
+            "tool": ((*dims, "axis"), first(track.actual.position), _tool("position of the tip", "m")),
+            "tool_ref": ((*dims, "axis"), first(track.wished.position), _tool("wished position", "m")),
+            "tool_turn": (dims, first(angle_of(track.sample().turn)[..., 0]), _tool("angle off", "rad")),
+        }
+        if track.forces.shape[-2]:
+            contact = (*dims, "contact", "axis")
+            made["contact_force"] = (contact, first(track.forces), _tool("force on the arm", "N"))
+            made["contact_point"] = (contact, first(track.points), _tool("where a contact acts", "m"))
+        return made
 
     def ends(self) -> list[str]:
         """Return in words how each rollout ended; see :func:`describe_end`."""
@@ -296,7 +337,7 @@ class Recorded(NamedTuple):
         """Return it as the dataset that a rollout is."""
         import xarray as xr
 
-        recording, robot, _, made_from = self
+        recording, robot, _, made_from, _ = self
         whole: tuple[tuple[str, ...], Any] = (("rollout",), slice(None))
         per_rollout, row = whole if len(recording.shape) == 2 else ((), 0)
         # An interrupted run ends where it was stopped; of one where all diverged the rest stays NaN.
@@ -305,6 +346,7 @@ class Recorded(NamedTuple):
             name: ((*per_rollout, "time", "joint"), np.swapaxes(x[:stored], 0, -2), _attributes(name, robot))
             for name, x in self._samples().items()
         }
+        variables |= self._tool_variables(per_rollout)
         told: dict[str, Any] = {"status": _status(), **FAULTS}
         told["t_end"] = {"long_name": "end of the rollout", "units": "s"}
         single: dict[str, Any] = {"status": recording.status, "t_end": recording.t_end, **recording.faults}
@@ -367,6 +409,11 @@ def summary_dataset(
             "provenance": made_from,
         },
     )
+
+
+def _tool(name: str, units: str) -> dict[str, str]:
+    """Return the attributes of a variable of the tool."""
+    return {"long_name": name, "units": units}
 
 
 def provenance(made_from: Mapping[str, Any]) -> str:

@@ -169,7 +169,7 @@ class NumPyRun:
             self.recording.store(self.done, {**rows, **targets})
         else:
             seen = rows["q"], targets["q_ref"], rows["tau"]
-            self.sums = self.running.add_all(self.done, *seen, self.sums)
+            self.sums = self.running.add_all(self.done, *seen, self.sums, v=rows["v"])
             self.last = last
         # Assignments only from here on: no Ctrl-C comes between them.
         self._last_command = command

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array
+from armgpi.loop.tool import Tool, ToolSample
 
 #: Hunting is looked for in the last seconds, but in no more than this share of the horizon.
 LAST, SHARE = 1.2, 0.2
@@ -43,6 +44,7 @@ class Sample(NamedTuple):
         tau: torque from this sample on [N m or N].
         tau_before: that of the sample before [N m or N]; 0 in the first one.
         limit: from which on a torque is at its limit [N m or N].
+        tool: what the tool does, arrays (..., 1): the same for all joints.
     """
 
     moment: Any
@@ -57,6 +59,7 @@ class Sample(NamedTuple):
     tau: Array
     tau_before: Array
     limit: Array
+    tool: ToolSample
 
 
 class Fold(NamedTuple):
@@ -117,7 +120,14 @@ TOTALS: dict[str, Total] = {
     "way": Total(_ADD, lambda x: np.abs(x.e - x.e_before), 0.5),
     "target_low": Total(_LEAST, lambda x: x.q_ref, -0.5),
     "target_high": Total(_MOST, lambda x: x.q_ref, -0.5),
+    # Of the tool, squares.
+    "tool_offset": Total(_PEAK, lambda x: np.broadcast_to(x.tool.offset, x.e.shape)),
+    "tool_turn": Total(_PEAK, lambda x: np.broadcast_to(x.tool.turn, x.e.shape)),
+    "force": Total(_PEAK, lambda x: np.broadcast_to(x.tool.force, x.e.shape)),
+    "force_last": Total(_LAST, lambda x: np.broadcast_to(x.tool.force, x.e.shape)),
 }
+#: Of a run whose tool nobody looks at.
+_NO_TOOL = ToolSample(0.0, 0.0, 0.0)
 #: What is added up, in the order of :data:`TOTALS`.
 Sums = tuple[Any, ...]
 
@@ -128,10 +138,18 @@ class Running:
     Attributes:
         dt: sample time [s]; of unequal steps the first one.
         late: number of the first sample of the last seconds.
+        tool: what works out what the tool does; None where nobody asks.
     """
 
-    def __init__(self, times: Array, effort: Array) -> None:
-        """Begin a run of samples at these times [s], two at least, with torque limits (n,) or (batch, n)."""
+    def __init__(self, times: Array, effort: Array, tool: Tool | None = None) -> None:
+        """Begin a run.
+
+        Args:
+            times: of the samples [s], two at least.
+            effort: torque limits [N m or N], (n,) or (batch, n).
+            tool: works out what the tool does, where that counts.
+        """
+        self.tool = tool
         # Two samples of a file may have one time.
         self.dt = float(times[1] - times[0]) or float(times[-1] - times[0])
         window = times[-1] - min(LAST, SHARE * (times[-1] - times[0])) - ROUNDING
@@ -142,7 +160,17 @@ class Running:
         """Return the totals of no samples, of this shape."""
         return tuple(np.full(shape, total.fold.start) for total in TOTALS.values())
 
-    def add(self, k: Any, q: Array, q_ref: Array, tau: Array, sums: Sums, late: bool = True) -> Sums:
+    def add(
+        self,
+        k: Any,
+        q: Array,
+        q_ref: Array,
+        tau: Array,
+        sums: Sums,
+        late: bool = True,
+        *,
+        v: Array | None = None,
+    ) -> Sums:
         """Return the totals with one more sample; steps are equal.
 
         Args:
@@ -152,11 +180,13 @@ class Running:
             tau: torques applied from this sample on [N m or N].
             sums: the totals before.
             late: False where the sample is known to be before the last seconds: their totals stay.
+            v: velocities [rad/s or m/s], where the tool counts.
         """
         before, later = dict(zip(TOTALS, sums, strict=True)), k > 0.0
         weight, e = np.where(later, 1.0, 0.5), q - q_ref
         sample = Sample(
-            *(k, weight, 1.0, later, e, np.abs(e), before["e"], q, q_ref, tau, before["tau"], self._limit)
+            *(k, weight, 1.0, later, e, np.abs(e), before["e"], q, q_ref, tau, before["tau"], self._limit),
+            self._at_tool(k * self.dt, q, v, q_ref),
         )
 
         def next_value(total: Total, value: Any) -> Any:
@@ -167,7 +197,15 @@ class Running:
 
         return tuple(next_value(total, value) for total, value in zip(TOTALS.values(), sums, strict=True))
 
-    def add_all(self, first: int, q: Array, q_ref: Array, tau: Array, sums: Sums) -> Sums:
+    def _at_tool(self, t: Any, q: Array, v: Array | None, q_ref: Array) -> ToolSample:
+        """Return what the tool does at times [s], a number or (..., 1)."""
+        if self.tool is None or v is None:
+            return _NO_TOOL
+        return self.tool.at(q, v, q_ref, t)
+
+    def add_all(
+        self, first: int, q: Array, q_ref: Array, tau: Array, sums: Sums, *, v: Array | None = None
+    ) -> Sums:
         """Return the totals with samples from number `first` on, the same as those of one after the other.
 
         Args:
@@ -176,11 +214,21 @@ class Running:
             q_ref: their targets [rad or m], likewise.
             tau: torques applied from each sample on [N m or N], likewise.
             sums: the totals before, arrays (...).
+            v: velocities [rad/s or m/s], likewise, where the tool counts.
         """
-        return tuple(map(self.totals(first, q, q_ref, tau, sums), TOTALS))
+        grid = np.arange(first, first + len(q), dtype=np.float64).reshape(-1, *[1] * (q.ndim - 1))
+        tool = self._at_tool(grid * self.dt, q, v, q_ref)
+        return tuple(map(self.totals(first, q, q_ref, tau, sums, tool=tool), TOTALS))
 
     def totals(
-        self, first: int, q: Array, q_ref: Array, tau: Array, sums: Sums, times: Array | None = None
+        self,
+        first: int,
+        q: Array,
+        q_ref: Array,
+        tau: Array,
+        sums: Sums,
+        times: Array | None = None,
+        tool: ToolSample = _NO_TOOL,
     ) -> Callable[[str], Array]:
         """Return what gives a total by its name, each worked out when it is asked for.
 
@@ -191,6 +239,7 @@ class Running:
             tau: likewise.
             sums: likewise.
             times: of all samples, where steps are not equal [s].
+            tool: what the tool does, arrays (samples, ..., 1).
         """
         k, e = np.arange(first, first + len(q), dtype=np.float64), q - q_ref
         weight, step = np.where(k > 0.0, 1.0, 0.5), np.ones(len(q))
@@ -207,7 +256,7 @@ class Running:
         # Of all joints and rollouts the same.
         grid: list[Any] = [x.reshape(-1, *[1] * (e.ndim - 1)) for x in (moment, weight, step, k > 0.0)]
         errors, torques = (e, np.abs(e), e_before), (tau, tau_before, self._limit)
-        sample = Sample._make((*grid, *errors, q, q_ref, *torques))
+        sample = Sample._make((*grid, *errors, q, q_ref, *torques, tool))
 
         def total(name: str) -> Array:
             fold, term, since = TOTALS[name]
@@ -228,10 +277,17 @@ class Totals:
         lower: lower position limits [rad or m].
         upper: upper position limits [rad or m].
         effort: torque limits [N m or N].
+        has_tool: whether the totals of the tool are of one.
     """
 
     def __init__(
-        self, running: Running, total: Callable[[str], Array], times: Array, limits: Any, even: bool = True
+        self,
+        running: Running,
+        total: Callable[[str], Array],
+        times: Array,
+        limits: Any,
+        even: bool = True,
+        has_tool: bool = False,
     ) -> None:
         """Keep what was added up.
 
@@ -241,7 +297,10 @@ class Totals:
             times: of the samples [s].
             limits: `lower`, `upper` [rad or m] and `effort` [N m or N], each (n,) or (..., n).
             even: whether all steps are equal.
+            has_tool: whether the totals of the tool are of one.
         """
+        self.has_tool = has_tool
+        self.has_angles = False
         self._total = cache(total)
         self.dt, last, late = running.dt, float(len(times) - 1), float(running.late)
         self.end, self.span, self.late, self.step = last, last, last - late, 1.0
@@ -270,7 +329,9 @@ class Totals:
             return np.where(rests, np.fmax(self.high - self.low, 0.0), 0.0)
 
 
-def fold(times: Array, q: Array, q_ref: Array, tau: Array, limits: Any) -> Totals:
+def fold(
+    times: Array, q: Array, q_ref: Array, tau: Array, limits: Any, tool: ToolSample | None = None
+) -> Totals:
     """Return the totals of recorded samples.
 
     Args:
@@ -279,9 +340,11 @@ def fold(times: Array, q: Array, q_ref: Array, tau: Array, limits: Any) -> Total
         q_ref: their targets [rad or m], likewise.
         tau: torques applied from each sample on [N m or N], likewise.
         limits: as for :class:`Totals`.
+        tool: what the tool does, arrays (samples, ..., 1), where that is known.
     """
     running = Running(times, limits.effort)
     apart = np.abs(times - np.arange(len(times)) * running.dt)
     even = bool((apart <= _EVEN * running.dt).all())
-    total = running.totals(0, q, q_ref, tau, running.init(q.shape[1:]), None if even else times)
-    return Totals(running, total, times, limits, even)
+    start, uneven = running.init(q.shape[1:]), None if even else times
+    total = running.totals(0, q, q_ref, tau, start, uneven, _NO_TOOL if tool is None else tool)
+    return Totals(running, total, times, limits, even, tool is not None)

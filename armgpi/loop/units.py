@@ -53,6 +53,25 @@ class Unit(NamedTuple):
         return " or ".join(dict.fromkeys([self.symbol(), self.symbol(prismatic=True)]))
 
 
+class PlainUnit(NamedTuple):
+    """A unit of a quantity of the whole arm, whatever its joints are.
+
+    Attributes:
+        text: its symbol.
+    """
+
+    text: str
+
+    def symbol(self, prismatic: bool = False, ascii: bool = False) -> str:
+        """Return the unit's symbol; see :meth:`Unit.symbol`."""
+        return self.text
+
+    def __str__(self) -> str:
+        """Return the symbol."""
+        return self.text
+
+
+NEWTON = PlainUnit("N")
 POSITION, VELOCITY, TORQUE = Unit(position=1), Unit(position=1, time=-1), Unit(torque=1)
 
 

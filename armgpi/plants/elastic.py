@@ -198,6 +198,21 @@ class ElasticPlant(Arm):
             return ""
         return sag(self.robot, self.gear_stiffness, self._at_motor > 0.5)
 
+    def static_deflection(self, q: Array) -> float:
+        """Return how far gravity moves the tip of a single arm at rest while its encoders stay at `q` [mm].
+
+        Args:
+            q: positions at the encoders [rad or m], (n,).
+
+        Returns:
+            The distance, NaN for arms of a batch; 0 where all encoders sit at the links.
+        """
+        if not isinstance(self.robot, Robot) or self.gear_stiffness.ndim != 1:
+            return math.nan
+        link = self.init(q, np.zeros_like(q)).q
+        there, here = (self.robot.frame_pose(self.robot.tip, x).translation for x in (q, link))
+        return 1e3 * float(np.linalg.norm(there - here))
+
     def init(self, q: Array, v: Array) -> ElasticState:  # type: ignore[override]
         """Return the state at time 0, in balance with gravity; see :meth:`Plant.init`.
 

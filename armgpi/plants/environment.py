@@ -182,6 +182,18 @@ class Spring(Contact):
         return Wrench(force, 0.0 * motion.position)
 
 
+class Touched(NamedTuple):
+    """A contact at a time.
+
+    Attributes:
+        motion: where its point is and how it moves.
+        wrench: what it does to the arm.
+    """
+
+    motion: Motion
+    wrench: Wrench
+
+
 class Environment:
     """All contacts of an arm.
 
@@ -227,11 +239,24 @@ class Environment:
             t: time [s], a number.
         """
         total: Any = 0.0
-        for contact, points in zip(self.contacts, self.motions, strict=True):
-            motion = points.at(q, v)
-            total = total + motion.torque(q, *contact.wrench(motion, t))
+        for motion, wrench in self.touched(q, v, t):
+            total = total + motion.torque(q, *wrench)
         torque: Array = total
         return torque
+
+    def touched(self, q: Array, v: Array, t: Any) -> list[Touched]:
+        """Return every contact with its wrench.
+
+        Args:
+            q: positions [rad or m], (..., n).
+            v: velocities [rad/s or m/s], likewise.
+            t: time [s], a number or (..., 1).
+        """
+        found = []
+        for contact, points in zip(self.contacts, self.motions, strict=True):
+            motion = points.at(q, v)
+            found.append(Touched(motion, contact.wrench(motion, t)))
+        return found
 
     def check_start(self, q: Array) -> None:
         """Refuse an arm that starts inside of a wall.

@@ -16,6 +16,18 @@ from armgpi.errors import NameNotFound, ParameterError
 from armgpi.robot.robot import Robot
 
 
+class Pose(NamedTuple):
+    """Where a frame is, in the base frame.
+
+    Attributes:
+        rotation: rotation matrix, (..., 3, 3).
+        position: of the point [m], (..., 3).
+    """
+
+    rotation: Array
+    position: Array
+
+
 class Motion(NamedTuple):
     """A point fixed to a frame, in the base frame.
 
@@ -104,6 +116,15 @@ class FrameMotion:
             self._offset = robot.coupling.offset[None, None]
         self._n = robot.n
 
+    def pose(self, q: Array) -> Pose:
+        """Return where the point is; cheaper than :meth:`at`.
+
+        Args:
+            q: positions [rad or m], (..., n).
+        """
+        rotation, position, _, _ = self._chain(self._whole(q, q)[0])
+        return Pose(rotation, position)
+
     def at(self, q: Array, v: Array) -> Motion:
         """Return where the point is and how it moves.
 
@@ -112,6 +133,20 @@ class FrameMotion:
             v: velocities [rad/s or m/s], likewise.
         """
         all_q, all_v = self._whole(q, v)
+        rotation, position, axes, origins = self._chain(all_q)
+        velocity: Any = 0.0
+        rate: Any = 0.0
+        levers: dict[int, tuple[Any, Any]] = {}
+        for i, (place, turns) in enumerate(zip(self._places, self._turns, strict=True)):
+            zero = 0.0 * axes[i]
+            lever = (_cross(axes[i], position - origins[i]), axes[i]) if turns else (axes[i], zero)
+            levers[place] = lever
+            velocity = velocity + lever[0] * all_v[..., place, None]
+            rate = rate + lever[1] * all_v[..., place, None]
+        return Motion(rotation, position, velocity, rate, self._levers(levers))
+
+    def _chain(self, all_q: Array) -> tuple[Any, Any, list[Any], list[Any]]:
+        """Return rotation and position of the point, and axis and origin of every joint before it."""
         rotation: Any = np.eye(3)
         position: Any = np.zeros((3, 1))
         axes = []
@@ -131,16 +166,7 @@ class FrameMotion:
                 position = position + axes[-1][..., None] * x
         position = (position + np.matmul(rotation, self._positions[-1]))[..., 0]
         rotation = np.matmul(rotation, self._rotations[-1])
-        velocity: Any = 0.0
-        rate: Any = 0.0
-        levers: dict[int, tuple[Any, Any]] = {}
-        for i, (place, turns) in enumerate(zip(self._places, self._turns, strict=True)):
-            zero = 0.0 * axes[i]
-            lever = (_cross(axes[i], position - origins[i]), axes[i]) if turns else (axes[i], zero)
-            levers[place] = lever
-            velocity = velocity + lever[0] * all_v[..., place, None]
-            rate = rate + lever[1] * all_v[..., place, None]
-        return Motion(rotation, position, velocity, rate, self._levers(levers))
+        return rotation, position, axes, origins
 
     def _whole(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return all coordinates of the model, those of joints that follow others included."""

@@ -53,7 +53,7 @@ from armgpi import files
 from armgpi.arrays import Array
 from armgpi.errors import MissingPackage, NameNotFound, ParameterError, RolloutError
 from armgpi.loop.rollout import Status
-from armgpi.loop.units import POSITION, TORQUE, Unit, prismatic
+from armgpi.loop.units import POSITION, TORQUE, VELOCITY, Unit, prismatic
 from armgpi.robot.robot import Robot
 from armgpi.view import style
 from armgpi.view.tracks import (
@@ -235,6 +235,71 @@ def plot_error(axes: Axes, rollout: xr.Dataset, joint: str, *, onset: bool = Tru
     if onset:
         _mark_onset(axes, rollout, joint)
     _label(axes, f"error [{_unit(rollout, joint)}]", joint)
+
+
+def plot_velocity(axes: Axes, rollout: xr.Dataset, joint: str, *, limits: bool = True) -> None:
+    """Draw the reference's velocity and that of a joint over time.
+
+    Args:
+        axes: where.
+        rollout: the rollout(s).
+        joint: name of the joint.
+        limits: whether to draw a velocity limit that the joint comes near to.
+
+    Raises:
+        RolloutError: when velocities were not recorded.
+    """
+    if "v" not in rollout or "v_ref" not in rollout:
+        raise RolloutError("the rollout has no velocities v and v_ref; record them")
+    drawn = _traces(rollout, joint)
+    _draw(axes, drawn, lambda data: data["v"])
+    for index, values in enumerate(_distinct([trace.data["v_ref"] for trace in drawn])):
+        label = "reference" if index == 0 else None
+        axes.plot(
+            values["time"], values, color=style.REFERENCE, linestyle=(0, (4, 2)), linewidth=0.8, label=label
+        )
+    limit = _number(rollout, "velocity", joint) if limits and "velocity" in rollout else math.nan
+    low, high = axes.get_ylim()
+    for value in (-limit, limit):
+        if low <= value <= high or max(-low, high) > _NEAR * limit:
+            _limit_line(axes, value)
+    _label(axes, f"velocity [{_unit(rollout, joint, VELOCITY)}]", joint)
+
+
+def plot_tool_error(axes: Axes, rollout: xr.Dataset) -> None:
+    """Draw the distance of the tool from where the reference puts it over time [mm].
+
+    Raises:
+        RolloutError: when the rollout has no tool.
+    """
+    _draw(axes, _tool_traces(rollout), lambda data: 1e3 * _length(data["tool"] - data["tool_ref"]))
+    axes.set_ylabel("tool error [mm]")
+
+
+def plot_tool_angle(axes: Axes, rollout: xr.Dataset) -> None:
+    """Draw the angle between the tool's orientation and the wished one over time [deg].
+
+    Raises:
+        RolloutError: when the rollout has no tool.
+    """
+    _draw(axes, _tool_traces(rollout), lambda data: data["tool_turn"] * (180.0 / math.pi))
+    axes.set_ylabel("tool angle [deg]")
+
+
+def plot_force(axes: Axes, rollout: xr.Dataset) -> None:
+    """Draw the largest force of a contact over time [N]; zero where nothing touches.
+
+    Raises:
+        RolloutError: when the rollout has no tool.
+    """
+
+    def largest(data: xr.Dataset) -> xr.DataArray:
+        if "contact_force" not in data:
+            return 0.0 * data["tool_turn"]
+        return _length(data["contact_force"]).max("contact", skipna=False)
+
+    _draw(axes, _tool_traces(rollout), largest)
+    axes.set_ylabel("force [N]")
 
 
 def plot_torque(
@@ -422,6 +487,28 @@ def torques(rollout: xr.Dataset, joints: Sequence[str] | None = None, ax: Any = 
     return _per_joint(rollout, joints, plot_torque, ax)
 
 
+def velocities(rollout: xr.Dataset, joints: Sequence[str] | None = None, ax: Any = None) -> Any:
+    """Return reference and velocity of every joint; drawn into `ax`, axes for each joint, where given."""
+    return _per_joint(rollout, joints, plot_velocity, ax)
+
+
+def tool(rollout: xr.Dataset) -> Figure:
+    """Return how far the tool was off its path and its orientation over time, and the force of contacts.
+
+    The force is there where the plant's environment has contacts.
+
+    Raises:
+        RolloutError: when the rollout has no tool.
+    """
+    rows = [plot_tool_error, plot_tool_angle, *([plot_force] if "contact_force" in rollout else [])]
+    with styled():
+        figure, axes = panels(len(rows), 1)
+        for place, draw in zip(axes[:, 0], rows, strict=True):
+            draw(place, rollout)
+        legend(figure)
+    return figure
+
+
 def disturbances(rollout: xr.Dataset, joints: Sequence[str] | None = None, ax: Any = None) -> Any:
     """Return the disturbance torque of every joint; drawn into `ax`, axes for each joint, where given."""
     return _per_joint(rollout, joints, plot_disturbance, ax)
@@ -504,6 +591,18 @@ def _traces(rollout: xr.Dataset, joint: str) -> list[Trace]:
         raise NameNotFound("joint", joint, names)
     index = names.index(joint)
     return [trace._replace(data=trace.data.isel(joint=index)) for trace in found]
+
+
+def _tool_traces(rollout: xr.Dataset) -> list[Trace]:
+    """Return the rollouts, of which the tool is known."""
+    if "tool" not in rollout:
+        raise RolloutError("the rollout has no tool; simulate it with all trajectories recorded")
+    return traces(rollout)
+
+
+def _length(vectors: xr.DataArray) -> xr.DataArray:
+    """Return the lengths of vectors over `axis`."""
+    return (vectors**2).sum("axis", skipna=False) ** 0.5
 
 
 def _draw(

@@ -26,7 +26,7 @@ from armgpi.health.findings import fold
 from armgpi.loop import metrics, units
 from armgpi.loop import rollout as rollouts
 from armgpi.loop.provenance import Provenance
-from armgpi.loop.units import POSITION, TORQUE
+from armgpi.loop.units import POSITION, TORQUE, VELOCITY
 from armgpi.robot.repairs import made_in
 from armgpi.robot.robot import Robot
 from armgpi.view import meshcat, page, scene, tracks
@@ -203,7 +203,6 @@ def _plots_data(rollout: xr.Dataset, arrays: page.Arrays) -> dict[str, Any]:
     lengths, forces = ([unit.symbol(slides) for slides in prismatic] for unit in (POSITION, TORQUE))
     onsets = [tracks.disturbance_onset(rollout, joint) for joint in joints]
     nothing = [None] * len(joints)
-    # The rollout with most samples of the reference.
     longest = max(traces, key=lambda trace: int(np.isfinite(trace.data["q_ref"].values).sum()))
 
     def each(values: Callable[[xr.Dataset], xr.DataArray]) -> list[dict[str, Any]]:
@@ -233,6 +232,10 @@ def _plots_data(rollout: xr.Dataset, arrays: page.Arrays) -> dict[str, Any]:
         quantity("Error", lengths, each(metrics.error), onsets=onsets),
         quantity("Torque", forces, each(lambda data: data["tau"]), _levels(traces), onsets),
     ]
+    if "v" in rollout:
+        speeds = [VELOCITY.symbol(slides) for slides in prismatic]
+        lines = each(lambda data: data["v"]) + (common("v_ref", (0, (1, 2))) if "v_ref" in rollout else [])
+        quantities.insert(2, quantity("Velocity", speeds, lines))
     if any(onset is not None for onset in onsets):
         quantities.append(quantity("Disturbance", forces, common("disturbance", "-")))
     for name in _adapted_names(rollout, traces):
@@ -248,7 +251,34 @@ def _plots_data(rollout: xr.Dataset, arrays: page.Arrays) -> dict[str, Any]:
         ],
         "span": [first, last if last > first else first + 1.0],
         "quantities": quantities,
+        "tool": _tool_plots(time, traces, arrays),
     }
+
+
+def _tool_plots(time: Array, traces: Sequence[tracks.Trace], arrays: page.Arrays) -> list[dict[str, Any]]:
+    """Return what the page plots of the tool: a quantity each, with a line for every rollout."""
+    if not all("tool" in trace.data for trace in traces):
+        return []
+    quantities: list[tuple[str, str, Callable[[xr.Dataset], xr.DataArray]]] = [
+        ("Tool error", "mm", lambda data: 1e3 * _length(data["tool"] - data["tool_ref"])),
+        ("Tool angle", "deg", lambda data: data["tool_turn"] * (180.0 / math.pi)),
+    ]
+    if all("contact_force" in trace.data for trace in traces):
+        quantities.append(
+            ("Force", "N", lambda data: _length(data["contact_force"]).max("contact", skipna=False))
+        )
+    found = []
+    for name, unit, values in quantities:
+        lines = []
+        for run, trace in enumerate(traces):
+            lines += _lines(time, values(trace.data).expand_dims("joint"), arrays, run, trace.look)
+        found.append({"name": name, "unit": unit, "traces": lines})
+    return found
+
+
+def _length(vectors: xr.DataArray) -> xr.DataArray:
+    """Return the lengths of vectors over `axis`."""
+    return (vectors**2).sum("axis", skipna=False) ** 0.5
 
 
 def _lines(
@@ -346,7 +376,9 @@ def _colors(rollout: xr.Dataset) -> list[str]:
 
 def _tables(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
     """Return the metrics as an HTML table."""
-    shown, prismatic = metrics.shown_in("report"), units.prismatic(rollout)
+    prismatic = units.prismatic(rollout)
+    every = metrics.shown_in("report")
+    shown = metrics.of_joints(every)
     headings = [f"{metric.heading}\n{metric.unit.symbol(bool(prismatic.all()))}" for metric in shown]
     rows, classes, marks = [], [], []
     for record, color in zip(records, _colors(rollout), strict=True):
@@ -366,7 +398,20 @@ def _tables(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
         classes=classes[:_MOST_ROWS],
         marks=marks[:_MOST_ROWS],
     )
-    return table + "".join(f"<p>{page.text(note)}</p>" for note in notes)
+    return table + _tool_table(records, every) + "".join(f"<p>{page.text(note)}</p>" for note in notes)
+
+
+def _tool_table(records: Sequence[Mapping[str, Any]], shown: Sequence[metrics.Metric]) -> str:
+    """Return the metrics of the tool, a row per rollout; nothing where no tool is known."""
+    chosen = metrics.of_tool(shown, records)
+    if not chosen:
+        return ""
+    headings = [f"{metric.heading}\n{metric.unit.symbol()}" for metric in chosen]
+    rows = []
+    for record in records[:_MOST_ROWS]:
+        values = (metric.text(record["metrics"][metric.name][0]) for metric in chosen)
+        rows.append((record["label"], *values))
+    return page.table(("controller", *headings), rows, label="metrics of the tool", names=1)
 
 
 def _health(robot: Robot) -> tuple[list[str], list[str]]:

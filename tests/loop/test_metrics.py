@@ -26,8 +26,14 @@ from armgpi.loop.units import Unit
 ROOT = Path(__file__).parents[2]
 T, H = 4.0, 1e-3
 TIME = np.arange(round(T / H) + 1) * H
+#: Those of joints; tests/loop/test_tool.py has those of the tool.
+OF_JOINTS = {name: metric for name, metric in metrics.ALL.items() if metric.group != "tool"}
 #: How each metric grows when all errors and torques are multiplied by a factor.
-POWER = {name: metric.unit.position + metric.unit.torque for name, metric in metrics.ALL.items()}
+POWER = {
+    name: metric.unit.position + metric.unit.torque
+    for name, metric in OF_JOINTS.items()
+    if isinstance(metric.unit, Unit)
+}
 
 
 def rollout(
@@ -178,7 +184,7 @@ def test_every_metric_is_what_its_words_say_joint_by_joint(grid: str) -> None:
             "hunting_amplitude": swing,
             "hunting_frequency": way / (2.0 * swing) / (time[-1] - time[late[0]]) if rests else 0.0,
         }
-        assert wanted.keys() == found.keys()
+        assert wanted.keys() == found.keys() & OF_JOINTS.keys()
         for name, value in wanted.items():
             np.testing.assert_allclose(found[name][i, j], value, rtol=1e-9, atol=1e-14, err_msg=name)
 
@@ -226,7 +232,7 @@ def test_metrics_do_not_depend_on_when_the_clock_starts() -> None:
     run = rollout(0.1 * e, tau)
     run["q_ref"] = 0.0 * run["q_ref"]  # at rest, where hunting counts
     later = run.assign_coords(time=TIME + 100.0)
-    for name in metrics.ALL.keys() - {"itae"}:  # whose weight is the clock's time
+    for name in OF_JOINTS.keys() - {"itae"}:  # whose weight is the clock's time
         values = (getattr(metrics, name)(each) for each in (later, run))
         np.testing.assert_allclose(*values, rtol=1e-8, err_msg=name)
 
@@ -243,7 +249,7 @@ def with_signals(e: np.ndarray, tau: np.ndarray) -> xr.Dataset:
 @given(ERRORS)
 def test_no_metric_is_negative(signals: tuple[np.ndarray, np.ndarray]) -> None:
     table = metrics.summary(with_signals(*signals))
-    for name in metrics.ALL:
+    for name in OF_JOINTS:
         assert (table[name] >= 0.0).all()
         assert np.isfinite(table[name]).all()
 
@@ -258,7 +264,7 @@ def test_metrics_scale_with_the_error_or_its_square(
     scaled = run.assign(
         {name: factor * run[name] for name in ("q", "q_ref", "tau", "lower", "upper", "effort")}
     )
-    for name, metric in metrics.ALL.items():
+    for name, metric in OF_JOINTS.items():
         np.testing.assert_allclose(metric(scaled), factor ** POWER[name] * metric(run), rtol=1e-9, atol=1e-14)
 
 
@@ -271,8 +277,9 @@ def test_a_metric_scales_as_its_unit_says(
     factors = dict.fromkeys(("q", "q_ref", "lower", "upper"), position) | {"tau": torque, "effort": torque}
     scaled = run.assign({name: factor * run[name] for name, factor in factors.items()})
     scaled = scaled.assign_coords(time=time * run["time"])
-    for metric in metrics.ALL.values():
+    for metric in OF_JOINTS.values():
         unit = metric.unit
+        assert isinstance(unit, Unit)
         factor = position**unit.position * torque**unit.torque * time**unit.time
         np.testing.assert_allclose(metric(scaled), factor * metric(run), rtol=1e-9, atol=1e-14)
 
@@ -309,23 +316,23 @@ def test_a_thinned_rollout_has_the_metrics_of_the_samples_kept(
     assert (metrics.peak_error(kept) <= metrics.peak_error(run)).all()
 
 
-@pytest.mark.parametrize("name", metrics.ALL)
+@pytest.mark.parametrize("name", OF_JOINTS)
 def test_a_metric_is_a_pure_function(name: str) -> None:
     run = rollout(column(0.1 * np.sin(TIME)), column(np.cos(TIME)))
     for variable in run.variables.values():
         if variable.dtype.kind == "f" and isinstance(variable._data, np.ndarray):
             variable.values.setflags(write=False)
     before = run.copy(deep=True)
-    assert metrics.ALL[name](run).identical(metrics.ALL[name](run))
+    assert OF_JOINTS[name](run).identical(OF_JOINTS[name](run))
     assert run.identical(before)
 
 
-@pytest.mark.parametrize("name", metrics.ALL)
+@pytest.mark.parametrize("name", OF_JOINTS)
 def test_a_metric_has_one_number_per_rollout_and_joint_with_units(name: str) -> None:
-    single = metrics.ALL[name](rollout(np.zeros((len(TIME), 2))))
+    single = OF_JOINTS[name](rollout(np.zeros((len(TIME), 2))))
     assert single.dims == ("joint",)
     assert {"units", "long_name"} <= set(single.attrs)
-    batch = metrics.ALL[name](rollout(np.zeros((3, len(TIME), 2)), status=[0, 0, 0]))
+    batch = OF_JOINTS[name](rollout(np.zeros((3, len(TIME), 2)), status=[0, 0, 0]))
     assert batch.dims == ("rollout", "joint")
     assert batch.sizes == {"rollout": 3, "joint": 2}
 
@@ -336,45 +343,45 @@ def test_the_metrics_of_a_batch_are_those_of_its_rollouts() -> None:
     table = metrics.summary(batch)
     for i in range(3):
         one = metrics.summary(batch.isel(rollout=i))
-        for name in metrics.ALL:
+        for name in OF_JOINTS:
             np.testing.assert_allclose(table[name][i], one[name], rtol=1e-13)
 
 
 # Rollouts that did not finish.
 
 
-@pytest.mark.parametrize("name", metrics.ALL)
+@pytest.mark.parametrize("name", OF_JOINTS)
 def test_a_diverged_rollout_has_infinite_cost_and_the_others_their_own(name: str) -> None:
     e = np.full((2, len(TIME), 2), 0.1)
     e[1, 100:] = np.nan
     run = rollout(e, e, status=[Status.FINISHED, Status.DIVERGED])
-    values = metrics.ALL[name](run)
+    values = OF_JOINTS[name](run)
     np.testing.assert_array_equal(values[1], [np.inf, np.inf])
-    np.testing.assert_array_equal(values[0], metrics.ALL[name](run.isel(rollout=0)))
+    np.testing.assert_array_equal(values[0], OF_JOINTS[name](run.isel(rollout=0)))
     assert np.isfinite(values[0]).all()
 
 
-@pytest.mark.parametrize("name", metrics.ALL)
+@pytest.mark.parametrize("name", OF_JOINTS)
 def test_an_interrupted_rollout_among_longer_ones_has_the_metrics_until_then(name: str) -> None:
     x = np.random.default_rng(1).normal(size=(2, 2, len(TIME), 3))
     x[:, 1, 1000:] = np.nan
     joined = rollout(x[0], x[1], status=[Status.FINISHED, Status.INTERRUPTED])
     alone = joined.isel(rollout=1, time=slice(0, 1000))
     # The order of summation differs.
-    np.testing.assert_allclose(metrics.ALL[name](joined)[1], metrics.ALL[name](alone), rtol=1e-12)
+    np.testing.assert_allclose(OF_JOINTS[name](joined)[1], OF_JOINTS[name](alone), rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", metrics.ALL)
+@pytest.mark.parametrize("name", OF_JOINTS)
 @pytest.mark.parametrize("samples", [0, 1])
 def test_too_few_samples_are_refused(name: str, samples: int) -> None:
     with pytest.raises(RolloutError, match=f"at least two samples, the rollout has {samples}"):
-        metrics.ALL[name](rollout(column(0.0)).isel(time=slice(0, samples)))
+        OF_JOINTS[name](rollout(column(0.0)).isel(time=slice(0, samples)))
 
 
-@pytest.mark.parametrize("name", metrics.ALL)
+@pytest.mark.parametrize("name", OF_JOINTS)
 def test_a_dataset_that_is_no_rollout_is_refused(name: str) -> None:
     with pytest.raises(ArmgpiError, match="lacks"):
-        metrics.ALL[name](xr.Dataset({"x": ("time", TIME)}))
+        OF_JOINTS[name](xr.Dataset({"x": ("time", TIME)}))
 
 
 # Declared once.

@@ -322,7 +322,9 @@ def test_metrics_without_trajectories_are_those_of_a_full_recording(case: str, b
     expected = armgpi.metrics.summary(full)
     assert set(expected.data_vars) <= set(short.data_vars)
     for name in expected.data_vars:
-        np.testing.assert_array_equal(short[name], expected[name], err_msg=str(name))
+        # Kinematics are worked out here by generated code and there by NumPy, and round otherwise.
+        rounding = 1e-11 if armgpi.metrics.ALL[str(name)].group == "tool" else 0.0
+        np.testing.assert_allclose(short[name], expected[name], rtol=rounding, err_msg=str(name))
     for name in ("status", "t_end"):
         np.testing.assert_array_equal(short[name], full[name])
     running = full["status"] == armgpi.Status.FINISHED

@@ -24,9 +24,20 @@
 
     content() {
       const chosen = [...this.joints].sort((a, b) => a - b);
-      return this.meta.plots.quantities.flatMap((quantity) => chosen.map((j, row) => {
-        const traces = quantity.traces.filter(({ joint, run }) => joint === j && (run < 0 || this.runs.has(run)));
-        const lines = traces.map((trace) => ({ ...trace, x: this.array(trace.x), y: this.array(trace.y) }));
+      const drawn = (traces) => traces
+        .filter(({ run }) => run < 0 || this.runs.has(run))
+        .map((trace) => ({ ...trace, x: this.array(trace.x), y: this.array(trace.y) }));
+      const tool = this.meta.plots.tool.map(({ name, unit, traces }, row) => {
+        const lines = drawn(traces);
+        return {
+          heading: row ? "" : "Tool", title: `${name} [${unit}]`,
+          lines: (pixels) => lines.map((line) => this.line(line, pixels)),
+          says: (time) => lines.map(({ x, y }) => y[Math.max(0, Plots.after(x, time) - 1)]),
+          levels: [], onset: null,
+        };
+      });
+      return tool.concat(this.meta.plots.quantities.flatMap((quantity) => chosen.map((j, row) => {
+        const lines = drawn(quantity.traces.filter(({ joint }) => joint === j));
         const unit = quantity.units[j];
         return {
           heading: row ? "" : quantity.name,
@@ -35,7 +46,7 @@
           says: (time) => lines.filter(({ run }) => run >= 0).map(({ x, y }) => y[Math.max(0, Plots.after(x, time) - 1)]),
           levels: quantity.levels[j] || [], onset: quantity.onsets[j] ?? null,
         };
-      }));
+      })));
     }
 
     /** Return a line's points from the one before the stretch that is shown to the one after it. */

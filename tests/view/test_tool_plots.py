@@ -1,0 +1,50 @@
+"""Plots of velocities, of the tool and of forces show what the rollout has."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import armgpi
+from armgpi.errors import RolloutError
+from armgpi.view import plots, report
+
+Q0 = np.array([0.0, -1.2, 1.5, -1.87, -1.57, 0.3])
+
+
+@pytest.fixture(scope="module")
+def touched() -> xr.Dataset:
+    arm = armgpi.Robot.load("ur5").with_armature(0.5)
+    push = armgpi.ToolForce(force=[10.0, 0.0, 0.0], onset=0.1)
+    plant = armgpi.RigidBodyPlant(arm, environment=[push])
+    return armgpi.simulate(plant, armgpi.GPI(arm, dt=1e-3), armgpi.Bezier(Q0, Q0 + 0.15, 0.2), 0.25)
+
+
+def test_velocities_are_drawn_with_their_reference(touched: xr.Dataset) -> None:
+    figure = plots.velocities(touched, ["wrist_1_joint"])
+    (axes,) = figure.axes
+    drawn = [line.get_ydata() for line in axes.get_lines()]
+    joint = touched.sel(joint="wrist_1_joint")
+    for name in ("v", "v_ref"):
+        assert any(np.array_equal(line, joint[name].values) for line in drawn)
+    assert axes.get_ylabel() == "velocity [rad/s]"
+    with pytest.raises(RolloutError, match="no velocities"):
+        plots.velocities(touched.drop_vars("v"))
+
+
+def test_the_tool_has_a_panel_for_error_angle_and_force(touched: xr.Dataset) -> None:
+    figure = plots.tool(touched)
+    error, angle, force = (np.asarray(axes.get_lines()[0].get_ydata(), dtype=float) for axes in figure.axes)
+    np.testing.assert_allclose(error.max(), float(armgpi.metrics.tool_error(touched)[0]))
+    np.testing.assert_allclose(angle.max(), float(armgpi.metrics.tool_angle(touched)[0]), rtol=1e-6)
+    assert (force.min(), force.max()) == (0.0, 10.0)
+    assert len(plots.tool(touched.drop_vars(["contact_force", "contact_point"])).axes) == 2
+    with pytest.raises(RolloutError, match="no tool"):
+        plots.tool(touched.drop_vars("tool"))
+
+
+def test_the_report_has_them_too(touched: xr.Dataset) -> None:
+    page = report.build(touched)
+    for words in ("Velocity", "Tool error", "Tool angle", "Force", "metrics of the tool", "peak force"):
+        assert words in page
