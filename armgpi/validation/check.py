@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from os import PathLike
@@ -15,17 +14,15 @@ from armgpi.errors import ModelError, ParameterError, Remedy
 from armgpi.robot.equations import PerJoint
 from armgpi.robot.robot import Robot
 from armgpi.validation import containment, laws, repair, samples
-from armgpi.validation.alternatives import names_with
 from armgpi.validation.conventions import declare_convention
-from armgpi.validation.diagnose import ALTERNATIVES, NOT_NAMED, UNNAMED, Cause, diagnose, join_equal
-from armgpi.validation.edits import harmless
-from armgpi.validation.hypotheses import CONVENTIONS
+from armgpi.validation.diagnose import NOT_NAMED, Cause
 from armgpi.validation.models import ARGUMENTS, States
 from armgpi.validation.problem import Element, Mask, Problem
 from armgpi.validation.report import DynamicsReport, FunctionReport
+from armgpi.validation.residual import Difference
 from armgpi.validation.samples import Sampled
 from armgpi.validation.tree import evaluate, from_robot
-from armgpi.validation.units import numbers
+from armgpi.validation.witnesses import find_causes
 from armgpi.validation.worker import Worker
 
 #: Without a reference, a model may have so many joints: all numbers up to this are tried.
@@ -166,14 +163,25 @@ def _compare(
     seen = [_with_passive_joints(worker, robot, problem, states, one) for one in seen]
     causes: list[Cause] = []
     repaired = None
+    differences: tuple[Difference, ...] = ()
+    symbols: tuple[str, ...] = ()
     odd: tuple[str, ...] = ()
     if all(one.agrees for one in seen):
         odd = repair.odd_numbers(
             model, worker, states, problem, lambda name, s: _reference(robot, problem, name, s), list(sampled)
         )
     if not all(one.agrees for one in seen):
-        causes, repaired = _causes(model, worker, robot, problem, states, sampled, follows)
-        causes += list(_undiagnosed(seen, causes))
+        told = find_causes(
+            model,
+            worker,
+            states,
+            sampled,
+            problem,
+            follows,
+            lambda name, s: _reference(robot, problem, name, s),
+        )
+        causes, repaired = [*told.causes, *_undiagnosed(seen, told.causes)], told.repaired
+        differences, symbols = told.differences, told.symbols
     functions = tuple(
         one._replace(diagnosis=tuple(c for c in causes if one.function in c.functions)) for one in seen
     )
@@ -189,95 +197,9 @@ def _compare(
         repaired,
         worker.uncompared,
         numbers_only=odd,
+        differences=differences,
+        symbols=symbols,
     )
-
-
-def _causes(
-    model: Any,
-    worker: Worker,
-    robot: Robot,
-    problem: Problem,
-    states: States,
-    sampled: Mapping[str, Sampled],
-    follows: Mapping[str, tuple[str, Mask]],
-) -> tuple[list[Cause], str | None]:
-    """Return what is wrong, and the source repaired if that was proved; else what the values tell."""
-    told = diagnose(problem, follows, conventions=True)
-    # A convention of the whole model is seen at once; one line of the source that undoes it is found fast.
-    budget = repair.SHORT if told and told[0].kind in CONVENTIONS else repair.LONG
-    found = repair.search(
-        model,
-        worker,
-        states,
-        problem,
-        lambda name, s: _reference(robot, problem, name, s),
-        list(sampled),
-        budget,
-    )
-    if found is None or worker.source is None:
-        return _in_doubts(told or diagnose(problem, follows), worker.source), None
-    causes = list(repair.causes(found, worker.source, problem))
-    # A convention is a shorter description than two changes.
-    if found.confirmed and len(found.changes) + bool(told) <= 2:
-        return _rank(causes, told), found.source
-    told = told or diagnose(problem, follows)
-    if (
-        len(found.changes) > 2 and len(told) == 1 and told[0].kind not in UNNAMED
-    ):  # so is one cause than three
-        return _rank(told, causes), found.source
-    # A number that the source does not have is none that someone mistyped.
-    number = told[0].value if len(told) == len(causes) == 1 else None
-    if not found.doubtful or not (number is None or _is_typed(number, found.source)):
-        return _rank(causes, told), found.source
-    # What the values say is believed before a change that agrees at the numbers of the file alone.
-    return _rank(_in_doubts(told, worker.source), causes), None
-
-
-def _in_doubts(told: list[Cause], source: str | None) -> list[Cause]:
-    """Return what the values tell where no change of the source agrees."""
-    if source is None or not harmless(source):
-        return told
-    return join_equal(_in_doubt(one, source) for one in told)
-
-
-def _in_doubt(cause: Cause, source: str) -> Cause:
-    """Return what the values tell of a formula as what it is where no change of the source agrees with it.
-
-    So is a wrong number of which the source has the right value.
-    """
-    typed = cause.expected is not None and _is_typed(cause.expected, source)
-    if not (typed or cause.structural) or cause.kind in ("consequence", *CONVENTIONS, "gravity"):
-        return cause
-    text = "not named: no usual change of the source makes the model agree"
-    other = cause.alternatives if cause.kind in UNNAMED else (cause.text, *cause.alternatives)
-    scope = "model" if cause.scope == "model" else "elements"
-    evidence = (*_unread_names(source), *cause.evidence)
-    told = cause._replace(kind=UNNAMED[0], text=text, scope=scope, evidence=evidence)
-    return told._replace(alternatives=other[:ALTERNATIVES])
-
-
-def _unread_names(source: str) -> list[str]:
-    """Return where names are given numbers that nothing reads: what uses them may have been forgotten."""
-    tree = ast.parse(source)
-    read = {x.id for x in names_with(ast.Load, tree)}
-    stored = {x.id: x.lineno for x in names_with(ast.Store, tree) if x.id not in read}
-    given = (name for name, _ in numbers(tree) if name in stored)
-    return [f"{stored[name]}: {name} is read nowhere" for name in given][:ALTERNATIVES]
-
-
-def _is_typed(number: float, source: str) -> bool:
-    """Tell whether a number stands in a source."""
-    constants = (x.value for x in ast.walk(ast.parse(source)) if isinstance(x, ast.Constant))
-    has = [float(x) for x in constants if isinstance(x, int | float)]
-    return bool(np.isclose(abs(number), has, rtol=1e-6, atol=0.0).any())
-
-
-def _rank(first: list[Cause], second: list[Cause]) -> list[Cause]:
-    """Return the causes that one witness tells, and as alternatives what the other one tells."""
-    other = tuple(cause.text for cause in second if cause.kind not in UNNAMED)
-    if not first or not other:
-        return first or second
-    return [first[0]._replace(alternatives=(*first[0].alternatives, *other)[:ALTERNATIVES]), *first[1:]]
 
 
 def name_of(model: Any) -> str:

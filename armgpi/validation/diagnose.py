@@ -54,7 +54,7 @@ _FACTORS = {
     -2.0: "its sign, and a factor 1/2 is missing",
 }
 #: What is said where nothing explains what differs.
-NOT_NAMED = "not named: no usual mistake explains it"
+NOT_NAMED = "not diagnosed: no usual mistake explains it"
 #: Entries of one quantity that are explained by more different causes than these are not.
 _MOST_CAUSES = 2
 #: Quantities of a function that may have causes of their own; D first, as C and G may follow from the same.
@@ -79,6 +79,7 @@ class Cause(NamedTuple):
         line: of the model's source, where the mistake is and a repair is proved; None without one.
         formulas: what stands in the model and what has to, each with its label, as expressions of Python.
         confirmed: whether the repaired model agrees for other numbers too, and has right units.
+        beside: what the other witness says: the values beside the source, or the source beside the values.
     """
 
     kind: str
@@ -93,6 +94,7 @@ class Cause(NamedTuple):
     line: int | None = None
     formulas: tuple[tuple[str, str], ...] = ()
     confirmed: bool = False
+    beside: str = ""
 
     @property
     def functions(self) -> list[str]:

@@ -34,7 +34,13 @@ class Harmonic(NamedTuple):
     function: str
 
 
-def expand(q: Array, y: Array, prismatic: tuple[bool, ...], tolerance: float) -> list[Harmonic] | None:
+def expand(
+    q: Array,
+    y: Array,
+    prismatic: tuple[bool, ...],
+    tolerance: float,
+    joints: tuple[int, ...] | None = None,
+) -> list[Harmonic] | None:
     """Return the few terms that make up `y` at the configurations `q`, None when there are too many.
 
     Args:
@@ -42,13 +48,15 @@ def expand(q: Array, y: Array, prismatic: tuple[bool, ...], tolerance: float) ->
         y: values, shape (N,).
         prismatic: whether each joint slides.
         tolerance: how exact the sum has to be.
+        joints: those that it may depend on, from 0; all when not given.
     """
-    if q.shape[1] > MOST_JOINTS:
+    chosen_joints = range(q.shape[1]) if joints is None else joints
+    if len(chosen_joints) > MOST_JOINTS:
         return None
     if np.abs(y).max() <= tolerance:
         return []
-    turning = [i for i, slides in enumerate(prismatic) if not slides]
-    sliding = [i for i, slides in enumerate(prismatic) if slides]
+    turning = [i for i in chosen_joints if not prismatic[i]]
+    sliding = [i for i in chosen_joints if prismatic[i]]
     pairs = list(itertools.product(_powers(q, sliding), _waves(q, turning)))
     words = [f"{power} {wave}".strip() for (power, _), (wave, _) in pairs]
     columns = np.stack([scale * values for (_, scale), (_, values) in pairs], axis=-1)

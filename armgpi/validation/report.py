@@ -15,10 +15,13 @@ from armgpi.validation.conventions import propose_map
 from armgpi.validation.diagnose import Cause
 from armgpi.validation.laws import Law
 from armgpi.validation.models import ARGUMENTS
+from armgpi.validation.residual import Difference
 from armgpi.verdict import Verdict, judge
 
-#: Elements listed in a line of text, at most: the JSON has all.
-_LISTED = 8
+#: Elements listed in a line of text, and lines of differences, at most: the JSON has all.
+_LISTED, _LINES = 8, 12
+#: Kinds of causes that are no mistakes, or have no name.
+_WITHOUT_WORTH = ("unknown", "consequence", "neglected", "rounded")
 
 
 class FunctionReport(NamedTuple):
@@ -67,6 +70,8 @@ class DynamicsReport:
         uncompared: functions of a state that the model has beside those: nothing is said of them.
         frame: the frame that was asked for where the model has no kinematics to compare in it.
         numbers_only: numbers of the model that agree by their values alone: with others it would differ.
+        differences: what differs in each element as a formula, model less robot.
+        symbols: what the numbers in these formulas are, where they have the robot's names.
     """
 
     model: str
@@ -81,6 +86,8 @@ class DynamicsReport:
     uncompared: tuple[str, ...] = ()
     frame: str | None = None
     numbers_only: tuple[str, ...] = ()
+    differences: tuple[Difference, ...] = ()
+    symbols: tuple[str, ...] = ()
 
     @property
     def agrees(self) -> bool:
@@ -143,6 +150,11 @@ class DynamicsReport:
             "repaired": self.repaired,
             "uncompared": self.uncompared,
             "numbers_only": self.numbers_only,
+            "differences": [
+                {**one._asdict(), "latex": typeset.tex(one.formula) if one.formula else None}
+                for one in self.differences
+            ],
+            "symbols": self.symbols,
         }
         return dict(json_data(data))
 
@@ -167,6 +179,8 @@ class DynamicsReport:
                     lines.append(f"{t.function}: {t.note}")
         if self.causes:
             lines += ["", "What is wrong", *chain.from_iterable(map(_lines_of, self.causes))]
+        if self.differences:
+            lines += ["", "Difference, model less robot", *self._difference_lines()]
         if self.laws:
             lines += ["", "Laws"]
             # Without its head: laws need none, but its widths are those of the rows.
@@ -174,6 +188,20 @@ class DynamicsReport:
         if self.notes:
             lines += ["", *(f"note: {note}" for note in self.notes)]
         return "\n".join([*lines, "", self.judge(accept_uncompared).line])
+
+    def _difference_lines(self) -> list[str]:
+        """Return the differences, equal ones in one line, and what their numbers are."""
+        joined: dict[tuple[str, str], list[str]] = {}
+        for one in self.differences:
+            labels = joined.setdefault((one.function, one.told), [])
+            labels.append(one.label)
+        lines = [
+            f"- {function}, {_few(tuple(labels))}: {text}" for (function, text), labels in joined.items()
+        ]
+        more = len(lines) - _LINES
+        if more > 0:
+            lines = [*lines[:_LINES], f"- and {more} more (all are in the JSON)"]
+        return [*lines, *(f"    {text}" for text in self.symbols)]
 
     def _uncompared_rows(self) -> list[tuple[str, ...]]:
         """Return a row of the table for each function that was not compared."""
@@ -237,6 +265,8 @@ class DynamicsReport:
             sections["Functions"] = _html_table("functions", columns, rows, words=(1, 4, 5))
         if self.causes:
             sections["What is wrong"] = "".join(_html_cause(cause) for cause in self.causes)
+        if self.differences:
+            sections["Difference, model less robot"] = _html_differences(self)
         if self.laws:
             laws = ("law", "", "error", "")
             sections["Laws"] = _html_table("laws", laws, self._checked_laws(), words=(1, 3))
@@ -261,6 +291,10 @@ class DynamicsReport:
             lines += ["", first]
             lines += [f"  - `{x}`" if _is_code(x) else f"  - {x}" for x in map(str.strip, rest)]
             lines += [f"  - {label}: ${math}$" for label, math in _formulas(cause, typeset.tex)]
+        if self.differences:
+            lines += ["", "| difference | where | what | model less robot |", "|---|---|---|---|"]
+            lines += [_difference_row(one) for one in self.differences]
+            lines += ["", *(f"- {text}" for text in self.symbols)]
         if self.laws:
             lines += ["", "| law | | error | |", "|---|---|---|---|"]
             lines += [f"| {' | '.join(row)} |" for row in self._checked_laws()]
@@ -278,6 +312,14 @@ class DynamicsReport:
                 told += [rf"{latex_text(label)}: ${math}$" for label, math in _formulas(cause, typeset.tex)]
                 lines.append(r"\item " + r" \\ ".join(told))
             lines += [r"\end{itemize}"]
+        formulas = [(one, math) for one in self.differences if (math := _tex_of(one)) is not None]
+        if formulas:
+            lines.append(r"\begin{itemize}")
+            for one, math in formulas:
+                lines.append(
+                    rf"\item {latex_text(f'{one.function}, {one.label}: {one.text}')}: $\Delta = {math}$"
+                )
+            lines += [*(rf"\item {latex_text(text)}" for text in self.symbols), r"\end{itemize}"]
         return "\n".join(lines) + "\n"
 
     def _checked_laws(self) -> list[tuple[str, ...]]:
@@ -293,16 +335,39 @@ def _cells(t: FunctionReport, differs: str = "DIFFERS") -> tuple[str, ...]:
     return (t.function, verdict, f"{t.max_abs:.2g}", f"{t.max_rel:.2g}", _few(t.differing))
 
 
+def _tex_of(one: Difference) -> str | None:
+    """Return a difference as LaTeX, None where it has no short formula."""
+    return typeset.tex(one.formula) if one.formula else None
+
+
+def _difference_row(one: Difference) -> str:
+    """Return a difference as a row of a table in Markdown."""
+    math = _tex_of(one)
+    return f"| {one.function} | {one.label} | {one.told} | {'' if math is None else f'${math}$'} |"
+
+
+def _html_differences(report: DynamicsReport) -> str:
+    """Return the differences as a list with formulas, and what their numbers are."""
+    from armgpi.view import page
+
+    items = []
+    for one in report.differences:
+        math = typeset.mathml(one.formula) if one.formula else None
+        text = page.text(f"{one.function}, {one.label}: {one.told}")
+        items.append(f"<li>{text}{'' if math is None else f'<br>Δ = {math}'}</li>")
+    return f"<ul>{''.join(items)}</ul>" + (page.bullets(report.symbols) if report.symbols else "")
+
+
 def _lines_of(cause: Cause) -> list[str]:
     """Return a cause as lines of text."""
     where = ", ".join(cause.functions)
     if cause.scope != "model":  # a mistake of the whole arm shows everywhere
         labels = _few(tuple(dict.fromkeys(element.label for element in cause.elements)))
         where += f"{', ' if len(cause.functions) == 1 else ': '}{labels}"
-    kind = (
-        "" if cause.kind in ("unknown", "consequence") else (" [formula]" if cause.structural else " [value]")
-    )
+    worth = f"{'formula' if cause.structural else 'value'}, {'confirmed' if cause.confirmed else 'suggested'}"
+    kind = "" if cause.kind in _WITHOUT_WORTH else f" [{worth}]"
     lines = [f"- {where}: {cause.text}{kind}"]
+    lines += [f"    {cause.beside}"] if cause.beside else []
     lines += [f"    or: {text}" for text in cause.alternatives]
     lines += [f"    {line}" for line in cause.evidence]
     return lines

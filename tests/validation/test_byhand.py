@@ -11,7 +11,7 @@ import pytest
 from sampling import for_search, sample
 
 from armgpi import validate
-from armgpi.validation import alternatives, check, edits, units
+from armgpi.validation import alternatives, edits, units, witnesses
 
 
 @pytest.mark.parametrize("style", [*byhand.STYLES, *byhand.FOURTH, *byhand.FIFTH, *byhand.SIXTH])
@@ -91,7 +91,7 @@ def test_a_formula_is_believed_before_a_number_that_nobody_typed(line: int, tmp_
 
 def test_what_is_read_nowhere_is_told_and_a_forgotten_statement_named(tmp_path: Path) -> None:
     (mistake,) = (one for one in byhand.mistakes("wrist") if one.line == 12)
-    assert check._unread_names(mistake.source) == ["5: Ir is read nowhere"]
+    assert witnesses.unread_names(mistake.source) == ["5: Ir is read nowhere"]
     found = byhand.outcome(mistake, tmp_path)
     assert found.right
     assert "after it M[0, 0] += Ir is missing" in found.text

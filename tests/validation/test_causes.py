@@ -90,10 +90,10 @@ def test_a_number_that_is_right_is_not_blamed() -> None:
         return model["mass_matrix"](q) - np.diag([m2 * l1**2, 0.0])
 
     told = first({"mass_matrix": mass_matrix, "parameters": p}, robot)
-    assert told == "the terms m l² of link 2 is missing"
+    assert told == "missing: m2*l2x**2"
 
 
-def test_different_causes_for_neighbouring_entries_are_not_named() -> None:
+def test_different_causes_for_neighbouring_entries_are_told_entry_by_entry() -> None:
     robot, model = spatial(1)
 
     def mass_matrix(q: Array) -> Array:
@@ -103,7 +103,11 @@ def test_different_causes_for_neighbouring_entries_are_not_named() -> None:
         )
 
     (cause,) = validate({**model, "mass_matrix": mass_matrix}, robot).causes
-    assert cause.kind == "unknown"
+    assert cause.kind == "summand"
+    assert cause.text == (
+        "D[1,1]: twice instead of once: all of it | D[2,2]: wrong sign: all of it | "
+        "D[2,3]: half is missing: all of it"
+    )
     assert len(cause.alternatives) == 3
     assert cause.evidence
 

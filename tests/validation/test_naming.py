@@ -97,7 +97,7 @@ def test_a_mistake_of_a_free_value_is_no_longer_named_by_one() -> None:
     report = validate({"gravity": lambda q: 0.894 * right["gravity"](q)}, robot)
     (cause,) = report.causes
     assert cause.kind == "unknown"
-    assert cause.text.startswith("not named")
+    assert cause.text.startswith("not diagnosed")
     assert any("strength of gravity: 8.77" in text for text in cause.alternatives)
 
 

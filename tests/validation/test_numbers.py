@@ -152,5 +152,5 @@ def test_a_passive_joint_is_seen() -> None:
 def test_a_wrong_model_with_a_passive_joint_has_a_diagnosis() -> None:
     report = validate(_passive(1.01), "anthropomorphic3")
     assert not report.agrees
-    assert "not named" in report.causes[0].text
+    assert "not diagnosed" in report.causes[0].text
     assert "What is wrong" in str(report)

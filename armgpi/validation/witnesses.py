@@ -1,0 +1,311 @@
+"""Two witnesses of what is wrong: what the values say and what the source says, side by side.
+
+Neither mutes the other. A cause of the whole model, which fits every function that was compared, is tried
+first and ends the search. What a model neglects, or rounds, is set aside before, and the search goes on
+behind it.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.validation import repair
+from armgpi.validation.alternatives import names_with
+from armgpi.validation.diagnose import ALTERNATIVES, UNNAMED, Cause, diagnose, join_equal
+from armgpi.validation.edits import harmless
+from armgpi.validation.hypotheses import CONVENTIONS
+from armgpi.validation.models import States
+from armgpi.validation.naming import users_names
+from armgpi.validation.problem import Element, Mask, Problem
+from armgpi.validation.residual import Difference, Residual
+from armgpi.validation.samples import Sampled
+from armgpi.validation.search import Repaired
+from armgpi.validation.summands import without_inertias
+from armgpi.validation.tree import evaluate
+from armgpi.validation.units import numbers
+from armgpi.validation.worker import Worker
+
+Reference = Callable[[str, States], Array]
+
+#: Inertias that add at most this to any entry of D, relative, are neglected and not forgotten.
+_NEGLIGIBLE = 0.01
+#: Strengths of gravity that are rounded ones of each other [m/s²].
+_ROUNDED = (9.81, 9.8, 9.80665, 9.82, 9.8067, 9.807, 10.0)
+#: Elements that a line lists with what they lack, at most.
+_LISTED = 3
+#: Kinds of causes that are about more than the elements which differ.
+_WHOLE = ("consequence", "rotor-inertia", "triangle", "gravity", *CONVENTIONS)
+#: Explanations up to this length are a summand or two of the robot's own, with usual shares.
+_OWN = 3.5
+#: Coefficients by which one quantity is another one by chance: 4 lc² is l² of a rod.
+_ODD = {3.0, 4.0, 6.0, 8.0, 12.0, 0.25}
+#: What the two witnesses are called.
+VALUES, SOURCE = "the values say", "the source says"
+
+
+class Found(NamedTuple):
+    """What both witnesses say.
+
+    Attributes:
+        causes: the mistakes, the best first, each beside what the other witness says.
+        repaired: the source with changes with which the model agrees; None without such.
+        differences: what differs as formulas.
+        symbols: what the numbers in these formulas are.
+    """
+
+    causes: list[Cause]
+    repaired: str | None
+    differences: tuple[Difference, ...]
+    symbols: tuple[str, ...]
+
+
+class _Aside(NamedTuple):
+    """A problem behind what was set aside, and that as a cause; None where nothing was."""
+
+    problem: Problem
+    cause: Cause | None
+
+
+def find_causes(
+    model: Any,
+    worker: Worker,
+    states: States,
+    sampled: Mapping[str, Sampled],
+    problem: Problem,
+    follows: Mapping[str, tuple[str, Mask]],
+    reference: Reference,
+) -> Found:
+    """Return what is wrong with a model, as its values and its source tell.
+
+    Args:
+        model: as the user gave it.
+        worker: its process.
+        states: at which it was sampled.
+        sampled: its samples.
+        problem: model and reference.
+        follows: see :func:`armgpi.validation.diagnose.diagnose`.
+        reference: what a function should give at some states.
+    """
+    names = users_names(worker.source, problem.tree)
+    residual = Residual(problem, names)
+    differences = residual.differences(~problem.agreeing)
+    whole = diagnose(problem, follows, conventions=True)
+    set_aside: list[Cause] = []
+    if not whole:
+        for step in (_rounded, _neglected):
+            behind = step(problem, sampled, differences)
+            if behind.cause is not None:
+                set_aside.append(behind.cause)
+                problem, reference = behind.problem, _reference_of(behind.problem)
+                differences_behind = Residual(problem, names).differences(~problem.agreeing)
+                if step is _rounded:
+                    differences = differences_behind
+        if set_aside and problem.agreeing.all():
+            return Found(set_aside, None, differences, residual.legend(differences))
+        if set_aside:
+            whole = diagnose(problem, follows, conventions=True)
+    behind_residual = Residual(problem, names).differences(~problem.agreeing) if set_aside else differences
+    # A convention of the whole model is seen at once; one line of the source that undoes it is found fast.
+    budget = repair.SHORT if whole and whole[0].kind in CONVENTIONS else repair.LONG
+    found = repair.search(model, worker, states, problem, reference, list(sampled), budget)
+    values = _told_by_values(whole or diagnose(problem, follows), behind_residual)
+    causes, repaired = _ranked(values, found, whole, worker.source, problem, behind_residual)
+    shown = (
+        *behind_residual,
+        *(one for one in differences if one.label not in {d.label for d in behind_residual}),
+    )
+    return Found([*causes, *set_aside], repaired, shown, residual.legend(shown))
+
+
+def _ranked(
+    values: list[Cause],
+    found: Repaired | None,
+    whole: list[Cause],
+    source: str | None,
+    problem: Problem,
+    differences: Sequence[Difference],
+) -> tuple[list[Cause], str | None]:
+    """Return what both witnesses say, the better first, and the repaired source where that one is."""
+    if found is None or source is None:
+        if source is not None and harmless(source):
+            values = join_equal(_searched(cause, source) for cause in values)
+        return values, None
+    causes = list(repair.causes(found, source, problem))
+    plain = bool(differences) and all(one.bits <= _OWN for one in differences)
+    if plain and _has_odd_coefficient(found, source):
+        unsure = [cause._replace(confirmed=False) for cause in causes]
+        return _beside(values, unsure, SOURCE), None
+    # A convention is a shorter description than two changes.
+    if found.confirmed and len(found.changes) + bool(whole) <= 2:
+        return _beside(causes, values, VALUES), found.source
+    if (
+        len(found.changes) > 2 and len(values) == 1 and values[0].kind not in UNNAMED
+    ):  # so is one cause than three
+        return _beside(values, causes, SOURCE), found.source
+    # A number that the source does not have is none that someone mistyped.
+    number = values[0].value if len(values) == len(causes) == 1 else None
+    if not found.doubtful or not (number is None or _is_typed(number, found.source)):
+        return _beside(causes, values, VALUES), found.source
+    # What the values say goes before a change that agrees at the numbers of the file alone.
+    return _beside([_searched(cause, source) for cause in values], causes, SOURCE), None
+
+
+def _told_by_values(causes: list[Cause], differences: Sequence[Difference]) -> list[Cause]:
+    """Return what the values tell; what has no name of its own is told by its difference."""
+    by_label = {(one.function, one.label): one for one in differences}
+    told = []
+    for cause in causes:
+        own = [by_label.get((e.function, e.label)) for e in cause.elements]
+        named = [one for one in own if one is not None and one.named]
+        if not named or len(named) < len(own):
+            told.append(cause)
+            continue
+        plain = all(one.bits <= _OWN for one in named) and cause.scope == "elements"
+        if cause.kind == UNNAMED[0]:
+            cause = cause._replace(kind="summand", text=_in_lines(named))
+        elif plain and cause.structural and cause.kind not in _WHOLE:
+            other = (cause.text, *cause.alternatives)[:ALTERNATIVES]
+            cause = cause._replace(text=_in_lines(named), alternatives=other)
+        told.append(cause)
+    return join_equal(told)
+
+
+def _in_lines(differences: Sequence[Difference]) -> str:
+    """Return what some elements lack in one line."""
+    if len({one.text for one in differences}) == 1:
+        return differences[0].text
+    listed = [f"{one.label}: {one.text}" for one in differences[:_LISTED]]
+    more = len(differences) - _LISTED
+    return " | ".join(listed) + (f" | and {more} more" if more > 0 else "")
+
+
+def _searched(cause: Cause, source: str) -> Cause:
+    """Return what the values tell where no change of the source makes the model agree."""
+    typed = cause.expected is not None and _is_typed(cause.expected, source)
+    if not (typed or cause.structural) or cause.kind in ("consequence", *CONVENTIONS, "gravity"):
+        return cause
+    beside = f"{SOURCE}: no usual change of it makes the model agree"
+    return cause._replace(beside=beside, evidence=(*unread_names(source), *cause.evidence))
+
+
+def unread_names(source: str) -> list[str]:
+    """Return where names are given numbers that nothing reads: what uses them may have been forgotten."""
+    tree = ast.parse(source)
+    read = {x.id for x in names_with(ast.Load, tree)}
+    stored = {x.id: x.lineno for x in names_with(ast.Store, tree) if x.id not in read}
+    given = (name for name, _ in numbers(tree) if name in stored)
+    return [f"{stored[name]}: {name} is read nowhere" for name in given][:ALTERNATIVES]
+
+
+def _is_typed(number: float, source: str) -> bool:
+    """Tell whether a number stands in a source."""
+    constants = (x.value for x in ast.walk(ast.parse(source)) if isinstance(x, ast.Constant))
+    has = [float(x) for x in constants if isinstance(x, int | float)]
+    return bool(np.isclose(abs(number), has, rtol=1e-6, atol=0.0).any())
+
+
+def _has_odd_coefficient(found: Repaired, source: str) -> bool:
+    """Tell whether a repair brings in a number that nobody writes: 4 m lc² for m l² of a rod."""
+    for change in found.changes:
+        if change.kind not in ("term", "sum", "product"):
+            continue
+        try:
+            new, old = (
+                ast.parse(change.new.strip(), mode="eval"),
+                ast.parse(change.old.strip() or "0", mode="eval"),
+            )
+        except SyntaxError:
+            continue
+        if (set(_constants(new)) - set(_constants(old))) & _ODD:
+            return True
+    return False
+
+
+def _constants(tree: ast.AST) -> list[float]:
+    found = (x.value for x in ast.walk(tree) if isinstance(x, ast.Constant))
+    return [abs(float(x)) for x in found if isinstance(x, int | float)]
+
+
+def _beside(first: list[Cause], second: list[Cause], who: str) -> list[Cause]:
+    """Return the causes that one witness tells, with what the other one says beside the first."""
+    other = [cause for cause in second if cause.kind not in UNNAMED]
+    if not first or not other:
+        return first or second
+    worth = "confirmed" if all(cause.confirmed for cause in other) else "suggested"
+    text = "; ".join(cause.text for cause in other[:_LISTED])
+    if text == first[0].text:
+        return first
+    return [first[0]._replace(beside=f"{who}: {text} [{worth}]"), *first[1:]]
+
+
+def _reference_of(problem: Problem) -> Reference:
+    """Return what functions give of the arm of a problem."""
+
+    def reference(name: str, s: States) -> Array:
+        quantity = {"mass_matrix": "D", "gravity": "G", "potential_energy": "V", "forward_kinematics": "F"}
+        if name in quantity or name == "jacobian":
+            one = quantity.get(name, "J")
+            return problem.in_tool_coordinates(evaluate(problem.tree, s.q, [one]))[one]
+        p = evaluate(problem.tree, s.q, ["D", "H", "G"])
+        torque = np.einsum("Nijk,Nj,Nk->Ni", p["H"], s.v, s.v)
+        if name == "kinetic_energy":
+            return np.asarray(0.5 * np.einsum("Ni,Nij,Nj->N", s.v, p["D"], s.v))
+        if name == "inverse_dynamics":
+            return np.asarray(np.einsum("Nij,Nj->Ni", p["D"], s.a) + torque + p["G"])
+        if name == "forward_dynamics":
+            rest = s.tau - torque - p["G"]
+            return np.asarray(np.linalg.solve(p["D"], rest[..., np.newaxis])[..., 0])
+        return np.asarray(torque)
+
+    return reference
+
+
+def _rounded(problem: Problem, sampled: Mapping[str, Sampled], differences: Sequence[Difference]) -> _Aside:
+    """Set aside another rounding of gravity, where it explains a part of what differs."""
+    strength = float(np.linalg.norm(problem.tree.gravity))
+    if (
+        not (~problem.agreeing & problem.quantity("G", "V")).any()
+        or min(abs(strength - x) for x in _ROUNDED) > 1e-9
+    ):
+        return _Aside(problem, None)
+    for other in _ROUNDED:
+        if abs(other - strength) < 1e-9:
+            continue
+        tree = replace(problem.tree, gravity=problem.tree.gravity * (other / strength))
+        behind = Problem(tree, problem.q, sampled, problem.rtol)
+        if elements := _explained(problem, behind):
+            text = (
+                f"rounded, not wrong: gravity is {other:.6g} m/s² in the model, {strength:.6g} in the robot"
+            )
+            cause = Cause("rounded", text, "elements", elements, other, strength, structural=False)
+            return _Aside(behind, cause)
+    return _Aside(problem, None)
+
+
+def _neglected(problem: Problem, sampled: Mapping[str, Sampled], differences: Sequence[Difference]) -> _Aside:
+    """Set aside small inertias that the model neglects, where they explain a part of what differs."""
+    small = Residual(problem).negligible(_NEGLIGIBLE)
+    named = {name for one in differences for name in one.missing} & small
+    for names in (named, small):
+        if not names:
+            continue
+        behind = Problem(without_inertias(problem.tree, names), problem.q, sampled, problem.rtol)
+        if elements := _explained(problem, behind):
+            what = ", ".join(sorted(names))
+            share = f"at most {100.0 * _NEGLIGIBLE:g} % of any D[i,i]"
+            text = f"neglected, not wrong: small inertias of links ({what}), {share}"
+            return _Aside(behind, Cause("neglected", text, "elements", elements, structural=False))
+    return _Aside(problem, None)
+
+
+def _explained(problem: Problem, behind: Problem) -> tuple[Element, ...]:
+    """Return the elements that agree with another arm and did not before; none where it spoils one."""
+    if (problem.agreeing & ~behind.agreeing).any():
+        return ()
+    return problem.elements_of(behind.agreeing & ~problem.agreeing)
