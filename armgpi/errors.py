@@ -291,11 +291,11 @@ class PayloadError(ArmgpiError):
         self.asked, self.delta, self.omega_c = asked, float(delta), float(omega_c)
         self.heaviest, self.lightest = float(heaviest), float(lightest)
         super().__init__(
-            f"no bandwidth serves {asked[0]:g} to {asked[1]:g} kg at {frame!r} of {robot!r}: a nominal "
-            f"model with {asked[1]:g} kg has {delta:.3g} times too much inertia when the arm carries "
-            f"{asked[0]:g} kg, which leaves omega_c = {omega_c:.3g} rad/s, below {slowest:g}; "
-            f"{asked[0]:g} to {heaviest:.3g} kg or {lightest:.3g} to {asked[1]:g} kg would do, and so may a "
-            "shorter sample time, or rotor inertia that the URDF leaves out (robot.with_armature)"
+            f"no bandwidth is stable for {asked[0]:g} to {asked[1]:g} kg at {frame!r} of {robot!r}: a "
+            f"nominal model with {asked[1]:g} kg has {delta:.3g} times too much inertia when the arm "
+            f"carries {asked[0]:g} kg, which leaves omega_c = {omega_c:.3g} rad/s, below {slowest:g}; use "
+            f"{asked[0]:g} to {heaviest:.3g} kg or {lightest:.3g} to {asked[1]:g} kg, a shorter sample "
+            "time, or specify rotor inertia that the URDF does not contain (robot.with_armature)"
         )
 
 

@@ -454,7 +454,7 @@ def _apply_draw(
     place, section = top.at("reality"), config.reality
     assert section is not None
     if config.plant != PlantSection():
-        raise place.error("reality and plant are mutually exclusive: give one of the two")
+        raise place.error("reality and plant are mutually exclusive: use one of the two")
     with place.error_context():
         reality = Reality(**{name: getattr(section, name) for name in parameters(Reality)})
         draw = reality.draw(robot, section.index)
@@ -640,7 +640,9 @@ def _controller(section: Any, context: Context, place: _Place) -> tuple[Any, Con
 def _nominal(section: Any, robot: Robot, place: _Place) -> Robot:
     """Return the arm that a controller takes for the one there is: loaded and held by the same motors."""
     if not isinstance(robot, Robot):
-        raise place.error("a reality says itself what laws take for the arm: leave it out")
+        raise place.error(
+            "an uncertainty model (reality) determines the nominal model itself: leave this key out"
+        )
     if robots.find_identified(section.nominal) is not None:
         raise place.error("expected a URDF, got the folder of an identified arm; name the URDF in it")
     there = robot.provenance
@@ -724,7 +726,7 @@ def _reference(
     for other in ("file", "path"):
         for key in ("points", "durations", "holds", "file"):
             if key != other and getattr(section, other) is not None and getattr(section, key) is not None:
-                message = f"{other} and this key are mutually exclusive: give one of the two"
+                message = f"{other} and this key are mutually exclusive: use one of the two"
                 raise place.at(key).error(message)
     if section.path is not None:
         return _follow_path(section, robot, place)

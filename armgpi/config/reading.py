@@ -105,7 +105,7 @@ def _text(path: Path) -> str:
             path, "", "there is no such file; `armgpi new ROBOT` writes an experiment file"
         ) from None
     except files.NotRegular as error:
-        raise ConfigError(path, "", f"is {error.kind}; give the YAML file itself") from None
+        raise ConfigError(path, "", f"is {error.kind}; expected the YAML file itself") from None
     except files.TooLarge:
         raise ConfigError(path, "", f"is larger than {_MAX_BYTES} bytes") from None
     except UnicodeDecodeError:

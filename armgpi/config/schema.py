@@ -266,7 +266,7 @@ KINDS = _kinds()
 CONTROLLERS = {name: kind.section(name) for name, kind in KINDS.items()}
 _EASE = _declare("time in which a path begins", "s", 1.0, least=0.0)
 PATHS = _by_name(Path, lambda cls: {"ease": _EASE} if cls.starts_moving else {})
-_INDEX = _declare("which draw of the reality", "", 0, kind="integer", least=0)
+_INDEX = _declare("number of the scenario of the uncertainty model (reality)", "", 0, kind="integer", least=0)
 
 
 RealitySection = section(Reality, more={"index": _INDEX})
@@ -370,7 +370,7 @@ class ExperimentConfig(Section):
         "supervisor": Key(SupervisorSection.read, None, optional=True),
         "sample_time": _declare("sample time", "s", 1e-3, least=1e-9),
         "t_final": _declare("length of the run", "s", None, least=0.0, above=True, none="the reference's"),
-        "record_every": _declare("samples of which one is kept", "", 1, kind="integer", least=1),
+        "record_every": _declare("store one sample of so many", "", 1, kind="integer", least=1),
         "seed": _declare("seed", "", 0, kind="integer", least=0, most=2**63 - 1),
         "vary": Key(mapping(VarySection.read), {}),
         "failure": Key(mapping(_declare("bound of a metric", least=0.0).form), {}),

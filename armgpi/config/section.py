@@ -153,7 +153,7 @@ def _read_each(parts: Iterable[tuple[Any, Key, Any]], path: Path_) -> dict[Any, 
     for name, key, value in parts:
         try:
             if value is REQUIRED and key.default is REQUIRED:
-                raise Wrong((*path, name), f"is missing; give it, as in '{name}: ...'")
+                raise Wrong((*path, name), f"is missing; add it, such as '{name}: ...'")
             if value is REQUIRED:
                 found[name] = copy.copy(key.default)
             else:

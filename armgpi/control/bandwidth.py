@@ -73,7 +73,7 @@ class ErrorSchedule(Parametrised):
         kw_only=True,
     )
     dead_zone: PerJoint = parameter(
-        "error that raises no gain, such as two encoder counts",
+        "error that does not raise the gain, such as two encoder counts",
         unit="rad or m",
         default=2e-4,
         least=0.0,

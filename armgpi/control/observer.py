@@ -290,7 +290,7 @@ class SmoothedController(ObserverController):
     """An observer's controller with a sign that is smoothed: x / (abs(x) + layer)."""
 
     layer: PerJoint = parameter(
-        "size of what stands below a sign at which the sign is smoothed",
+        "width of the boundary layer in which the sign function is smoothed",
         unit="rad/s or m/s",
         default=0.05,
         least=0.0,

@@ -60,7 +60,7 @@ class SlotineLi(SmoothedController):
         kw_only=True,
     )
     leak: float = parameter(
-        "how fast what was learned of friction and inertia is forgotten",
+        "rate at which the estimates of friction and inertia decay",
         unit="1/s",
         default=1.0,
         least=0.0,

@@ -38,10 +38,12 @@ def slow_default(dt: float, delay: float, member: Member = PRINTED) -> Iterator[
     omega = default_omega(dt, delay, member=member)
     if omega < SLOWEST_DEFAULT:
         message = (
-            f"the default bandwidth is {omega:.3g} rad/s at a sample time of {dt:g} s and delay of {delay:g} "
-            f"s, and below {SLOWEST_DEFAULT:g} an arm follows badly"
+            f"the default bandwidth is {omega:.3g} rad/s at a sample time of {dt:g} s and delay of "
+            f"{delay:g} s, which is slow: below {SLOWEST_DEFAULT:g} rad/s an arm tracks badly"
         )
-        yield Finding("warning", "loop", message, omega, SLOWEST_DEFAULT, "sample faster, or give gains")
+        yield Finding(
+            "warning", "loop", message, omega, SLOWEST_DEFAULT, "use a shorter sample time, or specify gains"
+        )
 
 
 def late_loop(law: Any) -> Iterator[Finding]:
@@ -60,19 +62,20 @@ def late_loop(law: Any) -> Iterator[Finding]:
         raise ParameterError("gains", law.gains, "a tuning with poles that are not so far apart")
     if margin == 0.0:
         message = (
-            f"without the load the nominal inertia is {delta:.3g} times the true one, and the loop not stable"
+            f"when the payload is not attached, the nominal inertia is {delta:.3g} times the true "
+            "one, and the loop is unstable"
         )
-        repair = "a smaller range of loads, a larger rolloff_ratio or no roll-off would do"
+        repair = "use a smaller range of payloads, a larger rolloff_ratio or no roll-off"
         yield Finding("warning", "loop", message, delta, 1.0, repair)
     elif spent > margin:
         fastest = float(np.max(tuning.omega_c))
         enough = float(np.min(served_omega(law.payload, law.dt, law.delay, law.member)))
         message = (
-            f"omega_c = {fastest:g} rad/s is too fast for dt = {law.dt:g} s and a delay of {law.delay:g} s: "
-            f"the loop tolerates a delay of {margin:.3g} s, hold and transport take {spent:.3g} s, so it "
-            "will be unstable"
+            f"omega_c = {fastest:g} rad/s is too fast for dt = {law.dt:g} s and a delay of {law.delay:g} "
+            f"s: the loop tolerates a delay of {margin:.3g} s, but sampling and transport use {spent:.3g} "
+            "s, so it will be unstable"
         )
-        yield Finding("warning", "loop", message, spent, margin, f"{enough:.3g} rad/s would do")
+        yield Finding("warning", "loop", message, spent, margin, f"use at most {enough:.3g} rad/s")
 
 
 def coarse_counts(law: Any, bits: Any) -> Iterator[Finding]:
@@ -90,10 +93,11 @@ def coarse_counts(law: Any, bits: Any) -> Iterator[Finding]:
     if share > COUNT_SHARE:
         name = law.robot.joint_names[j]
         message = (
-            f"one encoder count moves the torque of joint {name!r} by {torque[j]:.2g}, {100.0 * share:.2g} % "
-            f"of its effort, and above {100.0 * COUNT_SHARE:g} % an arm shakes"
+            f"one encoder count changes the torque of joint {name!r} by {torque[j]:.2g}, "
+            f"{100.0 * share:.2g} % of its effort, which causes torque chatter (usual: at most "
+            f"{100.0 * COUNT_SHARE:g} %)"
         )
-        repair = "a finer encoder, less bandwidth or a roll-off would do"
+        repair = "use a finer encoder, less bandwidth or a roll-off"
         yield Finding("warning", f"joint {name!r}", message, share, COUNT_SHARE, repair)
 
 
@@ -109,10 +113,10 @@ def untuned_arm(robot: Robot, chosen: Mapping[str, Any], rigid: bool) -> Iterato
     if omega is not None and omega[j := int(np.argmin(omega))] < SLOWEST_DEFAULT:
         name = robot.joint_names[j]
         message = (
-            f"sample time, delay and encoders leave joint {name!r} {omega[j]:.3g} rad/s, and below "
-            f"{SLOWEST_DEFAULT:g} an arm follows badly"
+            f"sample time, delay and encoders leave joint {name!r} {omega[j]:.3g} rad/s, which is slow: "
+            f"below {SLOWEST_DEFAULT:g} rad/s an arm tracks badly"
         )
-        repair = "sample faster, or finer"
+        repair = "use a shorter sample time, or finer encoders"
         yield Finding("warning", f"joint {name!r}", message, float(omega[j]), SLOWEST_DEFAULT, repair)
     if names := told_none(robot):
         message = (
@@ -134,11 +138,12 @@ def light_model(robot: Robot, nominal: float = 0.0) -> Iterator[Finding]:
     if delta < PLAUSIBLE_DELTA:
         carries = f"with {nominal:.2g} kg there" if nominal else "without it"
         message = (
-            f"{load.mass:.2g} kg 5 cm beside {robot.tip!r}, 5 % of what moves, makes a nominal D(q) "
-            f"{carries} {delta:.2g} of the true one, and below {PLAUSIBLE_DELTA:g} GPI loses arms"
+            f"a payload of {load.mass:.2g} kg (5 % of the moving mass) 5 cm from {robot.tip!r} gives an "
+            f"inertia ratio delta of {delta:.2g} for a nominal D(q) {carries}; below {PLAUSIBLE_DELTA:g} "
+            "arms become unstable under GPI"
         )
         repair = (
-            "tell the controller of the load (payload), or of the rotor inertia that URDFs leave out "
-            "(with_armature)"
+            "specify the payload in the nominal model (payload), or the rotor inertia that the URDF does "
+            "not contain (with_armature)"
         )
         yield Finding("warning", "robot", message, delta, PLAUSIBLE_DELTA, repair)

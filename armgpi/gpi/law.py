@@ -78,10 +78,10 @@ class GPI(Controller):
         rolloff_ratio: those poles over omega_c [-].
         second_ratio: natural frequency of the second quadratic factor over omega_c [-]; 1 when not given.
         second_zeta: its damping ratio [-]; zeta_c when not given.
-        rest_dead_zone: error below which nothing is integrated while the reference rests [rad or m]; with
-            `rest_leak` it keeps friction and encoder counts from making the arm hunt.
-        rest_leak: rate at which every integrator but the first empties while the reference rests [1/s]; some
-            50 end hunting, 0 is the paper.
+        rest_dead_zone: error below which nothing is integrated while the reference is at rest [rad or m];
+            with `rest_leak` it keeps friction and encoder counts from making the arm hunt.
+        rest_leak: rate at which every integrator except the first decays while the reference is at rest
+            [1/s]; some 50 end hunting, 0 is the paper.
         rotor_factor: factor of the rotors' inertia in the nominal model of the feedback, the feedforward's
             has the robot's own; 1 is the paper, more serves gears that twist.
         bias_robot: the robot that the feedforward is of; `robot` when not given.
@@ -97,7 +97,7 @@ class GPI(Controller):
 
     gains: Gains = parameter("tuning", kind="variant", group=Gains, default=None, none="FixedGains")
     realisation: str = parameter(
-        "discrete form of the law; paper is as printed",
+        "discrete form of the control law; paper is as printed",
         kind="choice",
         default="bumpless",
         choices=("bumpless", "paper"),
@@ -184,7 +184,7 @@ class GPI(Controller):
         structural=True,
     )
     rest_dead_zone: PerJoint = parameter(
-        "error below which nothing is integrated while the reference rests",
+        "error below which nothing is integrated while the reference is at rest",
         unit="rad or m",
         default=0.0,
         least=0.0,
@@ -192,7 +192,7 @@ class GPI(Controller):
         slider=(0.0, 0.01),
     )
     rest_leak: PerJoint = parameter(
-        "rate at which every integrator but the first empties while the reference rests",
+        "rate at which every integrator except the first decays while the reference is at rest",
         unit="1/s",
         default=0.0,
         least=0.0,
@@ -245,7 +245,7 @@ class GPI(Controller):
         if self.realisation == "bumpless":
             self._law = Bumpless(member)
         elif not member.printed:
-            expected = "bumpless for what is not the law of the paper"
+            expected = "bumpless for every controller other than that of the paper"
             raise ParameterError("realisation", self.realisation, expected)
         elif self._rests:
             raise ParameterError("realisation", self.realisation, "bumpless with a dead zone or a leak")

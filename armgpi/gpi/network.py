@@ -88,7 +88,7 @@ class BSplineNetwork(Boxes, Poles):
     derived: ClassVar[Mapping[str, str]] = {
         "_per_error": "one over the error at which a gain's aim is its upper end [1/rad or 1/m]",
         "_per_derivative": "one over the range of the filtered derivative [s/rad or s/m]",
-        "_leak": "share that is forgotten in a sample [-]",
+        "_leak": "share by which weights decay in a sample [-]",
         "_initial": "initial weights of the basis functions [rad/s or -]",
     }
 
@@ -116,7 +116,7 @@ class BSplineNetwork(Boxes, Poles):
         least=0.0,
         above=True,
         per_joint=True,
-        chosen="an encoder count; one of 22 bits without encoder",
+        chosen="one encoder count; one of 22 bits without encoder",
         log=True,
         search=(1e-6, 1e-2),
     )
@@ -131,7 +131,7 @@ class BSplineNetwork(Boxes, Poles):
         search=(0.01, 100.0),
     )
     dead_zone: PerJoint = parameter(
-        "error that raises no gain, such as two encoder counts",
+        "error that does not raise the gain, such as two encoder counts",
         unit="rad or m",
         default=2e-4,
         least=0.0,
@@ -141,7 +141,7 @@ class BSplineNetwork(Boxes, Poles):
         search=(1e-6, 1e-2),
     )
     leak: float = parameter(
-        "how fast what was learned is forgotten", unit="1/s", default=5.0, least=0.0, search=(0.1, 50.0)
+        "rate at which the weights decay", unit="1/s", default=5.0, least=0.0, search=(0.1, 50.0)
     )
     rate: PerJoint = parameter(
         "rho of abs(d omega/dt) <= rho omega^2",
@@ -154,7 +154,7 @@ class BSplineNetwork(Boxes, Poles):
         search=(0.01, 10.0),
     )
     common: bool = parameter(
-        "one omega for all joints, whose rate can be certified: that of the joint that asks for most",
+        "one omega for all joints, whose rate can be certified: the largest that a joint needs",
         kind="flag",
         default=False,
         structural=True,

@@ -31,7 +31,7 @@ _CONFIGURATIONS, _STEP, _MOST_PHASE = 50, 1e-4, 0.2
 _MUCH = 0.2
 
 
-@check("mass", "a joint that carries less than 0.1 g of its own", "warning")
+@check("mass", "the links of a joint have less than 0.1 g", "warning")
 def light(subject: Subject) -> Iterator[Finding]:
     """Find joints without mass of their own."""
     model = subject.robot.pinocchio_model()
@@ -39,9 +39,9 @@ def light(subject: Subject) -> Iterator[Finding]:
         mass, name = float(model.inertias[index].mass), model.names[index]
         if mass < _LEAST_MASS:
             links = ", ".join(map(repr, subject.robot.links_moved_by(name)))
-            what = "nothing of its own" if mass == 0.0 else f"only {mass:.3g} kg"
-            message = f"carries {what} (links {links}), besides what hangs on the joints after it"
-            repair = "give these links their mass and inertia, if they are more than frames"
+            what = "no mass of its own" if mass == 0.0 else f"only {mass:.3g} kg"
+            message = f"carries {what} (links {links}), not counting what the next joints carry"
+            repair = "specify mass and inertia of these links, if they are more than frames"
             yield Finding("warning", f"joint {name!r}", message, mass, _LEAST_MASS, repair)
 
 
@@ -54,7 +54,8 @@ def condition(subject: Subject) -> Iterator[Finding]:
     vector = np.linalg.eigh(subject.inertia[row])[1][:, 0]
     weak = f"joint {subject.robot.joint_names[int(np.argmax(np.abs(vector)))]!r}"
     repair = (
-        "give it the inertia of its rotor times the gear ratio squared: with_armature, or `rotor_inertia`"
+        "specify its reflected rotor inertia (rotor inertia times the gear ratio squared) by "
+        "with_armature, or `rotor_inertia`"
     )
     if worst > _CONDITION:
         message = f"D(q) has condition {worst:.3g}, as this joint moves very little inertia"
@@ -66,8 +67,8 @@ def condition(subject: Subject) -> Iterator[Finding]:
 
 @check(
     "gravity",
-    "where runs start (error; `run` refuses it) or elsewhere (warning, with the share of configurations), "
-    "holding the arm takes more than the joint has",
+    "where runs start (error; `run` refuses it) or elsewhere (warning, with the share of "
+    "configurations), holding the arm takes more torque than the effort limit",
     "error",
     "warning",
 )
@@ -80,16 +81,16 @@ def gravity(subject: Subject) -> Iterator[Finding]:
             continue
         where, remedies = f"joint {name!r}", (Remedy("effort", (name,), float(f"{1.5 * most:.3g}")),)
         if shares[0, j] > 1.0:
-            message = f"needs {start:.4g} to hold the arm where runs start, and has effort limit {limit:g}"
-            repair = "start elsewhere, or give what its motor can"
+            message = f"needs {start:.4g} to hold the arm where runs start, but its effort limit is {limit:g}"
+            repair = "start at another configuration, or specify the effort of its motor"
             yield Finding("error", where, message, start, limit, repair, remedies)
         else:
             share = float((shares[:, j] > 1.0).mean())
             message = (
-                f"needs up to {most:.4g} to hold the arm, and has effort limit {limit:g}: too little at "
-                f"{100.0 * share:.2g} % of {len(holding)} configurations"
+                f"needs up to {most:.4g} to hold the arm, but its effort limit is {limit:g}, which is too "
+                f"little at {100.0 * share:.2g} % of {len(holding)} configurations"
             )
-            repair = "keep the arm from there, or give what its motor can"
+            repair = "avoid these configurations, or specify the effort of its motor"
             yield Finding("warning", where, message, most, limit, repair, remedies)
 
 
@@ -148,13 +149,13 @@ def strong_friction(subject: Subject) -> Iterator[Finding]:
             f"is unstable beyond {_FRICTION_RATE} omega_c = {bound:.3g} 1/s"
         )
         where = f"joint {subject.robot.joint_names[int(np.argmax(viscous))]!r}"
-        repair = "give the controller's nominal model some rotor inertia (with_armature)"
+        repair = "specify rotor inertia in the controller's nominal model (with_armature)"
         yield Finding("warning", where, message, fastest, bound, repair)
 
 
 @check(
     "armature",
-    "rotors that the file does not tell (info), or that somebody told not to be (warning)",
+    "the URDF contains no rotor inertia (info), or it was specified as zero (warning)",
     "info",
     "warning",
 )
@@ -171,15 +172,16 @@ def armature(subject: Subject) -> Iterator[Finding]:
     less = np.linalg.eigvals(np.linalg.solve(whole + added, whole)).real.min()
     wrong = np.linalg.eigvals(np.linalg.solve(whole + rotors.SCATTER * added, whole + added)).real.min()
     message = (
-        f"with rotors as motors of such torque and speed have them, and none in the nominal model, the "
-        f"eigenvalues delta of D^-1 D-hat go down to {less:.2g}; GPI needs 0.36"
+        "rotor inertia was specified as zero. With the rotor inertia that is usual for such torque and "
+        f"speed, the inertia ratio delta (eigenvalues of D^-1 D-hat) would be as small as {less:.2g}; GPI "
+        "needs 0.36"
     )
     if not none:
         message = (
-            "no rotor inertia in the file; the rule for untuned arms assumes rotors as motors of such "
-            f"torque and speed have them. With {rotors.SCATTER:g} times those the eigenvalues delta of "
-            f"D^-1 D-hat go down to {wrong:.2g}; GPI needs 0.36. A model without rotors would have "
-            f"{less:.2g}; the automatic controller has none such"
+            "the URDF contains no rotor inertia. Automatic tuning assumes values that are usual for such "
+            f"torque and speed. If the true ones are {rotors.SCATTER:g} times as large, the inertia ratio "
+            f"delta (eigenvalues of D^-1 D-hat) is as small as {wrong:.2g}; GPI needs 0.36. A nominal "
+            f"model without rotor inertia would have {less:.2g}"
         )
     told = zip(robot.joint_names, values, strict=True)
     proposed = ",".join(f"{name}={value:.2g}" for name, value in told if name in names)
@@ -190,15 +192,16 @@ def armature(subject: Subject) -> Iterator[Finding]:
         message,
         float(less if none else wrong),
         0.36,
-        "give gear ratio squared times rotor from the data sheet, or what is believed",
+        "specify the rotor inertia times the gear ratio squared from the data sheet, or the assumed values",
         (Remedy("rotor_inertia", (), proposed),),
     )
 
 
 @check(
     "gravity-unstable",
-    "upright, the arm falls faster than GPI at its default bandwidth catches it "
-    "([Theory](theory.md#gravity-that-tips-the-arm-over)): where runs start (warning), or elsewhere (info)",
+    "the upright arm falls faster than GPI at its default bandwidth can stabilise it "
+    "([Theory](theory.md#gravity-that-tips-the-arm-over)): where runs start (warning), or elsewhere "
+    "(info)",
     "warning",
     "info",
 )
@@ -221,8 +224,8 @@ def gravity_unstable(subject: Subject) -> Iterator[Finding]:
     enough = 1.05 * math.sqrt(float(growth[row]) / _UNSTABLE)
     where = "where runs start" if start else f"at one of {len(q)} configurations"
     message = (
-        f"gravity tips the arm over at {math.sqrt(growth[row]):.3g} 1/s {where}, as it does with what is "
-        f"short, light and upright; at the default bandwidth GPI catches up to {math.sqrt(bound):.3g} 1/s"
+        f"gravity makes the upright arm unstable with a rate of {math.sqrt(growth[row]):.3g} 1/s {where}; "
+        f"at the default bandwidth GPI stabilises up to {math.sqrt(bound):.3g} 1/s"
     )
     if enough <= _MOST_PHASE / ((1.5 + subject.delay) * subject.dt):
         repair, remedy = "a higher bandwidth", Remedy("omega", (), float(math.ceil(enough)))

@@ -52,7 +52,9 @@ def repairs(subject: Subject) -> Iterator[Finding]:
     for made in subject.robot.provenance.get("repairs", ()):
         element = made["name"].partition(":")[2]
         where = f"{'link' if element in subject.document.links else 'joint'} {element!r}"
-        message = f"was repaired ({made['name']}): the file says {made['before']}; taken as {made['after']}"
+        message = (
+            f"was repaired ({made['name']}): the file contains {made['before']}; {made['after']} is used"
+        )
         yield Finding("info", where, message, made["name"])
 
 
@@ -69,7 +71,7 @@ def twice(subject: Subject) -> Iterator[Finding]:
                     yield Finding("warning", where, message, repair="remove the others")
 
 
-@check("unknown", "an element that URDF does not know; a warning where it looks misspelt", "warning", "info")
+@check("unknown", "an element that is not part of URDF; a warning where it looks misspelt", "warning", "info")
 def unknown(subject: Subject) -> Iterator[Finding]:
     """Find elements that URDF does not know: misspelt, they are not read."""
     root = subject.document.root
@@ -79,7 +81,7 @@ def unknown(subject: Subject) -> Iterator[Finding]:
                 if child in known or ":" in child:
                     continue
                 near = get_close_matches(child, known, n=1, cutoff=0.7)
-                message = f"has a <{child[:80]}>, which URDF does not know and nothing reads"
+                message = f"has a <{child[:80]}>, which is no element of URDF and is ignored"
                 repair = f"did you mean <{near[0]}>?" if near else ""
                 level: Level = "warning" if near else "info"
                 yield Finding(level, f"{tag} {element.get('name')!r}", message, child, None, repair)
@@ -131,7 +133,7 @@ def inertia(subject: Subject) -> Iterator[Finding]:
         if most < _LEAST_GYRATION**2 * link.mass:
             message = "has mass and hardly any inertia, as a point has"
             level: Level = "warning" if link.name in carried else "info"
-            yield Finding(level, where, message, most, None, "give it the inertia of its body")
+            yield Finding(level, where, message, most, None, "specify the inertia of its body")
         gyration = math.sqrt(max(most, 0.0) / link.mass)
         if gyration > _MOST_GYRATION:
             message = (
@@ -245,12 +247,12 @@ def position_range(subject: Subject) -> Iterator[Finding]:
         widest = max(abs(joint.lower), abs(joint.upper))
         if joint.type == "revolute" and widest > _ENDLESS:
             message = f"has the limits {span} rad, which are practically none"
-            repair = "make it continuous, or give its real limits"
+            repair = "make it continuous, or specify its real limits"
             yield Finding("warning", where, message, widest, _ENDLESS, repair)
         if joint.lower == joint.upper:
             message = f"cannot move: lower and upper limit are {joint.lower:g} (0 where the file has none)"
             remedies = (Remedy("lock", (joint.name,)),)
-            repair = "give its range, or lock it"
+            repair = "specify its range, or lock it"
             yield Finding("warning", where, message, joint.lower, joint.upper, repair, remedies)
 
 
@@ -319,7 +321,7 @@ def velocity(subject: Subject) -> Iterator[Finding]:
         where = f"joint {joint.name!r}"
         if joint.velocity < _LEAST_SPEED:
             message = f"has velocity limit {joint.velocity:g}; moves are planned as if it had none"
-            yield Finding("warning", where, message, joint.velocity, None, "give its speed")
+            yield Finding("warning", where, message, joint.velocity, None, "specify its velocity limit")
         elif joint.type != "prismatic" and _MOST_SPIN < joint.velocity < math.inf:
             message = f"has velocity limit {joint.velocity:g} rad/s, which looks like degrees, or like none"
             yield Finding("warning", where, message, joint.velocity, _MOST_SPIN, "write rad/s")
@@ -334,7 +336,7 @@ def no_effort(subject: Subject) -> Iterator[Finding]:
         if effort == 0.0:
             message = "has effort limit 0, so no controller can move it"
             proposed = enough_effort(float(held))
-            repair, remedies = "give its torque, or lock it", (Remedy("effort", (name,), proposed),)
+            repair, remedies = "specify its effort limit, or lock it", (Remedy("effort", (name,), proposed),)
             yield Finding("error", f"joint {name!r}", message, 0.0, None, repair, remedies)
 
 
@@ -355,7 +357,7 @@ def endless_effort(subject: Subject) -> Iterator[Finding]:
             absent = math.isinf(effort) and subject.elements[joint.name].find("limit") is None
             level: Level = "info" if absent else "warning"
             proposed = enough_effort(float(held))
-            repair, remedies = "give what its motor can", (Remedy("effort", (joint.name,), proposed),)
+            repair, remedies = "specify the effort of its motor", (Remedy("effort", (joint.name,), proposed),)
             yield Finding(level, f"joint {joint.name!r}", message, effort, _MOST_EFFORT, repair, remedies)
 
 

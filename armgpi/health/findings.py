@@ -138,7 +138,7 @@ class Check(NamedTuple):
 
 #: Every check; several may have one kind.
 CHECKS: list[Check] = [
-    Check("payload", "the motors do not hold the load given with `--payload` everywhere", ("warning",)),
+    Check("payload", "the motors cannot hold the payload of `--payload` at all configurations", ("warning",)),
     Check(
         "payload",
         "an unknown load of 5 % of the arm's mass at the tip takes delta below 0.5, with the nominal load of "

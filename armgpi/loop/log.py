@@ -328,8 +328,8 @@ def replay(log: ArmLog, controller: Any) -> Replay:
     _check_same(log, controller)
     if not len(log.rows) or log.rows["event"][0] == Event.SAMPLE:
         raise RolloutError(
-            f"{log.source}: does not begin with a start, so the state of its first sample is not known; "
-            "give the writer more room, or write the log of a shorter time"
+            f"{log.source}: does not begin with the start of the controller, so the state of its first "
+            "sample is unknown; give the writer more memory, or log a shorter time"
         )
     full = controller.measurement_type is FullState
     n, state = len(log.header["joints"]), None
@@ -422,7 +422,7 @@ def to_rollout(log: ArmLog, robot: Any) -> xr.Dataset:
         "t_fault": np.array([t_fault]),
     }
     made_from = {
-        "plant": {"type": "an arm known by its log", "robot": robot.provenance},
+        "plant": {"type": "an arm described by its log", "robot": robot.provenance},
         "controller": {"type": "of the log", "dt": float(log.header["dt"])},
         "reference": {"type": "of the log"},
         "measurement": (FullState if "v_measured" in log.inputs else Measurement).__name__,

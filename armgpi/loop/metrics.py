@@ -169,7 +169,7 @@ def without_rollouts() -> dict[str, Metric]:
 
 def not_found(name: str, known: Iterable[str]) -> NameNotFound:
     """Return the error for a name that is not one of the metrics of such a run."""
-    remedy = "it is of whole rollouts, which sweeps and searches do not keep" if name in declared() else ""
+    remedy = "it needs whole rollouts, which sweeps and searches do not store" if name in declared() else ""
     return NameNotFound("metric", name, sorted(known), remedy)
 
 

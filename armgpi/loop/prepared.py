@@ -331,7 +331,8 @@ class PreparedLoop:
                 run.interrupt()
                 dt = recording.dt
                 warnings.warn(
-                    f"interrupted at t = {run.done * dt:g} s of {steps * dt:g} s; kept what is there",
+                    f"interrupted at t = {run.done * dt:g} s of {steps * dt:g} s; the samples so far "
+                    "are stored",
                     ArmgpiWarning,
                     stacklevel=5,
                 )

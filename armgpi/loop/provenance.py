@@ -36,7 +36,7 @@ class Provenance:
         Raises:
             RolloutError: when there is none, or it is no JSON.
         """
-        unknown = "the rollout does not say how it was made: its provenance is"
+        unknown = "the rollout does not record how it was made: its provenance is"
         try:
             data = json.loads(rollout.attrs["provenance"])
         except (KeyError, TypeError, ValueError):
@@ -95,7 +95,7 @@ class Provenance:
         """
         name = self.at("measurement")
         if not isinstance(name, str):
-            raise RolloutError("the rollout does not say how it was made (its provenance is damaged)")
+            raise RolloutError("the rollout does not record how it was made (its provenance is damaged)")
         return name
 
     @property

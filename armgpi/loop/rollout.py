@@ -6,7 +6,7 @@ Dimensions are ``time`` and ``joint``, and ``rollout`` in front when a batch was
 ``q``, ``v``              true positions and velocities                                rad, rad/s
 ``q_ref``, ``v_ref``      reference                                                    rad, rad/s
 ``q_measured``            positions as the controller saw them                         rad
-``tau_command``, ``tau``  torque asked for and applied from this sample to the next    N m
+``tau_command``, ``tau``  commanded torque and applied from this sample to the next    N m
 ``disturbance``           disturbance torque of the loads, where there are any         N m
 ``tool``, ``tool_ref``    position of the tip and the wished one, over ``axis``        m
 ``tool_turn``             angle between the tip's orientation and the wished one       rad
@@ -65,7 +65,7 @@ _QUANTITIES = {
     "q_ref": ("reference position", POSITION),
     "v_ref": ("reference velocity", VELOCITY),
     "q_measured": ("measured position", POSITION),
-    "tau_command": ("torque asked for", TORQUE),
+    "tau_command": ("commanded torque", TORQUE),
     "tau": ("torque applied", TORQUE),
     "disturbance": ("disturbance torque", TORQUE),
     "lower": ("lower", POSITION),
@@ -452,8 +452,12 @@ def _ends(status: Any, t_end: Array, joints: Any, faults: Mapping[str, Any]) -> 
 def describe_measurement(name: str, knows: str = "") -> str:
     """Return in words what a controller measures, by the name of its measurement type, and what it knows."""
     measured = {"Measurement": "positions only", "FullState": "positions and velocities"}.get(name, name)
-    known = {"inertia": "the inertia matrix", "gravity": "inertia and gravity", "model": "the whole model"}
-    return f"{measured}, knows {known.get(knows, knows)}" if knows else measured
+    known = {
+        "inertia": "the inertia matrix",
+        "gravity": "inertia and gravity",
+        "model": "model feedforward (D, C, G)",
+    }
+    return f"{measured}, uses {known.get(knows, knows)}" if knows else measured
 
 
 def save(rollout: xr.Dataset, path: str | PathLike[str]) -> Path:
@@ -522,12 +526,14 @@ def read_netcdf(source: Path) -> xr.Dataset:
     try:
         return hdf5.load(source)
     except FileNotFoundError:
-        raise RolloutError(f"{source}: there is no such file; give a rollout that armgpi wrote") from None
+        raise RolloutError(
+            f"{source}: the file does not exist; expected a rollout that armgpi wrote"
+        ) from None
     except (hdf5.Refused, files.NotRegular, files.TooLarge) as error:
-        said = f"is not read: {files.reason(error)}; give a rollout that armgpi wrote"
+        said = f"is not read: {files.reason(error)}; expected a rollout that armgpi wrote"
         raise RolloutError(f"{source}: {said}") from None
     except Exception as error:  # h5py has no one kind of error for a damaged file
-        said = f"is no readable NetCDF file ({files.reason(error)}); give a rollout that armgpi wrote"
+        said = f"is not a readable NetCDF file ({files.reason(error)}); expected a rollout that armgpi wrote"
         raise RolloutError(f"{source}: {said}") from None
 
 

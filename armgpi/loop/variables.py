@@ -209,7 +209,7 @@ def _of_plant(plant: Plant) -> Iterator[Variable]:
         case Arm() if plant.varies:
             robot, reason = vars(plant)["_as_given"]["robot"], ""
             if not isinstance(robot, Robot | VariedRobots):
-                reason = "the plant has a robot of its own for each rollout; give it one robot"
+                reason = "the plant has another robot for each rollout; use one robot"
             for name, declared in _ROBOT.items():
                 yield Variable(f"plant.{name}", declared, _now(robot, name), reason)
             friction = plant.friction or Friction(0.0, 0.0)  # type: ignore[arg-type]

@@ -46,7 +46,7 @@ QUANTITIES: Mapping[str, Parameter] = {
         _quantity("current_bandwidth", "bandwidth of the current loop", "Hz", above=True),
         _quantity("encoder_side", "where the encoder sits", kind="choice", choices=("motor", "link")),
         _quantity("gear_ratio", "turns of the motor in one of the joint; rad/m of a slide", above=True),
-        _quantity("encoder_count", "counts of the encoder in a turn of the joint", above=True),
+        _quantity("encoder_count", "encoder counts in one turn of the joint", above=True),
         _quantity("torque_constant", "torque constant", "N m/A or N/A", above=True),
         _quantity("velocity_limit", "velocity limit of the motor", "rad/s or m/s", above=True),
         _quantity("torque_limit", "torque limit of the motor", "N m or N", above=True),
@@ -323,7 +323,9 @@ def _reflect_motor(own: dict[str, Any], source: str, joint: str) -> dict[str, fl
     if "motor_inertia" not in numbers:  # a ratio alone says nothing of the rotor
         return ratio
     if "rotor_inertia" in own:
-        raise ConfigError(source, f"{joint}.rotor_inertia", "and motor_inertia exclude each other: give one")
+        raise ConfigError(
+            source, f"{joint}.rotor_inertia", "and motor_inertia are mutually exclusive: specify one of them"
+        )
     return ratio | {
         "rotor_inertia": cast(float, numbers["motor_inertia"]) * numbers.get("gear_ratio", 1.0) ** 2
     }

@@ -318,7 +318,7 @@ class Equations:
             torque,
             -effort,
             effort,
-            "begin elsewhere, or give the joint more with "
+            "start at another configuration, or raise the effort limit with "
             f"robot.with_limits(effort={{{joint!r}: {enough:g}}})",
         ).suggesting(Remedy("effort", (joint,), enough))
 

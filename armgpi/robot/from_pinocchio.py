@@ -82,7 +82,7 @@ def check_same(model: Any, robot: Any, tangent: Array) -> None:
     expected, found = whole[np.ix_(rows, rows)], robot.mass_matrix(robot.middle())
     if not np.abs(found - expected).max() <= _SAME * np.abs(expected).max():
         raise UrdfError(
-            source(model), "its inertia matrix got lost on the way: use the URDF that it came from"
+            source(model), "its inertia matrix differs after the conversion: load the URDF that it came from"
         )
 
 

@@ -148,5 +148,5 @@ def _single(node: _Node) -> str | None:
         return f"it slides by {travel:g} m at the end"
     turns = ends and joint.type == "revolute" and travel < 3.2
     if turns and node.parent is not None and any(map(_TIPS.search, node.parent.tips)):
-        return "it closes beside the frame of a tool"
+        return "it closes next to the frame of a tool"
     return None

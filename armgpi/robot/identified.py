@@ -91,7 +91,8 @@ def _beside(path: Path, arm: Mapping[str, Any], key: str) -> Path:
     name, digest = (given.get("file"), given.get("sha256")) if isinstance(given, dict) else (None, None)
     if not isinstance(name, str) or not name or Path(name).name != name or "\0" in name:
         raise UrdfError(
-            path, f"arm.{key}.file: expected the name of a file beside it, got {name!r:.40}; {_REMEDY}"
+            path,
+            f"arm.{key}.file: expected the name of a file in the same folder, got {name!r:.40}; {_REMEDY}",
         )
     file = path.with_name(name)
     try:

@@ -212,7 +212,7 @@ class TrackingInverse:
         self.frame = frame
         _, self._goal = _goal(np.zeros(3), rotation, direction, tool_axis)
         if self._goal.size > robot.n:
-            bent = " with the direction of the tool given" if self._goal.size > 3 else ""
+            bent = " with the specified direction of the tool" if self._goal.size > 3 else ""
             raise ParameterError(
                 "robot",
                 robot,
@@ -625,7 +625,7 @@ def _goal(
     k = len(points)
     axis = _unit(_rows(tool_axis, "tool_axis", (3,), 1)[:1], "tool_axis")[0]
     if rotation is not None and direction is not None:
-        raise ParameterError("direction", direction, "left out where a rotation is given")
+        raise ParameterError("direction", direction, "to be left out where a rotation is specified")
     if rotation is not None:
         matrices = _rows(rotation, "rotation", (3, 3), k)
         off = np.abs(matrices @ matrices.swapaxes(-1, -2) - np.eye(3)).max(initial=0.0)

@@ -80,7 +80,7 @@ class MeshFinder:
             if host not in ("", "localhost"):
                 return Found(name, None, reason=f"it is on another machine ({host})")
             return self._first(name, ((Path("/", unquote(path)), self.roots),))
-        return Found(name, None, reason=f"{scheme}:// is not fetched; save the file beside the URDF")
+        return Found(name, None, reason=f"{scheme}:// is not downloaded; save the file next to the URDF")
 
     def _plain(self, name: str) -> Iterator[tuple[Path, tuple[Path, ...]]]:
         """Give the places of a name that is a path, absolute or relative."""
@@ -152,7 +152,7 @@ class MeshFinder:
 def _refuse(file: Path, status: os.stat_result, roots: Iterable[Path]) -> str:
     """Return why a file is not read as a mesh; empty where it is."""
     if not any(file.is_relative_to(root) for root in roots):
-        return f"{file} is outside the robot's folders; give its folder to allow it"
+        return f"{file} is outside the robot's folders; specify its folder to allow it"
     if file.suffix.lower() not in MESHES:
         return f"{file} is not one of {', '.join(sorted(MESHES))}"
     if not stat.S_ISREG(status.st_mode):

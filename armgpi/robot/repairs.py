@@ -25,7 +25,7 @@ KINDS = {
     "mirror-inertia": "an inertia whose lower triangle alone is written (iyx, izx, izy) is symmetric",
     NO_FRICTION: "a negative damping or friction, of an identified set, is taken as 0; not part of all",
     "reorder-inertia": "an inertia that is positive in one other order of its numbers alone is read so",
-    SUPPOSE: "an arm without any mass gets supposed bodies, to be identified; not part of all",
+    SUPPOSE: ("an arm without any mass gets assumed bodies, which have to be identified; not part of all"),
     "split-commas": "commas between the numbers of one attribute are read as separators",
 }
 

@@ -197,7 +197,7 @@ def locate(path_or_name: str | PathLike[str] | ModuleType) -> tuple[Path, str | 
 def _existing(path: Path, text: str) -> Path:
     """Return the path of a URDF as given, refusing one that is not there."""
     if "://" in text:
-        raise UrdfError(text, "is an address: download the file first, and what it names beside it")
+        raise UrdfError(text, "is an address: download the file first, with the files that it names")
     if not os.path.exists(path):  # unlike Path.exists, False for a name too long for the system
         known = path.stem in names()
         near = ", ".join(sorted(each.name for each in path.parent.glob("*.urdf"))[:3])

@@ -178,7 +178,7 @@ def _unique_names(root: Element, tag: str, source: str) -> dict[str, Element]:
     for element in root.findall(tag):
         name = element.get("name", "")
         if not name.strip():
-            raise UrdfError(source, f"a <{tag}> has no name; give it one")
+            raise UrdfError(source, f"a <{tag}> has no name; add one")
         if not name.isprintable():
             raise UrdfError(
                 source, f"{tag} {name[:80]!r} has characters in its name that cannot be printed", name
@@ -211,7 +211,7 @@ class _Reader:
         if element is not None:
             axis = self._read(element, "xyz", 3, f"{self.where}, <axis>")
         if not any(axis):
-            raise self._error(f"{self.where} has the axis 0 0 0; give a direction, such as 0 0 1")
+            raise self._error(f"{self.where} has the axis 0 0 0; expected a direction, such as 0 0 1")
         limits = self._limits(kind)
         dynamics, mimic = self.element.find("dynamics"), self.element.find("mimic")
         damping, friction = (self._friction(dynamics, key) for key in ("damping", "friction"))
@@ -256,7 +256,10 @@ class _Reader:
             raise self._error(f"{self.where} has the negative mass {mass:g}; give kg, 0 or more")
         if max(mass, *map(abs, inertia)) > _HUGEST:
             most = max(mass, *map(abs, inertia))
-            said = f"{self.where} has a mass or inertia of {most:g}, larger than any robot; give kg, kg m^2"
+            said = (
+                f"{self.where} has a mass or inertia of {most:g}, larger than that of any robot; "
+                "expected kg and kg m^2"
+            )
             raise self._error(said)
         return Link(self.name, mass, xyz, rpy, inertia, True, meshes, missing)
 
@@ -289,7 +292,7 @@ class _Reader:
             way = "make it fixed in the file"
             if kind in ("spherical", "ball"):
                 way += ", or three revolute joints in a row with links without mass between them"
-            raise self._error(f"{self.where} has type {kind!r}, which URDF does not know ({known}); {way}")
+            raise self._error(f"{self.where} has type {kind!r}, which is no type of URDF ({known}); {way}")
         return kind
 
     def _end(self, tag: str) -> str:

@@ -197,9 +197,9 @@ def _refuse_shapes_alone(urdf: Urdf, moved: Collection[str]) -> None:
     listed = ", ".join(map(repr, names[:8])) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
     raise UrdfError(
         urdf.source,
-        f"has no mass in any link that moves ({listed}): it says how the robot looks and bends, not how "
-        "heavy it is; add an <inertial> with mass and inertia to each link, or take a URDF that has them, "
-        f"from the robot's maker or from CAD; or identify it from a log: armgpi identify --repair {SUPPOSE}",
+        f"has no mass in any moving link ({listed}), so it describes the kinematics only; add an "
+        "<inertial> with mass and inertia to each link, or take a URDF that has them, from the robot's "
+        f"maker or from CAD; or identify it from a log: armgpi identify --repair {SUPPOSE}",
         names[0],
     )
 
@@ -282,7 +282,7 @@ def _joints_to_lock(
         if name not in moving:
             raise NameNotFound("moving joint", name, moving)
         if name in kept and name in asked:
-            raise ParameterError("lock", name, "a joint that is not in keep as well")
+            raise ParameterError("lock", name, "a joint that is not listed in keep")
     if keep is not None:
         for name in moving:
             followed = mimic == "follow" and tree.mimic_leader(urdf.joints, name).joint.name in kept

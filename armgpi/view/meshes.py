@@ -283,7 +283,7 @@ def _check_stl(content: bytes, filename: str) -> None:
         raise MeshError(filename, f"has {len(content)} bytes, which is no STL file")
     count, room = int.from_bytes(content[80:84], "little"), (len(content) - 84) // 50
     if count > room:
-        raise MeshError(filename, f"says that it has {count} triangles, but there are {room}")
+        raise MeshError(filename, f"declares {count} triangles, but contains {room}")
     triangles = np.frombuffer(content, np.dtype([("corners", "<f4", (4, 3)), ("more", "<u2")]), count, 84)
     if not np.isfinite(triangles["corners"][:, 1:]).all():
         raise MeshError(filename, "has corners that are not finite")

@@ -443,7 +443,9 @@ def _records(rollout: xr.Dataset) -> list[dict[str, Any]]:
     try:
         return experiment.records(rollout)
     except (KeyError, TypeError, ValueError, AttributeError):
-        raise RolloutError("the rollout does not say how it was made (its provenance is damaged)") from None
+        raise RolloutError(
+            "the rollout does not record how it was made (its provenance is damaged)"
+        ) from None
 
 
 def _found_in(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> list[str]:

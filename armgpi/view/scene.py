@@ -277,7 +277,7 @@ def robot_of(rollout: xr.Dataset, folder: Path | None = None) -> Robot:
         mimic: Literal["lock", "follow"] = "follow" if made_from.get("mimic") == "follow" else "lock"
         repair = made_in(made_from)
     except (RolloutError, KeyError, TypeError, ValueError, AttributeError):
-        raise RolloutError("the rollout does not say which robot it was made with; name it") from None
+        raise RolloutError("the rollout does not record its robot; specify it") from None
     from armgpi.robot import robots
 
     name = str(rollout.attrs.get("robot", ""))
@@ -295,8 +295,8 @@ def robot_of(rollout: xr.Dataset, folder: Path | None = None) -> Robot:
         if robot.provenance["sha256"] == digest:
             return robot
     raise RolloutError(
-        f"the robot {name!r} that the rollout was made with ({source}) is not found any more, or has "
-        "changed; give a robot with the same joints"
+        f"the robot {name!r} that the rollout was made with ({source}) was not found, or has changed; "
+        "specify a robot with the same joints"
     ).suggesting(Remedy("robot"))
 
 
@@ -337,12 +337,12 @@ def _document(robot: Robot, findings: list[str]) -> ElementTree.Element | None:
     """Return the XML that the robot was loaded from, None when it is not there any more."""
     source = Path(str(robot.provenance["source"]))
     if not source.is_file():
-        findings.append("the robot's URDF is not there as a file, so it is drawn as sticks")
+        findings.append("the robot's URDF file was not found, so the links are drawn as lines")
         return None
     try:
         document = urdf.parse(urdf.read_file(source), str(source), made_in(robot.provenance))
     except ArmgpiError as error:
-        findings.append(f"{error}; the robot is drawn as sticks")
+        findings.append(f"{error}; the links are drawn as lines")
         return None
     if document.sha256 != robot.provenance["sha256"]:
         findings.append(f"{source} has changed since the robot was loaded")

@@ -84,7 +84,7 @@ MISTAKES = {
     "run twice.yaml": "is a duplicate key; leave one",
     "run dt.yaml": "write sample_time",
     "run mapping.yaml": "begin each entry with '- '",
-    "run no_robot.yaml": "is missing; give it, as in 'robot: ...'",
+    "run no_robot.yaml": "is missing; add it, such as 'robot: ...'",
     "identify semicolons.csv --robot arm.urdf": "separate columns by commas",
     "run unit.urdf": "effort='30 Nm' is not a number; write 30 (N m)",
     "run same.urdf": "two joints are named 'q1'; rename one",

@@ -91,5 +91,5 @@ def test_damaged_data_ends_in_a_default_or_in_an_error_of_ours(data: dict[str, A
     if isinstance(data.get("measurement"), str):
         assert found.measurement == data["measurement"]
     elif not Provenance(data).labels:
-        with pytest.raises(RolloutError, match="does not say how it was made"):
+        with pytest.raises(RolloutError, match="does not record how it was made"):
             _ = found.measurement

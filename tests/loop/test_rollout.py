@@ -129,7 +129,7 @@ def refused(path: Path) -> str:
 
 
 def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
-    assert "no such file" in refused(tmp_path / "none.nc")
+    assert "does not exist" in refused(tmp_path / "none.nc")
     assert "it is a folder" in refused(tmp_path)
 
 
@@ -139,7 +139,7 @@ def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
 def test_what_is_no_netcdf_is_refused(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "a.nc"
     path.write_bytes(content)
-    assert "no readable NetCDF" in refused(path)
+    assert "not a readable NetCDF" in refused(path)
 
 
 def test_a_netcdf_of_somebody_else_is_refused(tmp_path: Path) -> None:
@@ -190,7 +190,7 @@ def test_a_file_that_was_cut_is_refused(saved: Path, tmp_path: Path, share: floa
     content = saved.read_bytes()
     path = tmp_path / "cut.nc"
     path.write_bytes(content[: int(share * len(content))])
-    assert "no readable NetCDF" in refused(path)
+    assert "not a readable NetCDF" in refused(path)
 
 
 @settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])

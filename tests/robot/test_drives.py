@@ -147,7 +147,7 @@ def test_rotor_inertia_that_is_given_besides_comes_on_top() -> None:
         ("q1: {gear: 3}", r"q1\.gear.*'gear_ratio'"),
         ("q1: {motor_inertia: -1}", r"q1\.motor_inertia"),
         ("q1: {gear_ratio: 0}", r"q1\.gear_ratio"),
-        ("q1: {motor_inertia: 1, rotor_inertia: 1}", "exclude each other"),
+        ("q1: {motor_inertia: 1, rotor_inertia: 1}", "are mutually exclusive"),
         ("q1: {stiffness: soft}", r"q1\.stiffness.*soft"),
         ("q1: {stiffness: .nan}", r"q1\.stiffness"),
         ("q1: {stiffness: {value: 1, low: 2, high: 3}}", "low <= value <= high"),

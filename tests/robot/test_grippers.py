@@ -59,7 +59,7 @@ DESIGNS = {
     "on a hand bolted on": [J("mount", "tip", "fixed"), J("x", "L_mount"), J("y", "L_mount")],
     "named jaw": [J("left_jaw", "tip")],
     "named thumb": [J("thumb_1", "tip"), J("thumb_2", "L_thumb_1")],
-    "beside the frame of a tool": [J("tool0", "tip", "fixed"), J("x", "tip")],
+    "next to the frame of a tool": [J("tool0", "tip", "fixed"), J("x", "tip")],
 }  # fmt: skip
 NONE = {
     "a bare arm": [],

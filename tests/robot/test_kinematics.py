@@ -419,7 +419,7 @@ def test_points_in_order_are_followed_on_one_branch() -> None:
 @pytest.mark.parametrize(
     ("arguments", "error", "named"),
     [
-        ({"rotation": np.eye(3)}, ParameterError, "an arm of 6 joints or more.* with the direction"),
+        ({"rotation": np.eye(3)}, ParameterError, "an arm of 6 joints or more.* with the specified"),
         (
             {"robot": Robot.load("anthropomorphic3", lock=["q3"])},
             ParameterError,

@@ -464,7 +464,7 @@ def test_a_file_holds_as_much_as_is_said_and_no_more(tmp_path: Path, monkeypatch
 )
 def test_numbers_are_read_up_to_what_no_robot_has(old: str, new: str, least: str, beyond: str) -> None:
     urdf.parse(changed((old, new.format(least))), "arm")
-    with pytest.raises(UrdfError, match=r"larger than any|no gear has|negative"):
+    with pytest.raises(UrdfError, match=r"larger than (?:that of )?any|no gear has|negative"):
         urdf.parse(changed((old, new.format(beyond))), "arm")
 
 
@@ -497,7 +497,7 @@ REFUSED = [  # element, what stands there, what to write instead, what the error
     ("elbow", 'type="revolute"', "", "type ''"),
     ("elbow", 'type="revolute"', 'type="floating"', "is floating"),
     ("elbow", 'type="revolute"', 'type="planar"', "is planar"),
-    ("elbow", 'type="revolute"', 'type="ball"', "type 'ball', which URDF does not know"),
+    ("elbow", 'type="revolute"', 'type="ball"', "type 'ball', which is no type of URDF"),
     ("a\nb", 'name="elbow"', 'name="a&#10;b"', "cannot be printed"),
     ("elbow", 'xyz="0 1 0"', 'xyz="0 0 0"', "axis 0 0 0"),
     ("elbow", 'xyz="0 1 0"', "", "axis 0 0 0"),
@@ -511,7 +511,7 @@ REFUSED = [  # element, what stands there, what to write instead, what the error
     ("elbow", 'velocity="3"', "", "<limit> has no velocity"),
     ("elbow", 'xyz="0.2 0 0"', 'xyz="1e16 0 0"', "larger than any robot"),
     ("elbow", 'damping="0.5"', 'damping="1e300"', "larger than any robot"),
-    ("fore", 'value="1.0"', 'value="1e16"', "larger than any robot"),
+    ("fore", 'value="1.0"', 'value="1e16"', "larger than that of any robot"),
     ("fore", 'value="1.0"', 'value="1,5"', "write 1.5, not 1,5"),
     ("fore", 'value="1.0"', 'value="${m}"', "expand it first"),
     ("elbow", 'lower="-1.5"', 'lower="3"', "lower limit 3 above its upper 2.5"),
@@ -582,7 +582,7 @@ def test_joints_without_inertia_are_named_together() -> None:
 def test_a_robot_made_for_drawing_alone_is_refused_as_that() -> None:
     error = refusal(GOOD.replace(BODY, ""))
     assert error.element == "upper"
-    assert "has no mass in any link that moves ('upper', 'fore')" in str(error)
+    assert "has no mass in any moving link ('upper', 'fore')" in str(error)
     for count, said in ((6, "'l4', 'l5')"), (9, "'l4', 'l5' and 3 more)")):
         chain = "".join(
             f'<link name="l{i}"/>' + ELBOW.replace("elbow", f"j{i}").replace("fore", f"l{i}")

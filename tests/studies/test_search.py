@@ -544,7 +544,8 @@ def test_a_picture_of_a_search_shows_its_rows_each_kind_in_a_colour_of_its_own(
 def test_tables_of_a_contest_have_medians_classes_and_the_best_of_each(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    inertia, whole = ("positions only, knows " + x for x in ("the inertia matrix", "the whole model"))
+    inertia = "positions only, uses the inertia matrix"
+    whole = "positions only, uses model feedforward (D, C, G)"
     given: list[tuple[str, str, list[float] | None, list[list[float]]]] = [
         ("super-twisting", whole, None, [[math.inf, 4.0, 2.0, 2.0, 2.0, 2.0]]),
         (

@@ -531,7 +531,7 @@ def test_bad_studies_are_refused(text: str, said: str) -> None:
 def test_a_metric_of_whole_rollouts_bounds_no_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(metrics.ALL, "peak_error", replace(metrics.ALL["peak_error"], of_rollout=True))
     for failing in (lambda: made(TEXT), lambda: Expression("peak_error")):
-        with pytest.raises(ArmgpiError, match=r"'peak_error'.*it is of whole rollouts, which sweeps"):
+        with pytest.raises(ArmgpiError, match=r"'peak_error'.*it needs whole rollouts, which sweeps"):
             failing()
 
 

@@ -147,7 +147,7 @@ def parts_within_parts(depth: int) -> str:
 
 
 BAD = {
-    "liar_stl": (lying(4_000_000_000), "says that it has 4000000000 triangles"),
+    "liar_stl": (lying(4_000_000_000), "declares 4000000000 triangles"),
     "nan_stl": (with_nan(), "not finite"),
     "empty_stl": (b"", "no STL file"),
     "noise_dae": (bytes(range(256)), "no well-formed XML"),
@@ -349,7 +349,7 @@ def test_the_robot_of_a_rollout_is_found_again(tmp_path: Path) -> None:
     (tmp_path / "results").mkdir()
     urdf.rename(tmp_path / "results" / "arm.urdf")  # as when the results went to another machine
     assert scene.robot_of(rollout, tmp_path / "results").joint_names == ("to end",)
-    with pytest.raises(RolloutError, match=r"'mine'.*not found any more.*give a robot") as caught:
+    with pytest.raises(RolloutError, match=r"'mine'.*was not found.*specify a robot") as caught:
         scene.robot_of(rollout)
     assert caught.value.remedies == (Remedy("robot"),)
     urdf.write_text(chain_text.replace("0.01", "0.02"))
@@ -359,7 +359,7 @@ def test_the_robot_of_a_rollout_is_found_again(tmp_path: Path) -> None:
 
 def test_locked_joints_stay_locked() -> None:
     robot = chain(4)
-    with pytest.raises(RolloutError, match="not found any more"):
+    with pytest.raises(RolloutError, match="was not found"):
         scene.robot_of(run(robot, t_final=0.02))  # it was no file
     if "kinova" in robots.names():
         names = ("j2s6s200_joint_finger_1", "j2s6s200_joint_finger_2")

@@ -300,7 +300,7 @@ def _plant(config: dict[str, Any], robot: Robot) -> Iterator[Control]:
     yield Control(
         path=("plant", "payload", "mass"),
         label="load",
-        text="mass at the tip that the controller does not know of",
+        text="mass at the tip that the controller does not know",
         unit="kg",
         group="plant",
         stops=masses,

@@ -144,7 +144,9 @@ class Prober:
         for call in found.calls:
             owner = owners.get(id(call.kernel), ("", call.kernel.name))
             if not owner[0] and not call.kernel.name.startswith("friction_"):
-                raise BackendError(f"{call.kernel.name}: whose arm it is of, and so its load, is not known")
+                raise BackendError(
+                    f"{call.kernel.name}: the arm that it belongs to, and so its payload, is unknown"
+                )
             calls.append(owner)
         return found, Sample(layout(found), calls)
 
