@@ -93,6 +93,8 @@ if TYPE_CHECKING:
     from armgpi.references.batch import ReferenceBatch as ReferenceBatch
     from armgpi.references.bezier import Bezier as Bezier
     from armgpi.references.cartesian import CartesianReference as CartesianReference
+    from armgpi.references.poses import PosePath as PosePath
+    from armgpi.references.poses import load_poses as load_poses
     from armgpi.references.recorded import Recorded as Recorded
     from armgpi.references.reference import Reference as Reference
     from armgpi.references.reference import Target as Target
@@ -159,6 +161,7 @@ _NAMES = {
     "references.batch": ("ReferenceBatch",),
     "references.bezier": ("Bezier",),
     "references.cartesian": ("CartesianReference",),
+    "references.poses": ("PosePath", "load_poses"),
     "references.recorded": ("Recorded",),
     "references.reference": ("Reference", "Target"),
     "references.waypoints": ("Hold", "Waypoints"),

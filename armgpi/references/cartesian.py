@@ -61,7 +61,9 @@ class CartesianReference(Reference):
         path: the path in the base frame.
     """
 
-    def __init__(self, robot: Robot, frame: str, path: Path, inverse: Inverse | TrackingInverse) -> None:
+    def __init__(
+        self, robot: Robot, frame: str, path: Path, inverse: Inverse | TrackingInverse | None = None
+    ) -> None:
         """Define the reference.
 
         Args:
@@ -70,7 +72,9 @@ class CartesianReference(Reference):
             path: where to, in the base frame.
             inverse: ``TrackingInverse(robot, frame)``, or for an arm that has a closed form a function
                 from points (k, 3) to joint positions (k, n), always of the same branch, such as
-                ``PaperArm().inverse_kinematics``.
+                ``PaperArm().inverse_kinematics``. For a :class:`armgpi.PosePath`, whose rotation the frame
+                follows as well, and for a path of positions whose rotation is free, a ``TrackingInverse``
+                is made when none is given.
 
         Raises:
             NameNotFound: when there is no such frame.
@@ -86,6 +90,11 @@ class CartesianReference(Reference):
         self.frame = frame
         self.path = path
         self._track: Track | None = None
+        turning = path.turning(0.0)
+        if inverse is None:
+            inverse = TrackingInverse(robot, frame, rotation=None if turning is None else turning.rotation)
+        if turning is not None:
+            _check_turning(inverse, turning.rotation)
         if isinstance(inverse, TrackingInverse):
             if inverse.frame != frame or inverse.robot.joint_names != robot.joint_names:
                 expected = (
@@ -176,3 +185,15 @@ class CartesianReference(Reference):
     def __repr__(self) -> str:
         """Return a one-line description."""
         return f"CartesianReference({self.frame!r} along {type(self.path).__name__})"
+
+
+def _check_turning(inverse: Any, rotation: Array) -> None:
+    """Refuse an inverse that does not begin with the first rotation of a path of poses [matrix (3, 3)]."""
+    expected = (
+        "TrackingInverse(robot, frame, rotation=path.turning(0.0).rotation), or none for a path of poses"
+    )
+    if not isinstance(inverse, TrackingInverse) or inverse.free != inverse.robot.n - 6:
+        raise ParameterError("inverse", inverse, expected)
+    held = inverse.describe().get("rotation")
+    if held is None or not np.allclose(held, rotation, atol=1e-6):
+        raise ParameterError("inverse", inverse, expected)

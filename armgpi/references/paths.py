@@ -33,6 +33,20 @@ class PathPoint(NamedTuple):
     a: Array
 
 
+class Turning(NamedTuple):
+    """How the orientation of a path moves, arrays for times of shape (...).
+
+    Attributes:
+        rotation: rotation matrix in the base frame, (..., 3, 3).
+        omega: angular velocity in the base frame [rad/s], (..., 3).
+        alpha: angular acceleration [rad/s^2], likewise.
+    """
+
+    rotation: Array
+    omega: Array
+    alpha: Array
+
+
 class Path(Parametrised, ABC):
     """A curve x(t) in the base frame, with two derivatives.
 
@@ -57,6 +71,10 @@ class Path(Parametrised, ABC):
         Returns:
             Arrays of shape (3,), or (..., 3) with times.
         """
+
+    def turning(self, t: float | Array) -> Turning | None:
+        """Return how the orientation moves at time(s) `t` [s]; None for a path of positions alone."""
+        return None
 
     @classmethod
     def fitted(cls, point: Array, size: float) -> dict[str, Any]:

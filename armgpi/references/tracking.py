@@ -57,11 +57,14 @@ class Track:
         rows, score = np.arange(len(q)), np.zeros(len(q))
         for step in range(1, _SCOUT_STEPS if len(q) > 1 else 0):
             t = np.full(len(rows), _SCOUT_STEP * step)
-            ahead = q + _SCOUT_STEP * inverse.flow(q, self._path.at(t - _SCOUT_STEP).v, home[rows])
-            ahead = inverse.correct(ahead, self._path.at(t).x, steps=2)
+            before = self._path.turning(t - _SCOUT_STEP)
+            omega = None if before is None else before.omega
+            ahead = q + _SCOUT_STEP * inverse.flow(q, self._path.at(t - _SCOUT_STEP).v, home[rows], omega)
+            there = (self._path.at(t).x, self._rotation(t))
+            ahead = inverse.correct(ahead, there[0], 2, there[1])
             clearance = np.minimum(clearance, inverse.clearance(ahead))
             going = (np.abs(ahead - q).max(axis=-1) < _LONGEST) & (clearance > 0.0)
-            going &= inverse.missed(ahead, self._path.at(t).x) < _SCOUT_MISS
+            going &= inverse.missed(ahead, *there) < _SCOUT_MISS
             rows, q, clearance = rows[going], ahead[going], clearance[going]
             if not len(rows):
                 break
@@ -81,16 +84,17 @@ class Track:
         before = np.maximum(np.ceil(times / _STEP).astype(int) - 1, 0)
         self._grow(int(before.max(initial=0)) + 2)
         wish = self._between(times / _STEP - before, before)
-        point = self._path.at(times)
-        q = self.inverse.correct(wish.q, point.x, steps=2)
+        point, turning = self._path.at(times), self._path.turning(times)
+        q = self.inverse.correct(wish.q, point.x, 2, None if turning is None else turning.rotation)
         astray = ~(np.abs(q - wish.q).max(axis=-1, initial=0.0) < _ASTRAY)
         if astray.any():
             row = int(np.argmax(astray))
             self._give_up(float(times[row]), point.x[row])
         self._check_limits(times, q)
-        v = self.inverse.resolve(q, point.v, wish.v)
+        v = self.inverse.resolve(q, point.v, wish.v, None if turning is None else turning.omega)
         drift = self.inverse.robot.frame_drift(self.inverse.frame, q, v)
-        a = self.inverse.resolve(q, point.a - drift[:, :3], wish.a, -drift[:, 3:])
+        alpha = 0.0 if turning is None else turning.alpha
+        a = self.inverse.resolve(q, point.a - drift[:, :3], wish.a, alpha - drift[:, 3:])
         return Target(q, v, a)
 
     def _grow(self, count: int) -> None:
@@ -114,7 +118,14 @@ class Track:
 
     def _flow(self, t: Array, q: Array) -> Array:
         """Return the velocities at times (k,) and configurations (k, n)."""
-        return self.inverse.flow(q, self._path.at(t).v, self._home)
+        turning = self._path.turning(t)
+        omega = None if turning is None else turning.omega
+        return self.inverse.flow(q, self._path.at(t).v, self._home, omega)
+
+    def _rotation(self, t: Array) -> Array | None:
+        """Return the rotations at times (k,), where they move."""
+        turning = self._path.turning(t)
+        return None if turning is None else turning.rotation
 
     def _next(self, q: Array, t: float) -> Array:
         """Return the node that follows the one at `t`, shape (1, n)."""
@@ -122,10 +133,11 @@ class Track:
             node, h = q, _STEP / parts
             for part in range(parts):
                 guess = self._runge_kutta_step(node, t + part * h, h)
-                point = self._path.at(np.array([t + (part + 1) * h])).x
-                node = self.inverse.correct(guess, point, steps=3)
+                then = np.array([t + (part + 1) * h])
+                point, rotation = self._path.at(then).x, self._rotation(then)
+                node = self.inverse.correct(guess, point, 3, rotation)
                 sound = np.abs(node - guess).max() < _ASTRAY
-                if not sound or self.inverse.missed(node, point)[0] > _MISS:
+                if not sound or self.inverse.missed(node, point, rotation)[0] > _MISS:
                     break
             else:
                 return node

@@ -310,18 +310,19 @@ class TrackingInverse:
         """Number of joint directions that the task leaves free."""
         return int(self.robot.n) - self._goal.size
 
-    def flow(self, q: Array, velocity: Array, home: Array) -> Array:
+    def flow(self, q: Array, velocity: Array, home: Array, angular: Array | None = None) -> Array:
         """Return the joint velocities that carry the frame, free joints drawn back to `home`.
 
         Args:
             q: configurations [rad or m], shape (k, n).
             velocity: of the frame's origin [m/s], shape (k, 3).
             home: configurations that free joints are drawn to [rad or m], shape (n,) or (k, n).
+            angular: angular velocity of the frame [rad/s], zero when not given, shape (k, 3).
 
         Returns:
             Joint velocities [rad/s or m/s], shape (k, n).
         """
-        return self.resolve(q, velocity, self.rate * (home - q))
+        return self.resolve(q, velocity, self.rate * (home - q), angular)
 
     def resolve(self, q: Array, linear: Array, wish: Array, angular: Array | None = None) -> Array:
         """Return the joint rates nearest to a wish that give the frame a linear and angular rate.
@@ -346,18 +347,19 @@ class TrackingInverse:
         missing = asked - _times(J, wished)
         return self._arm.units * (wished + _times(_pseudoinverse(J), missing))
 
-    def correct(self, q: Array, points: Array, steps: int) -> Array:
+    def correct(self, q: Array, points: Array, steps: int, rotations: Array | None = None) -> Array:
         """Return the nearest configurations with the frame on the points, by Newton steps.
 
         Args:
             q: configurations to begin at [rad or m], shape (k, n).
             points: where the frame should be [m], shape (k, 3).
             steps: number of Newton steps.
+            rotations: of the frame, where they move, shape (k, 3, 3).
 
         Returns:
             Joint positions [rad or m], shape (k, n).
         """
-        goal = self._at(points)
+        goal = self._at(points, rotations)
         for _ in range(steps):
             e, J = self._arm.linearise(goal, q)
             q = q + self._arm.units * _times(_pseudoinverse(J), e)
@@ -383,22 +385,24 @@ class TrackingInverse:
             raise self._out_of_reach(points[row], one)
         return found.q
 
-    def missed(self, q: Array, points: Array) -> Array:
+    def missed(self, q: Array, points: Array, rotations: Array | None = None) -> Array:
         """Return how far the frame is from the points.
 
         Args:
             q: configurations [rad or m], shape (k, n).
             points: where the frame should be [m], shape (k, 3).
+            rotations: of the frame, where they move, shape (k, 3, 3).
 
         Returns:
             The larger of distance [m] and angle [rad], shape (k,).
         """
-        worst: Array = np.max(self._arm.errors(self._at(points), q), axis=0)
+        worst: Array = np.max(self._arm.errors(self._at(points, rotations), q), axis=0)
         return worst
 
-    def _at(self, points: Array) -> _Goal:
-        """Return the goal at points (k, 3)."""
-        return self._goal.rows(np.zeros(len(points), dtype=np.intp))._replace(position=points)
+    def _at(self, points: Array, rotations: Array | None = None) -> _Goal:
+        """Return the goal at points (k, 3), with rotations (k, 3, 3) where they move."""
+        goal = self._goal.rows(np.zeros(len(points), dtype=np.intp))._replace(position=points)
+        return goal if rotations is None else goal._replace(rotation=rotations)
 
     def clearance(self, q: Array) -> Array:
         """Return how far configurations are from limits and singular configurations.

@@ -334,6 +334,12 @@ CASES: dict[str, Case] = {
     "CartesianReference.at": Case(
         armgpi.CartesianReference(ARM, TIP, LINE, INVERSE).at, {"t": 0.02}, slow=True
     ),
+    "PosePath": Case(
+        armgpi.PosePath,
+        {"times": [0.0, 1.0], "poses": np.tile(np.eye(4), (2, 1, 1))},
+        lambda made: made.turning(0.5),
+    ),
+    "load_poses": Case(armgpi.load_poses, {"path": "no such file.csv", "topic": "/target_pose"}),
     "minimum_duration": Case(minimum_duration, {"distance": [0.1, 0.2, 0.3], **LIMITS}),
     "LaserPath": Case(paths.LaserPath, {"rate": 0.1}, on_path),
     "Lissajous": Case(

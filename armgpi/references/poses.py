@@ -1,0 +1,322 @@
+"""Poses: positions with rotations, as arrays, as files, and as a smooth path that a frame follows."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path as FilePath
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi import columns, files, hdf5
+from armgpi.arrays import SMALLEST, Array, ArrayLike, as_sized_array, as_times, check_path
+from armgpi.errors import ArrayError, MissingPackage, ParameterError, UnreadableTrajectory
+from armgpi.references.paths import Path, PathPoint, Turning
+
+#: How far a matrix may be from a rotation.
+_SLACK = 1e-6
+#: Largest turn from the first pose that a path of poses has [rad]: at a full turn its logarithm is singular.
+_MOST_TURN = 1.75 * np.pi
+#: Step of the central difference that gives the change of the Jacobian of the exponential [s].
+_DIFFERENCE = 1e-5
+#: Times that are closer than this share of the whole cannot be told apart.
+_CLOSEST = 1e-9
+#: Larger files are no recorded poses [bytes].
+_MOST_BYTES = 256 * 1024 * 1024
+#: Names of the numbers of a pose in files: position [m] and quaternion.
+NUMBERS = ("x", "y", "z", "qx", "qy", "qz", "qw")
+
+
+class Poses(NamedTuple):
+    """Poses as arrays.
+
+    Attributes:
+        positions: [m], shape (m, 3).
+        rotations: rotation matrices, shape (m, 3, 3).
+    """
+
+    positions: Array
+    rotations: Array
+
+
+class StampedPoses(NamedTuple):
+    """Poses with the times at which they arrived.
+
+    Attributes:
+        times: [s], shape (m,).
+        poses: the poses.
+    """
+
+    times: Array
+    poses: Poses
+
+
+def as_poses(poses: Any, name: str = "poses") -> Poses:
+    """Return poses as arrays.
+
+    Args:
+        poses: a sequence of `pinocchio.SE3`, homogeneous matrices (m, 4, 4), or positions and quaternions
+            (m, 7) in the order x, y, z [m], qx, qy, qz, qw.
+        name: what they are called in messages.
+
+    Raises:
+        ArrayError: for arrays of other shapes, numbers that are not finite, matrices that are no rotations,
+            and quaternions of norm 0; it names the pose.
+    """
+    if isinstance(poses, Poses):
+        return poses
+    if isinstance(poses, Sequence) and len(poses) and all(hasattr(pose, "homogeneous") for pose in poses):
+        poses = np.stack([pose.homogeneous for pose in poses])
+    array = as_sized_array(poses, name)
+    if array.ndim == 2 and array.shape[1] == 7:
+        return Poses(array[:, :3], _of_quaternions(array[:, 3:], name))
+    if array.ndim != 3 or array.shape[1:] != (4, 4):
+        expected = "pinocchio.SE3 poses, matrices (m, 4, 4), or x, y, z, qx, qy, qz, qw (m, 7)"
+        raise ArrayError(name, f"expected {expected}; got shape {array.shape}")
+    rotations = array[:, :3, :3]
+    off = np.abs(rotations @ rotations.swapaxes(-1, -2) - np.eye(3)).max(axis=(-2, -1), initial=0.0)
+    wrong = (off > _SLACK) | (np.linalg.det(rotations) < 0.0)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise ArrayError(name, f"pose {row}: expected a rotation matrix; it is {off[row]:.2g} from one")
+    return Poses(array[:, :3, 3], rotations)
+
+
+def _of_quaternions(quaternions: Array, name: str) -> Array:
+    """Return the rotation matrices of quaternions (m, 4), x, y, z, w."""
+    norms = np.linalg.norm(quaternions, axis=-1, keepdims=True)
+    if (norms < SMALLEST).any():
+        row = int(np.argmin(norms))
+        said = f"pose {row}: expected a quaternion qx, qy, qz, qw of norm 1; it has norm {norms[row, 0]:g}"
+        raise ArrayError(name, said)
+    x, y, z, w = (quaternions / norms).T
+    rows = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def check_pose_times(times: ArrayLike, count: int, name: str = "times") -> Array:
+    """Return times [s] as an array that increases, refusing others with the first that does not.
+
+    Args:
+        times: one per pose.
+        count: number of poses.
+        name: what they are called in messages.
+
+    Raises:
+        ArrayError: when there are more or fewer, or one is not later than the one before.
+    """
+    array = as_sized_array(times, name)
+    if array.shape != (count,):
+        raise ArrayError(name, f"expected {count} times [s], one for each pose; got shape {array.shape}")
+    steps = np.diff(array)
+    if (steps <= 0.0).any():
+        row = int(np.argmax(steps <= 0.0))
+        said = f"pose {row + 1} is at {array[row + 1]:.6g} s, after {array[row]:.6g} s"
+        raise ArrayError(name, f"expected times that increase; {said}")
+    return array
+
+
+class PosePath(Path):
+    """A smooth path through poses, at rest at its first and its last one.
+
+    Positions are a spline of degree five through the poses, and so are the rotation vectors of the poses
+    relative to the first one. Velocities and accelerations are continuous everywhere.
+
+    Attributes:
+        times: of the poses [s], the first at 0, shape (m,).
+        poses: the poses.
+        t_end: when it is over [s].
+    """
+
+    def __init__(self, times: ArrayLike, poses: Any) -> None:
+        """Define the path.
+
+        Args:
+            times: increasing times [s], shape (m,), at least two; the path begins at the first.
+            poses: m poses: `pinocchio.SE3`, matrices (m, 4, 4), or x, y, z, qx, qy, qz, qw (m, 7).
+
+        Raises:
+            ArrayError: for arrays that do not fit, times that do not increase, or what is no pose.
+            ParameterError: for rotations that turn by more than 315 degrees from the first one.
+        """
+        known = as_poses(poses)
+        given = check_pose_times(times, len(known.positions))
+        if len(given) < 2:
+            raise ArrayError("times", f"expected at least two poses, got {len(given)}")
+        self.times = given - given[0]
+        self.poses = known
+        self.t_end = float(self.times[-1])
+        turns = _continuous(known.rotations)
+        from scipy.interpolate import make_interp_spline  # here: it is slow to import
+
+        rest = [(1, np.zeros(6)), (2, np.zeros(6))]
+        values = np.concatenate([known.positions, turns], axis=-1)
+        spline = make_interp_spline(self.times / self.t_end, values, k=5, bc_type=(rest, rest))
+        self._derivatives = (spline, spline.derivative(1), spline.derivative(2))
+        middle = np.linspace(0.0, 1.0, 20 * len(given))
+        if np.linalg.norm(spline(middle)[:, 3:], axis=-1).max() > _MOST_TURN:
+            said = "rotations that turn by at most 315 degrees from the first; part the path into several"
+            raise ParameterError("poses", "a longer turn", said)
+
+    @classmethod
+    def load(cls, path: str | PathLike[str], topic: str = "/target_pose") -> PosePath:
+        """Read a path from a file of poses; see :func:`load_poses`."""
+        times, poses = load_poses(path, topic)
+        return cls(times, poses)
+
+    def at(self, t: float | Array) -> PathPoint:
+        """Return the point; see :meth:`Path.at`."""
+        return PathPoint(*(part[..., :3] for part in self._parts(t)))
+
+    def turning(self, t: float | Array) -> Turning:
+        """Return rotation, angular velocity and acceleration; see :meth:`Path.turning`."""
+        r, rate, acceleration = (part[..., 3:] for part in self._parts(t))
+        first = self.poses.rotations[0]
+        here = jacobian_of_exp(r)
+        change = jacobian_of_exp(r + _DIFFERENCE * rate) - jacobian_of_exp(r - _DIFFERENCE * rate)
+        change = change / (2.0 * _DIFFERENCE)
+        omega = np.einsum("...ij,...j->...i", first @ here, rate)
+        alpha = np.einsum("...ij,...j->...i", first @ here, acceleration)
+        alpha = alpha + np.einsum("...ij,...j->...i", first @ change, rate)
+        return Turning(first @ exponential(r), omega, alpha)
+
+    def describe(self) -> dict[str, Any]:
+        """Return the path as plain data."""
+        poses = np.concatenate([self.poses.positions, self.poses.rotations.reshape(-1, 9)], axis=-1)
+        return {"type": "PosePath", "times": self.times.tolist(), "poses": poses.tolist()}
+
+    def __repr__(self) -> str:
+        """Return a one-line description."""
+        return f"PosePath({len(self.times)} poses, {self.t_end:g} s)"
+
+    def _parts(self, t: float | Array) -> tuple[Array, Array, Array]:
+        """Return positions and rotation vectors with two derivatives, (..., 6) each."""
+        share = as_times(t) / self.t_end
+        x, v, a = (np.asarray(part(np.clip(share, 0.0, 1.0))) for part in self._derivatives)
+        moving = np.asarray((share > 0.0) & (share < 1.0))[..., None]
+        v, a = v / self.t_end, a / self.t_end**2
+        return x, np.where(moving, v, 0.0), np.where(moving, a, 0.0)
+
+
+def exponential(r: Array) -> Array:
+    """Return the rotation matrices (..., 3, 3) of rotation vectors (..., 3) [rad] (Rodrigues)."""
+    angle = np.linalg.norm(r, axis=-1)[..., None, None]
+    cross = cross_matrix(r)
+    a = np.sinc(angle / np.pi)
+    b = 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
+    return np.asarray(np.eye(3) + a * cross + b * (cross @ cross))
+
+
+def logarithm(rotations: Array) -> Array:
+    """Return the rotation vectors (..., 3) [rad] of rotation matrices (..., 3, 3), of at most half a turn."""
+    from scipy.spatial.transform import Rotation  # here: it takes longer to import than Pinocchio
+
+    shape = rotations.shape[:-2]
+    return np.asarray(Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_rotvec()).reshape(*shape, 3)
+
+
+def jacobian_of_exp(r: Array) -> Array:
+    """Return the matrices (..., 3, 3) that make angular velocities of rates of rotation vectors (..., 3).
+
+    It is the left Jacobian of the rotation group: 1 + (1 - cos a) / a^2 K + (a - sin a) / a^3 K^2.
+    """
+    angle = np.linalg.norm(r, axis=-1)[..., None, None]
+    cross = cross_matrix(r)
+    b = 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
+    small = angle < 1e-3
+    safe = np.where(small, 1.0, angle)
+    c = np.where(small, (1.0 - angle**2 / 20.0) / 6.0, (safe - np.sin(safe)) / safe**3)
+    return np.asarray(np.eye(3) + b * cross + c * (cross @ cross))
+
+
+def cross_matrix(r: Array) -> Array:
+    """Return the matrices K (..., 3, 3) with K x = r cross x."""
+    zero = np.zeros(r.shape[:-1])
+    x, y, z = r[..., 0], r[..., 1], r[..., 2]
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def _continuous(rotations: Array) -> Array:
+    """Return rotation vectors relative to the first rotation, each the one nearest to that before it."""
+    turns = logarithm(rotations[0].T @ rotations)
+    for row in range(1, len(turns)):
+        angle = float(np.linalg.norm(turns[row]))
+        if angle < SMALLEST:
+            continue
+        # A turn about an axis by a full turn more or less is the same rotation.
+        axis = turns[row] / angle
+        choices = [axis * (angle + 2.0 * np.pi * k) for k in (-1, 0, 1)]
+        turns[row] = min(choices, key=lambda turn: float(np.linalg.norm(turn - turns[row - 1])))
+    return turns
+
+
+def load_poses(path: str | PathLike[str], topic: str = "/target_pose") -> StampedPoses:
+    """Read poses with their times from a file.
+
+    Args:
+        path: CSV with the columns ``time, x, y, z, qx, qy, qz, qw`` [s, m]; NetCDF with variables of these
+            names over ``time``; or MCAP with `geometry_msgs/PoseStamped`.
+        topic: of MCAP.
+
+    Returns:
+        Times [s], as they are in the file, and poses.
+
+    Raises:
+        UnreadableTrajectory: when the file cannot be read, or has no such poses; it names the pose.
+    """
+    source = check_path(path, "path")
+    try:
+        times, numbers = _read(source, topic)
+        poses = as_poses(numbers)
+        return StampedPoses(check_pose_times(times, len(numbers)), poses)
+    except OSError as error:
+        raise UnreadableTrajectory(source, files.reason(error)) from None
+    except ArrayError as error:
+        raise UnreadableTrajectory(source, str(error)) from None
+
+
+def _read(source: FilePath, topic: str) -> tuple[Array, Array]:
+    """Return times and numbers (m, 7) of a file."""
+    kind = source.suffix.lower()
+    try:
+        if kind in (".nc", ".nc4", ".h5"):
+            data = hdf5.load(source)
+            return data["time"].values, np.stack([data[name].values for name in NUMBERS], axis=-1)
+        if kind == ".mcap":
+            return _messages(source, topic)
+        head, values = columns.read_table(source, _MOST_BYTES)
+        found = dict(zip(head, values.T, strict=True))
+        return found["time"], np.stack([found[name] for name in NUMBERS], axis=-1)
+    except (OSError, MissingPackage):
+        raise
+    except KeyError as error:
+        said = f"has no {error}; expected time, {', '.join(NUMBERS)}"
+        raise UnreadableTrajectory(source, said) from None
+    except (ValueError, csv.Error) as error:
+        raise UnreadableTrajectory(source, f"cannot be read as poses: {files.reason(error)}") from None
+    except UnreadableTrajectory:
+        raise
+    except Exception as error:  # the libraries have no one kind of error for a damaged file
+        raise UnreadableTrajectory(source, f"cannot be read as poses: {files.reason(error)}") from None
+
+
+def _messages(source: FilePath, topic: str) -> tuple[Array, Array]:
+    """Return times and numbers of the PoseStamped messages on a topic."""
+    times = []
+    rows = []
+    for time, message in columns.read_messages(source, topic, ("pose",), _MOST_BYTES):
+        pose = message["pose"]
+        read = (lambda part, key: part[key]) if isinstance(pose, dict) else getattr
+        position, turn = read(pose, "position"), read(pose, "orientation")
+        times.append(time)
+        rows.append([float(read(position, k)) for k in "xyz"] + [float(read(turn, k)) for k in "xyzw"])
+    if not rows:
+        raise UnreadableTrajectory(source, f"has no message on the topic {topic!r}")
+    return np.array(times), np.array(rows)
