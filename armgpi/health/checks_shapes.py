@@ -1,4 +1,8 @@
-"""Checks of mass properties against the link's own primitive shapes: boxes, cylinders, spheres."""
+"""Checks of mass properties against the link's own shapes: boxes, cylinders, spheres, meshes.
+
+A mesh counts as its convex hull. Where one is not found or not read (trimesh is not installed, the files are
+large), the link gets no verdict.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +14,15 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 import pinocchio as pin
+from scipy.spatial import ConvexHull, QhullError
 
 from armgpi.arrays import Array
+from armgpi.errors import MissingPackage, Remedy
 from armgpi.health.findings import Finding, Subject, check
+from armgpi.robot import tensors
+from armgpi.robot.repairs import ABOUT_CENTRE, UNITS, Unit
 from armgpi.robot.tree import Link
+from armgpi.view import meshes
 
 #: Shapes whose diagonal is shorter are placeholders [m].
 _PLACEHOLDER = 0.02
@@ -28,6 +37,22 @@ _ROD_SHARE = 0.5
 _LIGHTEST, _HEAVIEST = 20.0, 20_000.0
 #: A link's density may be so many times that of the arm's median link, or that part of it.
 _FROM_MEDIAN = 40.0
+#: Kinds of repairs of units, the likeliest first.
+_UNITS = ("grams", "inertia-mm", "centre-mm", "inertia-g-mm", "inertia-g")
+#: The trace of an inertia fits shapes between this part and this multiple of a solid box's; a centre of mass
+#: as far outside as this share of their diagonal.
+_WITHIN, _FAR = 25.0, 0.5
+#: The same, and densities [kg/m^3], where another unit is said to be the slip.
+_SURE, _USUAL = 5.0, (100.0, 12_000.0)
+#: An inertia that says nothing: an exporter's placeholder.
+_ONES = (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
+#: An inertia may be about the joint where a centre of mass is so far away that it adds this share of a
+#: solid's, if the rest is nearer to a solid's by this (of logarithms), in at least so many links.
+_AWAY, _NEARER, _ENOUGH = 1.0, 0.5, 2
+#: Sizes of shapes that differ by less than this share are alike.
+_ALIKE = 0.1
+#: Meshes are read as long as their files are together no larger [bytes].
+_MOST_MESHES = 32 * 2**20
 
 
 class _Extent(NamedTuple):
@@ -44,32 +69,146 @@ class _Extent(NamedTuple):
 
 @check(
     "shape-mass",
-    "centre of mass, radius of gyration or density contradict the link's own boxes, cylinders and spheres",
+    "centre of mass, radius of gyration or density contradict the link's own shapes (boxes, cylinders, "
+    "spheres, hulls of meshes), as a wrong unit, an inertia about the joint or a copied inertial does",
     "warning",
 )
 def against_shapes(subject: Subject) -> Iterator[Finding]:
     """Find mass properties that the shapes of their link contradict."""
-    extents = {}
+    bodies = _bodies(subject)
+    if len({each.extent.corners.tobytes() for each in bodies}) < _DIFFERENT:
+        return  # one shape for every link is a placeholder
+    alike: set[str] = set()
+    for finding, names in _copied(bodies):
+        yield finding
+        alike.update(names)
+    slips: dict[str, list[str]] = {}
+    for slip in (*(_unit_slip(each) for each in bodies), *_about_joint(bodies)):
+        if slip is not None and slip[1] not in alike:
+            slips.setdefault(slip[0], []).append(slip[1])
+    for kinds, names in slips.items():
+        yield from _slips(kinds, names, len(bodies))
+    named = {name for names in slips.values() for name in names}
+    usual = median(each.density for each in bodies)
+    for link, extent, density in bodies:
+        if link.name not in named:
+            yield from _centre(link, extent)
+            yield from _gyration(link, extent)
+            yield from _density(link, density, usual)
+
+
+class _Body(NamedTuple):
+    """A link that moves, with its shapes.
+
+    Attributes:
+        link: as it is built.
+        extent: what its shapes fill.
+        density: its mass over their volume [kg/m^3].
+    """
+
+    link: Link
+    extent: _Extent
+    density: float
+
+    @property
+    def solid(self) -> float:
+        """Trace of the inertia about its centre that a solid box of its extent has [kg m^2]."""
+        return self.link.mass * float(np.sum(np.ptp(self.extent.corners, axis=0) ** 2)) / 6.0
+
+
+def _bodies(subject: Subject) -> list[_Body]:
+    """Return the links that move, have a mass that the arm feels, and shapes that are read."""
+    total = sum(subject.document.links[name].mass for name in subject.moved)
+    shapes = _Shapes(subject)
+    bodies = []
     for element in subject.document.root.findall("link"):
         link = subject.document.links[element.get("name", "")]
-        if link.name in subject.moved and link.mass > 0.0:
-            extent = _extent(element)
-            if extent is not None:
-                extents[link.name] = extent
-    total = sum(subject.document.links[name].mass for name in subject.moved)
-    # Masses that the arm does not feel are often made up.
-    for name in list(extents):
-        if subject.document.links[name].mass < _NEGLIGIBLE * total:
-            del extents[name]
-    if len({each.corners.tobytes() for each in extents.values()}) < _DIFFERENT:
-        return  # one box for every link is a placeholder
-    densities = {name: subject.document.links[name].mass / each.volume for name, each in extents.items()}
-    usual = median(densities.values()) if densities else 0.0
-    for name, extent in extents.items():
-        link = subject.document.links[name]
-        yield from _centre(link, extent)
-        yield from _gyration(link, extent)
-        yield from _density(link, densities[name], usual)
+        # Masses that the arm does not feel are often made up.
+        if link.name not in subject.moved or link.mass <= max(_NEGLIGIBLE * total, 0.0):
+            continue
+        if (extent := shapes.extent(element)) is not None:
+            bodies.append(_Body(link, extent, link.mass / extent.volume))
+    return bodies
+
+
+def _copied(bodies: list[_Body]) -> Iterator[tuple[Finding, list[str]]]:
+    """Find one mass and inertia in links of different shapes; yield a finding, and the links."""
+    groups: dict[tuple[object, ...], list[_Body]] = {}
+    for body in bodies:
+        link = body.link
+        groups.setdefault((link.mass, link.inertia), []).append(body)
+    for group in groups.values():
+        sizes = [np.sort(np.ptp(body.extent.corners, axis=0)) for body in group]
+        different = any(not np.allclose(size, sizes[0], rtol=_ALIKE) for size in sizes)
+        if len(group) > 1 and different:
+            names = ", ".join(repr(body.link.name) for body in group[1:])
+            message = f"has the same mass and inertia as {names}, whose shapes are others"
+            repair = "was it copied, or is it a placeholder of an exporter? Give each link its own"
+            finding = Finding("warning", f"link {group[0].link.name!r}", message, repair=repair)
+            yield finding, [body.link.name for body in group]
+
+
+def _unit_slip(body: _Body) -> tuple[str, str] | None:
+    """Return the repairs of units with which a link's mass properties fit its shapes, and its name.
+
+    None where they fit as they are, or with no other unit.
+    """
+    if body.link.inertia == _ONES or _fits(body, Unit("")):
+        return None
+    options = [(kind,) for kind in _UNITS] + [("grams", kind) for kind in _UNITS if kind != "grams"]
+    options += [("centre-mm", kind) for kind in _UNITS if "inertia" in kind]
+    for kinds in options:
+        mass = inertia = centre = 1.0
+        for kind in kinds:
+            unit = UNITS[kind]
+            mass, inertia, centre = mass * unit.mass, inertia * unit.inertia, centre * unit.centre
+        if _fits(body, Unit("", mass, inertia, centre), sure=True):
+            return ",".join(kinds), body.link.name
+    return None
+
+
+def _fits(body: _Body, unit: Unit, sure: bool = False) -> bool:
+    """Tell whether mass properties in some unit are those of a body of such shapes: widely, or usually."""
+    lightest, heaviest = _USUAL if sure else (_LIGHTEST, _HEAVIEST)
+    within, far = (_SURE, 0.0) if sure else (_WITHIN, _FAR)
+    density = unit.mass * body.density
+    trace = unit.inertia * float(np.sum(body.link.moments())) / unit.mass
+    low, high = body.extent.corners.min(axis=0), body.extent.corners.max(axis=0)
+    middle = unit.centre * np.array(body.link.xyz) - 0.5 * (low + high)
+    return bool(
+        lightest <= density <= heaviest
+        and 1.0 / within <= trace / body.solid <= within
+        and float(np.max(np.abs(middle) - 0.5 * (high - low))) <= far * float(np.linalg.norm(high - low))
+    )
+
+
+def _about_joint(bodies: list[_Body]) -> Iterator[tuple[str, str]]:
+    """Yield the links whose inertia is about their origin, where that explains all whose centre is away."""
+    about = []
+    for body in bodies:
+        link, given = body.link, float(np.sum(body.link.moments()))
+        added = tensors.carried(link.mass, link.xyz, pin.rpy.rpyToMatrix(np.array(link.rpy)))
+        if np.trace(added) < _AWAY * body.solid:
+            continue
+        left = tensors.as_matrix(link.inertia) - added
+        if not tensors.is_rigid(tensors.as_values(left)):
+            return
+        # Nearer to a solid's, by its logarithm.
+        if abs(math.log(np.trace(left) / body.solid)) > abs(math.log(given / body.solid)) - _NEARER:
+            return
+        about.append(link.name)
+    if len(about) >= _ENOUGH:
+        yield from ((ABOUT_CENTRE, name) for name in about)
+
+
+def _slips(kinds: str, names: list[str], count: int) -> Iterator[Finding]:
+    """Yield the findings of one slip in some links of those that have shapes."""
+    meanings = " and ".join(UNITS[kind].meaning for kind in kinds.split(","))
+    for name in names:
+        message = f"its mass properties contradict its own shapes, and fit them if {meanings}"
+        whole = [kind if len(names) == count else f"{kind}:{name}" for kind in kinds.split(",")]
+        remedies = (Remedy("repair", (), ",".join(whole)),)
+        yield Finding("warning", f"link {name!r}", message, None, None, "correct the file", remedies)
 
 
 def _centre(link: Link, extent: _Extent) -> Iterator[Finding]:
@@ -113,27 +252,62 @@ def _density(link: Link, density: float, usual: float) -> Iterator[Finding]:
         yield Finding("warning", where, message, density, usual, "check its mass")
 
 
-def _extent(element: Element) -> _Extent | None:
-    """Return what the shapes of a link fill; None where they are placeholders, or not read.
+class _Shapes:
+    """Reads the shapes of links, and each mesh once."""
 
-    Beside a mesh, which is not read, primitive shapes are often a part of the link: feet, stops.
-    """
-    if element.find(".//mesh") is not None:
-        return None
-    for tag in ("collision", "visual"):
-        shapes = element.findall(tag)
-        parts = []
-        for shape in shapes:
-            part = _part(shape)
-            if part is None:
-                break
-            parts.append(part)
-        if shapes and len(parts) == len(shapes):
+    def __init__(self, subject: Subject) -> None:
+        """Read those of a robot."""
+        self._finder = subject.finder
+        self._hulls: dict[str, _Extent | None] = {}
+        self._left = _MOST_MESHES
+
+    def extent(self, element: Element) -> _Extent | None:
+        """Return what the shapes of a link fill; None where they are placeholders, or not all are read.
+
+        Primitive shapes beside a mesh are often a part of the link (feet, stops): then all count together.
+        """
+        tags = ("collision", "visual")
+        kinds = {tag: {shape.find("geometry/mesh") is None for shape in element.findall(tag)} for tag in tags}
+        together = len(kinds["collision"] | kinds["visual"]) > 1
+        sets = [element.findall(tag) for tag in tags]
+        for shapes in [sets[0] + sets[1]] if together else sets:
+            parts = [part for shape in shapes if (part := self._part(shape)) is not None]
+            if not shapes or len(parts) < len(shapes):
+                continue
             corners = np.vstack([part.corners for part in parts])
             if float(np.linalg.norm(np.ptp(corners, axis=0))) < _PLACEHOLDER:
                 return None
             return _Extent(corners, sum(part.volume for part in parts))
-    return None
+        return None
+
+    def _part(self, shape: Element) -> _Extent | None:
+        """Return what one shape fills, in the link's frame; None for what is not read."""
+        mesh = shape.find("geometry/mesh")
+        if mesh is None:
+            return _part(shape)
+        name = mesh.get("filename", "")
+        if name not in self._hulls:
+            self._hulls[name] = self._hull(name)
+        hull = self._hulls[name]
+        try:
+            scale = _floats(mesh.get("scale", "1 1 1"), 3)
+            rotation, xyz = _pose(shape)
+        except ValueError:
+            return None
+        if hull is None or not np.all(scale):
+            return None
+        return _Extent(xyz + (hull.corners * scale) @ rotation.T, hull.volume * abs(float(np.prod(scale))))
+
+    def _hull(self, name: str) -> _Extent | None:
+        """Return the convex hull of a mesh, in its file's own frame and units."""
+        try:
+            found = self._finder.find(name)
+            points = meshes.corners(found, self._left)
+            self._left -= found.path.stat().st_size if found.path else 0
+            hull = ConvexHull(np.unique(points, axis=0))
+        except (meshes.MeshError, MissingPackage, OSError, QhullError, ValueError):
+            return None
+        return _Extent(hull.points[hull.vertices], float(hull.volume))
 
 
 def _part(shape: Element) -> _Extent | None:
@@ -144,18 +318,27 @@ def _part(shape: Element) -> _Extent | None:
         return None
     try:
         sizes = _sizes(solid)
-        origin = shape.find("origin")
-        xyz, rpy = np.zeros(3), np.zeros(3)
-        if origin is not None:
-            xyz, rpy = (_floats(origin.get(key, "0 0 0"), 3) for key in ("xyz", "rpy"))
+        rotation, xyz = _pose(shape)
     except ValueError:
         return None
     if sizes is None or not np.all(sizes[0] > 0.0) or not sizes[1] > 0.0:
         return None
     half, volume = sizes
     signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
-    corners = xyz + (signs * half) @ pin.rpy.rpyToMatrix(rpy).T
-    return _Extent(corners, volume)
+    return _Extent(xyz + (signs * half) @ rotation.T, volume)
+
+
+def _pose(shape: Element) -> tuple[Array, Array]:
+    """Return the rotation of a shape's axes to its link's, and its place there [m].
+
+    Raises:
+        ValueError: when they are no numbers.
+    """
+    origin = shape.find("origin")
+    if origin is None:
+        return np.eye(3), np.zeros(3)
+    xyz, rpy = (_floats(origin.get(key, "0 0 0"), 3) for key in ("xyz", "rpy"))
+    return pin.rpy.rpyToMatrix(rpy), xyz
 
 
 def _sizes(solid: Element) -> tuple[Array, float] | None:

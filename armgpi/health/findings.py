@@ -218,6 +218,8 @@ def _merge(group: list[Finding]) -> Finding:
 def _join(remedies: tuple[Remedy, ...]) -> Remedy:
     """Return one remedy for joints that have one each; of values that are no joint's, the least."""
     first = remedies[0]
+    if not first.joints and isinstance(first.value, str):
+        return first._replace(value=",".join(dict.fromkeys(str(each.value) for each in remedies)))
     if not first.joints:
         return min(remedies, key=lambda each: each.value if isinstance(each.value, float) else 0.0)
     joints = tuple(dict.fromkeys(joint for remedy in remedies for joint in remedy.joints))

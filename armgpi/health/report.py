@@ -147,13 +147,15 @@ def inspect(
 
 
 def _as_built(document: Urdf, robot: Robot) -> Urdf:
-    """Return what a file contains with the inertias that the robot has by another order of their numbers."""
-    links = dict(document.links)
-    for name in repairs.made_in(robot.provenance):
-        kind, _, link = name.partition(":")
-        reading = tensors.only_reading(links[link].inertia) if kind == "reorder-inertia" else None
-        if reading is not None:
-            links[link] = replace(links[link], inertia=reading.values)
+    """Return what a file contains with the mass properties that repairs gave the robot."""
+    made = frozenset(repairs.made_in(robot.provenance))
+    again = repairs.Repairs(document.source, made)
+    links = {}
+    for name, link in document.links.items():
+        links[name] = urdf_model.convert(link, again)
+        reading = tensors.only_reading(link.inertia)
+        if reading is not None and f"reorder-inertia:{name}" in made:
+            links[name] = replace(links[name], inertia=reading.values)
     return replace(document, links=links)
 
 

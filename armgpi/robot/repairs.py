@@ -18,9 +18,37 @@ ALL = "all"
 SUPPOSE = "assume-bodies"
 #: Kinds that are no corrections either: they take what no arm has.
 ACCEPT, NO_FRICTION = "accept-inertia", "no-friction"
+#: The repair of an inertia that is about the link's origin.
+ABOUT_CENTRE = "about-centre"
+
+
+class Unit(NamedTuple):
+    """Another unit, or point, of a link's mass properties, and the factors that make them SI.
+
+    Attributes:
+        meaning: what the file has.
+        mass, inertia, centre: factors.
+    """
+
+    meaning: str
+    mass: float = 1.0
+    inertia: float = 1.0
+    centre: float = 1.0
+
+
+#: Kind of a repair -> the unit that it takes the file's numbers for; none of them is part of `all`.
+UNITS = {
+    "grams": Unit("masses are in g", mass=1e-3),
+    "inertia-g": Unit("inertias are in g m^2", inertia=1e-3),
+    "inertia-mm": Unit("inertias are in kg mm^2", inertia=1e-6),
+    "inertia-g-mm": Unit("inertias are in g mm^2", inertia=1e-9),
+    "centre-mm": Unit("centres of mass are in mm", centre=1e-3),
+    ABOUT_CENTRE: Unit("inertias are about the link's origin, not the centre of mass"),
+}
 #: Kind -> what the repair does.
 KINDS = {
     ACCEPT: "an inertia that no rigid body has, of an identified set, is taken as it is; not part of all",
+    **{kind: f"{unit.meaning}; not part of all" for kind, unit in UNITS.items()},
     "drop-inertia": "a moving link with an inertia and the mass 0 becomes a frame, without inertia",
     "mirror-inertia": "an inertia whose lower triangle alone is written (iyx, izx, izy) is symmetric",
     NO_FRICTION: "a negative damping or friction, of an identified set, is taken as 0; not part of all",
@@ -91,7 +119,7 @@ class Repairs:
 
     def wants(self, kind: str, element: str) -> bool:
         """Tell whether a repair was asked for; `all` means corrections alone."""
-        asked = {kind, f"{kind}:{element}"} | (set() if kind in (ACCEPT, NO_FRICTION) else {ALL})
+        asked = {kind, f"{kind}:{element}"} | (set() if kind in (ACCEPT, NO_FRICTION, *UNITS) else {ALL})
         return bool(self.wanted & asked)
 
     def make(self, kind: str, element: str, problem: str, before: str, after: str) -> None:

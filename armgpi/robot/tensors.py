@@ -83,3 +83,21 @@ def _least_moment(xx: float, xy: float, xz: float, yy: float, yz: float) -> floa
         middle = 0.5 * (low + high)
         low, high = (low, middle) if fits(middle) else (middle, high)
     return high
+
+
+def carried(mass: float, centre: Sequence[float], rotation: Array) -> Array:
+    """Return what a mass at a centre adds to an inertia about the origin [kg m^2], shape (3, 3).
+
+    Args:
+        mass: [kg].
+        centre: of the mass, in the link's axes [m].
+        rotation: from the axes of the inertia to those of the link, shape (3, 3).
+    """
+    c = rotation.T @ np.asarray(centre, dtype=float)
+    added: Array = mass * (float(c @ c) * np.eye(3) - np.outer(c, c))
+    return added
+
+
+def as_values(matrix: Array) -> tuple[float, ...]:
+    """Return a matrix as ixx, ixy, ixz, iyy, iyz, izz."""
+    return tuple(float(matrix[i, j]) for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))

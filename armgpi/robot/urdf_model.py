@@ -24,7 +24,7 @@ import pinocchio as pin
 from armgpi.arrays import Array, as_number, check_choice, frozen
 from armgpi.errors import ArmgpiWarning, NameNotFound, ParameterError, Remedy, UrdfError
 from armgpi.robot import tensors, tree
-from armgpi.robot.repairs import ACCEPT, SUPPOSE, Repair, Repairs
+from armgpi.robot.repairs import ABOUT_CENTRE, ACCEPT, SUPPOSE, UNITS, Repair, Repairs
 from armgpi.robot.tree import MULTI_DOF_TYPES, Joint, Link
 from armgpi.robot.urdf import Urdf
 
@@ -105,7 +105,10 @@ def build(
     _check_coupled(urdf, {joint.name for joint in moving})
     moved = urdf.moved_links(locked)
     repairs = Repairs(urdf.source, urdf.wanted, urdf.repairs)
-    links = [_check_link(link, repairs) if link.name in moved else link for link in urdf.links.values()]
+    links = [
+        _check_link(convert(link, repairs), repairs) if link.name in moved else link
+        for link in urdf.links.values()
+    ]
     if not any(urdf.links[name].mass > 0.0 for name in moved):
         if SUPPOSE not in urdf.wanted:
             _refuse_shapes_alone(urdf, moved)
@@ -157,6 +160,24 @@ def _check_coupled(urdf: Urdf, moving: Collection[str]) -> None:
                 "bodies alone: lock what it acts on, or take it out of the file",
                 acting[0],
             ).suggesting(Remedy("lock", acting))
+
+
+def convert(link: Link, repairs: Repairs) -> Link:
+    """Return a link whose mass properties were asked to be taken for ones in other units, in SI."""
+    for kind, unit in UNITS.items():
+        if link.mass <= 0.0 or not repairs.wants(kind, link.name):
+            continue
+        before = f"mass {link.mass:g}, centre {join(link.xyz)}, inertia {join(link.inertia)}"
+        inertia = tuple(unit.inertia * moment for moment in link.inertia)
+        if kind == ABOUT_CENTRE:
+            rotation = pin.rpy.rpyToMatrix(np.array(link.rpy))
+            added = tensors.carried(link.mass, link.xyz, rotation)
+            inertia = tensors.as_values(tensors.as_matrix(link.inertia) - added)
+        xyz = tuple(unit.centre * x for x in link.xyz)
+        link = replace(link, mass=unit.mass * link.mass, xyz=xyz, inertia=inertia)
+        after = f"mass {link.mass:g}, centre {join(link.xyz)}, inertia {join(link.inertia)}"
+        repairs.make(kind, link.name, unit.meaning, before, after)
+    return link
 
 
 def _check_link(link: Link, repairs: Repairs) -> Link:

@@ -13,10 +13,11 @@ import re
 import stat
 import sys
 import warnings
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
@@ -27,6 +28,8 @@ from armgpi.arrays import Array
 from armgpi.errors import ArmgpiError, MissingPackage, import_extra
 from armgpi.robot.meshes import Found, MeshFinder
 from armgpi.robot.robot import Robot
+
+_Part = TypeVar("_Part")
 
 #: Kinds of files that are read, by their endings.
 KINDS = ("stl", "dae", "obj")
@@ -91,38 +94,55 @@ def load(robot: Robot, filename: str) -> Triangles:
     Raises:
         MeshError: when it is not there, outside the robot's package, or no mesh that can be drawn.
     """
-    found = _find_mesh(robot, filename)
-    if (path := found.path) is None:
-        raise MeshError(filename, found.reason)
-    kind = path.suffix[1:].lower()
-    if kind not in KINDS:
-        raise MeshError(filename, f"is no {', '.join(k.upper() for k in KINDS)} file")
+    path, kind, changed = _checked(_find_mesh(robot, filename), MAX_BYTES)
     try:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode) or status.st_size > MAX_BYTES:
-            raise MeshError(filename, f"is no regular file of at most {MAX_BYTES} bytes")
-        return _parse(str(path), status.st_mtime_ns, filename, kind)
+        return _parse(str(path), changed, filename, kind)
     except OSError as error:
         raise MeshError(filename, f"cannot be read: {error.strerror or error}") from None
+
+
+def corners(found: Found, most: int = MAX_BYTES) -> Array:
+    """Return the corners of the triangles of a mesh [m], shape (k, 3), of a file of at most so many bytes.
+
+    Raises:
+        MeshError: when it is not there, larger, outside the robot's package, or no mesh.
+        MissingPackage: when trimesh is not installed.
+    """
+    path, kind, _ = _checked(found, most)
+    content = files.read_bytes(path, most)
+    parts = _guarded(_corners, content, kind, found.name)
+    if not parts:
+        raise MeshError(found.name, "has no triangles")
+    points: Array = np.concatenate(parts)
+    if not (np.abs(points) <= _FARTHEST * _FARTHEST).all():  # millimetres are scaled later; NaN as well
+        raise MeshError(found.name, "has corners that are not finite")
+    return points
+
+
+def _checked(found: Found, most: int) -> tuple[Path, str, int]:
+    """Return path, kind and time of change [ns] of a file that may be read.
+
+    Raises:
+        MeshError: for another one.
+    """
+    if (path := found.path) is None:
+        raise MeshError(found.name, found.reason)
+    kind = path.suffix[1:].lower()
+    if kind not in KINDS:
+        raise MeshError(found.name, f"is no {', '.join(k.upper() for k in KINDS)} file")
+    try:
+        status = path.stat()
+    except OSError as error:
+        raise MeshError(found.name, f"cannot be read: {error.strerror or error}") from None
+    if not stat.S_ISREG(status.st_mode) or status.st_size > most:
+        raise MeshError(found.name, f"is no regular file of at most {most} bytes")
+    return path, kind, status.st_mtime_ns
 
 
 @lru_cache(maxsize=64)
 def _parse(path: str, _changed: int, filename: str, kind: str) -> Triangles:
     """Return the triangles of a file; the last ones read are remembered, as arms repeat their parts."""
-    content = files.read_bytes(path, MAX_BYTES)
-    if kind in _CHECKS:
-        _CHECKS[kind](content, filename)
-    try:
-        parts = _parts(content, kind)
-    except MissingPackage:
-        raise
-    except ImportError as error:
-        raise MeshError(filename, f"needs the package {error.name}: pip install 'armgpi[viz]'") from None
-    except MemoryError:
-        raise MeshError(filename, "does not fit into memory") from None
-    except Exception as error:  # parsers of meshes fail in every way there is
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise MeshError(filename, f"is damaged ({reason})") from None
+    parts = _guarded(_parts, files.read_bytes(path, MAX_BYTES), kind, filename)
     if not parts:
         raise MeshError(filename, "has no triangles")
     whole = concatenate(parts)
@@ -133,19 +153,56 @@ def _parse(path: str, _changed: int, filename: str, kind: str) -> Triangles:
     return whole
 
 
+def _guarded(read: Callable[[bytes, str], list[_Part]], content: bytes, kind: str, name: str) -> list[_Part]:
+    """Return the parts that are read of a file's content.
+
+    Raises:
+        MeshError: when it is damaged.
+    """
+    if kind in _CHECKS:
+        _CHECKS[kind](content, name)
+    try:
+        return read(content, kind)
+    except MissingPackage:
+        raise
+    except ImportError as error:
+        raise MeshError(name, f"needs the package {error.name}: pip install 'armgpi[viz]'") from None
+    except MemoryError:
+        raise MeshError(name, "does not fit into memory") from None
+    except Exception as error:  # parsers of meshes fail in every way there is
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise MeshError(name, f"is damaged ({reason})") from None
+
+
+def _meshes(content: bytes, kind: str) -> Iterator[tuple[Any, Array]]:
+    """Yield the meshes of a file, and the transformation of each to the file's own axes."""
+    trimesh = toolbox()
+    # No resolver: whatever else the file names is not read.
+    scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=None)
+    for node in scene.graph.nodes_geometry:
+        transform, name = scene.graph[node]
+        mesh = scene.geometry[name]
+        if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
+            yield mesh, transform
+
+
+def _corners(content: bytes, kind: str) -> list[Array]:
+    """Return the corners of the parts of a mesh file, in metres and in the file's own axes."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return [
+            toolbox().transform_points(mesh.vertices, transform) * _unit(mesh.metadata)
+            for mesh, transform in _meshes(content, kind)
+        ]
+
+
 def _parts(content: bytes, kind: str) -> list[Triangles]:
     """Return the parts of a mesh file, in metres and in the file's own axes."""
     trimesh = toolbox()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        # No resolver: whatever else the file names is not read.
-        scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=None)
         parts = []
-        for node in scene.graph.nodes_geometry:
-            transform, name = scene.graph[node]
-            mesh = scene.geometry[name]
-            if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
-                continue
+        for mesh, transform in _meshes(content, kind):
             scale = _unit(mesh.metadata)
             color = _color_of(mesh)
             bare = kind == "stl" or (kind == "obj" and b"\nvn " not in content)  # without normals

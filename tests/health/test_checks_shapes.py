@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from armgpi.health import checks_shapes
 from armgpi.health.findings import Finding
-from armgpi.robot import urdf
+from armgpi.robot import urdf, urdf_model
+from armgpi.robot.meshes import MeshFinder
+from armgpi.robot.repairs import ABOUT_CENTRE, UNITS, Repairs
 
 
 class Arm:
     """What the check reads of a subject."""
 
-    def __init__(self, text: str) -> None:
-        self.document = urdf.parse(text, "arm")
+    def __init__(self, text: str, folder: Path | None = None, repair: str = "") -> None:
+        self.document = urdf.parse(text, "arm", repair)
+        links = {}
+        for name, link in self.document.links.items():
+            links[name] = urdf_model.convert(link, Repairs("arm", self.document.wanted))
+        self.document = replace(self.document, links=links)
         self.moved = self.document.moved_links()
+        self.finder = MeshFinder(None if folder is None else folder / "arm.urdf")
 
 
 def box(edges: tuple[float, float, float], density: float) -> dict[str, list[float]]:
@@ -29,7 +38,9 @@ def box(edges: tuple[float, float, float], density: float) -> dict[str, list[flo
     return {"edges": [x, y, z], "mass": [mass], "centre": [0.0, 0.0, z / 2], "moments": moments}
 
 
-def find(links: list[dict[str, list[float]]], shape: str = "") -> list[Finding]:
+def find(
+    links: list[dict[str, list[float]]], shape: str = "", folder: Path | None = None, repair: str = ""
+) -> list[Finding]:
     """Return the findings of an arm of boxes, or of other shapes with the same masses."""
     text = '<robot name="boxes"><link name="base"/>'
     for k, link in enumerate(links):
@@ -37,7 +48,7 @@ def find(links: list[dict[str, list[float]]], shape: str = "") -> list[Finding]:
         cx, cy, cz = link["centre"]
         ixx, iyy, izz = link["moments"]
         parent = f"l{k - 1}" if k else "base"
-        drawn = shape or f'<box size="{x!r} {y!r} {z!r}"/>'
+        drawn = shape.format(k) or f'<box size="{x!r} {y!r} {z!r}"/>'
         text += (
             f'<joint name="j{k}" type="continuous"><parent link="{parent}"/><child link="l{k}"/></joint>'
             f'<link name="l{k}"><inertial><origin xyz="{cx!r} {cy!r} {cz!r}"/>'
@@ -45,7 +56,7 @@ def find(links: list[dict[str, list[float]]], shape: str = "") -> list[Finding]:
             f'<inertia ixx="{ixx!r}" ixy="0" ixz="0" iyy="{iyy!r}" iyz="0" izz="{izz!r}"/></inertial>'
             f'<visual><origin xyz="0 0 {z / 2!r}"/><geometry>{drawn}</geometry></visual></link>'
         )
-    return list(checks_shapes.against_shapes(Arm(text + "</robot>")))
+    return list(checks_shapes.against_shapes(Arm(text + "</robot>", folder, repair)))
 
 
 def arm() -> list[dict[str, list[float]]]:
@@ -68,11 +79,14 @@ def test_solid_bodies_give_no_finding(bodies: list[tuple[tuple[float, float, flo
     ("key", "factor", "said"),
     [
         ("centre", -1.0, "outside its own shapes"),
-        ("centre", 1000.0, "outside its own shapes"),
-        ("mass", 1000.0, "kg/m^3"),
+        ("centre", 1000.0, "centres of mass are in mm"),
+        ("mass", 1000.0, "masses are in g"),
+        ("mass", 25.0, "kg/m^3"),
         ("mass", 5.0, "thin rod"),
         ("moments", 0.15, "thin rod"),
-        ("moments", 1e6, "its shapes end"),
+        ("moments", 1e6, "inertias are in kg mm^2"),
+        ("moments", 1e9, "inertias are in g mm^2"),
+        ("moments", 30.0, "its shapes end"),
         ("moments", 1e-3, "thin rod"),
     ],
 )
@@ -88,11 +102,80 @@ def test_one_inertial_copied_to_all_is_found() -> None:
     links = arm()
     for link in links:
         link.update({key: links[1][key] for key in ("mass", "centre", "moments")})
-    assert "link 'l0'" in {finding.where for finding in find(links)}  # the others are as long as it
+    found = find(links)
+    assert found[0].where == "link 'l0'"
+    assert found[0].message.startswith("has the same mass and inertia as 'l1', 'l2', whose shapes are others")
 
 
-@pytest.mark.parametrize("shape", ['<sphere radius="0.001"/>', '<mesh filename="a.stl"/>'])
+def slip(kind: str) -> list[dict[str, list[float]]]:
+    """Return the arm with a slip in each link that a repair undoes."""
+    links = arm()
+    for link in links:
+        unit = UNITS[kind]
+        link["mass"] = [number / unit.mass for number in link["mass"]]
+        link["centre"] = [number / unit.centre for number in link["centre"]]
+        link["moments"] = [number / unit.inertia for number in link["moments"]]
+        if kind == ABOUT_CENTRE:  # the parallel axes are as far as the centre is along z
+            added = link["mass"][0] * link["centre"][2] ** 2
+            x, y, z = link["moments"]
+            link["moments"] = [x + added, y + added, z]
+    return links
+
+
+@pytest.mark.parametrize("kind", UNITS)
+def test_the_repair_that_a_slip_in_all_links_proposes_leaves_no_finding(kind: str) -> None:
+    found = find(slip(kind))
+    assert {finding.where for finding in found} >= {"link 'l1'", "link 'l2'"}
+    remedies = {finding.remedies[0].value for finding in found}
+    assert remedies == ({f"{kind}:l1", f"{kind}:l2"} if len(found) == 2 else {kind})
+    assert not find(slip(kind), repair=",".join(map(str, remedies)))
+
+
+def save_meshes(folder: Path, unit: float = 1.0) -> None:
+    """Write the arm's boxes as meshes, named by their place in it."""
+    trimesh = pytest.importorskip("trimesh")
+    for k, link in enumerate(arm()):
+        trimesh.creation.box(extents=np.array(link["edges"]) / unit).export(folder / f"{k}.stl")
+
+
+MESH = '<mesh filename="{}.stl"/>'
+
+
+def test_meshes_count_as_their_hulls(tmp_path: Path) -> None:
+    save_meshes(tmp_path)
+    assert not find(arm(), MESH, tmp_path)
+    links = arm()
+    links[1]["centre"] = [0.0, 0.0, -0.205]
+    (finding,) = find(links, MESH, tmp_path)
+    assert finding.where == "link 'l1'"
+    assert finding.value == pytest.approx(0.205, rel=1e-6)
+
+
+def test_a_mesh_in_millimetres_with_its_scale_is_as_large(tmp_path: Path) -> None:
+    save_meshes(tmp_path, 1e-3)
+    links = arm()
+    links[2]["mass"] = [1000.0 * links[2]["mass"][0]]
+    (finding,) = find(links, '<mesh filename="{}.stl" scale="1e-3 1e-3 1e-3"/>', tmp_path)
+    assert finding.remedies[0].value == "grams:l2"
+
+
+def test_damaged_missing_and_large_meshes_give_no_verdict(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    links = arm()
+    links[1]["mass"] = [1e4]
+    save_meshes(tmp_path)
+    assert find(links, MESH, tmp_path)
+    monkeypatch.setattr(checks_shapes, "_MOST_MESHES", 100)
+    assert not find(links, MESH, tmp_path)
+    monkeypatch.undo()
+    for k in range(3):
+        (tmp_path / f"{k}.stl").write_bytes(b"solid nothing\n")
+    assert not find(links, MESH, tmp_path)
+
+
+@pytest.mark.parametrize("shape", ['<sphere radius="0.001"/>', '<mesh filename="missing.stl"/>'])
 def test_placeholders_and_meshes_give_no_verdict(shape: str, tmp_path: Path) -> None:
     links = arm()
     links[1]["mass"] = [1e4]
-    assert not find(links, shape)
+    assert not find(links, shape, tmp_path)
