@@ -19,10 +19,9 @@ from scipy.spatial import ConvexHull, QhullError
 from armgpi.arrays import Array
 from armgpi.errors import MissingPackage, Remedy
 from armgpi.health.findings import Finding, Subject, check
-from armgpi.robot import tensors
+from armgpi.robot import mesh_files, tensors
 from armgpi.robot.repairs import ABOUT_CENTRE, UNITS, Unit
 from armgpi.robot.tree import Link
-from armgpi.view import meshes
 
 #: Shapes whose diagonal is shorter are placeholders [m].
 _PLACEHOLDER = 0.02
@@ -302,10 +301,10 @@ class _Shapes:
         """Return the convex hull of a mesh, in its file's own frame and units."""
         try:
             found = self._finder.find(name)
-            points = meshes.corners(found, self._left)
+            points = mesh_files.corners(found, self._left)
             self._left -= found.path.stat().st_size if found.path else 0
             hull = ConvexHull(np.unique(points, axis=0))
-        except (meshes.MeshError, MissingPackage, OSError, QhullError, ValueError):
+        except (mesh_files.MeshError, MissingPackage, OSError, QhullError, ValueError):
             return None
         return _Extent(hull.points[hull.vertices], float(hull.volume))
 
