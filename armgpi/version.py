@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 VERSION = "0.2.0"
+#: Address of the project, where problems are reported; empty until there is one.
+ADDRESS: str = ""
 
 
 def other_format(found: object, known: object) -> str:

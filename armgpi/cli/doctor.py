@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from armgpi.cli.parsing import FAILED
 from armgpi.cli.terminal import say
+from armgpi.version import ADDRESS
 
 #: Extra -> the packages that it brings, by distribution and module.
 _EXTRAS = {
@@ -60,6 +61,8 @@ def doctor(as_json: bool = False) -> None:
         for check in checks:
             repair = f" -> {check.repair}" if check.repair else ""
             say(f"{check.level:5} {check.what}: {check.found}{repair}", fg=colours[check.level])
+        if ADDRESS:
+            say(f"problems are reported at {ADDRESS}, with these lines")
     if any(check.level == "error" for check in checks):
         sys.exit(FAILED)
 
