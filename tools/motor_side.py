@@ -2,6 +2,7 @@
 
     python tools/motor_side.py [--seed 55] [ARM ...]
     python tools/motor_side.py --torque-step [ARM ...]
+    python tools/motor_side.py --late [ARM ...]
 
 Stability is that of the sampled linear loop (eigenvalues) at configurations that no rule looks at: with the
 assumed stiffness times 0.5, 1 and 2, at damping ratios of 5 and 1 %, and in the corners with the true rotors
@@ -9,6 +10,9 @@ assumed stiffness times 0.5, 1 and 2, at damping ratios of 5 and 1 %, and in the
 ``ElasticPlant`` with 16-bit encoders at the motors: the largest error of a link. ITAE and torque variation
 are those of a move of 0.5 rad in 2 s with 0.5 kg that the controller does not know, means over the stiffness
 times 0.5, 1 and 2.
+
+With ``--late``: loops at 1 to 4 ms that are one to three samples late, by the damping ratio of the joints:
+which controller is taken, how fast its slowest joint is, and how many linear loops are stable.
 
 With ``--torque-step``: the largest change of torque in a sample that the controllers ask for, of all joints,
 and what is left where a supervisor limits it to 1 N m per ms, as libfranka does. The robot carries its own
@@ -27,7 +31,7 @@ import numpy as np
 
 import armgpi
 from armgpi.control.pid_positions import PIDPositions
-from armgpi.gpi import two_mass
+from armgpi.gpi import collocated, two_mass
 from armgpi.loop import metrics
 from armgpi.robot.kinematics import random_configurations
 
@@ -41,6 +45,8 @@ LOOPS = ((1e-3, 1), (2e-3, 1), (1e-3, 3))
 CURRENT_LOOP = 500.0  # [Hz]
 BITS = 16
 PAYLOAD = 0.5  # [kg]
+#: Loops that are late: sample time [s] and samples.
+LATE_LOOPS = ((1e-3, 2), (1e-3, 3), (2e-3, 1), (2e-3, 2), (2e-3, 3), (4e-3, 1), (4e-3, 2), (4e-3, 3))
 #: Of the torque's step: bits of the encoders, gear ratios, and the rate that libfranka takes [N m/s].
 STEP_BITS = (16, 18, 20)
 GEAR_RATIOS = (30, 100, 160)
@@ -60,12 +66,19 @@ def load(name: str, side: str) -> armgpi.Robot:
     return robot
 
 
-def stable(robot: armgpi.Robot, law: Any, late: int, seed: int, rotors: tuple[float, ...]) -> tuple[int, int]:
+def stable(
+    robot: armgpi.Robot,
+    law: Any,
+    late: int,
+    seed: int,
+    rotors: tuple[float, ...],
+    damping: tuple[float, ...] = DAMPING,
+) -> tuple[int, int]:
     """Return how many of the loops are stable, and how many there are."""
     stiffness = robot.drives.value("stiffness")
     found = []
     places = random_configurations(robot, 6 if len(rotors) == 1 else 4, seed=seed)
-    for q, factor, ratio, rotor in itertools.product(places, STIFFNESS, DAMPING, rotors):
+    for q, factor, ratio, rotor in itertools.product(places, STIFFNESS, damping, rotors):
         gears = two_mass.Gears(rotor * robot.armature, factor * stiffness, ratio, CURRENT_LOOP, "motor")
         loop = two_mass.ArmLoop(robot, q, gears, law.dt, late)
         found.append(loop.growth(two_mass.law(law, q)) < 1.0)
@@ -100,6 +113,21 @@ def move(robot: armgpi.Robot, law: Any, late: int) -> tuple[float, float]:
         rows.append([float(found["itae"].sum()), float(found["total_variation"].sum())])
     itae, variation = np.mean(rows, axis=0)
     return float(itae), float(variation)
+
+
+def late_loops(name: str, seed: int) -> None:
+    """Print what becomes of an arm's loops that are late."""
+    arm = load(name, "motor")
+    for dt, late in LATE_LOOPS:
+        law = armgpi.GPI.auto(arm, dt, delay=late * dt, bits=BITS)
+        kind = "motor" if law.link_factor == collocated.LINK_FACTOR else "side unknown"
+        slowest = float(np.min(law.gains.nominal().omega_c))
+        cells = []
+        for rotors, damping in itertools.product(((1.0,), ROTORS), DAMPING):
+            cells.append("{} of {}".format(*stable(arm, law, late, seed, rotors, (damping,))))
+        total = 1e3 * collocated.delay_of(dt, late)
+        said = f"| {name} | {1e3 * dt:g} ms, {late} late | {total:.3g} | {kind} | {slowest:.3g} | "
+        print(said + " | ".join(cells) + " |", flush=True)
 
 
 class Motion(NamedTuple):
@@ -172,9 +200,17 @@ def main() -> None:
     )
     parser.add_argument("arms", nargs="*", default=ARMS)
     parser.add_argument("--seed", type=int, default=55)
+    parser.add_argument("--late", action="store_true", help="late loops instead")
     parser.add_argument("--torque-step", action="store_true", help="steps of torque instead")
     wished = parser.parse_args()
     warnings.simplefilter("ignore")
+    if wished.late:
+        heads = ("arm", "loop", "T [ms]", "controller", "slowest omega [rad/s]", "5 %", "1 %")
+        print("| " + " | ".join((*heads, "rotors, 5 %", "rotors, 1 %")) + " |")
+        print("|---" * 9 + "|")
+        for name in wished.arms:
+            late_loops(name, wished.seed)
+        return
     if wished.torque_step:
         print("| arm | loop | controller | motion | asked | limited | error | error, limited | final |")
         print("|---|---|---|---|---|---|---|---|---|")

@@ -167,12 +167,13 @@ def note_drives(experiment: Experiment, explain: bool = True) -> None:
     from armgpi.gpi.untuned import BITS
     from armgpi.plants.elastic import ElasticPlant
     from armgpi.plants.plant import inside
-    from armgpi.robot.rotors import describe, describe_gears, summarise
+    from armgpi.robot.rotors import describe, describe_gears, describe_ratio, summarise
 
     robot = experiment.robot
     say(summary(experiment), err=True)
     assumed = "" if explain else summarise(robot)
-    for said in filter(None, (assumed,) if assumed else (describe(robot), describe_gears(robot))):
+    values = (describe(robot), describe_gears(robot), describe_ratio(robot))
+    for said in filter(None, (assumed,) if assumed else values):
         say(said, err=True)
     stiff = [name for name, plant in experiment.plants.items() if not isinstance(inside(plant), ElasticPlant)]
     if stiff and is_known(experiment.robot):
@@ -189,6 +190,8 @@ def note_drives(experiment: Experiment, explain: bool = True) -> None:
         )
     for label, each in made.items():
         say(f"{label}: {each.describe()}", err=True)
+        if explain:
+            say(f"{label}: {each.explain(robot.joint_names)}", err=True)
 
 
 def check_out(options: dict[str, Any], experiment: Experiment) -> None:

@@ -206,6 +206,7 @@ def _untuned_lines(facts: Mapping[str, Any]) -> list[str]:
         f"margin {1e3 * delay:.3g} ms; one encoder count changes the torque of {printable(name[j])} by "
         f"{law['count_torque'][j]:.2g}, {100 * shares[j]:.2g} % of its effort",
         f"gpi_auto: {law['verdict']}",
+        f"gpi_auto: {law['limited']}",
     ]
 
 

@@ -16,13 +16,14 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from functools import lru_cache
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Generic, NamedTuple, TypeVar
 
+from armgpi.cache import RESULTS, Untrusted, cache_folder, open_folder, why_shared
 from armgpi.errors import ArmgpiWarning, BackendError
 
 #: Strict arithmetic: no reordering and no fused multiply-add, so every machine and number of lanes gives the
@@ -189,17 +190,6 @@ def widest() -> int:
     return 8 if "avx512f" in flags and "avx512dq" in flags else 4
 
 
-def cache_folder() -> Path:
-    """Return where libraries are kept: ARMGPI_CACHE, or armgpi in the user's cache folder."""
-    if asked := os.environ.get("ARMGPI_CACHE"):
-        return Path(asked).absolute()
-    try:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
-    except RuntimeError:  # a user without a home, as in some containers: nothing can be kept
-        base = Path(os.devnull)
-    return base.absolute() / "armgpi"
-
-
 # Libraries are never unloaded: a run may still be inside of one.
 _loaded: dict[str, ctypes.CDLL] = {}
 
@@ -207,7 +197,7 @@ _loaded: dict[str, ctypes.CDLL] = {}
 def none_known() -> bool:
     """Tell whether no library is there at all, made by this process or kept by one before."""
     with suppress(OSError), os.scandir(cache_folder()) as entries:
-        return not _loaded and not any(entries)
+        return not _loaded and not any(entry.name != RESULTS for entry in entries)
     return not _loaded
 
 
@@ -219,10 +209,6 @@ def check_patience(joints: int, patience: float) -> None:
     """
     if (about := _JOINT * joints) > patience:
         raise BackendError(f"compiling it takes longer than NumPy: about {about:.1f} s")
-
-
-class _Untrusted(OSError):
-    """A folder to which somebody else can write."""
 
 
 @lru_cache(maxsize=1)
@@ -316,7 +302,7 @@ _WASM = _Kind(".wasm", Path.read_bytes)
 
 def _find(kind: _Kind[_Made], key: str) -> _Made | None:
     """Return what is kept, None where it is not."""
-    with suppress(OSError), _open_folder(cache_folder()) as (place, opened):
+    with suppress(OSError), open_folder(cache_folder()) as (place, opened):
         return _load_kept(place, opened, key, kind)
     return None
 
@@ -327,7 +313,7 @@ def _obtain(
     """Return what is kept, or compile it: in the cache, or where it cannot be kept."""
     try:
         return _from(cache_folder(), kind, source, key, found, flags, alias)
-    except _Untrusted as error:
+    except Untrusted as error:
         message = f"compiled code is not kept: {error}; ARMGPI_CACHE names another folder"
         warnings.warn(ArmgpiWarning(message), stacklevel=3)
     except OSError:  # a home that cannot be written
@@ -351,9 +337,9 @@ def _from(
     """Return what is kept in a folder, or compile it there; `alias` is its other entry.
 
     Raises:
-        OSError: when the folder cannot be used, `_Untrusted` when others can write to it.
+        OSError: when the folder cannot be used, `Untrusted` when others can write to it.
     """
-    with _open_folder(folder) as (place, opened):
+    with open_folder(folder) as (place, opened):
         kept = _load_kept(place, opened, key, kind)
         if kept is None:
             _compile(source, key + kind.suffix, found, flags, place)
@@ -365,56 +351,6 @@ def _from(
                 with suppress(OSError):  # it is there, or the folder can only be read
                     os.link(name, name.replace(key, alias), src_dir_fd=opened, dst_dir_fd=opened)
         return kept
-
-
-@contextmanager
-def _open_folder(folder: Path) -> Iterator[tuple[Path, int]]:
-    """Make a folder and open it: its path, and the descriptor of what was checked.
-
-    Raises:
-        OSError: when the folder cannot be used, `_Untrusted` when others can write to it.
-    """
-    place = Path(os.path.realpath(folder.parent), folder.name)
-    _check_above(place)
-    place.mkdir(parents=True, exist_ok=True, mode=0o700)
-    try:
-        opened = os.open(place, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-    except OSError as error:
-        if place.is_symlink():
-            raise _Untrusted(f"{place} is a link") from None
-        raise error
-    try:
-        if reason := _why_shared(os.fstat(opened)):
-            raise _Untrusted(f"{place} {reason}")
-        yield place, opened
-    finally:
-        os.close(opened)
-
-
-def _why_shared(info: os.stat_result) -> str:
-    """Return why somebody else can write to a file or folder, empty when nobody can."""
-    if info.st_uid != os.geteuid():
-        return f"belongs to the user {info.st_uid}, not to {os.geteuid()}"
-    return f"can be written by others (mode {stat.S_IMODE(info.st_mode):o})" if info.st_mode & 0o022 else ""
-
-
-def _check_above(place: Path) -> None:
-    """Refuse a folder that somebody else could move away and replace.
-
-    Raises:
-        _Untrusted: when a folder above it belongs to another user but root, or others can write to it,
-            and it is not sticky, as /tmp is.
-    """
-    for folder in place.parents:
-        try:
-            info = folder.stat()
-        except FileNotFoundError:
-            continue
-        # Where every user has a group of their own, of the same number, that group is nobody else.
-        others = stat.S_IWOTH if info.st_gid == info.st_uid else stat.S_IWOTH | stat.S_IWGRP
-        writable = info.st_mode & others and not info.st_mode & stat.S_ISVTX
-        if stat.S_ISDIR(info.st_mode) and (writable or info.st_uid not in (0, os.geteuid())):
-            raise _Untrusted(f"{folder}, above {place.name}, can be written by others than you and root")
 
 
 def _load_kept(folder: Path, opened: int, key: str, kind: _Kind[_Made]) -> _Made | None:
@@ -445,7 +381,7 @@ def _is_whole(name: str, folder: int) -> bool:
         return False
     with open(opened, "rb") as file:
         info = os.fstat(opened)
-        if not stat.S_ISREG(info.st_mode) or _why_shared(info):
+        if not stat.S_ISREG(info.st_mode) or why_shared(info):
             return False
         if hashlib.sha256(file.read()).hexdigest()[:16] != Path(name).stem.rpartition("-")[2]:
             return False

@@ -49,6 +49,8 @@ LOWEST_FILTER = 150.0
 LEAST_FILTER_RATIO = 5.0
 #: Torque of one encoder count, as a share of the usual effort.
 COUNT_SHARE = 0.01
+#: Ratio of the feedback's inertia to the rotor's, over that of a rotor alone, from which on that is light.
+_LIGHT = 2.0
 #: Delay from which on a loop is slow enough for the other controller [s].
 LATE = 8e-3
 #: Delay from which on the two are compared [s].
@@ -70,7 +72,8 @@ class Collocated(NamedTuple):
     Attributes:
         w: velocity gain [rad/s], (n,).
         f: filter frequency of the derivative [rad/s], (n,).
-        limits: joint by joint what limits w: "delay", "noise" (encoder counts), "gears" or "crossover".
+        limits: joint by joint what limits w: "delay", "rotors" (light ones), "noise" (encoder counts),
+            "gears" (elasticity) or "crossover".
     """
 
     w: Array
@@ -163,7 +166,9 @@ def choose(
     w = np.minimum(FASTEST, DELAY_SHARE / (delay * own_ratio))
     coupled = np.abs(np.linalg.eigvals(feedback / rotor[:, None] * w)).max()
     w = w * min(1.0, DELAY_SHARE / (delay * coupled))
-    limits = np.where(w < FASTEST, "delay", "crossover").astype("U9")
+    # Of a heavier rotor the torque would move less, and the delay allow more.
+    light = own_ratio > _LIGHT * ROTOR_FACTOR
+    limits = np.where(w < FASTEST, np.where(light, "rotors", "delay"), "crossover").astype("U9")
     w = np.maximum(w, SLOWEST)
     f = np.full(robot.n, min(HIGHEST_FILTER, 2.0 / dt))
     if counts is not None:

@@ -9,7 +9,7 @@ numbers were chosen on half of the arms of example-robot-data and judged on the 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from typing import Any, ClassVar, NamedTuple
 
@@ -17,7 +17,7 @@ import numpy as np
 
 from armgpi.arrays import Array, as_float_array, check_number
 from armgpi.errors import ParameterError
-from armgpi.gpi import advice, collocated, geared, two_mass
+from armgpi.gpi import advice, collocated, geared, kept, two_mass
 from armgpi.gpi.family import Member
 from armgpi.gpi.gains import FixedGains, Tuning
 from armgpi.gpi.margins import (
@@ -84,6 +84,15 @@ _MOST_EFFORT, _LEAST_GRAVITY = 5.0, 0.03
 _REACHED = 0.95
 #: Configurations over which inertia and gravity are taken.
 _CONFIGURATIONS = 50
+#: What may limit the bandwidth of a joint, in words.
+LIMITS: Mapping[str, str] = {
+    "gears": "joint elasticity",
+    "noise": "encoder counts",
+    "delay": "delay",
+    "rotors": "delay with rotors that are light beside the links",
+    "load": "the range of payloads",
+    "crossover": "the highest bandwidth of the rule",
+}
 #: What chooses the member of the family, in the order of :class:`armgpi.gpi.family.Member`.
 MEMBER = ("integrators", "rolloff", "rolloff_ratio", "second_ratio", "second_zeta")
 
@@ -124,13 +133,23 @@ def apply_rule(
         PayloadError: when no bandwidth serves the loads given.
     """
     given = given or {}
-    chosen = _rigid(robot, dt, delay, bits, given)
-    if soft := _twists(robot, dt, delay, {**chosen, **given}):
-        chosen = _choose_geared(robot, dt, delay, bits, given)
-    chosen = {name: value for name, value in chosen.items() if name not in given}
+    depends: dict[str, Any] = {"robot": robot, "dt": dt, "delay": delay, "bits": bits, "given": given}
+    chosen: dict[str, Any]
+    chosen, soft = kept.remember("rule", depends, lambda: _chosen(robot, dt, delay, bits, given))
     if isinstance(robot, Robot):
         advice.warn(advice.untuned_arm(robot, chosen, rigid=not soft and "gains" not in given), 2)
     return chosen
+
+
+def _chosen(
+    robot: AnyRobot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
+) -> tuple[dict[str, Any], bool]:
+    """Return what is chosen without what is given, and whether it is for elastic joints."""
+    chosen = _rigid(robot, dt, delay, bits, given)
+    soft = _twists(robot, dt, delay, {**chosen, **given})
+    if soft:
+        chosen = _choose_geared(robot, dt, delay, bits, given)
+    return {name: value for name, value in chosen.items() if name not in given}, soft
 
 
 def arguments(
@@ -480,7 +499,7 @@ class Verdict(NamedTuple):
     """What a law made by the rule bears, and why it is no faster.
 
     Attributes:
-        limits: joint by joint what limits the bandwidth: "gears", "noise", "delay", "load" or "crossover".
+        limits: joint by joint what limits the bandwidth, a key of :data:`LIMITS`.
         sensitivity: largest peak Ms over configurations and what is known of the gears; infinite where a loop
             is unstable.
         spare: delay margin, beyond the delay that there is [s].
@@ -498,7 +517,8 @@ class Verdict(NamedTuple):
 
     def describe(self) -> str:
         """Return it in a line."""
-        said = "limited by " + " and ".join(dict.fromkeys(sorted(self.limits, key=self.limits.count)[::-1]))
+        names = dict.fromkeys(sorted(self.limits, key=self.limits.count)[::-1])
+        said = "limited by " + " and ".join(LIMITS[name] for name in names)
         if math.isfinite(self.sensitivity):
             said += f"; Ms {self.sensitivity:.2f}, delay margin {1e3 * self.spare:.3g} ms"
         else:
@@ -513,6 +533,18 @@ class Verdict(NamedTuple):
             )
         return said
 
+    def explain(self, joint_names: Sequence[str]) -> str:
+        """Return in a line what limits each joint.
+
+        Args:
+            joint_names: of the arm.
+        """
+        rows: dict[str, list[str]] = {}
+        for joint, limit in zip(joint_names, self.limits, strict=True):
+            rows.setdefault(limit, []).append(joint)
+        said = (f"{LIMITS[limit]} ({', '.join(joints)})" for limit, joints in rows.items())
+        return "limits by joint: " + ", ".join(said)
+
 
 def verdict(law: Any, robot: Robot, bits: Any = None) -> Verdict:
     """Return what a law bears on an arm.
@@ -522,6 +554,21 @@ def verdict(law: Any, robot: Robot, bits: Any = None) -> Verdict:
         robot: the arm as it is known.
         bits: resolution of the encoders [bits], a number or (n,); None for exact positions.
     """
+    depends = {
+        "robot": robot,
+        "bits": bits,
+        "models": [law.robot, law.bias_robot],
+        "loop": [law.dt, law.delay, law.feedforward, law.link_factor, law.rotor_factor],
+        "tuning": law.gains.nominal(),
+        "member": [law.member.integrators, law.member.rolloff, *law.member.ratios],
+        "payload": None if law.payload is None else [law.payload.nominal, law.payload.delta],
+    }
+    limits, *numbers = kept.remember("verdict", depends, lambda: _verdict(law, robot, bits))
+    return Verdict(tuple(limits), *numbers)
+
+
+def _verdict(law: Any, robot: Robot, bits: Any) -> Verdict:
+    """Work out what :func:`verdict` returns."""
     soft, late = geared.is_known(robot), _samples(law.dt, law.delay)
     every = geared.cases(robot, law.dt, late) if soft else geared.rigid_cases(robot, law.dt, late)
     pairs = [(case, two_mass.law(law, case.q)) for case in every]

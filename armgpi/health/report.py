@@ -261,6 +261,7 @@ def _untuned_facts(subject: Subject, known: Robot, drives: str | None) -> dict[s
         "sensitivity": said.sensitivity,
         "spare": said.spare,
         "verdict": said.describe(),
+        "limited": said.explain(known.joint_names),
     }
 
 

@@ -19,6 +19,7 @@ from armgpi import renamed
 from armgpi.arrays import Array, check_choice, check_type
 from armgpi.renamed import current_name
 from armgpi.robot.drives import Drives
+from armgpi.robot.equations import ASSUMED_GEAR_RATIO
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 
@@ -215,6 +216,25 @@ def describe_gears(robot: Robot) -> str:
     )
 
 
+def describe_ratio(robot: Robot) -> str:
+    """Return in a line the gear ratio that is assumed behind encoders at motors; or nothing."""
+    joints = _with_assumed_ratio(robot)
+    return joints and (
+        f"the gear ratio of {joints} is not specified; {ASSUMED_GEAR_RATIO:g} is assumed, by which an "
+        "encoder at the motor is finer than one at the link; specify gear_ratio by --drives FILE, 1 for a "
+        "direct drive"
+    )
+
+
+def _with_assumed_ratio(robot: Robot) -> str:
+    """Return the joints with an encoder at the motor whose gear ratio is assumed."""
+    sides, ratios = robot.drives.value("encoder_side"), robot.drives.value("gear_ratio", math.nan)
+    assumed = (sides == "motor") & np.isnan(ratios) & ~np.asarray(robot.prismatic)
+    if assumed.all():
+        return "all joints"
+    return ", ".join(name for name, own in zip(robot.joint_names, assumed, strict=True) if own)
+
+
 def summarise(robot: Robot) -> str:
     """Return in one line which quantities of an arm's drives are assumed, and how well they are known."""
     names, factors = [], []
@@ -225,10 +245,12 @@ def summarise(robot: Robot) -> str:
         if "assumed" in robot.drives.sources(quantity):
             names.append(name)
             factors.append(f"{factor:g}")
+    ratio = f"gear ratio {ASSUMED_GEAR_RATIO:g}" if _with_assumed_ratio(robot) else ""
     if not names:
-        return ""
+        return ratio and f"Assumed (not in the URDF): {ratio}. Values: --explain"
     within = f"within {'factors' if len(names) > 1 else 'a factor of'} {' and '.join(factors)}"
-    return f"Assumed (not in the URDF): {' and '.join(names)}, {within}. Values: --explain"
+    said = f"{' and '.join(names)}, {within}{'; ' if ratio else ''}{ratio}"
+    return f"Assumed (not in the URDF): {said}. Values: --explain"
 
 
 def _assumed_rows(robot: Robot, quantity: str) -> str:

@@ -229,7 +229,7 @@ def test_it_says_what_limits_a_law_and_what_gears_lose_it() -> None:
     soft = untuned.verdict(rule(rotors.assume_gears(UR5)), rotors.assume_gears(UR5), 16)
     assert soft.limits[1:] == ("gears",) * 5
     assert soft.limits[0] == "noise"
-    assert "limited by gears and noise" in soft.describe()
+    assert "limited by joint elasticity and encoder counts" in soft.describe()
     stiff = untuned.verdict(rule(UR5, "stiff"), rotors.assume_rotors(UR5), 16)
     assert not math.isfinite(stiff.resonance)
     assert "stiff joints are assumed: a resonance below" in stiff.describe()

@@ -1,0 +1,176 @@
+"""What the rule chose for an arm is kept, in the process and on the disk, by a digest of what it depends on.
+
+That is the arm as it is known, sample time, delay, encoders, what was given, and the code and constants of
+this package: with any other of these it is worked out anew. Nothing is kept of a batch.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import sys
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.cache import keep_result, read_result
+from armgpi.gpi.family import Member
+from armgpi.gpi.payload import LoadRange
+from armgpi.robot.kinematics import random_configurations
+from armgpi.robot.robot import Robot
+
+#: Rooms whose code decides what is chosen.
+_ROOMS = ("gpi", "robot")
+#: Modules whose constants do: tools and tests change some of them.
+_MODULES = ("untuned", "collocated", "geared", "two_mass", "payload", "margins", "family")
+#: Configurations at which D(q) and G(q) stand for an arm besides its parts.
+_PROBED = 3
+#: Results that a process keeps at most.
+_MOST = 256
+
+_in_process: dict[str, Any] = {}
+
+
+class _NotPlainError(TypeError):
+    """Something that has no plain text."""
+
+
+def remember(kind: str, parts: Mapping[str, Any], compute: Callable[[], Any]) -> Any:
+    """Return what is kept of a kind of result for some parts, or compute and keep it.
+
+    Args:
+        kind: of the result.
+        parts: what it depends on; robots, numbers, arrays, words, loads and mappings of these.
+        compute: works it out: mappings, tuples and lists of numbers, words, arrays and loads.
+
+    Returns:
+        The same, with the same bits; tuples are lists.
+    """
+    try:
+        text = json.dumps([kind, _written(parts), _package(), _constants()])
+    except _NotPlainError:
+        return compute()
+    key = hashlib.sha256(text.encode()).hexdigest()[:32]
+    if key not in _in_process:
+        plain = read_result(key)
+        found = _read(plain)
+        if plain is None or found is None:
+            plain = _written(compute())
+            keep_result(key, plain)
+        if len(_in_process) >= _MOST:
+            _in_process.pop(next(iter(_in_process)))
+        _in_process[key] = plain
+    return _read(_in_process[key])
+
+
+def forget() -> None:
+    """Forget what this process keeps."""
+    _in_process.clear()
+
+
+def _written(value: Any) -> Any:
+    """Return plain data from which the same value can be read, bit by bit.
+
+    Raises:
+        _NotPlainError: for anything else.
+    """
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return {"array": value.tolist(), "kind": value.dtype.str}
+    if type(value) is LoadRange:
+        own = {name: getattr(value, name) for name in ("heaviest", "lightest", "frame", "com")}
+        return {"load": _written(own)}
+    if isinstance(value, Robot):
+        return {"robot": _digest(value)}
+    if isinstance(value, Mapping):
+        return {"mapping": [[str(name), _written(each)] for name, each in value.items()]}
+    if isinstance(value, (tuple, list)):
+        return [_written(each) for each in value]
+    raise _NotPlainError
+
+
+def _read(plain: Any) -> Any:
+    """Return the value of plain data; None for what is none of ours."""
+    if isinstance(plain, list):
+        return [_read(each) for each in plain]
+    if not isinstance(plain, dict):
+        return plain
+    match plain:
+        case {"array": values, "kind": str(kind)}:
+            return np.array(values, dtype=kind)
+        case {"load": own}:
+            return LoadRange(**_read(own))
+        case {"mapping": rows}:
+            return {name: _read(each) for name, each in rows}
+    return None
+
+
+@lru_cache(maxsize=64)
+def _digest(robot: Robot) -> str:
+    """Return a digest of what is known of an arm, whatever it was read from."""
+    places = np.stack([robot.middle(), *random_configurations(robot, _PROBED, seed=5)])
+    model = robot.pinocchio_model()
+    data = {
+        quantity: {joint: [datum.value, datum.low, datum.high, datum.source] for joint, datum in rows.items()}
+        for quantity, rows in robot.drives.data.items()
+    }
+    words = {
+        "name": robot.name,
+        "joints": [list(robot.joint_names), list(robot.joint_types), robot.tip],
+        "friction": [list(map(str, robot.provenance.get("changes", ())))],
+        "drives": data,
+        "frames": [[frame.name, frame.parentJoint] for frame in model.frames],
+    }
+    content = hashlib.sha256(json.dumps(words, sort_keys=True, default=str).encode())
+    for array in _numbers(robot, model, places):
+        content.update(np.ascontiguousarray(array, dtype=float).tobytes() + b"|")
+    return content.hexdigest()
+
+
+def _numbers(robot: Robot, model: Any, places: Array) -> list[Array]:
+    """Return the numbers of an arm."""
+    bodies = [np.array([each.mass, *each.lever, *each.inertia.ravel()]) for each in model.inertias]
+    joints = [np.asarray(each.homogeneous).ravel() for each in model.jointPlacements]
+    frames = [np.asarray(each.placement.homogeneous).ravel() for each in model.frames]
+    return [
+        *bodies,
+        *joints,
+        *frames,
+        np.asarray(model.gravity.linear),
+        robot.armature,
+        *robot.limits,
+        *robot.friction,
+        robot.mass_matrix(places),
+        robot.gravity(places),
+    ]
+
+
+@lru_cache(maxsize=1)
+def _package() -> str:
+    """Return a digest of the code that decides what is chosen, and of what it computes with."""
+    versions = [sys.version, platform.machine(), np.__version__, import_module("pinocchio").__version__]
+    content = hashlib.sha256(" ".join(versions).encode())
+    root = Path(__file__).parents[1]
+    for folder in (root, *(root / room for room in _ROOMS)):
+        for path in sorted(folder.glob("*.py")):
+            content.update(f"{path.relative_to(root)}\0".encode() + path.read_bytes())
+    return content.hexdigest()
+
+
+def _constants() -> str:
+    """Return the constants of the rule, as they are now."""
+    found = []
+    for module in _MODULES:
+        for name, value in vars(import_module(f"armgpi.gpi.{module}")).items():
+            if name.lstrip("_").isupper() and not isinstance(value, Member):
+                found.append(f"{module}.{name}={value!r}")
+    return "\n".join(found)

@@ -1,0 +1,163 @@
+"""What the rule chose is kept by the arm: with the same bits, whole or not at all, and for no other arm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from armgpi import GPI, Robot, assume_drives
+from armgpi.cache import RESULTS, keep_result, read_result
+from armgpi.gpi import geared, kept, untuned
+from armgpi.gpi.payload import LoadRange
+
+DT = 1e-3
+UR5 = assume_drives(Robot.load("ur5"))
+MOTOR = UR5.with_drives({joint: {"encoder_side": "motor"} for joint in UR5.joint_names})
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache, and a process that keeps nothing."""
+    monkeypatch.setenv("ARMGPI_CACHE", str(tmp_path / "cache"))
+    kept.forget()
+    return tmp_path / "cache" / RESULTS
+
+
+def computed(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Return a list that grows by every time the rule is worked out."""
+    calls: list[Any] = []
+    own = untuned._chosen
+
+    def counted(*arguments: Any) -> Any:
+        calls.append(arguments)
+        return own(*arguments)
+
+    monkeypatch.setattr(untuned, "_chosen", counted)
+    return calls
+
+
+def same(one: dict[str, Any], other: dict[str, Any]) -> bool:
+    """Tell whether two choices have the same names, types and bits."""
+    if list(one) != list(other):
+        return False
+    for name, value in one.items():
+        mine, its = (
+            np.asarray(getattr(value, "heaviest", value)),
+            np.asarray(getattr(other[name], "heaviest", other[name])),
+        )
+        if type(value) is not type(other[name]) or mine.tobytes() != its.tobytes():
+            return False
+    return True
+
+
+@pytest.mark.parametrize(
+    ("robot", "given"),
+    [
+        (UR5, {}),
+        (MOTOR, {}),
+        (Robot.load("anthropomorphic3"), {}),  # whose payload is chosen as well
+        (UR5, {"payload": LoadRange(heaviest=1.0), "rest_dead_zone": 0.0}),
+    ],
+    ids=["unknown", "motor", "rigid", "given"],
+)
+def test_what_was_kept_has_the_bits_of_what_is_worked_out(
+    cache: Path, monkeypatch: pytest.MonkeyPatch, robot: Robot, given: dict[str, Any]
+) -> None:
+    calls = computed(monkeypatch)
+    plain, _ = untuned._chosen(robot, DT, DT, 16, given)
+    first = untuned.apply_rule(robot, DT, DT, 16, given)
+    assert len(calls) == 2
+    again = untuned.apply_rule(robot, DT, DT, 16, given)  # of the process
+    kept.forget()
+    from_disk = untuned.apply_rule(robot, DT, DT, 16, given)
+    assert len(calls) == 2
+    assert len(list(cache.glob("*.json"))) == 1
+    for other in (first, again, from_disk):
+        assert same(plain, other)
+
+
+def test_a_verdict_is_kept_too(cache: Path) -> None:
+    law = GPI.auto(MOTOR, DT, delay=DT)
+    first = untuned.verdict(law, MOTOR, 16)
+    kept.forget()
+    # As text, which has all digits: some numbers are NaN.
+    assert repr(untuned.verdict(law, MOTOR, 16)) == repr(first) == repr(untuned._verdict(law, MOTOR, 16))
+    assert isinstance(first.limits, tuple)
+
+
+@pytest.mark.parametrize("change", ["mass", "bits", "delay", "drives", "constant", "given"])
+def test_another_arm_loop_or_constant_is_worked_out_anew(
+    cache: Path, monkeypatch: pytest.MonkeyPatch, change: str
+) -> None:
+    calls = computed(monkeypatch)
+    untuned.apply_rule(UR5, DT, DT, 16)
+    given: dict[str, Any] = {}
+    robot, delay, bits = UR5, DT, 16
+    if change == "mass":
+        robot = UR5.with_payload(UR5.tip, 1e-6)
+    elif change == "drives":
+        robot = MOTOR
+    elif change == "bits":
+        bits = 17
+    elif change == "delay":
+        delay = 2.0 * DT
+    elif change == "constant":
+        monkeypatch.setattr(geared, "STABLE_SHARE", 0.8)
+    else:
+        given = {"rest_dead_zone": 0.0}
+    untuned.apply_rule(robot, delay=delay, dt=DT, bits=bits, given=given)
+    assert len(calls) == 2
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda text: b"",
+        lambda text: text[:-20],
+        lambda text: text.replace(b"integrators", b"integratorz"),
+        lambda text: b"\xff" * 70,
+        lambda text: text.partition(b"\n")[0] + b"\n[[[",
+    ],
+    ids=["empty", "cut", "changed", "bytes", "not-json"],
+)
+def test_a_damaged_file_is_ignored_and_written_anew(cache: Path, damage: Any) -> None:
+    first = untuned.apply_rule(UR5, DT, DT, 16)
+    (file,) = cache.glob("*.json")
+    whole = file.read_bytes()
+    file.write_bytes(damage(whole))
+    kept.forget()
+    assert same(first, untuned.apply_rule(UR5, DT, DT, 16))
+    assert file.read_bytes() == whole
+
+
+def test_without_a_cache_the_rule_is_worked_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ARMGPI_CACHE", "/dev/null")
+    kept.forget()
+    calls = computed(monkeypatch)
+    first = untuned.apply_rule(UR5, DT, DT, 16)
+    kept.forget()
+    assert same(first, untuned.apply_rule(UR5, DT, DT, 16))
+    assert len(calls) == 2
+    keep_result("0" * 32, 1.0)
+    assert read_result("0" * 32) is None
+
+
+def test_a_cache_that_others_can_write_is_not_read(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    untuned.apply_rule(UR5, DT, DT, 16)
+    cache.chmod(0o777)
+    kept.forget()
+    calls = computed(monkeypatch)
+    untuned.apply_rule(UR5, DT, DT, 16)
+    assert len(calls) == 1
+
+
+def test_a_result_is_no_library(cache: Path) -> None:
+    """A process without compiled code learns from the cache that there is none."""
+    from armgpi.codegen import build
+
+    untuned.apply_rule(UR5, DT, DT, 16)
+    assert len(list(cache.glob("*.json"))) == 1
+    assert build.none_known() or build._loaded
