@@ -218,7 +218,7 @@ def test_a_run_has_the_law_and_the_drives_that_an_export_writes() -> None:
     assert config.build(config.check(data, config.Origin())).config.plant.engine == "armgpi"
 
 
-@pytest.mark.filterwarnings("ignore:.*5 % of what moves")
+@pytest.mark.filterwarnings("ignore:.*5 % of the moving mass")
 def test_a_law_with_heavier_rotors_gets_no_certificate() -> None:
     arm = UR5.with_armature(ROTORS[UR5])
     with pytest.raises(ParameterError, match="rotor_factor"):

@@ -125,7 +125,7 @@ def test_one_count_moves_the_torque_by_what_is_said() -> None:
         GPI.auto(RobotBatch([ARM, ARM]), 1e-3).count_torque(16)
 
 
-@pytest.mark.filterwarnings("ignore:.*5 % of what moves")
+@pytest.mark.filterwarnings("ignore:.*5 % of the moving mass")
 @pytest.mark.parametrize("late", [1e-3, 12e-3])
 def test_the_nominal_load_is_what_the_loop_has_delay_margin_to_spare_for(late: float) -> None:
     arm = rotors.assume_rotors(Robot.load("kinova"))
