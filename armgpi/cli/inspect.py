@@ -178,8 +178,9 @@ def _what_follows(facts: Mapping[str, Any]) -> list[str]:
     ]
     if "cross_check" in facts and not facts["cross_check"]["differences"]:
         check = facts["cross_check"]
+        same = "axes, limits and poses" if check["reader"] == "yourdfpy" else "poses"
         said.append(
-            f"cross-check: yourdfpy reads the same axes, limits and poses of {check['links']} links at "
+            f"cross-check: {check['reader']} reads the same {same} of {check['links']} links at "
             f"{check['configurations']} configurations, to {max(check['position'], check['rotation']):.1g}"
         )
     return said

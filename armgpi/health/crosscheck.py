@@ -11,6 +11,8 @@ import io
 import logging
 import math
 import re
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,7 +22,7 @@ from armgpi.arrays import Array
 from armgpi.errors import ArmgpiError, import_extra
 from armgpi.health.findings import Finding
 from armgpi.health.report import HealthReport
-from armgpi.robot import repairs, tree, urdf
+from armgpi.robot import from_mujoco, repairs, tree, urdf
 from armgpi.robot.robot import Robot
 
 #: Of products of some ten rotations and lengths below 10 m; yourdfpy's rotations are good to 1e-15.
@@ -42,6 +44,7 @@ class CrossCheck(NamedTuple):
         position: largest distance between the two readers' link origins [m].
         rotation: largest difference between elements of their rotation matrices.
         differences: what differs, one line each; empty when the two agree.
+        reader: the second reader: yourdfpy, of an MJCF MuJoCo.
     """
 
     links: int
@@ -49,10 +52,11 @@ class CrossCheck(NamedTuple):
     position: float
     rotation: float
     differences: tuple[str, ...]
+    reader: str = "yourdfpy"
 
 
 def cross_check(robot: Robot) -> CrossCheck:
-    """Read the URDF of a robot a second time, with yourdfpy, and compare.
+    """Read the file of a robot a second time, a URDF with yourdfpy, an MJCF with MuJoCo, and compare.
 
     Args:
         robot: a robot loaded from a file, whose file has not changed since.
@@ -62,12 +66,15 @@ def cross_check(robot: Robot) -> CrossCheck:
         MissingPackage: when yourdfpy is not installed.
         ArmgpiError: when the robot has no file, or another one by now.
     """
-    yourdfpy = import_extra("yourdfpy", "check")
     source = robot.provenance["source"]
     text = urdf.read_file(Path(source))
+    if from_mujoco.is_mjcf(text):
+        document = from_mujoco.read(Path(source), text)
+        _check_unchanged(document, robot)
+        return _of_poses(document, robot, partial(from_mujoco.poses, document), "MuJoCo")
+    yourdfpy = import_extra("yourdfpy", "check")
     document = urdf.parse(text, source, repairs.made_in(robot.provenance))
-    if document.sha256 != robot.provenance["sha256"]:
-        raise ArmgpiError(f"{source}: has changed since the robot was loaded; load it again")
+    _check_unchanged(document, robot)
     other = _read(yourdfpy, text)
     differences = []
     found = ("link", document.links, other.link_map), ("joint", document.joints, other.joint_map)
@@ -77,7 +84,13 @@ def cross_check(robot: Robot) -> CrossCheck:
     differences += [line for joint in document.joints.values() for line in _of_joint(joint, other)]
     if differences:
         return CrossCheck(0, 0, float("nan"), float("nan"), tuple(differences))
-    return _of_poses(document, robot, other)
+    return _of_poses(document, robot, partial(_their_poses, document, other), "yourdfpy")
+
+
+def _check_unchanged(document: urdf.Urdf, robot: Robot) -> None:
+    """Refuse a file that is another one by now."""
+    if document.sha256 != robot.provenance["sha256"]:
+        raise ArmgpiError(f"{document.source}: has changed since the robot was loaded; load it again")
 
 
 def with_cross_check(report: HealthReport) -> HealthReport:
@@ -160,23 +173,31 @@ def _same(ours: Any, theirs: Any) -> bool:
     return bool(np.allclose(ours, theirs, rtol=1e-12, atol=1e-12))
 
 
-def _of_poses(document: urdf.Urdf, robot: Robot, other: Any) -> CrossCheck:
+def _their_poses(document: urdf.Urdf, other: Any, values: Mapping[str, float]) -> dict[str, Array]:
+    """Return where yourdfpy has the links at values of the joints."""
+    other.update_cfg({name: values.get(name, 0.0) for name in other.actuated_joint_names})
+    # Joint by joint: a chain at once takes it time that grows with the cube of its length.
+    poses: dict[str, Array] = {document.base: np.eye(4)}
+    for joint in tree.topological_order(document.joints, document.base):
+        poses[joint.child] = poses[joint.parent] @ other.get_transform(joint.child, joint.parent)
+    return poses
+
+
+def _of_poses(
+    document: urdf.Urdf, robot: Robot, theirs: Callable[[Mapping[str, float]], dict[str, Array]], reader: str
+) -> CrossCheck:
     """Compare the poses of links at random configurations."""
     count = max(2, min(_CONFIGURATIONS, _MOST_POSES // len(document.links)))
     configurations = robot.random_positions(count, seed=2)
     apart = _differently_locked(document, robot)
-    names = [name for name in document.links if name not in apart]
-    order = tree.topological_order(document.joints, document.base)
+    has = theirs(robot.provenance["locked"])
+    names = [name for name in document.links if name not in apart and name in has]
     ours = {name: robot.frame_pose(name, configurations) for name in names}
     position = rotation = 0.0
     worst = names[0]
     for row, q in enumerate(configurations):
         values = {**robot.provenance["locked"], **dict(zip(robot.joint_names, q.tolist(), strict=True))}
-        other.update_cfg({name: values.get(name, 0.0) for name in other.actuated_joint_names})
-        # Joint by joint: a chain at once takes it time that grows with the cube of its length.
-        poses: dict[str, Array] = {document.base: np.eye(4)}
-        for joint in order:
-            poses[joint.child] = poses[joint.parent] @ other.get_transform(joint.child, joint.parent)
+        poses = theirs(values)
         for name in names:
             pose = poses[name]
             far = float(np.linalg.norm(pose[:3, 3] - ours[name].translation[row]))
@@ -189,7 +210,7 @@ def _of_poses(document: urdf.Urdf, robot: Robot, other: Any) -> CrossCheck:
             f"the poses of links differ by up to {position:.3g} m (link {worst!r}), their rotation matrices "
             f"by {rotation:.3g}"
         )
-    return CrossCheck(len(names), len(configurations), position, rotation, tuple(lines))
+    return CrossCheck(len(names), len(configurations), position, rotation, tuple(lines), reader)
 
 
 def _differently_locked(document: urdf.Urdf, robot: Robot) -> set[str]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement
@@ -18,8 +18,7 @@ import pinocchio as pin
 
 from armgpi.arrays import Array
 from armgpi.errors import UrdfError, import_extra
-from armgpi.robot import urdf
-from armgpi.robot.markup import read_file
+from armgpi.robot import mjcf_files, urdf
 from armgpi.robot.tree import Joint, Link
 from armgpi.robot.urdf import Coupled, Urdf
 
@@ -53,7 +52,7 @@ def read(path: Path, text: str) -> Urdf:
 def compiled(path: Path) -> Any:
     """Return the `mujoco.MjModel` of a file; errors as for :func:`read`."""
     mujoco = import_extra("mujoco", "mujoco")
-    read_file(path)  # which refuses what is no regular file, where MuJoCo would wait
+    mjcf_files.check(path)  # which refuses what is no regular file, where MuJoCo would wait
     try:
         return mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, TypeError) as error:  # TypeError for a name that is no text
@@ -88,7 +87,8 @@ class _Reader:
     def document(self, text: str) -> Urdf:
         """Return the whole tree."""
         model = self.model
-        self.efforts, self.mimics = self._efforts(), self._mimics()
+        self.mimics = self._mimics()
+        self.efforts = self._efforts()
         skipped = self._targets()
         for body in range(model.nbody):
             if body not in skipped:
@@ -237,19 +237,43 @@ class _Reader:
         mujoco = import_extra("mujoco", "mujoco")
         efforts = np.zeros(model.njnt)
         for a in range(model.nu):
-            if int(model.actuator_trntype[a]) != int(mujoco.mjtTrn.mjTRN_JOINT):
+            kind, place = int(model.actuator_trntype[a]), int(model.actuator_trnid[a, 0])
+            if kind in (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)):
+                joint, arm = place, 1.0
+            elif kind == int(mujoco.mjtTrn.mjTRN_TENDON) and (led := self._led_by(place)) is not None:
+                joint, arm = led
+            else:
                 continue
             limit = np.inf
             if model.actuator_forcelimited[a]:
                 limit = np.abs(model.actuator_forcerange[a]).max()
             elif model.actuator_ctrllimited[a] and not np.any(model.actuator_biasprm[a]):
                 limit = np.abs(model.actuator_ctrlrange[a]).max() * abs(model.actuator_gainprm[a, 0])
-            efforts[int(model.actuator_trnid[a, 0])] += abs(model.actuator_gear[a, 0]) * limit
+            efforts[joint] += abs(model.actuator_gear[a, 0] * arm) * limit if arm else 0.0
         for joint in range(model.njnt):
             if model.jnt_actfrclimited[joint]:
                 most = np.abs(model.jnt_actfrcrange[joint]).max()
                 efforts[joint] = min(efforts[joint] or np.inf, most)
         return np.where(efforts > 0.0, efforts, np.inf)
+
+    def _led_by(self, tendon: int) -> tuple[int, float] | None:
+        """Return the only joint that a tendon moves, with those that follow it, and its lever [m or 1].
+
+        None for a tendon through sites, and for one that moves several joints.
+        """
+        mujoco, model = import_extra("mujoco", "mujoco"), self.model
+        first = int(model.tendon_adr[tendon])
+        levers: dict[str, float] = {}
+        for wrap in range(first, first + int(model.tendon_num[tendon])):
+            if int(model.wrap_type[wrap]) != int(mujoco.mjtWrap.mjWRAP_JOINT):
+                return None
+            name = self.joint_names[int(model.wrap_objid[wrap])]
+            leader, ratio, _ = self.mimics.get(name, (name, 1.0, 0.0))
+            levers[leader] = levers.get(leader, 0.0) + ratio * float(model.wrap_prm[wrap])
+        if len(levers) != 1:
+            return None
+        ((name, lever),) = levers.items()
+        return self.joint_names.index(name), lever
 
     def _mimics(self) -> dict[str, tuple[str, float, float]]:
         """Return the joints that follow another in proportion: name -> leader, ratio and offset."""
@@ -281,6 +305,13 @@ class _Reader:
                 joints = self._joints_of(self._above(body))
                 yield Coupled(f"gravity compensated (gravcomp) at body {self.bodies[body]!r}", joints)
         yield from self._constraints()
+        mujoco = import_extra("mujoco", "mujoco")
+        for a in range(model.nu):
+            tendon = int(model.actuator_trnid[a, 0])
+            by_tendon = int(model.actuator_trntype[a]) == int(mujoco.mjtTrn.mjTRN_TENDON)
+            if by_tendon and self._led_by(tendon) is None:
+                what = f"actuator {model.actuator(a).name!r} on tendon {model.tendon(tendon).name!r}"
+                yield Coupled(f"{what}, one force for several joints", self._joints_of_tendon(tendon))
         for tendon in range(model.ntendon):
             acts = (model.tendon_stiffness, model.tendon_damping, model.tendon_frictionloss)
             if any(np.any(numbers[tendon]) for numbers in acts) or model.tendon_limited[tendon]:
@@ -325,6 +356,27 @@ class _Reader:
         if any(int(model.wrap_type[w]) != int(mujoco.mjtWrap.mjWRAP_JOINT) for w in wraps):
             return tuple(self.joint_names)
         return tuple(self.joint_names[int(model.wrap_objid[w])] for w in wraps)
+
+
+def poses(document: Urdf, values: Mapping[str, float]) -> dict[str, Any]:
+    """Return where MuJoCo has the bodies at values of all joints, as poses (4, 4) by the names of links.
+
+    Relative to the base of the document, which is MuJoCo's world.
+    """
+    mujoco, model = import_extra("mujoco", "mujoco"), document.compiled
+    data = mujoco.MjData(model)
+    data.qpos[:] = model.qpos0
+    for joint, name in enumerate(_names([model.joint(j).name for j in range(model.njnt)], "joint")):
+        if name in values:
+            data.qpos[int(model.jnt_qposadr[joint])] = values[name]
+    mujoco.mj_kinematics(model, data)
+    found = {}
+    for body, name in enumerate(_names([model.body(b).name for b in range(model.nbody)], "body")):
+        if name in document.links:
+            pose = np.eye(4)
+            pose[:3, :3], pose[:3, 3] = np.reshape(data.xmat[body], (3, 3)), data.xpos[body]
+            found[name] = pose
+    return found
 
 
 def check_same(robot: Any, document: Urdf) -> None:
