@@ -363,31 +363,46 @@ def text(x):
 
 
 def describe(data):
-    """Return what was verified, a line each."""
+    """Return what was verified, and what was taken from the file as it is, a line each."""
+    law = data["law"]
+    verified = [
+        f"the matrix inequality at {len(law['omega'])} bandwidths and both ends of delta, exactly",
+        "every bound below follows from it and from the numbers of the arm, exactly",
+        "the seal fits what it seals: no slip, which is no signature",
+    ]
+    for name, s in data["solutions"].items():
+        size = f"torques up to {text(data['inputs'][name]['torque'])} in the metric of D^-1"
+        errors = text(s["claims"]["errors"])
+        verified.append(f"claim {name!r}: {errors} rad or m at most: {CLAIMS[name]}; {size}")
+        verified.append(f"  with torques: {text(s['claims']['torques'])} N m or N at most")
+    lists = ("VERIFIED here:", verified), ("TAKEN FROM THE FILE, not verified:", taken(data))
+    return [line for head, rows in lists for line in (f"  {head}", *(f"    {row}" for row in rows))]
+
+
+def taken(data):
+    """Return what a certificate says and its checker cannot know, a line each."""
     robot, law, limits = data["robot"], data["law"], data["limits"]
     moves = any(Fraction(x) for x in limits["velocity"])
-    rows = [("arm", [robot.get(x) for x in ("name", "sha256", "armature", "locked")], "taken as rigid")]
-    rows.append(("loads [kg]", robot.get("loads"), "and all between"))
-    rows.append(("joints", robot["joints"], ""))
-    rows += [(f"box, {end} ends [rad or m]", limits[end], "") for end in ("lower", "upper")]
-    rows.append(("reference", limits["velocity"] if moves else "at rest", "[rad/s or m/s]" if moves else ""))
-    rows += [("its acceleration", limits["acceleration"], "[rad/s^2 or m/s^2]")] * moves
-    rows.append(("start", robot.get("start"), ""))
-    ends = [law["omega"][0], law["omega"][-1]]
-    member = [
-        f"{law['integrators']} integrators",
-        f"roll-off {law['rolloff']}",
-        f"{law['delay']} samples late",
-    ]
-    rows.append(("omega [rad/s]", ends, ", ".join([*member, f"{law['sample_time']} s"])))
-    for name, s in data["solutions"].items():
-        about, inputs = CLAIMS[name], data["inputs"][name]
-        size = f"torques up to {text(inputs['torque'])} in the metric of D^-1"
-        rows.append((f"claim {name!r}", s["claims"]["errors"], f"rad or m at most: {about}; {size}"))
-        rows.append(("  with torques", s["claims"]["torques"], "N m or N at most"))
+    arm = [robot.get(x) for x in ("name", "sha256", "armature", "locked")]
+    proved = sorted(key for key, x in data["status"].items() if x == "proved")
     searched = sorted(key for key, x in data["status"].items() if x != "proved")
-    rows.append(("not checked here", "the numbers of the arm", "said to be proved but for"))
-    return [f"  {name}: {text(value)} {more}" for name, value, more in rows] + [f"    {text(searched)}"]
+    member = f"{law['integrators']} integrators, roll-off {law['rolloff']}, {law['delay']} samples late"
+    ends = text([law["omega"][0], law["omega"][-1]])
+    rows = [
+        ("the numbers of the arm", sorted(data["numbers"]), "are those of this arm in this box"),
+        ("of these said to be proved", proved, ""),
+        ("of these said to be searched for", searched, ""),
+        ("arm", arm, "that it is rigid, and has this URDF"),
+        ("loads [kg]", robot.get("loads"), "and all between"),
+        ("joints", robot["joints"], ""),
+        ("box, lower ends [rad or m]", limits["lower"], "the arm stays in it"),
+        ("box, upper ends [rad or m]", limits["upper"], ""),
+        ("reference", limits["velocity"] if moves else "at rest", "[rad/s or m/s]" if moves else ""),
+        *[("its acceleration", limits["acceleration"], "[rad/s^2 or m/s^2]")] * moves,
+        ("start", robot.get("start"), ""),
+    ]
+    said = [f"{name}: {text(value)} {more}".rstrip() for name, value, more in rows]
+    return [*said, f"the controller that runs: {member}, omega [rad/s] {ends}, {law['sample_time']} s"]
 
 
 def unique(pairs):

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.certification.certificate import Certificate, limits_of
+from armgpi.certification.certificate import Certificate, limits_of, seal
 from armgpi.certification.quantities import PER_JOINT, TINY, Progress, functions, points, ranges
 from armgpi.certification.request import Asked, ask, law_of
 from armgpi.certification.solve import checker
@@ -56,7 +56,14 @@ def refute(
 
     Raises:
         ParameterError: when the robot is not the one of the certificate, or no certificate says what it does.
+
+    Warns:
+        ArmgpiWarning: when its seal is missing or broken.
     """
+    if certificate.data.get("seal") != seal(certificate.data):
+        has = "another seal than" if certificate.data.get("seal") else "no seal, which is"
+        text = f"the certificate has {has} that of its content: its numbers may not be those that were made"
+        warnings.warn(text, ArmgpiWarning, stacklevel=2)
     asked, rng = again(certificate, robot), np.random.default_rng(seed)
     low, width = ranges(asked.setting)
     loads = asked.controller.payload

@@ -58,6 +58,7 @@ def test_planted_wrong_sizes_of_what_disturbs_are_refuted(
     data["numbers"]["inverse"][2] = repr(0.7 * float(data["numbers"]["inverse"][2]))
     data["shares"]["disturbance"] *= 0.7
     data["inputs"]["stated"]["reference"] = repr(0.7 * float(data["inputs"]["stated"]["reference"]))
+    data["seal"] = seal(data)
     found = {each.name for each in refute(armgpi.Certificate(data), robot, count=2000)}
     assert found == {"inverse.2", "torque", "velocity"}
 
@@ -71,8 +72,21 @@ def test_sizes_below_their_shares_and_limits_of_another_arm_are_refused(
             data["inputs"]["stated"][key] = repr(0.9 * float(data["inputs"]["stated"][key]))
         else:
             data["limits"][key][0] = "1e6"
+        data["seal"] = seal(data)
         with pytest.raises(armgpi.errors.ParameterError, match=expected):
             refute(armgpi.Certificate(data), robot, count=1)
+
+
+@pytest.mark.parametrize(("found", "said"), [(None, "no seal"), ("0" * 64, "another seal")])
+def test_a_file_whose_seal_is_missing_or_broken_is_said_to_be(
+    robot: armgpi.Robot, made: armgpi.Certificate, found: str | None, said: str
+) -> None:
+    data = copy.deepcopy(made.data)
+    data["seal"] = found
+    if found is None:
+        del data["seal"]
+    with pytest.warns(armgpi.errors.ArmgpiWarning, match=said):
+        refute(armgpi.Certificate(data), robot, count=1)
 
 
 def test_loads_that_are_drawn_are_between_the_ends(
