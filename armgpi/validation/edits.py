@@ -36,7 +36,7 @@ from armgpi.validation.alternatives import (
 )
 from armgpi.validation.dictionary import Dictionary
 from armgpi.validation.graph import GIVEN, Expression, Matrix, Program, is_drawn, states_of
-from armgpi.validation.models import ARGUMENTS, Origin, States, names_of
+from armgpi.validation.models import ALIASES, ARGUMENTS, Origin, States, names_of
 from armgpi.validation.units import Slopes
 
 #: Time of the processor that one changed call of the model may take [s]: a change may make it endless.
@@ -740,7 +740,8 @@ class Editor:
         """Return an expression's values at the rows of some states."""
         entries = value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
         program, states = Program(entries), self.goal.states[label]
-        own = {**self._symbol_numbers, **vars(self._module).get("parameters", {})}
+        parameters = vars(self._module).get("parameters", {})  # by names, or by symbols
+        own = {**self._symbol_numbers, **{str(name): number for name, number in parameters.items()}}
         places = {**states_of(program.names - own.keys()), **self._places}
         at = [
             {s: float(getattr(states, x)[k][i]) for s, (x, i) in places.items()} for k in range(len(states.q))
@@ -822,7 +823,8 @@ class Editor:
     def _code_of(self, asked: frozenset[str]) -> CodeType:
         """Return the module's assignments that some functions depend on."""
         if asked not in self._slices:
-            needed = self._with_called(asked)
+            short = vars(self._module).get(ALIASES, {})
+            needed = self._with_called({*asked, *(short[name] for name in asked if name in short)})
             chosen: set[int] = set()
             for _ in self._body:  # loops carry names forward
                 before = len(chosen)

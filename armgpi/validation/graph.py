@@ -54,8 +54,13 @@ class Expression:
         self.op, self.args, self.name, self.value = op, args, name, value
         self.known: dict[str, Expression] | None = None  # derivatives that were formed, by the symbol
 
+    def __str__(self) -> str:
+        """Return the name of a symbol: models have their numbers by symbols, and by names."""
+        return self.name if self.op == "symbol" else self.op
+
     def diff(self, *symbols: Any) -> Any:
-        """Return the derivative by one symbol after the other."""
+        """Return the derivative by one symbol after the other; by time where none is given."""
+        symbols = symbols or (symbol(_TIME),)
         if isinstance(symbols[0], Matrix):
             return type(symbols[0])([[self.diff(x) for x in row] for row in symbols[0].view(np.ndarray)])
         if self.op != "symbol":
@@ -512,10 +517,48 @@ def _sympy() -> dict[str, Any]:
         "hessian": hessian,
         "Rational": lambda a, b=1: _constant(a / b),
         "lambdify": _lambdify,
-        "dynamicsymbols": lambda text, *_: _symbols(text, partial(symbol, moving=True)),
+        "dynamicsymbols": _dynamic_symbols,
+        "LagrangesMethod": _Lagrange,
         **dict.fromkeys(("MatrixBase", "Basic"), ModuleType),
         "pi": math.pi,
     }
+
+
+class _Lagrange:
+    """Lagrange's equations of SymPy's mechanics, without forces and constraints."""
+
+    def __init__(self, lagrangian: Any, coordinates: Any, *rest: Any, **given: Any) -> None:
+        """Take what the equations follow from."""
+        if rest or any(x is not None for x in given.values()):
+            raise NotImplementedError  # the real one is used then
+        self._energy = _expression(lagrangian)
+        self._q = [_now(x) for x in np.ravel(np.asarray(coordinates, dtype=object))]
+        self._v = [_rate(x) for x in self._q]
+
+    def form_lagranges_equations(self) -> Matrix:
+        """Return d/dt dL/dv - dL/dq."""
+        momenta = [self._energy.diff(v) for v in self._v]
+        rows = [p.diff() - self._energy.diff(q) for p, q in zip(momenta, self._q, strict=True)]
+        self.eom = Matrix(rows)
+        return self.eom
+
+    @property
+    def mass_matrix(self) -> Matrix:
+        """What the accelerations are multiplied by."""
+        return Matrix([[self._energy.diff(v).diff(w) for w in self._v] for v in self._v])
+
+    @property
+    def forcing(self) -> Matrix:
+        """What is left of the equations without accelerations, with the other sign."""
+        still = self.eom.subs({_rate(v).name: _constant(0.0) for v in self._v})
+        return still._each(lambda x: -x)
+
+
+def _dynamic_symbols(text: Any, *_: Any, **__: Any) -> Any:
+    return _symbols(text, partial(symbol, moving=True))
+
+
+_dynamic_symbols._t = symbol(_TIME)  # type: ignore[attr-defined]
 
 
 def _solve(a: Any, b: Any, *_: Any) -> Grid:

@@ -29,6 +29,7 @@ from armgpi import files
 from armgpi.arrays import Array
 from armgpi.validation.conventions import SHORT, Convention, near_function
 from armgpi.validation.graph import Program, is_drawn, joint_of, states_of
+from armgpi.validation.wrapping import what_it_has
 
 #: Function -> names of its arguments.
 ARGUMENTS: dict[str, tuple[str, ...]] = {
@@ -60,6 +61,8 @@ _MATLAB = (
     "or call the functions from Python through matlab.engine or oct2py"
 )
 _NOWHERE = "there is no such file or module (built in is: paper)"
+#: Where a module keeps which of its names are short ones made long.
+ALIASES = "__armgpi_aliases__"
 #: What functions of a state call their first argument.
 POSITIONS = ("q", "theta", "th", "x", "pos", "angles", "state")
 
@@ -246,10 +249,14 @@ def names_of(code: CodeType) -> set[str]:
 def _rename(thing: Any, names: Mapping[str, str]) -> Any:
     if isinstance(thing, Mapping):
         return {**{names[k]: v for k, v in thing.items() if k in names and _is_function(v)}, **thing}
+    # A module is read again while changes of it are tried: what it had under a short name is then another.
+    before = vars(thing).setdefault(ALIASES, {}) if isinstance(thing, ModuleType) else {}
     for mine, name in names.items():
-        if not hasattr(thing, name) and _is_function(value := getattr(thing, mine, None)):
+        is_free = not hasattr(thing, name) or before.get(name) == mine
+        if is_free and _is_function(value := getattr(thing, mine, None)):
             with suppress(AttributeError, TypeError):  # an object that takes no attributes
                 setattr(thing, name, value)
+                before[name] = mine
     for part in _parts_of(thing):
         if isinstance(part, type):
             _rename(part, names)
@@ -258,7 +265,9 @@ def _rename(thing: Any, names: Mapping[str, str]) -> Any:
 
 def _is_function(value: Any) -> bool:
     """Tell whether a value can be a function of a model: `M` may be a mass."""
-    return callable(value) or hasattr(value, "free_symbols") or hasattr(value, "is_symbolic")
+    if callable(value) or hasattr(value, "free_symbols") or hasattr(value, "is_symbolic"):
+        return True
+    return isinstance(value, np.ndarray) and value.dtype == object and is_drawn(value)
 
 
 def _load(text: str, source: str | None) -> tuple[ModuleType, str]:
@@ -602,7 +611,13 @@ def _is_number(value: Any) -> bool:
 def _nothing(names: Any) -> str:
     """Return the message for a model without any known function."""
     text = f"has none of the functions {', '.join(ARGUMENTS)}"
+    told = what_it_has(names) if isinstance(names, Mapping) else ""
     for name in map(str, names):
-        if name[:1] != "_" and (near := near_function(name, ARGUMENTS)):
+        near = near_function(name, ARGUMENTS) if name[:1] != "_" else None
+        if near is None:
+            continue
+        code = getattr(names.get(name) if isinstance(names, Mapping) else None, "__code__", None)
+        # What takes every angle apart is no function of that name.
+        if code is None or code.co_argcount == len(ARGUMENTS[near]):
             return f"{text}; is {name!r} meant to be {near!r}? --map {name}={near}"
-    return text
+    return text + told

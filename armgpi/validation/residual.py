@@ -128,8 +128,10 @@ class Residual:
         if not found:
             return Difference(element.function, element.label, "no short formula", "", False, 2.0 * _ANY)
 
-        def rank(one: Explanation) -> tuple[float, int]:
-            return one.bits, -sum(votes[factors] for factors in one.factors)
+        def rank(one: Explanation) -> tuple[float, int, int]:
+            # What is missing together belongs together: m2 l1² and m2 l1 lc2, not I1 and m3 l1 l2.
+            numbers = {name for factors in one.factors for name in factors}
+            return one.bits, len(numbers), -sum(votes[factors] for factors in one.factors)
 
         ordered = sorted(found, key=rank)
         first = ordered[0]

@@ -154,3 +154,40 @@ def test_a_wrong_model_with_a_passive_joint_has_a_diagnosis() -> None:
     assert not report.agrees
     assert "not diagnosed" in report.causes[0].text
     assert "What is wrong" in str(report)
+
+
+_SYMBOLIC = """
+import sympy as sp
+from sympy.physics.mechanics import LagrangesMethod, dynamicsymbols
+m1, m2, l1, c1, c2, I1, I2, g = sp.symbols("m1 m2 l1 c1 c2 I1 I2 g")
+parameters = {m1: 1.3, m2: 0.7, l1: 0.31, c1: 0.14, c2: 0.12, I1: 0.009, I2: 0.004, g: 9.81}
+"""
+_BY_SHORT_NAMES = """
+q1, q2, v1, v2 = sp.symbols("q1 q2 v1 v2")
+h = m2*l1*c2*sp.sin(q2)
+C = sp.Matrix([[-h*v2, h*(v1 + v2)], [h*v1, 0]])
+"""
+_BY_LAGRANGE = """
+q1, q2 = dynamicsymbols("q1 q2")
+v1, v2 = q1.diff(), q2.diff()
+k = m2*l1*c2*sp.cos(q2)
+T = (m1*c1**2 + I1 + m2*l1**2)*v1**2/2 + (m2*c2**2 + I2)*(v1 + v2)**2/2 + k*v1*(v1 - v2)
+V = g*((m1*c1 + m2*l1)*sp.sin(q1) + m2*c2*sp.sin(q1 + q2))
+method = LagrangesMethod(T - V, [q1, q2])
+method.form_lagranges_equations()
+mass_matrix = method.mass_matrix
+gravity = -method.forcing.subs({v1: 0, v2: 0})
+"""
+
+
+@pytest.mark.parametrize(
+    ("model", "line", "belongs"),
+    [(_BY_SHORT_NAMES, 10, "-h * (v1 + v2)"), (_BY_LAGRANGE, 11, "v1 + v2")],
+)
+def test_a_lost_minus_in_sympy_is_found(model: str, line: int, belongs: str, tmp_path: Path) -> None:
+    arm = _arm(tmp_path, np.array([1.3, 0.7]), np.array([0.14, 0.12]), np.array([0.009, 0.004]), 0.31)
+    cause = validate(_file(tmp_path, _SYMBOLIC + model), arm).causes[0]
+    assert cause.line == line
+    assert belongs in cause.text
+    assert cause.confirmed
+    assert "the values say" in cause.beside
