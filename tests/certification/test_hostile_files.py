@@ -275,4 +275,10 @@ def test_what_holds_is_said(data: Any, tmp_path: Path, capsys: pytest.CaptureFix
     ):
         assert part in said
     assert all(x in said for x in data["solutions"]["stated"]["claims"]["errors"])
-    assert "not checked here" in said
+    verified, _, taken = said.partition("TAKEN FROM THE FILE, not verified:")
+    assert "VERIFIED here:" in verified
+    # What is verified are the claims; the arm and its numbers are what the file says.
+    assert "claim 'stated'" in verified
+    assert "claim" not in taken
+    assert "the numbers of the arm" in taken
+    assert "kappa_v" in taken
