@@ -93,6 +93,9 @@ if TYPE_CHECKING:
     from armgpi.references.batch import ReferenceBatch as ReferenceBatch
     from armgpi.references.bezier import Bezier as Bezier
     from armgpi.references.cartesian import CartesianReference as CartesianReference
+    from armgpi.references.following import Follower as Follower
+    from armgpi.references.following import FollowLimits as FollowLimits
+    from armgpi.references.following import Setpoints as Setpoints
     from armgpi.references.poses import PosePath as PosePath
     from armgpi.references.poses import load_poses as load_poses
     from armgpi.references.recorded import Recorded as Recorded
@@ -161,6 +164,7 @@ _NAMES = {
     "references.batch": ("ReferenceBatch",),
     "references.bezier": ("Bezier",),
     "references.cartesian": ("CartesianReference",),
+    "references.following": ("FollowLimits", "Follower", "Setpoints"),
     "references.poses": ("PosePath", "load_poses"),
     "references.recorded": ("Recorded",),
     "references.reference": ("Reference", "Target"),

@@ -334,6 +334,32 @@ CASES: dict[str, Case] = {
     "CartesianReference.at": Case(
         armgpi.CartesianReference(ARM, TIP, LINE, INVERSE).at, {"t": 0.02}, slow=True
     ),
+    "FollowLimits": Case(
+        armgpi.FollowLimits,
+        {"velocity": 1.0, "acceleration": [1.0, 2.0, 3.0], "jerk": 9.0},
+        lambda made: armgpi.Follower(made, 1e-3),
+    ),
+    "FollowLimits.of": Case(armgpi.FollowLimits.of, {"robot": ARM, "torque_rate": 100.0}),
+    "Follower": Case(armgpi.Follower, {"limits": armgpi.FollowLimits(1.0, 2.0, 9.0), "dt": 1e-3}),
+    "Follower.init": Case(
+        armgpi.Follower(armgpi.FollowLimits(1.0, 2.0, 9.0), 1e-3).init, {"q": [0.0, 1.0, 2.0]}
+    ),
+    "Setpoints": Case(
+        armgpi.Setpoints,
+        {
+            "robot": ARM,
+            "frame": TIP,
+            "times": [0.0, 1.0],
+            "poses": np.tile(np.eye(4), (2, 1, 1)),
+            "limits": armgpi.FollowLimits(1.0, 2.0, 9.0),
+            "start": [0.0, 0.4, -0.4],
+            "feedforward": False,
+            "dt": 1e-3,
+            "inverse": lambda q, position, rotation: q,
+        },
+        lambda made: made.at(0.005),
+        slow=True,
+    ),
     "PosePath": Case(
         armgpi.PosePath,
         {"times": [0.0, 1.0], "poses": np.tile(np.eye(4), (2, 1, 1))},
