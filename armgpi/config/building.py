@@ -274,6 +274,9 @@ def _with_assumptions(config: ExperimentConfig, top: _Place) -> tuple[Experiment
     if word != "none":
         given = section.drives if isinstance(section.drives, dict) else {}
         known = {joint: dict(own) for joint, own in given.items()}
+        if word is not None and config.plant.encoder_side is not None:
+            for joint, side in zip(robot.joint_names, robot.drives.value("encoder_side"), strict=True):
+                known[joint] = {"encoder_side": str(side)}
         for quantity, data in robot.drives.data.items():
             for joint, datum in data.items():
                 if datum.source == "assumed":
@@ -300,14 +303,15 @@ def _with_encoder_side(
         for joint, own in zip(robot.joint_names, robot.drives.sources("encoder_side"), strict=True)
         if not own
     ]
-    if side is None or not unknown or isinstance(section.drives, str):
+    if side is None or not unknown or section.drives == "none":
         return section, robot
+    known = robot.with_drives({joint: {"encoder_side": side} for joint in unknown})
+    if isinstance(section.drives, str):  # a word, which is replaced by what is assumed
+        return section, known
     drives = {joint: dict(own) for joint, own in (section.drives or {}).items()}
     for joint in unknown:
         drives[joint] = {**drives.get(joint, {}), "encoder_side": side}
-    return section.replace(drives=drives), robot.with_drives(
-        {joint: {"encoder_side": side} for joint in unknown}
-    )
+    return section.replace(drives=drives), known
 
 
 def summary(experiment: Experiment) -> str:

@@ -97,7 +97,9 @@ def coarse_counts(law: Any, bits: Any) -> Iterator[Finding]:
             f"{100.0 * share:.2g} % of its effort, which causes torque chatter (usual: at most "
             f"{100.0 * COUNT_SHARE:g} %)"
         )
-        repair = "use a finer encoder, less bandwidth or a roll-off"
+        own = float(np.broadcast_to(np.asarray(bits, dtype=float), torque.shape)[j])
+        enough = math.ceil(own + math.log2(share / COUNT_SHARE) - 1e-9)
+        repair = f"use an encoder of {enough} bits, less bandwidth or a roll-off"
         yield Finding("warning", f"joint {name!r}", message, share, COUNT_SHARE, repair)
 
 

@@ -89,7 +89,7 @@ LIMITS: Mapping[str, str] = {
     "gears": "joint elasticity",
     "noise": "encoder counts",
     "delay": "delay",
-    "rotors": "delay with rotors that are light beside the links",
+    "rotors": "rotors that are light beside the links",
     "load": "the range of payloads",
     "crossover": "the highest bandwidth of the rule",
 }

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import armgpi
-from armgpi import GPI, Robot, RobotBatch
-from armgpi.errors import ArmgpiError
+from armgpi import GPI, Robot, RobotBatch, config
+from armgpi.errors import ArmgpiError, ArmgpiWarning
 from armgpi.gpi import collocated, geared, two_mass
 from armgpi.gpi.two_mass import ArmLoop, Gears
 from armgpi.robot import rotors
@@ -254,3 +254,34 @@ def test_a_motor_that_turns_the_other_way_is_found_while_the_rate_of_torque_limi
     q = rollout["q"].values[500:1000, joint]
     wanted = move.at(rollout["time"].values[500:1000]).q[:, joint]
     assert np.minimum(np.abs(q - q[0]), np.abs(q - wanted)).max() < 0.3
+
+
+def test_a_word_for_drives_keeps_the_side_of_the_encoders() -> None:
+    """`--drives elastic --encoder-side motor` is what the default drives with that side are."""
+    laws: list[Any] = []
+    for drives in ({"drives": "elastic"}, {}):
+        data: dict[str, Any] = {
+            "robot": {"name": "ur5", **drives},
+            "controllers": [{"type": "gpi_auto"}],
+            "plant": {"engine": "elastic", "encoder_bits": 16, "delay": 1, "encoder_side": "motor"},
+        }
+        origin = config.Origin("test")
+        experiment = config.build(config.check(data, origin), origin)
+        assert set(experiment.robot.drives.value("encoder_side")) == {"motor"}
+        told: Any = experiment.config.robot.drives
+        assert {own["encoder_side"] for own in told.values()} == {"motor"}
+        laws.append(next(iter(experiment.controllers.values())))
+    assert laws[0].link_factor == collocated.LINK_FACTOR
+    np.testing.assert_array_equal(laws[0].gains.nominal().omega_c, laws[1].gains.nominal().omega_c)
+
+
+@pytest.mark.parametrize("bits", [2, 6, 9])
+def test_bits_that_leave_no_bandwidth_are_named_with_those_that_would_suffice(bits: int) -> None:
+    direct = at(UR5, "motor", gear_ratio=1.0)
+    with pytest.warns(ArmgpiWarning, match="one encoder count changes the torque of joint") as warned:
+        law = auto(direct, bits=bits)
+    (said,) = (str(each.message) for each in warned if "one encoder count" in str(each.message))
+    enough = int(said.partition("an encoder of ")[2].split()[0])
+    j = direct.joint_names.index(said.partition("joint '")[2].partition("'")[0])
+    share = law.count_torque(enough)[j] / law.effort[j]
+    assert 0.005 < share <= 0.01
