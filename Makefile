@@ -100,10 +100,10 @@ search: $(FOR_ALL) ## What holds for every robot and file: new random examples, 
 	$(BIN)/pytest -n auto --dist worksteal -m "hypothesis or search" --hypothesis-profile=search
 	$(BIN)/python tools/fuzz_urdf.py --count 3000 --seed $(SEED)
 	$(BIN)/python tools/fuzz.py yaml --count 3000 --seed $(SEED)
-	$(BIN)/python tools/fuzz.py rollout --count 2500 --seed $(SEED)
+	$(BIN)/python tools/fuzz.py rollout --count 3000 --seed $(SEED)
 	$(BIN)/python tools/fuzz.py arguments --count 400 --seed $(SEED)
-	for what in weights trajectory log armlog identification task certificate; do \
-		$(BIN)/python tools/fuzz.py $$what --count 1000 --seed $(SEED) || exit 1; done
+	for what in weights trajectory netcdf mcap log armlog identification task certificate mjcf repaired drives; do \
+		$(BIN)/python tools/fuzz.py $$what --count 3000 --seed $(SEED) || exit 1; done
 	for what in tune contend zoo sweep rare; do \
 		$(BIN)/python tools/fuzz.py $$what --count 300 --seed $(SEED) || exit 1; done
 

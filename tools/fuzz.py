@@ -20,6 +20,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import io
+import re
 import resource
 import sys
 import tempfile
@@ -59,8 +60,9 @@ from armgpi.identification.excitation import excite
 from armgpi.identification.logs import Log, read_log
 from armgpi.identification.posterior import read_posterior
 from armgpi.identification.writing import write_identified
-from armgpi.loop import log
-from armgpi.robot import identified
+from armgpi.loop import log, logs
+from armgpi.robot import identified, repairs, robots
+from armgpi.robot.drives import Drives
 from armgpi.studies import contend
 
 #: A case: given random numbers and a folder.
@@ -215,14 +217,46 @@ def arm() -> Robot:
     return Robot.load(ARM).with_armature(0.1)
 
 
-def read_again(name: str, write: Callable[[Path], Any], read: Callable[[Path], Any]) -> Case:
+#: What takes the place of a word of a text, beside its other words.
+_ODD_WORDS = (
+    "-1",
+    "0",
+    "1e999",
+    "nan",
+    "inf",
+    "1e-300",
+    "99999999999999999999",
+    "",
+    "/dev/zero",
+    "..",
+    "é",
+    "~",
+)
+
+
+def altered(data: bytes, rng: np.random.Generator) -> bytes:
+    """Return a text a few words of which are others, or are not there."""
+    words = re.split(r"([\w.+/-]+)", data.decode())
+    for _ in range(rng.integers(1, 4)):
+        at = 2 * int(rng.integers(len(words) // 2)) + 1
+        other = words[2 * int(rng.integers(len(words) // 2)) + 1]
+        words[at] = str(rng.choice([*_ODD_WORDS, other, other, other]))
+    return "".join(words).encode()
+
+
+def read_again(
+    name: str,
+    write: Callable[[Path], Any],
+    read: Callable[[Path], Any],
+    damage: Callable[[bytes, np.random.Generator], bytes] | None = None,
+) -> Case:
     """Return the case of a file that a function reads."""
 
     def case(rng: np.random.Generator, folder: Path) -> None:
         good, bad = folder / f"good{name}", folder / f"bad{name}"
         if not good.exists():
             write(good)
-        bad.write_bytes(damaged(good.read_bytes(), rng))
+        bad.write_bytes((damage or damaged)(good.read_bytes(), rng))
         read(bad)
 
     return case
@@ -352,7 +386,47 @@ def study_case(text: str, *arguments: str) -> Case:
     return case
 
 
+MJCF = """<mujoco model="fuzzed"><compiler angle="radian" meshdir="meshes"/><include file="more.xml"/>
+<default><joint damping="0.2" armature="0.02"/></default><size memory="8M"/>
+<worldbody><body name="one" pos="0.1 0.2 0.3" euler="0.3 0.4 0.2"><joint name="a" axis="1 2 3" range="-1 2"/>
+<inertial pos="0.01 0.02 0.1" mass="3" fullinertia="0.03 0.04 0.02 0.001 0.002 0.003"/>
+<body name="two" pos="0 0.05 0.4"><joint name="b" type="slide" axis="0 0.6 0.8" ref="0.05" range="0 0.3"/>
+<replicate count="2" offset="0 0 0.1"><geom type="box" size="0.05 0.02 0.04" mass="0.6"/></replicate>
+</body></body></worldbody>
+<actuator><position joint="a" kp="30" forcerange="-40 50"/></actuator></mujoco>
+"""
+
+
+def write_mjcf(path: Path) -> None:
+    """Write a MuJoCo model with a file that it includes."""
+    (path.parent / "more.xml").write_text("<mujoco><option gravity='0 0 -9.81'/></mujoco>")
+    path.write_text(MJCF)
+
+
+def read_repaired(path: Path) -> None:
+    """Read a URDF with the repairs of what is written wrongly, and of what identifications give."""
+    Robot.load(path, repair=[repairs.ALL, repairs.ACCEPT, repairs.NO_FRICTION])
+
+
 CASES: dict[str, Case] = {
+    "mjcf": read_again(".mjcf.xml", write_mjcf, Robot.load, altered),
+    "repaired": read_again(
+        ".urdf", lambda path: path.write_bytes(robots.locate(ARM)[0].read_bytes()), read_repaired, altered
+    ),
+    "drives": read_again(
+        ".drives.yaml",
+        lambda path: path.write_text("q1: {rotor_inertia: 0.1, stiffness: 4000.0, gear_ratio: 50.0}\n"),
+        lambda path: Drives.read(path, arm().joint_names),
+        altered,
+    ),
+    "netcdf": read_again(".t.nc", write_rollout, lambda path: Recorded.load(path, arm())),
+    "mcap": read_again(
+        ".mcap",
+        lambda path: logs.write(
+            simulate(RigidBodyPlant(arm()), GPI(arm(), 1e-3), Hold([0.0] * 3), 0.02), path
+        ),
+        lambda path: Recorded.load(path, arm()),
+    ),
     "yaml": yaml_case,
     "arguments": arguments_case,
     "rollout": read_again(".nc", write_rollout, load),

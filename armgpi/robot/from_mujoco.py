@@ -53,11 +53,16 @@ def compiled(path: Path) -> Any:
     """Return the `mujoco.MjModel` of a file; errors as for :func:`read`."""
     mujoco = import_extra("mujoco", "mujoco")
     mjcf_files.check(path)  # which refuses what is no regular file, where MuJoCo would wait
+    # Or its warnings would be printed, and written into a file of the folder that one stands in.
+    handler = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda text: None)
     try:
         return mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, TypeError) as error:  # TypeError for a name that is no text
         said = " ".join(str(error).split())
         raise UrdfError(path, f"MuJoCo cannot read it: {said}") from None
+    finally:
+        mujoco.set_mju_user_warning(handler)
 
 
 class _Reader:

@@ -145,3 +145,14 @@ def test_an_actuator_on_the_tendon_of_several_joints_is_named(tmp_path: Path) ->
     with pytest.raises(UrdfError, match="actuator 'pull' on tendon 't', one force for several joints"):
         Robot.load(path)
     assert not health_inspect(write(tmp_path, after=TENDON.format("") + MOTOR)).has_errors
+
+
+def test_warnings_of_mujoco_are_not_printed_nor_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = write(tmp_path, body="<body pos='nan 0 0'><geom size='0.1' mass='1'/></body>")
+    with pytest.raises(UrdfError):
+        Robot.load(path)
+    assert capfd.readouterr() == ("", "")
+    assert [file.name for file in tmp_path.iterdir()] == ["m.xml"]

@@ -671,6 +671,18 @@ def test_a_damaged_file_that_is_read_back_ends_in_one_line(
     assert fuzz(kind, 16)["refused"] > 8
 
 
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("kind", ["mjcf", "repaired", "drives", "netcdf", "mcap"])
+def test_a_damaged_file_of_a_stranger_is_read_or_ends_in_one_line(
+    fuzz: Callable[[str, int], dict[str, int]], kind: str
+) -> None:
+    pytest.importorskip({"mjcf": "mujoco", "mcap": "mcap"}.get(kind, "numpy"))
+    ends = fuzz(kind, 50)
+    assert ends["fine"] + ends["refused"] == 50
+    assert ends["refused"] > 10
+
+
 def test_a_file_of_a_study_may_be_as_long_as_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     own, part = study.Study.enter(tmp_path, study.Identity({}, {})), np.arange(6.0).reshape(2, 3)
     own.write("part", part)
