@@ -104,7 +104,7 @@ def test_no_certificate_of_the_zoo_is_below_the_worst_of_many_configurations(
     try:
         made = armgpi.certify(robot, **options)
     except armgpi.errors.PayloadError:
-        pytest.skip("no bandwidth serves these loads")
+        pytest.skip("no bandwidth is stable these loads")
     if "gain" not in made.data["solutions"]:
         pytest.skip(made.reasons[0])
     cases = worst(ask(robot, 1e-3, **options), count=1000)

@@ -154,12 +154,12 @@ def test_the_nominal_load_is_what_the_loop_has_delay_margin_to_spare_for(late: f
 
 
 def test_what_will_go_wrong_is_said() -> None:
-    with pytest.warns(ArmgpiWarning, match="leave joint 'q1'.*sample faster"):
+    with pytest.warns(ArmgpiWarning, match="joint 'q1'.*use a shorter sample time"):
         GPI.auto(ARM, 1e-2, delay=3e-2)
     light = Robot.load("hextilt_arm").with_armature(1e-9)
     GPI.auto(light, 1e-3)  # of a load that nobody told nothing is said unasked: tests fail on warnings
     (found,) = advice.light_model(light)
-    assert "5 % of what moves" in found.message
+    assert "5 % of the moving mass" in found.message
     fast = {"gains": FixedGains(30.0), "rolloff": 0}
     with pytest.warns(
         ArmgpiWarning, match="one encoder count changes the torque of joint 'q2' by .* % of its"
@@ -187,7 +187,7 @@ def test_encoders_of_which_nothing_is_said_have_16_bits() -> None:
         ({"bits": "many"}, ArmgpiError, "bits"),
         ({"robot": 3}, ParameterError, "robot"),
         ({"payload": 1.0}, ParameterError, "payload"),
-        ({"payload": (0.0, 50.0)}, PayloadError, "no bandwidth serves"),
+        ({"payload": (0.0, 50.0)}, PayloadError, "no bandwidth is stable"),
         ({"integrators": 4}, ParameterError, "integrators"),
         ({"robot": ARM.with_limits(effort={"q2": 0.0}), "bits": 16}, EffortError, "q2"),
     ],

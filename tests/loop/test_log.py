@@ -121,7 +121,7 @@ def test_a_full_memory_keeps_the_newest_rows_and_cannot_be_replayed() -> None:
         writer.take(int(row["number"]), Measurement(q), Target(q, q, q), row["tau"])
     kept = writer.log()
     np.testing.assert_array_equal(kept.rows["number"], there.samples["number"][-50:])
-    with pytest.raises(RolloutError, match="does not begin with a start"):
+    with pytest.raises(RolloutError, match="does not begin with the start"):
         logs.replay(kept, law())
 
 

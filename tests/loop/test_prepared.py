@@ -418,7 +418,7 @@ def test_bad_values_are_refused_by_name(case: str) -> None:
 
 def test_a_robot_for_each_rollout_cannot_vary_as_well() -> None:
     plant = RigidBodyPlant(RobotBatch([ARM, ARM.scaled_inertia(1.1)]))
-    with pytest.raises(ParameterError, match="robot of its own"):
+    with pytest.raises(ParameterError, match="another robot"):
         prepared((plant, gpi(), MOVE), "numpy").run({"plant.payload.mass": [0.1, 0.2]})
 
 

@@ -412,7 +412,7 @@ def test_a_report_without_its_robot_says_so(chromium: browsers.Browser, tmp_path
     rollout = moving(chain(3))  # from text: there is no file to load again
     shown = opened(chromium, report.build(rollout), tmp_path)
     text = shown.eval("document.body.innerText")
-    assert "not found any more" in text
+    assert "was not found" in text
     assert shown.eval(DRAWN) > 0
     quiet(shown)
 
