@@ -1,6 +1,36 @@
-"""armgpi: from any arm's URDF to a position-only torque controller, simulated, compared and seen.
+"""armgpi controls a robot arm by joint torques and measures joint positions only.
 
-The public names are below; each is loaded when it is first used, so that importing armgpi is quick.
+The public names by what they are for; `help(armgpi.GPI)` explains one, docs/python.md is a tour.
+
+Robots
+    Robot, RobotBatch, robots, assume_drives, Friction, health
+Motions (references)
+    Bezier, Waypoints, Hold, CartesianReference, Recorded, PosePath, load_poses, Reference,
+    ReferenceBatch, Target
+Controllers
+    GPI, PIDPositions, PIDInversion, ADRC, ComputedTorqueDOB, SuperTwisting, SlotineLi, Controller,
+    ControlStep, Measurement, FullState
+Gains of a GPI
+    FixedGains, GainSchedule, BSplineNetwork, Gains, Tuning, Weights, learned_weights, load_weights,
+    save_weights, default_omega, LargestPayload, PayloadRange, largest_payload, payload_range
+Simulated arms (plants), sensors, actuators, loads, faults, contact
+    RigidBodyPlant, ElasticPlant, MuJoCoPlant, Plant, Wrapper, Encoder, Noisy, Delayed, DropOut,
+    Differentiated, SingleTurn, Unwrapped, Saturated, RateLimited, MotorFault, SensorFault, Load, Step,
+    Pulse, Ramp, Sine, Contact, ToolForce, Wall, Spring, Reality, Scenario
+Runs
+    simulate, compare, Comparison, prepare, PreparedLoop, ClosedLoop, Status, load, save, metrics
+Pictures
+    plots, view, report
+Supervisor and export
+    Supervisor, Supervised, export_controller, ExportedController
+Models: check, derive, identify
+    validate, DynamicsReport, derive, Derivation, suggest_urdf, identify
+Bounds
+    certify, Certificate, bound_path, PathBound
+Inverse kinematics
+    inverse_kinematics, InverseSolution, TrackingInverse
+Errors
+    errors, ArmgpiError, ArmgpiWarning
 """
 
 import os
@@ -21,6 +51,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 if TYPE_CHECKING:
     from armgpi import errors as errors
     from armgpi import health as health
+    from armgpi import view as view
     from armgpi.certification.certificate import Certificate as Certificate
     from armgpi.certification.certificate import certify as certify
     from armgpi.certification.path import PathBound as PathBound
@@ -119,6 +150,9 @@ if TYPE_CHECKING:
     from armgpi.validation.report import DynamicsReport as DynamicsReport
     from armgpi.validation.skeleton import suggest_urdf as suggest_urdf
     from armgpi.view import plots as plots
+    from armgpi.view.results import Comparison as Comparison
+    from armgpi.view.results import compare as compare
+    from armgpi.view.results import report as report
 
 _MODULES = {
     "errors": "errors",
@@ -126,6 +160,7 @@ _MODULES = {
     "metrics": "loop.metrics",
     "plots": "view.plots",
     "robots": "robot.robots",
+    "view": "view",
 }
 _NAMES = {
     "certification.certificate": ("Certificate", "certify"),
@@ -182,16 +217,20 @@ _NAMES = {
     "validation.derivation": ("Derivation", "derive"),
     "validation.report": ("DynamicsReport",),
     "validation.skeleton": ("suggest_urdf",),
+    "view.results": ("Comparison", "compare", "report"),
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}
 
 __version__ = VERSION
 _RENAMED = MEMBERS
-__all__ = sorted([*_MODULES, *_HOME, "__version__"])
+_PUBLIC = sorted([*_MODULES, *_HOME, "__version__"])
 
 
 def __getattr__(name: str) -> object:
     """Load a public name on its first use (PEP 562)."""
+    # `help(armgpi)` prints the help of every name in `__all__`, ten thousand lines: our docstring has them.
+    if name == "__all__" and sys._getframe(1).f_globals.get("__name__") != "pydoc":
+        return list(_PUBLIC)
     if name in _RENAMED:
         warn_renamed(f"armgpi.{name}", f"armgpi.{_RENAMED[name]}")
         return __getattr__(_RENAMED[name])
@@ -200,11 +239,13 @@ def __getattr__(name: str) -> object:
     elif name in _HOME:
         value = getattr(import_module(f"armgpi.{_HOME[name]}"), name)
     else:
-        raise AttributeError(f"module 'armgpi' has no attribute {name!r}")
+        from armgpi.hints import MODULE, missing
+
+        raise AttributeError(missing("module 'armgpi'", name, MODULE, __dir__()))
     globals()[name] = value  # the next use finds it without coming here
     return value
 
 
 def __dir__() -> list[str]:
     """Return the public names."""
-    return __all__
+    return _PUBLIC

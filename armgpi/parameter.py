@@ -38,6 +38,7 @@ from armgpi.arrays import (
     sizes,
 )
 from armgpi.errors import ArrayError, NameNotFound, ParameterError, show_value
+from armgpi.hints import with_keyword_hints
 
 if sys.version_info >= (3, 11):  # quick to import
     from typing import dataclass_transform
@@ -426,6 +427,8 @@ def with_parameters(cls: _Class) -> _Class:
         make.__doc__ = "\n".join(
             ["Check and keep the parameters.", "", "Args:", *lines, "", "Raises:", errors]
         )
+    if make is not None:
+        type.__setattr__(cls, "__init__", with_keyword_hints(make))
     return cls
 
 

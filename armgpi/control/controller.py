@@ -10,8 +10,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array, PerJointInput
-from armgpi.errors import ParameterError
-from armgpi.parameter import Parametrised, PerJoint, parameter, with_parameters
+from armgpi.errors import ParameterError, show_value
+from armgpi.escape import html_table
+from armgpi.parameter import Parametrised, PerJoint, parameter, parameters, plain, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
 from armgpi.robot.batch import AnyRobot, RobotBatch, check_powered, check_robot
@@ -228,8 +229,42 @@ class Controller(Parametrised, ABC):
         return {"controller": type(self).__name__, **self.values(), **models}
 
     def __repr__(self) -> str:
-        """Return a one-line description."""
-        return f"{type(self).__name__}({self.robot.name!r}, dt={self.dt:g})"
+        """Return the robot, the sample time and the numbers of the controller in a line."""
+        numbers = "".join(f", {name}={value}" for name, value in self._numbers().items())
+        return f"{type(self).__name__}({self.robot.name!r}, dt={self.dt:g}{numbers})"
+
+    def _repr_html_(self) -> str:
+        """Return its numbers as a table, for notebooks."""
+        head = ("parameter", "value")
+        title = f"{type(self).__name__} of {self.robot.name}, dt = {self.dt:g} s"
+        return html_table(title, head, self._numbers().items())
+
+    def _numbers(self) -> dict[str, str]:
+        """Return tunings, gains, and other parameters that are not at their defaults, as short texts."""
+        found = {}
+        for name, declared in parameters(type(self)).items():
+            value = plain(getattr(self, name))
+            if name in ("dt", "effort") or (isinstance(value, list) and not _is_plain(value)):
+                continue
+            if isinstance(value, Mapping):  # a tuning: its own numbers
+                found.update({key: _short(part) for key, part in value.items()})
+            elif _short(value) != _short(plain(declared.default)) or (declared.per_joint and np.any(value)):
+                found[name] = _short(value)
+        return found
+
+
+def _is_plain(value: list[Any]) -> bool:
+    """Tell whether a list has numbers and texts alone."""
+    return all(isinstance(x, int | float | str) or x is None for x in value)
+
+
+def _short(value: Any) -> str:
+    """Return a value as a short text; equal numbers of all joints as one."""
+    if isinstance(value, list) and value and all(x == value[0] for x in value):
+        value = value[0]
+    if isinstance(value, list):
+        return f"[{', '.join(_short(x) for x in value)}]"
+    return f"{value:.4g}" if isinstance(value, float) else show_value(value)
 
 
 def batches(made: object) -> Iterator[int | Array | None]:

@@ -232,7 +232,7 @@ class GPI(Controller):
         if gains is None:
             gains = FixedGains(served_omega(self.payload, self.dt, self.delay, member))
             if self.payload is None and not self.remade:
-                advice.warn(advice.slow_default(self.dt, self.delay, member), 2)
+                advice.warn(advice.slow_default(self.dt, self.delay, member), 3)
         if not isinstance(gains, Gains):
             raise ParameterError("gains", gains, "Gains, such as FixedGains(omega_c=20.0)")
         self.keep("gains", gains.prepare(self.robot.joint_names, self.dt))
@@ -259,7 +259,7 @@ class GPI(Controller):
         if not all(np.isfinite(x).all() for x in self._nominal):
             raise ParameterError("gains", self.gains, "a tuning whose derived gains are finite")
         if not self.remade:
-            advice.warn(advice.late_loop(self), 2)
+            advice.warn(advice.late_loop(self), 3)
 
     def _choose_models(self, gains: Gains | None, member: Member) -> None:
         """Put the heaviest load and heavier rotors into the nominal model of the feedback."""

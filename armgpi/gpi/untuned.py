@@ -137,7 +137,7 @@ def apply_rule(
     chosen: dict[str, Any]
     chosen, soft = kept.remember("rule", depends, lambda: _chosen(robot, dt, delay, bits, given))
     if isinstance(robot, Robot):
-        advice.warn(advice.untuned_arm(robot, chosen, rigid=not soft and "gains" not in given), 2)
+        advice.warn(advice.untuned_arm(robot, chosen, rigid=not soft and "gains" not in given), 3)
     return chosen
 
 

@@ -6,8 +6,11 @@ from collections.abc import Sequence
 from os import PathLike
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from armgpi.arrays import ArrayLike
 from armgpi.control.controller import Controller
+from armgpi.errors import ParameterError
 from armgpi.loop.prepared import prepare
 from armgpi.loop.runner import DIVERGENCE
 from armgpi.plants.plant import Plant
@@ -18,11 +21,25 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+#: Time after the end of a reference that is simulated by default [s], as `armgpi run` does.
+_SETTLE = 2.0
+
+
+def _default_end(reference: Reference) -> float:
+    """Return when a run ends that has no `t_final`: some time after its motion [s]."""
+    end = getattr(reference, "t_end", None)
+    if end is None and hasattr(reference, "duration"):
+        end = np.max(np.asarray(reference.duration) + np.asarray(getattr(reference, "t_start", 0.0)))
+    if end is None or not np.isfinite(end):
+        raise ParameterError("t_final", None, "a time [s], as this reference has no end")
+    return float(end) + _SETTLE
+
+
 def simulate(
     plant: Plant,
     controller: Controller,
     reference: Reference,
-    t_final: float,
+    t_final: float | None = None,
     *,
     q0: ArrayLike | None = None,
     v0: ArrayLike | None = None,
@@ -43,7 +60,7 @@ def simulate(
         plant: what moves.
         controller: what moves it; its sample time is the loop's.
         reference: where to.
-        t_final: how long [s], rounded to whole samples.
+        t_final: how long [s], rounded to whole samples; by default to 2 s after the end of the reference.
         q0: starting positions [rad or m], (n,) or (batch, n); the reference's start when not given.
         v0: starting velocities [rad/s or m/s], zero when not given.
         record: "all" trajectories, or names of those to keep, such as ("q", "tau").
@@ -77,7 +94,7 @@ def simulate(
         plant,
         controller,
         reference,
-        t_final,
+        _default_end(reference) if t_final is None else t_final,
         record=record,
         record_every=record_every,
         dtype=dtype,

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from operator import attrgetter
 from os import PathLike
 from types import ModuleType
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pinocchio as pin
@@ -16,6 +16,7 @@ import pinocchio as pin
 from armgpi.arrays import Array, ArrayLike, check_path, check_type, check_whole, frozen
 from armgpi.errors import UrdfError, import_extra
 from armgpi.escape import html_table
+from armgpi.hints import ROBOT, missing
 from armgpi.robot import (
     chains,
     from_mujoco,
@@ -369,6 +370,12 @@ class Robot(Edits):
             for joint, kind, row in zip(self.joint_names, self.joint_types, values, strict=True)
         ]
         return html_table(f"{self.name}: {self.n} joints, {self.total_mass:.4g} kg", head, rows)
+
+    def __getattr__(self, name: str) -> NoReturn:
+        """Name what to use in place of an attribute that does not exist."""
+        if name.startswith("_"):  # Python itself asks for these
+            raise AttributeError(f"'Robot' object has no attribute {name!r}")
+        raise AttributeError(missing("'Robot' object", name, ROBOT, dir(type(self))))
 
     def __repr__(self) -> str:
         """Return a one-line description."""

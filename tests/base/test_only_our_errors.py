@@ -810,6 +810,24 @@ CASES: dict[str, Case] = {
         promised=True,
         slow=True,
     ),
+    "compare": Case(
+        armgpi.compare,
+        {
+            "plant": PLANT,
+            "controllers": {"one": gpi()},
+            "reference": armgpi.Bezier(**MOVE),
+            "t_final": 0.003,
+            "backend": "numpy",
+        },
+        lambda made: metrics.summary(made.rollouts["one"]),
+        promised=True,
+        slow=True,
+    ),
+    "report": Case(
+        armgpi.report,
+        {"rollouts": rollout(), "path": NOWHERE, "title": "an arm", "robot": ARM},
+        slow=True,
+    ),
     "save": Case(armgpi.save, {"rollout": rollout(), "path": NOWHERE}),
     "load": Case(armgpi.load, {"path": NOWHERE}),
     "Weights": Case(
@@ -920,7 +938,7 @@ CASES: dict[str, Case] = {
 PLAIN = {
     *("ArmgpiError", "ArmgpiWarning", "Status", "__version__", "DynamicsReport", "Derivation"),
     *("Certificate", "ControlStep", "FullState", "Measurement", "Target", "Tuning"),
-    *("Scenario", "InverseSolution", "LargestPayload", "PathBound", "PayloadRange"),
+    *("Scenario", "InverseSolution", "LargestPayload", "PathBound", "PayloadRange", "Comparison"),
     *("Contact", "Controller", "Gains", "Load", "Plant", "Reference", "Wrapper"),
 }
 #: What starts a process for every call.

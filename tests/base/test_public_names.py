@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import ast
 import inspect
+import pydoc
+import re
 import subprocess
 import sys
 from enum import EnumMeta
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -80,6 +83,40 @@ def test_a_name_that_does_not_exist_is_an_attribute_error_like_everywhere() -> N
     with pytest.raises(AttributeError, match="module 'armgpi' has no attribute 'Robott'"):
         armgpi.Robott  # noqa: B018
     assert not hasattr(armgpi, "Robott")
+
+
+def test_help_is_short_and_has_every_public_name() -> None:
+    text = pydoc.render_doc(armgpi)
+    assert len(text.splitlines()) < 120
+    listed = set(re.findall(r"\w+", str(armgpi.__doc__)))
+    assert set(armgpi.__all__) - {"__version__"} <= listed
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: armgpi.RobotWrapper, "use armgpi.Robot.from_pinocchio"),
+        (lambda: armgpi.simulat, "did you mean 'simulate'"),
+        (lambda: armgpi.Robot.load("anthropomorphic3").rnea, r"use inverse_dynamics\(q, v, a\)"),
+        (lambda: armgpi.Robot.load("anthropomorphic3").fkine, "use frame_pose"),
+        (lambda: armgpi.Robot.load("anthropomorphic3").gravty, "did you mean 'gravity'"),
+    ],
+)
+def test_names_of_other_libraries_and_slips_get_the_name_that_exists(make: Any, said: str) -> None:
+    with pytest.raises(AttributeError, match=said):
+        make()
+
+
+def test_a_wrong_keyword_gets_the_nearest_one() -> None:
+    robot = armgpi.Robot.load("anthropomorphic3")
+    kinds: list[tuple[Any, tuple[Any, ...], str, str]] = [
+        (armgpi.PIDInversion, (robot, 1e-3), "kpp", "kp"),
+        (armgpi.Encoder, (armgpi.RigidBodyPlant(robot),), "bit", "bits"),
+        (armgpi.Bezier, (), "strt", "start"),
+    ]
+    for kind, arguments, wrong, right in kinds:
+        with pytest.raises(TypeError, match=f"{wrong!r}; did you mean {right!r}"):
+            kind(*arguments, **{wrong: 1.0})
 
 
 def test_windows_is_refused_in_a_line_that_says_what_to_do() -> None:

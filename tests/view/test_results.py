@@ -1,0 +1,82 @@
+"""Python's compare, report and view: what the commands of these names do, from rollouts in memory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import armgpi
+from armgpi.errors import ParameterError
+from armgpi.view import page
+
+ARM = armgpi.Robot.load("anthropomorphic3")
+PLANT = armgpi.RigidBodyPlant(ARM)
+MOVE = armgpi.Bezier(ARM.middle(), ARM.middle() + 0.1, 0.05)
+
+
+def compared() -> Any:
+    return armgpi.compare(PLANT, {"one": armgpi.GPI(ARM, 1e-3), "two": armgpi.GPI(ARM, 1e-3)}, MOVE, 0.06)
+
+
+def test_a_comparison_has_what_simulate_gives_and_prints_a_table() -> None:
+    found = compared()
+    alone = armgpi.simulate(PLANT, armgpi.GPI(ARM, 1e-3), MOVE, 0.06)
+    np.testing.assert_array_equal(found.rollouts["two"]["q"], alone["q"])
+    head, *rows = repr(found).splitlines()
+    assert head.startswith("controller")
+    assert [row.split()[0] for row in rows] == ["one", "two"]
+    assert f"{float(armgpi.metrics.itae(alone).sum()):.4g}" in rows[0]
+    assert "<table>" in found._repr_html_()
+
+
+def test_equal_classes_of_a_list_get_labels_of_their_own() -> None:
+    found = armgpi.compare(PLANT, [armgpi.GPI(ARM, 1e-3), armgpi.GPI(ARM, 1e-3)], MOVE, 0.01)
+    assert [*found.rollouts] == ["GPI", "GPI'"]
+
+
+@pytest.mark.parametrize("controllers", [{}, [], None, {1: armgpi.GPI(ARM, 1e-3)}])
+def test_no_controllers_are_refused(controllers: Any) -> None:
+    with pytest.raises(ParameterError, match="controllers"):
+        armgpi.compare(PLANT, controllers, MOVE, 0.01)
+
+
+def test_a_report_of_a_comparison_names_each_controller(tmp_path: Path) -> None:
+    html = armgpi.report(compared(), tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "one" in html
+    assert "two" in html
+    with pytest.raises(ParameterError, match=r"ends in \.html"):
+        armgpi.report(compared(), tmp_path / "report.pdf")
+    with pytest.raises(ParameterError, match="rollouts"):
+        armgpi.report({}, tmp_path / "report.html")
+
+
+def test_view_takes_robots_and_rollouts_and_is_the_package_still(tmp_path: Path) -> None:
+    view: Any = armgpi.view
+    for shown in (ARM, [ARM, ARM], compared().rollouts["one"], compared()):
+        assert isinstance(view(shown, tmp_path / "page.html"), page.Page)
+    with pytest.raises(ParameterError, match="shown"):
+        view("ur5")
+    assert armgpi.view.page is page
+
+
+def test_a_run_without_an_end_lasts_two_seconds_after_the_motion() -> None:
+    rollout = armgpi.simulate(PLANT, armgpi.GPI(ARM, 1e-3), MOVE)
+    assert float(rollout["time"][-1]) == pytest.approx(2.05, abs=2e-3)
+
+    class Endless(armgpi.Reference):
+        def at(self, t: Any) -> armgpi.Target:
+            return MOVE.at(t)
+
+    with pytest.raises(ParameterError, match="t_final"):
+        armgpi.simulate(PLANT, armgpi.GPI(ARM, 1e-3), Endless())
+
+
+def test_a_controller_prints_its_numbers() -> None:
+    assert repr(armgpi.PIDInversion(ARM, 1e-3, kp=[1.0, 2.0, 3.0])) == (
+        "PIDInversion('anthropomorphic3', dt=0.001, kp=[1, 2, 3], ki=500, kd=40)"
+    )
+    assert "omega_c=25" in repr(armgpi.GPI(ARM, 1e-3, armgpi.FixedGains(25.0)))
+    assert "omega_c" in armgpi.GPI(ARM, 1e-3)._repr_html_()
