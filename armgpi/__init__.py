@@ -5,8 +5,8 @@ The public names by what they are for; `help(armgpi.GPI)` explains one, docs/pyt
 Robots
     Robot, RobotBatch, robots, assume_drives, Friction, health
 Motions (references)
-    Bezier, Waypoints, Hold, CartesianReference, Recorded, PosePath, load_poses, Reference,
-    ReferenceBatch, Target
+    Bezier, Waypoints, Hold, CartesianReference, Recorded, PosePath, load_poses, Setpoints, Follower,
+    FollowLimits, Reference, ReferenceBatch, Target
 Controllers
     GPI, PIDPositions, PIDInversion, ADRC, ComputedTorqueDOB, SuperTwisting, SlotineLi, Controller,
     ControlStep, Measurement, FullState
