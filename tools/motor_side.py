@@ -3,6 +3,7 @@
     python tools/motor_side.py [--seed 55] [ARM ...]
     python tools/motor_side.py --torque-step [ARM ...]
     python tools/motor_side.py --late [ARM ...]
+    python tools/motor_side.py --filters [ARM ...]
 
 Stability is that of the sampled linear loop (eigenvalues) at configurations that no rule looks at: with the
 assumed stiffness times 0.5, 1 and 2, at damping ratios of 5 and 1 %, and in the corners with the true rotors
@@ -10,6 +11,8 @@ assumed stiffness times 0.5, 1 and 2, at damping ratios of 5 and 1 %, and in the
 ``ElasticPlant`` with 16-bit encoders at the motors: the largest error of a link. ITAE and torque variation
 are those of a move of 0.5 rad in 2 s with 0.5 kg that the controller does not know, means over the stiffness
 times 0.5, 1 and 2.
+
+With ``--filters``: the first table with lower and higher filters of the derivative than the rule's.
 
 With ``--late``: loops at 1 to 4 ms that are one to three samples late, by the damping ratio of the joints:
 which controller is taken, how fast its slowest joint is, and how many linear loops are stable.
@@ -42,9 +45,10 @@ DAMPING = (0.05, 0.01)
 ROTORS = (0.4, 1.0, 1.6)
 #: Sample time [s] and samples of delay.
 LOOPS = ((1e-3, 1), (2e-3, 1), (1e-3, 3))
-CURRENT_LOOP = 500.0  # [Hz]
 BITS = 16
 PAYLOAD = 0.5  # [kg]
+#: Highest filter frequencies that are tried [rad/s]; the rule has 1000.
+FILTERS = (150.0, 250.0, 500.0, 1000.0, 2000.0)
 #: Loops that are late: sample time [s] and samples.
 LATE_LOOPS = ((1e-3, 2), (1e-3, 3), (2e-3, 1), (2e-3, 2), (2e-3, 3), (4e-3, 1), (4e-3, 2), (4e-3, 3))
 #: Of the torque's step: bits of the encoders, gear ratios, and the rate that libfranka takes [N m/s].
@@ -79,7 +83,9 @@ def stable(
     found = []
     places = random_configurations(robot, 6 if len(rotors) == 1 else 4, seed=seed)
     for q, factor, ratio, rotor in itertools.product(places, STIFFNESS, damping, rotors):
-        gears = two_mass.Gears(rotor * robot.armature, factor * stiffness, ratio, CURRENT_LOOP, "motor")
+        gears = two_mass.Gears(
+            rotor * robot.armature, factor * stiffness, ratio, two_mass.CURRENT_LOOP, "motor"
+        )
         loop = two_mass.ArmLoop(robot, q, gears, law.dt, late)
         found.append(loop.growth(two_mass.law(law, q)) < 1.0)
     return sum(found), len(found)
@@ -128,6 +134,23 @@ def late_loops(name: str, seed: int) -> None:
         total = 1e3 * collocated.delay_of(dt, late)
         said = f"| {name} | {1e3 * dt:g} ms, {late} late | {total:.3g} | {kind} | {slowest:.3g} | "
         print(said + " | ".join(cells) + " |", flush=True)
+
+
+def filters(name: str, seed: int) -> None:
+    """Print what an arm's controller comes to with other filters."""
+    arm, (dt, late) = load(name, "motor"), LOOPS[0]
+    chosen = collocated.HIGHEST_FILTER
+    for highest in FILTERS:
+        vars(collocated)["HIGHEST_FILTER"] = highest
+        law = armgpi.GPI.auto(arm, dt, delay=late * dt, bits=BITS)
+        held = "{} of {}".format(*stable(arm, law, late, seed, ROTORS))
+        itae, variation = move(arm, law, late)
+        peak, slowest = 1e3 * push(arm, law, late), float(np.min(law.gains.nominal().omega_c))
+        said = (
+            f"| {name} | {highest:g} | {slowest:.3g} | {held} | {peak:.3g} | {itae:.3g} | {variation:.4g} |"
+        )
+        print(said, flush=True)
+    vars(collocated)["HIGHEST_FILTER"] = chosen
 
 
 class Motion(NamedTuple):
@@ -200,10 +223,19 @@ def main() -> None:
     )
     parser.add_argument("arms", nargs="*", default=ARMS)
     parser.add_argument("--seed", type=int, default=55)
+    parser.add_argument("--filters", action="store_true", help="other filters of the derivative")
     parser.add_argument("--late", action="store_true", help="late loops instead")
     parser.add_argument("--torque-step", action="store_true", help="steps of torque instead")
     wished = parser.parse_args()
     warnings.simplefilter("ignore")
+    if wished.filters:
+        print(
+            "| arm | f [rad/s] | slowest omega [rad/s] | rotors x 0.4-1.6 | push [mrad] | ITAE | variation |"
+        )
+        print("|---" * 7 + "|")
+        for name in wished.arms:
+            filters(name, wished.seed)
+        return
     if wished.late:
         heads = ("arm", "loop", "T [ms]", "controller", "slowest omega [rad/s]", "5 %", "1 %")
         print("| " + " | ".join((*heads, "rotors, 5 %", "rotors, 1 %")) + " |")

@@ -20,16 +20,15 @@ from typing import NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array
+from armgpi.gpi.advice import COUNT_SHARE
 from armgpi.gpi.family import Member
 from armgpi.gpi.gains import Tuning
 from armgpi.gpi.realisation import Bumpless
-from armgpi.gpi.two_mass import ArmLoop, Gears, Law, around, gravity_stiffness, joint_laws
+from armgpi.gpi.two_mass import CURRENT_LOOP, ArmLoop, Gears, Law, around, gravity_stiffness, joint_laws
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import assume_gears
 
-#: Bandwidth of a current loop of which nothing is known [Hz]; 300 to 1000 are usual.
-CURRENT_LOOP = 500.0
 #: Share of the links' inertia in the feedback: between the rotor alone, which the torque moves above the
 #: resonance, and the whole arm, which it moves below.
 LINK_FACTOR = 0.4
@@ -47,8 +46,6 @@ HIGHEST_FILTER = 1000.0
 #: Lowest filter frequency f that encoder counts may ask for [rad/s], and lowest one over w [-].
 LOWEST_FILTER = 150.0
 LEAST_FILTER_RATIO = 5.0
-#: Torque of one encoder count, as a share of the usual effort.
-COUNT_SHARE = 0.01
 #: Ratio of the feedback's inertia to the rotor's, over that of a rotor alone, from which on that is light.
 _LIGHT = 2.0
 #: Delay from which on a loop is slow enough for the other controller [s].

@@ -16,6 +16,7 @@ from armgpi.gpi.family import Member
 from armgpi.gpi.gains import Tuning
 from armgpi.gpi.realisation import Bumpless
 from armgpi.gpi.two_mass import (
+    CURRENT_LOOP,
     ArmLoop,
     Gears,
     Law,
@@ -35,9 +36,9 @@ from armgpi.robot.rotors import SCATTER, assume_gears, lowest_mode
 SENSITIVITIES, STABLE_SHARE, RAISED_SHARE = (2.5, 4.0, 6.3), 0.85, 0.7
 #: Largest sensitivity peak at which gears are as good as rigid ones, or over that of rigid ones.
 RIGID_SENSITIVITY, AS_RIGID = 3.0, 1.1
-#: How far a told stiffness may be off either way. Damping ratios and current loop [Hz] of which nothing is
-#: known, 1 to 5 % and 300 to 1000 Hz being usual: loops are judged at the first, and stable at the second.
-STIFFNESS_OFF, DAMPINGS, CURRENT = 0.3, (0.03, 0.01), 500.0
+#: How far a specified stiffness may be off either way. Damping ratios of which nothing is known, 1 to 5 %
+#: being usual: loops are judged at the first, and stable at the second.
+STIFFNESS_OFF, DAMPINGS = 0.3, (0.03, 0.01)
 #: Where that leaves a loop less than this [rad/s], it has to be stable at the damping at which it is judged:
 #: slower ones lose more arms to gravity and friction than light damping does (tools/reality.py, fit arms).
 LATE = 5.0
@@ -116,7 +117,7 @@ def cases(robot: Robot, dt: float, late: int, damping: float = DAMPINGS[1]) -> t
     sides = [
         np.where(side == "", other, side) for other in ("motor", "link")[: 2 if (side == "").any() else 1]
     ]
-    current = float(np.min(drives.value("current_bandwidth", CURRENT)))
+    current = float(np.min(drives.value("current_bandwidth", CURRENT_LOOP)))
     told = drives.value("damping")
     least = drives.interval("rotor_inertia")[0]
     # An interval down to zero tells no lightest rotor: then that of a believed one.
@@ -160,7 +161,7 @@ def _fill_unknown(stiffness: Array, rotor: Array) -> Array:
 
 def rigid_cases(robot: Robot, dt: float, late: int) -> tuple[Case, ...]:
     """Return an arm at the same configurations with rigid gears; arguments as :func:`cases`."""
-    gears = Gears(robot.armature, current=CURRENT)
+    gears = Gears(robot.armature, current=CURRENT_LOOP)
     return tuple(Case(q, ArmLoop(robot, q, gears, dt, late), True) for q in _configurations(robot))
 
 
@@ -181,7 +182,7 @@ def borne(law: Any, robot: Robot, late: int) -> tuple[float, float]:
     linear = [(q, law_at(law, q)) for q in _configurations(robot)]
 
     def gears(factor: float) -> Gears:
-        return Gears(rotor, factor * stiffness, DAMPINGS[0], CURRENT)
+        return Gears(rotor, factor * stiffness, DAMPINGS[0], CURRENT_LOOP)
 
     def bears(factor: float) -> bool:
         arms = ((ArmLoop(robot, q, gears(factor), law.dt, late), own) for q, own in linear)

@@ -28,7 +28,7 @@ from armgpi.robot.robot import Robot
 #: Rooms whose code decides what is chosen.
 _ROOMS = ("gpi", "robot")
 #: Modules whose constants do: tools and tests change some of them.
-_MODULES = ("untuned", "collocated", "geared", "two_mass", "payload", "margins", "family")
+_MODULES = ("untuned", "collocated", "geared", "two_mass", "payload", "margins", "family", "advice")
 #: Configurations at which D(q) and G(q) stand for an arm besides its parts.
 _PROBED = 3
 #: Results that a process keeps at most.

@@ -16,6 +16,8 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.robot.robot import Robot
 
+#: Bandwidth of a current loop of which nothing is known [Hz]; 300 to 1000 are usual.
+CURRENT_LOOP = 500.0
 #: Step of the differences [rad or m].
 _STEP = 1e-5
 #: Frequencies of a response: from this [rad/s], so many, and where a plant's pole is less damped than this
@@ -39,7 +41,7 @@ class Gears(NamedTuple):
     rotor: Array
     stiffness: Array | None = None
     damping: Any = 0.05
-    current: float | None = 500.0
+    current: float | None = CURRENT_LOOP
     side: Any = "motor"
 
 

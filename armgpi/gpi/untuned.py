@@ -270,7 +270,7 @@ def _choose_soft(
 def _collocated_delay(robot: AnyRobot, dt: float, delay: float) -> float:
     """Return the delay of hold, transport and current loop [s]."""
     first = robot.robots[0] if isinstance(robot, RobotBatch) else robot
-    current = float(np.min(first.drives.value("current_bandwidth", collocated.CURRENT_LOOP)))
+    current = float(np.min(first.drives.value("current_bandwidth", two_mass.CURRENT_LOOP)))
     return collocated.delay_of(dt, _samples(dt, delay), current)
 
 

@@ -236,7 +236,9 @@ def test_it_says_what_limits_a_law_and_what_gears_lose_it() -> None:
     arm = rotors.assume_gears(UR5)
     factor = (1.05 * stiff.borne / stiff.usual) ** 2
     for times, bears in ((factor, True), (0.7 * factor, False)):
-        gears = Gears(arm.armature, times * arm.drives.value("stiffness"), geared.DAMPINGS[0], geared.CURRENT)
+        gears = Gears(
+            arm.armature, times * arm.drives.value("stiffness"), geared.DAMPINGS[0], two_mass.CURRENT_LOOP
+        )
         peaks = [
             ArmLoop(arm, case.q, gears, DT, 1).sensitivity(two_mass.law(rule(UR5, "stiff"), case.q))
             for case in geared.rigid_cases(arm, DT, 1)
@@ -264,3 +266,8 @@ def test_a_rotor_whose_interval_reaches_zero_is_as_light_as_a_believed_one() -> 
     assert rule(arms[0]).gains.nominal().omega_c == pytest.approx(
         rule(arms[1]).gains.nominal().omega_c, rel=1e-6
     )
+
+
+def test_what_limits_each_joint_is_named_once() -> None:
+    found = untuned.Verdict(("gears", "noise", "gears"), 2.0, 0.01, 20.0, float("nan"), float("nan"))
+    assert found.explain("abc") == "limits by joint: joint elasticity (a, c), encoder counts (b)"

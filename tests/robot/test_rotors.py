@@ -158,3 +158,15 @@ def test_an_experiment_with_the_rule_simulates_what_it_believes_and_writes_it_do
     assert not config.build(config.check(data, config.Origin())).robot.armature.any()
     data["robot"] = {"name": "ur5", "drives": "stiff"}
     assert config.build(config.check(data, config.Origin())).robot.armature.all()
+
+
+def test_the_gear_ratio_that_is_assumed_behind_encoders_at_motors_is_said() -> None:
+    arm = assume_drives(UR5)
+    assert rotors.describe_ratio(arm) == ""
+    motor = arm.with_drives({joint: {"encoder_side": "motor"} for joint in arm.joint_names})
+    assert "of all joints is not specified; 100 is assumed" in rotors.describe_ratio(motor)
+    assert "; gear ratio 100. Values" in rotors.summarise(motor)
+    first, *others = arm.joint_names
+    known = motor.with_drives({joint: {"gear_ratio": 101.0} for joint in others})
+    assert f"of {first} is not specified" in rotors.describe_ratio(known)
+    assert "gear ratio" not in rotors.summarise(known.with_drives({first: {"gear_ratio": 50.0}}))
