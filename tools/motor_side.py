@@ -48,7 +48,7 @@ LOOPS = ((1e-3, 1), (2e-3, 1), (1e-3, 3))
 BITS = 16
 PAYLOAD = 0.5  # [kg]
 #: Highest filter frequencies that are tried [rad/s]; the rule has 1000.
-FILTERS = (150.0, 250.0, 500.0, 1000.0, 2000.0)
+FILTERS = (250.0, 500.0, 1000.0, 2000.0)
 #: Loops that are late: sample time [s] and samples.
 LATE_LOOPS = ((1e-3, 2), (1e-3, 3), (2e-3, 1), (2e-3, 2), (2e-3, 3), (4e-3, 1), (4e-3, 2), (4e-3, 3))
 #: Of the torque's step: bits of the encoders, gear ratios, and the rate that libfranka takes [N m/s].
