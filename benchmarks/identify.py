@@ -39,7 +39,7 @@ from armgpi.identification.weak_form import COLUMNS, COULOMB, ROTOR, VISCOUS, in
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tools"))
 
-from identification import DT, record, truth, unknowns
+from identification import DT, FREE, record, truth, unknowns
 
 #: What FIGAROH is told of an arm, and up to which frequency derivatives are taken [Hz].
 CUTOFF = 10.0
@@ -194,8 +194,8 @@ def main() -> None:
     for name in given.arms:
         robot = armgpi.Robot.load(name, lock=fingers(name))
         arms = [truth(robot, given.seed + i) for i in range(given.count)]
-        logs = record(robot, arms, excite(robot, given.seconds, 0.7, seed=7).reference, given.seconds)
-        held = excite(robot, 10.0, 0.7, seed=1234).reference.at(np.linspace(0.5, 9.5, 300))
+        logs = record(robot, arms, excite(robot, given.seconds, 0.7, 7, **FREE).reference, given.seconds)
+        held = excite(robot, 10.0, 0.7, 1234, **FREE).reference.at(np.linspace(0.5, 9.5, 300))
         rows = inverse_rows(robot.pinocchio_model(), held.q, held.v, held.a, np.full(robot.n, 1e-3))
         rows = rows.reshape(len(held.q), robot.n, -1)
         for way in given.only:

@@ -59,6 +59,8 @@ CASES: dict[str, dict[str, Any]] = {
     "bare": {"bare": True},
 }
 DT = 1e-3
+#: Simulated arms collide with nothing: motions as they were before excite kept them clear.
+FREE: dict[str, Any] = {"floor": None, "collisions": False}
 #: Where encoders are, in turn; and bandwidths at which an arm is tried again that swings [rad/s].
 SIDES, SLOWER = ("link", "motor"), (5.0, 3.0)
 
@@ -214,10 +216,10 @@ def measure(name: str, case: str, count: int, seed: int) -> dict[str, Any]:
     seconds, share = options.pop("seconds", 20.0), options.pop("share", 0.7)
     robot = armgpi.Robot.load(name, lock=fingers(name))
     file = without_masses(name, robot) if options.pop("bare", False) else robot
-    reference = excite(robot, seconds, share, seed=7).reference
+    reference = excite(robot, seconds, share, 7, **FREE).reference
     arms = [truth(robot, seed + i) for i in range(count)]
     logs = record(robot, arms, reference, seconds, **options)
-    z = excite(robot, 10.0, 0.7, seed=1234).reference.at(np.linspace(0.5, 9.5, 300))
+    z = excite(robot, 10.0, 0.7, 1234, **FREE).reference.at(np.linspace(0.5, 9.5, 300))
     rows = []
     for arm, log in zip(arms, logs, strict=True):
         begin = time.process_time()
@@ -235,7 +237,7 @@ def measure(name: str, case: str, count: int, seed: int) -> dict[str, Any]:
 
 def record_loads(robot: armgpi.Robot, count: int, seed: int) -> Iterator[tuple[float, Array, Log, Log]]:
     """Give of each arm a load of 1 to 6 % of its mass, its centre, and logs of 10 s without and with it."""
-    motions = [excite(robot, 10.0, 0.7, seed=each).reference for each in (7, 8)]
+    motions = [excite(robot, 10.0, 0.7, each, **FREE).reference for each in (7, 8)]
     arms = [truth(robot, seed + i) for i in range(count)]
     loads = [np.random.default_rng((seed + i, 1)) for i in range(count)]
     given = [(rng.uniform(0.01, 0.06) * scales(robot).mass, rng.uniform(-0.08, 0.08, 3)) for rng in loads]
@@ -308,12 +310,12 @@ def measure_first(name: str, count: int, seed: int) -> dict[str, Any]:
     rotors = expect(robot).mean.reshape(robot.n, len(COLUMNS))[:, ROTOR]
     factors = [4.0 ** np.random.default_rng((seed + i, 2)).uniform(-1.0, 1.0, robot.n) for i in range(count)]
     arms = [arm.with_armature(rotors * each) for arm, each in zip(arms, factors, strict=True)]
-    first = excite(robot, 20.0, FIRST_SHARE, seed=7).reference
+    first = excite(robot, 20.0, FIRST_SHARE, 7, **FREE).reference
     rows = []
     for arm, log in zip(arms, record(robot, arms, first, 20.0, most=cut), strict=True):
         found, second = identify(log, robot, check_first=False).robot, Log(*[np.zeros(1)] * 3)
         with suppress(ParameterError):  # of motors that do not hold what was found
-            motion = excite(found, 20.0, 0.7, seed=8).reference
+            motion = excite(found, 20.0, 0.7, 8, **FREE).reference
             (second,) = record(found, [arm], motion, 20.0, most=cut)
         off = found.armature / arm.armature
         rows.append([log.t[-1], second.t[-1], float(np.median(np.maximum(off, 1.0 / off)))])
@@ -352,7 +354,7 @@ def measure_resonance(name: str, count: int, seed: int) -> dict[str, Any]:
         plant = armgpi.Delayed(armgpi.Encoder(armgpi.Saturated(plant, robot.limits.effort), 16), 1)
         row = f"| {name} | {side} | {mode:.3g} |"
         try:
-            first = follow(robot, plant, excite(robot, 20.0, FIRST_SHARE, 1).reference, side)
+            first = follow(robot, plant, excite(robot, 20.0, FIRST_SHARE, 1, **FREE).reference, side)
             found = identify(first, robot, check_first=False)
             motion = shake(found.robot).reference
             gears = found.with_resonance(follow(found.robot, plant, motion, side)).gears
@@ -410,7 +412,7 @@ def measure_written(name: str, _count: int, seed: int) -> dict[str, Any]:
     row: dict[str, Any] = {"arm": Path(name).stem, "case": "written"}
     try:
         robot = armgpi.Robot.load(name, lock=fingers(name))
-        reference = excite(robot, 10.0, FIRST_SHARE, seed=7).reference
+        reference = excite(robot, 10.0, FIRST_SHARE, 7, **FREE).reference
         (log,) = record(robot, [truth(robot, seed)], reference, 10.0, most=0.1)
         found = identify(log, robot, check_first=False)
         with tempfile.TemporaryDirectory() as folder:

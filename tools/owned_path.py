@@ -69,7 +69,7 @@ def record(draw: Scenario, nominal: armgpi.Robot, share: float, seed: int) -> Lo
     """
     still = draw._replace(torque_step=0.0 * draw.torque_step)
     try:
-        motion = excite(nominal, SECONDS, share, seed).reference
+        motion = excite(nominal, SECONDS, share, seed, floor=None, collisions=False).reference
     except ParameterError:
         return Log(*[np.zeros(1)] * 3)
     rollout = run(still, nominal, motion, SECONDS)

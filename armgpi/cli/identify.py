@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from armgpi import files
 from armgpi.cli import options as opt
@@ -41,8 +41,11 @@ ROWS = {
     "first": (
         "For an arm of which only the URDF is known: a slower motion, planned with assumed rotor inertia."
     ),
-    "floor METRES": "Height above which all links stay [m].",
+    "floor METRES": "Height that all links but the first stay above [m]; by default that of an arm that stands.",
+    "no_floor": "Assume no floor.",
     "box NUMBERS": "Two corners of a box that all links avoid: x,y,z,x,y,z [m].",
+    "margin METRES": "Distance from itself, floor and box [m]; 0.02 of the arm's length by default.",
+    "no_collisions": "Do not compare the arm's own links with each other.",
     "seed NUMBER": "Another motion.",
 }
 
@@ -155,7 +158,10 @@ def excite(
     first: bool = False,
     resonance: bool = False,
     floor: float | None = None,
+    no_floor: bool = False,
     box: str | None = None,
+    margin: float | None = None,
+    no_collisions: bool = False,
     seed: int = 0,
     drives: Path | None = None,
     out: Path = Path("excite"),
@@ -167,19 +173,27 @@ def excite(
     armgpi excite my_arm.urdf --first
     armgpi run excite/experiment.yaml
     """  # noqa: D301 (\b keeps the lines apart)
-    from armgpi.identification.excitation import FIRST_SHARE
+    from armgpi.identification.excitation import FIRST_SHARE, surroundings
     from armgpi.identification.excitation import excite as excited
     from armgpi.identification.resonance import SHAKEN, shake
     from armgpi.identification.writing import experiment_files
 
     arm = load_arm(robot, {**how, "drives": drives})
-    del how["package_dir"]  # no key of the file that is written
+    clear = surroundings(
+        arm,
+        _floor(floor, no_floor),
+        _corners(box),
+        margin,
+        not no_collisions,
+        how.pop("package_dir") or (),  # no key of the file that is written
+    )
     usual = SHAKEN if resonance else FIRST_SHARE if first else 0.7
     given = usual if share is None else share
     how |= opt.drives_given(None, drives)
-    motion = (
-        shake(arm, given, seed) if resonance else excited(arm, seconds, given, seed, floor, _corners(box))
-    )
+    if resonance:
+        motion = shake(arm, given, seed, clear)
+    else:
+        motion = excited(arm, seconds, given, seed, clearance=clear)
     folder = files.make_folder(out)
     source = robot
     if is_experiment(robot):
@@ -192,11 +206,21 @@ def excite(
     }.items():
         said = (f"{name} {100 * x:.2g}" for name, x in zip(arm.joint_names, shares, strict=True))
         say(f"{what}: {', '.join(said)}")
-    known = ", except the box" if box is not None else ", except the floor" if floor is not None else ""
-    say(f"Obstacles were not considered{known}. Watch the motion in a simulation before it runs.")
+    say(motion.clearance.describe(), lines=True)
     if first or resonance:
         say(
             "If the arm oscillates, its joints are less stiff than assumed: use --set "
             "controller.omega=5, then 3."
         )
     _say_written(written, out)
+
+
+def _floor(floor: float | None, no_floor: bool) -> float | Literal["usual"] | None:
+    """Return the height of the floor, "usual" where nothing was specified, None for none.
+
+    Raises:
+        ParameterError: when both were specified.
+    """
+    if no_floor and floor is not None:
+        raise ParameterError("--no-floor", f"with --floor {floor:g}", "one of the two")
+    return None if no_floor else "usual" if floor is None else floor

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import NamedTuple
+from collections.abc import Iterable
+from os import PathLike
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -13,6 +15,7 @@ from armgpi.errors import ParameterError
 from armgpi.identification.estimate import expect
 from armgpi.identification.weak_form import COLUMNS, ROTOR
 from armgpi.references.recorded import Recorded
+from armgpi.robot.clearance import Clearance, Hit, usual_floor
 from armgpi.robot.robot import Robot
 
 #: Lowest frequency [Hz] and number of its harmonics: the motion repeats every ten seconds. Speed is what
@@ -26,15 +29,19 @@ _WIDEST, _RANGE = 3.0, 0.9
 _SPEED, _FASTEST, _LEAST_SPEED = 2.0, 3.5, 1e-6
 #: The rotor inertia may be so many times the expected one, either way.
 _ROTORS = 4.0
-#: Series that are drawn until one fits, rounds in which one is made slower, and by how much each.
-_TRIES, _ROUNDS, _SLOWER = 20, 24, 0.85
+#: Series of each size that are drawn; rounds in which one is made slower, and by how much each.
+_TRIES, _ROUNDS, _SLOWER = 40, 24, 0.85
+#: Parts of the range, either way of its middle, in which a motion's centre is looked for: the second one
+#: where the first has none.
+_NEAR, _FAR = 0.25, 0.42
+#: Sizes of series that are tried in turn until one collides with nothing; and configurations that are drawn
+#: to find one in which the arm is free.
+_SIZES, _CENTRES = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2), 1000
 #: Sampling of the trajectory [s], and configurations at which limits are checked a second.
 _SAMPLE, _LOOKS = 0.01, 50
 #: Share of the efforts that a first motion may take, and of the speeds; and shares of the efforts that are
 #: taken in turn where an arm cannot hold itself with less.
 FIRST_SHARE, _HOLDING = 0.25, (0.5, 0.7, 1.0)
-#: Points between the origins of two links that are kept out of a box.
-_BETWEEN = 4
 
 
 class Excitation(NamedTuple):
@@ -44,11 +51,14 @@ class Excitation(NamedTuple):
         reference: the motion.
         share: largest speed over its limit, of each joint, (n,).
         effort: largest torque over its limit for every rotor within four times the expected one, (n,).
+        clearance: what the motion was compared with: the arm's own links, floor and box, with which margin,
+            and what was left out.
     """
 
     reference: Recorded
     share: Array
     effort: Array
+    clearance: Clearance
 
 
 def excite(
@@ -56,60 +66,134 @@ def excite(
     seconds: float = 20.0,
     share: float = 0.7,
     seed: int = 0,
-    floor: float | None = None,
+    floor: float | Literal["usual"] | None = "usual",
     box: ArrayLike | None = None,
+    margin: float | None = None,
+    collisions: bool = True,
+    package_dirs: Iterable[str | PathLike[str]] = (),
+    clearance: Clearance | None = None,
 ) -> Excitation:
-    """Return a motion from which an arm can be identified.
+    """Return a motion from which an arm can be identified, and that collides with nothing that is known.
 
     It is a random Fourier series of 0.1 to 0.5 Hz, scaled to positions, speeds and torques inside the limits
-    for every rotor inertia within four times the expected one. It knows no obstacles but a floor and a box.
+    for every rotor inertia within four times the expected one. It is drawn anew, and made smaller at last,
+    until the collision shapes of the arm stay clear of each other, of the floor and of the box by a margin.
+    It knows no other obstacles.
 
     Args:
         robot: the arm.
         seconds: how long.
         share: of the limits of speed and torque that is used; of torque more where an arm cannot hold itself.
         seed: the same seed gives the same motion.
-        floor: height that the origins of all links but those at the base stay above [m]; None for none.
+        floor: height that all links but the base and the first one stay above [m]; "usual" is the lowest
+            fixed point of an arm that stands, and no floor for others; None for none.
         box: two opposite corners in the base's frame [m], (2, 3), between which no link is, as lines from
             origin to origin, the tip included; None for none.
+        margin: distance that is kept [m]; 0.02 of the arm's length if None.
+        collisions: whether the arm's own links are compared.
+        package_dirs: folders in which collision meshes are looked for, too.
+        clearance: what the arm must not touch, in place of the five arguments before.
 
     Raises:
-        ParameterError: for an argument that cannot be, when no motion was found above the floor and outside
-            the box, or when a joint cannot hold the arm.
+        ParameterError: for an argument that cannot be, when no motion was found that collides with nothing,
+            or when a joint cannot hold the arm.
     """
     check_type(robot, "robot", Robot, "a Robot")
     seconds = check_number(seconds, "seconds", "at least 4 [s]", 4.0)
     share = check_number(share, "share", "in (0, 1]", 0.0, 1.0, open_=True)
     rng = np.random.default_rng(check_whole(seed, "seed", 0))
-    lower, upper, speed = ranges(robot)
-    amplitude = speed / (2.0 * math.pi * BASE * 0.5 * HARMONICS)
+    clear = clearance or surroundings(robot, floor, box, margin, collisions, package_dirs)
+    efforts = [share, *(each for each in _HOLDING if each > share)]
+    times = np.arange(0.0, seconds + 0.5 * _SAMPLE, _SAMPLE)
+    hit: Hit | None = None
+    failed: ParameterError | None = None
+    for effort_share, size in itertools.product(efforts, _SIZES):
+        if size < 1.0 and hit is None:  # no motion of any size is held
+            continue
+        for _ in range(_TRIES):
+            series = rng.normal(size=(2, HARMONICS, robot.n)) / math.sqrt(HARMONICS) * _amplitude(robot)
+            centre = free_configuration(robot, rng, clear)
+            try:
+                scale = size * _scale(robot, series, centre, seconds, share, effort_share)
+            except ParameterError as error:
+                failed = error
+                continue
+            q = centre + scale * _series(series, times, seconds)
+            hit = clear.first_hit(q[clear.dense(q)])
+            if hit is None:
+                return _excitation(robot, times, q, seed, clear)
+    raise failed if hit is None and failed is not None else blocked(hit, clear)
+
+
+def surroundings(
+    robot: Robot,
+    floor: float | Literal["usual"] | None = "usual",
+    box: ArrayLike | None = None,
+    margin: float | None = None,
+    collisions: bool = True,
+    package_dirs: Iterable[str | PathLike[str]] = (),
+) -> Clearance:
+    """Return what a motion is compared with; see :func:`excite`.
+
+    Raises:
+        ParameterError: for an argument that cannot be.
+    """
     corners = None if box is None else as_sized_array(box, "box")
     if corners is not None and corners.shape != (2, 3):
         raise ParameterError("box", box, "two opposite corners [m], (2, 3)")
-    corners = None if corners is None else np.sort(corners, axis=0)
-    wanted = "a floor and a box that leave the arm room to move: another seed, a smaller share?"
-    blocked = ParameterError("floor" if box is None else "box", box or floor, wanted)
-    failed: Exception = blocked
-    hit = False
-    efforts = [share, *(each for each in _HOLDING if each > share)]
-    for effort_share, _ in itertools.product(efforts, range(_TRIES)):
-        series = rng.normal(size=(2, HARMONICS, robot.n)) / math.sqrt(HARMONICS) * amplitude
-        centre = 0.5 * (lower + upper) + 0.25 * (upper - lower) * rng.uniform(-1.0, 1.0, robot.n)
-        try:
-            scale = _scale(robot, series, centre, seconds, share, effort_share)
-        except ParameterError as error:
-            failed = failed if hit else error
-            continue
-        times = np.arange(0.0, seconds + 0.5 * _SAMPLE, _SAMPLE)
-        q = centre + scale * _series(series, times, seconds)
-        if (floor is not None or corners is not None) and _hits(robot, q, floor, corners):
-            failed, hit = blocked, True
-            continue
-        reference = Recorded(times, q, source=f"excitation of {robot.name}, seed {seed}")
-        target = reference.at(times)
-        effort = _torque(robot, target.q, target.v, target.a, 1.0) / robot.limits.effort
-        return Excitation(reference, np.abs(target.v).max(axis=0) / speed, effort)
-    raise failed
+    if corners is not None and not (np.ptp(corners, axis=0) > 0.0).all():
+        raise ParameterError("box", box, "two opposite corners that differ in x, y and z [m]")
+    check_type(collisions, "collisions", bool, "True or False")
+    folders = tuple(package_dirs)
+    if margin is not None:
+        margin = check_number(margin, "margin", "at least 0 [m]", 0.0)
+    if floor == "usual":
+        height = usual_floor(robot, folders)
+    else:
+        height = None if floor is None else check_number(floor, "floor", "a height [m]", -math.inf)
+    return Clearance(robot, margin, height, corners, folders, own=collisions)
+
+
+def free_configuration(robot: Robot, rng: np.random.Generator, clear: Clearance) -> Array:
+    """Return a configuration in which an arm collides with nothing, near the middle if there is one, (n,).
+
+    Raises:
+        ParameterError: when none was found.
+    """
+    lower, upper, _ = ranges(robot)
+    for k in range(_CENTRES):
+        part = _NEAR if k < _CENTRES // 2 else _FAR
+        centre = np.asarray(0.5 * (lower + upper) + part * (upper - lower) * rng.uniform(-1.0, 1.0, robot.n))
+        if (hit := clear.first_hit(centre)) is None:
+            return centre
+    raise blocked(hit, clear)
+
+
+def blocked(hit: Hit | None, clear: Clearance) -> ParameterError:
+    """Return the error that no motion is free, with what was in the way of the last one."""
+    assert hit is not None
+    names = f"{hit.first} and {hit.second}"
+    wanted = (
+        f"a motion in which nothing comes closer than {clear.margin:.3g} m; the last one of those that were "
+        f"tried brought {names} closer: try another seed, a smaller share or a smaller margin"
+    )
+    given = {"floor": clear.floor, "box": None if clear.box is None else clear.box.tolist()}
+    if hit.second in given:
+        return ParameterError(hit.second, given[hit.second], wanted)
+    return ParameterError("robot", f"{hit.first}, {hit.second}", wanted)
+
+
+def _amplitude(robot: Robot) -> Array:
+    """Return the amplitude at which a series has the speeds that stand for the limits, (n,)."""
+    return np.asarray(ranges(robot)[2] / (2.0 * math.pi * BASE * 0.5 * HARMONICS))
+
+
+def _excitation(robot: Robot, times: Array, q: Array, seed: int, clear: Clearance) -> Excitation:
+    """Return a motion with the shares of the limits that it takes."""
+    reference = Recorded(times, q, source=f"excitation of {robot.name}, seed {seed}")
+    target = reference.at(times)
+    effort = _torque(robot, target.q, target.v, target.a, 1.0) / robot.limits.effort
+    return Excitation(reference, np.abs(target.v).max(axis=0) / ranges(robot)[2], effort, clear)
 
 
 def ranges(robot: Robot) -> tuple[Array, Array, Array]:
@@ -169,26 +253,3 @@ def _torque(robot: Robot, q: Array, v: Array, a: Array, share: float) -> Array:
     factors = {1.0 / _ROTORS: 1.0, 1.0: share, _ROTORS: 1.0}
     torques = [np.abs(body + factor * rotor * a) / part for factor, part in factors.items()]
     return np.asarray(np.max(torques, axis=(0, 1)))
-
-
-def _hits(robot: Robot, q: Array, floor: float | None, box: Array | None) -> bool:
-    """Tell whether links that move are below a floor, or lines from origin to origin in a box."""
-    import pinocchio as pin
-
-    model = robot.pinocchio_model()
-    data, between = model.createData(), np.linspace(0.0, 1.0, _BETWEEN + 2)[:, None, None]
-    moved = [i for i, frame in enumerate(model.frames) if int(frame.parentJoint) > 1]
-    parents = [*[*model.parents][1:], int(model.frames[robot._frame(robot.tip)].parentJoint)]
-    for each in q[:: round(0.1 / _SAMPLE)]:
-        pin.framesForwardKinematics(model, data, each)
-        if floor is not None and any(data.oMf[i].translation[2] < floor for i in moved):
-            return True
-        ends = [
-            *(data.oMi[i].translation for i in range(1, model.njoints)),
-            data.oMf[robot._frame(robot.tip)].translation,
-        ]
-        begins = np.array([data.oMi[i].translation for i in parents])
-        lines = begins + between * (np.array(ends) - begins)
-        if box is not None and ((lines > box[0]) & (lines < box[1])).all(axis=-1).any():
-            return True
-    return False

@@ -14,10 +14,11 @@ from armgpi.errors import ParameterError, UnfitLog
 from armgpi.gpi.two_mass import Gears as Modes
 from armgpi.gpi.two_mass import damping_at_one, gravity_stiffness
 from armgpi.identification.estimate import expect
-from armgpi.identification.excitation import Excitation, ranges
+from armgpi.identification.excitation import Excitation, blocked, free_configuration, ranges, surroundings
 from armgpi.identification.logs import Grid, Log, resample
 from armgpi.identification.weak_form import COLUMNS, ROTOR
 from armgpi.references.recorded import Recorded
+from armgpi.robot.clearance import Clearance
 from armgpi.robot.drives import Drives
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import assume_gears, lowest_mode
@@ -33,6 +34,8 @@ TURN = _SETTLE + PERIODS * PERIOD + _REST
 _RANGE, _SPEED, _SAMPLE = 0.03, 0.5, 0.002
 #: Share of the torque that gravity leaves: with less, Coulomb friction bends the answer.
 SHAKEN = 0.4
+#: Configurations about which a motion is tried until it collides with nothing.
+_CENTRES = 20
 #: Step in which the beginning of the motion is looked for in a log [s].
 _LOOK = 0.25
 #: Widths of what is expected: logarithms of stiffness, damping, friction, links, of a rotor where it is
@@ -117,16 +120,19 @@ class _Turn(NamedTuple):
     noise: Array
 
 
-def shake(robot: Robot, share: float = SHAKEN, seed: int = 0) -> Excitation:
+def shake(
+    robot: Robot, share: float = SHAKEN, seed: int = 0, clearance: Clearance | None = None
+) -> Excitation:
     """Return a motion that shows the gears: joint by joint, accelerations at lines from 2 to 60 Hz.
 
-    A law that feeds forward answers with torques at these lines. The arm stays where it is, within a few
-    degrees.
+    A law that feeds forward answers with torques at these lines. The arm stays within a few degrees of the
+    middle of its ranges, or of a configuration in which it collides with nothing.
 
     Args:
         robot: the arm.
         share: of the torque that gravity leaves.
         seed: the same seed gives the same motion.
+        clearance: what the arm must not touch; its own links and a floor if None.
 
     Raises:
         ParameterError: for an argument that cannot be, or an arm that cannot hold itself there.
@@ -134,11 +140,35 @@ def shake(robot: Robot, share: float = SHAKEN, seed: int = 0) -> Excitation:
     check_type(robot, "robot", Robot, "a Robot")
     share = check_number(share, "share", "in (0, 1]", 0.0, 1.0, open_=True)
     rng = np.random.default_rng(check_whole(seed, "seed", 0))
-    centre, (lower, upper, speed) = robot.middle(), ranges(robot)
+    clear = surroundings(robot) if clearance is None else clearance
+    failed: ParameterError | None = None
+    for turn in range(_CENTRES):
+        centre = robot.middle() if not turn else free_configuration(robot, rng, clear)
+        try:
+            motion = _shake_about(robot, centre, share, seed, clear)
+        except ParameterError as error:
+            failed = failed or error
+            continue
+        q = np.asarray(motion.reference.q)
+        if (hit := clear.first_hit(q[clear.dense(q)])) is None:
+            return motion
+        failed = blocked(hit, clear)
+    assert failed is not None
+    raise failed
+
+
+def _shake_about(robot: Robot, centre: Array, share: float, seed: int, clear: Clearance) -> Excitation:
+    """Return the motion of :func:`shake` about a configuration (n,).
+
+    Raises:
+        ParameterError: for an arm that cannot hold itself there.
+    """
+    rng = np.random.default_rng(seed)
+    lower, upper, speed = ranges(robot)
     spare = robot.limits.effort - np.abs(robot.gravity(centre))
     if not (spare > 0.0).all():
         name = robot.joint_names[int(spare.argmin())]
-        raise ParameterError("robot", robot.name, f"an arm that {name} holds in the middle of its range")
+        raise ParameterError("robot", robot.name, f"an arm that {name} holds where it is shaken")
     rotor = expect(robot).mean.reshape(robot.n, len(COLUMNS))[:, ROTOR]
     inertia = np.diag(robot.mass_matrix(centre)) - robot.armature + rotor
     times = np.arange(0.0, robot.n * TURN + 0.5 * _SAMPLE, _SAMPLE)
@@ -154,7 +184,7 @@ def shake(robot: Robot, share: float = SHAKEN, seed: int = 0) -> Excitation:
     reference = Recorded(times, q, source=f"multisine of {robot.name}, seed {seed}")
     target = reference.at(times)
     torque = np.abs(robot.gravity(centre) + inertia * target.a).max(axis=0)
-    return Excitation(reference, np.abs(target.v).max(axis=0) / speed, torque / robot.limits.effort)
+    return Excitation(reference, np.abs(target.v).max(axis=0) / speed, torque / robot.limits.effort, clear)
 
 
 def _flattest(rng: np.random.Generator, t: Array) -> Array:

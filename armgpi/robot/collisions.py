@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from os import PathLike
@@ -13,6 +14,18 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.robot.meshes import MeshFinder
 from armgpi.robot.robot import Robot
+
+
+class Shapes(NamedTuple):
+    """The collision shapes of an arm.
+
+    Attributes:
+        model: Pinocchio's geometry model, with the pairs of links to look at; None where nothing was read.
+        missing: links of which a collision mesh was not found or cannot be read.
+    """
+
+    model: Any
+    missing: tuple[str, ...]
 
 
 class Contact(NamedTuple):
@@ -36,7 +49,7 @@ def self_collisions(
     Links next to each other, and those that touch in the first already, are not looked at. Nothing is
     said of what is between them, of obstacles, nor of shapes whose mesh is not found.
     """
-    shapes = _shapes(robot, package_dirs)
+    shapes = read_shapes(robot, package_dirs).model
     if shapes is None or not shapes.ngeoms:
         return None
     import pinocchio as pin
@@ -56,20 +69,25 @@ def self_collisions(
     return [Contact(*links, index) for links, index in found.items() if index]
 
 
-def _shapes(robot: Robot, package_dirs: Iterable[str | PathLike[str]]) -> Any:
-    """Return the collision shapes of an arm's file that may be read, with the pairs to look at."""
+def read_shapes(robot: Robot, package_dirs: Iterable[str | PathLike[str]] = ()) -> Shapes:
+    """Return the collision shapes of an arm's file that may be read, with the pairs to look at.
+
+    Links that a joint connects are no pair.
+    """
     source = Path(str(robot.provenance.get("source", "")))
     if source.suffix.lower() != ".urdf" or not source.is_file():
-        return None
+        return Shapes(None, ())
     import pinocchio as pin
 
     root, finder = ET.parse(source).getroot(), MeshFinder(source, package_dirs)
+    missing: dict[str, None] = {}
     for link in root.findall("link"):
         for shape in link.findall("collision"):
             if (mesh := shape.find("geometry/mesh")) is None:
                 continue
             if (path := finder.find(mesh.get("filename", "")).path) is None:
                 link.remove(shape)
+                missing[link.get("name", "")] = None
             else:
                 mesh.set("filename", str(path))
     model = robot.pinocchio_model()
@@ -77,11 +95,12 @@ def _shapes(robot: Robot, package_dirs: Iterable[str | PathLike[str]]) -> Any:
     try:
         shapes = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
     except (RuntimeError, ValueError):  # a mesh that cannot be read
-        return None
-    shapes.addAllCollisionPairs()
-    for pair in list(shapes.collisionPairs):
-        first = shapes.geometryObjects[pair.first].parentJoint
-        second = shapes.geometryObjects[pair.second].parentJoint
-        if model.parents[max(first, second)] == min(first, second):  # a joint comes after what carries it
-            shapes.removeCollisionPair(pair)
-    return shapes
+        every = (link.get("name", "") for link in root.findall("link") if link.find("collision") is not None)
+        return Shapes(None, tuple(every))
+    joints = [int(shape.parentJoint) for shape in shapes.geometryObjects]
+    # Added one by one: what a list of pairs holds is not theirs any more when one of them is removed.
+    for i, j in itertools.combinations(range(len(joints)), 2):
+        first, second = min(joints[i], joints[j]), max(joints[i], joints[j])
+        if first != second and model.parents[second] != first:  # a joint comes after what carries it
+            shapes.addCollisionPair(pin.CollisionPair(i, j))
+    return Shapes(shapes, tuple(missing))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -193,7 +193,8 @@ def _plan(
             stage = Stage(f"{number + j}-{kind}-{name}", kind, (name,), (way,))
             yield stage, _file(loaded, experiment, caps, (name,), moves), ""
         number += 10 * (1 + robot.n // 10)
-    first = excite(robot, share=FIRST_SHARE, floor=floor).reference
+    height: float | Literal["usual"] = "usual" if floor is None else floor
+    first = excite(robot, share=FIRST_SHARE, floor=height).reference
     own = experiment.reference, experiment.t_final, 1.0 / _SLOWER
     for kind, reference, end, rate in (("excite", first, first.t_end, 1.0), ("slow", *own)):
         table, seconds = _table(robot, start, reference, end, rate)
