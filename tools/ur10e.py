@@ -116,7 +116,7 @@ def main() -> None:
 
     @cache
     def fit(seconds: float) -> Identified:
-        return identify(cut(train, seconds), robot, current=GAINS, check_first=False)
+        return identify(cut(train, seconds), robot, current=GAINS, torque="motor")
 
     print(f"| residual over torque [%] | {' | '.join(robot.joint_names)} | mean |")
     print("|---|" + "---|" * (robot.n + 1))

@@ -23,6 +23,8 @@ ROWS = {
     "no_gravity": "The logged torques do not contain gravity: the arm compensates it itself.",
     "current NUMBERS": "Torque constants at the joints [N m/A], for logs with currents as tau, such as "
     "'j1=10,j2=12'.",
+    "torque KIND": "What the torques are: motor (current times a constant), joint (a sensor behind the gear) "
+    "or commanded.",
     "columns NAMES": "What columns of CSV files are called: 'time=t,q=pos_JOINT,tau=i_NUMBER' (from 1).",
     "identify.resonance LOG": (
         "A log of excite --resonance, from which joint stiffness and the first mode are identified."
@@ -58,6 +60,7 @@ def identify(
     validate: Path | None = None,
     no_gravity: bool = False,
     current: str | None = None,
+    torque: str | None = None,
     columns: str | None = None,
     resonance: Path | None = None,
     experiment: Path | None = None,
@@ -82,16 +85,9 @@ def identify(
     from armgpi.identification.writing import write_identified
 
     require_extra("clarabel", "certify")
-    arm = load_arm(robot, how)
     constants = None if current is None else per_joint(current, "--current")
-    found = identified(
-        logs,
-        arm,
-        gravity=not no_gravity,
-        check_first=not anyway,
-        current=constants,
-        columns=_names(columns),
-    )
+    options: dict[str, Any] = {"current": constants, "columns": _names(columns), "torque": torque}
+    found = identified(logs, load_arm(robot, how), gravity=not no_gravity, check_first=not anyway, **options)
     carried = None if load is None else found.load(load, check_first=not anyway)
     if resonance is not None:
         found = found.with_resonance(resonance)

@@ -11,12 +11,21 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from armgpi.arrays import Array, PerJointInput, check_type, frozen, quantity
+from armgpi.arrays import Array, PerJointInput, check_choice, check_type, frozen, quantity
 from armgpi.errors import ParameterError, UnfitLog
 from armgpi.identification import estimate
-from armgpi.identification.check import Finding, check, check_bodies, check_fit, refuse
+from armgpi.identification.check import (
+    LIGHT,
+    Finding,
+    check,
+    check_bodies,
+    check_fit,
+    check_friction,
+    check_rotors,
+    refuse,
+)
 from armgpi.identification.estimate import Block, Fit, Prior
-from armgpi.identification.logs import Grid, Log, read_log, resample
+from armgpi.identification.logs import TORQUES, Grid, Log, read_log, resample
 from armgpi.identification.posterior import Posterior, with_parameters
 from armgpi.identification.resonance import Gears, find_gears
 from armgpi.identification.simulated import simulate_experiment
@@ -36,6 +45,7 @@ from armgpi.robot.batch import RobotBatch
 from armgpi.robot.drives import Drives
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
+from armgpi.robot.rotors import SCATTER
 
 #: Widths over which the sign of velocity may be smoothed [rad/s or m/s], and the one to begin with.
 WIDTHS, _FIRST_WIDTH = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2), 5e-3
@@ -57,6 +67,8 @@ _STRIBECK = 0.05
 _COUPLED, MOTOR = 0.3, ("rotor", "viscous", "coulomb")
 #: What is estimated of drives -> its name there; and the share learned from which it is measured.
 _DRIVES, _DECIDED = {"rotor": "rotor_inertia", "coulomb": "coulomb", "viscous": "viscous"}, 0.5
+#: Share of the rotors that the log decided, too light, from which sensors behind the gears hide them.
+_MOST_LIGHT = 0.5
 #: Half width of a 95 % interval in standard deviations.
 _95 = 1.96
 #: Shortest period that is looked for [s], and most that two periods may differ, as a share of the motion.
@@ -152,6 +164,8 @@ class Identified:
         residuals: residual over torque on the logs themselves, (n,) [-].
         sources: where the logs came from.
         dt: sample time of the first log [s].
+        torque: what the torques of the logs are: "motor", "joint" or "commanded"; empty where nobody said.
+        hidden: joints whose rotor and motor friction are not in the torques, (n,): these stay assumed.
         gears: their stiffness and the first mode, where a log of a multisine was given; else None.
         simulated: residual over torque of the arm simulated with the experiment of the first log, (n,), where
             that was given, infinite where it is lost; else None.
@@ -170,6 +184,8 @@ class Identified:
         self.simulated: Array | None = None
         self._data, self._fit, self._prior = data, fitted, prior
         self.file, self.findings = data.robot, tuple(findings)
+        own = np.arange(data.robot.n)[data.hidden] * len(COLUMNS) + ROTOR
+        fitted.physical[own] = 0.0  # no column has them, and a solver may leave them anywhere
         self.theta = prior.mean + prior.std * fitted.physical
         self._std = prior.std * np.sqrt(np.diag(fitted.covariance))
         joints = len(COLUMNS) * data.robot.n
@@ -178,9 +194,17 @@ class Identified:
         self.width = frozen(data.width)
         self.sources = tuple(data.sources)
         self.dt = data.grids[0].dt
+        self.torque, self.hidden = data.torque, data.hidden.copy()
         self.robot = data.robot
         self.robot = with_parameters(data.robot, self.theta[:joints]).with_drives(self.drives)
         self.residuals = frozen(_shares(fitted.residuals, data.torques(self.lag)))
+
+    @property
+    def light(self) -> npt.NDArray[np.bool_]:
+        """Which rotors that the log decided came out far too light for a motor behind a gear, (n,)."""
+        rows = [row for row in self.table() if row.quantity == "rotor"]
+        light = [row.data_share > _DECIDED and row.upper < LIGHT * row.expected for row in rows]
+        return np.array(light) & ~_without_rotors(self.file)
 
     @property
     def posterior(self) -> Posterior:
@@ -190,13 +214,30 @@ class Identified:
 
     @property
     def drives(self) -> Drives:
-        """Rotors, friction and gears with their intervals: "identified" where the logs decided them."""
+        """Rotors, friction and gears with their intervals: "identified" where the logs decided them.
+
+        Rotors and motor friction that are not in the torques of the logs, and rotors that are not plausible
+        for a motor, are "assumed".
+        """
         drives = self.file.drives
+        implausible = {each.joint for each in self._rotor_findings()}
+        hidden = dict(zip(self.file.joint_names, self.hidden, strict=True))
+        stds = self._prior.std[: len(COLUMNS) * self.file.n].reshape(self.file.n, -1)
         for row in self.table():
-            if name := _DRIVES.get(row.quantity):
-                source = "identified" if row.data_share > _DECIDED else "assumed"
-                value, low, high = ({row.joint: x} for x in (row.value, row.lower, row.upper))
-                drives = drives.with_value(name, value, low, high, source)
+            if not (name := _DRIVES.get(row.quantity)):
+                continue
+            known = row.joint in drives.data.get(name, {})
+            if hidden[row.joint] and row.quantity == "rotor" and known:
+                continue
+            decided = row.data_share > _DECIDED and not hidden[row.joint]
+            decided &= not (row.quantity == "rotor" and row.joint in implausible)
+            upper = row.upper
+            if hidden[row.joint] and row.quantity != "rotor":
+                # What was found is the friction behind the sensor; the motor's comes on top.
+                place = self.file.joint_names.index(row.joint), COLUMNS.index(row.quantity)
+                upper = max(upper, row.value + float(stds[place]))
+            value, low, high = ({row.joint: x} for x in (row.value, row.lower, upper))
+            drives = drives.with_value(name, value, low, high, "identified" if decided else "assumed")
         return drives if self.gears is None else self.gears.add_to(drives)
 
     def with_resonance(self, log: Any) -> Identified:
@@ -361,7 +402,20 @@ class Identified:
         learned, expected = float(self._fit.learned[place]), float(self._prior.mean[place])
         if quantity == "lag":
             expected = 0.0
+        if quantity == "rotor" and self.hidden[self.file.joint_names.index(joint)]:
+            ends = (value / SCATTER, value * SCATTER)
         return Estimate(joint, quantity, value, *ends, learned, expected)
+
+    def _rotor_findings(self) -> list[Finding]:
+        """Return which rotors that the log decided are not plausible for a motor."""
+        rows = [row for row in self.table() if row.quantity == "rotor"]
+        none = _without_rotors(self.file)
+        decided = [row for row, own in zip(rows, none, strict=True) if row.data_share > _DECIDED and not own]
+        value, low, high, expected = (
+            np.array([getattr(row, name) for row in decided])
+            for name in ("value", "lower", "upper", "expected")
+        )
+        return check_rotors([row.joint for row in decided], value, (low, high), expected)
 
     def __repr__(self) -> str:
         """Return a one-line description."""
@@ -381,6 +435,7 @@ def identify(
     check_first: bool = True,
     current: PerJointInput | None = None,
     columns: Mapping[str, str] | None = None,
+    torque: str | None = None,
 ) -> Identified:
     """Return the arm that made a log of measured positions and commanded torques.
 
@@ -398,6 +453,10 @@ def identify(
         current: torque at the joint for a unit of what is logged [N m/A or N/A], where that is currents: a
             number, (n,), or joint -> number. A wrong one is not seen: it makes a heavier or lighter arm.
         columns: what the columns of CSV files are called, see :func:`~armgpi.identification.logs.read_log`.
+        torque: what the torques are: "motor" (current times a constant), "joint" (a sensor behind the gear)
+            or "commanded". In those of a joint there are no rotors and no motor friction: these stay assumed.
+            None is what the logs say; where they do not, and most rotors come out far too small for a motor,
+            the torques are taken for those of joints, and that is a finding.
 
     Raises:
         UnfitLog: when a log does not pass the check; it says what the arm must do.
@@ -408,6 +467,8 @@ def identify(
     check_type(robot, "robot", Robot, "a Robot")
     check_type(gravity, "gravity", bool, "True or False")
     check_type(check_first, "check_first", bool, "True or False")
+    if torque is not None:
+        check_choice(torque, "torque", TORQUES)
     several = isinstance(logs, (list, tuple)) and not isinstance(logs, Log)
     scale = 1.0 if current is None else quantity(current, "current", robot.joint_names)
     data = _Data(robot, gravity, scale, columns).with_logs(list(logs) if several else [logs])
@@ -416,20 +477,56 @@ def identify(
     findings = data.findings(len(data.grids))
     if check_first:
         refuse(findings)
-    lag = _settle(data, np.zeros(robot.n))
+    if torque is not None:
+        data.torque = torque
+    if data.torque == "joint":
+        data.hide(np.ones(robot.n, dtype=bool))
+    found = _fit(data, findings)
+    light = found.light
+    if light.any():
+        findings = [*findings, *_hide_rotors(data, light, found)]
+        found = _fit(data, findings)
+    if check_first:
+        rotors = [row for row in found.table() if row.quantity == "rotor"]
+        least = np.array([row.lower / row.expected for row in rotors])
+        refuse(check_fit(found.robot.joint_names, found.lag, found.residuals, least))
+    unknowns = found._fit.physical[: len(COLUMNS) * robot.n].reshape(robot.n, -1)
+    bodies = np.sqrt((unknowns[:, : len(BODY)] ** 2).mean(axis=1))
+    coulomb = np.array([row.lower for row in found.table() if row.quantity == "coulomb"])
+    found.findings += tuple(found._rotor_findings())
+    found.findings += tuple(check_friction(robot.joint_names, data.expected, coulomb))
+    found.findings += tuple(check_bodies(robot.joint_names, bodies))
+    return found
+
+
+def _fit(data: _Data, findings: Sequence[Finding]) -> Identified:
+    """Return the fit of some logs, with the terms of friction, motors and lags that they ask for."""
+    n = data.robot.n
+    data.width, data.frictions, data.coupled, data.lags = np.full(n, _FIRST_WIDTH), {}, [], 1
+    lag = _settle(data, np.zeros(n))
     data.width = _choose_widths(data, lag)
     _choose_frictions(data, lag)
     _choose_couplings(data, lag)
     lag = _settle(data, lag)
     fitted, prior = _with_lags(data, lag)
-    found = Identified(data, fitted, prior, findings)
-    if check_first:
-        rotors = [row for row in found.table() if row.quantity == "rotor"]
-        least = np.array([row.lower / row.expected for row in rotors])
-        refuse(check_fit(found.robot.joint_names, found.lag, found.residuals, least))
-    bodies = fitted.physical[: len(COLUMNS) * robot.n].reshape(robot.n, -1)[:, : len(BODY)]
-    found.findings += tuple(check_bodies(robot.joint_names, np.sqrt((bodies**2).mean(axis=1))))
-    return found
+    return Identified(data, fitted, prior, findings)
+
+
+def _hide_rotors(data: _Data, light: npt.NDArray[np.bool_], found: Identified) -> list[Finding]:
+    """Leave rotors out of a fit that came out too light for motors; return what is to be said of it."""
+    names = data.robot.joint_names
+    decided = sum(row.quantity == "rotor" and row.data_share > _DECIDED for row in found.table())
+    if data.torque != "motor" and light.sum() > _MOST_LIGHT * decided:
+        data.torque = "joint"
+        data.hide(np.ones(data.robot.n, dtype=bool))
+        said = (
+            f"the rotors of {int(light.sum())} of {decided} joints came out far too light for motors, so the "
+            "torques were taken for those of sensors behind the gears: rotor inertia and motor friction are "
+            "not in them and stay assumed (--torque joint says so, --torque motor denies it)"
+        )
+        return [Finding("warning", "", said)]
+    data.hide(light | data.hidden)
+    return [each for each in found._rotor_findings() if light[names.index(each.joint)]]
 
 
 class _Data:
@@ -463,6 +560,17 @@ class _Data:
         self.forms: list[WeakForm] = []
         self.phases: list[npt.NDArray[np.intp]] = []
         self.sources: list[str] = []
+        self.torque = ""
+        self.hidden = np.zeros(robot.n, dtype=bool)
+
+    def hide(self, joints: npt.NDArray[np.bool_]) -> None:
+        """Take the rotors of some joints, (n,), to be not in the torques: they stay what is expected."""
+        self.hidden = joints.copy()
+        mean, std = (
+            each.reshape(self.robot.n, -1).copy() for each in (self.expected.mean, self.expected.std)
+        )
+        std[joints, ROTOR] = 0.5 * (SCATTER - 1.0 / SCATTER) / _95 * mean[joints, ROTOR]
+        self.expected = self.expected._replace(std=std.ravel())
 
     def with_logs(self, logs: Sequence[Any]) -> _Data:
         """Return the same of other logs.
@@ -473,8 +581,13 @@ class _Data:
         other = _Data(self.robot, self.gravity, self.scale, self.columns)
         other.width, other.lags, other.frictions = self.width, self.lags, self.frictions
         other.heavy, other.coupled = self.heavy, self.coupled
+        other.torque, other.hidden, other.expected = self.torque, self.hidden, self.expected
         for each in logs:
             log = self.read(each)
+            if log.torque and other.torque and log.torque != other.torque:
+                wanted = f"logs of one kind of torque: the others are of {other.torque!r} torques"
+                raise ParameterError(f"{log.source}: torque", log.torque, wanted)
+            other.torque = log.torque or other.torque
             grid = resample(log)
             form = WeakForm(self.model, grid)
             if not len(form.starts):
@@ -540,6 +653,7 @@ class _Data:
         for form, phase in zip(self.forms, self.phases, strict=True):
             rows = form.rows.copy()
             j = np.arange(n)
+            rows[:, j, j, ROTOR] *= ~self.hidden
             rows[:, j, j, COULOMB] = form.signs(width)
             torque, slope = form.torque(lag)
             lagged = np.zeros((len(torque), n, self.lags))
@@ -567,6 +681,13 @@ class _Data:
         )
         rows[:, [one, other], 2] = both * np.array([sign, 1.0])
         return rows
+
+
+def _without_rotors(robot: Robot) -> npt.NDArray[np.bool_]:
+    """Return of which joints somebody specified that they have no rotor, as those of direct drives, (n,)."""
+    return (robot.drives.value("rotor_inertia") == 0.0) & (
+        np.array(robot.drives.sources("rotor_inertia")) != ""
+    )
 
 
 def mean_inertia(robot: Robot) -> Array:

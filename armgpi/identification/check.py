@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import optimize
@@ -12,7 +12,16 @@ from armgpi.arrays import Array
 from armgpi.errors import UnfitLog
 from armgpi.identification.estimate import Prior, is_supposed
 from armgpi.identification.logs import Grid
-from armgpi.identification.weak_form import BODY, COLUMNS, MOST_LAG, OFFSET, ROTOR, VISCOUS, WeakForm
+from armgpi.identification.weak_form import (
+    BODY,
+    COLUMNS,
+    COULOMB,
+    MOST_LAG,
+    OFFSET,
+    ROTOR,
+    VISCOUS,
+    WeakForm,
+)
 from armgpi.robot.robot import Robot
 
 #: Longest sample time [s] and shortest log [s].
@@ -30,8 +39,15 @@ _CLIPPED, _TOO_MUCH = 0.05, 2.0
 _OUTSIDE, _DEGREES = 0.05, 3.0
 #: Share of the weight that the torques have to carry, where weight is so much of the expected torque.
 _WEIGHT, _WEIGHS = 0.3, 0.3
-#: Torque over what the file expects, either way, beyond which its unit is another one.
-_SCALE = 30.0
+#: What the file expects over a torque, and a torque over the most that an arm with rotors and friction may
+#: take, from which its unit is another one: the latter allows for bodies, rotors and friction so far from
+#: what is assumed, in parts of the file's, parts of the assumed rotor, and standard deviations.
+_TOO_SMALL, _TOO_LARGE = 30.0, 10.0
+_BODIES, _ROTORS, _FRICTIONS = 1.5, 4.0, 2.0
+#: Coulomb friction that was found, over that allowance, from which its torque has another unit.
+_RUBS = 2.0
+#: A found rotor over the expected one that is not plausible for a motor: none of those published is outside.
+LIGHT, HEAVY = 0.15, 4.0
 #: Residual over torque of a joint beyond which the fit is of another arm.
 _UNEXPLAINED = 0.5
 #: Rotor over the expected one from which something else is wrong: none of those published is above four.
@@ -105,6 +121,56 @@ def check_fit(names: Sequence[str], lag: Array, residuals: Array, rotors: Array)
     return found
 
 
+def check_friction(names: Sequence[str], prior: Prior, friction: Array) -> list[Finding]:
+    """Return which friction is more than an arm has: the check before the fit, once more after it.
+
+    Args:
+        names: of the joints.
+        prior: what was expected of an arm.
+        friction: lower ends of the intervals of Coulomb friction [N m or N], (n,).
+    """
+    mean, std = (each.reshape(len(names), -1)[:, COULOMB] for each in (prior.mean, prior.std))
+    most = _RUBS * (mean + _FRICTIONS * std)
+    return [
+        Finding(
+            "warning",
+            name,
+            f"its friction came out as {x:.3g} or more, where at most {limit:.2g} is plausible: is its "
+            "torque in N m or N, at the joint?",
+        )
+        for name, x, limit in zip(names, friction, most, strict=True)
+        if x > limit
+    ]
+
+
+def check_rotors(
+    names: Sequence[str], value: Array, ends: tuple[Array, Array], expected: Array
+) -> list[Finding]:
+    """Return which rotors are not plausible for a motor: findings, whatever the log says.
+
+    Args:
+        names: of the joints.
+        value: what was found [kg m^2 or kg], (n,).
+        ends: of the 95 % intervals, each (n,).
+        expected: what is assumed or specified, (n,).
+    """
+    found = []
+    for i, name in enumerate(names):
+        low, high, assumed = float(ends[0][i]), float(ends[1][i]), float(expected[i])
+        said = (
+            f"its rotor came out as {value[i]:.2g} [{low:.2g}, {high:.2g}], where {assumed:.2g} is assumed: "
+        )
+        if high < LIGHT * assumed:
+            said += (
+                "not plausible for a motor behind a gear, so the assumed one is kept; --drives FILE says more"
+            )
+            found.append(Finding("warning", name, said))
+        elif low > HEAVY * assumed:
+            said += "not plausible for its motor; is its torque that at the joint, and are times in s?"
+            found.append(Finding("warning", name, said))
+    return found
+
+
 def check_bodies(names: Sequence[str], distances: Array) -> list[Finding]:
     """Return which bodies are far from the file's, for distances over what a file may be off, (n,)."""
     said = "its body came out unlike the file's: is it this robot, with the same zero?"
@@ -169,6 +235,7 @@ def _of_torques(robot: Robot, gravity: bool, prior: Prior, form: WeakForm) -> It
     terms = _terms(prior, form, n)
     torque, _ = form.torque(np.zeros(n))
     match = np.array([[_explain(terms[:, j], torque[:, i])[0] for j in range(n)] for i in range(n)])
+    most = _most(prior, terms)
     for i, name in enumerate(robot.joint_names):
         own, best = match[i, i], int(match[i].argmax())
         reverse, _ = _explain(terms[:, i], -torque[:, i])
@@ -185,7 +252,7 @@ def _of_torques(robot: Robot, gravity: bool, prior: Prior, form: WeakForm) -> It
             said += "robot, with commanded torques of the same time, order and sign?"
         if said:
             yield Finding("error", name, said)
-        yield from _of_scale(name, terms[:, i], torque[:, i], gravity and not bare)
+        yield from _of_scale(name, terms[:, i], torque[:, i], float(most[i]), gravity and not bare)
 
 
 def _terms(prior: Prior, form: WeakForm, n: int) -> Array:
@@ -210,16 +277,24 @@ def _explain(terms: Array, torque: Array) -> tuple[float, Array]:
     return 1.0 - rest**2 / total, factors / sizes
 
 
-def _of_scale(name: str, terms: Array, torque: Array, gravity: bool) -> Iterator[Finding]:
-    """Find a torque without the arm's weight, or in another unit."""
-    expected = terms[:, 0] + terms[:, 1]
-    ratio = float(np.sqrt((torque**2).mean() / max((expected**2).mean(), 1e-300)))
-    if not 1.0 / _SCALE < ratio < _SCALE:
-        yield Finding(
-            "error",
-            name,
-            f"its torque is {ratio:.2g} times what the file expects: in N m or N, at the joint, times in s?",
-        )
+def _of_scale(name: str, terms: Array, torque: Array, most: float, gravity: bool) -> Iterator[Finding]:
+    """Find a torque without the arm's weight, or in another unit.
+
+    Args:
+        name: of the joint.
+        terms: what explains its torque, (k, 5), as :func:`_terms` has them.
+        torque: (k,).
+        most: root mean square of the torque that an arm with rotors and friction takes at most.
+        gravity: whether it carries the arm's weight.
+    """
+    size = _rms(torque)
+    least = min(_rms(terms[:, 0]), _rms(terms[:, 0] + terms[:, 1]))  # where rotors are not in the torque
+    if size > _TOO_LARGE * most or size * _TOO_SMALL < least:
+        ratio, what = (size / most, "an arm with rotors and friction takes at most")
+        if size * _TOO_SMALL < least:
+            ratio, what = size / least, "the file expects"
+        said = f"its torque is {ratio:.2g} times what {what}: in N m or N, at the joint, times in s?"
+        yield Finding("error", name, said)
         return
     if not gravity or np.var(terms[:, 0]) < _WEIGHS * np.var(torque):
         return
@@ -231,3 +306,20 @@ def _of_scale(name: str, terms: Array, torque: Array, gravity: bool) -> Iterator
             "its torque does not carry the weight that the file has: where the arm adds that itself, say so "
             "(--no-gravity, gravity=False); else is it this robot, with the same zero?",
         )
+
+
+def _most(prior: Prior, terms: Array) -> Array:
+    """Return the root mean square of the torque that each joint takes at most, rotor and friction, (n,)."""
+    n = terms.shape[1]
+    mean, std = (each.reshape(n, len(COLUMNS)) for each in (prior.mean, prior.std))
+    body, rotor, sign, viscous, offset = (_rms(terms[..., k]) for k in range(terms.shape[-1]))
+    friction = [
+        (mean[:, k] + _FRICTIONS * std[:, k]) * size
+        for k, size in ((COULOMB, sign), (VISCOUS, viscous), (OFFSET, offset))
+    ]
+    return np.asarray(_BODIES * body + _ROTORS * rotor + np.sum(friction, axis=0))
+
+
+def _rms(values: Array) -> Any:
+    """Return root mean squares over the first axis."""
+    return np.sqrt((values**2).mean(axis=0))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armgpi import files
-from armgpi.arrays import Array, as_sized_array, check_path, check_type
+from armgpi.arrays import Array, as_sized_array, check_choice, check_path, check_type
 from armgpi.columns import read_table
 from armgpi.errors import ArrayError, NameNotFound, ParameterError, UnreadableTrajectory
 from armgpi.loop.log import ENDING, ArmLog, read
@@ -46,7 +46,19 @@ _COLUMNS = {
         "JOINT.effort",
         "JOINT/effort",
         "current_JOINT",
+        "tau_motor_JOINT",
+        "tau_joint_JOINT",
+        "tau_commanded_JOINT",
     ),
+}
+#: What a torque is: that of the motor (its current times a constant), that of a sensor behind the gear, or
+#: that which was commanded; and what names of columns say of it.
+TORQUES = ("motor", "joint", "commanded")
+_SAID = {
+    "current_JOINT": "motor",
+    "tau_motor_JOINT": "motor",
+    "tau_joint_JOINT": "joint",
+    "tau_commanded_JOINT": "commanded",
 }
 #: Units that may follow a column's name in brackets, in SI units.
 _UNITS = {
@@ -70,12 +82,15 @@ class Log(NamedTuple):
         q: measured positions [rad or m], shape (k, n).
         tau: commanded torques [N m or N], shape (k, n).
         source: where it came from, for messages.
+        torque: what the torques are: "motor", "joint" (a sensor behind the gear) or "commanded"; empty where
+            nobody said.
     """
 
     t: Array
     q: Array
     tau: Array
     source: str = "log"
+    torque: str = ""
 
 
 class Grid(NamedTuple):
@@ -132,7 +147,9 @@ def read_log(log: Any, robot: Robot, rollout: int = 0, columns: Mapping[str, str
                 f"expected shape ({len(t)}, {robot.n}), a row for each time and a column for each joint; "
                 f"got {array.shape}",
             )
-    return Log(t, q, tau, log.source)
+    if log.torque:
+        check_choice(log.torque, f"{log.source}: torque", TORQUES)
+    return Log(t, q, tau, log.source, log.torque)
 
 
 def resample(log: Log) -> Grid:
@@ -166,7 +183,9 @@ def _of_rollout(rollout: Any, robot: Robot, index: int) -> Log:
     there = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
     count = len(there) if there.all() else int(np.argmin(there))
     limit = robot.limits.effort
-    return Log(rollout["time"].values[:count], q[:count], np.clip(tau[:count], -limit, limit), "rollout")
+    return Log(
+        rollout["time"].values[:count], q[:count], np.clip(tau[:count], -limit, limit), "rollout", "motor"
+    )
 
 
 def _of_arm_log(there: ArmLog, robot: Robot) -> Log:
@@ -177,7 +196,9 @@ def _of_arm_log(there: ArmLog, robot: Robot) -> Log:
     later = np.vstack([rows["applied"][1:], rows["tau"][-1:]])  # of a sample the next one says
     good = np.isfinite(rows["q_measured"]).all(axis=1)
     tau = np.where(np.isfinite(later), later, rows["tau"])
-    return Log(there.t[good], rows["q_measured"][good], tau[good], there.source)
+    return Log(
+        there.t[good], rows["q_measured"][good], tau[good], there.source, str(there.header.get("torque", ""))
+    )
 
 
 def _read_file(path: Path, robot: Robot, rollout: int, columns: Mapping[str, str] | None) -> Any:
@@ -196,7 +217,8 @@ def _read_file(path: Path, robot: Robot, rollout: int, columns: Mapping[str, str
     except OSError as error:
         raise UnreadableTrajectory(path, f"{files.reason(error)}; give a log's file") from None
     arrays = {key: _columns(path, head, table, key, robot, columns or {}) for key in _COLUMNS}
-    return Log(arrays["time"][:, 0], arrays["q"], arrays["tau"], str(path))
+    said = "" if "tau" in (columns or {}) else _SAID.get(_form(head, "tau", robot.joint_names, {}), "")
+    return Log(arrays["time"][:, 0], arrays["q"], arrays["tau"], str(path), said)
 
 
 def _read_table(path: Path) -> tuple[list[str], Array]:
@@ -228,15 +250,9 @@ def _columns(
     path: Path, head: list[str], table: Array, key: str, robot: Robot, columns: Mapping[str, str]
 ) -> Array:
     """Return the columns of the joints, or of time, in SI units and in their order."""
-    names, units = zip(*(re.findall(r"^(.*?)\s*(?:\[(.*)\])?$", name)[0] for name in head), strict=True)
+    names, units = _names_and_units(head)
     joints = ["time"] if key == "time" else robot.joint_names
-    given = [columns[key]] if key in columns else _COLUMNS[key]
-    forms = [
-        [form.replace("NUMBER", str(i + 1)).replace("JOINT", x) for i, x in enumerate(joints)]
-        for form in given
-    ]
-    # Of several the one that most joints have; where none has all, the message names the first.
-    wanted = max(forms, key=lambda each: sum(name in names for name in each))
+    wanted = _of_joints(_form(head, key, joints, columns), joints)
     found = []
     for name in wanted:
         if name not in names:
@@ -247,6 +263,24 @@ def _columns(
             raise UnreadableTrajectory(path, f"{name} is in {unit!r}, expected {', '.join(_UNITS[key])}")
         found.append(table[:, place] * _UNITS[key].get(unit, 1.0))
     return np.stack(found, axis=-1)
+
+
+def _names_and_units(head: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the names of columns, and their units in brackets; empty for none."""
+    names, units = zip(*(re.findall(r"^(.*?)\s*(?:\[(.*)\])?$", name)[0] for name in head), strict=True)
+    return names, units
+
+
+def _of_joints(form: str, joints: Sequence[str]) -> list[str]:
+    """Return what a form of names makes of the joints."""
+    return [form.replace("NUMBER", str(i + 1)).replace("JOINT", x) for i, x in enumerate(joints)]
+
+
+def _form(head: Sequence[str], key: str, joints: Sequence[str], columns: Mapping[str, str]) -> str:
+    """Return the form of names that most joints have; where none has all, the message names the first."""
+    names, _ = _names_and_units(head)
+    given = [columns[key]] if key in columns else _COLUMNS[key]
+    return max(given, key=lambda form: sum(name in names for name in _of_joints(form, joints)))
 
 
 def _of_states(path: Path, robot: Robot) -> Log:

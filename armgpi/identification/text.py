@@ -177,9 +177,15 @@ def say_findings(found: Identified) -> list[str]:
             lines.append(f"{row.joint}: its friction {said}; simulated plants do not have it")
         elif row.quantity.startswith("rotor with "):
             lines.append(f"{row.joint}: {_COUPLED.format(row.quantity[11:], _interval(row))}")
+    hidden = [name for name, own in zip(found.robot.joint_names, found.hidden, strict=True) if own]
+    if len(hidden) == found.robot.n:
+        lines.append(
+            "the torques are those of sensors behind the gears: rotor inertia and motor friction are not in "
+            "them and stay assumed; what is listed as friction is that behind the sensors"
+        )
     together = {row.joint: row for row in found.sums()}
     for row in found.table():
-        if row.quantity == "rotor" and row.data_share < _DECIDED:
+        if row.quantity == "rotor" and row.data_share < _DECIDED and row.joint not in hidden:
             both = together[row.joint]
             lines.append(
                 f"{row.joint}: the rotor cannot be told from the links; the joint's mean inertia is "

@@ -295,6 +295,8 @@ def plain(found: Identified, emptied: Sequence[str], validation: Validation | No
         "format": FORMAT,
         "robot": found.robot.name,
         "logs": list(found.sources),
+        "torque": found.torque,
+        "rotor_not_in_torque": [name for name, own in zip(names, found.hidden, strict=True) if own],
         "residual_over_torque": of_joints(found.residuals.tolist()),
         "lag": of_joints(found.lag.tolist()),
         "sign_width": of_joints(found.width.tolist()),

@@ -251,10 +251,6 @@ class Clearance:
             return None
         pin, model, data = self._pin, self._model, self._data
         pin.framesForwardKinematics(model, data, q)
-        if self.floor is not None:
-            for i, frame in enumerate(model.frames):
-                if int(frame.parentJoint) > 1 and data.oMf[i].translation[2] < self.floor + self.margin:
-                    return str(frame.name), "floor"
         if self.box is not None:
             tip = self._robot._frame(self._robot.tip)
             parents = [*[*model.parents][1:], int(model.frames[tip].parentJoint)]
@@ -265,6 +261,10 @@ class Clearance:
             inside = ((lines > self.box[0] - self.margin) & (lines < self.box[1] + self.margin)).all(axis=-1)
             if inside.any():
                 return str(model.names[int(np.argwhere(inside)[0][1]) % model.njoints]), "box"
+        if self.floor is not None:
+            for i, frame in enumerate(model.frames):
+                if int(frame.parentJoint) > 1 and data.oMf[i].translation[2] < self.floor + self.margin:
+                    return str(frame.name), "floor"
         return None
 
 

@@ -65,7 +65,7 @@ def arm() -> armgpi.Robot:
 @cache
 def log(seed: int = 3, carried: float = 0.0) -> Log:
     """Return a log of it: exact torques along a motion, positions of 16 bits that are late."""
-    dt, excitation = 2e-3, excite(file(), 12.0, 0.6, seed=seed)
+    dt, excitation = 2e-3, excite(file(), 12.0, 0.6, seed=seed, floor=None)
     t = np.arange(0.0, 12.0, dt)
     other = arm().with_payload(arm().tip, carried, (0.0, 0.03, 0.05)) if carried else arm()
     z = excitation.reference.at(t + 0.5 * dt)
@@ -82,7 +82,7 @@ def found() -> Identified:
 
 
 def test_the_arm_that_made_the_log_is_found() -> None:
-    z = excite(file(), 10.0, 0.6, seed=9).reference.at(np.linspace(0.5, 9.5, 100))
+    z = excite(file(), 10.0, 0.6, seed=9, floor=None).reference.at(np.linspace(0.5, 9.5, 100))
     true, own = (each.inverse_dynamics(z.q, z.v, z.a) for each in (arm(), found().robot))
     assert np.sqrt(((own - true) ** 2).mean(axis=0) / (true**2).mean(axis=0)).max() < 0.01
     assert found().robot.friction.viscous == pytest.approx(arm().friction.viscous, rel=0.05)
@@ -104,7 +104,7 @@ def test_a_later_log_of_an_arm_that_has_changed_says_so() -> None:
 
 
 def test_friction_that_grows_with_the_load_or_towards_rest_is_found_where_it_is() -> None:
-    z = excite(file(), 12.0, 0.6, seed=3).reference.at(log().t + 1e-3)
+    z = excite(file(), 12.0, 0.6, seed=3, floor=None).reference.at(log().t + 1e-3)
     sign = z.v / np.sqrt(z.v**2 + 1e-6)
     more = 0.1 * sign * np.abs(arm().gravity(z.q)) * [0.0, 1.0, 0.0]
     more += sign * np.exp(-((z.v / 0.05) ** 2)) * [0.5, 0.0, 0.0]
@@ -135,7 +135,7 @@ def test_every_arm_that_is_found_or_drawn_is_physical() -> None:
 
 
 def test_a_log_without_noise_of_the_arm_of_the_file_is_no_log_of_one_that_rests() -> None:
-    dt, motion = 2e-3, excite(file(), 12.0, 0.6, seed=3).reference
+    dt, motion = 2e-3, excite(file(), 12.0, 0.6, seed=3, floor=None).reference
     t = np.arange(0.0, 12.0, dt)
     z, between = motion.at(t), motion.at(t + 0.5 * dt)
     same = identify(Log(t, z.q, file().inverse_dynamics(between.q, between.v, between.a)), file())
@@ -157,7 +157,7 @@ def test_an_arm_of_which_the_file_tells_no_mass_is_found(tmp_path: Path) -> None
     with pytest.raises(ArmgpiError, match="armgpi identify --repair assume-bodies"):
         armgpi.Robot.load(path, repair="all")
     result = identify(log(), armgpi.Robot.load(path, repair="assume-bodies"))
-    z = excite(file(), 10.0, 0.6, seed=9).reference.at(np.linspace(0.5, 9.5, 100))
+    z = excite(file(), 10.0, 0.6, seed=9, floor=None).reference.at(np.linspace(0.5, 9.5, 100))
     true, own = (each.inverse_dynamics(z.q, z.v, z.a) for each in (arm(), result.robot))
     assert np.sqrt(((own - true) ** 2).mean(axis=0) / (true**2).mean(axis=0)).max() < 0.01
     assert any("the file has no masses" in line for line in say_findings(result))
@@ -676,7 +676,7 @@ def test_joint_states_are_a_log(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_motor_that_turns_with_two_joints_is_found(sign: float) -> None:
-    given, motion = log(), excite(file(), 12.0, 0.6, seed=3).reference
+    given, motion = log(), excite(file(), 12.0, 0.6, seed=3, floor=None).reference
     z = motion.at(given.t + 1e-3)
     v, a = (x[:, 2] + sign * x[:, 1] for x in (z.v, z.a))
 
@@ -749,7 +749,7 @@ def test_irregular_times_and_torques_of_another_time_at_each_joint_are_taken(tmp
     path = tmp_path / "real.csv"
     np.savetxt(path, np.column_stack([t + 798.0, motion.at(t).q, tau]), "%.6f", ",", header=head, comments="")
     result = identify(path, file())
-    z = excite(file(), 10.0, 0.6, seed=9).reference.at(np.linspace(0.5, 9.5, 100))
+    z = excite(file(), 10.0, 0.6, seed=9, floor=None).reference.at(np.linspace(0.5, 9.5, 100))
     true, own = (each.inverse_dynamics(z.q, z.v, z.a) for each in (arm(), result.robot))
     assert np.sqrt(((own - true) ** 2).mean(axis=0) / (true**2).mean(axis=0)).max() < 0.02
     assert np.diff(-result.lag) == pytest.approx(np.diff(lags), abs=2e-3)
@@ -787,3 +787,100 @@ def test_an_arm_simulated_with_its_experiment_agrees_with_the_weak_form_or_that_
     with pytest.raises(ArmgpiError, match="off its reference after") as caught:
         found().with_experiment(path)
     assert "\n" not in str(caught.value)
+
+
+#: Rotors of a real arm whose file has none [kg m^2], and the friction behind a torque sensor [N m].
+REAL_ROTORS, RUBBING = np.array([1.2, 1.4, 0.8, 0.15, 0.12, 0.1]), 0.4
+
+
+@cache
+def real_log(torque: str) -> Log:
+    """Return a log of an UR5 with rotors: torques of its motors, or of sensors behind its gears."""
+    robot = armgpi.Robot.load("ur5")
+    motion, t = excite(robot, 10.0, 0.6, seed=3).reference, np.arange(0.0, 10.0, 4e-3)
+    z = motion.at(t + 2e-3)
+    other = robot.with_armature(REAL_ROTORS) if torque == "motor" else robot
+    tau = other.inverse_dynamics(z.q, z.v, z.a) + RUBBING * z.v / np.sqrt(z.v**2 + 1e-6)
+    noise = 0.02 * np.random.default_rng(0).normal(size=tau.shape)
+    return Log(t, motion.at(t).q, tau + noise, "real")
+
+
+def test_rotors_are_in_torques_of_motors() -> None:
+    result = identify(real_log("motor"), armgpi.Robot.load("ur5"))
+    assert not result.hidden.any()
+    assert set(result.drives.sources("rotor_inertia")[1:]) == {"identified"}
+    assert result.robot.armature[1:] == pytest.approx(REAL_ROTORS[1:], rel=0.05)
+
+
+@pytest.mark.parametrize("said", [None, "joint"])
+def test_torques_of_joints_have_no_rotors_and_these_stay_assumed(said: str | None, tmp_path: Path) -> None:
+    robot = armgpi.Robot.load("ur5")
+    result = identify(real_log("joint"), robot, torque=said)
+    assumed = rotors.assume_rotors(robot)
+    assert result.torque == "joint"
+    assert result.hidden.all()
+    assert result.robot.armature == pytest.approx(assumed.armature)
+    for name in ("rotor_inertia", "coulomb", "viscous"):
+        assert set(result.drives.sources(name)) == {"assumed"}
+    for own, end in zip(
+        result.drives.interval("rotor_inertia"), assumed.drives.interval("rotor_inertia"), strict=True
+    ):
+        assert own == pytest.approx(end)
+    # The bodies are those of the truth, since they have to carry no rotor: gravity and D(q) of the links.
+    q = robot.middle() + 0.5
+    links, true = (arm.mass_matrix(q) - np.diag(arm.armature) for arm in (result.robot, robot))
+    assert np.abs(links - true).max() < 0.03 * np.abs(true).max()
+    assert any("taken for those of sensors" in str(each) for each in result.findings) == (said is None)
+    assert any("sensors behind the gears" in line for line in say_findings(result))
+    write_identified(result, tmp_path / "found")
+    again = armgpi.Robot.load(tmp_path / "found")
+    assert set(again.drives.sources("rotor_inertia")) == {"assumed"}
+    assert again.armature == pytest.approx(assumed.armature)
+    data = json.loads((tmp_path / "found" / "identification.json").read_text(encoding="utf-8"))
+    assert data["torque"] == "joint"
+    # Draws of what the log leaves open have rotors about the assumed ones, not four times them.
+    drawn = np.array([arm.armature for arm in result.sample(16).robots]) / assumed.armature
+    assert (drawn > 0.0).all()
+    assert drawn.max() < 3.5
+
+
+def test_a_rotor_that_no_motor_has_is_a_finding_and_stays_assumed() -> None:
+    result = identify(real_log("joint")._replace(torque="motor"), armgpi.Robot.load("ur5"))
+    light = [str(each) for each in result.findings if "not plausible for a motor" in str(each)]
+    assert len(light) >= 3
+    sources = result.drives.sources("rotor_inertia")
+    for name, source in zip(result.robot.joint_names, sources, strict=True):
+        if any(line.startswith(name) for line in light):
+            assert source == "assumed"
+
+
+def test_friction_far_above_the_file_is_no_other_unit_and_another_unit_is() -> None:
+    """Wrists take tens of times what their bodies explain: logs of a real UR10e were refused for it."""
+    robot, given = armgpi.Robot.load("ur5"), real_log("motor")
+    v = np.gradient(given.q, given.t, axis=0)
+    rubbed = given._replace(tau=given.tau + 5.0 * v / np.sqrt(v**2 + 1e-4))
+    body = robot.inverse_dynamics(given.q, v, np.gradient(v, given.t, axis=0))[:, 5]
+    assert np.sqrt((rubbed.tau[:, 5] ** 2).mean() / (body**2).mean()) > 30.0
+    assert not [each for each in identify(rubbed, robot).findings if "N m or N" in str(each)]
+    with pytest.raises(UnfitLog, match="in N m or N, at the joint"):
+        identify(given._replace(tau=1e3 * given.tau), robot.with_limits(effort=np.full(6, 1e6)))
+
+
+def test_a_log_says_what_its_torques_are(tmp_path: Path) -> None:
+    names = file().joint_names
+    for form, torque in (
+        ("tau_{}", ""),
+        ("tau_joint_{}", "joint"),
+        ("tau_motor_{}", "motor"),
+        ("current_{}", "motor"),
+    ):
+        head = ",".join(["time", *(f"q_{x}" for x in names), *(form.format(x) for x in names)])
+        rows = np.hstack([log().t[:50, None], log().q[:50], log().tau[:50]])
+        np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=head, comments="")
+        assert read_log(tmp_path / "log.csv", file()).torque == torque
+    with pytest.raises(ArmgpiError, match="motor"):
+        read_log(log()._replace(torque="wrist"), file())
+    with pytest.raises(ArmgpiError, match="motor"):
+        identify(log(), file(), torque="wrist")
+    with pytest.raises(ArmgpiError, match="one kind of torque"):
+        identify([log()._replace(torque="motor"), log(9)._replace(torque="joint")], file())

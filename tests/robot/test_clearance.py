@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_collisions import arm
 
 from armgpi import Robot
 from armgpi.arrays import Array
@@ -14,8 +15,6 @@ from armgpi.identification.excitation import excite
 from armgpi.identification.resonance import shake
 from armgpi.robot.clearance import Clearance, usual_floor
 from armgpi.robot.collisions import read_shapes
-
-from test_collisions import arm
 
 #: Radius of a ball at the end of each link [m].
 RADIUS = 0.2
