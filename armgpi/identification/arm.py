@@ -685,9 +685,8 @@ class _Data:
 
 def _without_rotors(robot: Robot) -> npt.NDArray[np.bool_]:
     """Return of which joints somebody specified that they have no rotor, as those of direct drives, (n,)."""
-    return (robot.drives.value("rotor_inertia") == 0.0) & (
-        np.array(robot.drives.sources("rotor_inertia")) != ""
-    )
+    known = np.array([source != "" for source in robot.drives.sources("rotor_inertia")])
+    return np.asarray((robot.drives.value("rotor_inertia") == 0.0) & known, dtype=np.bool_)
 
 
 def mean_inertia(robot: Robot) -> Array:
