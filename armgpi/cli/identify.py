@@ -43,7 +43,7 @@ ROWS = {
     "first": (
         "For an arm of which only the URDF is known: a slower motion, planned with assumed rotor inertia."
     ),
-    "floor METRES": "Height that all links but the first stay above [m]; by default that of an arm that stands.",
+    "floor METRES": "Height above which all links but the first stay [m]; default: an upright arm's.",
     "no_floor": "Assume no floor.",
     "box NUMBERS": "Two corners of a box that all links avoid: x,y,z,x,y,z [m].",
     "margin METRES": "Distance from itself, floor and box [m]; 0.02 of the arm's length by default.",
