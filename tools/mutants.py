@@ -35,7 +35,20 @@ from typing import Any, NamedTuple
 
 import pytest
 
-PACKAGES = ("robot", "plants", "loop", "studies", "certification")
+PACKAGES = (
+    *(
+        "robot",
+        "plants",
+        "loop",
+        "studies",
+        "certification",
+        "gpi",
+        "supervisor",
+        "identification",
+        "hardware",
+    ),
+    *("codegen", "control", "references"),
+)
 #: How pytest runs the tests of these packages.
 PYTEST = ("-n", "0", "-p", "no:cacheprovider", "-o", "timeout=0", "-m", "not slow and not search")
 
