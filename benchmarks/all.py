@@ -25,6 +25,7 @@ SCRIPTS = {
     "prepared": True,
     "elastic": True,
     "references": True,
+    "tool": True,
     "recording": True,
     "growth": True,
     "start": True,

@@ -26,6 +26,7 @@ _FOLDED = 10
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
     "payload KG": "Payload at the tip whose effect on the loop is shown [kg]; 0.5 by default.",
+    "push N": "Simulate a push on the tool against the default controller [N]: how far it gives way.",
     "cross_check": "Read the URDF with yourdfpy as well, and compare.",
 }
 
@@ -37,6 +38,7 @@ def inspect(
     delay: int | None = None,
     dt: float | None = None,
     payload: float | None = None,
+    push: float | None = None,
     cross_check: bool = False,
     allow_part: bool = False,
     report: Path | None = None,
@@ -65,6 +67,8 @@ def inspect(
         from armgpi.health.crosscheck import with_cross_check
 
         found = with_cross_check(found)
+    if push is not None:
+        found = _with_push(found, push)
     verdict = _verdict(found, allow_part)
     if as_json:
         data = {**found.as_dict(), "verdict": verdict.plain()}
@@ -92,6 +96,20 @@ def _verdict(report: HealthReport, allow_part: bool = False) -> Verdict:
     stops = "something stops a run: " if report.has_errors else ""
     text = stops + _count_findings(fold(report.findings))
     return judge(not report.has_errors, text, left_out, accepted=allow_part)
+
+
+def _with_push(report: HealthReport, force: float) -> HealthReport:
+    """Return the report with what a push of a force [N] on the tool does."""
+    from armgpi.health import pushed
+
+    control = report.facts["control"]
+    found = pushed.pushed(report.robot, force, dt=control["dt"], bits=control["encoder_bits"])
+    facts = {
+        "force": force,
+        "said": pushed.describe(found, force),
+        "directions": [each._asdict() for each in found],
+    }
+    return report.with_findings([], push=facts)
 
 
 def _settings(robot: str, how: Mapping[str, Any], typed: dict[str, Any]) -> dict[str, Any]:
@@ -176,6 +194,8 @@ def _what_follows(facts: Mapping[str, Any]) -> list[str]:
         f"stability), {_mass(load['largest_nominal'])} with --payload-range at the default bandwidth, "
         f"{_mass(load['largest_held'])} by the effort limits",
     ]
+    if "push" in facts:
+        said.append(facts["push"]["said"])
     if "cross_check" in facts and not facts["cross_check"]["differences"]:
         check = facts["cross_check"]
         same = "axes, limits and poses" if check["reader"] == "yourdfpy" else "poses"
