@@ -16,6 +16,7 @@ from armgpi.cli.certify import (
     possible_arms,
 )
 from armgpi.cli.derive import write
+from armgpi.cli.experiment import note_world
 from armgpi.cli.parsing import is_experiment, refusal, stoppable
 from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import say
@@ -72,11 +73,14 @@ def bound(
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.certification.path import bound_path
     from armgpi.certification.stopping import bound_stop
+    from armgpi.config import world
     from armgpi.config.building import has_friction
     from armgpi.plants.plant import inside
 
     _check_options(report, friction_within)
     experiment = _experiment(robot, opt.drives_given(rotor_inertia, drives), controller)
+    how = {"rotor_inertia": rotor_inertia, "drives": drives}
+    note_world(robot, how, world.describe_arm(experiment.config, experiment.robot))
     note_assumed(experiment.robot)
     law: Any = next(iter(experiment.controllers.values()))
     settings, loads = experiment.config.plant, load_ends(payload)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from armgpi import renamed
 from armgpi.cli import options as opt
 from armgpi.cli.derive import write
+from armgpi.cli.experiment import note_world
 from armgpi.cli.parsing import FAILED, OK, is_experiment, per_joint, refusal, stoppable
 from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import progress, say
@@ -120,6 +121,7 @@ def certify(
     arm = load_arm(robot, how)
     dt, delay, controller = _loop_of(robot, dt, delay, controller)
     _refute_file(refute, arm)
+    note_world(robot, how, _judged(arm, delay, encoder_bits, friction, controller))
     note_assumed(arm)
     texts = {"speed": speed, "acceleration": acceleration, "torque": torque, "radius": radius}
     vectors = {key: joint_numbers(arm, text, f"--{key}") for key, text in texts.items() if text is not None}
@@ -136,6 +138,18 @@ def certify(
     verdict = judge(found.certified, verdict_of(found), left_out, accepted=allow_part)
     _publish(found, arm, out, report, as_json, verdict)
     sys.exit(verdict.exit_code)
+
+
+def _judged(arm: Any, delay: int, bits: int | None, friction: bool, controller: str) -> str:
+    """Return which arm and controller a certificate is for, in the words of every command."""
+    from armgpi import config
+    from armgpi.config import world
+
+    plant: dict[str, Any] = {"engine": "armgpi", "friction": "urdf" if friction else "none"}
+    plant |= {"delay": delay} if delay else {}
+    plant |= {"encoder_bits": bits} if bits is not None else {}
+    data = {"robot": {"name": arm.name}, "plant": plant, "controllers": [{"type": controller}]}
+    return world.describe_arm(config.check(data, config.Origin("certificate")), arm)
 
 
 def _left_out(robot: str, typed: set[str]) -> list[str]:

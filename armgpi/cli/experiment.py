@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping
 from importlib import util
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,7 @@ import typer
 
 from armgpi.cli import options as opt
 from armgpi.cli.declared import values_of
-from armgpi.cli.parsing import FAILED, INTERRUPTED, OK, known_backend, refusal, stoppable
+from armgpi.cli.parsing import FAILED, INTERRUPTED, OK, is_experiment, known_backend, refusal, stoppable
 from armgpi.cli.terminal import say
 
 #: How often along the reference gravity is compared with effort.
@@ -20,7 +21,7 @@ _LOOKS = 401
 
 # What takes long to import is imported by the commands, so that --help answers at once.
 if TYPE_CHECKING:
-    from armgpi.config import Experiment
+    from armgpi.config import Experiment, ExperimentConfig
 
 
 @stoppable
@@ -155,6 +156,46 @@ def _verdict(experiment: Experiment, records: list[dict[str, Any]]) -> str:
     return f"{names[1]} has {after / before:.2g} of the error of {names[0]} (ITAE)"
 
 
+def resolved(robot: str, how: Mapping[str, Any]) -> tuple[ExperimentConfig, Any]:
+    """Return what `armgpi run` resolves for a robot or an experiment file, and its arm.
+
+    Args:
+        robot: name of a robot, path of a URDF or of an experiment file.
+        how: options of how the arm is loaded, and of its drives.
+    """
+    from armgpi import config as configuration
+    from armgpi.config import building
+    from armgpi.robot import robots
+
+    if is_experiment(robot):
+        given, origin = configuration.read(Path(robot))
+        data = given.plain(given=True)
+        if ("controllers",) not in origin.lines:
+            data.pop("controllers", None)
+    else:
+        data, origin = {"robot": {"name": robot}}, configuration.Origin("command line")
+        data["ideal"] = robots.is_textbook(robot)
+    data["robot"] = {**data["robot"], **opt.robot_given(how)}
+    return building.resolve(configuration.check(data, origin), origin)
+
+
+def note_world(robot: str, how: Mapping[str, Any], judged: str = "") -> None:
+    """Say which arm and controller `armgpi run` has, and what a command judges in their place.
+
+    Args:
+        robot: name of a robot, path of a URDF or of an experiment file.
+        how: options of how the arm is loaded, and of its drives.
+        judged: what the command judges, as :func:`armgpi.config.world.describe_arm` says it; empty where it
+            judges what is run.
+    """
+    from armgpi.config import world
+
+    config, arm = resolved(robot, how)
+    say(world.describe(config, arm), err=True)
+    if judged and judged != world.describe_arm(config, arm):
+        say(f"judged instead: {judged}", err=True)
+
+
 def note_drives(experiment: Experiment, explain: bool = True) -> None:
     """Say what is assumed of an arm's drives, and what limits automatically tuned controllers.
 
@@ -162,7 +203,8 @@ def note_drives(experiment: Experiment, explain: bool = True) -> None:
         experiment: of the arm.
         explain: whether values and reasons are said; else one line that names the quantities.
     """
-    from armgpi.config.building import summary, verdicts
+    from armgpi.config import world
+    from armgpi.config.building import verdicts
     from armgpi.gpi.geared import is_known
     from armgpi.gpi.untuned import BITS
     from armgpi.plants.elastic import ElasticPlant
@@ -170,7 +212,7 @@ def note_drives(experiment: Experiment, explain: bool = True) -> None:
     from armgpi.robot.rotors import describe, describe_gears, describe_ratio, summarise
 
     robot = experiment.robot
-    say(summary(experiment), err=True)
+    say(world.describe(experiment.config, experiment.robot, every=True), err=True)
     assumed = "" if explain else summarise(robot)
     values = (describe(robot), describe_gears(robot), describe_ratio(robot))
     for said in filter(None, (assumed,) if assumed else values):

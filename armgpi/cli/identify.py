@@ -10,6 +10,7 @@ from typing import Any, Literal
 from armgpi import files
 from armgpi.cli import options as opt
 from armgpi.cli.certify import load_arm
+from armgpi.cli.experiment import note_world
 from armgpi.cli.parsing import is_experiment, per_joint, stoppable
 from armgpi.cli.terminal import console, say, widen
 from armgpi.errors import ParameterError, require_extra
@@ -85,9 +86,11 @@ def identify(
     from armgpi.identification.writing import write_identified
 
     require_extra("clarabel", "certify")
+    arm = load_arm(robot, how)
+    note_world(robot, how)
     constants = None if current is None else per_joint(current, "--current")
     options: dict[str, Any] = {"current": constants, "columns": _names(columns), "torque": torque}
-    found = identified(logs, load_arm(robot, how), gravity=not no_gravity, check_first=not anyway, **options)
+    found = identified(logs, arm, gravity=not no_gravity, check_first=not anyway, **options)
     carried = None if load is None else found.load(load, check_first=not anyway)
     if resonance is not None:
         found = found.with_resonance(resonance)

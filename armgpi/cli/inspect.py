@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from armgpi.cli import options as opt
+from armgpi.cli.experiment import note_world
 from armgpi.cli.parsing import OFFERED, as_option, is_experiment
 from armgpi.cli.terminal import console as console_of
 from armgpi.cli.terminal import natural_width, say, widen
@@ -61,6 +62,7 @@ def inspect(
     settings = _settings(robot, how, typed)
     payload = settings.pop("payload", 0.5)
     found = health.inspect(settings.pop("name"), package_dirs=how["package_dir"] or [], **settings)
+    note_world(robot, how)
     found = health.with_payload(found, payload)
     found = found.with_findings([], motion=motion(found.robot))
     if cross_check:
@@ -115,12 +117,17 @@ def _with_push(report: HealthReport, force: float) -> HealthReport:
 def _settings(robot: str, how: Mapping[str, Any], typed: dict[str, Any]) -> dict[str, Any]:
     """Return what is known of the arm and its loop: what was typed wins over what an experiment file says."""
     from armgpi import config
+    from armgpi.config.building import resolve
+    from armgpi.config.world import DELAY
+    from armgpi.gpi.untuned import BITS
+    from armgpi.robot import robots
 
     arm: dict[str, Any] = {"name": robot}
-    loop: dict[str, Any] = {}
+    loop: dict[str, Any] = {} if robots.is_textbook(robot) else {"encoder_bits": BITS, "delay": DELAY}
     if is_experiment(robot):
-        said = config.read(Path(robot)).config
-        arm, plant = said.robot.plain(given=True), said.plant.plain()
+        said, origin = config.read(Path(robot))
+        arm = said.robot.plain(given=True)
+        plant = resolve(said, origin)[0].plant.plain()
         for key in {"gravity", "friction"} & set(arm):
             del arm[key]
         loop = {"dt": said.sample_time, **plant, "payload": (plant["payload"] or {}).get("mass")}

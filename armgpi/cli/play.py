@@ -44,6 +44,7 @@ def play(
     from armgpi import config as configuration
     from armgpi.cli import pictures
     from armgpi.cli.settings import settings
+    from armgpi.config.building import summary
     from armgpi.view import meshcat
     from armgpi.view.play import compiler
 
@@ -54,6 +55,7 @@ def play(
     experiment = configuration.build(*settings(options, compare=False))
     path = Path(f"{experiment.robot.name}.html") if out is None else out
     pictures.check_file(path, "--out")
+    say(summary(experiment), err=True)
     written = meshcat.write(pictures.page_to_play_with(experiment, frame=frame), path)
     say(f"wrote {written}", err=True)
     if open_ and not webbrowser.open(written.resolve().as_uri()):

@@ -64,6 +64,7 @@ def sweep(
     armgpi sweep study.yaml --rollouts 1e6 --out study --workers 2 --report study.html
     armgpi sweep study.yaml --rollouts 2000 --out study --rare
     """  # noqa: D301 (\b keeps the lines apart)
+    from armgpi.config.building import summary
     from armgpi.studies.sample import Sweep
 
     require_extra("casadi", "compiled")
@@ -74,6 +75,7 @@ def sweep(
     count = _count(rollouts)
     asked = Sweep.of(*_read(file), sampling)
     study = asked.enter(out, accept_code)
+    say(summary(asked.experiment), err=True)
     if rare:
         others = {"--workers": workers > 1, "--cluster": cluster is not None, "--report": report is not None}
         for option in (name for name, given in others.items() if given):

@@ -22,8 +22,10 @@ from armgpi.config import Experiment
 from armgpi.config.experiment import describe_saturation
 from armgpi.escape import csv_table, latex_text, printable
 from armgpi.gpi.advice import COUNT_SHARE
+from armgpi.gpi.gains import FixedGains
 from armgpi.gpi.geared import is_known
 from armgpi.gpi.law import GPI
+from armgpi.gpi.untuned import verdict
 from armgpi.loop import metrics, units
 from armgpi.loop.rollout import describe_measurement
 from armgpi.loop.running import ROUNDING
@@ -102,8 +104,8 @@ def _print_end(console: Any, experiment: Experiment, record: dict[str, Any]) -> 
     if stopped := re.search(r"stopped at .*: ([A-Z_]+) \(", record["end"]):
         console.print(printable(remedy(stopped[1])))
     controller = experiment.controllers.get(record["label"])
-    if isinstance(controller, GPI):
-        console.print(_loop(controller, experiment))
+    if isinstance(controller, GPI) and (said := _loop(controller, experiment)):
+        console.print(said)
 
 
 def check_table(path: Path | None) -> None:
@@ -155,19 +157,48 @@ _FORMATS = {".csv": csv_table, ".md": _markdown, ".tex": _latex}
 
 
 def _loop(controller: GPI, experiment: Experiment) -> str:
-    """Return what the loops tolerate, and what one count of the encoders does."""
+    """Return what the loop that is run tolerates, and what one count of the encoders does; or nothing."""
+    said = [_margins(controller, experiment), _count(controller, experiment)]
+    text = "; ".join(part for part in said if part)
+    return f"  {text}" if text else ""
+
+
+def _margins(controller: GPI, experiment: Experiment) -> str:
+    """Return the margins of the loop; of an automatic controller on elastic joints its verdict has them."""
+    if is_known(experiment.robot):
+        automatic = {section.label for section in experiment.config.controllers if section.type == "gpi_auto"}
+        if _label(controller, experiment) in automatic:
+            return ""
+        if not isinstance(controller.gains, FixedGains):
+            return ""
+        judged = verdict(controller, experiment.robot)
+        if not math.isfinite(judged.sensitivity):
+            return "loop with elastic joints: not stable over the whole range of the joint stiffness"
+        return (
+            f"loop with elastic joints: Ms {judged.sensitivity:.2f}, delay margin {1e3 * judged.spare:.3g} ms"
+        )
     phase, delay, delta = controller.margins()
     spent = 0.5 * controller.dt + controller.delay
-    # The verdict above has the loop with its gears; this one is of a joint alone.
-    loop = "loop, if the joints were stiff" if is_known(experiment.robot) else "loop"
-    said = (
-        f"  {loop}: phase margin {math.degrees(phase):.3g} deg, stable for inertia ratio delta "
+    return (
+        f"loop: phase margin {math.degrees(phase):.3g} deg, stable for inertia ratio delta "
         f"{delta.lower:.2g} to {delta.upper:.2g}, delay margin {1e3 * delay:.3g} ms (of which sampling "
         f"and transport use {1e3 * spent:.3g})"
     )
+
+
+def _label(controller: GPI, experiment: Experiment) -> str:
+    """Return the label of a controller of an experiment."""
+    for label, each in experiment.controllers.items():
+        if each is controller:
+            return label
+    return ""
+
+
+def _count(controller: GPI, experiment: Experiment) -> str:
+    """Return what one count of the encoders does to the torque; nothing where positions are exact."""
     bits = getattr(experiment.config.plant, "encoder_bits", None)
     if bits is None:
-        return said
+        return ""
     bits = quantity(bits, "encoder_bits", experiment.robot.joint_names, parameters(Encoder)["bits"].default)
     torque = controller.count_torque(bits)
     share = torque / controller.effort
@@ -175,7 +206,7 @@ def _loop(controller: GPI, experiment: Experiment) -> str:
     unit = "N" if experiment.robot.prismatic[j] else "N m"
     much = ": more than 1 %, which causes torque chatter" if share[j] > COUNT_SHARE else ""
     return (
-        f"{said}; one encoder count changes the torque of {printable(experiment.robot.joint_names[j])} by "
+        f"one encoder count changes the torque of {printable(experiment.robot.joint_names[j])} by "
         f"{torque[j]:.2g} {unit}, {100 * share[j]:.2g} % of its effort{much}"
     )
 

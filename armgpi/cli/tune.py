@@ -49,6 +49,7 @@ def tune(
     armgpi tune study.yaml --out study --resume
     armgpi compare --config study/best.yaml
     """  # noqa: D301 (\b keeps the lines apart)
+    from armgpi.config.building import summary
     from armgpi.studies import found as results
     from armgpi.studies import setup
     from armgpi.studies.optimise import Search
@@ -58,6 +59,7 @@ def tune(
     wanted = setup.read(file, changes, known_backend(backend))
     if resume and not (out / results.STUDY).exists():
         raise refusal("--resume", f"{out} holds no study")
+    say(summary(wanted.experiment), err=True)
     study, search = results.enter(out, wanted, resume, accept_code), Search(wanted.problem)
     begun = time.monotonic()
 

@@ -32,7 +32,7 @@ from armgpi.parameter import REQUIRED, Parameter, Parametrised, parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.environment import Contact
 from armgpi.plants.loads import Load
-from armgpi.plants.plant import Plant, Wrapper, inside
+from armgpi.plants.plant import Plant, Wrapper
 from armgpi.plants.reality import Reality, stack_draws
 from armgpi.plants.sensors import Encoder
 from armgpi.references.bezier import Bezier, minimum_duration
@@ -315,13 +315,17 @@ def _with_encoder_side(
 
 
 def summary(experiment: Experiment) -> str:
-    """Return one line on the arm and the controllers that an experiment has, the same for all commands."""
-    engines = {type(inside(plant)).__name__ for plant in experiment.plants.values()}
-    elastic = {name.startswith("Elastic") for name in engines}
-    joints = {True: "elastic joints", False: "stiff joints"}
-    return world.describe(
-        experiment.config, experiment.robot, " and ".join(joints[x] for x in sorted(elastic))
-    )
+    """Return one line on the arm and the controller that an experiment has, the same for all commands."""
+    return world.describe(experiment.config, experiment.robot)
+
+
+def resolve(config: ExperimentConfig, origin: Origin | None = None) -> tuple[ExperimentConfig, Robot]:
+    """Return an experiment with all that its world assumes, and its arm; no plant or controller is made.
+
+    Raises:
+        ConfigError: when something does not fit the robot; it names the key.
+    """
+    return _with_assumptions(config, _Place(origin or Origin()))
 
 
 def has_rule(config: ExperimentConfig) -> bool:

@@ -52,20 +52,37 @@ def in_world(config: ExperimentConfig, robot: Robot) -> ExperimentConfig:
     return config.replace(plant=plant, controllers=controllers)
 
 
-def describe(config: ExperimentConfig, robot: Any, joints: str) -> str:
-    """Return one line on the arm and the controllers that an experiment has.
+#: Engine of a plant -> what its joints are.
+_JOINTS = {"elastic": "elastic joints", "both": "stiff joints"}
+
+
+def describe(config: ExperimentConfig, robot: Any, every: bool = False) -> str:
+    """Return one line on the arm and the controller that an experiment has.
 
     Args:
-        config: the experiment, as it is built.
+        config: the experiment, with what its world assumes.
         robot: its arm.
-        joints: "elastic joints", "stiff joints" or the like, of what is simulated.
+        every: whether every controller is named, as `compare` runs them; else the first, as the others do.
     """
-    name = {True: "ideal", False: "realistic", None: "as the file states (it has no key `ideal`)"}[
-        config.ideal
-    ]
-    laws = ", ".join(each.label or each.type for each in config.controllers)
+    return f"world: {_name(config)}: {describe_arm(config, robot, every)}"
+
+
+def _name(config: ExperimentConfig) -> str:
+    """Return the name of a world."""
     if config.reality is not None:
-        return f"world: an arm of the uncertainty model; controller {laws}"
+        return "an arm of the uncertainty model"
+    if config.ideal is None:
+        return "as the file states (it has no key `ideal`)"
+    return "ideal" if config.ideal else "realistic"
+
+
+def describe_arm(config: ExperimentConfig, robot: Any, every: bool = False) -> str:
+    """Return what :func:`describe` says without the name of the world."""
+    sections = config.controllers if every else config.controllers[:1]
+    labels = [each.label or each.type for each in sections]
+    controllers = f"controller{'s' if len(labels) > 1 else ''} {', '.join(labels)}"
+    if config.reality is not None:
+        return controllers
     plant = config.plant
     bits, delay = getattr(plant, "encoder_bits", None), getattr(plant, "delay", None) or 0
 
@@ -78,13 +95,13 @@ def describe(config: ExperimentConfig, robot: Any, joints: str) -> str:
         count = f"{bits:g}-bit" if isinstance(bits, int | float) else "specified"
         positions = marked("encoder_bits", f"{count} encoders")
     parts = [
-        joints,
+        _JOINTS.get(plant.engine, "stiff joints"),
         _rotors(robot),
         _friction(config, robot),
         positions,
         marked("delay", f"delay {delay:g} sample{'s' * (delay != 1)}"),
     ]
-    return f"world: {name}: {', '.join(parts)}; controller {laws}"
+    return f"{', '.join(parts)}; {controllers}"
 
 
 def _assumed(section: Any, changes: dict[str, Any]) -> Any:

@@ -75,7 +75,7 @@ def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "c
     given = given.replace(robot=expand(given))
     data = given.plain(given=True)
     data.setdefault("controllers", [{"type": "gpi"}])
-    silent = given.robot.drives is None and given.reality is None
+    silent = given.robot.drives is None and given.reality is None and given.ideal is None
     if silent:  # what is found is for an arm that has rotors
         given = given.replace(robot=given.robot.replace(drives="stiff"))
     experiment = config.build(given, origin)

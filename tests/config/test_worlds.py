@@ -11,6 +11,7 @@ import pytest
 from commands import Answer
 
 from armgpi import Robot, config, robots
+from armgpi.cli import pictures
 from armgpi.config import building
 from armgpi.plants.plant import inside
 
@@ -83,10 +84,56 @@ def test_only_our_own_arms_are_ideal() -> None:
     assert not robots.is_textbook("rough.urdf")
 
 
-def test_commands_say_the_same_line(arm: Path, tmp_path: Path, cli: Callable[..., Answer]) -> None:
-    said = set()
-    for command in (("run",), ("loop",), ("export", "-o", tmp_path / "out"), ("run", "--encoder-bits", 16)):
-        answer = cli(command[0], arm, *(("--t-final", 0.1) if command[0] != "export" else ()), *command[1:])
+#: Command -> how it is called with an experiment file.
+COMMANDS = {
+    "run": ("--t-final", 0.1),
+    "compare": ("--t-final", 0.1),
+    "inspect": (),
+    "certify": ("--allow-part",),
+    "bound": (),
+    "export": ("-o", "out"),
+    "loop": ("--t-final", 0.1),
+    "play": ("-o", "page.html"),
+    "sweep": ("--rollouts", 4, "--out", "swept"),
+    "tune": ("--evaluations", 2, "--out", "tuned"),
+}
+
+
+def test_eleven_commands_say_the_same_line_of_one_file(
+    arm: Path, tmp_path: Path, cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(pictures, "page_to_play_with", lambda experiment, frame: experiment.robot.name)
+    assert cli("new", arm, "-o", "arm.yaml").code == 0
+    with Path("arm.yaml").open("a", encoding="utf-8") as file:
+        file.write("tune: {scenarios: 1, held_out: 1}\n")
+    said = {}
+    for command, options in COMMANDS.items():
+        answer = cli(command, "arm.yaml", *options)
+        (said[command],) = [line for line in answer.err.splitlines() if line.startswith("world:")]
+    answer = cli("identify", "none.csv", "--robot", "arm.yaml")
+    (said["identify"],) = [line for line in answer.err.splitlines() if line.startswith("world:")]
+    compared = said.pop("compare")
+    assert compared.startswith(said["run"].removesuffix("; controller gpi_auto"))
+    assert set(said.values()) == {said["run"]}
+    assert "elastic joints, rotors assumed" in said["run"]
+
+
+@pytest.mark.parametrize("command", ["certify", "bound"])
+def test_a_command_that_cannot_judge_the_arm_says_which_it_judges(
+    command: str, arm: Path, cli: Callable[..., Answer]
+) -> None:
+    answer = cli(command, arm)
+    (line,) = [line for line in answer.err.splitlines() if line.startswith("judged instead:")]
+    assert "stiff joints, no rotors" in line
+    textbook = cli(command, "anthropomorphic3", *(("--payload", "0:0.1") if command == "certify" else ()))
+    assert "judged instead" not in textbook.err
+
+
+def test_an_option_that_names_sensors_leaves_the_world(arm: Path, cli: Callable[..., Answer]) -> None:
+    lines = set()
+    for options in ((), ("--encoder-bits", 16), ("--delay", 1)):
+        answer = cli("run", arm, "--t-final", 0.1, *options)
         (line,) = [each for each in answer.err.splitlines() if each.startswith("world:")]
-        said.add(line.replace(" (assumed)", ""))
-    assert len(said) == 1
+        lines.add(line.replace(" (assumed)", ""))
+    assert len(lines) == 1
