@@ -73,15 +73,11 @@ def bound(
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.certification.path import bound_path
     from armgpi.certification.stopping import bound_stop
-    from armgpi.config import world
     from armgpi.config.building import has_friction
     from armgpi.plants.plant import inside
 
     _check_options(report, friction_within)
-    experiment = _experiment(robot, opt.drives_given(rotor_inertia, drives), controller)
-    how = {"rotor_inertia": rotor_inertia, "drives": drives}
-    note_world(robot, how, world.describe_arm(experiment.config, experiment.robot))
-    note_assumed(experiment.robot)
+    experiment = _read(robot, rotor_inertia, drives, controller)
     law: Any = next(iter(experiment.controllers.values()))
     settings, loads = experiment.config.plant, load_ends(payload)
     drawn = possible_arms(identified, experiment.robot)
@@ -124,6 +120,17 @@ def _check_options(report: Path | None, friction_within: float | None) -> None:
         check_file(report, "--report")
     if friction_within is not None and not 0.0 <= friction_within <= 1.0:
         raise refusal("--friction-within", f"expected a share from 0 to 1, got {friction_within:g}")
+
+
+def _read(robot: str, rotor_inertia: list[str] | None, drives: Path | None, controller: str | None) -> Any:
+    """Return the experiment that a bound is of, and say which arm that is and what is assumed of it."""
+    from armgpi.config import world
+
+    experiment = _experiment(robot, opt.drives_given(rotor_inertia, drives), controller)
+    how = {"rotor_inertia": rotor_inertia, "drives": drives}
+    note_world(robot, how, world.describe_arm(experiment.config, experiment.robot))
+    note_assumed(experiment.robot)
+    return experiment
 
 
 def _experiment(name: str, drives: dict[str, Any], controller: str | None) -> Any:

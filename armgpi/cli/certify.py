@@ -121,8 +121,7 @@ def certify(
     arm = load_arm(robot, how)
     dt, delay, controller = _loop_of(robot, dt, delay, controller)
     _refute_file(refute, arm)
-    note_world(robot, how, _judged(arm, delay, encoder_bits, friction, controller))
-    note_assumed(arm)
+    _note_judged(robot, how, arm, (delay, encoder_bits, friction, controller))
     texts = {"speed": speed, "acceleration": acceleration, "torque": torque, "radius": radius}
     vectors = {key: joint_numbers(arm, text, f"--{key}") for key, text in texts.items() if text is not None}
     law = {"integrators": integrators, "rolloff": rolloff, "rolloff_ratio": rolloff_ratio, "delay": delay}
@@ -140,16 +139,27 @@ def certify(
     sys.exit(verdict.exit_code)
 
 
-def _judged(arm: Any, delay: int, bits: int | None, friction: bool, controller: str) -> str:
-    """Return which arm and controller a certificate is for, in the words of every command."""
+def _note_judged(
+    robot: str, how: Mapping[str, Any], arm: Any, loop: tuple[int, int | None, bool, str]
+) -> None:
+    """Say which arm and controller a certificate is for, in the words of every command, and what is assumed.
+
+    Args:
+        robot: name of a robot, path of a URDF or of an experiment file.
+        how: options of how the arm is loaded, and of its drives.
+        arm: the arm.
+        loop: samples of delay, bits of the encoders, whether friction disturbs, and type of the controller.
+    """
     from armgpi import config
     from armgpi.config import world
 
+    delay, bits, friction, controller = loop
     plant: dict[str, Any] = {"engine": "armgpi", "friction": "urdf" if friction else "none"}
     plant |= {"delay": delay} if delay else {}
     plant |= {"encoder_bits": bits} if bits is not None else {}
     data = {"robot": {"name": arm.name}, "plant": plant, "controllers": [{"type": controller}]}
-    return world.describe_arm(config.check(data, config.Origin("certificate")), arm)
+    note_world(robot, how, world.describe_arm(config.check(data, config.Origin("certificate")), arm))
+    note_assumed(arm)
 
 
 def _left_out(robot: str, typed: set[str]) -> list[str]:
