@@ -51,15 +51,18 @@ PIP_INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check -
 
 $(FOR_DEMO): pyproject.toml constraints.txt
 	$(environment)
+	@echo "Installing armgpi and its packages into $(VENV), once; this takes a minute or some, by the network ..."
 	$(PIP_INSTALL) -e ".[viz]"
 	@touch $@
 
 $(FOR_ALL): pyproject.toml constraints.txt
 	$(environment)
+	@echo "Installing armgpi and all tools into $(VENV), once; this takes some minutes, by the network ..."
 	$(PIP_INSTALL) -e ".[all,dev,docs]"
 	@touch $(FOR_DEMO) $@
 
 demo: $(FOR_DEMO) ## Simulate and compare the controllers on the demo arm, into demo_out/, with a report to open
+	@echo "Simulating the demo arm under GPI and under a PID (examples/demo.yaml) ..."
 	$(BIN)/armgpi compare --config examples/demo.yaml --out demo_out --force --report demo_out/report.html
 	@echo "Now open demo_out/report.html in a browser."
 

@@ -44,7 +44,7 @@ class Entry(NamedTuple):
 #: where there is an option for every declared parameter.
 _TABLE = {
     "Simulate": "run:experiment* compare:experiment* sweep play* zoo tune contend",
-    "Robots": "robots new inspect view",
+    "Robots": "robots new schema inspect view",
     "Results": "report:view",
     "Hand-derived dynamics": "validate derive",
     "Certificates": "certify bound",

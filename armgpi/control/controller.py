@@ -10,9 +10,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array, PerJointInput
-from armgpi.errors import ParameterError, show_value
-from armgpi.escape import html_table
-from armgpi.parameter import Parametrised, PerJoint, parameter, parameters, plain, with_parameters
+from armgpi.control.shown import Shown
+from armgpi.errors import ParameterError
+from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
 from armgpi.robot.batch import AnyRobot, RobotBatch, check_powered, check_robot
@@ -54,7 +54,7 @@ class ControlStep(NamedTuple):
 
 
 @with_parameters
-class Controller(Parametrised, ABC):
+class Controller(Shown, ABC):
     """A sampled torque controller.
 
     From a measurement y, a target r and a state z, at every sample::
@@ -169,15 +169,7 @@ class Controller(Parametrised, ABC):
         """
 
     def waiting(self, measurement: Any, target: Target, state: Any) -> Any:
-        """Return the state of a controller whose first torque is not reached yet, as its rate is limited.
-
-        The arm may have moved since :meth:`init` meanwhile: what it did was not by this controller.
-
-        Args:
-            measurement: what is measured now.
-            target: what is wanted now.
-            state: the one before, which is that of the start.
-        """
+        """Return the state of a controller whose first torque is not reached yet, as its rate is limited."""
         return state
 
     def limited(self, tau: Array) -> Array:
@@ -227,44 +219,6 @@ class Controller(Parametrised, ABC):
             if isinstance(value, Robot | RobotBatch)
         }
         return {"controller": type(self).__name__, **self.values(), **models}
-
-    def __repr__(self) -> str:
-        """Return the robot, the sample time and the numbers of the controller in a line."""
-        numbers = "".join(f", {name}={value}" for name, value in self._numbers().items())
-        return f"{type(self).__name__}({self.robot.name!r}, dt={self.dt:g}{numbers})"
-
-    def _repr_html_(self) -> str:
-        """Return its numbers as a table, for notebooks."""
-        head = ("parameter", "value")
-        title = f"{type(self).__name__} of {self.robot.name}, dt = {self.dt:g} s"
-        return html_table(title, head, self._numbers().items())
-
-    def _numbers(self) -> dict[str, str]:
-        """Return tunings, gains, and other parameters that are not at their defaults, as short texts."""
-        found = {}
-        for name, declared in parameters(type(self)).items():
-            value = plain(getattr(self, name))
-            if name in ("dt", "effort") or (isinstance(value, list) and not _is_plain(value)):
-                continue
-            if isinstance(value, Mapping):  # a tuning: its own numbers
-                found.update({key: _short(part) for key, part in value.items()})
-            elif _short(value) != _short(plain(declared.default)) or (declared.per_joint and np.any(value)):
-                found[name] = _short(value)
-        return found
-
-
-def _is_plain(value: list[Any]) -> bool:
-    """Tell whether a list has numbers and texts alone."""
-    return all(isinstance(x, int | float | str) or x is None for x in value)
-
-
-def _short(value: Any) -> str:
-    """Return a value as a short text; equal numbers of all joints as one."""
-    if isinstance(value, list) and value and all(x == value[0] for x in value):
-        value = value[0]
-    if isinstance(value, list):
-        return f"[{', '.join(_short(x) for x in value)}]"
-    return f"{value:.4g}" if isinstance(value, float) else show_value(value)
 
 
 def batches(made: object) -> Iterator[int | Array | None]:
