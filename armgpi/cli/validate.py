@@ -5,10 +5,14 @@ from __future__ import annotations
 import sys
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from armgpi.cli.derive import load, write
 from armgpi.cli.parsing import per_joint, refusal, stoppable
 from armgpi.cli.terminal import say
+
+if TYPE_CHECKING:
+    from armgpi.robot.robot import Robot
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
@@ -98,13 +102,22 @@ def validate(
     for option, path, form in (*forms, ("--latex", latex, found.latex)):
         if path is not None:
             write(path, form(), option)
-    if suggest_urdf is not None:
-        from armgpi.validation.skeleton import suggest_urdf as suggested  # it imports SciPy, late
+    code = found.judge(allow).exit_code
+    if suggest_urdf is not None and not _suggest(suggest_urdf, model, arm, joints, time_limit, isolate):
+        code = code or 1
+    sys.exit(code)
 
-        suggestion = suggested(model, arm, joints=joints, time_limit=time_limit, isolate=isolate)
-        write(suggest_urdf, suggestion.urdf, "--suggest-urdf")
-        say(f"{suggest_urdf}: {suggestion.text}", err=True, lines=True)
-    sys.exit(found.judge(allow).exit_code)
+
+def _suggest(
+    path: Path, model: str, arm: Robot | None, joints: int | None, time_limit: float, isolate: bool
+) -> bool:
+    """Write the URDF that fits a model best, and tell whether it is the model."""
+    from armgpi.validation import skeleton  # it imports SciPy, late
+
+    suggestion = skeleton.suggest_urdf(model, arm, joints=joints, time_limit=time_limit, isolate=isolate)
+    write(path, suggestion.urdf, "--suggest-urdf")
+    say(f"{path}: {suggestion.text}", err=True, lines=True)
+    return suggestion.rest <= skeleton.EXACT
 
 
 def _read_map(items: list[str] | None) -> dict[str, str]:

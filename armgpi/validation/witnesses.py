@@ -166,12 +166,21 @@ def _told_by_values(causes: list[Cause], differences: Sequence[Difference]) -> l
         if not named or len(named) < len(own):
             told.append(cause)
             continue
-        plain = all(one.bits <= _OWN for one in named) and cause.scope == "elements"
+        # A number without a meaning is a longer description than one or two summands.
+        is_any = not cause.structural and cause.kind != "factor" and "(" not in cause.text.split(": ", 1)[-1]
+        plain = all(one.bits <= _OWN for one in named) and (cause.scope == "elements" or is_any)
         if cause.kind == UNNAMED[0]:
             cause = cause._replace(kind="summand", text=_in_lines(named))
-        elif plain and cause.structural and cause.kind not in _WHOLE:
+        elif plain and (cause.structural or is_any) and cause.kind not in _WHOLE:
             other = (cause.text, *cause.alternatives)[:ALTERNATIVES]
-            cause = cause._replace(text=_in_lines(named), alternatives=other)
+            cause = cause._replace(
+                kind=cause.kind if cause.structural else "summand",
+                text=_in_lines(named),
+                alternatives=other,
+                structural=True,
+                value=None,
+                expected=None,
+            )
         told.append(cause)
     return join_equal(told)
 

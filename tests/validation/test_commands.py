@@ -55,3 +55,14 @@ def test_latex_on_the_screen(cli: Callable[..., Answer]) -> None:
     done = cli("derive", ARM, "--latex", "--numbers")
     assert done.code == 0
     assert "d_{11} &=" in done.out
+
+
+def test_a_model_for_which_no_chain_is_found_ends_with_1(
+    cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("armgpi.validation.skeleton.SEARCH", 0.0)
+    text = "import numpy as np\ndef mass_matrix(q): return np.diag([2.0 + np.sin(q[1]) ** 5, 1.0])\n"
+    Path("odd.py").write_text(text, encoding="utf-8")
+    done = cli("validate", "odd.py", "--joints", "2", "--suggest-urdf", "odd.urdf")
+    assert done.code == 1
+    assert "no chain" in done.err
