@@ -142,6 +142,7 @@ def clip_data(clip: Clip, arrays: Arrays) -> dict[str, Any]:
         "times": arrays.add(clip.times, "float32"),
         "disturbance": arrays.add(clip.disturbance, "float32"),
         "onsets": clip.onsets,
+        "walls": [wall._asdict() for wall in clip.walls],
         "actors": [
             {
                 "label": actor.label,
@@ -152,6 +153,9 @@ def clip_data(clip: Clip, arrays: Arrays) -> dict[str, Any]:
                 "q_ref": arrays.add(actor.q_ref, "float32"),
                 "tau": arrays.add(actor.tau, "float32"),
                 "saturated": arrays.add(actor.saturated, "uint8"),
+                "contacts": actor.forces.shape[1],
+                "forces": arrays.add(actor.forces, "float32"),
+                "points": arrays.add(actor.points, "float32"),
             }
             for actor in clip.actors
         ],

@@ -112,6 +112,8 @@ class Actor(NamedTuple):
         saturated: whether the torque was at its limit from this frame to the next.
         end: how it ended, in words.
         t_end: when it ended [s].
+        forces: of contacts on the arm in the base frame [N], shape (frames, contacts, 3).
+        points: where they act [m], likewise.
     """
 
     label: str
@@ -122,6 +124,22 @@ class Actor(NamedTuple):
     saturated: npt.NDArray[np.uint8]
     end: str
     t_end: float
+    forces: npt.NDArray[np.float32]
+    points: npt.NDArray[np.float32]
+
+
+class Wall(NamedTuple):
+    """A wall of the plant's environment.
+
+    Attributes:
+        normal: direction to its free side, of length 1.
+        distance: of its plane from the base, along the normal [m].
+        contact: which contact it is.
+    """
+
+    normal: tuple[float, ...]
+    distance: float
+    contact: int
 
 
 class Clip(NamedTuple):
@@ -133,6 +151,7 @@ class Clip(NamedTuple):
         disturbance: torque of the loads at the frames [N m or N], shape (frames, n); zero without loads.
         onsets: joint -> when its disturbance sets in [s].
         left_out: how many rollouts are not shown.
+        walls: of the first rollout's environment.
     """
 
     times: Array
@@ -140,6 +159,7 @@ class Clip(NamedTuple):
     disturbance: npt.NDArray[np.float32]
     onsets: dict[str, float]
     left_out: int
+    walls: tuple[Wall, ...] = ()
 
 
 def build(robot: Robot, frame: str | None = None) -> Scene:
@@ -257,7 +277,20 @@ def clip(rollout: xr.Dataset, robot: Robot) -> Clip:
         disturbance=pushed,
         onsets={name: onset for name, onset in onsets.items() if onset is not None},
         left_out=len(traces) - len(shown),
+        walls=_walls(rollout) if actors[0].forces.size else (),
     )
+
+
+def _walls(rollout: xr.Dataset) -> tuple[Wall, ...]:
+    """Return the walls that a rollout's provenance contains, those of one number for all rollouts."""
+    plant = Provenance.from_rollout(rollout).first.data.get("plant", {})
+    found = []
+    for i, contact in enumerate(plant.get("environment", ())):
+        normal, distance = contact.get("normal"), contact.get("distance")
+        if contact.get("type") == "Wall" and isinstance(distance, float):
+            length = float(np.linalg.norm(normal))
+            found.append(Wall(tuple(float(x) / length for x in normal), distance, i))
+    return tuple(found)
 
 
 def robot_of(rollout: xr.Dataset, folder: Path | None = None) -> Robot:
@@ -532,7 +565,17 @@ def _actor(trace: tracks.Trace, frames: npt.NDArray[np.int64], end: str) -> Acto
         saturated=saturated,
         end=end if int(trace.data["status"]) != Status.FINISHED else "finished",
         t_end=float(np.nan_to_num(trace.data["t_end"].values)),
+        forces=_contacts(trace, "contact_force", frames),
+        points=_contacts(trace, "contact_point", frames),
     )
+
+
+def _contacts(trace: tracks.Trace, name: str, frames: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
+    """Return vectors of contacts (frames, contacts, 3); none where they were not recorded."""
+    if name not in trace.data:
+        return np.zeros((len(frames), 0, 3), dtype=np.float32)
+    values = trace.data[name].transpose("time", "contact", "axis").values[frames]
+    return _single(np.nan_to_num(values))
 
 
 def _single(values: Array) -> npt.NDArray[np.float32]:

@@ -329,6 +329,30 @@ def test_the_report_draws_and_its_controls_work(chromium: browsers.Browser, tmp_
 
 
 @pytest.mark.slow
+def test_forces_are_arrows_where_they_act_and_walls_are_drawn(
+    chromium: browsers.Browser, tmp_path: Path
+) -> None:
+    tip = ARM.frame_pose(ARM.tip, ARM.middle()).translation
+    push = armgpi.ToolForce(force=[0.0, 0.3, 0.4], onset=0.1, end=0.2)
+    wall = armgpi.Wall(normal=[0.0, 0.0, 2.0], distance=float(tip[2]) - 0.05)
+    plant = armgpi.RigidBodyPlant(ARM, environment=[push, wall])
+    rollout = armgpi.simulate(plant, armgpi.GPI(ARM, dt=1e-3), armgpi.Hold(ARM.middle()), 0.3)
+    shown = opened(chromium, report.build(rollout, ARM), tmp_path)
+    pushing = "armgpi.scene.arrows[0].map((arrow) => arrow.visible)"
+    for time, visible in ((0.05, False), (0.15, True), (0.25, False)):
+        shown.eval(f"armgpi.scene.show({time})")
+        assert shown.eval(pushing) == [visible, False]
+    shown.eval("armgpi.scene.show(0.15)")
+    at = rollout["tool"].sel(time=0.15, method="nearest").values
+    there = shown.eval("armgpi.scene.arrows[0][0].position.toArray()")
+    assert there == pytest.approx(list(at), abs=2e-3)
+    walls = shown.eval("armgpi.scene.clip.walls")
+    assert [(x["normal"], x["contact"]) for x in walls] == [([0.0, 0.0, 1.0], 1)]
+    assert walls[0]["distance"] == pytest.approx(tip[2] - 0.05)
+    quiet(shown)
+
+
+@pytest.mark.slow
 def test_the_data_of_the_report_are_the_rollout(chromium: browsers.Browser, tmp_path: Path) -> None:
     rollout = moving(ARM)
     html = report.build(rollout, ARM)

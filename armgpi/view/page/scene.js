@@ -71,7 +71,10 @@ const Armgpi = (() => {
         this.robots.push(this.arm(["armgpi", `robot${i}`], color, actor.opacity || 1, i));
         if (this.clip) this.ghosts.push(this.arm(["armgpi", `ghost${i}`], "#667788", 0.25, 0));
       });
-      if (this.clip) this.draw_paths();
+      if (this.clip) {
+        this.draw_paths();
+        this.draw_contacts();
+      }
       this.turned = false;
       this.viewer.controls.addEventListener("start", () => { this.turned = true; });
       this.viewer.camera.aspect = Math.max(1, pane.clientWidth) / Math.max(1, pane.clientHeight);
@@ -96,6 +99,7 @@ const Armgpi = (() => {
       const actors = clip.actors.map((actor) => {
         const arrays = {};
         for (const name of ["q", "q_ref", "tau", "saturated"]) arrays[name] = values(actor[name]);
+        if (actor.contacts) for (const name of ["forces", "points"]) arrays[name] = values(actor[name]);
         return { ...actor, ...arrays };
       });
       return { ...clip, times: values(clip.times), disturbance: values(clip.disturbance), actors };
@@ -103,7 +107,7 @@ const Armgpi = (() => {
 
     /** Show another rollout in the place of one, over the same times. */
     replace(i, { q, q_ref, tau, saturated, end, t_end }, disturbance) {
-      Object.assign(this.clip.actors[i], { q, q_ref, tau, saturated, end, t_end });
+      Object.assign(this.clip.actors[i], { q, q_ref, tau, saturated, end, t_end, contacts: 0 });
       this.clip.disturbance = disturbance;
       this.draw_path(i);
       this.set_apart(this.apart);
@@ -396,9 +400,47 @@ const Armgpi = (() => {
         const shown = robot.drawn_frames.filter((f) => f <= place.frame).length;
         robot.drawn.geometry.setDrawRange(0, 24 * Math.max(0, shown - 1));
         robot.bead.position.copy(this.tip(q));
+        this.place_arrows(i, place.frame);
         robot.rings.forEach((ring, b) => ring && this.paint_ring(ring, actor, place.frame, this.bodies[b].coordinate));
       });
       this.dispatchEvent(new CustomEvent("time", { detail: this.time }));
+    }
+
+    /** Make an arrow for every contact, and draw the walls. */
+    draw_contacts() {
+      const T = this.THREE;
+      const largest = (actor) => (actor.contacts ? actor.forces.reduce((most, x) => Math.max(most, Math.abs(x)), 0) : 0);
+      this.largest_force = Math.max(1e-9, ...this.clip.actors.map(largest));
+      this.arrows = this.clip.actors.map((actor, i) => Array.from({ length: actor.contacts || 0 }, () => {
+        const arrow = new T.ArrowHelper(new T.Vector3(0, 0, 1), new T.Vector3(), 1, 0xcc3311);
+        this.robots[i].root.object.add(arrow);
+        return arrow;
+      }));
+      const { points } = this.clip.actors[0];
+      for (const { normal, distance, contact } of this.clip.walls || []) {
+        const plane = new T.PlaneGeometry(this.size, this.size);
+        const look = new T.MeshBasicMaterial({ color: 0x888888, transparent: true, opacity: 0.3, side: T.DoubleSide });
+        const wall = new T.Mesh(plane, look), up = new T.Vector3(...normal);
+        const point = new T.Vector3(...points.slice(3 * contact, 3 * contact + 3));
+        wall.position.copy(point).addScaledVector(up, distance - point.dot(up));
+        wall.quaternion.setFromUnitVectors(new T.Vector3(0, 0, 1), up);
+        this.robots[0].root.object.add(wall);
+      }
+    }
+
+    /** Put the arrows of an arm's contacts where they act, as long as their forces; half the arm for the largest. */
+    place_arrows(i, frame) {
+      const T = this.THREE, { contacts, forces, points } = this.clip.actors[i];
+      ((this.arrows || [])[i] || []).forEach((arrow, c) => {
+        const at = 3 * (frame * contacts + c);
+        const force = contacts ? new T.Vector3(...forces.slice(at, at + 3)) : new T.Vector3();
+        const share = force.length() / this.largest_force;
+        arrow.visible = share > 1e-3;
+        if (!arrow.visible) return;
+        arrow.position.set(points[at], points[at + 1], points[at + 2]);
+        arrow.setDirection(force.normalize());
+        arrow.setLength(0.5 * this.size * share, 0.04 * this.size, 0.025 * this.size);
+      });
     }
 
     /** Colour a joint's ring: grey without torque, through orange, to red and thick at the limit. */
