@@ -171,7 +171,7 @@ class _Search:
             if h.kind in CONVENTIONS and fits.all()
         ]
         triangles = list(self.triangles())
-        found += [*self.rotors(), *triangles]
+        found += [*self.rotors(), *self.friction(), *triangles]
         # With a level first axis every joint's other sign is gravity's other sign, which is more likely.
         found += self.gravity(np.ones_like(self.differing), self.differing)
         if not triangles and len({e[1:] for e in self.problem.elements_of(self.differing)}) < 2:
@@ -200,6 +200,25 @@ class _Search:
             f"compare with --rotor-inertia {values}"
         )
         yield _Candidate(-1.0, "rotor-inertia", text, structural=False)
+
+    def friction(self) -> Iterator[_Candidate]:
+        """Yield viscous friction that the model has in addition: linear in each joint's own velocity."""
+        p = self.problem
+        damping: dict[str, float] = {}
+        for column in np.flatnonzero(self.differing):
+            _, quantity, place = p.elements[column]
+            mine = p.user[:, column]
+            if quantity != "B" or place[0] != place[1] or mine.min() <= 0.0:
+                return
+            if np.ptp(mine) > 2.0 * p.tolerance[column]:
+                return
+            damping[p.tree.joint_names[place[0]]] = float(mine.mean())
+        values = ", ".join(f"{name}: {x:.6g}" for name, x in damping.items())
+        text = (
+            f"viscous friction, linear in v ({values}): the equations of motion that are compared have none; "
+            "leave it out, or compare D, C and G alone"
+        )
+        yield _Candidate(-1.0, "friction", text, structural=False)
 
     def triangles(self) -> Iterator[_Candidate]:
         """Yield that one triangle of D is filled alone."""

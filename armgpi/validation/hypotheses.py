@@ -44,6 +44,7 @@ CONVENTIONS = (
     "armature",
     "rotor-inertia",
     "triangle",
+    "friction",
 )
 
 

@@ -191,3 +191,15 @@ def test_a_lost_minus_in_sympy_is_found(model: str, line: int, belongs: str, tmp
     assert belongs in cause.text
     assert cause.confirmed
     assert "the values say" in cause.beside
+
+
+def test_friction_that_a_model_has_is_one_cause() -> None:
+    arm = Robot.load("anthropomorphic3")
+    damping = np.array([0.3, 0.2, 0.1])
+
+    def inverse_dynamics(q: Array, v: Array, a: Array) -> Array:
+        return np.asarray(arm.inverse_dynamics(q, v, a) + damping * v)
+
+    (cause,) = validate({"inverse_dynamics": inverse_dynamics}, arm).causes
+    assert cause.kind == "friction"
+    assert "q1: 0.3, q2: 0.2, q3: 0.1" in cause.text
