@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from armgpi import files
 from armgpi.cli import options as opt
@@ -14,6 +14,10 @@ from armgpi.cli.experiment import note_world
 from armgpi.cli.parsing import is_experiment, per_joint, stoppable
 from armgpi.cli.terminal import console, say, widen
 from armgpi.errors import ParameterError, require_extra
+
+if TYPE_CHECKING:
+    from armgpi.identification.arm import Identified, Load
+    from armgpi.robot.robot import Robot
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
@@ -37,6 +41,7 @@ ROWS = {
         "The experiment of the first log; it is simulated with the identified arm and compared."
     ),
     "load LOG": "A log of the same arm with a payload at its tip, which is identified.",
+    "load_mass KG": "The mass of the payload of --load, where it is known: gives the scale of --current.",
     "anyway": "Identify even if the check of the log fails.",
     "out --out -o FOLDER": "Folder for the files.",
     "seconds SECONDS": "Duration of the motion [s].",
@@ -66,6 +71,7 @@ def identify(
     resonance: Path | None = None,
     experiment: Path | None = None,
     load: Path | None = None,
+    load_mass: float | None = None,
     anyway: bool = False,
     out: Path = Path("identified"),
     allow_part: bool = False,
@@ -81,7 +87,6 @@ def identify(
     """  # noqa: D301 (\b keeps the lines apart)
     from rich.table import Table
 
-    from armgpi.identification.arm import identify as identified
     from armgpi.identification.text import judge_arm, lines, say_load, tabulate
     from armgpi.identification.writing import write_identified
 
@@ -90,8 +95,8 @@ def identify(
     note_world(robot, how)
     constants = None if current is None else per_joint(current, "--current")
     options: dict[str, Any] = {"current": constants, "columns": _names(columns), "torque": torque}
-    found = identified(logs, arm, gravity=not no_gravity, check_first=not anyway, **options)
-    carried = None if load is None else found.load(load, check_first=not anyway)
+    options |= {"gravity": not no_gravity, "check_first": not anyway}
+    found, carried = _with_load(logs, arm, load, load_mass, options)
     if resonance is not None:
         found = found.with_resonance(resonance)
     if experiment is not None:
@@ -117,6 +122,33 @@ def identify(
         screen.print(table)
     _say_written(written, out)
     sys.exit(verdict.exit_code)
+
+
+def _with_load(
+    logs: list[Path], arm: Robot, load: Path | None, mass: float | None, options: dict[str, Any]
+) -> tuple[Identified, Load | None]:
+    """Return the identified arm and its load; torque constants are scaled by the mass where it is known.
+
+    Raises:
+        ParameterError: for a mass without a log of the load or without torque constants, or none.
+    """
+    from armgpi.arrays import check_number, quantity
+    from armgpi.identification.arm import identify as identified
+
+    if mass is not None:
+        mass = check_number(mass, "--load-mass", "positive [kg]", 0.0, open_=True)
+        if load is None or options["current"] is None:
+            raise ParameterError("--load-mass", mass, "--load LOG of it, and --current, beside it")
+    found, first = identified(logs, arm, **options), options["check_first"]
+    if mass is None or load is None:
+        return found, None if load is None else found.load(load, check_first=first)
+    factor = mass / found.load(load, check_first=first).mass
+    values = factor * quantity(options["current"], "--current", arm.joint_names)
+    options["current"] = dict(zip(arm.joint_names, values.tolist(), strict=True))
+    said = ",".join(f"{name}={x:.4g}" for name, x in options["current"].items())
+    say(f"torque constants by the known load, {factor:.3g} times those specified: --current {said}", err=True)
+    found = identified(logs, arm, **options)
+    return found, found.load(load, check_first=first, scale_known=True)
 
 
 def _say_written(paths: list[Path], folder: Path) -> None:

@@ -75,6 +75,11 @@ _95 = 1.96
 _SHORTEST_PERIOD, _SAME = 2.0, 0.03
 #: Configurations at which inertia matrices are compared.
 _CONFIGURATIONS = 50
+#: Half width of the 95 % interval of the common factor of torque constants: a magnet's remanence and a
+#: gear's efficiency, which no log without a known load tells.
+_CONSTANTS = 0.1
+#: Samples by which lags of joints may differ as delays do.
+_LAG_SAMPLES = 2.5
 #: Expected load over the arm's mass, and its radius about the tip [m].
 _LOAD, _LOAD_RADIUS = 0.2, 0.15
 
@@ -117,6 +122,8 @@ class Load(NamedTuple):
         com_std: [m], (3,).
         inertia: about the centre, in the frame's axes [kg m^2], (3, 3).
         frame: the tip.
+        scale: half width of the 95 % interval of the common factor of the torque constants, as a share, which
+            is in `mass_std` too; 0 where torques are no currents, or that factor is known.
     """
 
     mass: float
@@ -125,6 +132,7 @@ class Load(NamedTuple):
     com_std: Array
     inertia: Array
     frame: str
+    scale: float = 0.0
 
 
 class Validation(NamedTuple):
@@ -264,7 +272,7 @@ class Identified:
         """
         data, n, other = self._data, self.file.n, copy.copy(self)
         offset = self.theta[: len(COLUMNS) * n].reshape(n, -1)[:, OFFSET]
-        tau = simulate_experiment(path, self.robot, offset, float(self.lag.max()), data.grids[0])
+        tau = simulate_experiment(path, self.robot, offset, self.late, data.grids[0])
         twin = WeakForm(data.model, data.grids[0]._replace(tau=tau))
         measured, simulated = (form.torque(np.zeros(n))[0] for form in (data.forms[0], twin))
         measured = np.where(data.blocks(self.lag)[0].valid, measured, np.nan)
@@ -344,12 +352,41 @@ class Identified:
         ]
         return float(np.min(eigenvalues)), float(np.max(eigenvalues))
 
-    def load(self, log: Any, *, check_first: bool = True) -> Load:
+    @property
+    def late(self) -> float:
+        """Time by which positions lag behind torques that a controller has to allow for [s].
+
+        The largest lag of the joints; where lags differ by more than delays do, as friction with memory makes
+        them, their median. Never below zero.
+        """
+        lag = float(np.median(self.lag)) if self._lags_differ else float(self.lag.max())
+        return max(lag, 0.0)
+
+    @property
+    def _lags_differ(self) -> bool:
+        """Tell whether lags differ by more than delays do, or positions come before torques."""
+        most = _LAG_SAMPLES * max(grid.dt for grid in self._data.grids)
+        return bool(np.ptp(self.lag) > most or self.lag.min() < -most)
+
+    def _lag_findings(self) -> list[Finding]:
+        """Return that lags are no delays, where they are not."""
+        if not self._lags_differ:
+            return []
+        low, high = 1e3 * float(self.lag.min()), 1e3 * float(self.lag.max())
+        said = (
+            f"the lags that fit best are {low:.2g} to {high:.2g} ms, which no delay is: friction "
+            f"with memory (presliding), or clocks that differ; a controller is given {1e3 * self.late:.2g} ms"
+        )
+        return [Finding("warning", "", said)]
+
+    def load(self, log: Any, *, check_first: bool = True, scale_known: bool = False) -> Load:
         """Return what the arm carried in another log, by a fit of all logs together.
 
         Args:
             log: of the same arm with the load fixed to its tip; see :func:`identify`.
             check_first: whether that log has to pass the check.
+            scale_known: whether the common factor of the torque constants is known, by another load. Where it
+                is not, and the logs are currents, it is within 10 %, and so is the mass.
 
         Raises:
             UnfitLog: when that log does not pass the check.
@@ -368,7 +405,11 @@ class Identified:
             carried = block.rows[..., place : place + len(BODY)] * float(index == len(blocks) - 1)
             blocks[index] = block._replace(rows=np.concatenate([block.rows, carried], axis=-1))
         fitted = estimate.fit(blocks, prior)
-        return _load(fitted, prior, element, self.file.tip)
+        load = _load(fitted, prior, element, self.file.tip)
+        if scale_known or np.all(np.asarray(self._data.scale) == 1.0):
+            return load
+        mass_std = float(np.hypot(load.mass_std, _CONSTANTS / _95 * load.mass))
+        return load._replace(mass_std=mass_std, scale=_CONSTANTS)
 
     def validate(self, log: Any) -> Validation:
         """Return how well the arm predicts the torques of a log that it has not seen."""
@@ -493,6 +534,7 @@ def identify(
     unknowns = found._fit.physical[: len(COLUMNS) * robot.n].reshape(robot.n, -1)
     bodies = np.sqrt((unknowns[:, : len(BODY)] ** 2).mean(axis=1))
     coulomb = np.array([row.lower for row in found.table() if row.quantity == "coulomb"])
+    found.findings += tuple(found._lag_findings())
     found.findings += tuple(found._rotor_findings())
     found.findings += tuple(check_friction(robot.joint_names, data.expected, coulomb))
     found.findings += tuple(check_bodies(robot.joint_names, bodies))

@@ -211,16 +211,21 @@ def say_load(load: Load) -> str:
     """Return a load in words, with 95 % intervals."""
     place = ", ".join(f"{1e3 * x:.3g} ± {1960 * s:.1g}" for x, s in zip(load.com, load.com_std, strict=True))
     inertia = ", ".join(f"{x:.2g}" for x in np.diag(load.inertia))
+    unknown = (
+        f"; ± {100 * load.scale:.0f} % of the mass are those of the torque constants, which a known load "
+        "(--load-mass) tells"
+    )
+    unknown = unknown if load.scale else ""
     return (
         f"load: {load.mass:.4g} ± {1.96 * load.mass_std:.1g} kg, centre at {place} mm in {load.frame}, "
-        f"inertia {inertia} kg m² about it"
+        f"inertia {inertia} kg m² about it{unknown}"
     )
 
 
 def say_law(found: Identified) -> list[str]:
     """Return how fast the law for untuned arms is by what is known now, and what it leaves to spare."""
     dt = min(found.dt, _SLOWEST)
-    delay = max(round(float(found.lag.max()) / dt), 0) * dt
+    delay = round(found.late / dt) * dt
     try:
         robot = assume_gears(found.robot)
         law = GPI.auto(robot, dt, delay=delay, bits=BITS)

@@ -35,6 +35,7 @@ from armgpi.identification.text import (
     say_drift,
     say_findings,
     say_gears,
+    say_load,
     say_residuals,
     say_simulation,
 )
@@ -884,3 +885,40 @@ def test_a_log_says_what_its_torques_are(tmp_path: Path) -> None:
         identify(log(), file(), torque="wrist")
     with pytest.raises(ArmgpiError, match="one kind of torque"):
         identify([log()._replace(torque="motor"), log(9)._replace(torque="joint")], file())
+
+
+def test_a_load_of_currents_is_within_the_torque_constants_until_a_known_load_tells_them(
+    cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    """Constants that are all 10 % too large make everything 10 % heavier; one known load takes that back."""
+    paths = {}
+    for name, each in (("free", log()), ("carried", log(9, 0.3))):
+        head = ",".join(
+            ["time", *(f"q_{x}" for x in file().joint_names), *(f"current_{x}" for x in file().joint_names)]
+        )
+        paths[name] = tmp_path / f"{name}.csv"
+        rows = np.hstack([each.t[:, None], each.q, each.tau / 10.0])
+        np.savetxt(paths[name], rows, delimiter=",", header=head, comments="")
+    load = identify(paths["free"], file(), current=11.0).load(paths["carried"])
+    assert load.mass == pytest.approx(0.33, rel=0.02)
+    assert load.scale == 0.1
+    assert abs(load.mass - 0.3) < 1.96 * load.mass_std < 0.12 * load.mass
+    assert "of the torque constants" in say_load(load)
+    options = ("--robot", file().name, "--current", 11, "--load", paths["carried"], "-o", tmp_path / "found")
+    answer = cli("identify", paths["free"], *options, "--load-mass", 0.3)
+    assert "load: 0.3 ±" in answer.out
+    assert "of the torque constants" not in answer.out
+    assert "0.91 times those specified" in answer.err or "0.909 times those specified" in answer.err
+    said = cli("identify", paths["free"], "--robot", file().name, "--load-mass", 0.3, "-o", tmp_path / "x")
+    assert said.code == 2
+    assert "--load LOG" in said.err
+
+
+def test_lags_that_no_delay_has_are_a_finding_and_not_given_to_a_controller() -> None:
+    moved = [np.roll(log().tau[:, j], shift) for j, shift in enumerate((0, 12, 0))]
+    result = identify(log()._replace(tau=np.stack(moved, axis=1)), file())
+    assert np.ptp(result.lag) > 0.015
+    assert any("which no delay is" in str(each) for each in result.findings)
+    assert result.late < 0.006
+    assert found().late == pytest.approx(LATE * 2e-3 + 1e-3, abs=2e-3)
+    assert not [each for each in found().findings if "no delay" in str(each)]
