@@ -50,15 +50,15 @@ _AT_REST = 1e-6
 _TOLD = 0.05
 #: What makes an error -> what makes it smaller.
 _ADVICE = {
-    "torques": "a faster law, or less torque and friction",
-    "force at the tool": "a faster law, or less force",
+    "torques": "a faster controller, or smaller disturbance torque and friction",
+    "force at the tool": "a faster controller, or a smaller force",
     "motion of the reference": "a slower path, or feedforward: model",
     "encoders and lateness": "finer encoders, or less delay",
     "inertia that is wrong": "identify the arm, or state fewer loads",
-    "gravity": "feedforward: model, or a faster law",
-    "Coriolis and viscous torques": "a slower path, or a faster law",
+    "gravity": "feedforward: model, or a faster controller",
+    "Coriolis and viscous torques": "a slower path, or a faster controller",
 }
-_LESS = "less that disturbs, a slower path, or feedforward would do"
+_LESS = "smaller disturbances, a slower path, or feedforward would suffice"
 #: Speed beyond that of the error from which a reference says which way friction points: ten times that at
 #: which a plant smooths it, and that of the feedforward [rad/s or m/s].
 _SMOOTH = 1e-2
@@ -654,7 +654,7 @@ class _Tube:
         }
         causes = [what for name, what in grown.items() if self._without(name).solve(0.0, 0.0) is not None]
         said = " or ".join(causes) or "several terms together"
-        return f"the joints disturb each other more than their loops reject; in the way: {said}"
+        return f"the joints disturb each other more than their loops reject; limiting quantity: {said}"
 
     def _without(self, *names: str) -> _Tube:
         """Return the tube without what disturbs from the start, nor some of what grows with the error."""
@@ -742,7 +742,7 @@ def describe(found: PathBound) -> list[str]:
             "as friction, or feed it forward"
         )
     most = max(found.parts, key=lambda what: float(found.parts[what] @ found.error))
-    lines.append(f"  most of it is {most}; what would do first: {_ADVICE[most]}")
+    lines.append(f"  most of it is {most}; try first: {_ADVICE[most]}")
     width = max(len(name) for name in robot.joint_names)
     for j, name in enumerate(robot.joint_names):
         shares = sorted(((x[j], what) for what, x in found.parts.items()), reverse=True)

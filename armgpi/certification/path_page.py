@@ -21,8 +21,8 @@ _TOLD = 0.01
 ASSUMPTIONS = (
     "The arm is rigid, one of those given, and its joints follow the torque at once and exactly.",
     "Numbers of the arm are the largest of 400 configurations around the path, and 3 % more: no proof.",
-    "Disturbances are within what is stated, of any course; the loop has held the arm before, or starts with "
-    "the torque of its model where that is stated.",
+    "Disturbances are arbitrary in time, within the stated bounds; the loop has held the arm before, or "
+    "starts with the torque of its model where that is stated.",
 )
 
 
@@ -38,7 +38,7 @@ def write_page(found: PathBound, run: Any, notes: Sequence[str] = ()) -> str:
     good = found.holds and not found.weaker_than_friction()
     summary = f"<p class={'good' if good else 'bad'}>{page.text(verdict)}</p>"
     if not found.holds:
-        sections = {"What is in the way, and what would do": page.bullets(found.reasons)}
+        sections = {"What limits the bound, and what to change": page.bullets(found.reasons)}
         return page.document("Bound along a path", summary, sections)
     robot: Any = found.wish.controller.robot
     summary += "".join(f"<p>{page.text(line.strip())}</p>" for line in [*rest[: -robot.n], *notes])
@@ -54,7 +54,7 @@ def write_page(found: PathBound, run: Any, notes: Sequence[str] = ()) -> str:
         sections["A run without what is stated, inside of its tube"] = (
             f"<div class=figures>{''.join(_tubes(found, run))}</div>"
         )
-    sections["What it rests on"] = page.bullets(ASSUMPTIONS)
+    sections["What it assumes"] = page.bullets(ASSUMPTIONS)
     return page.document(f"Bound along a path of {robot.name}", summary, sections)
 
 

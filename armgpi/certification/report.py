@@ -40,7 +40,7 @@ def html(asked: Asked, made: Certificate, judged: Verdict | None = None) -> str:
     """
     sections = {}
     if made.reasons:
-        sections["What is in the way, and what would do"] = page.bullets(made.reasons)
+        sections["What limits the certificate, and what to change"] = page.bullets(made.reasons)
     if made.data["solutions"]:
         heading = "What is certified" if made.certified else "Bounds that hold, less than was asked for"
         sections[heading] = _claims(asked, made)
@@ -50,8 +50,8 @@ def html(asked: Asked, made: Certificate, judged: Verdict | None = None) -> str:
     shares = [(name, f"{value:.3g}") for name, value in made.data["shares"].items() if value]
     if shares:
         head = ("what disturbs", "length in the metric of D")
-        sections["What disturbs"] = page.table(head, shares, label="what disturbs")
-    sections["What it rests on"] = page.bullets(made.data["assumptions"])
+        sections["Disturbances"] = page.table(head, shares, label="what disturbs")
+    sections["What it assumes"] = page.bullets(made.data["assumptions"])
     useful, what_for = _worth(asked, made)
     kind = "good" if useful else "bad"
     said = verdict(made)
@@ -92,8 +92,8 @@ def _claims(asked: Asked, made: Certificate) -> str:
     inputs = shares(made)
     said = (
         "The worst found is that of a torque which switches at the worst times, at 40 configurations and "
-        f"both loads. What disturbed is forgotten at {made.decay:.3g} 1/s."
-        f"{f' Of what disturbs: {inputs}.' if inputs else ''}"
+        f"both loads. Their effect decays at {made.decay:.3g} "
+        f"1/s.{f' Of what disturbs: {inputs}.' if inputs else ''}"
     )
     return page.table(head, rows, label="claims for each joint") + f"<p>{page.text(said)}</p>"
 

@@ -156,7 +156,7 @@ def _untuned_law(
         warnings.filterwarnings("ignore", message=".*specified to have no rotor")
         law = GPI.auto(robot, dt, delay=delay, bits=bits, drives="none", **given)
     if law.payload is not None and law.payload.lightest > 0.0:
-        expected = "a lightest load of 0: the feedforward of the untuned law knows of no load"
+        expected = "a lightest payload of 0: the feedforward of gpi_auto does not contain a payload"
         raise ParameterError("payload", payload, expected)
     rule = law.gains.nominal().omega_c * np.ones(robot.n)
     return law.with_values(gains=FixedGains(float(rule.min()))), rule

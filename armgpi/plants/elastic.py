@@ -183,7 +183,7 @@ class ElasticPlant(Arm):
         for i, joint in enumerate(self.robot.joint_names):
             if not (value[..., i] > 0.0).all():
                 unit = "[N m/rad or N/m]" if name == "gear_stiffness" else "[kg m^2 or kg]"
-                expected = f"positive {unit}: tell it here or by the robot's drives (--drives FILE)"
+                expected = f"positive {unit}: specify it here or in the robot's drives (--drives FILE)"
                 raise ParameterError(f"{joint}.{name}", None, expected)
 
     def describe(self) -> dict[str, Any]:

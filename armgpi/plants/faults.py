@@ -55,7 +55,7 @@ class SensorFault(StatefulWrapper):
         "jump of the measured position", unit="rad or m", default=0.0, per_joint=True
     )
     lost: PerJoint = parameter(
-        "1 where nothing is measured any more (NaN)", default=0.0, least=0.0, most=1.0, per_joint=True
+        "1 for an encoder that measures nothing (NaN)", default=0.0, least=0.0, most=1.0, per_joint=True
     )
 
     def __post_init__(self) -> None:
@@ -100,7 +100,7 @@ class MotorFault(Wrapper):
     onset: Any = parameter("when motors fail", unit="s", least=0.0)
     end: Any = parameter("when they are well again", unit="s", default=math.inf, unlimited="never")
     gain: PerJoint = parameter(
-        "share of its torque that a motor gives: 0 for a dead one, -1 for one that turns the other way",
+        "share of its torque that a motor produces: 0 for a dead one, -1 for reversed sign",
         default=0.0,
         per_joint=True,
     )

@@ -222,7 +222,7 @@ class DropOut(StatefulWrapper):
     off: ClassVar[Any] = 0.0
 
     probability: Any = parameter(
-        "share of measurements lost", least=0.0, most=1.0, below=True, slider=(0.0, 0.9)
+        "share of measurements that are dropped", least=0.0, most=1.0, below=True, slider=(0.0, 0.9)
     )
     seed: Any = parameter("seed of rollout 0", kind="seed", default=0, least=0, in_file=False)
 

@@ -256,7 +256,11 @@ def markdown(entries: Sequence[Entry]) -> str:
     for arm in dict.fromkeys(entry.arm for entry in entries):
         rows = medians(entries, arm)
         names = budgets_of(arm)
-        head = (f"{arm}: law (numbers), variation up to [N m]", *names, "where its search begins (variation)")
+        head = (
+            f"{arm}: controller (numbers), variation up to [N m]",
+            *names,
+            "where its search begins (variation)",
+        )
         lines: list[tuple[str, ...]] = []
         for group, laws in classes(entries).items():
             here = [law for law in laws if law in rows]

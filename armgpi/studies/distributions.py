@@ -90,7 +90,9 @@ def distribution(name: str, given: Any, declared: Parameter, joints: int, value:
     if kind != "choices":
         _check_numbers(name, kind, numbers)
     if given.each == "joint" and not declared.per_joint:
-        raise ParameterError(name, "each: joint", "drawn once for each rollout; it is not per joint")
+        raise ParameterError(
+            name, "each: joint", "one value for each rollout; it cannot differ between joints"
+        )
     drawn = joints if given.each == "joint" else 1
     nominal = _nominal(name, value, drawn) if kind == "factor" else (1.0,)
     found = Distribution(kind, numbers, drawn, nominal)

@@ -98,7 +98,10 @@ class Sweep:
         label = next(iter(experiment.controllers))
         origin = origin or Origin("")
         if bool(config.vary) == (config.reality is not None):
-            said = "a sweep varies something: give distributions below vary, or a reality to draw from"
+            said = (
+                "a sweep needs something to vary: specify distributions below vary, or an "
+                "uncertainty model (reality)"
+            )
             raise origin.error(("vary",), said)
         if not getattr(classes_of(Arm).get(config.plant.engine), "varies", False):
             said = f"a sweep runs generated code, which {config.plant.engine!r} has none of; take armgpi"

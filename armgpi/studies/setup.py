@@ -93,15 +93,18 @@ def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "c
 def _warn(given: ExperimentConfig, experiment: Experiment, silent: bool, origin: Origin) -> None:
     """Warn of what candidates are searched without; `silent`: nothing says how the arm is driven."""
     if silent and "stiffness" in rotors.assume_gears(experiment.robot).drives.data:
-        said = "gears are searched as rigid ones: where they twist, what is found may shake the arm; try it "
+        said = "Tuning simulates stiff joints. On elastic joints the result may excite a resonance; try it "
         warnings.warn(
             str(origin.error(("robot",), f"{said}with drives: elastic")), ArmgpiWarning, stacklevel=3
         )
     if experiment.supervisor is not None:
-        said = "candidates are searched without the supervisor of the file; run what is found under it"
+        said = "tuning simulates without the supervisor of the file; run the result under it"
         warnings.warn(str(origin.error(("supervisor",), said)), ArmgpiWarning, stacklevel=3)
     if given.reality is None and (left := sorted({*given.plant.given} - {"delay", "encoder_bits"})):
-        said = "candidates are searched on drawn arms; without a reality these have the file's delay and "
+        said = (
+            "tuning simulates randomised arms; without an uncertainty model (reality) these have "
+            "the file's delay and "
+        )
         said += f"encoder, not its {', '.join(left)}"
         warnings.warn(str(origin.error(("plant",), said)), ArmgpiWarning, stacklevel=3)
 

@@ -80,7 +80,7 @@ def _task_result(future: Any) -> tuple[str, bool]:
     try:
         done: tuple[str, bool] = future.result()
     except (OSError, TimeoutError, CancelledError) as error:
-        said = "the Dask scheduler was lost; start the sweep again, and it goes on"
+        said = "the connection to the Dask scheduler ended; start the sweep again, and it continues"
         raise BackendError(f"{said} ({_error_line(error)})") from None
     return done
 

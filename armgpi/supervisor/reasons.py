@@ -41,12 +41,14 @@ REASONS = {
     Reason.SATURATED: Cause(
         "a torque was at its limit for too long",
         "a load or a motion that the motor cannot carry, a blocked joint, a limit in another unit",
-        "move slower, tell the load; move the joint by hand; look at the effort limits in the file",
+        "move slower, specify the payload; move the joint by hand; check the effort limits in the file",
     ),
     Reason.FOLLOWING: Cause(
         "a position is too far from the reference",
-        "a start away from the reference, a push, a dead or wrongly turned motor, an unstable loop",
-        "begin where the arm stands; after a push go on; else the joint alone again (docs/bringup.md)",
+        "a start away from the reference, an external push, a dead motor or one of reversed sign, an "
+        "unstable loop",
+        "begin where the arm is; after a push continue; otherwise test the joint alone again "
+        "(docs/bringup.md)",
     ),
     Reason.REFERENCE: Cause(
         "the reference is not finite, or jumps",
@@ -66,7 +68,7 @@ REASONS = {
     Reason.JUMP: Cause(
         "a position moved faster than its joint can",
         "a turn not unwrapped, noise above `resolution`, samples lost and not counted, an encoder",
-        "unwrap; say bits and noise; count lost samples by `armgpi_step_late`, or raise `jump`",
+        "unwrap; specify bits and noise; report missed samples by `armgpi_step_late`, or raise `jump`",
     ),
     Reason.NOT_FINITE: Cause(
         "a measurement, or the law's torque, is not finite",
@@ -74,19 +76,21 @@ REASONS = {
         "start when all values are there; look at the first rows of the log",
     ),
     Reason.RESPONSE: Cause(
-        "a joint answers its torque the wrong way",
-        "a motor or its command turned round, an arm that swings on its gears, a long push",
-        "look at the sign of torque and position; `--drives elastic` where gears twist",
+        "a joint accelerates against its torque",
+        "reversed sign of a motor or its command, an arm that oscillates on elastic joints, a long push",
+        "check the signs of torque and position; use `--drives elastic` for elastic joints",
     ),
     Reason.SPEED: Cause(
         "a joint is too fast",
-        "a push, a wrong sign, gravity that nobody or two carry, a limit or a stage's cap that is too low",
+        "an external push, a reversed sign, gravity not compensated or twice, a limit or stage limit "
+        "that is too low",
         "look which way the torque pointed (`armgpi bringup check`)",
     ),
     Reason.CAP: Cause(
         "a torque is as far from what holds the model as it may be",
-        "in a stage of a bring-up: a joint that does not move, a load, gravity, friction above the cap",
-        "`armgpi bringup check` says which; raise the cap in the stage's file where it is friction",
+        "in a commissioning stage: a joint that does not move, a payload, gravity, friction above "
+        "the stage limit",
+        "`armgpi bringup check` names the cause; if it is friction, raise the limit in the file of the stage",
     ),
 }
 

@@ -57,7 +57,7 @@ MISTAKES = {
     "rnu arm.urdf": "Did you mean 'run'",
     "run arm.urdf --paylod 1": "--payload",
     "run arm.urdf exp.yaml": "armgpi run --help",
-    "sweep exp.yaml --out x": "give distributions below vary",
+    "sweep exp.yaml --out x": "specify distributions below vary",
     "sweep ur5 --out x": "armgpi new",
     "view rollout.nc": "a rollout that armgpi wrote",
     "report file.txt -o r.html": "a rollout that armgpi wrote",

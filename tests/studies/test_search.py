@@ -571,7 +571,7 @@ def test_tables_of_a_contest_have_medians_classes_and_the_best_of_each(
     ]
     table = [[x.strip() for x in line.split("|")[1:-1]] for line in contend.markdown(entries).splitlines()]
     assert table[0] == [
-        "anthropomorphic3: law (numbers), variation up to [N m]",
+        "anthropomorphic3: controller (numbers), variation up to [N m]",
         *names,
         "where its search begins (variation)",
     ]
@@ -595,7 +595,7 @@ def test_tables_of_a_contest_have_medians_classes_and_the_best_of_each(
     monkeypatch.setattr(pictures, "png", drawn.append)
     pictures.contest_picture(entries)
     (panel,) = drawn[0].axes  # the class of a single law has none
-    assert re.fullmatch("anthropomorphic3, kn.*the inertia matrix", panel.get_title())
+    assert re.fullmatch("anthropomorphic3, us.*the inertia matrix", panel.get_title())
     curves = {line.get_label(): line.get_ydata() for line in panel.lines}
     np.testing.assert_array_equal(curves["ADRC, order 3"], [1.1, np.nan, 6.0, 2.0, 1.0, 2.0])
     np.testing.assert_array_equal(curves["GPI, printed law"], [1.0, 3.0, 4.0, np.nan, 2.0, np.nan])

@@ -64,14 +64,14 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_search_says_that_it_leaves_the_supervisor_out(tmp_path: Path) -> None:
     path = study_file(tmp_path)
     path.write_text(path.read_text() + "supervisor: {}\n")
-    with pytest.warns(ArmgpiWarning, match=r"supervisor: candidates are searched without the supervisor"):
+    with pytest.warns(ArmgpiWarning, match=r"supervisor: tuning simulates without the supervisor"):
         setup.read(path)
 
 
 def test_a_search_says_what_of_the_plant_its_scenarios_do_not_have(tmp_path: Path) -> None:
     path = tmp_path / "study.yaml"
     path.write_text("robot: {name: anthropomorphic3}\nplant: {delay: 1, payload: {mass: 0.1}}\n")
-    with pytest.warns(ArmgpiWarning, match=r"plant: candidates .* delay and encoder, not its payload"):
+    with pytest.warns(ArmgpiWarning, match=r"plant: tuning simulates .* delay and encoder, not its payload"):
         setup.read(path)
 
 

@@ -39,7 +39,7 @@ from armgpi.supervisor import FARTHEST, SIGNALS, Reason, Supervised, Supervisor,
 from armgpi.version import VERSION
 
 #: What a package says of a controller whose first torque is the weight.
-_HOLDS = "The first torque of the law is the one that holds the arm: release the brakes under it."
+_HOLDS = "The first torque of the controller holds the arm: release the brakes under it."
 #: Samples of a log at most.
 MOST_SAMPLES = 100_000
 #: Largest difference from Python, as a share of the torque scale.
@@ -331,7 +331,7 @@ def _run_replay(texts: dict[str, str | bytes], found: build.Compiler) -> Measure
         built = _run([*found.command, *_BUILD, "-o", "replay", *sources, "-lm"], folder)
         if built.returncode:
             lines = [x for x in built.stderr.decode(errors="replace").splitlines() if "error" in x]
-            raise RolloutError(f"{' '.join(found.command)} failed: {(lines or ['it said nothing'])[0]}")
+            raise RolloutError(f"{' '.join(found.command)} failed: {(lines or ['it printed nothing'])[0]}")
         done = _run([str(folder / "replay")], folder)
     compiler = found.version.splitlines()[0] if found.version else found.command[0]
     return _read_replay(done.stdout.decode(errors="replace"), compiler, done.returncode == 0, stack)
@@ -432,8 +432,8 @@ def _running(controller: Supervised, target: str) -> str:
 def _contains(robot: Any) -> str:
     """Return what the torque contains, and whose joints it is for."""
     text = (
-        "**The torque contains gravity**: it carries the arm. On a robot that compensates gravity itself "
-        "(Franka, UR) it would do so twice: export with `--gravity robot` for those."
+        "**The torque contains gravity**: the controller compensates it. On a robot that compensates "
+        "gravity itself (Franka, UR) it would do so twice: export with `--gravity robot` for those."
     )
     if compensates_gravity(robot):
         text = (

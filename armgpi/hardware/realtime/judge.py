@@ -22,16 +22,16 @@ from armgpi.supervisor import Reason
 QUESTIONS = {
     "rate": "samples come at the sample time",
     "order": "each position is that of its joint",
-    "sign": "positions count the way the file says",
+    "sign": "the positions have the signs of the URDF",
     "unit": "positions are in rad or m",
     "zero": "positions are zero where the file's are",
-    "weight": "the model carries the arm's weight where it stands, by the torque that the robot reports",
+    "weight": "the gravity torque of the model agrees with the torque that the robot reports",
     "mounting": "the base stands as the file says: 20 degrees off would show in that weight",
     "command order": "each torque reaches its joint",
     "command sign": "a torque moves its joint the way it points",
     "command unit": "torques are in N m or N, at the joint",
-    "carried": "the arm rests on the torque that holds the model, within friction",
-    "lag": "measurements are as late as the file says",
+    "carried": "the arm stays at rest under the gravity torque of the model, within friction",
+    "lag": "the delay of the measurements is that of the experiment file",
     "model": "the motion takes the torque that the file expects",
     "whole arm": "the whole arm follows",
 }
@@ -200,7 +200,7 @@ def _stop_finding(seen: _Seen) -> Finding:
     """Return that the supervisor stopped a stage for a reason of its own."""
     reason, joint = Reason(seen.reason).name, seen.names[seen.joint]
     said = f"stopped at {seen.t[seen.faulty]:.3g} s: {reason}"
-    return Finding("whole arm", joint, said, "docs/reasons.md says what causes it")
+    return Finding("whole arm", joint, said, "docs/reasons.md has its causes")
 
 
 def _of_hand(
@@ -213,7 +213,9 @@ def _of_hand(
     if (largest > _TOO_FAR).any():
         j = int(largest.argmax())
         said = f"moved {largest[j]:.3g} where it was moved {abs(way[j]):.2g}"
-        yield Finding("unit", names[j], said, "give rad and m, not degrees, counts or turns of the motor")
+        yield Finding(
+            "unit", names[j], said, "send rad and m, not degrees, encoder counts or turns of the motor"
+        )
         return
     if (largest < _MOVED).any():
         for j in map(int, np.flatnonzero(largest < _MOVED)):
@@ -224,7 +226,7 @@ def _of_hand(
     for place, j in enumerate(np.argsort(times)):
         if place != j:
             said = f"changed when {names[place]} was moved"
-            yield Finding("order", names[j], said, "give the positions in the order of the joints")
+            yield Finding("order", names[j], said, "send the positions in the order of the joints")
             return
     yield from _of_ways(names, way, moved[times], largest)
     for j in map(int, np.flatnonzero(np.abs(seen.q[0] - start) > _START)):
@@ -404,7 +406,7 @@ def _of_identification(
     if late.any():
         j = int(np.argmax(late))
         said = f"measurements are {1e3 * found.lag[j]:.3g} ms late, the file says {1e3 * expected:.3g}"
-        remedy = "say so (plant: delay), or find what is late"
+        remedy = "specify it (plant: delay), or find the cause of the delay"
         yield Finding("lag", robot.joint_names[j], said, remedy)
     tested["lag"] = tuple(name for name, is_late in zip(robot.joint_names, late, strict=True) if not is_late)
     known = []
