@@ -17,7 +17,7 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.validation import repair
 from armgpi.validation.alternatives import names_with
-from armgpi.validation.diagnose import ALTERNATIVES, UNNAMED, Cause, diagnose, join_equal
+from armgpi.validation.diagnose import ALTERNATIVES, NOT_NAMED, UNNAMED, Cause, diagnose, join_equal
 from armgpi.validation.edits import harmless
 from armgpi.validation.hypotheses import CONVENTIONS
 from armgpi.validation.models import States
@@ -200,6 +200,10 @@ def _searched(cause: Cause, source: str) -> Cause:
     if not (typed or cause.structural) or cause.kind in ("consequence", *CONVENTIONS, "gravity"):
         return cause
     beside = f"{SOURCE}: no usual change of it makes the model agree"
+    if typed and not cause.structural:
+        # The source has the right number, so that it is no other one that the model computes with.
+        other = (cause.text, *cause.alternatives)[:ALTERNATIVES]
+        cause = cause._replace(kind=UNNAMED[0], text=NOT_NAMED, alternatives=other)
     return cause._replace(beside=beside, evidence=(*unread_names(source), *cause.evidence))
 
 
