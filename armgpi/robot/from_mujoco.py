@@ -57,7 +57,7 @@ def compiled(path: Path) -> Any:
     handler = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda text: None)
     try:
-        return mujoco.MjModel.from_xml_path(str(path))
+        return mujoco.MjModel.from_xml_path(str(path.absolute()))
     except (ValueError, TypeError) as error:  # TypeError for a name that is no text
         said = " ".join(str(error).split())
         raise UrdfError(path, f"MuJoCo cannot read it: {said}") from None

@@ -181,12 +181,14 @@ def _bytes(text: str) -> float:
 
 
 def _without_comments(text: str) -> str:
-    """Return XML without comments, as MuJoCo's parser sees it; those of others may not have `--` in them.
+    """Return the first element of a text without comments, as MuJoCo's parser sees it.
+
+    Other parsers refuse a `--` within comments, and what is left behind the element.
 
     Raises:
         ValueError: for what may hide elements from one of both parsers: a CDATA section, a declaration.
     """
-    kept, place = [], 0
+    kept, place, depth = [], 0, 0
     while (begun := text.find("<", place)) >= 0:
         kept.append(text[place:begun])
         if text.startswith("<!--", begun):
@@ -197,10 +199,12 @@ def _without_comments(text: str) -> str:
             continue
         if text.startswith("<!", begun) or (text.startswith("<?", begun) and kept and "".join(kept).strip()):
             raise ValueError("it has a declaration, a CDATA section or an instruction, which no model needs")
-        end = _tag_end(text, begun)
-        kept.append(text[begun:end])
-        place = end
-    kept.append(text[place:])
+        place = _tag_end(text, begun)
+        kept.append(text[begun:place])
+        if not text.startswith("<?", begun) and text[place - 2] != "/":
+            depth += -1 if text.startswith("</", begun) else 1
+        if depth == 0 and not text.startswith("<?", begun):
+            break
     return re.sub(r"\A\s*<\?xml[^>]*\?>", "", "".join(kept))
 
 

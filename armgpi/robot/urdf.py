@@ -106,6 +106,8 @@ def parse(text: str, source: str, repair: str | Iterable[str] = ()) -> Urdf:
     if not link_elements:
         semantic = root.find("group") is not None or root.find("disable_collisions") is not None
         hint = "; it looks like an SRDF, which requires a URDF: give that" if semantic else ""
+        if root.find("xacro:macro") is not None:
+            hint = "; it defines macros of xacro for other files: expand the one that uses it, and give that"
         raise UrdfError(source, f"has no <link>{hint}")
     joint_elements = _unique_names(root, "joint", source)
     repairs.check_names((*link_elements, *joint_elements))

@@ -113,6 +113,16 @@ def test_what_is_in_its_folders_is_read(layout: str, tmp_path: Path) -> None:
     assert robot.mass_matrix(np.zeros(1))[0, 0] > 0.06
 
 
+def test_what_stands_behind_the_model_is_not_read(tmp_path: Path) -> None:
+    """As Unitree's scene of the G1 has its last line twice; MuJoCo does not look at it either."""
+    path = write(tmp_path)
+    path.write_text(path.read_text() + "\n</mujoco><include file='/dev/zero'/>")
+    assert Robot.load(path).n == 1
+    path.write_text(path.read_text().replace("<worldbody>", "<include file='/dev/zero'/><worldbody>", 1))
+    with pytest.raises(UrdfError, match="outside the folders"):
+        Robot.load(path)
+
+
 def test_many_meshes_are_no_includes(tmp_path: Path) -> None:
     for k in range(300):
         (tmp_path / f"{k}.stl").write_bytes(b"solid")

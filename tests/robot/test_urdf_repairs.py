@@ -282,3 +282,9 @@ def test_a_size_is_positive_but_that_of_a_mesh_which_may_be_mirrored() -> None:
         said = bad_numbers(ElementTree.fromstring(text), key, count, positive=True)
         assert said.endswith(wrong)
         assert bool(said) == bool(wrong)
+
+
+def test_macros_of_xacro_are_not_called_a_robot_without_links() -> None:
+    text = '<robot name="m" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:macro name="arm"/></robot>'
+    with pytest.raises(UrdfError, match="defines macros of xacro for other files: expand the one"):
+        Robot.from_xml(text)
