@@ -26,7 +26,8 @@ from armgpi.robot import urdf
 from armgpi.robot.repairs import made_in
 from armgpi.robot.robot import Robot
 from armgpi.view import meshes, tracks
-from armgpi.view.meshes import MeshError, Triangles
+from armgpi.robot.mesh_files import MeshError, toolbox
+from armgpi.view.meshes import Triangles
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -176,7 +177,7 @@ def build(robot: Robot, frame: str | None = None) -> Scene:
     """
     if not isinstance(robot, Robot):
         raise ParameterError("robot", robot, "a single Robot; of a RobotBatch, one of its robots")
-    meshes.toolbox()  # better now than in the middle
+    toolbox()  # better now than in the middle
     name = robot.tip if frame is None else frame
     robot.frame_pose(name, robot.middle())  # refuses a name that is not there
     model = robot.pinocchio_model()

@@ -21,6 +21,7 @@ import pytest
 from loops import compiled
 
 from armgpi import GPI, ArmgpiWarning, Bezier, RigidBodyPlant, Robot, prepare, simulate
+from armgpi.cache import cache_folder
 from armgpi.codegen import build
 from armgpi.codegen import run as generated
 from armgpi.codegen.trace import _text
@@ -194,10 +195,10 @@ def test_a_cache_that_cannot_be_written_is_none(tmp_path: Path, monkeypatch: pyt
 def test_the_cache_is_where_it_is_said_to_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("ARMGPI_CACHE")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
-    assert build.cache_folder() == tmp_path / "xdg" / "armgpi"
+    assert cache_folder() == tmp_path / "xdg" / "armgpi"
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    assert build.cache_folder() == tmp_path / "home" / ".cache" / "armgpi"
+    assert cache_folder() == tmp_path / "home" / ".cache" / "armgpi"
 
 
 def test_two_processes_that_build_the_same_do_not_clash(cache: Path) -> None:
@@ -320,7 +321,7 @@ def test_a_user_without_a_home(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("ARMGPI_CACHE")
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setattr(Path, "expanduser", nobody)
-    assert build.cache_folder().is_absolute()
+    assert cache_folder().is_absolute()
 
 
 def test_a_cache_in_the_working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,6 +15,7 @@ import armgpi
 from armgpi import GPI, Robot, RobotBatch, config
 from armgpi.errors import ArmgpiError, ArmgpiWarning
 from armgpi.gpi import collocated, geared, two_mass
+from armgpi.gpi.advice import COUNT_SHARE
 from armgpi.gpi.two_mass import ArmLoop, Gears
 from armgpi.robot import rotors
 from armgpi.robot.equations import ASSUMED_GEAR_RATIO
@@ -131,7 +132,7 @@ def test_encoders_too_coarse_for_it_leave_the_controller_of_an_unknown_side(rati
 def test_a_count_moves_the_torque_by_a_share_of_the_effort() -> None:
     law = auto(at(UR5, "motor"))
     # Of the nominal model at its largest inertia; usual efforts are no larger than the limits.
-    assert (law.count_torque(16) <= 1.1 * collocated.COUNT_SHARE * law.effort).all()
+    assert (law.count_torque(16) <= 1.1 * COUNT_SHARE * law.effort).all()
 
 
 def test_a_batch_has_the_numbers_of_each_arm() -> None:

@@ -146,7 +146,7 @@ def test_the_nominal_load_is_what_the_loop_has_delay_margin_to_spare_for(late: f
     one = GPI.auto(arms.robots[1], 1e-3, delay=late, bits=16)
     q = arm.middle()
     np.testing.assert_allclose(
-        both.robot.robots[1].mass_matrix(q),  # type: ignore[union-attr]
+        both.robot.robots[1].mass_matrix(q),
         one.robot.mass_matrix(q),
         rtol=1e-9,
         atol=1e-12,
