@@ -121,7 +121,6 @@ def certify(
     arm = load_arm(robot, how)
     dt, delay, controller = _loop_of(robot, dt, delay, controller)
     _refute_file(refute, arm)
-    _note_judged(robot, how, arm, (delay, encoder_bits, friction, controller))
     texts = {"speed": speed, "acceleration": acceleration, "torque": torque, "radius": radius}
     vectors = {key: joint_numbers(arm, text, f"--{key}") for key, text in texts.items() if text is not None}
     law = {"integrators": integrators, "rolloff": rolloff, "rolloff_ratio": rolloff_ratio, "delay": delay}
@@ -132,6 +131,7 @@ def certify(
     options = {**vectors, **_chosen_parts(named), **stated, **proof, "gains": _gains(omega, zeta, pole, rate)}
     typed = {"payload": payload, "omega": omega, "encoder_bits": encoder_bits, "friction": friction or None}
     left_out = _left_out(robot, {key for key, value in typed.items() if value is not None})
+    _note_judged(robot, how, arm, (delay, encoder_bits, friction, controller))
     with progress() as told:
         found = certified(arm, dt, progress=told, **options)
     verdict = judge(found.certified, verdict_of(found), left_out, accepted=allow_part)

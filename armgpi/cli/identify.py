@@ -92,7 +92,6 @@ def identify(
 
     require_extra("clarabel", "certify")
     arm = load_arm(robot, how)
-    note_world(robot, how)
     constants = None if current is None else per_joint(current, "--current")
     options: dict[str, Any] = {"current": constants, "columns": _names(columns), "torque": torque}
     options |= {"gravity": not no_gravity, "check_first": not anyway}
@@ -102,6 +101,7 @@ def identify(
     if experiment is not None:
         found = found.with_experiment(experiment)
     validation = None if validate is None else found.validate(validate)
+    note_world(robot, how)
     written = write_identified(found, out, validation, carried)
     if report is not None:
         files.write(report, (out / "report.html").read_text(encoding="utf-8"))

@@ -339,7 +339,7 @@ class ExperimentConfig(Section):
     Attributes:
         format: of the file, which armgpi writes; a file without it is of the first.
         robot: which arm.
-        ideal: which world fills in what the file does not state (:mod:`armgpi.config.world`): false for
+        ideal: which world fills in what the file does not state (``armgpi.config.world``): false for
             assumed drives, friction that the URDF contains, encoders and delay, and the automatic controller;
             true for an arm without all these. A file without the key has what it states alone.
         plant: what it really is like.

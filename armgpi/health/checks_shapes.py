@@ -20,7 +20,7 @@ from armgpi.arrays import Array
 from armgpi.errors import MissingPackage, Remedy
 from armgpi.health.findings import Finding, Subject, check
 from armgpi.robot import mesh_files, tensors
-from armgpi.robot.repairs import ABOUT_CENTRE, UNITS, Unit
+from armgpi.robot.repairs import ABOUT_CENTRE, UNITS, UnitRepair
 from armgpi.robot.tree import Link
 
 #: Shapes whose diagonal is shorter are placeholders [m].
@@ -152,7 +152,7 @@ def _unit_slip(body: _Body) -> tuple[str, str] | None:
 
     None where they fit as they are, or with no other unit.
     """
-    if body.link.inertia == _ONES or _fits(body, Unit("")):
+    if body.link.inertia == _ONES or _fits(body, UnitRepair("")):
         return None
     options = [(kind,) for kind in _UNITS] + [("grams", kind) for kind in _UNITS if kind != "grams"]
     options += [("centre-mm", kind) for kind in _UNITS if "inertia" in kind]
@@ -161,12 +161,12 @@ def _unit_slip(body: _Body) -> tuple[str, str] | None:
         for kind in kinds:
             unit = UNITS[kind]
             mass, inertia, centre = mass * unit.mass, inertia * unit.inertia, centre * unit.centre
-        if _fits(body, Unit("", mass, inertia, centre), sure=True):
+        if _fits(body, UnitRepair("", mass, inertia, centre), sure=True):
             return ",".join(kinds), body.link.name
     return None
 
 
-def _fits(body: _Body, unit: Unit, sure: bool = False) -> bool:
+def _fits(body: _Body, unit: UnitRepair, sure: bool = False) -> bool:
     """Tell whether mass properties in some unit are those of a body of such shapes: widely, or usually."""
     lightest, heaviest = _USUAL if sure else (_LIGHTEST, _HEAVIEST)
     within, far = (_SURE, 0.0) if sure else (_WITHIN, _FAR)

@@ -629,7 +629,7 @@ def _goal(
     k = len(points)
     axis = _unit(_rows(tool_axis, "tool_axis", (3,), 1)[:1], "tool_axis")[0]
     if rotation is not None and direction is not None:
-        raise ParameterError("direction", direction, "to be left out where a rotation is specified")
+        raise ParameterError("direction", direction, "left out where a rotation is specified")
     if rotation is not None:
         matrices = _rows(rotation, "rotation", (3, 3), k)
         off = np.abs(matrices @ matrices.swapaxes(-1, -2) - np.eye(3)).max(initial=0.0)

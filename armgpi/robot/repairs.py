@@ -22,7 +22,7 @@ ACCEPT, NO_FRICTION = "accept-inertia", "no-friction"
 ABOUT_CENTRE = "about-centre"
 
 
-class Unit(NamedTuple):
+class UnitRepair(NamedTuple):
     """Another unit, or point, of a link's mass properties, and the factors that make them SI.
 
     Attributes:
@@ -38,12 +38,12 @@ class Unit(NamedTuple):
 
 #: Kind of a repair -> the unit that it takes the file's numbers for; none of them is part of `all`.
 UNITS = {
-    "grams": Unit("masses are in g", mass=1e-3),
-    "inertia-g": Unit("inertias are in g m^2", inertia=1e-3),
-    "inertia-mm": Unit("inertias are in kg mm^2", inertia=1e-6),
-    "inertia-g-mm": Unit("inertias are in g mm^2", inertia=1e-9),
-    "centre-mm": Unit("centres of mass are in mm", centre=1e-3),
-    ABOUT_CENTRE: Unit("inertias are about the link's origin, not the centre of mass"),
+    "grams": UnitRepair("masses are in g", mass=1e-3),
+    "inertia-g": UnitRepair("inertias are in g m^2", inertia=1e-3),
+    "inertia-mm": UnitRepair("inertias are in kg mm^2", inertia=1e-6),
+    "inertia-g-mm": UnitRepair("inertias are in g mm^2", inertia=1e-9),
+    "centre-mm": UnitRepair("centres of mass are in mm", centre=1e-3),
+    ABOUT_CENTRE: UnitRepair("inertias are about the link's origin, not the centre of mass"),
 }
 #: Kind -> what the repair does.
 KINDS = {

@@ -1,4 +1,4 @@
-"""Meshes of a robot as triangles with normals and colours (files: :mod:`armgpi.robot.mesh_files`).
+"""Meshes of a robot as triangles with normals and colours (files: ``armgpi.robot.mesh_files``).
 
 What cannot be drawn raises :class:`MeshError` with the reason, and the scene goes on without it.
 """

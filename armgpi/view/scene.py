@@ -23,10 +23,10 @@ from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError, Remedy, Ro
 from armgpi.loop.provenance import Provenance
 from armgpi.loop.rollout import Status, describe_end
 from armgpi.robot import urdf
+from armgpi.robot.mesh_files import MeshError, toolbox
 from armgpi.robot.repairs import made_in
 from armgpi.robot.robot import Robot
 from armgpi.view import meshes, tracks
-from armgpi.robot.mesh_files import MeshError, toolbox
 from armgpi.view.meshes import Triangles
 
 if TYPE_CHECKING:

@@ -343,7 +343,8 @@ def test_a_rollout_of_another_run_is_refused(tmp_path: Path) -> None:
 def test_nothing_in_the_package_writes_files_by_itself() -> None:
     """Whatever a user asks for goes through `armgpi.files`; what is left is in temporary folders.
 
-    loop/memory.py fills a file that `files.replace_files` gave it.
+    loop/memory.py fills a file that `files.replace_files` gave it, and validation/containment.py tells the
+    kernel which user a namespace has.
     """
     root = Path(armgpi.__file__).parent
     ways = (".write_text(", ".write_bytes(", 'open("w', ".to_netcdf(")
@@ -352,4 +353,4 @@ def test_nothing_in_the_package_writes_files_by_itself() -> None:
         for path in root.rglob("*.py")
         if any(way in path.read_text(encoding="utf-8") for way in ways)
     }
-    assert found == {"files.py", "codegen/build.py", "loop/memory.py"}
+    assert found == {"files.py", "codegen/build.py", "loop/memory.py", "validation/containment.py"}

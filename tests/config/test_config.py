@@ -396,7 +396,7 @@ BAD: dict[str, tuple[str, str, int | None, str]] = {
         "reference: {path: {type: laser}, points: [[0, 0, 0]]}",
         "reference.points",
         2,
-        "give one of the two",
+        "use one of the two",
     ),
     "frame without path": ("reference: {frame: tool}", "reference.frame", 2, "requires path"),
     "unknown frame of a path": (

@@ -139,9 +139,9 @@ def test_a_missing_mesh_names_every_path_that_was_tried(package: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("http://127.0.0.1:9/x.stl", "not fetched"),
-        ("https://example.org/x.stl", "not fetched"),
-        ("ftp://x/y.stl", "not fetched"),
+        ("http://127.0.0.1:9/x.stl", "not downloaded"),
+        ("https://example.org/x.stl", "not downloaded"),
+        ("ftp://x/y.stl", "not downloaded"),
         ("file://server/x.stl", "another machine"),
         ("package://", "expected package://"),
         ("package://../x.stl", "expected package://"),

@@ -384,15 +384,40 @@ def _answer(seen: _Seen, stage: Stage) -> Finding:
     return Finding("command unit", name, said, f"docs/reasons.md says what causes {reason}")
 
 
+def _of_inertias(found: Any, robot: Any, known: list[str]) -> Iterator[Finding]:
+    """Find joints whose inertia or rotor is not the file's; append those that agree to `known`."""
+    from armgpi.identification.arm import mean_inertia
+
+    specified = [source not in ("", "assumed") for source in robot.drives.sources("rotor_inertia")]
+    missing = dict(zip(robot.joint_names, found.hidden & np.array(specified), strict=True))
+    for row, least in zip(found.sums(), mean_inertia(robot), strict=True):
+        if missing[row.joint]:  # then its rotor is left out of the fit, and the sum is that of the file
+            said = "its rotor is far lighter than the one that the file specifies"
+            remedy = "take what `armgpi identify` writes, or look at the torque's unit"
+            yield Finding("model", row.joint, said, remedy)
+            continue
+        # Where the file names no rotor there may be none, or the one that is believed.
+        low, high = least / _MODEL, _MODEL * row.expected
+        if row.upper < low or row.lower > high:
+            ratio = row.value / (least if row.upper < low else row.expected)
+            said = f"its inertia is {ratio:.2g} times what the file lets expect"
+            yield Finding(
+                "model", row.joint, said, "take what `armgpi identify` writes, or look at the torque's unit"
+            )
+        elif low <= row.lower and row.upper <= high:
+            known.append(row.joint)
+
+
 def _of_identification(
     log: ArmLog, robot: Any, experiment: Any, tested: dict[str, tuple[str, ...]]
 ) -> Iterator[Finding]:
     """Find what the identified arm tells: lag, and torque over what the file expects."""
-    from armgpi.identification.arm import identify, mean_inertia
+    from armgpi.identification.arm import identify
 
     weighs = not compensates_gravity(robot)
     try:
-        found = identify([log], robot, gravity=weighs)
+        # What the loop commands acts on the rotors, too: it is no joint torque.
+        found = identify([log], robot, gravity=weighs, torque="motor")
     except UnfitLog as error:
         yield Finding("model", "", str(error), "mend that, and run the stage again")
         return
@@ -409,18 +434,8 @@ def _of_identification(
         remedy = "specify it (plant: delay), or find the cause of the delay"
         yield Finding("lag", robot.joint_names[j], said, remedy)
     tested["lag"] = tuple(name for name, is_late in zip(robot.joint_names, late, strict=True) if not is_late)
-    known = []
-    for row, least in zip(found.sums(), mean_inertia(robot), strict=True):
-        # Where the file names no rotor there may be none, or the one that is believed.
-        low, high = least / _MODEL, _MODEL * row.expected
-        if row.upper < low or row.lower > high:
-            ratio = row.value / (least if row.upper < low else row.expected)
-            said = f"its inertia is {ratio:.2g} times what the file lets expect"
-            yield Finding(
-                "model", row.joint, said, "take what `armgpi identify` writes, or look at the torque's unit"
-            )
-        elif low <= row.lower and row.upper <= high:
-            known.append(row.joint)
+    known: list[str] = []
+    yield from _of_inertias(found, robot, known)
     q = log.samples["q_measured"][:: max(1, len(log.samples) // 50)]
     if weighs:
         own, file = found.robot.gravity(q), robot.gravity(q)
