@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 import warnings
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,6 +31,7 @@ from armgpi.escape import markdown_table
 from armgpi.gpi import geared, two_mass
 from armgpi.gpi.family import Member
 from armgpi.gpi.law import KNOWS
+from armgpi.gpi.untuned import Untuned
 from armgpi.health.zoo import fingers
 from armgpi.intervals import Estimate, wilson
 from armgpi.loop import metrics
@@ -181,7 +182,7 @@ def rollouts(
     Raises:
         ArmgpiError: when the law cannot be made for the arm.
     """
-    for group in batches(found):
+    for group in _alike(batches(found), law):
         every, under = stack_draws(group), []
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ArmgpiWarning)
@@ -195,6 +196,31 @@ def rollouts(
                 loop = prepare(every.plant, made, every.reference, every.t_final, **options)
                 under.append(in_rows(loop.run(progress=False)))
         yield group, under
+
+
+def _alike(groups: Iterable[list[Scenario]], law: Mapping[str, Any]) -> Iterator[list[Scenario]]:
+    """Yield groups of draws parted by the structure of the automatic controller of each.
+
+    A batch has one structure. Where one of its arms cannot have the controller for encoders at the motors,
+    the whole batch would get another one than each of its arms has alone.
+    """
+    for group in groups:
+        if law.get("type") != Untuned.config_name or not any(_is_at_motor(draw) for draw in group):
+            yield group
+            continue
+        parts: dict[tuple[Any, ...], list[Scenario]] = {}
+        for draw in group:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ArmgpiWarning)
+                alone: Any = config.controller(law, stack_draws([draw]).context)
+            structure = (alone.integrators, alone.rolloff, alone.link_factor)
+            parts.setdefault(structure, []).append(draw)
+        yield from parts.values()
+
+
+def _is_at_motor(draw: Scenario) -> bool:
+    """Tell whether the controller of a draw knows that all encoders sit at the motors."""
+    return bool((draw.nominal.drives.value("encoder_side") == "motor").all())
 
 
 def outcomes(

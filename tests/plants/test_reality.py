@@ -7,6 +7,7 @@ import math
 import runpy
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -541,3 +542,23 @@ def test_itae_ratios_are_geometric_means_of_draws_that_the_motors_can_follow() -
     first = [one, one._replace(index=1), one._replace(index=2, demand=2.0)]
     found = [one._replace(itae=0.5), one._replace(index=1, itae=2.0), first[2]._replace(itae=9.0)]
     assert health.itae_ratios(found, first) == pytest.approx({"arm": 1.0}, rel=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::armgpi.ArmgpiWarning")
+def test_draws_run_with_the_controller_that_each_has_alone() -> None:
+    """A batch has one structure: one arm that cannot have the motor-side controller takes it from nobody."""
+    if "ur5" not in robots.names():
+        pytest.skip("the robots extra is not installed")
+    law = {"type": "gpi_auto"}
+    reality = Reality("owned", seed=5, side_known=1.0)
+    draws = [reality.draw(Robot.load("ur5"), index) for index in range(8)]
+    factors = {}
+    for group in health._alike(batches(draws), law):
+        together: Any = config.controller(law, stack_draws(group).context)
+        for draw in group:
+            factors[draw.index] = float(np.ravel(together.link_factor)[0])
+    for draw in draws:
+        alone: Any = config.controller(law, stack_draws([draw]).context)
+        assert factors[draw.index] == float(np.ravel(alone.link_factor)[0])
+    assert set(factors.values()) == {1.0, 0.4}  # both kinds are among them
