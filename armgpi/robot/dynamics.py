@@ -25,6 +25,23 @@ _SERIAL_BELOW = 16
 _aba, _rnea, _WORLD = pin.aba, pin.rnea, pin.Convention.WORLD
 
 
+class _Fork:
+    """Whether this process was forked: then OpenMP has no threads here, and libgomp waits for them."""
+
+    def __init__(self) -> None:
+        """Begin in a process that was not."""
+        self.happened = False
+
+    def note(self) -> None:
+        """Note that this process was forked."""
+        self.happened = True
+
+
+_fork = _Fork()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_fork.note)
+
+
 class Dynamics(Protocol):
     """What a controller or plant needs of a robot's equations of motion, D(q) a + C(q, v) v + G(q) = tau.
 
@@ -251,7 +268,7 @@ class PinocchioDynamics(_ByInverse):
     def _parallel(self, kernel: Any, workspace: Workspace, q: Array, v: Array, x: Array) -> Array:
         """Run a batch kernel; Pinocchio wants (n, batch), which a transposed row-major array is."""
         out = np.empty(q.shape)
-        threads = 1 if len(q) < _SERIAL_BELOW else self._threads
+        threads = 1 if len(q) < _SERIAL_BELOW or _fork.happened else self._threads
         kernel(threads, workspace.pool(self._threads), q.T, v.T, x.T, out.T)
         return out
 

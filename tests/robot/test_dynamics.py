@@ -222,3 +222,24 @@ def test_results_do_not_depend_on_the_number_of_threads() -> None:
         for threads in ("1", "2", "nonsense")
     }
     assert len(digests) == 1
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
+def test_a_forked_process_computes_batches_as_its_parent_does() -> None:
+    """OpenMP's threads are not there after a fork: a batch in the child must not wait for them."""
+    script = (
+        "import os, warnings\n"
+        "warnings.simplefilter('ignore')\n"
+        "import numpy as np\n"
+        "from armgpi import Robot\n"
+        "arm = Robot.load('anthropomorphic3')\n"
+        "q = np.linspace(0.0, 1.0, 600).reshape(200, 3)\n"
+        "before = arm.gravity(q)\n"
+        "child = os.fork()\n"
+        "if child == 0:\n"
+        "    os._exit(0 if np.array_equal(Robot.load('anthropomorphic3').gravity(q), before) else 3)\n"
+        "raise SystemExit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))\n"
+    )
+    env = {**os.environ, "OMP_NUM_THREADS": "2"}
+    done = subprocess.run([sys.executable, "-c", script], env=env, timeout=60, check=False)
+    assert done.returncode == 0
