@@ -17,8 +17,6 @@ from armgpi.cli.parsing import INCOMPLETE, is_experiment, refusal
 from armgpi.cli.terminal import say
 from armgpi.errors import ArmgpiError, ArmgpiWarning
 
-#: Assumed where nothing is specified: absolute encoders and a bus as geared arms have them.
-_BITS, _DELAY = 16, 1
 #: Command -> the module and the package that it needs beside armgpi's own.
 _NEEDS = {
     "run": ("", ""),
@@ -170,6 +168,8 @@ def _file(
         blanks: joints whose effort limit has to be filled in.
     """
     from armgpi.config.schema import FORMAT
+    from armgpi.config.world import DELAY
+    from armgpi.gpi.untuned import BITS
     from armgpi.hardware.export.interfaces import COMPENSATING
     from armgpi.hardware.export.targets import TARGETS
     from armgpi.robot import robots
@@ -177,14 +177,15 @@ def _file(
     target, _ = answers.get(f"Target ({', '.join(TARGETS)})", typed["target"], "bare", str)
     interface = COMPENSATING.get(target)
     load, _ = answers.get("Heaviest load at the tool [kg]", typed["payload"], 0.0, float)
-    bits, bits_note = answers.get("Encoder resolution [bits per turn]", typed["encoder_bits"], _BITS, int)
-    delay = max(_DELAY, interface.delays[0]) if interface else _DELAY
+    bits, bits_note = answers.get("Encoder resolution [bits per turn]", typed["encoder_bits"], BITS, int)
+    delay = max(DELAY, interface.delays[0]) if interface else DELAY
     late, late_note = answers.get("Delay of measurements [samples]", typed["delay"], delay, int)
     step, step_note = answers.get("Sample time [s]", typed["dt"], interface.dt if interface else 1e-3, float)
     if interface is not None:
         section["gravity"] = "robot"
     payload = f"  payload: {{mass: {load:.3g}, frame: {_text(arm.tip)}}}  # kg"
     none = f"  # payload: {{mass: 0.5, frame: {_text(arm.tip)}}}  # kg; none unless this line is in use"
+    assumed = _assumed_drives(arm, section, blanks)
     ideal = robots.is_textbook(section["name"]) and typed["encoder_bits"] is None and typed["delay"] is None
     sensors = [
         f"  encoder_bits: {bits}  # per turn{bits_note}",
@@ -203,7 +204,7 @@ def _file(
         *(f"  {key}: {_text(value)}" for key, value in section.items()),
         *(f"  # {joint!r} looks like a gripper, and is locked" for joint in hands),
         *_effort_lines(arm, blanks),
-        *([] if blanks or "drives" in section else _drive_lines(arm)),
+        *([] if blanks or "drives" in section else _drive_lines(arm, assumed)),
         textbook if ideal else realistic,
         "plant:  # the simulated arm; the controller does not know the payload",
         *(["  engine: armgpi"] if ideal else sensors),
@@ -212,8 +213,17 @@ def _file(
         printed if ideal else automatic,
         "  - type: pid  # for armgpi compare; the other commands take the first controller",
         f"sample_time: {step:g}  # s{step_note}",
-        *_vary_lines(arm, load, blanks),
+        *_vary_lines(assumed, load),
     ]
+
+
+def _assumed_drives(arm: Any, section: dict[str, Any], blanks: list[str]) -> Any:
+    """Return the drives with what is assumed of them; None where that depends on efforts left blank."""
+    from armgpi.robot import rotors
+
+    if isinstance(section.get("drives"), str):  # a word, by which the arm was made already
+        return arm.drives
+    return None if blanks else rotors.assume_drives(arm, "elastic").drives
 
 
 def _command_lines(path: Path, target: str) -> list[str]:
@@ -246,14 +256,13 @@ def _effort_lines(arm: Any, blanks: list[str]) -> list[str]:
     ]
 
 
-def _drive_lines(arm: Any) -> list[str]:
+def _drive_lines(arm: Any, assumed: Any) -> list[str]:
     """Return what is assumed of the drives as keys, with their intervals; nothing where all is known."""
     from armgpi.robot import rotors
 
-    assumed = rotors.assume_drives(arm, "elastic").drives.plain()
     known = arm.drives.plain()
     lines = []
-    for joint, quantities in assumed.items():
+    for joint, quantities in assumed.plain().items():
         own = {key: _rounded(value) for key, value in quantities.items() if key not in known.get(joint, {})}
         if own:
             lines.append(f"    {_text(joint)}: {_text(own)}")
@@ -290,19 +299,24 @@ def _friction_line(arm: Any, robot_compensates: bool) -> str:
     )
 
 
-def _vary_lines(arm: Any, load: float, blanks: list[str]) -> list[str]:
-    """Return what a sweep draws: what is assumed of the drives, within its intervals, and the load."""
+def _vary_lines(assumed: Any, load: float) -> list[str]:
+    """Return what a sweep draws: what is assumed of the drives, within its intervals, and the load.
+
+    Args:
+        assumed: the drives with what is assumed of them; None where they depend on what is left blank.
+        load: heaviest load [kg]; 0 for none.
+    """
     from armgpi.robot import rotors
 
     varied = []
-    if not blanks:
-        sources = rotors.assume_drives(arm, "elastic").drives
-        if set(sources.sources("rotor_inertia")) == {"assumed"}:
+    for quantity, key, factor in (
+        ("rotor_inertia", "plant.rotor_inertia", rotors.SCATTER),
+        ("stiffness", "plant.gear_stiffness", rotors.TWIST_SCATTER),
+    ):
+        if assumed is not None and set(assumed.sources(quantity)) == {"assumed"}:
             varied.append(
-                f"  plant.rotor_inertia: {{factor: {rotors.SCATTER:g}, each: joint}}  # 1/2.5 to 2.5 times"
+                f"  {key}: {{factor: {factor:g}, each: joint}}  # from 1/{factor:g} to {factor:g} times"
             )
-        if set(sources.sources("stiffness")) == {"assumed"}:
-            varied.append(f"  plant.gear_stiffness: {{factor: {rotors.TWIST_SCATTER:g}, each: joint}}")
     if load:
         varied.append(f"  plant.payload.mass: {{uniform: [0, {load:.3g}]}}  # kg")
     if not varied:

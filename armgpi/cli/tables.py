@@ -104,7 +104,7 @@ def _print_end(console: Any, experiment: Experiment, record: dict[str, Any]) -> 
     if stopped := re.search(r"stopped at .*: ([A-Z_]+) \(", record["end"]):
         console.print(printable(remedy(stopped[1])))
     controller = experiment.controllers.get(record["label"])
-    if isinstance(controller, GPI) and (said := _loop(controller, experiment)):
+    if isinstance(controller, GPI) and (said := _loop(controller, record["label"], experiment)):
         console.print(said)
 
 
@@ -156,20 +156,18 @@ def _latex(heads: list[str], rows: list[list[str]]) -> str:
 _FORMATS = {".csv": csv_table, ".md": _markdown, ".tex": _latex}
 
 
-def _loop(controller: GPI, experiment: Experiment) -> str:
+def _loop(controller: GPI, label: str, experiment: Experiment) -> str:
     """Return what the loop that is run tolerates, and what one count of the encoders does; or nothing."""
-    said = [_margins(controller, experiment), _count(controller, experiment)]
+    said = [_margins(controller, label, experiment), _count(controller, experiment)]
     text = "; ".join(part for part in said if part)
     return f"  {text}" if text else ""
 
 
-def _margins(controller: GPI, experiment: Experiment) -> str:
+def _margins(controller: GPI, label: str, experiment: Experiment) -> str:
     """Return the margins of the loop; of an automatic controller on elastic joints its verdict has them."""
     if is_known(experiment.robot):
         automatic = {section.label for section in experiment.config.controllers if section.type == "gpi_auto"}
-        if _label(controller, experiment) in automatic:
-            return ""
-        if not isinstance(controller.gains, FixedGains):
+        if label in automatic or not isinstance(controller.gains, FixedGains):
             return ""
         judged = verdict(controller, experiment.robot)
         if not math.isfinite(judged.sensitivity):
@@ -184,14 +182,6 @@ def _margins(controller: GPI, experiment: Experiment) -> str:
         f"{delta.lower:.2g} to {delta.upper:.2g}, delay margin {1e3 * delay:.3g} ms (of which sampling "
         f"and transport use {1e3 * spent:.3g})"
     )
-
-
-def _label(controller: GPI, experiment: Experiment) -> str:
-    """Return the label of a controller of an experiment."""
-    for label, each in experiment.controllers.items():
-        if each is controller:
-            return label
-    return ""
 
 
 def _count(controller: GPI, experiment: Experiment) -> str:

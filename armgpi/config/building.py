@@ -201,7 +201,7 @@ def robot(config: ExperimentConfig, origin: Origin | None = None) -> Robot:
     Raises:
         ConfigError: when something does not fit the robot; it names the key.
     """
-    return _with_assumptions(config, _Place(origin or Origin()))[1]
+    return resolve(config, origin)[1]
 
 
 class Parts:

@@ -189,3 +189,10 @@ def test_an_arm_without_effort_limits_gets_blanks_and_runs_when_they_are_filled(
     filled = [line.partition("#")[0] + "30" if "gravity alone" in line else line for line in lines]
     path.write_text("\n".join(filled), encoding="utf-8")
     assert cli("run", path, "--t-final", 0.1).code == 0
+
+
+def test_a_sweep_of_stiff_joints_draws_no_stiffness(cli: Callable[..., Answer], tmp_path: Path) -> None:
+    path = tmp_path / "stiff.yaml"
+    assert cli("new", "ur5", "--drives", "stiff", "-o", path).code == 0
+    assert [*config.read(path).config.vary] == ["plant.rotor_inertia"]
+    config.build(*config.read(path))
