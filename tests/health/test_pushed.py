@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from typing import Any, ClassVar
 
@@ -57,7 +58,7 @@ def test_a_push_is_judged_by_its_largest_distance_and_its_return() -> None:
     tool = np.zeros((len(times), 3))
     tool[:, 1] = 0.05 * after * np.exp(-after / 0.1)  # largest at 0.1 s: 5 mm / e
     judged = _judge("y", 20.0, tool, times)
-    assert judged.displacement == pytest.approx(0.005 / np.e, rel=1e-3)
+    assert judged.displacement == pytest.approx(0.005 / math.e, rel=1e-3)
     assert judged.damping == pytest.approx(20.0 / 0.05, rel=0.02)
     # x exp(1 - x) = 0.1 at x = 4.8897.
     assert judged.back == pytest.approx(0.48897, abs=2e-3)
