@@ -64,6 +64,8 @@ def as_times(t: Any, infinite: bool = True) -> Any:
     Raises:
         ArrayError: when it is not a number, NaN, or infinite where a time must be finite.
     """
+    if type(t) is float and -LARGEST <= t <= LARGEST:
+        return np.array(t)  # the most frequent case: one sample of a loop
     if hasattr(t, "__array_ufunc__") and not isinstance(t, np.ndarray | np.generic):
         return t
     if isinstance(t, np.ndarray) and t.dtype.kind in "iuf":

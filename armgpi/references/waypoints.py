@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Sequence
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -87,7 +89,14 @@ class Waypoints(Reference):
         return type(self)(**given)
 
     def at(self, t: float | Array) -> Target:
-        """Return the target at `t` [s]; shapes as :meth:`Reference.at`."""
+        """Return the target at `t` [s]; shapes as :meth:`Reference.at`.
+
+        A single time costs one move, however many there are, and gives the same numbers as an array of times.
+        """
+        if type(t) is float and math.isfinite(t) and self._legs:
+            leg = self._legs[max(bisect_right(self._legs, t, key=_begin) - 1, 0)]
+            q, v, a = leg.move.at(t)
+            return Target(q if leg.reached is None else leg.reached + (q - leg.move.start), v, a)
         first, *rest = (move.at(t) for move in self._parts)
         # Each move adds its own way to where the one before it ends.
         q, v, a = first
@@ -97,6 +106,11 @@ class Waypoints(Reference):
             a = a + target.a
         return Target(q, v, a)
 
+    @cached_property
+    def _legs(self) -> list[_Leg]:
+        """The moves as single times need them; a sequence only joined into a batch never works them out."""
+        return _legs(self._parts)
+
     def describe(self) -> dict[str, Any]:
         """Return the moves as plain data."""
         moves = [move.describe() for move in self._parts]
@@ -105,6 +119,39 @@ class Waypoints(Reference):
     def __repr__(self) -> str:
         """Return a one-line description."""
         return f"Waypoints({len(self.moves)} moves, {self.t_end:g} s)"
+
+
+class _Leg(NamedTuple):
+    """A move of a sequence, for single times.
+
+    Attributes:
+        begin: when it begins [s].
+        move: the move.
+        reached: where the moves before it end [rad or m], (n,) or (batch, n); None for the first move.
+    """
+
+    begin: float
+    move: Bezier
+    reached: Array | None
+
+
+def _begin(leg: _Leg) -> float:
+    """Return when a leg begins [s]."""
+    return leg.begin
+
+
+def _legs(moves: Sequence[Bezier]) -> list[_Leg]:
+    """Return the legs of a sequence; none where each rollout has times of its own."""
+    legs: list[_Leg] = []
+    reached: Array | None = None
+    for move in moves:
+        if np.ndim(move.t_start) or np.ndim(move.duration):
+            return []
+        legs.append(_Leg(float(move.t_start), move, reached))
+        end = move.at(math.inf).q
+        # Summed as for an array of times, so that both have the same bits.
+        reached = end if reached is None else reached + (end - move.start)
+    return legs
 
 
 def _per_item(value: Any, name: str, count: int) -> list[Any]:

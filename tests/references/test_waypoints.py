@@ -55,6 +55,15 @@ def test_it_is_one_move_and_hold_after_the_other(plan: Plan, times: list[float])
             np.testing.assert_allclose(part, expected, rtol=0.0, atol=2e-13 * size)
 
 
+@given(plans(), st.lists(st.floats(-1.0, 25.0), min_size=1, max_size=20))
+def test_a_single_time_has_the_bits_of_an_array_of_times(plan: Plan, times: list[float]) -> None:
+    waypoints = Waypoints(*plan)
+    exactly = [*times, *(float(move.t_start) for move in waypoints.moves), waypoints.t_end]
+    together = waypoints.at(np.array(exactly))
+    for part in range(3):
+        np.testing.assert_array_equal(together[part], [waypoints.at(t)[part] for t in exactly])
+
+
 @given(plans())
 def test_it_stands_at_every_posture_for_its_hold(plan: Plan) -> None:
     points, durations, holds = plan
