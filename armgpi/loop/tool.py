@@ -73,7 +73,7 @@ class Tool:
             plant: the plant; its arms, where it has several, differ in masses alone.
         """
         robot = plant.robot
-        arm = robot if isinstance(robot, Robot) else robot.robots[0]
+        arm = robot if isinstance(robot, Robot) else robot.first
         self.frame = arm.tip
         self.motion: FrameMotion | None
         try:

@@ -157,7 +157,7 @@ class ElasticPlant(Arm):
         self.fill("gear_stiffness", drives.value("stiffness"))
         self._check_positive("gear_stiffness", self.gear_stiffness)
         self._check_positive("rotor_inertia", rotor)
-        own = self.robot if isinstance(self.robot, Robot) else self.robot.robots[0]
+        own = self.robot if isinstance(self.robot, Robot) else self.robot.first
         link = np.diag(own.mass_matrix(own.middle())) - own.armature
         # The inertia of the mode of each link and rotor alone.
         usual = 2.0 * _RATIO * np.sqrt(self.gear_stiffness * (link * rotor / (link + rotor)))

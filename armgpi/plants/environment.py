@@ -20,7 +20,7 @@ from armgpi.errors import ParameterError
 from armgpi.parameter import Parametrised, Vector, parameter, plain, with_parameters
 from armgpi.plants.loads import check_times
 from armgpi.registry import Context
-from armgpi.robot.batch import AnyRobot
+from armgpi.robot.batch import AnyRobot, VariedRobots
 from armgpi.robot.frame_motion import FrameMotion, Motion
 from armgpi.robot.robot import Robot
 
@@ -217,7 +217,13 @@ class Environment:
             if not isinstance(contact, Contact):
                 raise ParameterError("environment", contact, "contacts such as ToolForce, Wall or Spring")
         self.contacts = tuple(contacts)
-        arms: Sequence[Robot] = [robot] if isinstance(robot, Robot) else robot.robots
+        arms: Sequence[Robot]
+        if isinstance(robot, Robot):
+            arms = [robot]
+        elif isinstance(robot, VariedRobots):
+            arms = [robot.first]  # masses vary, not where frames are
+        else:
+            arms = robot.robots
         frames = [contact.frame or arms[0].tip for contact in self.contacts]
         self.motions = tuple(
             FrameMotion(arms[0], frame, contact.point)

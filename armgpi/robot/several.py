@@ -62,6 +62,11 @@ class RobotBatch(Equations):
         )
 
     @property
+    def first(self) -> Any:
+        """The robot of the first rollout."""
+        return self.robots[0]
+
+    @property
     def drives(self) -> Drives:
         """What is known of the drives of the first robot."""
         found: Drives = self.robots[0].drives
@@ -137,6 +142,11 @@ class VariedRobots(RobotBatch):
         keys = [row.tobytes() for row in numbers]
         made = {key: self._robot(i) for key, i in {key: i for i, key in enumerate(keys)}.items()}
         return tuple(made[key] for key in keys)
+
+    @cached_property
+    def first(self) -> Any:
+        """The robot of the first rollout, made without those of the others."""
+        return self._robot(0)
 
     @property
     def drives(self) -> Drives:
