@@ -4,8 +4,8 @@
 from what each style invites. They were committed before anything was fitted to them. Every fourth line is
 SEEN: what `validate` misses there may change it; the others only measure. THIRD styles were written later, to
 change it as well; FOURTH ones last, by someone who had not read its code, and were scored once. SIXTH and
-SEVENTH styles too; half of their lines, drawn by a seed, are `aside`: what is missed there changes nothing. `right/` has
-right models of robots in odd styles. One line is one mistake:
+SEVENTH styles too; half of their lines, drawn by a seed, are `aside`: what is missed there changes nothing.
+`right/` has right models of robots in odd styles. One line is one mistake:
 
     what stands in the model ==> what a mistaken one has [&& a second] [## what a name has to match] [### why]
 
@@ -69,6 +69,8 @@ SIXTH = (
 )
 #: Styles of reinforcement learning, of vectorised code, of equations of motion by SymPy and others; likewise.
 SEVENTH = ("chain", "entries", "eom", "slabs", "swingup", "turned")
+#: Styles of which half of the lines are set aside.
+HALVED = (*SIXTH, *SEVENTH)
 STYLES = tuple(
     sorted({path.stem for path in FOLDER.glob("*.txt")} - {*THIRD, *FOURTH, *FIFTH, *SIXTH, *SEVENTH})
 )

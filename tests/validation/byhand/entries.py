@@ -44,19 +44,20 @@ def c223(q2, q3):
 
 
 def mass_matrix(q):
-    q1, q2, q3 = q
+    _, q2, q3 = q
     b = d23(q2, q3)
     return np.array([[d11(q2, q3), 0, 0], [0, d22(q2, q3), b], [0, b, d33(q2, q3)]])
 
 
 def coriolis_torque(q, v):
-    q1, q2, q3 = q
+    _, q2, q3 = q
     v1, v2, v3 = v
     x, y, z = c112(q2, q3), c113(q2, q3), c223(q2, q3)
-    return [-2 * x * v1 * v2 - 2 * y * v1 * v3, x * v1**2 - 2 * z * v2 * v3 - z * v3**2, y * v1**2 + z * v2**2]
+    first = -2 * x * v1 * v2 - 2 * y * v1 * v3
+    return [first, x * v1**2 - 2 * z * v2 * v3 - z * v3**2, y * v1**2 + z * v2**2]
 
 
 def gravity(q):
-    q1, q2, q3 = q
+    _, q2, q3 = q
     forearm = P["m3"] * P["g"] * P["a3"] * cos(q2 + q3)
     return [0, (P["m2"] * P["a2"] + P["m3"] * P["l2"]) * P["g"] * cos(q2) + forearm, forearm]

@@ -1,4 +1,4 @@
-"""Two slender boxes in a level plane, then upright: lumped constants alpha, beta, delta inside of functions."""
+"""Two slender boxes, upright: lumped constants alpha, beta, delta inside of functions."""
 
 import numpy as np
 
