@@ -13,7 +13,7 @@ from armgpi.arrays import Array, check_number, check_type, check_whole
 from armgpi.errors import ModelError, ParameterError, Remedy
 from armgpi.robot.equations import PerJoint
 from armgpi.robot.robot import Robot
-from armgpi.validation import containment, laws, repair, samples
+from armgpi.validation import containment, forms, laws, repair, samples
 from armgpi.validation.conventions import declare_convention
 from armgpi.validation.diagnose import NOT_NAMED, Cause
 from armgpi.validation.models import ARGUMENTS, States
@@ -21,7 +21,7 @@ from armgpi.validation.problem import Element, Mask, Problem
 from armgpi.validation.report import DynamicsReport, FunctionReport
 from armgpi.validation.residual import Difference
 from armgpi.validation.samples import Sampled
-from armgpi.validation.tree import evaluate, from_robot
+from armgpi.validation.tree import Tree, evaluate, from_robot
 from armgpi.validation.witnesses import find_causes
 from armgpi.validation.worker import Worker
 
@@ -107,16 +107,19 @@ def validate(
             states = random_states(lower, upper, robot.prismatic, seed)
             _check_count(worker, robot)
         sampled = samples.sample(worker, states)
+        notes = tuple(_notes(worker, sampled))
+        if tree is not None:
+            sampled, said = _in_plain_form(tree, states, sampled, rtol)
+            notes = (*notes, *said)
         own = laws.derive(worker, states, sampled)
         found = laws.check(worker, states, sampled, own)
-        notes = tuple(_notes(worker, sampled))
         if robot is None:
             joint_names = tuple(f"q{i + 1}" for i in range(n))
             laws_alone = DynamicsReport(
                 worker.name, None, joint_names, samples.rows_of(sampled), (), (), tuple(found), notes
             )
-            return replace(laws_alone, uncompared=worker.uncompared)
-        report = _compare(model, worker, robot, frame, rtol, states, sampled, own, found, notes)
+            return _with_laws(replace(laws_alone, uncompared=worker.uncompared, left_out=worker.left_out))
+        report = _with_laws(_compare(model, worker, robot, frame, rtol, states, sampled, own, found, notes))
         compares_frame = any(name in sampled for name in ("forward_kinematics", "jacobian"))
         return report if compares_frame else replace(report, frame=frame)
 
@@ -134,14 +137,41 @@ def load_robot(robot: Robot | str | PathLike[str] | None) -> Robot | None:
 
 
 def _notes(worker: Worker, sampled: Mapping[str, Sampled]) -> Iterator[str]:
-    """Yield what else was seen of a model: that it prints, computes with few digits, has other functions."""
+    """Yield what else was seen of a model: that it prints, computes with few digits, forms of its arrays."""
     yield from containment.gaps()
+    yield from worker.notes
     if worker.printed:
         yield "the model prints while it computes; that is not shown"
     worst = max(sampled.values(), key=lambda s: s.digits)
     if worst.digits >= _FEW_DIGITS:
         text = f"{worst.function} is only computed to {worst.digits:.1g} of its largest value"
         yield f"{text}: differences up to {samples.SAFETY:g} times that do not count"
+
+
+def _with_laws(report: DynamicsReport) -> DynamicsReport:
+    """Return a report with the laws that fail as causes, where nothing else says what is wrong."""
+    if report.agrees or report.causes:
+        return report
+    failing = [law for law in report.laws if law.verdict == "fails"]
+    causes = [Cause("law", f"{law.name} fails: {law.text}", "model", ()) for law in failing]
+    return replace(report, causes=tuple(causes))
+
+
+def _in_plain_form(
+    tree: Tree, states: States, sampled: dict[str, Sampled], rtol: float
+) -> tuple[dict[str, Sampled], tuple[str, ...]]:
+    """Return the samples with a Jacobian that is right in another form in the plain one, and what is said."""
+    name = "jacobian"
+    if name not in sampled:
+        return sampled, ()
+    J = sampled[name].values
+    if Problem(tree, states.q, {name: sampled[name]}, rtol).agreeing.all():
+        return sampled, ()
+    for text, values in forms.forms_of_jacobian(J):
+        other = sampled[name]._replace(values=values, quantities={"J": values})
+        if Problem(tree, states.q, {name: other}, rtol).agreeing.all():
+            return {**sampled, name: other}, (f"{name}: {text}; it is compared in that form",)
+    return sampled, ()
 
 
 def _compare(
@@ -199,6 +229,7 @@ def _compare(
         numbers_only=odd,
         differences=differences,
         symbols=symbols,
+        left_out=worker.left_out,
     )
 
 

@@ -27,6 +27,7 @@ import numpy as np
 
 from armgpi import files
 from armgpi.arrays import Array
+from armgpi.validation import forms
 from armgpi.validation.conventions import SHORT, Convention, near_function
 from armgpi.validation.graph import Program, is_drawn, joint_of, states_of
 from armgpi.validation.wrapping import what_it_has
@@ -116,8 +117,10 @@ class Functions:
         origin: the file that it was read from, None when it was not.
         uncompared: its other functions of a state, which nothing compares.
         aliases: short names under which its Coriolis function goes: C may be the matrix or its torque.
+        forms: of its functions those that take or return arrays in another form.
     """
 
+    forms: Mapping[str, forms.Form] = {}
     origin: Origin | None = None
     uncompared: tuple[str, ...] = ()
     aliases: tuple[str, ...] = ()
@@ -128,11 +131,15 @@ class Functions:
 
     def convert(self, convention: Convention) -> Functions:
         """Return the functions in the coordinates of the robot."""
+        self.calls, self.forms = forms.applied(self.calls, ARGUMENTS, convention.n)
         if convention.n is not None and set(self.aliases) - set(convention.mapped):
             self._tell_torque(convention.n)
         if convention.A is None:
             return self
-        return Functions({name: convention.convert(name, call) for name, call in self.calls.items()}, self.n)
+        converted = {name: convention.convert(name, call) for name, call in self.calls.items()}
+        functions = Functions(converted, self.n)
+        functions.forms = self.forms
+        return functions
 
     def _tell_torque(self, n: int) -> None:
         """Take a Coriolis function for what it gives: a matrix, or its torque."""

@@ -21,7 +21,7 @@ from armgpi.verdict import Verdict, judge
 #: Elements listed in a line of text, and lines of differences, at most: the JSON has all.
 _LISTED, _LINES = 8, 12
 #: Kinds of causes that are no mistakes, or have no name.
-_WITHOUT_WORTH = ("unknown", "consequence", "neglected", "rounded")
+_WITHOUT_WORTH = ("unknown", "consequence", "neglected", "rounded", "law")
 
 
 class FunctionReport(NamedTuple):
@@ -68,6 +68,7 @@ class DynamicsReport:
         notes: what else was seen, such as a link of the robot that no rigid body can be.
         repaired: the model's source with changes with which it agrees; None without such.
         uncompared: functions of a state that the model has beside those: nothing is said of them.
+        left_out: what of its functions is not compared, such as the rows of a base.
         frame: the frame that was asked for where the model has no kinematics to compare in it.
         numbers_only: numbers of the model that agree by their values alone: with others it would differ.
         differences: what differs in each element as a formula, model less robot.
@@ -88,6 +89,7 @@ class DynamicsReport:
     numbers_only: tuple[str, ...] = ()
     differences: tuple[Difference, ...] = ()
     symbols: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
 
     @property
     def agrees(self) -> bool:
@@ -120,7 +122,7 @@ class DynamicsReport:
         Args:
             accept_uncompared: whether that is accepted.
         """
-        left_out = [f"function {name}" for name in self.uncompared]
+        left_out = [*(f"function {name}" for name in self.uncompared), *self.left_out]
         left_out += [] if self.frame is None else [f"frame {self.frame}: the model has no kinematics"]
         text = self._found()
         if self.agrees and left_out:
@@ -149,6 +151,7 @@ class DynamicsReport:
             "notes": self.notes,
             "repaired": self.repaired,
             "uncompared": self.uncompared,
+            "left_out": self.left_out,
             "numbers_only": self.numbers_only,
             "differences": [
                 {**one._asdict(), "latex": typeset.tex(one.formula) if one.formula else None}
@@ -366,7 +369,7 @@ def _lines_of(cause: Cause) -> list[str]:
         where += f"{', ' if len(cause.functions) == 1 else ': '}{labels}"
     worth = f"{'formula' if cause.structural else 'value'}, {'confirmed' if cause.confirmed else 'suggested'}"
     kind = "" if cause.kind in _WITHOUT_WORTH else f" [{worth}]"
-    lines = [f"- {where}: {cause.text}{kind}"]
+    lines = [f"- {f'{where}: ' if where else ''}{cause.text}{kind}"]
     lines += [f"    {cause.beside}"] if cause.beside else []
     lines += [f"    or: {text}" for text in cause.alternatives]
     lines += [f"    {line}" for line in cause.evidence]

@@ -25,7 +25,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -70,6 +70,8 @@ class Worker:
         convention: how the model may differ from the robot.
         printed: whether it has printed something.
         uncompared: its other functions of a state, which nothing compares.
+        notes: what is said of the forms of its functions, such as columns.
+        left_out: what of its functions is not compared.
         takes: how long a call takes [s], per function: the least so far.
     """
 
@@ -111,12 +113,15 @@ class Worker:
         try:
             answer = self._receive("", max(LOADING * time_limit, LOADING_LEAST), "reading it")
             try:
-                self.functions, self.n, self.printed, self.source, self.uncompared = _read_opening(answer)
+                opening = _read_opening(answer)
             except _ODD:
                 raise self._nonsense("") from None
         except BaseException:
             self.close()
             raise
+        self.functions, self.n, self.printed = opening.functions, opening.n, opening.printed
+        self.source, self.uncompared = opening.source, opening.uncompared
+        self.notes, self.left_out = opening.notes, opening.left_out
 
     def again(self, source: str | None = None) -> Worker:
         """Return another process of the same model, from another text than its file's when one is given.
@@ -253,16 +258,30 @@ class Worker:
 _ODD = (ArithmeticError, LookupError, MemoryError, RecursionError, SyntaxError, TypeError, ValueError)
 
 
-def _read_opening(answer: Any) -> tuple[list[str], int | None, bool, str | None, tuple[str, ...]]:
+class _Opening(NamedTuple):
+    """What a process says of the model that it has read; see :class:`Worker`."""
+
+    functions: list[str]
+    n: int | None
+    printed: bool
+    source: str | None
+    uncompared: tuple[str, ...]
+    notes: tuple[str, ...]
+    left_out: tuple[str, ...]
+
+
+def _read_opening(answer: Any) -> _Opening:
     """Return what a process says of the model that it has read, checked."""
-    functions, n, printed, source, uncompared = answer
+    functions, n, printed, source, *lists = answer
     _check_type(functions, list)
-    _check_type(uncompared, list)
+    for each in lists:
+        _check_type(each, list)
+    uncompared, notes, left_out = (tuple(map(_line_of, each)) for each in lists)
     _check_type(source, str | None)
     _check_type(n, int | None)
     if not functions or set(functions) - set(models.ARGUMENTS) or (n is not None and not 1 <= n <= _JOINTS):
         raise ValueError
-    return functions, n, bool(printed), _parsed(source), tuple(_line_of(each) for each in uncompared)
+    return _Opening(functions, n, bool(printed), _parsed(source), uncompared, notes, left_out)
 
 
 def _check_type(value: Any, kind: Any) -> None:
@@ -436,8 +455,11 @@ def _serve(line: Line, model: Any, source: str | None, convention: Convention | 
             functions = models.resolve(model, source, convention)
             _end_copies(own)
             text = functions.origin.source if functions.origin is not None else None
+            forms = functions.forms.items()
+            notes = [note for name, form in forms for note in form.notes(name)]
+            left_out = [text for name, form in forms if (text := form.left_out(name))]
             opening = [list(functions.calls), functions.n, silent.used, text, list(functions.uncompared)]
-            _send(line, True, opening)
+            _send(line, True, [*opening, notes, left_out])
         except BaseException as error:
             _end_copies(own)
             _send(line, False, _description(error))

@@ -26,6 +26,7 @@ class Outcome(NamedTuple):
     named: bool
     right: bool
     proved: bool
+    confirmed: bool
     seconds: float
     text: str
 
@@ -44,7 +45,9 @@ def outcome(mutant: mutants.Mutant, folder: Path) -> Outcome:
         path.write_text(report.repaired, encoding="utf-8")
         proved = validate(path, robot).agrees
     text = " | ".join(cause.text for cause in report.causes)
-    return Outcome(mutant, not report.agrees, named, right, proved or report.repaired is None, seconds, text)
+    confirmed = any(cause.confirmed for cause in report.causes)
+    proved = proved or report.repaired is None
+    return Outcome(mutant, not report.agrees, named, right, proved, confirmed, seconds, text)
 
 
 def outcomes(arms: Iterable[str], count: int, seed: int, mistakes: int = 1) -> list[Outcome]:
@@ -70,12 +73,20 @@ def summary(found: list[Outcome]) -> str:
     """Return the shares as text."""
     named, right = sum(o.named for o in found), sum(o.right for o in found)
     seconds = sorted(o.seconds for o in found)
+    by_kind = [
+        f"  {kind:11s} {share(sum(o.right for o in rows), len(rows))}"
+        for kind in sorted({kind for o in found for kind in o.mutant.kinds})
+        for rows in [[o for o in found if kind in o.mutant.kinds]]
+    ]
     return "\n".join(
         [
+            "right by kind:",
+            *by_kind,
             f"found:     {share(sum(o.found for o in found), len(found))}",
             f"precision: {share(right, named)}",
             f"recall:    {share(right, len(found))}",
             f"proved:    {share(sum(o.proved for o in found), len(found))}",
+            f"confirmed and wrong: {sum(o.confirmed and not o.right for o in found)}",
             f"seconds:   median {seconds[len(seconds) // 2]:.1f}, longest {seconds[-1]:.1f}",
         ]
     )
@@ -106,6 +117,7 @@ def main(which: str, count: int, seed: int, mistakes: int) -> None:
             done.append(one)
             if not one.right:
                 told = "named" if one.named else "not named"
+                told += ", CONFIRMED" if one.confirmed else ""
                 print(arm, one.mutant.kinds, told, one.text[:300], flush=True)
         print(arm, sum(o.right for o in done), "of", len(done), flush=True)
     if done:
