@@ -31,8 +31,6 @@ MOST_JOINTS = 8
 _SLIDE = 1.0
 #: Longest time limit of a call [s].
 _PATIENCE = 1e6
-#: Relative error up to which accelerations agree that cannot be taken apart into D, C v and G.
-_PASSIVE = 1e-8
 #: Rounding errors beyond this, relative, deserve a note: double precision leaves 1e-13 or so.
 _FEW_DIGITS = 1e-11
 
@@ -106,8 +104,10 @@ def validate(
             lower, upper = robot.limits.lower, robot.limits.upper
             states = random_states(lower, upper, robot.prismatic, seed)
             _check_count(worker, robot)
+        passive = samples.passive_joints(worker, states)
+        states.tau[:, passive] = 0.0
         sampled = samples.sample(worker, states)
-        notes = tuple(_notes(worker, sampled))
+        notes = tuple(_notes(worker, sampled, passive))
         if tree is not None:
             sampled, said = _in_plain_form(tree, states, sampled, rtol)
             notes = (*notes, *said)
@@ -136,10 +136,15 @@ def load_robot(robot: Robot | str | PathLike[str] | None) -> Robot | None:
     return robot if robot is None or isinstance(robot, Robot) else Robot.load(robot)
 
 
-def _notes(worker: Worker, sampled: Mapping[str, Sampled]) -> Iterator[str]:
+def _notes(worker: Worker, sampled: Mapping[str, Sampled], passive: tuple[int, ...]) -> Iterator[str]:
     """Yield what else was seen of a model: that it prints, computes with few digits, forms of its arrays."""
     yield from containment.gaps()
     yield from worker.notes
+    if passive:
+        torques = ", ".join(f"tau{joint + 1}" for joint in passive)
+        text = f"forward_dynamics does not read {torques}: it is compared with {torques} = 0"
+        some = len(passive) < sampled["forward_dynamics"].values.shape[1]
+        yield f"{text} ({'passive joints' if some else 'it has no torque at all'})"
     if worker.printed:
         yield "the model prints while it computes; that is not shown"
     worst = max(sampled.values(), key=lambda s: s.digits)
@@ -190,7 +195,6 @@ def _compare(
     problem = Problem(from_robot(robot, frame), states.q, sampled, rtol)
     follows = dict(_follows(problem, sampled, own))
     seen = [_function_report(robot, problem, states, s) for s in sampled.values()]
-    seen = [_with_passive_joints(worker, robot, problem, states, one) for one in seen]
     causes: list[Cause] = []
     repaired = None
     differences: tuple[Difference, ...] = ()
@@ -333,42 +337,7 @@ def _function_report(robot: Robot, problem: Problem, states: States, sampled: Sa
         note = f"not a polynomial of degree two in v: a rest of up to {sampled.quadratic:.3g}"
     where = {letter: getattr(states, letter)[worst].tolist() for letter in ARGUMENTS[name]}
     agrees = not differing and not curved
-    if not mask.any():  # a forward dynamics in which some torque moves nothing: there is no D to compare
-        agrees = float(away[worst]) <= problem.rtol * max(size, 1e-300)
     return FunctionReport(name, agrees, float(away[worst]), relative, where, differing, (), note)
-
-
-def _with_passive_joints(
-    worker: Worker, robot: Robot, problem: Problem, states: States, report: FunctionReport
-) -> FunctionReport:
-    """Return the report of a forward dynamics that does not read the torque of some joints.
-
-    They are passive in it, as in an Acrobot or a cart with a pole: it is compared with their torque zero.
-    """
-    name = report.function
-    if name != "forward_dynamics" or report.agrees or problem.of_function(name).any():
-        return report
-    few = states.first(len(problem.q))
-    values = samples.call(worker, name, few.q, few.v, few.tau)
-    unread = []
-    for joint in range(robot.n):
-        tau = few.tau.copy()
-        tau[:, joint] += 1.0
-        if np.array_equal(samples.call(worker, name, few.q, few.v, tau), values):
-            unread.append(joint)
-    if not unread or len(unread) == robot.n:
-        return report
-    tau = few.tau.copy()
-    tau[:, unread] = 0.0
-    reference = robot.forward_dynamics(few.q, few.v, tau)
-    away = np.abs(values - reference).max(axis=1)
-    worst, size = int(np.argmax(away)), max(float(np.abs(reference).max()), 1e-300)
-    torques = ", ".join(f"tau{joint + 1}" for joint in unread)
-    note = f"the model does not read {torques}: compared with {torques} = 0 (passive joints)"
-    where = {"q": few.q[worst].tolist(), "v": few.v[worst].tolist(), "tau": tau[worst].tolist()}
-    agrees = float(away[worst]) <= max(problem.rtol, _PASSIVE) * size
-    report = report._replace(agrees=agrees, max_abs=float(away[worst]), max_rel=float(away[worst]) / size)
-    return report._replace(worst=where, note=note)
 
 
 def _undiagnosed(seen: list[FunctionReport], causes: list[Cause]) -> Iterator[Cause]:

@@ -58,7 +58,7 @@ NOT_NAMED = "not diagnosed: no usual mistake explains it"
 #: Entries of one quantity that are explained by more different causes than these are not.
 _MOST_CAUSES = 2
 #: Quantities of a function that may have causes of their own; D first, as C and G may follow from the same.
-_QUANTITIES = ("D", "H", "B", "Z", "G", "V", "F", "J")
+_QUANTITIES = ("D", "H", "B", "Z", "G", "V", "F", "J", "A")
 #: Kinds of causes that say nothing of a mistake.
 UNNAMED = ("unknown", "consequence")
 
@@ -305,6 +305,8 @@ class _Search:
 
     def common_terms(self, columns: list[int]) -> list[_Candidate]:
         """Return the terms that are wrong in the same way in every element that differs."""
+        if any(self.problem.elements[k].quantity == "A" for k in columns):
+            return []
         fits = [{one.text: one for one in terms.fits(self.problem, self.summands, k)} for k in columns]
         texts = [text for text in fits[0] if all(text in other for other in fits)]
         return [self.of_fit(fits[0][text]) for text in texts]
@@ -343,6 +345,8 @@ class _Search:
             for h, fits, _ in self.discrete
             if fits[column] and h.post is None
         ]
+        if p.elements[column].quantity == "A":  # no sum of the robot's terms
+            return found
         found += [_Candidate(bits, h.kind, h.text) for h, fits, bits in self.maps if fits[column]]
         found += [self.of_fit(fit) for fit in terms.fits(p, self.summands, column)]
         found += [*self.factor(column), *self.copies(column), *self.slips(column)]

@@ -105,11 +105,13 @@ class Goal(NamedTuple):
         states: states by their names, arrays (rows, n).
         targets: what its functions, and their parts, should give there; the whole ones first, by their names.
         slopes: the robot's derivatives by its numbers, of the whole functions.
+        passive: whether a forward dynamics does not read every torque, and is compared as it is.
     """
 
     states: Mapping[str, States]
     targets: Mapping[str, Target]
     slopes: Slopes | None = None
+    passive: bool = False
 
     def arguments(self, function: str, label: str, row: int) -> list[Array]:
         """Return the arguments of a call, as copies."""
@@ -119,7 +121,8 @@ class Goal(NamedTuple):
         """Return what a function gives at one state, flat."""
         state = self.arguments(function, label, row)
         one = calls[function]
-        value = apart(one, *state) if function == "forward_dynamics" else one(*state)
+        is_apart = function == "forward_dynamics" and not self.passive
+        value = apart(one, *state) if is_apart else one(*state)
         return self.flat(function, value, label, row)
 
     def flat(self, function: str, value: Any, label: str, row: int) -> Array:

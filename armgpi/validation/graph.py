@@ -100,11 +100,18 @@ class Expression:
 
     xreplace = subs
 
+    def coeff(self, x: Any, n: int = 1) -> Expression:
+        """Return the coefficient of a power of a symbol, of an expression that is expanded."""
+        found, at = self, _now(x)
+        for k in range(n):
+            found = found.diff(at) * (1.0 / (k + 1))
+        return found.subs({at: 0.0})
+
     def evalf(self, *_: Any, **__: Any) -> Expression:
         """Return the expression itself."""
         return self
 
-    simplify = expand = doit = evalf
+    simplify = expand = doit = trigsimp = collect = factor = cancel = together = nsimplify = evalf
 
     @property
     def free_symbols(self) -> set[Expression]:
@@ -356,7 +363,7 @@ class Matrix(np.ndarray):
         """Return the matrix itself."""
         return self
 
-    simplify = expand = doit = as_explicit = evalf
+    simplify = expand = doit = trigsimp = nsimplify = as_explicit = as_mutable = evalf
 
     def jacobian(self, symbols: Any) -> Matrix:
         """Return the derivatives of a column by several symbols."""
@@ -493,8 +500,17 @@ def _sympy() -> dict[str, Any]:
         names = list(np.ravel(np.asarray(symbols, dtype=object)))
         return Matrix([[_expression(value).diff(a, b) for b in names] for a in names])
 
+    def linear_equations(equations: Any, *symbols: Any) -> tuple[Matrix, Matrix]:
+        rows = Matrix(list(np.ravel(np.asarray(equations, dtype=object))))
+        names = list(np.ravel(np.asarray(symbols, dtype=object)))
+        return rows.jacobian(names), -rows.subs(dict.fromkeys(names, 0.0))
+
     same = dict.fromkeys(
-        ("simplify", "expand", "trigsimp", "factor", "nsimplify", "N"), lambda x, *_, **__: x
+        (
+            *("simplify", "expand", "trigsimp", "factor", "nsimplify", "N", "cancel", "together", "collect"),
+            *("powsimp", "ratsimp", "fu", "expand_trig", "refine"),
+        ),
+        lambda x, *_, **__: x,
     )
     same |= dict.fromkeys(("S", "sympify", "Integer", "Float"), _expression)
     return {
@@ -515,6 +531,7 @@ def _sympy() -> dict[str, Any]:
         "eye": lambda n: Matrix(np.eye(n)),
         "diag": lambda *entries: Matrix(np.diag(np.array(entries, dtype=object))),
         "hessian": hessian,
+        "linear_eq_to_matrix": linear_equations,
         "Rational": lambda a, b=1: _constant(a / b),
         "lambdify": _lambdify,
         "dynamicsymbols": _dynamic_symbols,

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from armgpi.arrays import Array
 from armgpi.validation.hypotheses import Hypothesis
+from armgpi.validation.models import States
 from armgpi.validation.samples import SAFETY, Sampled, rows_of
 from armgpi.validation.tree import Quantities, Tree, evaluate
 
@@ -33,7 +34,7 @@ class Element(NamedTuple):
 
     Attributes:
         function: the function.
-        quantity: "D", "H", "G", "V", "F", "J", "B" or "Z"; "whole" for all that a function gives.
+        quantity: "D", "H", "G", "V", "F", "J", "B", "Z" or "A"; "whole" for all that a function gives.
         place: its indices, from 0.
     """
 
@@ -53,6 +54,8 @@ class Element(NamedTuple):
             return f"q̇{one[1]} (linear) in τ{one[0]}"
         if self.quantity == "Z":
             return f"torque at rest of τ{one[0]}"
+        if self.quantity == "A":
+            return f"q̈{one[0]}"
         if self.quantity in ("V", "whole"):
             return self.quantity
         if self.quantity == "F":
@@ -85,7 +88,9 @@ class Problem:
         self.noise = {name: s.noise for name, s in sampled.items()}
         self._sampled = {name: {k: x[:rows] for k, x in s.quantities.items()} for name, s in sampled.items()}
         # D and G also where no function has them: the tolerances are relative to them.
-        self.want = sorted({"D", "G"}.union(*self._sampled.values()))
+        found = {"D", "G"}.union(*self._sampled.values())
+        self._moving = sampled["forward_dynamics"].states if "A" in found else None
+        self.want = sorted(found | {"H"} if "A" in found else found)
         reference = evaluate(tree, self.q, self.want)
         self.axes = self._plane(reference)
         self.elements = [
@@ -107,6 +112,8 @@ class Problem:
         n = self.tree.n
         # No arm has these: its Coriolis torque is quadratic in v.
         quantities = {"B": np.zeros((rows, n, n)), "Z": np.zeros((rows, n)), **quantities}
+        if self._moving is not None and {"D", "H", "G"} <= {*quantities}:
+            quantities["A"] = accelerations(quantities, self._moving)
         out = np.full((rows, len(self.elements)), np.nan)
         for column, element in enumerate(self.elements):
             if element.quantity in quantities:
@@ -138,6 +145,11 @@ class Problem:
         if not (few & ~self.agreeing).any():
             return few & self.agreeing
         return few & self.fits(self.hypothesis(hypothesis))
+
+    @property
+    def is_passive(self) -> bool:
+        """Whether a forward dynamics does not read every torque, so that it has no D to compare."""
+        return self._moving is not None
 
     @property
     def agreeing(self) -> Mask:
@@ -207,6 +219,7 @@ class Problem:
         inertia = float(np.abs(reference["D"]).max())
         natural = {"D": inertia, "H": inertia, "B": inertia, "F": reach, "J": 1.0}
         natural |= dict.fromkeys(("G", "Z", "V"), 1e-3 * weight)  # a lever of a millimetre
+        natural["A"] = 1.0
         condition = float(np.linalg.cond(reference["D"]).max())
         out = np.empty(len(self.elements))
         for column, element in enumerate(self.elements):
@@ -218,12 +231,25 @@ class Problem:
             out[column] = rtol * size + SAFETY * own.noise
             if function in _DIFFERENCES:
                 out[column] += 1e-14 * largest
+            elif quantity == "A":
+                out[column] += 1e-15 * condition * float(np.abs(self.reference[:, column]).max())
             elif function == "forward_dynamics":
                 # A unit torque hardly moves a heavy arm: what is lost in its response, D enlarges twice.
                 rounding = max(1e-16, SAFETY * own.digits)
                 lost = rounding * inertia * inertia * largest * (1.0 if quantity == "D" else largest)
                 out[column] += 1e-15 * condition * (whole + weight) + lost
         return out
+
+
+def accelerations(p: Quantities, s: States) -> Array:
+    """Return the accelerations of an arm in its first states, (rows, n); NaN where it has none."""
+    rows = len(p["D"])
+    v = s.v[:rows]
+    torque = s.tau[:rows] - np.einsum("Nijk,Nj,Nk->Ni", p["H"], v, v) - p["G"]
+    try:
+        return np.asarray(np.linalg.solve(p["D"], torque[..., np.newaxis])[..., 0])
+    except np.linalg.LinAlgError:
+        return np.full(v.shape, np.nan)
 
 
 def _indices(quantity: str, array: Array) -> list[tuple[int, ...]]:

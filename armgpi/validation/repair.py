@@ -87,7 +87,7 @@ def _goal(
     def values(name: str, s: States) -> Array:
         # As the search compares them, (rows, m): of accelerations D and C v + G.
         flat = np.asarray(reference(name, s), dtype=np.float64).reshape(len(s.q), -1)
-        if name != "forward_dynamics":
+        if name != "forward_dynamics" or problem.is_passive:
             return flat
         D = evaluate(problem.tree, s.q, ["D"])["D"]
         return np.concatenate([D.reshape(len(D), -1), s.tau - np.einsum("Nij,Nj->Ni", D, flat)], axis=1)
@@ -109,7 +109,7 @@ def _goal(
         for label, (_, signs) in parts.items():
             flat = np.sum([sign * given[one] for sign, one in signs], axis=0)
             targets[f"{name} {label}"] = targets[name]._replace(values=flat, best=None, states=signs)
-    return Goal(seen, targets, slopes(problem, few, names))
+    return Goal(seen, targets, slopes(problem, few, names), problem.is_passive)
 
 
 def _agrees_renumbered(model: Any, worker: Worker, found: Repaired, states: States, problem: Problem) -> bool:

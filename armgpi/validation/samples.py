@@ -4,7 +4,7 @@ At a fixed configuration the Coriolis torque is a polynomial in the velocities, 
 found from a few velocities without any fitting; D is found from an inverse dynamics, an energy or a
 forward dynamics in the same way. The names of the quantities are those of :mod:`armgpi.validation.tree`, and
 "B" (N, n, n), what is linear in v, and "Z" (N, n), what is left at rest: both must be zero in a Coriolis
-torque.
+torque. "A" (N, n) are the accelerations of a forward dynamics that does not read every torque.
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ class Sampled(NamedTuple):
         quantities: what it says about the equations of motion.
         quadratic: largest part [N m or N] that is no polynomial of degree two in v.
         noise: rounding error of the values: float32, or a table of ten digits, is no mistake.
+        states: at which it was sampled.
     """
 
     function: str
@@ -53,6 +54,7 @@ class Sampled(NamedTuple):
     quantities: Quantities
     quadratic: float = 0.0
     noise: float = 0.0
+    states: States | None = None
 
     @property
     def digits(self) -> float:
@@ -69,6 +71,21 @@ def sample(worker: Worker, states: States) -> dict[str, Sampled]:
     """
     names = [name for name in ARGUMENTS if name in worker.functions]
     return {name: _sample(worker, name, states) for name in names}
+
+
+def passive_joints(worker: Worker, states: States) -> tuple[int, ...]:
+    """Return the joints whose torque a forward dynamics does not read, as in an Acrobot.
+
+    Raises:
+        ModelError: as :func:`sample`.
+    """
+    name = "forward_dynamics"
+    if name not in worker.functions:
+        return ()
+    few = states.first(2)
+    values = call(worker, name, few.q, few.v, few.tau)
+    changed = [call(worker, name, few.q, few.v, few.tau + e) for e in np.eye(few.q.shape[1])]
+    return tuple(joint for joint, other in enumerate(changed) if np.array_equal(values, other))
 
 
 def rows_of(sampled: Mapping[str, Sampled]) -> int:
@@ -156,7 +173,7 @@ def _sample(worker: Worker, name: str, states: States) -> Sampled:
     noise = _noise(worker, name, few) if each * 5 * _ROUGH < BUDGET else 0.0
     if noise > ROUNDING * float(np.abs(values).max()):
         noise = 0.0  # that is no rounding but the model's formula
-    return Sampled(name, values, found, rest, noise)
+    return Sampled(name, values, found, rest, noise, few)
 
 
 def _noise(worker: Worker, name: str, s: States) -> float:
@@ -200,7 +217,7 @@ def _quantities(worker: Worker, name: str, s: States, values: Array) -> tuple[Qu
         try:
             D = np.asarray(np.linalg.inv(D), dtype=np.float64)
         except np.linalg.LinAlgError:
-            return {}, 0.0  # some torque moves nothing, so there is no D to compare
+            return {"A": values}, 0.0  # some torque moves nothing, so there is no D to compare
         G = -np.einsum("Nij,Nj->Ni", D, still)
         at_v = s.tau - np.einsum("Nij,Nj->Ni", D, values) - G
 

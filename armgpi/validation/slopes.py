@@ -10,7 +10,7 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.validation.hypotheses import Parameter, parameters, steiner
 from armgpi.validation.models import States
-from armgpi.validation.problem import Problem
+from armgpi.validation.problem import Problem, accelerations
 from armgpi.validation.samples import SAFETY
 from armgpi.validation.tree import Body, Quantities, Tree, evaluate
 from armgpi.validation.units import JOINED, STEP, Slopes, span
@@ -63,7 +63,8 @@ class _Stack:
 
     def _values(self, quantities: Quantities) -> list[Array]:
         seen = self._problem.in_tool_coordinates(quantities)
-        return [_function(name, seen, self._states).ravel() for name in self._names]
+        passive = self._problem.is_passive
+        return [_function(name, seen, self._states, passive).ravel() for name in self._names]
 
     def difference(self, ahead: Quantities, behind: Quantities) -> Array:
         """Return how much more one arm gives than another."""
@@ -143,8 +144,10 @@ def _under(tree: Tree, gravity: Array) -> tuple[Tree, Tree]:
     return more, less
 
 
-def _function(name: str, p: Quantities, s: States) -> Array:
+def _function(name: str, p: Quantities, s: States, passive: bool) -> Array:
     """Return what a function of a model gives, from an arm's quantities, (rows, ...)."""
+    if name == "forward_dynamics" and passive:
+        return accelerations(p, s)
     if name in ("mass_matrix", "gravity", "potential_energy", "forward_kinematics", "jacobian"):
         return p[{"mass_matrix": "D", "gravity": "G", "potential_energy": "V"}.get(name, name[0].upper())]
     if name == "kinetic_energy":

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+import byhand
 import numpy as np
 import pytest
 
@@ -85,3 +87,22 @@ def test_a_report_that_differs_by_laws_alone_has_a_diagnosis() -> None:
     assert not report.agrees
     assert "D symmetric fails: D[1,2] = 0.1, but D[2,1] = 0" in report.causes[0].text
     assert "What is wrong" in str(report)
+
+
+def test_a_model_without_any_torque_is_compared_with_none() -> None:
+    zero = np.zeros(3)
+    report = validate({"forward_dynamics": lambda q, v, tau: ARM.forward_dynamics(q, v, zero)}, ARM)
+    assert report.agrees
+    assert any("it has no torque at all" in note for note in report.notes)
+
+
+def test_a_mistake_in_a_model_with_a_passive_joint_is_named_at_its_line(tmp_path: Path) -> None:
+    right = byhand.source("swingup")
+    place = tmp_path / "swingup.py"
+    place.write_text(right.replace("phi2 = m2 * lc2 * g", "phi2 = m2 * l1 * g"))
+    report = validate(place, byhand.robot("swingup"))
+    assert [one.function for one in report.functions] == ["forward_dynamics"]
+    assert set(report.functions[0].differing) <= {"q̈1", "q̈2"}
+    cause = report.causes[0]
+    assert cause.line == 35
+    assert "l1 stands where lc2 belongs" in cause.text
