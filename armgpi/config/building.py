@@ -37,7 +37,9 @@ from armgpi.plants.reality import Reality, stack_draws
 from armgpi.plants.sensors import Encoder
 from armgpi.references.bezier import Bezier, minimum_duration
 from armgpi.references.cartesian import CartesianReference, ClosedForm, Inverse
+from armgpi.references.following import FollowLimits, Setpoints
 from armgpi.references.paths import Eased, Path
+from armgpi.references.poses import PosePath
 from armgpi.references.recorded import Recorded
 from armgpi.references.reference import Reference
 from armgpi.references.waypoints import Waypoints
@@ -66,6 +68,8 @@ _MOVE, _HOLDING_SHARE, _ROUNDING = 0.5, 0.9, 1e-9
 _LEAST_SPEED = 1e-6
 #: Share of the effort beyond gravity that a move without a duration may take; how much slower it may become.
 _MOVING_SHARE, _SLOWEST = 0.8, 4.0
+#: Keys of a reference that are of a stream alone.
+_STREAM_KEYS = ("feedforward", "torque_rate", "start")
 #: How long a run goes on after its reference has ended, when nothing is said [s].
 _SETTLE = 2.0
 #: Time for a path without an end, when nothing is said [s].
@@ -731,15 +735,20 @@ def _reference(
     section: ReferenceSection, robot: Robot, place: _Place
 ) -> tuple[Reference, float, ReferenceSection]:
     """Return the reference, when it has ended [s], and its section with the defaults filled in."""
-    for other in ("file", "path"):
-        for key in ("points", "durations", "holds", "file"):
+    for other in ("file", "path", "poses", "stream"):
+        for key in ("points", "durations", "holds", "file", "path", "poses"):
             if key != other and getattr(section, other) is not None and getattr(section, key) is not None:
                 message = f"{other} and this key are mutually exclusive: use one of the two"
                 raise place.at(key).error(message)
+    for key in _STREAM_KEYS:
+        if section.stream is None and getattr(section, key) is not None:
+            raise place.at(key).error("requires stream")
+    if section.poses is not None or section.stream is not None:
+        return _follow_poses(section, robot, place)
     if section.path is not None:
         return _follow_path(section, robot, place)
     if section.frame is not None:
-        raise place.at("frame").error("requires path")
+        raise place.at("frame").error("requires path, poses or stream")
     if section.file is None:
         return _moves(section, robot, place)
     with place.at("file").error_context():
@@ -761,6 +770,36 @@ def _follow_path(
         reference = CartesianReference(robot, frame, path, inverse)
     end = path.t_end if math.isfinite(path.t_end) else _PATH_TIME
     return reference, end, section.replace(frame=frame, path=drawn)
+
+
+def _follow_poses(
+    section: ReferenceSection, robot: Robot, place: _Place
+) -> tuple[Reference, float, ReferenceSection]:
+    """Return poses of a file as a reference, known in advance or as they arrive; see `_reference`."""
+    for key in ("direction", "tool_axis"):
+        if getattr(section, key) is not None:
+            raise place.at(key).error("requires path")
+    frame = section.frame or robot.tip
+    with place.at("frame").error_context():
+        robot.frame_pose(frame, robot.middle())
+    section = section.replace(frame=frame)
+    if section.poses is not None:
+        with place.at("poses").error_context():
+            path = PosePath.load(section.poses)
+            return CartesianReference(robot, frame, path), path.t_end, section
+    limits = None
+    if section.torque_rate is not None:
+        limits = FollowLimits.of(robot, section.torque_rate)
+    start = section.start
+    if start is not None:
+        start = _per_joint(start, robot, place.at("start"), robot.middle())
+        with place.at("start").error_context():
+            robot.check_position(start, "start")
+    with place.at("stream").error_context():
+        stream = Setpoints.load(
+            section.stream, robot, frame, limits=limits, start=start, feedforward=bool(section.feedforward)
+        )
+    return stream, float(stream.times[-1]), section
 
 
 def _inverse(

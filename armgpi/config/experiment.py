@@ -15,6 +15,7 @@ from armgpi import files
 from armgpi.config import Experiment, ExperimentConfig, dump
 from armgpi.config.building import expand
 from armgpi.config.reading import with_nominals
+from armgpi.config.schema import REFERENCE_FILES
 from armgpi.errors import RolloutError
 from armgpi.escape import json_data
 from armgpi.gpi.law import GPI
@@ -265,10 +266,11 @@ def portable(config: ExperimentConfig, full: bool = True) -> tuple[str, dict[str
                 nominals[index], content = _file_copy(robots.locate(given)[0])
                 copied[nominals[index]] = content
         config = with_nominals(config, nominals)
-    if config.reference.file is not None:
-        name, content = _file_copy(Path(config.reference.file))
-        copied[name] = content
-        config = config.replace(reference=config.reference.replace(file=name))
+    for key in REFERENCE_FILES:
+        if getattr(config.reference, key) is not None:
+            name, content = _file_copy(Path(getattr(config.reference, key)))
+            copied[name] = content
+            config = config.replace(reference=config.reference.replace(**{key: name}))
     return dump(config, full), copied
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from armgpi import files
-from armgpi.config.schema import FORMAT, ExperimentConfig
+from armgpi.config.schema import FORMAT, REFERENCE_FILES, ExperimentConfig
 from armgpi.config.section import Path_, Section, Wrong
 from armgpi.errors import ConfigError
 from armgpi.robot import identified
@@ -84,9 +84,10 @@ def beside(config: ExperimentConfig, path: Path) -> ExperimentConfig:
     if any(each.nominal for each in config.controllers):
         names = [each.nominal and beside_it(each.nominal) for each in config.controllers]
         config = with_nominals(config, names)
-    file = config.reference.file
-    if file is not None and (path.parent / file).is_file():
-        config = config.replace(reference=config.reference.replace(file=str(path.parent / file)))
+    for key in REFERENCE_FILES:
+        file = getattr(config.reference, key)
+        if file is not None and (path.parent / file).is_file():
+            config = config.replace(reference=config.reference.replace(**{key: str(path.parent / file)}))
     return config
 
 

@@ -273,6 +273,10 @@ RealitySection = section(Reality, more={"index": _INDEX})
 SupervisorSection = section(Supervisor)
 
 
+#: Keys of a reference that name a file, which is found beside the experiment's and copied with it.
+REFERENCE_FILES = ("file", "poses", "stream")
+
+
 class ReferenceSection(Section):
     """Smooth moves from configuration to configuration with holds, or a path of the tool in space.
 
@@ -284,7 +288,13 @@ class ReferenceSection(Section):
         holds: at each configuration [s]; 0 when not given, 1 when there are no points either.
         file: instead of all these, a recorded trajectory: CSV (time and joints by name) or NetCDF.
         path: instead of all these, where a frame shall go in space.
-        frame: which frame follows the path; the tip when not given.
+        poses: instead of all these, a file of poses that a frame goes through smoothly: CSV, NetCDF or MCAP.
+        stream: instead of all these, a file of poses that arrive at their times, followed within limits.
+        frame: which frame follows the path or the poses; the tip when not given.
+        feedforward: whether a stream's own speed is anticipated: less lag, more noise.
+        torque_rate: how fast the motors' torques may change [N m/s or N/s], from which a stream's jerk limits
+            follow; when not given, the effort in 87 ms.
+        start: configuration in which a stream begins [rad or m]; that of its first pose when not given.
         direction: where the frame's `tool_axis` points to all along; anywhere when not given.
         tool_axis: an axis in the frame.
     """
@@ -297,7 +307,14 @@ class ReferenceSection(Section):
         "holds": _declare("holds at the configurations", "s", None, kind="times", least=0.0, none="0"),
         "file": _text(),
         "path": Key(one_of(PATHS), None, optional=True),
+        "poses": _text(),
+        "stream": _text(),
         "frame": _text(),
+        "feedforward": Key(flag, None, optional=True),
+        "torque_rate": _declare(
+            "rate of the motors' torques", "N m/s", None, least=0.0, above=True, none="the effort in 87 ms"
+        ),
+        "start": Key(per_joint(plain_number), None, optional=True),
         "direction": Key(vector, None, optional=True),
         "tool_axis": Key(vector, None, optional=True),
     }

@@ -38,7 +38,7 @@ _RISE = 0.087
 #: Share of the effort that accelerations use, as gravity and disturbances need theirs.
 _EFFORT_SHARE = 0.4
 #: Share of the torque rate that each joint's own inertia uses, as inertias are coupled.
-_RATE_SHARE = 0.45
+_RATE_SHARE = 0.55
 #: Distance that configurations of set-points keep from joint limits, as a follower may overshoot [rad or m].
 #: It is at most this share of the range.
 _MARGIN, _MARGIN_SHARE = 0.03, 0.05
@@ -48,20 +48,36 @@ _FASTEST, _QUICKEST = 3.2, 10.0
 _SPEED_SHARE = 0.9
 #: Configurations over which inertias are taken.
 _CONFIGURATIONS = 100
-#: Time without a set-point after which its rate no longer counts [s].
-_STALE = 0.1
-#: Shortest time between two set-points that a rate is worked out over [s]: 60 Hz.
-_SHORTEST = 1.0 / 60.0
-#: Share of the new rate in the mean of the rates.
-_NEW = 0.5
-#: Iterations of the inverse kinematics of a set-point, and the error at which it ends [arm's lengths, rad].
-_ITERATIONS, _TOLERANCE = 24, 1e-7
-#: Damping without error, and per squared error.
-_DAMPING, _ERROR_DAMPING = 1e-6, 0.3
-#: Share of the way to the posture that an iteration asks for.
-_POSTURE = 0.05
-#: Longest step of an iteration, and of a set-point [rad, or lengths of the arm].
-_LONGEST_STEP, _LONGEST_JUMP = 0.2, 1.5
+#: Shortest and longest time between two set-points that is counted with [s]: 60 and 10 Hz.
+_SHORTEST, _LONGEST = 1.0 / 60.0, 0.1
+#: Share of the newest interval in the mean of the intervals.
+_NEW = 0.2
+#: A goal goes to a new configuration over so many intervals, which averages noise, and its speed is
+#: anticipated by so much.
+_SPREAD, _AHEAD = 2.0, 0.9
+#: The same with `feedforward`: less lag, more noise.
+_SPREAD_AHEAD, _AHEAD_FULL = 1.0, 1.0
+#: Movement below which a configuration has settled, and is not asked for again [rad or m].
+_SETTLED = 1e-5
+#: Iterations of the inverse kinematics of a set-point, and what the cost falls by in the last one [-].
+_ITERATIONS, _LEAST_GAIN = 24, 1e-12
+#: Weight of a rad of orientation beside an arm's length of position: near singular, the position counts more.
+_TURN_WEIGHT = 0.3
+#: Weight of a rad of movement since the last set-point, squared: near singular, joints move less.
+_NEARNESS = 5e-4
+#: Share of the way to the posture, in directions that the pose leaves free, in a set-point.
+_POSTURE = 0.3
+#: Damping that tells those directions.
+_FREE = 1e-4
+#: Longest step of an iteration [rad, or lengths of the arm].
+_LONGEST_STEP = 0.3
+#: Damping with which an iteration is tried again, its factor, and how often.
+_RETRY, _MORE, _RETRIES = 1e-4, 10.0, 6
+#: Share of the speed limits that configurations of set-points keep to, so that all joints arrive together.
+_PACE = 0.5
+#: Distance and angle between two poses from which on that is a jump, without a path to keep to [m, rad], and
+#: how near the follower is when it is over [rad or m].
+_JUMP, _JUMP_TURN, _OVER = 0.1, 0.4, 0.05
 #: Smallest and largest limit that is taken, in its unit.
 _LEAST, _MOST = 1e-6, 1e9
 #: Tolerance of the first pose [m and rad].
@@ -85,7 +101,7 @@ class FollowLimits(NamedTuple):
     def of(cls, robot: Robot, torque_rate: ArrayLike | None = None) -> FollowLimits:
         """Return limits that suit an arm.
 
-        The jerk of a joint is 45 % of its torque rate over its largest own inertia D_jj, the acceleration
+        The jerk of a joint is 55 % of its torque rate over its largest own inertia D_jj, the acceleration
         40 % of its effort over it, 10 rad/s^2 at most; the rest is for the other joints, whose inertias are
         coupled. The velocity is 90 % of the URDF's, 3.2 rad/s at most.
 
@@ -187,12 +203,22 @@ class Follower:
         return Target(q + dt * v, v, a)
 
 
-class SetpointInverse:
-    """The inverse kinematics of a set-point: from the last configuration a few damped steps, never an error.
+class _Guess(NamedTuple):
+    """A configuration on the way to a pose: movement since the last one, what is missing, its Jacobian."""
 
-    Each step is J# e + (1 - J# J) s (home - q) with the damped pseudoinverse J#; the damping grows with the
-    error, so that a pose out of reach pulls gently, and in directions that it damps the posture `home` pulls.
-    Joints stay inside their limits; one that is pressed against a limit is held there.
+    x: Array
+    error: Array
+    jacobian: Array
+
+
+class SetpointInverse:
+    """The inverse kinematics of a set-point: from the last configuration a few steps, never an error.
+
+    It minimises |W x(q)|^2 + w |q - q_before|^2 inside the joint limits, where x is what is missing to the
+    pose, by Levenberg's and Marquardt's method; each step is a least-squares problem with bounds. So a pose
+    out of reach brings the arm near, and near a singular configuration the orientation waits before the
+    position does and joints move little. In directions that the pose leaves free, the posture `home` pulls.
+    The second term leaves some hundredths of a mm; asking again with the same pose removes them.
 
     Attributes:
         robot: the arm.
@@ -230,60 +256,113 @@ class SetpointInverse:
         margin = np.minimum(_MARGIN, _MARGIN_SHARE * (upper - lower))
         self._lower, self._upper = lower + margin, upper - margin
 
-    def __call__(self, q: Array, position: Array, rotation: Array) -> Array:
+    def __call__(
+        self, q: Array, position: Array, rotation: Array, within: tuple[Array, Array] | None = None
+    ) -> Array:
         """Return the configuration for a pose.
 
         Args:
             q: the one before [rad or m], (n,).
             position: of the frame [m], (3,).
             rotation: of the frame, (3, 3).
+            within: lowest and highest positions that count as within reach by now [rad or m], each (n,); the
+                joint limits when not given.
 
         Returns:
             Joint positions inside the limits [rad or m], (n,): of a pose out of reach, near to it.
         """
-        now = q
+        lower, upper = self._lower, self._upper
+        if within is not None:
+            lower = np.minimum(np.maximum(within[0], lower), upper)
+            upper = np.maximum(np.minimum(within[1], upper), lower)
+        first = np.minimum(np.maximum(q, lower), upper)
+        found = self._state(first, q, position, rotation)
+        bounds = (lower - q) / self._units, (upper - q) / self._units
+        free = found.jacobian.T @ np.linalg.inv(found.jacobian @ found.jacobian.T + _FREE * np.eye(6))
+        posture = (self.home - q) / self._units
+        near = _POSTURE * (posture - free @ (found.jacobian @ posture))
+        damping = 0.0
         for _ in range(_ITERATIONS):
-            error, jacobian = self._linearised(now, position, rotation)
-            square = float(error @ error)
-            step = self._step(now, error, jacobian, _DAMPING + _ERROR_DAMPING * square)
-            then = np.minimum(np.maximum(now + self._units * step, self._lower), self._upper)
-            done = square < _TOLERANCE**2 and np.abs(then - now).max() < 1e-4
-            now = then
-            if done:
+            better, damping = self._better(found, bounds, near, damping, q, position, rotation)
+            if better is None:
                 break
-        most = _LONGEST_JUMP * self._units
-        return np.asarray(q + np.minimum(np.maximum(now - q, -most), most))
+            moved = float(np.abs(better.x - found.x).max())
+            gained = _cost(found, near) - _cost(better, near)
+            found = better
+            if gained < _LEAST_GAIN and moved < 1e-4:
+                break
+        return np.asarray(q + self._units * found.x)
 
     def error(self, q: Array, position: Array, rotation: Array) -> tuple[float, float]:
         """Return distance [m] and angle [rad] from a pose."""
-        error, _ = self._linearised(q, position, rotation)
-        return self._length * float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
+        pose = self.robot.frame_pose(self.frame, q)
+        turned = pin.log3(rotation @ pose.rotation.T)
+        return float(np.linalg.norm(position - pose.translation)), float(np.linalg.norm(turned))
 
-    def _linearised(self, q: Array, position: Array, rotation: Array) -> tuple[Array, Array]:
-        """Return what is missing to a pose (6,) and the Jacobian (6, n), lengths in those of the arm."""
+    def _state(self, q: Array, q_before: Array, position: Array, rotation: Array) -> _Guess:
+        """Return what is missing to a pose, weighted, lengths in those of the arm."""
         pose = self.robot.frame_pose(self.frame, q)
         error = np.empty(6)
         error[:3] = (position - pose.translation) / self._length
-        error[3:] = pin.log3(rotation @ pose.rotation.T)
+        error[3:] = _TURN_WEIGHT * pin.log3(rotation @ pose.rotation.T)
         jacobian = self.robot.frame_jacobian(self.frame, q) * self._units
         jacobian[:3] /= self._length
-        return error, jacobian
+        jacobian[3:] *= _TURN_WEIGHT
+        return _Guess((q - q_before) / self._units, error, jacobian)
 
-    def _step(self, q: Array, error: Array, jacobian: Array, damping: float) -> Array:
-        """Return a step (n,), joints pressed against a limit held."""
-        posture = _POSTURE * (self.home - q) / self._units
-        free = np.ones(len(q), dtype=bool)
-        for _ in range(2):
-            held = jacobian * free
-            inverse = held.T @ np.linalg.inv(held @ held.T + damping * np.eye(6))
-            step = inverse @ error + free * posture - inverse @ (held @ posture)
-            longest = float(np.abs(step).max())
-            step = step * (_LONGEST_STEP / max(longest, _LONGEST_STEP))
-            pressed = ((q <= self._lower) & (step < 0.0)) | ((q >= self._upper) & (step > 0.0))
-            if not (pressed & free).any():
-                break
-            free = free & ~pressed
-        return np.asarray(step * free)
+    def _better(
+        self,
+        found: _Guess,
+        bounds: tuple[Array, Array],
+        near: Array,
+        damping: float,
+        q: Array,
+        position: Array,
+        rotation: Array,
+    ) -> tuple[_Guess | None, float]:
+        """Return a guess that costs less and the next damping; None for the guess where there is none."""
+        jacobian = found.jacobian
+        matrix = jacobian.T @ jacobian + _NEARNESS * np.eye(len(q))
+        gradient = jacobian.T @ found.error - _NEARNESS * (found.x - near)
+        lower = np.maximum(bounds[0] - found.x, -_LONGEST_STEP)
+        upper = np.minimum(bounds[1] - found.x, _LONGEST_STEP)
+        for _ in range(_RETRIES):
+            step = _bounded(matrix + damping * np.eye(len(q)), gradient, lower, upper)
+            tried = self._state(q + self._units * (found.x + step), q, position, rotation)
+            if _cost(tried, near) <= _cost(found, near):
+                return tried, damping / _MORE
+            damping = max(_MORE * damping, _RETRY)
+        return None, damping
+
+
+def _cost(found: _Guess, near: Array) -> float:
+    """Return what the inverse kinematics minimises."""
+    away = found.x - near
+    return float(found.error @ found.error + _NEARNESS * (away @ away))
+
+
+def _bounded(matrix: Array, gradient: Array, lower: Array, upper: Array) -> Array:
+    """Return the x in bounds that minimises x' M x / 2 - g' x, M positive definite, by active sets."""
+    n = len(gradient)
+    x = np.minimum(np.maximum(np.zeros(n), lower), upper)
+    free = np.ones(n, dtype=bool)
+    for _ in range(3 * n):
+        own, others = np.flatnonzero(free), np.flatnonzero(~free)
+        if len(own):
+            right = gradient[own] - matrix[np.ix_(own, others)] @ x[others]
+            solved = np.linalg.solve(matrix[np.ix_(own, own)], right)
+            x[own] = np.minimum(np.maximum(solved, lower[own]), upper[own])
+            outside = x[own] != solved
+            if outside.any():
+                free[own[outside]] = False
+                continue
+        pull = gradient - matrix @ x
+        inwards = np.where(x <= lower, pull, -pull) * ~free
+        worst = int(np.argmax(inwards))
+        if inwards[worst] <= 1e-12:
+            break
+        free[worst] = True
+    return x
 
 
 class Setpoints(Reference):
@@ -327,7 +406,7 @@ class Setpoints(Reference):
             limits: of speed, acceleration and jerk; those of :meth:`FollowLimits.of` when not given.
             start: configuration at time 0 [rad or m], (n,), also the posture of free joints; that of the
                 first pose when not given.
-            feedforward: anticipate by the speed of the last poses: a third of the lag, twice the noise.
+            feedforward: anticipate by the speed of the last poses: half of the lag, more of the noise.
             dt: sample time of the follower [s].
             inverse: from the last configuration (n,), position (3,) and rotation (3, 3) to a configuration
                 (n,); a :class:`SetpointInverse` when not given.
@@ -353,9 +432,11 @@ class Setpoints(Reference):
             raise ParameterError("inverse", inverse, "a function of configuration, position and rotation")
         self.inverse = SetpointInverse(robot, frame, self.start) if inverse is None else inverse
         self._next = 0
-        self._goal = self.start
-        self._rate = np.zeros(robot.n)
-        self._arrived = -math.inf
+        self._begin = self._goal = self.start
+        self._arrived = self._solved = -math.inf
+        self._interval = _LONGEST
+        self._settled = True
+        self._jumped = False
         self._samples = [self.follower.init(self.start)]
         self._known = self._stacked()
 
@@ -433,8 +514,10 @@ class Setpoints(Reference):
             return
         state = self._samples[-1]
         for k in range(len(self._samples) - 1, max(count, len(self._samples) + 256) - 1):
-            self._receive(k * self.follower.dt)
-            state = self.follower.step(self._goal, state, self._rate if self.feedforward else 0.0)
+            t = k * self.follower.dt
+            self._receive(t)
+            goal, rate = self._at(t)
+            state = self.follower.step(goal, state, rate)
             self._samples.append(state)
         self._known = self._stacked()
 
@@ -444,15 +527,49 @@ class Setpoints(Reference):
         while self._next < len(self.times) and self.times[self._next] <= t + 1e-9:
             self._next += 1
         if self._next == first:
-            if t - self._arrived > _STALE:
-                self._rate = np.zeros(self.robot.n)
+            waited = t - self._solved >= _LONGEST - 1e-9
+            if waited and not self._settled:
+                self._solve(t)
             return
+        arrived = float(self.times[self._next - 1])
+        since = min(max(arrived - self._arrived, _SHORTEST), _LONGEST)
+        self._interval = since if first == 0 else (1.0 - _NEW) * self._interval + _NEW * since
+        self._arrived = arrived
+        self._jumped = self._jumped or self._apart(first - 1, self._next - 1)
+        self._solve(t)
+
+    def _apart(self, first: int, second: int) -> bool:
+        """Tell whether a pose is a jump from the one before."""
+        if first < 0:
+            return False
+        positions, rotations = self.poses
+        distance = float(np.linalg.norm(positions[second] - positions[first]))
+        angle = float(np.linalg.norm(pin.log3(rotations[second] @ rotations[first].T)))
+        return distance > _JUMP or angle > _JUMP_TURN
+
+    def _solve(self, t: float) -> None:
+        """Find the configuration of the last pose that arrived."""
         last = self._next - 1
-        goal = self._configuration(self.poses.positions[last], self.poses.rotations[last])
-        since = max(self.times[last] - self._arrived, _SHORTEST)
-        if since < _STALE:
-            self._rate = (1.0 - _NEW) * self._rate + _NEW * (goal - self._goal) / since
-        self._goal, self._arrived = goal, float(self.times[last])
+        position, rotation = self.poses.positions[last], self.poses.rotations[last]
+        if self._jumped or not isinstance(self.inverse, SetpointInverse):
+            goal = self._configuration(position, rotation)
+            self._jumped = self._jumped and bool(np.abs(goal - self._samples[-1].q).max() > _OVER)
+        else:
+            way = _PACE * self._interval * np.asarray(self.follower.limits.velocity, dtype=np.float64)
+            goal = self.inverse(self._goal, position, rotation, (self._goal - way, self._goal + way))
+        self._begin, _ = self._at(t)
+        self._settled = bool(np.abs(goal - self._goal).max() < _SETTLED)
+        self._goal, self._solved = goal, t
+
+    def _at(self, t: float) -> tuple[Array, Array]:
+        """Return where the follower is to go [rad or m], and the speed that it anticipates [rad/s or m/s]."""
+        intervals, ahead = (_SPREAD_AHEAD, _AHEAD_FULL) if self.feedforward else (_SPREAD, _AHEAD)
+        spread = intervals * self._interval
+        share = (t - self._solved) / spread
+        way = self._goal - self._begin
+        if share >= 1.0 or self._jumped:
+            return self._goal, np.zeros_like(way)
+        return self._begin + share * way, (ahead / spread) * way
 
     def _configuration(self, position: Array, rotation: Array) -> Array:
         """Return the configuration of a pose; the last one where the inverse gives no finite numbers.

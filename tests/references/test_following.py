@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import armgpi
+from armgpi import config
+from armgpi.config import experiment as experiments
 from armgpi.errors import ArrayError, ParameterError, ReachError
 from armgpi.references.following import SetpointInverse
 
@@ -182,7 +185,7 @@ def test_the_limits_of_an_arm_follow_from_its_torques() -> None:
     assert (own * np.asarray(limits.jerk) <= arm.limits.effort / 0.087).all()
 
 
-def test_the_inverse_of_a_set_point_meets_the_pose() -> None:
+def test_the_inverse_of_a_set_point_comes_near_at_once_and_meets_the_pose_when_asked_again() -> None:
     arm, home = arm_of("panda"), HOMES["panda"]
     inverse = SetpointInverse(arm, arm.tip, home)
     random = np.random.default_rng(5)
@@ -190,8 +193,54 @@ def test_the_inverse_of_a_set_point_meets_the_pose() -> None:
         wished = pose_of(arm, home + 0.2 * random.normal(size=7))
         q = inverse(home, wished.translation, wished.rotation)
         distance, angle = inverse.error(q, wished.translation, wished.rotation)
+        assert distance < 3e-3
+        assert angle < 0.03
+        for _ in range(8):
+            q = inverse(q, wished.translation, wished.rotation)
+        distance, angle = inverse.error(q, wished.translation, wished.rotation)
         assert distance < 1e-5
         assert angle < 1e-5
+
+
+def test_near_a_stretched_elbow_the_tool_stays_near_the_poses() -> None:
+    """The elbow is too slow for the poses there: the others wait for it, and none runs ahead."""
+    arm = arm_of("panda")
+    home = HOMES["panda"].copy()
+    home[[1, 3, 5]] = [0.3, -0.25, 1.2]
+    start = pose_of(arm, home)
+    out = start.translation - arm.frame_pose("panda_link2", home).translation
+    out = out / np.linalg.norm(out)
+    times = np.arange(0.0, 4.0, 1 / 30)
+    # Beyond the reach by some mm, and back.
+    shift = 0.02 * np.sin(2.0 * times)
+    poses = [pin.SE3(start.rotation, start.translation + far * out) for far in shift]
+    reference = armgpi.Setpoints(arm, arm.tip, times, poses, start=home)
+    grid = np.arange(4000) * 1e-3
+    target = reference.at(grid)
+    check_limits(target, reference.follower.limits)
+    there = arm.frame_pose(arm.tip, target.q[::20]).translation
+    late = np.interp(grid[::20] - 0.08, times, shift)
+    away = np.linalg.norm(there - start.translation - late[:, None] * out, axis=1)
+    assert away.max() < 0.02
+
+
+def test_a_jump_is_followed_as_soon_as_by_the_follower_alone() -> None:
+    arm, home = arm_of("ur5"), HOMES["ur5"]
+    first = pose_of(arm, home)
+    second = pin.SE3(first.rotation, first.translation + np.array([0.0, 0.0, -0.2]))
+    stream = armgpi.Setpoints(arm, arm.tip, [0.0, 0.1], [first, second], start=home)
+    q = stream.at(np.arange(2000) * 1e-3).q
+    follower = stream.follower
+    state = follower.init(home)
+    alone = [state.q]
+    for _ in range(1900):
+        state = follower.step(q[-1], state)
+        alone.append(state.q)
+
+    def arrival(path: np.ndarray) -> int:
+        return int(np.flatnonzero(np.abs(path - q[-1]).max(axis=1) > 5e-3)[-1])
+
+    assert arrival(q[100:]) <= arrival(np.array(alone)) + 20
 
 
 def test_a_stream_of_any_inverse_is_followed() -> None:
@@ -222,3 +271,52 @@ def test_bad_input_is_refused_in_a_line_with_pose_joint_and_value() -> None:
         armgpi.Setpoints(arm, arm.tip, [0.0], np.zeros((1, 7)))
     with pytest.raises(ParameterError, match="jerk"):
         armgpi.Follower(armgpi.FollowLimits(1.0, 1.0, 0.0), 1e-3)
+
+
+def written(file: Path, times: np.ndarray, poses: list[pin.SE3]) -> None:
+    lines = ["time,x,y,z,qx,qy,qz,qw"]
+    for t, pose in zip(times, poses, strict=True):
+        lines.append(",".join(repr(float(x)) for x in (t, *pin.SE3ToXYZQUAT(pose))))
+    file.write_text("\n".join(lines), encoding="utf-8")
+
+
+def test_an_experiment_file_follows_poses_and_streams(tmp_path: Path) -> None:
+    arm, home = armgpi.Robot.load("ur5"), HOMES["ur5"]
+    times, poses = teleoperated(arm, home, 0.5)
+    written(tmp_path / "hand.csv", times, poses)
+    start = ", ".join(f"{name}: {x}" for name, x in zip(arm.joint_names, home, strict=True))
+    text = "robot: {name: ur5}\nt_final: 0.4\nreference: "
+    for reference in ("{poses: hand.csv}", f"{{stream: hand.csv, torque_rate: 500, start: {{{start}}}}}"):
+        file = tmp_path / "experiment.yaml"
+        file.write_text(f"{text}{reference}\n", encoding="utf-8")
+        experiment = config.build(*config.read(file))
+        target = experiment.reference.at(0.4)
+        if "stream" in reference:
+            limits = armgpi.FollowLimits.of(arm, 500.0)
+            stream = armgpi.Setpoints(arm, arm.tip, times - times[0], poses, limits, start=home)
+            np.testing.assert_allclose(target.q, stream.at(0.4).q, atol=1e-9)
+        else:
+            path = armgpi.PosePath(times, poses)
+            there = arm.frame_pose(arm.tip, target.q).translation
+            np.testing.assert_allclose(there, path.at(0.4).x, atol=1e-6)
+        result = experiments.compare(experiment, progress=False)
+        experiments.save(result, experiment, tmp_path / "out")
+        again = config.build(*config.read(tmp_path / "out" / "experiment.yaml"))
+        np.testing.assert_array_equal(again.reference.at(0.4).q, target.q)
+
+
+@pytest.mark.parametrize(
+    ("reference", "message"),
+    [
+        ({"stream": "no such.csv"}, r"reference\.stream: .*No such file"),
+        ({"poses": "x.csv", "stream": "x.csv"}, r"reference\.poses: stream and this key"),
+        ({"poses": "x.csv", "feedforward": True}, r"reference\.feedforward: requires stream"),
+        ({"poses": "x.csv", "holds": 1.0}, r"reference\.holds: poses and this key"),
+        ({"stream": "x.csv", "tool_axis": [0, 0, 1]}, r"reference\.tool_axis: requires path"),
+        ({"stream": "x.csv", "torque_rate": 0.0}, r"reference\.torque_rate: "),
+    ],
+)
+def test_a_wrong_experiment_of_poses_names_its_key(reference: dict[str, Any], message: str) -> None:
+    wanted = {"robot": {"name": "ur5"}, "reference": reference}
+    with pytest.raises(armgpi.ArmgpiError, match=message):
+        config.build(config.check(wanted, config.Origin("x")), config.Origin("x"))
