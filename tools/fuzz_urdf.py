@@ -5,8 +5,9 @@ changed. Each must end in one of our errors or in a robot with finite D(q), G(q)
 
 Usage: python tools/fuzz_urdf.py [--count 20000] [--seed 0] [--keep FOLDER]
 
-Mutations are tried in processes of their own, with 2 GiB of memory and 10 s for each; one that dies is
-counted as a crash. Exit code 1 when anything went wrong; the files are then in FOLDER.
+Mutations are tried in processes of their own, with 2 GiB of memory, and each with 10 s of processor time, so
+that a busy machine finds nothing, and 200 s at most; one that dies is counted as a crash. Exit code 1 when
+anything went wrong; the files are then in FOLDER.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ import traceback
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
+from types import FrameType
 from typing import Literal
 from xml.etree import ElementTree
 
@@ -36,7 +38,11 @@ from armgpi.errors import ArmgpiError
 
 SEEDS = ("anthropomorphic3", "panda", "ur5", "so101", "kinova", "z1", "double_pendulum", "finger_edu")
 CHUNK = 500
-MEMORY, SECONDS = 2 * 1024**3, 10
+#: What the process of a mutation may take [bytes].
+MEMORY = 2 * 1024**3
+#: What a mutation may take of processor time, and of time [s].
+SECONDS = 10
+SECONDS_ON_THE_CLOCK = 200
 NUMBERS = (
     *("nan", "inf", "-inf", "1e400", "1e308", "-1e308", "1e200", "1e20", "1e9", "1e-9", "1e-200", "1e-320"),
     *("0", "-0", "-1", "1", "", " ", "1,5", "${m}", "0x10", "1_0", "1 2", "1 2 3 4", "heavy", "٢", "true"),
@@ -228,22 +234,30 @@ def outcome(path: Path, rng: np.random.Generator) -> str:
     return "errors" if report.has_errors else "loaded"
 
 
+def too_slow(number: int, frame: FrameType | None) -> None:
+    """End a mutation that takes too long."""
+    raise TimeoutError(f"too slow ({signal.Signals(number).name})")
+
+
 def work(seed: int, start: int, count: int, folder: Path) -> None:
     """Try some mutations; each line of the output is a number and how it ended."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     warnings.simplefilter("error", RuntimeWarning)
-    signal.signal(signal.SIGALRM, lambda *_: (_ for _ in ()).throw(TimeoutError("too slow")))
+    signal.signal(signal.SIGALRM, too_slow)
+    signal.signal(signal.SIGPROF, too_slow)
     path = folder / f"case{os.getpid()}.urdf"
     rng = np.random.default_rng(seed)
     for index, data in cases(seed, start, count):
         print(index, "begun", flush=True)
         path.write_bytes(data)
-        signal.alarm(SECONDS)
+        signal.setitimer(signal.ITIMER_PROF, SECONDS)
+        signal.alarm(SECONDS_ON_THE_CLOCK)
         try:
             result = outcome(path, rng)
         except Exception as error:
             traceback.print_exc()
             result = f"failed:{type(error).__name__}"
+        signal.setitimer(signal.ITIMER_PROF, 0)
         signal.alarm(0)
         print(index, result, flush=True)
     path.unlink()
@@ -283,7 +297,8 @@ def main() -> int:
     parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.work is not None:
-        work(options.seed, *options.work, options.folder)
+        start, count = options.work
+        work(options.seed, start, count, options.folder)
         return 0
     began = time.monotonic()
     ends: collections.Counter[str] = collections.Counter()

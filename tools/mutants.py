@@ -35,20 +35,32 @@ from typing import Any, NamedTuple
 
 import pytest
 
+#: The modules that are in no package.
+TOP = "."
+#: Every folder of modules; drawings, pages and command lines too, whose numbers are results as well.
 PACKAGES = (
-    *(
-        "robot",
-        "plants",
-        "loop",
-        "studies",
-        "certification",
-        "gpi",
-        "supervisor",
-        "identification",
-        "hardware",
-    ),
-    *("codegen", "control", "references"),
+    "robot",
+    "plants",
+    "loop",
+    "studies",
+    "certification",
+    "gpi",
+    "supervisor",
+    "identification",
+    "hardware",
+    "codegen",
+    "control",
+    "references",
+    "config",
+    "health",
+    "validation",
+    "view",
+    "paper",
+    "cli",
+    TOP,
 )
+#: The tests of the modules that are in no package.
+BASE = "base"
 #: How pytest runs the tests of these packages.
 PYTEST = ("-n", "0", "-p", "no:cacheprovider", "-o", "timeout=0", "-m", "not slow and not search")
 
@@ -156,16 +168,20 @@ def _changes(node: ast.AST) -> Iterator[tuple[str, ast.expr]]:
 
 
 def every_mutant(package: str) -> list[Mutant]:
-    """Return all mutants of a package, and of intervals.py among those of studies."""
-    modules = sorted(Path("armgpi", package).rglob("*.py"))
-    modules += [Path("armgpi/intervals.py")] if package == "studies" else []
+    """Return all mutants of a package, or of the modules that are in none."""
+    folder = Path("armgpi", package)
+    modules = sorted(folder.glob("*.py") if package == TOP else folder.rglob("*.py"))
     return [each for path in modules for each in mutants_of(path)]
 
 
 def draw(count: int, seed: int) -> list[Mutant]:
-    """Return random mutants, as many of each package."""
+    """Return random mutants, as many of each package; the first ones have those that are left over."""
     rng = random.Random(seed)
-    return [each for name in PACKAGES for each in rng.sample(every_mutant(name), count // len(PACKAGES))]
+    each, more = divmod(count, len(PACKAGES))
+    drawn = []
+    for index, name in enumerate(PACKAGES):
+        drawn += rng.sample(every_mutant(name), each + (index < more))
+    return drawn
 
 
 # Which tests reach what, and which fail: this file is a plugin of pytest, which collects the tests once.
@@ -385,7 +401,8 @@ def main() -> None:
         sys.dont_write_bytecode = True
         os.environ.update(PYTHONPATH=str(tree), PYTHONDONTWRITEBYTECODE="1")
         few = {each.path.parts[1] for each in chosen} if asked.modules and kept.exists() else PACKAGES
-        tests = [f"tests/{name}" for name in ("laws", *PACKAGES) if name == "laws" or name in few]
+        rooms = [BASE if name == TOP else name for name in PACKAGES if name in few or name == TOP]
+        tests = [f"tests/{name}" for name in ("laws", *rooms)]
         judge = Judge(chosen[asked.skip :], kept, asked.seconds)
         sys.exit(pytest.main([*PYTEST, "-q", "-s", f"--basetemp={folder}/tests", *tests], plugins=[judge]))
 

@@ -9,7 +9,6 @@ from contextlib import suppress
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
-from xml.etree import ElementTree
 from xml.parsers import expat
 
 import numpy as np
@@ -26,10 +25,10 @@ from armgpi.identification.excitation import Excitation
 from armgpi.identification.text import say_causes, say_notes, say_residuals, tabulate
 from armgpi.identification.weak_form import COLUMNS, ROTOR
 from armgpi.robot import markup
+from armgpi.robot.assembly import Assembly, inertia_of, join
 from armgpi.robot.identified import FORMAT, NAME
 from armgpi.robot.robot import Robot
 from armgpi.robot.robots import find_identified
-from armgpi.robot.urdf_model import join
 from armgpi.view import page
 
 #: Error at which a first motion is stopped [rad or m]: what is logged until then is enough to begin with.
@@ -138,7 +137,7 @@ def _source(robot: Robot) -> bytes:
     provenance = robot.provenance
     path = Path(str(provenance["source"]))
     if path.suffix.lower() != ".urdf" or not path.is_file():
-        return robot._xml.encode()
+        return _assembly(robot).urdf().encode()
     content = files.read_bytes(path, markup.MAX_BYTES)
     if hashlib.sha256(content.decode("utf-8-sig").encode()).hexdigest() != provenance["sha256"]:
         raise UrdfError(path, "has changed since it was loaded: load it and identify again")
@@ -147,22 +146,14 @@ def _source(robot: Robot) -> bytes:
 
 def _bodies(robot: Robot) -> list[tuple[int, str, dict[str, tuple[pin.SE3, pin.Inertia]]]]:
     """Return, joint by joint, its number, its link, and place and inertia of what is fixed to that."""
-    root, model = ElementTree.fromstring(robot._xml), robot.pinocchio_model()
-    child = {
-        str(joint.get("name")): str(element.get("link"))
-        for joint in root.iter("joint")
-        if (element := joint.find("child")) is not None
-    }
-    inertials = {
-        str(link.get("name")): inertial
-        for link in root.iter("link")
-        if (inertial := link.find("inertial")) is not None
-    }
+    assembly, model = _assembly(robot), robot.pinocchio_model()
+    child = {joint.name: joint.child for joint in assembly.joints}
+    inertials = {link.name: link for link in assembly.links if link.inertial}
     found = []
     for joint in range(1, model.njoints):
         own = child[str(model.names[joint])]
         others = {
-            str(frame.name): (frame.placement, _inertia(inertials[frame.name]))
+            str(frame.name): (frame.placement, inertia_of(inertials[frame.name]))
             for frame in model.frames
             if frame.type == pin.FrameType.BODY
             and frame.parentJoint == joint
@@ -173,19 +164,15 @@ def _bodies(robot: Robot) -> list[tuple[int, str, dict[str, tuple[pin.SE3, pin.I
     return found
 
 
-def _inertia(element: ElementTree.Element) -> pin.Inertia:
-    """Return the inertia of an <inertial> as it was written for Pinocchio."""
-    origin, mass, tensor = (element.find(name) for name in ("origin", "mass", "inertia"))
-    assert origin is not None
-    assert mass is not None
-    assert tensor is not None
-    xyz, rpy = (np.array(str(origin.get(name)).split(), dtype=np.float64) for name in ("xyz", "rpy"))
-    xx, xy, xz, yy, yz, zz = (
-        float(str(tensor.get(f"i{axes}"))) for axes in ("xx", "xy", "xz", "yy", "yz", "zz")
-    )
-    rotation = pin.rpy.rpyToMatrix(rpy)
-    matrix = rotation @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ rotation.T
-    return pin.Inertia(float(str(mass.get("value"))), xyz, matrix)
+def _assembly(robot: Robot) -> Assembly:
+    """Return the links and joints of a robot that came from a file or a model.
+
+    Raises:
+        UrdfError: when it came from neither.
+    """
+    if robot._assembly is None:
+        raise UrdfError(str(robot.provenance["source"]), "did not come from a file: use Robot.load")
+    return robot._assembly
 
 
 def _possible(body: pin.Inertia) -> bool:

@@ -13,7 +13,7 @@ from dataclasses import field
 from os import PathLike
 from pathlib import Path
 from typing import Any, ClassVar
-from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
+from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from armgpi.parameter import parameter, with_parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.plant import PlantState
 from armgpi.robot import repairs, urdf
+from armgpi.robot.assembly import Assembly
 from armgpi.robot.dynamics import thread_count
 from armgpi.robot.meshes import MAX_MESH_BYTES, MeshFinder
 from armgpi.robot.robot import Robot
@@ -160,8 +161,8 @@ class _Compiled:
         mujoco = _mujoco()
         self.robot, self.source = robot, str(robot.provenance["source"])
         self.differences: list[str] = []
-        self._refuse_unknown()
-        root = fromstring(robot._xml)
+        assembly = self._known_assembly()
+        root = assembly.element()
         rounded = {link.get("name", "") for link in root.iter("link") if _round(link)}
         for change in robot.provenance["changes"]:
             rounded |= _change(root, change)
@@ -182,15 +183,17 @@ class _Compiled:
         self._restore_inertia(rounded)
         self._check()
 
-    def _refuse_unknown(self) -> None:
-        """Refuse robots that MuJoCo cannot be given as they are."""
-        if not self.robot._xml:
+    def _known_assembly(self) -> Assembly:
+        """Return links and joints; refuse robots that MuJoCo cannot be given as they are."""
+        assembly = self.robot._assembly
+        if assembly is None:
             raise UrdfError(self.source, "did not come from a URDF, which MuJoCo is given: use Robot.load")
         if self.robot.coupling is not None:
             raise UrdfError(
                 self.source,
                 'has joints that follow others, which MuJoCo does softly: lock them (mimic="lock")',
             )
+        return assembly
 
     def _set_options(self, plant: MuJoCoPlant, joints: list[int]) -> None:
         """Set what a URDF does not say."""

@@ -50,7 +50,12 @@ def find(urdf: Urdf, locked: Collection[str] = ()) -> tuple[Chain, ...]:
         urdf: the robot.
         locked: names of joints that do not move.
     """
-    fingers = {joint for gripper in grippers.find(urdf, locked) for joint in gripper.joints}
+    fingers = [joint for gripper in grippers.find(urdf, locked) for joint in gripper.joints]
+    return of_arms(urdf, locked, fingers)
+
+
+def of_arms(urdf: Urdf, locked: Collection[str], fingers: Collection[str]) -> tuple[Chain, ...]:
+    """Return the chains as :func:`find`, where it is known which joints are fingers."""
     moving = [
         j for j in urdf.joints.values() if j.moves and j.mimic is None and j.name not in {*locked, *fingers}
     ]
@@ -83,6 +88,8 @@ def of(provenance: Mapping[str, Any]) -> tuple[Chain, ...]:
 def expand(urdf: Urdf, keep: Sequence[str] | None) -> Sequence[str] | None:
     """Return names of joints to keep, those of chains replaced by their joints' names; all else as it is."""
     if not isinstance(keep, list | tuple) or not all(isinstance(name, str) for name in keep):
+        return keep
+    if all(name in urdf.joints for name in keep):
         return keep
     joints = {chain.name: chain.joints for chain in find(urdf)} | {name: (name,) for name in urdf.joints}
     return [joint for name in keep for joint in joints.get(name, (name,))]

@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from armgpi.arrays import SMALLEST, Array, ArrayLike, as_number, as_sized_array, frozen, quantity
 from armgpi.errors import ArrayError, LimitError, ParameterError
+from armgpi.robot.assembly import Assembly
 from armgpi.robot.drives import Drives
 from armgpi.robot.dynamics import (
     CoupledDynamics,
@@ -39,7 +40,7 @@ class Edits(Frames):
     """
 
     _provenance: Mapping[str, Any]
-    _xml: str
+    _assembly: Assembly | None
     drives: Drives
 
     @property

@@ -11,7 +11,6 @@ import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 import pinocchio as pin
@@ -103,11 +102,12 @@ class _Reader:
         for joint, name in enumerate(self.joint_names):
             if self.joints[name].moves:
                 rotors[name] = float(model.dof_armature[int(model.jnt_dofadr[joint])])
+        name = _model_name(model) or "unnamed"
         return urdf.assemble(
             source=str(self.source),
-            name=_model_name(model) or "unnamed",
+            name=name,
             sha256=hashlib.sha256(text.encode()).hexdigest(),
-            root=self._root(),
+            root=urdf.elements(name, self.links, self.joints),
             links=self.links,
             joints=self.joints,
             armature=rotors,
@@ -222,19 +222,6 @@ class _Reader:
             place = pin.SE3(_rotation(model.site_quat[site]), np.array(model.site_pos[site]))
             joint = f"{name} (site)"
             self.joints[joint] = Joint(joint, "fixed", self.bodies[body], name, *_xyz_rpy(place))
-
-    def _root(self) -> Element:
-        """Return the elements that checks of a URDF look at."""
-        root = Element("robot", name=_model_name(self.model) or "unnamed")
-        for name in self.links:
-            SubElement(root, "link", name=name)
-        for name, joint in self.joints.items():
-            element = SubElement(root, "joint", name=name, type=joint.type)
-            if joint.moves:
-                SubElement(element, "axis", xyz=" ".join(map(repr, joint.axis)))
-            if math.isfinite(joint.effort):
-                SubElement(element, "limit", effort=repr(joint.effort))
-        return root
 
     def _efforts(self) -> Array:
         """Return the largest force of the actuators of each joint [N m or N]; infinite without any."""

@@ -1,4 +1,4 @@
-"""From a `pin.Model` that somebody else has built to a URDF, which is then read and checked as any other.
+"""From a `pin.Model` that somebody else has built to a :class:`Urdf`, which is then built as any other.
 
 So nothing else has to know of such robots. Joints may be revolute, continuous or prismatic, and floating or
 planar ones that are locked.
@@ -6,16 +6,18 @@ planar ones that are locked.
 
 from __future__ import annotations
 
+import hashlib
 import math
 from typing import Any
-from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
 import pinocchio as pin
 
 from armgpi.arrays import Array
 from armgpi.errors import ParameterError, UrdfError
-from armgpi.robot import urdf_model
+from armgpi.robot import tensors, urdf
+from armgpi.robot.tree import Joint, Link
+from armgpi.robot.urdf import Urdf
 
 #: What a joint of several coordinates is in a URDF, where it has to be locked.
 _WIDE = {"JointModelFreeFlyer": "floating", "JointModelPlanar": "planar"}
@@ -42,25 +44,16 @@ def source(model: Any) -> str:
     return f"Pinocchio model {model.name!r}"
 
 
-def urdf_text(model: Any) -> str:
-    """Return the URDF of a model.
+def read(model: Any) -> Urdf:
+    """Return the tree of a model, with limits, friction, rotor inertia and gravity.
+
+    Args:
+        model: the `pin.Model`.
 
     Raises:
-        UrdfError: for a joint that a URDF cannot have.
+        UrdfError: for a joint, an inertia or a limit that an arm cannot have; it names the joint.
     """
-    root = Element("robot", name=str(model.name) or "unnamed")
-    # The name of the link that every joint carries: that of its first body in its own place.
-    bodies = ["base", *(f"{name} (body)" for name in list(model.names)[1:])]
-    for frame in reversed(list(model.frames)):
-        at_joint = frame.placement.isIdentity(0.0)
-        if frame.type == pin.FrameType.BODY and at_joint and frame.name != "universe":
-            bodies[int(frame.parentJoint)] = frame.name
-    _link(root, bodies[0], model.inertias[0])
-    for index in range(1, model.njoints):
-        _link(root, bodies[index], model.inertias[index])
-        _joint(root, model, index, bodies)
-    _frames(root, model, bodies)
-    return tostring(root, encoding="unicode")
+    return _Reader(model).document()
 
 
 def check_same(model: Any, robot: Any, tangent: Array) -> None:
@@ -96,62 +89,119 @@ def tangent_of(model: Any, values: dict[str, float]) -> Array:
     return steps
 
 
-def _frames(root: Element, model: Any, bodies: list[str]) -> None:
-    """Write the other frames as links on fixed joints: those of the URDF that it came from, if any."""
-    frames = list(model.frames)
-    named = {*bodies, *list(model.names)}
-    carriers = {int(frame.parentFrame) for frame in frames[1:] if frame.type == pin.FrameType.BODY}
-    for index, frame in enumerate(frames[1:], start=1):
-        fixed = frame.type == pin.FrameType.FIXED_JOINT
-        if frame.name in named or frame.type == pin.FrameType.JOINT or (fixed and index in carriers):
-            continue
-        named.add(frame.name)
-        above = frames[int(frame.parentFrame)]
-        joint = above.name if above.type == pin.FrameType.FIXED_JOINT else f"{frame.name} (frame)"
-        while above.type not in (pin.FrameType.BODY, pin.FrameType.JOINT) and above.name != "universe":
-            above = frames[int(above.parentFrame)]
-        placement, parent = frame.placement, bodies[int(frame.parentJoint)]
-        if above.type == pin.FrameType.BODY and above.name in named:
-            placement, parent = above.placement.inverse() * placement, above.name
-        SubElement(root, "link", name=frame.name)
-        element = SubElement(root, "joint", name=joint, type="fixed")
-        _ends(element, parent, frame.name, placement)
+class _Reader:
+    """Reads the tree of one model.
 
+    Attributes:
+        model: the `pin.Model`.
+        source: what messages call it.
+        bodies: name of the link that every joint carries: that of its first body in its own place.
+    """
 
-def _link(root: Element, name: str, inertia: Any) -> None:
-    """Write a link."""
-    link = SubElement(root, "link", name=name)
-    if inertia.mass != 0.0:
-        inertial = SubElement(link, "inertial")
-        SubElement(inertial, "origin", xyz=urdf_model.join(inertia.lever), rpy="0 0 0")
-        SubElement(inertial, "mass", value=repr(float(inertia.mass)))
-        matrix = inertia.inertia
-        keys = {f"i{'xyz'[i]}{'xyz'[j]}": repr(float(matrix[i, j])) for i in range(3) for j in range(i, 3)}
-        SubElement(inertial, "inertia", keys)
+    def __init__(self, model: Any) -> None:
+        """Name the bodies."""
+        self.model, self.source = model, source(model)
+        self.links: dict[str, Link] = {}
+        self.joints: dict[str, Joint] = {}
+        self.bodies = ["base", *(f"{name} (body)" for name in list(model.names)[1:])]
+        for frame in reversed(list(model.frames)):
+            at_joint = frame.placement.isIdentity(0.0)
+            if frame.type == pin.FrameType.BODY and at_joint and frame.name != "universe":
+                self.bodies[int(frame.parentJoint)] = frame.name
 
-
-def _joint(root: Element, model: Any, index: int, bodies: list[str]) -> None:
-    """Write a joint that moves."""
-    joint, name = model.joints[index], str(model.names[index])
-    kind, axis = _kind(model, index)
-    element = SubElement(root, "joint", name=name, type=kind)
-    _ends(element, bodies[int(model.parents[index])], bodies[index], model.jointPlacements[index])
-    if axis is None:
-        return
-    at, bounds = int(joint.idx_v), {}
-    if kind != "continuous":
-        lower, upper = (
-            float(limit[joint.idx_q]) for limit in (model.lowerPositionLimit, model.upperPositionLimit)
+    def document(self) -> Urdf:
+        """Return the whole tree."""
+        model = self.model
+        rotors: dict[str, float] = {}
+        self._add_link(self.bodies[0], model.inertias[0])
+        for index in range(1, model.njoints):
+            self._add_link(self.bodies[index], model.inertias[index])
+            joint = self._joint(index)
+            self._add_joint(joint)
+            if joint.moves:
+                rotors[joint.name] = float(model.armature[int(model.joints[index].idx_v)])
+        self._frames()
+        name = str(model.name) or "unnamed"
+        gravity = tuple(float(x) for x in model.gravity.linear)
+        whole = repr((name, *self.links.values(), *self.joints.values(), rotors, gravity))
+        return urdf.assemble(
+            source=self.source,
+            name=name,
+            sha256=hashlib.sha256(whole.encode()).hexdigest(),
+            root=urdf.elements(name, self.links, self.joints),
+            links=self.links,
+            joints=self.joints,
+            armature=rotors,
+            gravity=gravity,
         )
-        bounds = {"lower": _limit(lower), "upper": _limit(upper)}
-    SubElement(element, "axis", xyz=urdf_model.join(axis))
-    effort, velocity = _limit(float(model.effortLimit[at])), _limit(float(model.velocityLimit[at]))
-    SubElement(element, "limit", {**bounds, "effort": effort, "velocity": velocity})
-    friction = {
-        "damping": repr(float(model.damping[at])),
-        "friction": repr(float(model.upperDryFrictionLimit[at])),
-    }
-    SubElement(element, "dynamics", friction)
+
+    def _add_link(self, name: str, inertia: Any = None) -> None:
+        """Add a link, and refuse a second one of its name."""
+        if name in self.links:
+            raise UrdfError(self.source, f"two links are named {name!r}; rename one", name)
+        mass = 0.0
+        centre: tuple[float, ...] = (0.0,) * 3
+        tensor: tuple[float, ...] = (0.0,) * 6
+        if inertia is not None and inertia.mass != 0.0:
+            mass = float(inertia.mass)
+            centre = tuple(float(x) for x in inertia.lever)
+            tensor = tensors.as_values(inertia.inertia)
+        self.links[name] = Link(name, mass, centre, (0.0,) * 3, tensor, mass != 0.0, ())
+
+    def _add_joint(self, joint: Joint) -> None:
+        """Add a joint, and refuse a second one of its name."""
+        if joint.name in self.joints:
+            raise UrdfError(self.source, f"two joints are named {joint.name!r}; rename one", joint.name)
+        self.joints[joint.name] = joint
+
+    def _joint(self, index: int) -> Joint:
+        """Return a joint of the model."""
+        model, name = self.model, str(self.model.names[index])
+        kind, axis = _kind(model, index)
+        ends = self.bodies[int(model.parents[index])], self.bodies[index]
+        pose = _xyz_rpy(model.jointPlacements[index])
+        if axis is None:
+            return Joint(name, kind, *ends, *pose)
+        joint = model.joints[index]
+        lower, upper = -math.inf, math.inf
+        if kind != "continuous":
+            limits = model.lowerPositionLimit, model.upperPositionLimit
+            lower, upper = (_limit(float(limit[joint.idx_q])) for limit in limits)
+        at = int(joint.idx_v)
+        return Joint(
+            name,
+            kind,
+            *ends,
+            *pose,
+            axis=tuple(float(x) for x in axis),
+            lower=lower,
+            upper=upper,
+            velocity=_limit(float(model.velocityLimit[at])),
+            effort=_limit(float(model.effortLimit[at])),
+            damping=float(model.damping[at]),
+            friction=float(model.upperDryFrictionLimit[at]),
+        )
+
+    def _frames(self) -> None:
+        """Add the other frames as links on fixed joints: those of the URDF that it came from, if any."""
+        model, bodies = self.model, self.bodies
+        frames = list(model.frames)
+        named = {*bodies, *list(model.names)}
+        carriers = {int(frame.parentFrame) for frame in frames[1:] if frame.type == pin.FrameType.BODY}
+        for index, frame in enumerate(frames[1:], start=1):
+            fixed = frame.type == pin.FrameType.FIXED_JOINT
+            if frame.name in named or frame.type == pin.FrameType.JOINT or (fixed and index in carriers):
+                continue
+            named.add(frame.name)
+            above = frames[int(frame.parentFrame)]
+            joint = above.name if above.type == pin.FrameType.FIXED_JOINT else f"{frame.name} (frame)"
+            while above.type not in (pin.FrameType.BODY, pin.FrameType.JOINT) and above.name != "universe":
+                above = frames[int(above.parentFrame)]
+            placement, parent = frame.placement, bodies[int(frame.parentJoint)]
+            if above.type == pin.FrameType.BODY and above.name in named:
+                placement, parent = above.placement.inverse() * placement, above.name
+            self._add_link(frame.name)
+            self._add_joint(Joint(joint, "fixed", parent, frame.name, *_xyz_rpy(placement)))
 
 
 def _kind(model: Any, index: int) -> tuple[str, Array | None]:
@@ -177,14 +227,12 @@ def _kind(model: Any, index: int) -> tuple[str, Array | None]:
     )
 
 
-def _ends(element: Element, parent: str, child: str, placement: Any) -> None:
-    """Write what a joint connects, and where it is."""
-    SubElement(element, "parent", link=parent)
-    SubElement(element, "child", link=child)
-    rpy = pin.rpy.matrixToRpy(placement.rotation)
-    SubElement(element, "origin", xyz=urdf_model.join(placement.translation), rpy=urdf_model.join(rpy))
+def _xyz_rpy(placement: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return a pose as a URDF has it."""
+    angles = pin.rpy.matrixToRpy(placement.rotation)
+    return tuple(float(x) for x in placement.translation), tuple(float(x) for x in angles)
 
 
-def _limit(value: float) -> str:
-    """Return a limit; huge where there is none."""
-    return repr(math.copysign(1e300, value)) if abs(value) > _NONE else repr(value)
+def _limit(value: float) -> float:
+    """Return a limit; infinite where there is none."""
+    return math.copysign(math.inf, value) if abs(value) > _NONE else value

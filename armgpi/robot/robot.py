@@ -28,6 +28,7 @@ from armgpi.robot import (
     urdf,
     urdf_model,
 )
+from armgpi.robot.assembly import Assembly
 from armgpi.robot.checks import check_inertia
 from armgpi.robot.drives import Drives
 from armgpi.robot.edits import Edits, parts_of
@@ -72,7 +73,7 @@ class Robot(Edits):
         provenance: Mapping[str, Any],
         coupling: urdf_model.Coupling | None = None,
         joint_names: Sequence[str] | None = None,
-        xml: str = "",
+        assembly: Assembly | None = None,
         drives: Drives | None = None,
     ) -> None:
         """Take over a `pin.Model` with nq = nv; users call :meth:`load` or :meth:`from_xml`."""
@@ -91,7 +92,7 @@ class Robot(Edits):
             coupling=coupling,
             drives=Drives(joint_names) if drives is None else drives,
             _provenance=copy.deepcopy(dict(provenance)),
-            _xml=xml,
+            _assembly=assembly,
             _frames=frames,
             **parts_of(model, coupling),
         )
@@ -177,7 +178,11 @@ class Robot(Edits):
             UrdfError: for a joint, an inertia or a limit that armgpi cannot have; it names the joint.
         """
         own = from_pinocchio.model_of(model)
-        return cls._from_model(own, from_pinocchio.source(own), lock, keep)
+        document = from_pinocchio.read(own)
+        robot = cls._from_document(document, document.name, lock, keep, "lock")
+        values = {**robot.provenance["locked"], **dict(zip(robot.joint_names, robot.middle(), strict=True))}
+        from_pinocchio.check_same(own, robot, from_pinocchio.tangent_of(own, values))
+        return robot
 
     @classmethod
     def from_mjcf(
@@ -207,22 +212,6 @@ class Robot(Edits):
         document = from_mujoco.read(source, urdf.read_file(source))
         robot = cls._from_document(document, document.name, lock, keep, mimic)
         from_mujoco.check_same(robot, document)
-        return robot
-
-    @classmethod
-    def _from_model(
-        cls, own: Any, source: str, lock: Sequence[str] | Mapping[str, float], keep: Sequence[str] | None
-    ) -> Robot:
-        document = urdf.parse(from_pinocchio.urdf_text(own), source)
-        robot = cls._from_document(document, document.name, lock, keep, "lock")
-        rows = [int(own.joints[own.getJointId(name)].idx_v) for name in robot.joint_names]
-        if np.any(own.armature[rows]):
-            robot = robot.with_armature(np.asarray(own.armature[rows]))
-        gravity = np.asarray(own.gravity.linear)
-        if not np.array_equal(gravity, robot._model.gravity.linear):
-            robot = robot.with_gravity(gravity)
-        values = {**robot.provenance["locked"], **dict(zip(robot.joint_names, robot.middle(), strict=True))}
-        from_pinocchio.check_same(own, robot, from_pinocchio.tangent_of(own, values))
         return robot
 
     @classmethod
@@ -262,7 +251,7 @@ class Robot(Edits):
             _provenance(document, built),
             built.coupling,
             names,
-            built.xml,
+            built.assembly,
             drives,
         )
         configurations = np.vstack([robot.middle(), robot.random_positions(_SAMPLES)])
@@ -270,7 +259,7 @@ class Robot(Edits):
         return robot._with_rotors_of(document)
 
     def _with_rotors_of(self, document: urdf.Urdf) -> Robot:
-        """Return the robot with the rotor inertia and gravity that a MuJoCo model states."""
+        """Return the robot with the rotor inertia and gravity that a compiled model states."""
         robot = self
         rotors = {name: document.armature.get(name, 0.0) for name in robot.joint_names}
         if any(rotors.values()):
@@ -392,9 +381,10 @@ def _provenance(document: urdf.Urdf, built: urdf_model.Built) -> dict[str, Any]:
     }
     if built.coupling is not None:
         found["mimic"] = "follow"
-    if fingers := [x for g in grippers.find(document, built.locked) for x in g.joints]:
+    fingers = [joint for gripper in grippers.find(document, built.locked) for joint in gripper.joints]
+    if fingers:
         found["grippers"] = fingers
-    if len(several := chains.find(document, built.locked)) > 1:
+    if len(several := chains.of_arms(document, built.locked, fingers)) > 1:
         found["chains"] = {chain.name: list(chain.joints) for chain in several}
     if built.repairs:
         found["repairs"] = [made._asdict() for made in built.repairs]

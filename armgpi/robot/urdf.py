@@ -14,7 +14,9 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Element, SubElement
+
+import pinocchio as pin
 
 from armgpi.errors import UrdfError
 from armgpi.escape import in_si, quote
@@ -30,6 +32,12 @@ MAX_JOINTS = 2_000
 _HUGEST = 1e15
 #: Ratios of mimic joints are between these, or 0.
 _LEAST_RATIO, _MOST_RATIO = 1e-6, 1e6
+#: Versions of the format, of which urdfdom 6 knows these; without one a file has the first.
+_VERSIONS = ("1.0", "1.1", "1.2")
+#: Quaternions of a smaller norm, or of one as much larger, are none [-].
+_LEAST_NORM = 1e-6
+#: Pinocchio's name of the joint that carries the base: asked for it, a model gives that one.
+_WORLD = "universe"
 _INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 #: Products of inertia -> the same in the lower triangle.
 _MIRRORED = {"ixy": "iyx", "ixz": "izx", "iyz": "izy"}
@@ -100,6 +108,8 @@ def parse(text: str, source: str, repair: str | Iterable[str] = ()) -> Urdf:
     """
     repairs = Repairs(source, repair_names(repair))
     root = parse_xml(text, source)
+    _check_version(root, source)
+    _turn_quaternions(root, source)
     for tag in ("joint", "link"):
         _check_count(len(root.findall(tag)), tag, source)
     link_elements = _unique_names(root, "link", source)
@@ -135,13 +145,83 @@ def assemble(source: str, links: Mapping[str, Link], joints: Mapping[str, Joint]
         more: the other attributes of :class:`Urdf`, but for its base.
 
     Raises:
-        UrdfError: when they are too many, or no tree, or a joint copies itself.
+        UrdfError: when they are too many, or no tree, when a number is none that a robot has, when a joint
+            copies itself, or is called as the world is.
     """
     _check_count(len(joints), "joint", source)
     _check_count(len(links), "link", source)
+    for link in links.values():
+        _check_link(link, source)
+    for joint in joints.values():
+        _check_joint(joint, source)
     base = _check_tree(links, joints, source)
     _check_mimics(joints, source)
+    if _WORLD in joints and joints[_WORLD].type != "fixed":
+        raise UrdfError(
+            source, f"joint {_WORLD!r} has the name that Pinocchio gives to the world; rename it", _WORLD
+        )
     return Urdf(source=source, links=links, joints=joints, base=base, **more)
+
+
+def elements(name: str, links: Mapping[str, Link], joints: Mapping[str, Joint]) -> Element:
+    """Return what checks of a URDF look at, for a robot that came from no XML.
+
+    Args:
+        name: name of the robot.
+        links: every link by name.
+        joints: every joint by name.
+    """
+    root = Element("robot", name=name)
+    for link in links:
+        SubElement(root, "link", name=link)
+    for joint in joints.values():
+        element = SubElement(root, "joint", name=joint.name, type=joint.type)
+        if joint.moves:
+            SubElement(element, "axis", xyz=" ".join(map(repr, joint.axis)))
+        if math.isfinite(joint.effort):
+            SubElement(element, "limit", effort=repr(joint.effort))
+    return root
+
+
+def _check_link(link: Link, source: str) -> None:
+    """Refuse numbers of a link that no robot has; those of a URDF were checked where they were read."""
+    numbers = (link.mass, *link.xyz, *link.rpy, *link.inertia)
+    if not max(map(abs, numbers)) <= _HUGEST or link.mass < 0.0 or not all(map(math.isfinite, numbers)):
+        said = (
+            f"link {link.name!r} has the mass {link.mass:g}, centre {_listed(link.xyz)} and inertia "
+            f"{_listed(link.inertia)}; expected finite numbers in kg, m and kg m^2, and a mass of 0 or more"
+        )
+        raise UrdfError(source, said, link.name)
+
+
+def _check_joint(joint: Joint, source: str) -> None:
+    """Refuse numbers of a joint that no robot has; those of a URDF were checked where they were read."""
+    where, place = f"joint {joint.name!r}", (*joint.xyz, *joint.rpy)
+    finite = all(map(math.isfinite, (*place, *joint.axis)))
+    if not finite or max(map(abs, place)) > _HUGEST or not any(joint.axis):
+        said = (
+            f"{where} has the place {_listed(joint.xyz)}, the angles {_listed(joint.rpy)} and the axis "
+            f"{_listed(joint.axis)}; expected finite numbers in m and rad, and a direction"
+        )
+        raise UrdfError(source, said, joint.name)
+    if not joint.lower <= joint.upper:
+        said = f"{where} has the limits {joint.lower:g} to {joint.upper:g}; expected lower and upper"
+        raise UrdfError(source, said, joint.name)
+    amounts = {
+        "velocity limit": joint.velocity,
+        "effort limit": joint.effort,
+        "damping": joint.damping,
+        "friction": joint.friction,
+    }
+    for label, value in amounts.items():
+        bounded = label in ("damping", "friction")
+        if not value >= 0.0 or (bounded and value > _HUGEST):
+            raise UrdfError(source, f"{where} has a {label} of {value:g}; expected 0 or more", joint.name)
+
+
+def _listed(numbers: Sequence[float]) -> str:
+    """Return numbers for a message."""
+    return " ".join(f"{number:g}" for number in numbers)
 
 
 def _check_count(count: int, tag: str, source: str) -> None:
@@ -172,6 +252,41 @@ def bad_numbers(element: Element, key: str, count: int, positive: bool) -> str:
         if element.tag != "mesh" and min(values) <= 0.0:
             return f"{key}={text!r} is not positive"
     return ""
+
+
+def _check_version(root: Element, source: str) -> None:
+    """Refuse versions of the format that nobody knows."""
+    version = root.get("version", _VERSIONS[0])
+    if version.strip() not in _VERSIONS:
+        known = ", ".join(_VERSIONS)
+        raise UrdfError(source, f"has version={quote(version)}; expected a version of URDF: {known}, or none")
+
+
+def _turn_quaternions(root: Element, source: str) -> None:
+    """Write the angles of every origin that has a quaternion, as versions of URDF beyond 1.0 may."""
+    for element in root:
+        name = element.get("name", "")
+        for origin in element.iter("origin"):
+            text = origin.get("quat_xyzw")
+            if text is None:
+                continue
+            where = f"{element.tag} {name!r}, <origin>"
+            if root.get("version", _VERSIONS[0]).strip() == _VERSIONS[0]:
+                said = 'which version 1.0 of URDF does not have; write version="1.1" into <robot>, or rpy'
+                raise UrdfError(source, f"{where} has quat_xyzw, {said}", name)
+            if origin.get("rpy") is not None:
+                raise UrdfError(source, f"{where} has quat_xyzw and rpy; expected one of them", name)
+            try:
+                numbers = _numbers(text, len("xyzw"))
+            except ValueError as error:
+                raise UrdfError(source, f"{where}: quat_xyzw={quote(text)} {error}", name) from None
+            norm = math.hypot(*numbers)
+            if not _LEAST_NORM < norm < 1.0 / _LEAST_NORM:
+                said = f"{where}: quat_xyzw={quote(text)} has the norm {norm:g}; expected a unit quaternion"
+                raise UrdfError(source, said, name)
+            x, y, z, w = (number / norm for number in numbers)
+            angles = pin.rpy.matrixToRpy(pin.Quaternion(w, x, y, z).matrix())
+            origin.set("rpy", " ".join(repr(float(angle)) for angle in angles))
 
 
 def _unique_names(root: Element, tag: str, source: str) -> dict[str, Element]:

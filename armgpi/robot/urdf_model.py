@@ -1,22 +1,18 @@
 """From a checked URDF to a Pinocchio model of a fixed-base arm, with joints locked by name.
 
-What reaches Pinocchio is written anew from what was read: a tree of fixed, revolute and prismatic joints, one
-coordinate each, without geometry. Locking happens there (the joint becomes fixed at its value), which also
-works where a link and a joint share a name.
+What Pinocchio gets is what was read (:mod:`armgpi.robot.assembly`): a tree of fixed, revolute and prismatic
+joints, one coordinate each, without geometry. Locking happens there (the joint becomes fixed at its value),
+which also works where a link and a joint share a name.
 """
 
 from __future__ import annotations
 
 import math
-import os
-import re
-import tempfile
 import warnings
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Literal, NamedTuple
-from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
 import pinocchio as pin
@@ -24,15 +20,13 @@ import pinocchio as pin
 from armgpi.arrays import Array, as_number, check_choice, frozen
 from armgpi.errors import ArmgpiWarning, NameNotFound, ParameterError, Remedy, UrdfError
 from armgpi.robot import tensors, tree
+from armgpi.robot.assembly import Assembly, join
 from armgpi.robot.repairs import ABOUT_CENTRE, ACCEPT, SUPPOSE, UNITS, Repair, Repairs
 from armgpi.robot.tree import MULTI_DOF_TYPES, Joint, Link
 from armgpi.robot.urdf import Urdf
 
 #: Pinocchio's data of a chain needs about 64 B x n^3: 64 joints are 17 MB, 500 would be 8 GB.
 MAX_MOVING_JOINTS = 64
-#: Means "no limit" where urdfdom wants a number; ours are set afterwards.
-_UNBOUNDED = {"lower": "-1e300", "upper": "1e300", "effort": "1e300", "velocity": "1e300"}
-
 Mimic = Literal["lock", "follow"]
 
 
@@ -57,15 +51,15 @@ class Built(NamedTuple):
         locked: value of every locked joint [rad or m].
         coupling: how the coordinates follow from fewer free ones; None when all of them are free.
         repairs: the repairs that were made, in the file and in the tree with these joints locked.
-        xml: the URDF that Pinocchio was given, written anew: locked joints are fixed, shapes left out.
+        assembly: what the model was made of.
     """
 
     model: Any
     joints: tuple[Joint, ...]
     locked: Mapping[str, float]
-    coupling: Coupling | None = None
-    repairs: tuple[Repair, ...] = ()
-    xml: str = ""
+    coupling: Coupling | None
+    repairs: tuple[Repair, ...]
+    assembly: Assembly
 
 
 #: An arm's mass over its reach squared where its file tells none [kg/m^2]: UR3e, UR5e, UR10e, Panda, iiwa 7,
@@ -113,8 +107,8 @@ def build(
         if SUPPOSE not in urdf.wanted:
             _refuse_shapes_alone(urdf, moved)
         links = _suppose_bodies(urdf, links, locked, repairs)
-    xml = _urdf_text(urdf, links, locked)
-    model = _pinocchio_model(xml, urdf.source)
+    assembly = _assembly(urdf, links, locked)
+    model = _pinocchio_model(assembly, urdf.source)
     joints = tuple(map(urdf.joints.__getitem__, list(model.names)[1:]))
     if not model.nq == model.nv == len(joints) == len(moving):
         raise UrdfError(
@@ -122,7 +116,7 @@ def build(
             f"Pinocchio made {len(joints)} joints with {model.nq} coordinates of {len(moving)} moving joints",
         )
     coupling = _coupling(urdf, joints) if mimic == "follow" else None
-    return Built(model, joints, locked, coupling, tuple(repairs.made), xml)
+    return Built(model, joints, locked, coupling, tuple(repairs.made), assembly)
 
 
 def _check_joints(urdf: Urdf, moving: Collection[Joint], locked: Mapping[str, float]) -> None:
@@ -229,7 +223,7 @@ def _suppose_bodies(
     urdf: Urdf, links: Sequence[Link], locked: Mapping[str, float], repairs: Repairs
 ) -> list[Link]:
     """Return links of which each that a joint moves is a rod to the next joint or to the tip."""
-    model = _pinocchio_model(_urdf_text(urdf, links, locked), urdf.source)
+    model = _pinocchio_model(_assembly(urdf, links, locked), urdf.source)
     rods = np.zeros((model.njoints, 3))
     ends = [(int(model.parents[i]), model.jointPlacements[i]) for i in range(2, model.njoints)]
     for joint, placement in [*ends, *((int(x.parentJoint), x.placement) for x in model.frames)]:
@@ -360,77 +354,14 @@ def _name_list(value: Any, name: str) -> list[Any]:
     return names
 
 
-def _urdf_text(urdf: Urdf, links: Iterable[Link], locked: Mapping[str, float]) -> str:
-    """Return the URDF that Pinocchio gets: locked joints fixed, continuous ones unbounded, no geometry."""
-    version = {"version": urdf.root.get("version", "1.0")}
-    root = Element("robot", {"name": urdf.name, **version})  # urdfdom insists on a name
-    for link in links:
-        element = SubElement(root, "link", name=link.name)
-        if link.inertial:
-            inertial = SubElement(element, "inertial")
-            SubElement(inertial, "origin", xyz=join(link.xyz), rpy=join(link.rpy))
-            SubElement(inertial, "mass", value=repr(link.mass))
-            keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-            SubElement(inertial, "inertia", dict(zip(keys, map(repr, link.inertia), strict=True)))
-    for joint in urdf.joints.values():
-        moves = joint.moves and joint.name not in locked
-        # A continuous joint as one unbounded angle instead of Pinocchio's (cos, sin), so that nq = nv.
-        kind = "prismatic" if joint.type == "prismatic" else "revolute"
-        element = SubElement(root, "joint", name=joint.name, type=kind if moves else "fixed")
-        SubElement(element, "parent", link=joint.parent)
-        SubElement(element, "child", link=joint.child)
-        xyz, rpy = (joint.xyz, joint.rpy) if moves else _fixed_origin(joint, locked.get(joint.name, 0.0))
-        SubElement(element, "origin", xyz=join(xyz), rpy=join(rpy))
-        if moves:
-            SubElement(element, "axis", xyz=join(joint.direction.tolist()))
-            SubElement(element, "limit", _UNBOUNDED)
-    return tostring(root, encoding="unicode")
+def _assembly(urdf: Urdf, links: Iterable[Link], locked: Mapping[str, float]) -> Assembly:
+    """Return what the model is made of."""
+    return Assembly(urdf.name, urdf.base, tuple(links), tuple(urdf.joints.values()), dict(locked))
 
 
-def _fixed_origin(joint: Joint, value: float) -> tuple[Sequence[float], Sequence[float]]:
-    """Return xyz and rpy of a fixed joint with the pose of the moving one at `value`."""
-    if value == 0.0:
-        return joint.xyz, joint.rpy
-    axis, xyz = joint.direction, np.array(joint.xyz)
-    rotation = pin.rpy.rpyToMatrix(np.array(joint.rpy))
-    if joint.type == "prismatic":
-        xyz = xyz + rotation @ axis * value
-    else:
-        rotation = rotation @ pin.exp3(axis * value)
-    return xyz.tolist(), pin.rpy.matrixToRpy(rotation).tolist()
-
-
-def join(numbers: Iterable[float]) -> str:
-    """Join numbers as URDF attributes want them, to the last digit."""
-    return " ".join(repr(float(number)) for number in numbers)
-
-
-def _pinocchio_model(xml: str, source: str) -> Any:
-    """Build the model, turning Pinocchio's bare refusal into one that carries the parser's reason."""
-    with _captured_stderr() as captured:
-        try:
-            model = pin.buildModelFromXML(xml)
-            reason = ""
-        except (ValueError, RuntimeError, UnicodeError) as error:
-            model, reason = None, str(error)
-    if model is None:
-        # Line numbers in it are of urdfdom's source.
-        said = " ".join(re.sub(r" at line \d+ in \S+", "", captured[0]).split()) if captured else ""
-        raise UrdfError(source, f"is refused by Pinocchio: {said or reason}")
-    return model
-
-
-@contextmanager
-def _captured_stderr() -> Iterator[list[str]]:
-    """Collect what C++ writes to file descriptor 2, where urdfdom puts the reason of a refusal."""
-    said: list[str] = []
-    with tempfile.TemporaryFile() as sink:
-        saved = os.dup(2)
-        try:
-            os.dup2(sink.fileno(), 2)
-            yield said
-        finally:
-            os.dup2(saved, 2)
-            os.close(saved)
-            sink.seek(0)
-            said.append(sink.read().decode("utf-8", "replace"))
+def _pinocchio_model(assembly: Assembly, source: str) -> Any:
+    """Return the model, turning Pinocchio's refusal into one of the file."""
+    try:
+        return assembly.model()
+    except (ValueError, RuntimeError, UnicodeError) as error:
+        raise UrdfError(source, f"is refused by Pinocchio: {' '.join(str(error).split())}") from None
