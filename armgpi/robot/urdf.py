@@ -16,8 +16,6 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, SubElement
 
-import pinocchio as pin
-
 from armgpi.errors import UrdfError
 from armgpi.escape import in_si, quote
 from armgpi.robot import tree
@@ -284,6 +282,8 @@ def _turn_quaternions(root: Element, source: str) -> None:
             if not _LEAST_NORM < norm < 1.0 / _LEAST_NORM:
                 said = f"{where}: quat_xyzw={quote(text)} has the norm {norm:g}; expected a unit quaternion"
                 raise UrdfError(source, said, name)
+            import pinocchio as pin  # which takes a while, and few files need it
+
             x, y, z, w = (number / norm for number in numbers)
             angles = pin.rpy.matrixToRpy(pin.Quaternion(w, x, y, z).matrix())
             origin.set("rpy", " ".join(repr(float(angle)) for angle in angles))
