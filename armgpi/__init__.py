@@ -1,6 +1,7 @@
 """armgpi controls a robot arm by joint torques and measures joint positions only.
 
-The public names by what they are for; `help(armgpi.GPI)` explains one, docs/python.md is a tour.
+The public names by what they are for; `help(armgpi.GPI)` explains one, docs/python.md is a tour. Write
+`import armgpi`: names are loaded on their first use, so `from armgpi import *` imports none.
 
 Robots
     Robot, RobotBatch, robots, assume_drives, Friction, health
@@ -51,7 +52,6 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 if TYPE_CHECKING:
     from armgpi import errors as errors
     from armgpi import health as health
-    from armgpi import view as view
     from armgpi.certification.certificate import Certificate as Certificate
     from armgpi.certification.certificate import certify as certify
     from armgpi.certification.path import PathBound as PathBound
@@ -149,18 +149,18 @@ if TYPE_CHECKING:
     from armgpi.validation.derivation import derive as derive
     from armgpi.validation.report import DynamicsReport as DynamicsReport
     from armgpi.validation.skeleton import suggest_urdf as suggest_urdf
-    from armgpi.view import plots as plots
-    from armgpi.view.results import Comparison as Comparison
-    from armgpi.view.results import compare as compare
-    from armgpi.view.results import report as report
+    from armgpi.viewing import plots as plots
+    from armgpi.viewing.results import Comparison as Comparison
+    from armgpi.viewing.results import compare as compare
+    from armgpi.viewing.results import report as report
+    from armgpi.viewing.results import view as view
 
 _MODULES = {
     "errors": "errors",
     "health": "health",
     "metrics": "loop.metrics",
-    "plots": "view.plots",
+    "plots": "viewing.plots",
     "robots": "robot.robots",
-    "view": "view",
 }
 _NAMES = {
     "certification.certificate": ("Certificate", "certify"),
@@ -217,7 +217,7 @@ _NAMES = {
     "validation.derivation": ("Derivation", "derive"),
     "validation.report": ("DynamicsReport",),
     "validation.skeleton": ("suggest_urdf",),
-    "view.results": ("Comparison", "compare", "report"),
+    "viewing.results": ("Comparison", "compare", "report", "view"),
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}
 
@@ -228,9 +228,6 @@ _PUBLIC = sorted([*_MODULES, *_HOME, "__version__"])
 
 def __getattr__(name: str) -> object:
     """Load a public name on its first use (PEP 562)."""
-    # `help(armgpi)` prints the help of every name in `__all__`, ten thousand lines: our docstring has them.
-    if name == "__all__" and sys._getframe(1).f_globals.get("__name__") != "pydoc":
-        return list(_PUBLIC)
     if name in _RENAMED:
         warn_renamed(f"armgpi.{name}", f"armgpi.{_RENAMED[name]}")
         return __getattr__(_RENAMED[name])
@@ -247,5 +244,8 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """Return the public names."""
+    """Return the public names.
+
+    There is no `__all__`: with it, `help(armgpi)` would print the help of every name, ten thousand lines.
+    """
     return _PUBLIC

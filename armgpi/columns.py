@@ -91,7 +91,7 @@ def read_messages(path: Path, topic: str, fields: Sequence[str], most: int) -> l
         Exception: whatever the packages raise for a damaged file.
     """
     content = files.read_bytes(path, most)
-    ros = import_extra("mcap_ros2.decoder", "mcap", "mcap").DecoderFactory()
+    ros = import_extra("mcap_ros2.decoder", "mcap", "mcap-ros2-support").DecoderFactory()
     records = import_extra("mcap.records", "mcap")
     schemas: dict[int, Any] = {0: None}
     channels: dict[int, Any] = {}

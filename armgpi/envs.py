@@ -1,6 +1,6 @@
 """A Gymnasium environment of an arm that follows a reference: what learning adds to a controller.
 
-It needs ``pip install 'armgpi[envs]'``.
+It needs Gymnasium: ``pip install gymnasium``.
 """
 
 from __future__ import annotations

@@ -23,6 +23,28 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, Literal, NamedTuple, TypeVar
 
+__all__ = [
+    "ArmgpiError",
+    "ArmgpiWarning",
+    "ArrayError",
+    "BackendError",
+    "ConfigError",
+    "EffortError",
+    "Finding",
+    "LimitError",
+    "MissingPackage",
+    "ModelError",
+    "NameNotFound",
+    "ParameterError",
+    "PayloadError",
+    "ReachError",
+    "Remedy",
+    "RolloutError",
+    "UnfitLog",
+    "UnreadableTrajectory",
+    "UrdfError",
+]
+
 Level = Literal["error", "warning", "info"]
 _Error = TypeVar("_Error", bound="ArmgpiError")
 
@@ -351,7 +373,7 @@ class MissingPackage(ArmgpiError):
     def __init__(self, package: str, extra: str = "viz") -> None:
         """Say which package is missing and how to get it."""
         self.package, self.extra = package, extra
-        super().__init__(f"needs the package {package!r}: pip install 'armgpi[{extra}]', or {package}")
+        super().__init__(f"needs the package {package!r}: pip install {package}")
 
 
 def require_extra(module: str, extra: str, package: str = "") -> None:
@@ -389,3 +411,8 @@ def import_extra(module: str, extra: str, package: str = "") -> Any:
         return import_module(module)
     except ImportError:
         raise MissingPackage(package or module.partition(".")[0], extra) from None
+
+
+def __dir__() -> list[str]:
+    """Return the public names, without what is imported here."""
+    return __all__

@@ -29,7 +29,7 @@ from armgpi import (
 from armgpi.config import experiment
 from armgpi.paper.arm import PaperArm
 from armgpi.references.paths import LaserPath
-from armgpi.view import meshcat, plots, report
+from armgpi.viewing import meshcat, plots, report
 
 robot = Robot.load("anthropomorphic3")
 reference = CartesianReference(robot, robot.tip, LaserPath(), PaperArm().inverse_kinematics)

@@ -22,7 +22,7 @@ import xarray as xr  # noqa: E402
 from PIL import Image  # noqa: E402
 
 import armgpi  # noqa: E402
-from armgpi.view import meshcat, plots, scene  # noqa: E402
+from armgpi.viewing import meshcat, plots, scene  # noqa: E402
 
 IMAGES = ROOT / "docs" / "images"
 #: Picture -> the experiment that it shows, in armgpi's words, and the time to show [s].

@@ -17,7 +17,7 @@ import numpy as np
 
 import armgpi
 from armgpi import config
-from armgpi.view import meshcat, play
+from armgpi.viewing import meshcat, play
 
 #: Robot -> what its experiment is, beside the default move.
 PAGES = {

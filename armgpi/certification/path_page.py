@@ -9,8 +9,8 @@ import numpy as np
 
 from armgpi.certification.path import PathBound, describe
 from armgpi.loop.units import POSITION, TORQUE
-from armgpi.view import page, style
-from armgpi.view.drawing import Drawing, figure
+from armgpi.viewing import page, style
+from armgpi.viewing.drawing import Drawing, figure
 
 _BLUE, _QUIET, _RED = style.PALETTE[0], "#aeb8c2", style.ALARM
 #: Points of a curve.

@@ -15,8 +15,8 @@ from armgpi.gpi.gains import Tuning
 from armgpi.gpi.margins import open_loop
 from armgpi.loop.units import POSITION, TORQUE
 from armgpi.verdict import Verdict
-from armgpi.view import page, style
-from armgpi.view.drawing import LINE, Drawing, figure
+from armgpi.viewing import page, style
+from armgpi.viewing.drawing import LINE, Drawing, figure
 
 #: What of the plane Nyquist's curve is drawn in.
 _REACH = 2.2

@@ -141,7 +141,7 @@ def _extra(name: str, packages: tuple[tuple[str, str], ...]) -> Check:
     """Return which packages of an extra are there."""
     missing = [package for package, module in packages if find_spec(module) is None]
     if missing:
-        return Check("info", f"extra {name}", f"no {', '.join(missing)}", f"pip install 'armgpi[{name}]'")
+        return Check("info", f"extra {name}", f"no {', '.join(missing)}", f"pip install {' '.join(missing)}")
     return Check("ok", f"extra {name}", ", ".join(f"{p} {_version(p) or '?'}" for p, _ in packages))
 
 
@@ -151,7 +151,7 @@ def _example_robot_data() -> Check:
 
     version, count = _version("example-robot-data"), len(robots.names())
     folder = robots.example_folder()
-    install = "pip install 'armgpi[robots]'"
+    install = "pip install example-robot-data"
     if folder is None:
         return Check("info", "example-robot-data", f"not found; {count} robots by name", install)
     found = f"{version or 'unknown version'} in {folder}; {count} robots by name"

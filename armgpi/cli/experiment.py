@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import sys
 from collections.abc import Mapping
 from importlib import util
@@ -90,7 +91,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     from armgpi import config as configuration
     from armgpi.cli import pictures
     from armgpi.cli.settings import settings
-    from armgpi.cli.tables import check_table, print_tables, write_table
+    from armgpi.cli.tables import check_table, write_table
     from armgpi.config import experiment as experiments
     from armgpi.loop.rollout import Status
 
@@ -122,12 +123,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
             paths.append(write_table(experiment, records, options["table"]))
         paths += pictures.make(options, result, experiment)
     finally:
-        if options["as_json"]:
-            say(json.dumps(records))
-        else:
-            if compare and (said := _verdict(experiment, records)):
-                say(said)
-            print_tables(experiment, records)
+        _print_results(options, compare, experiment, records)
     for path in paths:
         say(f"wrote {path}", err=True)
     if options["view"] and result.sizes["time"]:
@@ -138,6 +134,39 @@ def _run(options: dict[str, Any], compare: bool) -> int:
         say(f"note: `armgpi inspect {name}` finds what makes an arm hard to control", err=True)
     code = {Status.FINISHED: OK, Status.INTERRUPTED: INTERRUPTED}
     return code.get(experiments.overall_status(records), FAILED)
+
+
+def _print_results(
+    options: Mapping[str, Any], compare: bool, experiment: Experiment, records: list[dict[str, Any]]
+) -> None:
+    """Print the results as JSON; or the table, how each rollout ended, and what to do next."""
+    from armgpi.cli.tables import print_tables
+    from armgpi.config import experiment as experiments
+    from armgpi.loop.rollout import Status
+
+    if options["as_json"]:
+        say(json.dumps(records))
+        return
+    if compare and (said := _verdict(experiment, records)):
+        say(said)
+    print_tables(experiment, records)
+    if experiments.overall_status(records) == Status.FINISHED:
+        say(_next_commands(options, compare), lines=True)
+
+
+def _next_commands(options: Mapping[str, Any], compare: bool) -> str:
+    """Return the commands that a reader of the table may want next."""
+    name = shlex.quote(str(options["config"] or options["robot"]))
+    command = f"armgpi {'compare' if compare else 'run'} {name}"
+    proposals = [(f"{command} --report report.html", "plots and animation")]
+    if not compare:
+        proposals.append((f"armgpi compare {name}", "other controllers on the same arm"))
+    if options["config"] is None:
+        proposals.append((f"armgpi new {name}", "a file of this experiment to edit"))
+    else:
+        proposals.append((f"armgpi play --config {name}", "a page with sliders"))
+    width = max(len(typed) for typed, _ in proposals)
+    return "\n".join(["Next:", *(f"  {typed:<{width}}   {purpose}" for typed, purpose in proposals)])
 
 
 def _verdict(experiment: Experiment, records: list[dict[str, Any]]) -> str:
@@ -197,26 +226,25 @@ def note_world(robot: str, how: Mapping[str, Any], judged: str = "") -> None:
 
 
 def note_drives(experiment: Experiment, explain: bool = True) -> None:
-    """Say what is assumed of an arm's drives, and what limits automatically tuned controllers.
+    """Say which arm and controllers an experiment has, and what of the arm's drives is assumed.
 
     Args:
         experiment: of the arm.
-        explain: whether values and reasons are said; else one line that names the quantities.
+        explain: whether the assumed values, their reasons and the limits of automatic tuning are printed;
+            else one line names what is assumed.
     """
     from armgpi.config import world
-    from armgpi.config.building import verdicts
     from armgpi.gpi.geared import is_known
     from armgpi.gpi.untuned import BITS
     from armgpi.plants.elastic import ElasticPlant
     from armgpi.plants.plant import inside
-    from armgpi.robot.rotors import describe, describe_gears, describe_ratio, summarise
+    from armgpi.robot.rotors import assumed_something
 
     robot = experiment.robot
-    say(world.describe(experiment.config, experiment.robot, every=True), err=True)
-    assumed = "" if explain else summarise(robot)
-    values = (describe(robot), describe_gears(robot), describe_ratio(robot))
-    for said in filter(None, (assumed,) if assumed else values):
-        say(said, err=True)
+    line = world.describe(experiment.config, experiment.robot, every=True)
+    say(line if explain or not assumed_something(robot) else f"{line}. Values: --explain", err=True)
+    if explain:
+        _explain_drives(experiment)
     stiff = [name for name, plant in experiment.plants.items() if not isinstance(inside(plant), ElasticPlant)]
     if stiff and is_known(experiment.robot):
         say(
@@ -224,16 +252,30 @@ def note_drives(experiment: Experiment, explain: bool = True) -> None:
             "have elastic joints, so its errors will differ. Use --plant elastic to simulate them",
             err=True,
         )
-    made = verdicts(experiment)
-    if made and getattr(experiment.config.plant, "encoder_bits", None) is None:
+    automatic = any(section.type == world.AUTOMATIC for section in experiment.config.controllers)
+    if automatic and getattr(experiment.config.plant, "encoder_bits", None) is None:
         say(
             f"note: the encoder resolution is not specified; {BITS} bits assumed: --encoder-bits",
             err=True,
         )
-    for label, each in made.items():
+
+
+def _explain_drives(experiment: Experiment) -> None:
+    """Print the assumed values of the drives, the deflection that they cause, and what limits the tuning."""
+    from armgpi.config.building import verdicts
+    from armgpi.plants.plant import inside
+    from armgpi.robot.rotors import describe, describe_gears, describe_ratio
+
+    robot = experiment.robot
+    for said in filter(None, (describe(robot), describe_gears(robot), describe_ratio(robot))):
+        say(said, err=True)
+    for plant in experiment.plants.values():
+        if sag := getattr(inside(plant), "sag", ""):
+            say(sag, err=True)
+            break
+    for label, each in verdicts(experiment).items():
         say(f"{label}: {each.describe()}", err=True)
-        if explain:
-            say(f"{label}: {each.explain(robot.joint_names)}", err=True)
+        say(f"{label}: {each.explain(robot.joint_names)}", err=True)
 
 
 def check_out(options: dict[str, Any], experiment: Experiment) -> None:
@@ -251,13 +293,11 @@ def check_out(options: dict[str, Any], experiment: Experiment) -> None:
 
 
 def note_differences(experiment: Experiment) -> None:
-    """Say what MuJoCo does otherwise than armgpi's own plant, and how far gears let the tool sag."""
+    """Say what MuJoCo does otherwise than armgpi's own plant."""
     from armgpi.plants.plant import inside
 
     for plant in experiment.plants.values():
         inner = inside(plant)
-        if sag := getattr(inner, "sag", ""):
-            say(sag, err=True)
         if (differences := getattr(inner, "differences", None)) is not None:
             for said in differences or ("what it does differs by rounding alone",):
                 say(f"note: MuJoCo: {said}", err=True)

@@ -104,7 +104,9 @@ def _export(options: dict[str, Any]) -> int:
         from armgpi.hardware.export.names import check_name
         from armgpi.hardware.export.targets import check_target
     except ModuleNotFoundError as error:
-        raise refusal("", f"{error.name} writes the C: pip install 'armgpi[compiled]'") from None
+        raise refusal(
+            "", f"{error.name} writes the C, and it is not installed: pip install {error.name}"
+        ) from None
     target = _target(options)
     experiment = _experiment(options, target)
     _check_arm(experiment, target)

@@ -80,7 +80,7 @@ def inspect(
     else:
         _show(found, verdict)
     if report is not None:
-        from armgpi.view import meshcat
+        from armgpi.viewing import meshcat
 
         say(f"wrote {meshcat.write(_page(found, verdict), report)}", err=True)
     sys.exit(verdict.exit_code)
@@ -241,7 +241,7 @@ def _untuned_lines(facts: Mapping[str, Any]) -> list[str]:
 def _page(report: HealthReport, judged: Verdict) -> str:
     """Return the report as a page: the verdict, what was found, the joints, what a controller will do."""
     from armgpi.health.findings import fold
-    from armgpi.view import page
+    from armgpi.viewing import page
 
     facts = report.facts
     joints = [[joint["name"], *(column.text(joint) for column in _COLUMNS)] for joint in facts["joints"]]

@@ -133,7 +133,7 @@ def _write_files(
             files["loop.armlog"] = pack(outcome.log)
         paths += experiments.save(outcome.rollout, experiment, out, files)
     if report is not None:
-        from armgpi.view import report as reports
+        from armgpi.viewing import report as reports
 
         page = reports.build(outcome.rollout, experiment.robot, configuration=dump(experiment.config))
         paths.append(reports.write(page, report))
@@ -154,7 +154,7 @@ def _code(outcome: Outcome) -> int:
 def _watcher(experiment: Experiment, stack: ExitStack) -> Callable[[dict[str, Any]], None]:
     """Serve a page on which the arm moves as it does, with how late it wakes, and return what moves it."""
     from armgpi.hardware.realtime.outcome import EDGES
-    from armgpi.view import meshcat
+    from armgpi.viewing import meshcat
 
     robot = experiment.robot
     server = stack.enter_context(meshcat.Server(meshcat.robot_page(robot, live=True)))

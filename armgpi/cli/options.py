@@ -51,7 +51,7 @@ ROWS = {
     "controller --controller --controllers NAME": "{controllers}; or a label of the file. Default: gpi, or "
     "gpi_auto with an encoder or delay.",
     "controllers --controllers --controller NAMES": "Which ones of {controllers}: 'gpi,pid' by default, "
-    "'gpi_auto,pid' with an encoder or delay; or labels of the experiment file.",
+    "'gpi_auto,pid_positions,pid' with an encoder or delay; or labels of the experiment file.",
     "delay SAMPLES": "Delay of the measurements [samples].",
     "out --out -o FOLDER": "Folder for rollout.nc, experiment.yaml and metrics.json.",
     "force": "Write to --out even where it holds another experiment.",

@@ -41,7 +41,7 @@ def reproduce(
     say(done.summary, lines=True)
     say(f"wrote {len(done.files)} files to {out}, {out / 'reproduction.md'} first", err=True)
     if report is not None:
-        from armgpi.view import report as reports
+        from armgpi.viewing import report as reports
 
         page = reports.build(
             reports.merge_rollouts(done.contenders), title="The paper's scenario 5.3, reproduced"

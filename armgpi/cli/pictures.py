@@ -41,13 +41,13 @@ def check(
         if wanted:
             check_packages(picture, f"--{picture}")
     if plot is not None:
-        from armgpi.view import plots
+        from armgpi.viewing import plots
 
         plots.check_path(plot)
     if interactive:
         if report is None:
             raise refusal("--interactive", "requires --report FILE")
-        from armgpi.view.play import compiler
+        from armgpi.viewing.play import compiler
 
         compiler()
     for picture, file in {"plot": plot, "html": html, "report": report}.items():
@@ -59,7 +59,7 @@ def check_packages(picture: str, option: str) -> None:
     """Refuse a picture whose packages are not installed."""
     for package in _NEEDS[picture]:
         if find_spec(package) is None:
-            raise refusal(option, f"needs the package {package!r}: pip install 'armgpi[viz]', or {package}")
+            raise refusal(option, f"needs the package {package!r}: pip install {package}")
 
 
 def check_file(path: Path, option: str) -> None:
@@ -87,7 +87,7 @@ def make(options: dict[str, Any], result: xr.Dataset, experiment: Experiment) ->
     if not (options["plot"] or options["html"] or options["report"]):
         return written
     from armgpi.config import dump
-    from armgpi.view import plots
+    from armgpi.viewing import plots
 
     if result.sizes["time"] < 1:
         say("note: no pictures, as the run was stopped before its first sample", err=True)
@@ -96,11 +96,11 @@ def make(options: dict[str, Any], result: xr.Dataset, experiment: Experiment) ->
     if options["plot"] is not None:
         written.append(plots.save(plots.overview(result), options["plot"]))
     if options["html"] is not None:
-        from armgpi.view import meshcat
+        from armgpi.viewing import meshcat
 
         written.append(meshcat.write(meshcat.rollout_page(result, robot), options["html"]))
     if options["report"] is not None:
-        from armgpi.view import report
+        from armgpi.viewing import report
 
         text = dump(experiment.config)
         if options["interactive"]:
@@ -112,8 +112,8 @@ def make(options: dict[str, Any], result: xr.Dataset, experiment: Experiment) ->
 
 
 def page_to_play_with(experiment: Experiment, **options: Any) -> str:
-    """Return the page of an experiment; who looks is told how far it is. See `armgpi.view.play.build`."""
-    from armgpi.view.play import build
+    """Return the page of an experiment; who looks is told how far it is. See `armgpi.viewing.play.build`."""
+    from armgpi.viewing.play import build
 
     if not sys.stderr.isatty():
         say("making the page: some 12 s the first time, 3 for the next one of the same arm", err=True)
@@ -125,7 +125,7 @@ def page_to_play_with(experiment: Experiment, **options: Any) -> str:
 
 def serve_rollout(result: xr.Dataset, robot: Any) -> None:
     """Show rollouts until Ctrl-C."""
-    from armgpi.view import meshcat
+    from armgpi.viewing import meshcat
 
     serve(meshcat.rollout_page(result, one(robot)))
 
@@ -138,7 +138,7 @@ def one(robot: Any) -> Robot:
 
 def serve(page: str, port: int | None = None, browser: bool = False) -> None:
     """Serve a page to this machine until Ctrl-C, saying where it is."""
-    from armgpi.view.meshcat import Server
+    from armgpi.viewing.meshcat import Server
 
     has_display = sys.platform in ("darwin", "win32") or any(
         map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))

@@ -45,8 +45,8 @@ def play(
     from armgpi.cli import pictures
     from armgpi.cli.settings import settings
     from armgpi.config.building import summary
-    from armgpi.view import meshcat
-    from armgpi.view.play import compiler
+    from armgpi.viewing import meshcat
+    from armgpi.viewing.play import compiler
 
     pictures.check_packages("html", "--out")
     require_extra("casadi", "compiled")

@@ -57,7 +57,7 @@ def robots(
         for row in rows:
             say("  ".join((row["name"].ljust(max(map(len, found))), *row["remarks"])).rstrip())
     if not set(EXAMPLE_ROBOT_DATA) & set(found):
-        say("more come with: pip install 'armgpi[robots]'", err=True)
+        say("more robots come with: pip install example-robot-data", err=True)
     described = description_names()
     if described:
         text = f"and {len(described)} names of robot_descriptions, fetched at first use: {described[0]}, ..."

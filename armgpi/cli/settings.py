@@ -207,7 +207,10 @@ def _standard(data: dict[str, Any], compare: bool) -> list[dict[str, Any]]:
         data["plant"] = {"friction": "urdf", **(data.get("plant") or {})}
         law = {"type": "gpi_auto"}
         return [{**law, "label": "file", "nominal": str(found.before)}, {**law, "label": "identified"}]
-    return [{"type": configuration.standard_law(data)}, {"type": "pid"}]
+    law = configuration.standard_law(data)
+    # A rival that measures positions alone comes first; behind exact sensors all measure the same.
+    types = [law, "pid_positions", "pid"] if law == "gpi_auto" else [law, "pid"]
+    return [{"type": kind} for kind in types]
 
 
 def _choose_controllers(

@@ -71,7 +71,7 @@ def sweep(
     if report is not None:
         require_extra("trimesh", "viz")
     if workers > 1 or cluster is not None:
-        require_extra("dask.distributed", "cluster")
+        require_extra("dask.distributed", "cluster", "distributed")
     count = _count(rollouts)
     asked = Sweep.of(*_read(file), sampling)
     study = asked.enter(out, accept_code)
@@ -149,7 +149,7 @@ def _run_sweep(
         _print(sweep, said, results.sentences(said))
     if report is not None:
         from armgpi.studies import page
-        from armgpi.view.report import write
+        from armgpi.viewing.report import write
 
         unseen = verdict.line if left_out else ""
         written.append(write(page.html(sweep, found, said, unseen), report))

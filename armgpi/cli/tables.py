@@ -19,13 +19,14 @@ from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import console as console_of
 from armgpi.cli.terminal import natural_width, widen
 from armgpi.config import Experiment
+from armgpi.config.building import verdicts
 from armgpi.config.experiment import describe_saturation
 from armgpi.escape import csv_table, latex_text, printable
 from armgpi.gpi.advice import COUNT_SHARE
 from armgpi.gpi.gains import FixedGains
 from armgpi.gpi.geared import is_known
 from armgpi.gpi.law import GPI
-from armgpi.gpi.untuned import verdict
+from armgpi.gpi.untuned import USUAL_SENSITIVITY, Verdict, verdict
 from armgpi.loop import metrics, units
 from armgpi.loop.rollout import describe_measurement
 from armgpi.loop.running import ROUNDING
@@ -62,8 +63,9 @@ def print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None:
         console.print(line)
     if note := units.note(robot.joint_names, robot.prismatic):
         console.print(printable(note))
+    tuned = verdicts(experiment)
     for record in records:
-        _print_end(console, experiment, record)
+        _print_end(console, experiment, record, tuned.get(record["label"]))
 
 
 def _tool_lines(
@@ -92,8 +94,10 @@ def _sunk(experiment: Experiment, label: str) -> str:
     return f" (static deflection at the end: {metrics.short(sunk, 3)} mm)" if sunk > 0.0 else ""
 
 
-def _print_end(console: Any, experiment: Experiment, record: dict[str, Any]) -> None:
-    """Print how a rollout ended, and what its loop tolerates."""
+def _print_end(
+    console: Any, experiment: Experiment, record: dict[str, Any], tuned: Verdict | None = None
+) -> None:
+    """Print how a rollout ended, and what its loop tolerates; `tuned` limits an automatic controller."""
     excess = max((x or 0.0 for x in record["metrics"]["limit_excess"]), default=0.0)
     left = f"; left its joint limits by up to {excess:.3g}" if excess > ROUNDING else ""
     measured = describe_measurement(record["measurement"], record["knows"])
@@ -104,7 +108,7 @@ def _print_end(console: Any, experiment: Experiment, record: dict[str, Any]) -> 
     if stopped := re.search(r"stopped at .*: ([A-Z_]+) \(", record["end"]):
         console.print(printable(remedy(stopped[1])))
     controller = experiment.controllers.get(record["label"])
-    if isinstance(controller, GPI) and (said := _loop(controller, record["label"], experiment)):
+    if isinstance(controller, GPI) and (said := _loop(controller, tuned, experiment)):
         console.print(said)
 
 
@@ -156,24 +160,25 @@ def _latex(heads: list[str], rows: list[list[str]]) -> str:
 _FORMATS = {".csv": csv_table, ".md": _markdown, ".tex": _latex}
 
 
-def _loop(controller: GPI, label: str, experiment: Experiment) -> str:
+def _loop(controller: GPI, tuned: Verdict | None, experiment: Experiment) -> str:
     """Return what the loop that is run tolerates, and what one count of the encoders does; or nothing."""
-    said = [_margins(controller, label, experiment), _count(controller, experiment)]
-    text = "; ".join(part for part in said if part)
-    return f"  {text}" if text else ""
+    lines = [_margins(controller, tuned, experiment), _count(controller, experiment)]
+    return "\n".join(f"  {line}" for line in lines if line)
 
 
-def _margins(controller: GPI, label: str, experiment: Experiment) -> str:
-    """Return the margins of the loop; of an automatic controller on elastic joints its verdict has them."""
+def _margins(controller: GPI, tuned: Verdict | None, experiment: Experiment) -> str:
+    """Return the margins of the loop; those of an automatic controller are in its verdict."""
+    if tuned is not None:
+        return f"tuning {tuned.describe()}"
     if is_known(experiment.robot):
-        automatic = {section.label for section in experiment.config.controllers if section.type == "gpi_auto"}
-        if label in automatic or not isinstance(controller.gains, FixedGains):
+        if not isinstance(controller.gains, FixedGains):
             return ""
         judged = verdict(controller, experiment.robot)
         if not math.isfinite(judged.sensitivity):
             return "loop with elastic joints: not stable over the whole range of the joint stiffness"
         return (
-            f"loop with elastic joints: Ms {judged.sensitivity:.2f}, delay margin {1e3 * judged.spare:.3g} ms"
+            f"loop with elastic joints: Ms {judged.sensitivity:.2f} ({USUAL_SENSITIVITY}), "
+            f"delay margin {1e3 * judged.spare:.3g} ms"
         )
     phase, delay, delta = controller.margins()
     spent = 0.5 * controller.dt + controller.delay

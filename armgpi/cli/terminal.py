@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -29,19 +30,36 @@ def say(text: object, *, err: bool = False, fg: str | None = None, lines: bool =
     typer.secho(line, err=err, fg=fg, nl=not (lines and line.endswith("\n")))
 
 
-@contextmanager
-def progress() -> Iterator[Callable[[str], None]]:
-    """Give what says on stderr how far something long is, where somebody looks; nothing of it stays."""
-    looks = sys.stderr is not None and sys.stderr.isatty()
+#: Seconds after which a pipe gets its first line of progress, and between two lines.
+_FIRST_LINE, _NEXT_LINE = 5.0, 30.0
 
-    def rewrite_line(text: str) -> None:
-        if looks:
-            typer.secho(f"\r{printable(text):<40}" + ("" if text else "\r"), err=True, nl=False)
+
+@contextmanager
+def progress(task: str = "") -> Iterator[Callable[[str], None]]:
+    """Give a function that shows on stderr how far a long task is.
+
+    On a terminal it rewrites one line, which is gone at the end. In a pipe, where a task takes long, it
+    writes a line now and then.
+
+    Args:
+        task: what is being done, the beginning of each line.
+    """
+    on_terminal = sys.stderr is not None and sys.stderr.isatty()
+    due = monotonic() + _FIRST_LINE
+
+    def show(text: str) -> None:
+        nonlocal due
+        line = f"{task}: {text}" if task and text else text
+        if on_terminal:
+            typer.secho(f"\r{printable(line):<40}" + ("" if line else "\r"), err=True, nl=False)
+        elif line and monotonic() >= due:
+            due = monotonic() + _NEXT_LINE
+            say(line, err=True)
 
     try:
-        yield rewrite_line
+        yield show
     finally:
-        rewrite_line("")
+        show("")
 
 
 def console(**options: Any) -> Console:

@@ -106,10 +106,10 @@ def show(
         drawn = picture[1](pictures)
         paths = [*paths, files.write(picture[0], drawn)]
     elif picture is not None:
-        say("no picture: it needs the package 'matplotlib' (pip install 'armgpi[viz]')", err=True)
+        say("no picture was drawn: it needs the package 'matplotlib' (pip install matplotlib)", err=True)
     say(text if data is None else json.dumps(data), lines=True)
     if report is not None:
-        from armgpi.view import page
+        from armgpi.viewing import page
 
         sections = {"Result": page.from_markdown(text, "result")}
         if drawn:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from armgpi.cli import options as opt
 from armgpi.cli.parsing import refusal, stoppable
-from armgpi.cli.terminal import say
+from armgpi.cli.terminal import progress, say
 from armgpi.files import check_set, read_bytes
 
 if TYPE_CHECKING:
@@ -18,7 +18,14 @@ if TYPE_CHECKING:
 
 #: Endings of logs, as :mod:`armgpi.loop.logs` writes them.
 LOGS = (".mcap", ".rrd")
-File = Annotated[Path | None, opt.page("Write the page as one file for any browser, and serve none.")]
+#: Endings of films, as :mod:`armgpi.viewing.film` writes them.
+FILMS = (".gif", ".mp4")
+File = Annotated[
+    Path | None,
+    opt.page(
+        "Write one file and serve nothing: a page for any browser, or of a rollout a film (.gif, .mp4)."
+    ),
+]
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
     "targets <ROBOT...|FILE>": "Names of robots or paths of URDF files, shown side by side; or a rollout "
@@ -43,19 +50,23 @@ def view(
     browser: bool = False,
     **how: Any,
 ) -> None:
-    """Show robots, or play a rollout, in MeshCat: at an address of this machine alone, or as one file.
+    """Show robots, or play a rollout, in MeshCat: at an address of this machine alone, or as a page or film.
 
     \b
     armgpi view panda
     armgpi view ur5 panda kinova
     armgpi view results/rollout.nc -o arm.html
+    armgpi view results/rollout.nc -o arm.gif
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.cli import pictures
-    from armgpi.view import meshcat
+    from armgpi.viewing import meshcat
 
     pictures.check_packages("html", "view")
     if out is not None:
         pictures.check_file(out, "--out")
+        if out.suffix.lower() in FILMS:
+            say(f"wrote {_film(targets, out, how, robot, frame)}", err=True)
+            return
     page = _page(targets, how, robot, frame)
     if out is not None:
         say(f"wrote {meshcat.write(page, out)}", err=True)
@@ -85,7 +96,7 @@ def report(
     if not is_log:
         pictures.check_packages("report", "--out")
     pictures.check_file(output, "--out")
-    from armgpi.view import report as reports
+    from armgpi.viewing import report as reports
 
     loaded = {}
     files = [path / "rollout.nc" if path.is_dir() else path for path in files]
@@ -111,20 +122,43 @@ def report(
     say(f"wrote {reports.write(page, output)}", err=True)
 
 
+def _film(
+    targets: list[str], out: Path, how: Mapping[str, Any], robot: str | None, frame: str | None
+) -> Path:
+    """Write the film of a rollout and return its path."""
+    from armgpi.cli import pictures
+    from armgpi.viewing import film
+
+    pictures.check_packages("plot", "--out")
+    film.check_path(out)
+    result, arm = _rollout(targets, how, robot)
+    with progress(f"drawing {out.name}") as show:
+        return film.write(result, out, arm, frame=frame, progress=show)
+
+
+def _rollout(targets: list[str], how: Mapping[str, Any], robot: str | None) -> tuple[xr.Dataset, Robot]:
+    """Return the rollout that shall be shown, and its arm."""
+    from armgpi.loop import rollout as rollouts
+    from armgpi.viewing import scene
+
+    if Path(targets[0]).suffix.lower() != ".nc":
+        raise refusal("FILE", f"a film is of a rollout (.nc), and {targets[0]} is none")
+    for key in (key for key in ("lock", "keep", "mimic", "repair") if how[key]):
+        raise refusal(f"--{key}", "is for robots; a rollout has its joints locked already")
+    if len(targets) > 1:
+        raise refusal("FILE", f"one rollout at a time, or `armgpi report {' '.join(targets)}`")
+    result = rollouts.load(targets[0])
+    arm = scene.robot_of(result, Path(targets[0]).parent) if robot is None else _arm(robot, result)
+    return result, arm
+
+
 def _page(targets: list[str], how: Mapping[str, Any], robot: str | None, frame: str | None) -> str:
     """Return the page of what shall be shown."""
-    from armgpi.loop import rollout as rollouts
     from armgpi.robot.robot import Robot
-    from armgpi.view import meshcat, scene
+    from armgpi.viewing import meshcat
 
-    target = targets[0]
-    if Path(target).suffix.lower() == ".nc":
-        for key in (key for key in ("lock", "keep", "mimic", "repair") if how[key]):
-            raise refusal(f"--{key}", "is for robots; a rollout has its joints locked already")
-        if len(targets) > 1:
-            raise refusal("FILE", f"one rollout at a time, or `armgpi report {' '.join(targets)}`")
-        result = rollouts.load(target)
-        arm = scene.robot_of(result, Path(target).parent) if robot is None else _arm(robot, result)
+    if Path(targets[0]).suffix.lower() == ".nc":
+        result, arm = _rollout(targets, how, robot)
         return meshcat.rollout_page(result, arm, frame=frame)
     given = {"--lock": how["lock"], "--keep": how["keep"], "--frame": frame}
     for option in (option for option, value in given.items() if value and len(targets) > 1):

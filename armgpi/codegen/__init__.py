@@ -2,7 +2,7 @@
 
 Takes a closed loop.
 Gives the same loop as C, for several rollouts at once (``simulate(..., backend="compiled")``), in a page
-(``armgpi.view.play``) or for hardware (``armgpi.hardware.export``).
+(``armgpi.viewing.play``) or for hardware (``armgpi.hardware.export``).
 
 Read in this order:
 

@@ -145,7 +145,7 @@ def compiler() -> Compiler:
             return found
     wanted = f"CC names {asked!r}, which does not run" if asked else "none of cc, gcc and clang is there"
     raise BackendError(
-        f"no C compiler: {wanted}; install GCC or Clang, set CC, or take Zig's: pip install 'armgpi[play]'"
+        f"no C compiler: {wanted}; install GCC or Clang, set CC, or take Zig's: pip install ziglang"
     )
 
 

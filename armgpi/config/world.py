@@ -15,7 +15,9 @@ import numpy as np
 from armgpi.config.schema import ExperimentConfig
 from armgpi.config.section import Section
 from armgpi.gpi.untuned import BITS, Untuned
+from armgpi.robot.equations import ASSUMED_GEAR_RATIO
 from armgpi.robot.robot import Robot
+from armgpi.robot.rotors import joints_with_assumed_ratio
 
 #: Samples by which measurements are delayed where nothing specifies it: one, as of a bus.
 DELAY = 1
@@ -121,7 +123,8 @@ def _rotors(robot: Any) -> str:
     if not np.any(robot.armature):
         return "no rotors"
     sources = sorted({source or "contained" for source in robot.drives.sources("rotor_inertia")})
-    return f"rotors {' and '.join(sources)}"
+    ratio = f", gear ratio {ASSUMED_GEAR_RATIO:g} assumed" if joints_with_assumed_ratio(robot) else ""
+    return f"rotors {' and '.join(sources)}{ratio}"
 
 
 def _friction(config: ExperimentConfig, robot: Any) -> str:

@@ -93,6 +93,8 @@ LIMITS: Mapping[str, str] = {
     "load": "the range of payloads",
     "crossover": "the highest bandwidth of the rule",
 }
+#: Values of the peak sensitivity that controllers usually have (Astrom and Murray, Feedback Systems, 2008).
+USUAL_SENSITIVITY = "usual: 1.2 to 2"
 #: What chooses the member of the family, in the order of :class:`armgpi.gpi.family.Member`.
 MEMBER = ("integrators", "rolloff", "rolloff_ratio", "second_ratio", "second_zeta")
 
@@ -520,7 +522,9 @@ class Verdict(NamedTuple):
         names = dict.fromkeys(sorted(self.limits, key=self.limits.count)[::-1])
         said = "limited by " + " and ".join(LIMITS[name] for name in names)
         if math.isfinite(self.sensitivity):
-            said += f"; Ms {self.sensitivity:.2f}, delay margin {1e3 * self.spare:.3g} ms"
+            said += (
+                f"; Ms {self.sensitivity:.2f} ({USUAL_SENSITIVITY}), delay margin {1e3 * self.spare:.3g} ms"
+            )
         else:
             said += "; not stable over the whole range of the joint stiffness"
         if math.isfinite(self.resonance):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from armgpi.identification.arm import Validation
 from armgpi.identification.text import followed
 from armgpi.robot.robot import Robot
-from armgpi.view import plots
+from armgpi.viewing import plots
 
 #: Width of a figure, and height of a row [in].
 _WIDTH, _HEIGHT = 13.0, 1.7

@@ -29,7 +29,7 @@ from armgpi.robot.assembly import Assembly, inertia_of, join
 from armgpi.robot.identified import FORMAT, NAME
 from armgpi.robot.robot import Robot
 from armgpi.robot.robots import find_identified
-from armgpi.view import page
+from armgpi.viewing import page
 
 #: Error at which a first motion is stopped [rad or m]: what is logged until then is enough to begin with.
 _FIRST_ERROR = 0.1

@@ -32,6 +32,33 @@ from armgpi.loop.units import NEWTON, POSITION, TORQUE, PlainUnit, Unit, prismat
 if TYPE_CHECKING:
     import xarray as xr
 
+__all__ = [
+    "ALL",
+    "Metric",
+    "declared",
+    "effort_used",
+    "error",
+    "final_error",
+    "final_force",
+    "hunting_amplitude",
+    "hunting_frequency",
+    "iae",
+    "isci",
+    "ise",
+    "itae",
+    "limit_excess",
+    "metric",
+    "peak_error",
+    "peak_force",
+    "peak_torque",
+    "rms",
+    "saturated_time",
+    "summary",
+    "tool_angle",
+    "tool_error",
+    "total_variation",
+]
+
 #: A function of totals to numbers (..., n); or of a rollout, dimensions ([rollout], time, joint), to numbers
 #: ([rollout], joint).
 Function = Callable[[Any], Any]
@@ -487,3 +514,8 @@ def _recorded_tool(rollout: xr.Dataset, rollouts: tuple[Any, ...]) -> ToolSample
         for _, each in rollout["contact_force"].groupby("contact", squeeze=False):
             force = np.maximum(force, squared(each.isel(contact=0)))
     return ToolSample(squared(rollout["tool"] - rollout["tool_ref"]), turn, force)
+
+
+def __dir__() -> list[str]:
+    """Return the public names, without what is imported here."""
+    return __all__

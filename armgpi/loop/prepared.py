@@ -365,7 +365,7 @@ class PreparedLoop:
             how = (self._divergence, self._signals, running, self._known, patience)
             return cast(Runner, kind(loop, state, recording, *how))
         except MissingPackage as error:
-            reason = f"{error.package} is not installed (pip install 'armgpi[{error.extra}]')"
+            reason = f"{error.package} is not installed (pip install {error.package})"
         except BackendError as error:
             reason = str(error)
         if self._backend == "compiled":

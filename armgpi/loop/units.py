@@ -73,6 +73,7 @@ class PlainUnit(NamedTuple):
 
 NEWTON = PlainUnit("N")
 POSITION, VELOCITY, TORQUE = Unit(position=1), Unit(position=1, time=-1), Unit(torque=1)
+TORQUE_RATE = Unit(torque=1, time=-1)
 
 
 def prismatic(rollout: xr.Dataset) -> npt.NDArray[np.bool_]:

@@ -103,7 +103,7 @@ def guarded(read: Callable[[bytes, str], list[_Part]], content: bytes, kind: str
     except MissingPackage:
         raise
     except ImportError as error:
-        raise MeshError(name, f"needs the package {error.name}: pip install 'armgpi[viz]'") from None
+        raise MeshError(name, f"needs the package {error.name!r}: pip install trimesh pycollada") from None
     except MemoryError:
         raise MeshError(name, "does not fit into memory") from None
     except Exception as error:  # parsers of meshes fail in every way there is

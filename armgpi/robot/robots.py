@@ -22,6 +22,18 @@ from typing import NamedTuple
 from armgpi.errors import NameNotFound, UrdfError
 from armgpi.robot import identified
 
+__all__ = [
+    "EXAMPLE_ROBOT_DATA",
+    "Example",
+    "description_names",
+    "example_folder",
+    "find_identified",
+    "is_textbook",
+    "kept",
+    "locate",
+    "names",
+]
+
 
 class Example(NamedTuple):
     """Where an arm is in example-robot-data.
@@ -190,7 +202,7 @@ def locate(path_or_name: str | PathLike[str] | ModuleType) -> tuple[Path, str | 
         return _find_described(text), text
     remedy = "or give the path of a URDF file"
     if text in EXAMPLE_ROBOT_DATA and example_folder() is None:
-        remedy = "it comes with the example-robot-data package: pip install 'armgpi[robots]'"
+        remedy = "it comes with the example-robot-data package: pip install example-robot-data"
     raise NameNotFound("robot", text, (*names(), *described), remedy)
 
 
@@ -258,3 +270,8 @@ def example_folder() -> Path | None:
         if folder.is_dir():
             return folder
     return None
+
+
+def __dir__() -> list[str]:
+    """Return the public names, without what is imported here."""
+    return __all__

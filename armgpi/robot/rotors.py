@@ -218,7 +218,7 @@ def describe_gears(robot: Robot) -> str:
 
 def describe_ratio(robot: Robot) -> str:
     """Return in a line the gear ratio that is assumed behind encoders at motors; or nothing."""
-    joints = _with_assumed_ratio(robot)
+    joints = joints_with_assumed_ratio(robot)
     return joints and (
         f"the gear ratio of {joints} is not specified; {ASSUMED_GEAR_RATIO:g} is assumed, by which an "
         "encoder at the motor is finer than one at the link; specify gear_ratio by --drives FILE, 1 for a "
@@ -226,7 +226,7 @@ def describe_ratio(robot: Robot) -> str:
     )
 
 
-def _with_assumed_ratio(robot: Robot) -> str:
+def joints_with_assumed_ratio(robot: Robot) -> str:
     """Return the joints with an encoder at the motor whose gear ratio is assumed."""
     sides, ratios = robot.drives.value("encoder_side"), robot.drives.value("gear_ratio", math.nan)
     assumed = (sides == "motor") & np.isnan(ratios) & ~np.asarray(robot.prismatic)
@@ -235,22 +235,11 @@ def _with_assumed_ratio(robot: Robot) -> str:
     return ", ".join(name for name, own in zip(robot.joint_names, assumed, strict=True) if own)
 
 
-def summarise(robot: Robot) -> str:
-    """Return in one line which quantities of an arm's drives are assumed, and how well they are known."""
-    names, factors = [], []
-    for quantity, name, factor in (
-        ("rotor_inertia", "rotor inertia", SCATTER),
-        ("stiffness", "joint stiffness", TWIST_SCATTER),
-    ):
-        if "assumed" in robot.drives.sources(quantity):
-            names.append(name)
-            factors.append(f"{factor:g}")
-    ratio = f"gear ratio {ASSUMED_GEAR_RATIO:g}" if _with_assumed_ratio(robot) else ""
-    if not names:
-        return ratio and f"Assumed (not in the URDF): {ratio}. Values: --explain"
-    within = f"within {'factors' if len(names) > 1 else 'a factor of'} {' and '.join(factors)}"
-    said = f"{' and '.join(names)}, {within}{'; ' if ratio else ''}{ratio}"
-    return f"Assumed (not in the URDF): {said}. Values: --explain"
+def assumed_something(robot: Robot) -> bool:
+    """Tell whether any value of an arm's drives is assumed."""
+    quantities = ("rotor_inertia", "stiffness")
+    assumed = any("assumed" in robot.drives.sources(quantity) for quantity in quantities)
+    return assumed or bool(joints_with_assumed_ratio(robot))
 
 
 def _assumed_rows(robot: Robot, quantity: str) -> str:

@@ -16,8 +16,8 @@ from armgpi.config import experiment as experiments
 from armgpi.loop import metrics
 from armgpi.studies.results import QUANTILES, failure_words, heading, of_arm, quantile_words, sentences, worst
 from armgpi.studies.sample import Sweep
-from armgpi.view import page, report
-from armgpi.view.drawing import LINE, Drawing, figure
+from armgpi.viewing import page, report
+from armgpi.viewing.drawing import LINE, Drawing, figure
 
 #: Bars of a histogram; size of a picture, and room for words below it [px].
 _BARS, _WIDTH, _HEIGHT, _BELOW = 40, 300, 92, 18

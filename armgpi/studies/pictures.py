@@ -12,8 +12,8 @@ import numpy as np
 from armgpi.studies.contend import CONTENDERS, Entry, classes, medians
 from armgpi.studies.found import convergence, front
 from armgpi.studies.optimise import Row, Search, Validated
-from armgpi.view import plots, style
-from armgpi.view.plots import Axes, Figure
+from armgpi.viewing import plots, style
+from armgpi.viewing.plots import Axes, Figure
 
 
 def study_picture(search: Search, found: Sequence[Validated], given: Row) -> bytes:

@@ -35,7 +35,7 @@ from armgpi.version import other_format
 #: The file of a folder that says what study it holds, and its format.
 IDENTITY, FORMAT = "study.json", 1
 #: Packages whose sources no number of a study depends on.
-_SHOWS = {"cli", "view", "hardware", "validation", "paper"}
+_SHOWS = {"cli", "viewing", "hardware", "validation", "paper"}
 #: Largest file of identity, and longest first line of a chunk [bytes].
 _MOST, _HEAD = 10_000_000, 4096
 #: Differences that are told.

@@ -43,7 +43,7 @@ def run(
     """
     if workers == 1 and cluster is None:
         return _gather(((*each, *_attempt(folder, *each)) for each in chunks), done)
-    distributed = import_extra("dask.distributed", "cluster")
+    distributed = import_extra("dask.distributed", "cluster", "distributed")
     place = str(folder.resolve())  # workers stand elsewhere
     with _client(distributed, workers, cluster) as client:
         rows = {client.submit(_task, place, *each, pure=False, retries=_RETRIES): each for each in chunks}

@@ -370,7 +370,7 @@ def _sympy() -> Any:
     try:
         import sympy
     except ImportError:
-        raise Unusable("SymPy is not installed: pip install 'armgpi[derive]'") from None
+        raise Unusable("SymPy is not installed: pip install sympy") from None
     return sympy
 
 

@@ -249,7 +249,7 @@ class DynamicsReport:
 
     def html(self, accept_uncompared: bool = False) -> str:
         """Return the report as a page of its own, without scripts and without anything from elsewhere."""
-        from armgpi.view import page  # it imports what draws, which text needs not
+        from armgpi.viewing import page  # it imports what draws, which text needs not
 
         sections = {}
         if self.functions:
@@ -351,7 +351,7 @@ def _difference_row(one: Difference) -> str:
 
 def _html_differences(report: DynamicsReport) -> str:
     """Return the differences as a list with formulas, and what their numbers are."""
-    from armgpi.view import page
+    from armgpi.viewing import page
 
     items = []
     for one in report.differences:
@@ -384,7 +384,7 @@ def _formulas(cause: Cause, form: Callable[[str], str | None]) -> list[tuple[str
 
 def _html_cause(cause: Cause) -> str:
     """Return a cause as HTML, its formulas set."""
-    from armgpi.view import page
+    from armgpi.viewing import page
 
     first, *rest = _lines_of(cause)
     parts = [f"<p>{page.text(first.removeprefix('- '))}</p>"]
@@ -408,7 +408,7 @@ def _is_code(line: str) -> bool:
 
 def _mark_change(before: str, line: str) -> str:
     """Return a line of source as HTML; what the line before has otherwise is marked."""
-    from armgpi.view import page
+    from armgpi.viewing import page
 
     if before.split(":")[0] != line.split(":")[0]:
         return str(page.text(line))
@@ -453,7 +453,7 @@ def _html_table(
     label: str, head: tuple[str, ...], rows: Sequence[tuple[str, ...]], words: tuple[int, ...]
 ) -> str:
     """Return a table whose rows are marked where the second cell says that something is wrong."""
-    from armgpi.view import page
+    from armgpi.viewing import page
 
     classes = ["bad" if row[1] in ("differs", "fails") else "" for row in rows]
     return page.table(head, rows, label=label, classes=classes, words=words)

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 from armgpi.cli import main
 from armgpi.escape import in_si, printable
-from armgpi.view.page import text as in_html
+from armgpi.viewing.page import text as in_html
 
 #: What commands a terminal, hides, or turns other text around; a few that are known for it.
 FAMOUS = "\x1b\x07\r\n\x00\x7f\x85\x9b\xad\u061c\u200b\u200e\u202e\u2028\u2029\u2066\ufeff\U000e0041\udcff"
@@ -166,7 +166,7 @@ def texts(data: Any) -> Iterator[str]:
 def test_names_in_pages(robot: str) -> None:
     pytest.importorskip("meshcat")
     from armgpi import Robot
-    from armgpi.view import meshcat
+    from armgpi.viewing import meshcat
 
     def raw(page: str) -> tuple[list[str], list[str]]:
         """Return what must not be shown, in the page and in its JSON."""

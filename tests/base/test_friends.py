@@ -205,25 +205,25 @@ def test_an_mjcf_with_more_than_an_arm_is_refused(tmp_path: Path, more: str, sai
 
 
 def test_pages_and_figures_show_in_notebooks() -> None:
-    from armgpi.view import report
+    from armgpi.viewing import report
 
     assert report.build(RUN, ARM)._repr_html_().startswith("<iframe srcdoc=")  # type: ignore[attr-defined]
     assert plots.errors(RUN)._repr_png_().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize(
-    ("package", "extra", "use"),
+    ("package", "installed", "use"),
     [
         ("mcap.writer", "mcap", lambda folder: logs.write(RUN, folder / "run.mcap")),
-        ("rerun", "rerun", lambda folder: logs.write(RUN, folder / "run.rrd")),
+        ("rerun", "rerun-sdk", lambda folder: logs.write(RUN, folder / "run.rrd")),
         ("mujoco", "mujoco", lambda folder: Robot.from_mjcf(folder / "two.xml")),
         ("mcap.stream_reader", "mcap", lambda folder: Recorded.load(folder / "run.mcap", ARM)),
     ],
 )
 def test_a_missing_package_says_what_brings_it(
-    package: str, extra: str, use: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    package: str, installed: str, use: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "run.mcap").write_bytes(b"x")
     monkeypatch.setitem(__import__("sys").modules, package, None)
-    with pytest.raises(MissingPackage, match=rf"armgpi\[{extra}\]"):
+    with pytest.raises(MissingPackage, match=f"pip install {installed}"):
         use(tmp_path)

@@ -36,7 +36,7 @@ from armgpi.gpi.family import Member
 from armgpi.gpi.gains import Tuning
 from armgpi.gpi.margins import open_loop
 from armgpi.gpi.realisation import Bumpless
-from armgpi.view.drawing import Drawing
+from armgpi.viewing.drawing import Drawing
 
 checker: Any = check_certificate
 FILE = Path(check_certificate.__file__)

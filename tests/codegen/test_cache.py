@@ -251,7 +251,8 @@ def test_a_second_process_traces_nothing(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_a_structure_has_the_same_text_in_every_process() -> None:
     code = (
-        "from armgpi import *; from armgpi.codegen.trace import Inventory\n"
+        "from armgpi import GPI, BSplineNetwork, ClosedLoop, Encoder, Hold, RigidBodyPlant, Robot, Step\n"
+        "from armgpi.codegen.trace import Inventory\n"
         "arm = Robot.load('anthropomorphic3')\n"
         "gpi = GPI(arm, 1e-3, BSplineNetwork())\n"
         "loop = ClosedLoop(Encoder(RigidBodyPlant(arm, Step(0.1, 0.0)), 16), gpi, Hold([0.0, 0.1, 0.0]))\n"

@@ -282,7 +282,7 @@ def test_casadi_that_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     ]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "casadi", None)
-    falls_back(GPI(ARM, DT), "casadi is not installed (pip install 'armgpi[compiled]')")
+    falls_back(GPI(ARM, DT), "casadi is not installed (pip install casadi)")
 
 
 @pytest.mark.parametrize("backend", ["nonsense", "", "Compiled", None, 1, ["numpy"]])

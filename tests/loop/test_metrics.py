@@ -486,7 +486,7 @@ def test_a_metric_is_declared_once_and_is_everywhere(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     from armgpi.cli.tables import print_tables
-    from armgpi.view import report
+    from armgpi.viewing import report
 
     monkeypatch.setenv("COLUMNS", "300")
     experiment, run = run_of_arm

@@ -24,7 +24,7 @@ from armgpi.studies import space
 from armgpi.studies.distributions import distribution
 from armgpi.studies.sample import Sweep
 from armgpi.studies.space import Range, Space
-from armgpi.view.play.controls import stops_of
+from armgpi.viewing.play.controls import stops_of
 
 PLAIN = Parameter("a number", name="x")
 

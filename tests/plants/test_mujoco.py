@@ -258,7 +258,7 @@ def test_bad_input_is_refused() -> None:
 
 def test_without_mujoco_the_message_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(MissingPackage, match=r"pip install 'armgpi\[mujoco\]'"):
+    with pytest.raises(MissingPackage, match=r"pip install mujoco"):
         MuJoCoPlant(ARM)
 
 

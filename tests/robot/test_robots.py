@@ -294,7 +294,7 @@ def test_without_example_robot_data_its_arms_are_refused_with_the_way_to_get_the
     monkeypatch.setattr(robots, "example_folder", lambda: None)
     assert "anthropomorphic3" in robots.names()
     assert not set(robots.names()) & set(robots.EXAMPLE_ROBOT_DATA)
-    with pytest.raises(NameNotFound, match=r"pip install 'armgpi\[robots\]'"):
+    with pytest.raises(NameNotFound, match=r"pip install example-robot-data"):
         Robot.load("panda")
     with pytest.raises(NameNotFound, match="give the path of a URDF file"):
         Robot.load("pandas")

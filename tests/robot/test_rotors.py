@@ -165,8 +165,8 @@ def test_the_gear_ratio_that_is_assumed_behind_encoders_at_motors_is_said() -> N
     assert rotors.describe_ratio(arm) == ""
     motor = arm.with_drives({joint: {"encoder_side": "motor"} for joint in arm.joint_names})
     assert "of all joints is not specified; 100 is assumed" in rotors.describe_ratio(motor)
-    assert "; gear ratio 100. Values" in rotors.summarise(motor)
+    assert rotors.joints_with_assumed_ratio(motor) == "all joints"
     first, *others = arm.joint_names
     known = motor.with_drives({joint: {"gear_ratio": 101.0} for joint in others})
     assert f"of {first} is not specified" in rotors.describe_ratio(known)
-    assert "gear ratio" not in rotors.summarise(known.with_drives({first: {"gear_ratio": 50.0}}))
+    assert rotors.joints_with_assumed_ratio(known.with_drives({first: {"gear_ratio": 50.0}})) == ""

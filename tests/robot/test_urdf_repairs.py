@@ -16,7 +16,7 @@ import pytest
 from armgpi import GPI, ArmgpiError, Bezier, RigidBodyPlant, Robot, health, simulate
 from armgpi.errors import NameNotFound, ParameterError, Remedy, UrdfError
 from armgpi.robot.urdf import bad_numbers
-from armgpi.view import scene
+from armgpi.viewing import scene
 
 INERTIAL = (
     '<inertial><origin xyz="{com}"/><mass value="{mass}"/>'

@@ -336,12 +336,10 @@ def test_an_optimiser_takes_one_number_and_converges_more_than_once() -> None:
     assert len(sizes) > 1
 
 
-@pytest.mark.parametrize(("method", "library", "extra"), [("cma", "cma", "tune"), ("optuna",) * 3])
-def test_a_missing_library_is_named(
-    monkeypatch: pytest.MonkeyPatch, method: str, library: str, extra: str
-) -> None:
+@pytest.mark.parametrize(("method", "library"), [("cma", "cma"), ("optuna", "optuna")])
+def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch, method: str, library: str) -> None:
     monkeypatch.setitem(sys.modules, library, None)
-    with pytest.raises(MissingPackage, match=rf"armgpi\[{extra}\]"):
+    with pytest.raises(MissingPackage, match=f"pip install {library}"):
         METHODS[method](np.array([0.5]), seed=0)
 
 

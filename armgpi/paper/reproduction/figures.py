@@ -14,8 +14,8 @@ import xarray as xr
 from armgpi.gpi.gains import Betas, Tuning, betas
 from armgpi.paper.reproduction import runs, tables
 from armgpi.robot.robot import Robot
-from armgpi.view import plots, style
-from armgpi.view.plots import Axes, Figure, ticker
+from armgpi.viewing import plots, style
+from armgpi.viewing.plots import Axes, Figure, ticker
 
 #: Which panel is which, as the paper letters them.
 _LETTERS = "abcdefghij"

@@ -1,6 +1,6 @@
 // The scene of an arm in MeshCat's viewer: moved by joint positions, played, stepped and looked at.
 //
-// Needs MeshCat (its viewer), and the page's data: see armgpi/view/page.py for what it holds. Names from files
+// Needs MeshCat (its viewer), and the page's data: see armgpi/viewing/page.py for what it holds. Names from files
 // come in as text and go out as text: never as HTML.
 "use strict";
 
@@ -44,7 +44,7 @@ const Armgpi = (() => {
   }
 
   class ArmScene extends EventTarget {
-    /** Draw the scene into `pane`, an element with a size; see `data` in armgpi/view/page.py. */
+    /** Draw the scene into `pane`, an element with a size; see `data` in armgpi/viewing/page.py. */
     constructor(pane, meta, array) {
       super();
       this.meta = meta;

@@ -1,7 +1,7 @@
 """One HTML file with everything about some rollouts: what was run, tables, plots, the animation and the data.
 
-It opens from a disk without a network. The plots are canvases, the scene is :mod:`armgpi.view.scene`'s, and
-one time moves both.
+It opens from a disk without a network. The plots are canvases, the scene is that of
+:mod:`armgpi.viewing.scene`, and one time moves both.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from armgpi.health.findings import fold
 from armgpi.loop import metrics, units
 from armgpi.loop import rollout as rollouts
 from armgpi.loop.provenance import Provenance
-from armgpi.loop.units import POSITION, TORQUE, VELOCITY
+from armgpi.loop.units import POSITION, TORQUE, TORQUE_RATE, VELOCITY
 from armgpi.robot.repairs import made_in
 from armgpi.robot.robot import Robot
-from armgpi.view import meshcat, page, scene, tracks
-from armgpi.view.style import REFERENCE, Look, canvas_dashes
+from armgpi.viewing import meshcat, page, scene, tracks
+from armgpi.viewing.style import REFERENCE, Look, canvas_dashes
 
 #: Most points of a line in the plots, and most rollouts that are plotted.
 POINTS, MOST_RUNS = 2400, 6
@@ -200,18 +200,16 @@ def _plots_data(rollout: xr.Dataset, arrays: page.Arrays) -> dict[str, Any]:
     time = np.asarray(rollout["time"].values, dtype=float)
     labels = [trace.label or "actual" for trace in traces]
     prismatic = units.prismatic(rollout)
-    lengths, forces = ([unit.symbol(slides) for slides in prismatic] for unit in (POSITION, TORQUE))
+    lengths, forces, rates = (
+        [unit.symbol(slides) for slides in prismatic] for unit in (POSITION, TORQUE, TORQUE_RATE)
+    )
     onsets = [tracks.disturbance_onset(rollout, joint) for joint in joints]
     nothing = [None] * len(joints)
     longest = max(traces, key=lambda trace: int(np.isfinite(trace.data["q_ref"].values).sum()))
 
     def each(values: Callable[[xr.Dataset], xr.DataArray]) -> list[dict[str, Any]]:
         """Return the lines of a quantity of every rollout."""
-        return [
-            line
-            for run, trace in enumerate(traces)
-            for line in _lines(time, values(trace.data), arrays, run, trace.look)
-        ]
+        return _lines_of_runs(traces, values, arrays)
 
     def common(name: str, dashes: Any) -> list[dict[str, Any]]:
         """Return the lines of a quantity that belongs to no rollout."""
@@ -231,6 +229,7 @@ def _plots_data(rollout: xr.Dataset, arrays: page.Arrays) -> dict[str, Any]:
         quantity("Position", lengths, position),
         quantity("Error", lengths, each(metrics.error), onsets=onsets),
         quantity("Torque", forces, each(lambda data: data["tau"]), _levels(traces), onsets),
+        quantity("Torque rate", rates, each(tracks.torque_rate), onsets=onsets),
     ]
     if "v" in rollout:
         speeds = [VELOCITY.symbol(slides) for slides in prismatic]
@@ -253,6 +252,18 @@ def _plots_data(rollout: xr.Dataset, arrays: page.Arrays) -> dict[str, Any]:
         "quantities": quantities,
         "tool": _tool_plots(time, traces, arrays),
     }
+
+
+def _lines_of_runs(
+    traces: Sequence[tracks.Trace], values: Callable[[xr.Dataset], xr.DataArray], arrays: page.Arrays
+) -> list[dict[str, Any]]:
+    """Return the lines of a quantity of every rollout, over its own times."""
+    lines = []
+    for run, trace in enumerate(traces):
+        drawn = values(trace.data)
+        times = np.asarray(drawn["time"].values, dtype=float)
+        lines += _lines(times, drawn, arrays, run, trace.look)
+    return lines
 
 
 def _tool_plots(time: Array, traces: Sequence[tracks.Trace], arrays: page.Arrays) -> list[dict[str, Any]]:

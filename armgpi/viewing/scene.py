@@ -26,8 +26,8 @@ from armgpi.robot import urdf
 from armgpi.robot.mesh_files import MeshError, toolbox
 from armgpi.robot.repairs import made_in
 from armgpi.robot.robot import Robot
-from armgpi.view import meshes, tracks
-from armgpi.view.meshes import Triangles
+from armgpi.viewing import meshes, tracks
+from armgpi.viewing.meshes import Triangles
 
 if TYPE_CHECKING:
     import xarray as xr

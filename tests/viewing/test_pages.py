@@ -28,7 +28,7 @@ from sampling import for_search
 import armgpi
 from armgpi import GPI, Hold, RigidBodyPlant, Robot, robots, simulate
 from armgpi.errors import RolloutError
-from armgpi.view import meshcat, page, plots, report, scene, style, tracks
+from armgpi.viewing import meshcat, page, plots, report, scene, style, tracks
 
 ARM = Robot.load("anthropomorphic3")
 #: How many lines the plots of a report have.

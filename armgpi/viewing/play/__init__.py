@@ -11,7 +11,7 @@ samples kept, measurements lost with probability 0. So what a page shows, run as
 generated code, has the same bits.
 """
 
-from armgpi.view.play.module import compiler
-from armgpi.view.play.page import build
+from armgpi.viewing.play.module import compiler
+from armgpi.viewing.play.page import build
 
 __all__ = ["build", "compiler"]

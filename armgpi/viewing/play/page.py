@@ -21,10 +21,10 @@ from armgpi.escape import json_data
 from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.loop.runner import DIVERGENCE
 from armgpi.robot.markup import read_file
-from armgpi.view import page, scene, style
-from armgpi.view.play import module
-from armgpi.view.play.controls import Control, Playable, dotted_path, plain, playable, siblings
-from armgpi.view.play.variant import Pool, Prober
+from armgpi.viewing import page, scene, style
+from armgpi.viewing.play import module
+from armgpi.viewing.play.controls import Control, Playable, dotted_path, plain, playable, siblings
+from armgpi.viewing.play.variant import Pool, Prober
 
 #: Called with what is being done and how much of it is done [0, 1].
 Progress = Callable[[str, float], None]

@@ -21,7 +21,7 @@ from armgpi import files
 from armgpi.arrays import ArrayLike, as_joint_array
 from armgpi.errors import ArmgpiError, ParameterError, Remedy
 from armgpi.robot.robot import Robot
-from armgpi.view import page, scene
+from armgpi.viewing import page, scene
 
 if TYPE_CHECKING:
     import xarray as xr

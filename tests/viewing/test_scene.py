@@ -18,8 +18,8 @@ from strategies import robots_and_states
 import armgpi
 from armgpi import ArmgpiWarning, Robot, robots
 from armgpi.errors import NameNotFound, Remedy, RolloutError
-from armgpi.view import meshes, scene
-from armgpi.view.scene import Scene
+from armgpi.viewing import meshes, scene
+from armgpi.viewing.scene import Scene
 
 ARM = Robot.load("anthropomorphic3")
 EXAMPLES = [name for name in ("panda", "ur5", "kinova", "talos_left_arm", "so101") if name in robots.names()]

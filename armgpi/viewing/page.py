@@ -25,8 +25,8 @@ import numpy.typing as npt
 from armgpi.escape import html_text, printable
 from armgpi.loop.provenance import versions
 from armgpi.loop.units import POSITION, TORQUE
-from armgpi.view.meshes import Triangles
-from armgpi.view.scene import Clip, Scene
+from armgpi.viewing.meshes import Triangles
+from armgpi.viewing.scene import Clip, Scene
 
 #: NumPy's types and their names in the page.
 _TYPES = {"float32": "f32", "float64": "f64", "int8": "i8", "uint8": "u8", "uint16": "u16", "uint32": "u32"}
@@ -314,13 +314,13 @@ def bullets(items: Iterable[object], kind: str = "") -> str:
 @lru_cache(maxsize=8)
 def asset(name: str) -> str:
     """Return a file of the folder ``page``."""
-    return (resources.files("armgpi.view") / "page" / name).read_text(encoding="utf-8")
+    return (resources.files("armgpi.viewing") / "page" / name).read_text(encoding="utf-8")
 
 
 @lru_cache(maxsize=1)
 def meshcat_script() -> str:
     """Return MeshCat's viewer, as its package has it, after its licence."""
-    folder = resources.files("armgpi.view") / "page" / "meshcat"
+    folder = resources.files("armgpi.viewing") / "page" / "meshcat"
     licence = (folder / "LICENSE").read_text(encoding="utf-8")
     viewer = gzip.decompress((folder / "main.min.js.gz").read_bytes()).decode()
     return f"/*! MeshCat\n{licence}*/\n{viewer}"

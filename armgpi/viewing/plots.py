@@ -6,18 +6,21 @@ Two layers. The lower one draws one thing of one joint into axes that you made:
 :func:`plot_positions`        reference and position
 :func:`plot_error`            tracking error q - q*
 :func:`plot_torque`           torque applied, its limits, where it was saturated
+:func:`plot_torque_rate`      change of the torque from sample to sample
+:func:`plot_velocity`         reference's velocity and that of the joint
 :func:`plot_disturbance`      torque of the loads
+:func:`plot_tool_error`       distance of the tool from its reference; `plot_tool_angle`, `plot_force`
 :func:`plot_signal`           what a controller recorded (gains, weights: ``simulate(..., signals=True)``)
 :func:`plot_path_plane`       the tool's path beside the desired one, viewed along an axis
 :func:`plot_path_space`       the same in space (axes with ``projection="3d"``)
 :func:`plot_pareto`           two costs against each other and their Pareto front
 ============================  ======================================================================
 
-The upper one (:func:`overview`, :func:`positions`, :func:`errors`, :func:`torques`,
-:func:`disturbances`, :func:`signals`, :func:`tool_path`, :func:`pareto`) makes whole figures of them: a panel
-per joint and one legend. To compose a figure of your own::
+The upper one (:func:`overview`, :func:`positions`, :func:`velocities`, :func:`errors`, :func:`torques`,
+:func:`torque_rates`, :func:`disturbances`, :func:`tool`, :func:`signals`, :func:`tool_path`, :func:`pareto`)
+makes whole figures of them: a panel per joint and one legend. To compose a figure of your own::
 
-    from armgpi.view import plots
+    from armgpi.viewing import plots
 
     with plots.styled():
         figure, axes = plots.panels(rows=3, columns=2)
@@ -28,7 +31,7 @@ per joint and one legend. To compose a figure of your own::
     plots.save(figure, "figure4.pdf")
 
 Every function takes a dataset with or without the dimension ``rollout``; rollouts are drawn in the colours of
-:mod:`armgpi.view.style`, named by the coordinate ``label`` where there is one. More rollouts than
+:mod:`armgpi.viewing.style`, named by the coordinate ``label`` where there is one. More rollouts than
 ``MOST_LINES`` are drawn as their median and the range between the 5th and 95th percentile.
 """
 
@@ -53,16 +56,17 @@ from armgpi import files
 from armgpi.arrays import Array
 from armgpi.errors import MissingPackage, NameNotFound, ParameterError, RolloutError
 from armgpi.loop.rollout import Status
-from armgpi.loop.units import POSITION, TORQUE, VELOCITY, Unit, prismatic
+from armgpi.loop.units import POSITION, TORQUE, TORQUE_RATE, VELOCITY, Unit, prismatic
 from armgpi.robot.robot import Robot
-from armgpi.view import style
-from armgpi.view.tracks import (
+from armgpi.viewing import style
+from armgpi.viewing.tracks import (
     ToolPath,
     Trace,
     disturbance_onset,
     pareto_front,
     signal_names,
     tool_paths,
+    torque_rate,
     traces,
 )
 
@@ -74,6 +78,40 @@ try:
     from matplotlib.axes import Axes as Axes
 except ImportError:
     raise MissingPackage("matplotlib") from None
+
+__all__ = [
+    "FORMATS",
+    "Figure",
+    "check_path",
+    "disturbances",
+    "errors",
+    "legend",
+    "overview",
+    "panels",
+    "pareto",
+    "plot_disturbance",
+    "plot_error",
+    "plot_force",
+    "plot_pareto",
+    "plot_path_plane",
+    "plot_path_space",
+    "plot_positions",
+    "plot_signal",
+    "plot_tool_angle",
+    "plot_tool_error",
+    "plot_torque",
+    "plot_torque_rate",
+    "plot_velocity",
+    "positions",
+    "save",
+    "signals",
+    "styled",
+    "tool",
+    "tool_path",
+    "torque_rates",
+    "torques",
+    "velocities",
+]
 
 #: What :func:`save` writes, by the file's ending.
 FORMATS = ("png", "svg", "pdf")
@@ -110,6 +148,11 @@ _STYLE: dict[Any, Any] = {
     "text.usetex": False,
     "path.simplify": True,
 }
+
+
+def __dir__() -> list[str]:
+    """Return the public names, without what is imported here."""
+    return __all__
 
 
 class Figure(matplotlib_figure.Figure):
@@ -326,6 +369,13 @@ def plot_torque(
         axes.set_title(text(joint), pad=11.0)  # clear of the note on the limit
 
 
+def plot_torque_rate(axes: Axes, rollout: xr.Dataset, joint: str) -> None:
+    """Draw how fast the torque of a joint changes from sample to sample, which shows noise and chatter."""
+    _draw(axes, _traces(rollout, joint), torque_rate)
+    unit = _unit(rollout, joint, TORQUE_RATE)
+    _label(axes, f"{'torque' if unit == TORQUE_RATE.symbol() else 'force'} rate [{unit}]", joint)
+
+
 def plot_disturbance(axes: Axes, rollout: xr.Dataset, joint: str) -> None:
     """Draw the disturbance torque of a joint over time: zero where there are no loads."""
     if "disturbance" not in rollout:
@@ -485,6 +535,11 @@ def errors(rollout: xr.Dataset, joints: Sequence[str] | None = None, ax: Any = N
 def torques(rollout: xr.Dataset, joints: Sequence[str] | None = None, ax: Any = None) -> Any:
     """Return the torque of every joint with its limits; drawn into `ax`, axes for each joint, where given."""
     return _per_joint(rollout, joints, plot_torque, ax)
+
+
+def torque_rates(rollout: xr.Dataset, joints: Sequence[str] | None = None, ax: Any = None) -> Any:
+    """Return the rate of every joint's torque; drawn into `ax`, axes for each joint, where given."""
+    return _per_joint(rollout, joints, plot_torque_rate, ax)
 
 
 def velocities(rollout: xr.Dataset, joints: Sequence[str] | None = None, ax: Any = None) -> Any:

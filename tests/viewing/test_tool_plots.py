@@ -8,7 +8,7 @@ import xarray as xr
 
 import armgpi
 from armgpi.errors import RolloutError
-from armgpi.view import plots, report
+from armgpi.viewing import plots, report
 
 Q0 = np.array([0.0, -1.2, 1.5, -1.87, -1.57, 0.3])
 
@@ -33,6 +33,17 @@ def test_velocities_are_drawn_with_their_reference(touched: xr.Dataset) -> None:
         plots.velocities(touched.drop_vars("v"))
 
 
+def test_rates_of_torque_are_the_changes_from_sample_to_sample(touched: xr.Dataset) -> None:
+    figure = plots.torque_rates(touched, ["wrist_1_joint"])
+    (axes,) = figure.axes
+    (line,) = (each for each in axes.get_lines() if len(each.get_xdata()) > 2)
+    tau, time = touched["tau"].sel(joint="wrist_1_joint").values, touched["time"].values
+    np.testing.assert_allclose(np.asarray(line.get_ydata()), np.diff(tau) / np.diff(time))
+    np.testing.assert_array_equal(line.get_xdata(), time[1:])
+    assert axes.get_ylabel() == "torque rate [N m/s]"
+    assert len(plots.torque_rates(touched.isel(time=[0])).axes) == touched.sizes["joint"]
+
+
 def test_the_tool_has_a_panel_for_error_angle_and_force(touched: xr.Dataset) -> None:
     figure = plots.tool(touched)
     error, angle, force = (np.asarray(axes.get_lines()[0].get_ydata(), dtype=float) for axes in figure.axes)
@@ -46,5 +57,13 @@ def test_the_tool_has_a_panel_for_error_angle_and_force(touched: xr.Dataset) -> 
 
 def test_the_report_has_them_too(touched: xr.Dataset) -> None:
     page = report.build(touched)
-    for words in ("Velocity", "Tool error", "Tool angle", "Force", "metrics of the tool", "peak force"):
+    for words in (
+        "Velocity",
+        "Torque rate",
+        "Tool error",
+        "Tool angle",
+        "Force",
+        "metrics of the tool",
+        "peak force",
+    ):
         assert words in page

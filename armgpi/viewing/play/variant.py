@@ -27,8 +27,8 @@ from armgpi.gpi.gains import Tuning
 from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.loop.variables import check_values, spread_rows, variables, with_values
 from armgpi.robot.robot import Robot
-from armgpi.view.play.controls import Control
-from armgpi.view.play.loops import BITS, PARTS, SCALE, Listing, movable, tape_of
+from armgpi.viewing.play.controls import Control
+from armgpi.viewing.play.loops import BITS, PARTS, SCALE, Listing, movable, tape_of
 
 #: What a page records, if there is such a thing.
 _RECORDED = ("q", "v", "q_ref", "v_ref", "q_measured", "tau_command", "tau", Tuning._fields[0])

@@ -18,7 +18,7 @@ from pictured import HOSTILE, chain, compared, made_up, run
 import armgpi
 from armgpi import GPI, Bezier, BSplineNetwork, RigidBodyPlant, Robot, metrics, simulate
 from armgpi.errors import NameNotFound, ParameterError, RolloutError
-from armgpi.view import plots, style, tracks
+from armgpi.viewing import plots, style, tracks
 
 ARM = Robot.load("anthropomorphic3")
 ONE = run(ARM)

@@ -20,7 +20,7 @@ from armgpi.codegen.kernels import Kernel
 from armgpi.codegen.source import Layout
 from armgpi.codegen.trace import Trace
 from armgpi.errors import BackendError
-from armgpi.view.play.variant import Sample
+from armgpi.viewing.play.variant import Sample
 
 #: As native code is compiled, but for what other compilers and machines know.
 _FLAGS = (
@@ -110,7 +110,7 @@ def compiler() -> tuple[str, ...]:
         return (clang,)
     raise BackendError(
         "WebAssembly needs the compiler of the package 'ziglang', which is not installed: pip install "
-        "'armgpi[play]', or ziglang; or Clang with lld"
+        "ziglang; or install Clang with lld"
     )
 
 

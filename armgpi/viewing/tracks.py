@@ -14,7 +14,7 @@ from armgpi.arrays import Array
 from armgpi.errors import RolloutError
 from armgpi.loop.rollout import Status
 from armgpi.robot.robot import Robot
-from armgpi.view import style
+from armgpi.viewing import style
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -124,6 +124,16 @@ def signal_names(rollout: xr.Dataset) -> tuple[str, ...]:
         for name, values in rollout.data_vars.items()
         if name not in usual and {"time", "joint"} <= set(values.dims)
     )
+
+
+def torque_rate(data: xr.Dataset) -> xr.DataArray:
+    """Return how fast the torque of every joint changes from sample to sample [N m/s or N/s].
+
+    Its times are those of the later samples; of a single sample there is one rate, NaN.
+    """
+    if data.sizes["time"] < 2:
+        return data["tau"] * np.nan
+    return data["tau"].diff("time") / data["time"].diff("time")
 
 
 def disturbance_onset(rollout: xr.Dataset, joint: str) -> float | None:

@@ -21,8 +21,8 @@ import armgpi
 from armgpi import Robot
 from armgpi.cli import main, pictures
 from armgpi.errors import ParameterError, Remedy
-from armgpi.view import meshcat
-from armgpi.view.meshcat import Server, ServerError
+from armgpi.viewing import meshcat
+from armgpi.viewing.meshcat import Server, ServerError
 
 ARM = "anthropomorphic3"
 

@@ -22,7 +22,7 @@ from armgpi.robot.robot import Robot
 if TYPE_CHECKING:
     import xarray as xr
 
-    from armgpi.view.page import Page
+    from armgpi.viewing.page import Page
 
 #: Metrics of a comparison: name -> heading with unit.
 _SHOWN: Mapping[str, str] = {
@@ -138,7 +138,7 @@ def report(
     import xarray as xr
 
     from armgpi.arrays import check_path
-    from armgpi.view import report as reports
+    from armgpi.viewing import report as reports
 
     file = Path(check_path(path, "path"))
     if file.suffix.lower() != ".html":
@@ -164,17 +164,18 @@ def view(
 
     Args:
         shown: a robot, a sequence of robots, or rollouts.
-        path: HTML file that is written as well.
+        path: file that is written as well: the page (.html), or of rollouts a film (.gif, or .mp4 by ffmpeg).
         frame: the tool; the tip by default.
 
     Raises:
-        ParameterError: when `shown` is none of these.
+        ParameterError: when `shown` is none of these, or a film of robots is asked for.
         RolloutError: when the robot of a rollout is not found, or the file cannot be written.
+        MissingPackage: when trimesh is not installed; or ffmpeg, of an MP4.
     """
     import xarray as xr
 
-    from armgpi.view import meshcat, page
-    from armgpi.view import report as reports
+    from armgpi.viewing import film, meshcat, page
+    from armgpi.viewing import report as reports
 
     if isinstance(shown, Comparison):
         shown = reports.merge_rollouts(shown.rollouts)
@@ -186,6 +187,10 @@ def view(
         html = meshcat.robot_page(*shown, frame=frame)
     else:
         raise ParameterError("shown", shown, "a Robot, a sequence of them, or a rollout")
-    if path is not None:
+    if path is not None and Path(path).suffix.lower() in film.FORMATS:
+        if not isinstance(shown, xr.Dataset):
+            raise ParameterError("path", str(path), "a page (.html): a film is of a rollout")
+        film.write(shown, path, frame=frame)
+    elif path is not None:
         meshcat.write(html, path)
     return page.Page(html)

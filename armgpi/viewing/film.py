@@ -1,0 +1,342 @@
+"""A rollout as a film: an animated GIF or an MP4, drawn by Matplotlib without a screen.
+
+The arm is drawn from one side, its triangles from the farthest to the nearest, with the path of its tool and
+the path that was desired. Several rollouts stand side by side. The film runs in real time.
+"""
+
+from __future__ import annotations
+
+import io
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from itertools import chain
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from armgpi import files
+from armgpi.arrays import Array
+from armgpi.errors import ParameterError, RolloutError, import_extra
+from armgpi.robot.robot import Robot
+from armgpi.viewing import meshes, plots, scene, style, tracks
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Endings of films.
+FORMATS = (".gif", ".mp4")
+#: Frames per second [1/s] and most frames of a film; a longer run has fewer frames per second.
+FRAME_RATE, MOST_FRAMES = 25.0, 500
+#: Triangles of a body of the arm; larger meshes are simplified.
+TRIANGLES = 900
+#: Direction from which the arm is seen [rad]: around the vertical axis, and above the horizontal plane.
+_AZIMUTH, _ELEVATION = 0.7, 0.35
+#: Width and height of the picture of one rollout [in], and pixels per inch.
+_WIDTH, _HEIGHT, _DPI = 3.2, 3.6, 120
+#: Share of a colour that a triangle has when light falls along it.
+_SHADE = 0.45
+#: Colour of bodies whose file contains none.
+_GREY = (0.72, 0.74, 0.76)
+#: Points of a path.
+_PATH_POINTS = 400
+#: Seconds that ffmpeg may take to finish a file.
+_PATIENCE = 120.0
+
+_Image = npt.NDArray[np.uint8]
+Progress = Callable[[str], None]
+
+
+class _Drawn(NamedTuple):
+    """One rollout as it is drawn.
+
+    Attributes:
+        label: its name.
+        color: of its path.
+        placements: of the bodies at the frames, homogeneous, shape (bodies, frames, 4, 4).
+        path: of the tool on the picture [m], shape (k, 2).
+        desired: path that the tool should have, likewise.
+        tool: the tool on the picture at the frames [m], shape (frames, 2).
+    """
+
+    label: str
+    color: str
+    placements: Array
+    path: Array
+    desired: Array
+    tool: Array
+
+
+def check_path(path: str | PathLike[str]) -> Path:
+    """Return the path of a film after checks that it can be written.
+
+    Raises:
+        ParameterError: when its ending is none of :data:`FORMATS`.
+        MissingPackage: when an MP4 is wanted and there is no ffmpeg.
+    """
+    target = Path(path)
+    if target.suffix.lower() not in FORMATS:
+        raise ParameterError("the film's file", str(path), f"one that ends in {' or '.join(FORMATS)}")
+    if target.suffix.lower() == ".mp4":
+        _ffmpeg()
+    return target
+
+
+def write(
+    rollout: xr.Dataset,
+    path: str | PathLike[str],
+    robot: Robot | None = None,
+    *,
+    frame: str | None = None,
+    progress: Progress = lambda _: None,
+) -> Path:
+    """Write the film of a rollout, or of several side by side.
+
+    Args:
+        rollout: the rollout(s).
+        path: the file, which ends in .gif or .mp4.
+        robot: the arm; the one that the rollout was made with when not given.
+        frame: the tool; the tip when not given.
+        progress: called with a text that says how far it is.
+
+    Raises:
+        ParameterError: when the file has another ending.
+        MissingPackage: when trimesh is not installed; or ffmpeg, of an MP4.
+        RolloutError: when the robot is not found any more, or the file cannot be written.
+    """
+    target = check_path(path)
+    arm = scene.build(scene.robot_of(rollout) if robot is None else robot, frame)
+    clip = scene.clip(rollout, arm.robot)
+    duration = float(clip.times[-1] - clip.times[0])
+    rate = min(FRAME_RATE, MOST_FRAMES / max(duration, 1e-9))
+    count = max(2, round(duration * rate) + 1)
+    wanted = np.linspace(clip.times[0], clip.times[-1], count)
+    chosen = np.searchsorted(clip.times, wanted - 1e-9).clip(0, len(clip.times) - 1)
+    images = _images(arm, clip, chosen, rollout, frame, progress)
+    write_film = _write_gif if target.suffix.lower() == ".gif" else _write_mp4
+    return files.write(target, write_film(images, rate))
+
+
+# Frames --------------------------------------------------------------------------------------------------
+
+
+def _images(
+    arm: scene.Scene,
+    clip: scene.Clip,
+    chosen: npt.NDArray[np.int64],
+    rollout: xr.Dataset,
+    frame: str | None,
+    progress: Progress,
+) -> Iterator[_Image]:
+    """Yield the frames as pictures, shape (height, width, 3)."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    parts = [meshes.simplify(body.coarse, TRIANGLES) for body in arm.bodies]
+    every = _drawn(arm, clip, chosen, rollout, frame)
+    box = _bounds(parts, every)
+    with plots.styled():
+        figure = plots.Figure(figsize=(_WIDTH * len(every), _HEIGHT), dpi=_DPI)
+        canvas: Any = FigureCanvasAgg(figure)
+        drawers = [
+            _drawer(figure.add_subplot(1, len(every), place + 1), parts, drawn, box)
+            for place, drawn in enumerate(every)
+        ]
+        clock = figure.text(0.5, 0.02, "", ha="center", family="DejaVu Sans Mono")
+        for number, index in enumerate(chosen):
+            for draw in drawers:
+                draw(number)
+            clock.set_text(f"{clip.times[index]:6.2f} s")
+            canvas.draw()
+            progress(f"frame {number + 1} of {len(chosen)}")
+            yield np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
+
+
+def _drawn(
+    arm: scene.Scene,
+    clip: scene.Clip,
+    chosen: npt.NDArray[np.int64],
+    rollout: xr.Dataset,
+    frame: str | None,
+) -> list[_Drawn]:
+    """Return the rollouts as they are drawn."""
+    found = []
+    for actor, path in zip(
+        clip.actors, tracks.tool_paths(rollout, arm.robot, frame, _PATH_POINTS), strict=False
+    ):
+        placements = _placements(arm, actor.q[chosen].astype(float))
+        tool = placements[arm.tip_body] @ arm.tip
+        found.append(
+            _Drawn(
+                label=style.shorten(actor.label),
+                color=actor.color,
+                placements=placements,
+                path=_project(path.drawn)[:, :2],
+                desired=_project(path.desired)[:, :2],
+                tool=_project(tool[:, :3, 3])[:, :2],
+            )
+        )
+    return found
+
+
+def _placements(arm: scene.Scene, q: Array) -> Array:
+    """Return where the bodies of an arm are at configurations (frames, n): (bodies, frames, 4, 4)."""
+    placements = np.empty((len(arm.bodies), len(q), 4, 4))
+    for index, body in enumerate(arm.bodies):
+        if body.parent < 0:
+            placements[index] = body.placement
+            continue
+        moved = np.tile(np.eye(4), (len(q), 1, 1))
+        if body.kind:
+            x = body.ratio * q[:, body.coordinate] + body.offset
+            if body.kind == "prismatic":
+                moved[:, :3, 3] = x[:, np.newaxis] * body.axis
+            else:
+                moved[:, :3, :3] = _rotations(body.axis, x)
+        placements[index] = placements[body.parent] @ body.placement @ moved
+    return placements
+
+
+def _rotations(axis: Array, angles: Array) -> Array:
+    """Return the rotations about an axis of length 1 (Rodrigues' formula), shape (k, 3, 3)."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    sine, cosine = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
+    return np.asarray(np.eye(3) + sine * cross + (1.0 - cosine) * cross @ cross)
+
+
+def _project(points: Array) -> Array:
+    """Return points (..., 3) as the camera sees them: to the right, up, and towards it [m]."""
+    toward = np.array(
+        [
+            np.cos(_ELEVATION) * np.cos(_AZIMUTH),
+            np.cos(_ELEVATION) * np.sin(_AZIMUTH),
+            np.sin(_ELEVATION),
+        ]
+    )
+    right = np.array([-np.sin(_AZIMUTH), np.cos(_AZIMUTH), 0.0])
+    camera = np.stack([right, np.cross(toward, right), toward])
+    return np.asarray(points @ camera.T)
+
+
+def _bounds(parts: list[meshes.Triangles], every: list[_Drawn]) -> tuple[Array, Array]:
+    """Return the corners of what is seen of all rollouts over the film, with a margin [m]."""
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    for drawn in every:
+        seen = [points[np.isfinite(points).all(axis=1)] for points in (drawn.path, drawn.desired)]
+        for index, part in enumerate(parts):
+            some = drawn.placements[index][:: max(1, drawn.placements.shape[1] // 20)]
+            corners = part.points @ some[:, :3, :3].swapaxes(1, 2) + some[:, np.newaxis, :3, 3]
+            seen.append(_project(corners).reshape(-1, 3)[:, :2])
+        for points in seen:
+            if len(points):
+                low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
+    margin = 0.05 * float((high - low).max())
+    return low - margin, high + margin
+
+
+def _drawer(
+    axes: Any, parts: list[meshes.Triangles], drawn: _Drawn, box: tuple[Array, Array]
+) -> Callable[[int], None]:
+    """Return a function that draws a frame of a rollout into axes."""
+    from matplotlib.collections import PolyCollection
+
+    axes.set_axis_off()
+    axes.set_aspect("equal")
+    axes.set_xlim(box[0][0], box[1][0])
+    axes.set_ylim(box[0][1], box[1][1])
+    axes.set_title(drawn.label)
+    shapes: Any = PolyCollection([], antialiased=True, linewidths=0.3)
+    axes.add_collection(shapes)
+    axes.plot(*drawn.desired.T, color=style.REFERENCE, linestyle=":", linewidth=0.8, zorder=3)
+    axes.plot(*drawn.path.T, color=drawn.color, linewidth=1.0, alpha=0.8, zorder=3)
+    (tool,) = axes.plot([], [], "o", color=drawn.color, markersize=3.5, zorder=4)
+    light = np.array([0.3, 0.5, 0.81])
+
+    def draw(number: int) -> None:
+        corners, colors = [], []
+        for index, part in enumerate(parts):
+            placement = drawn.placements[index, number]
+            points = _project(part.points @ placement[:3, :3].T + placement[:3, 3])
+            triangles = points[part.faces]
+            normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+            lengths = np.linalg.norm(normals, axis=1)
+            lit = np.abs(normals @ light) / np.maximum(lengths, 1e-30)
+            paint = np.nan_to_num(part.colors[part.faces[:, 0]], nan=-1.0)
+            paint = np.where(paint < 0.0, np.array(_GREY), paint)
+            corners.append(triangles)
+            colors.append(paint * (_SHADE + (1.0 - _SHADE) * lit[:, np.newaxis]))
+        all_corners, all_colors = np.concatenate(corners), np.concatenate(colors).clip(0.0, 1.0)
+        order = np.argsort(all_corners[:, :, 2].mean(axis=1))
+        shapes.set_verts(all_corners[order, :, :2])
+        shapes.set_facecolor(all_colors[order])
+        shapes.set_edgecolor(all_colors[order])
+        tool.set_data(drawn.tool[number, :1], drawn.tool[number, 1:])
+
+    return draw
+
+
+# Files ---------------------------------------------------------------------------------------------------
+
+
+def _write_gif(images: Iterator[_Image], rate: float) -> bytes:
+    """Return pictures as an animated GIF that repeats."""
+    from PIL import Image  # comes with Matplotlib
+
+    pictures: list[Any] = []
+    for image in images:
+        picture = Image.fromarray(image)
+        palette = pictures[0] if pictures else None
+        pictures.append(picture.quantize(128) if palette is None else picture.quantize(palette=palette))
+    content = io.BytesIO()
+    pictures[0].save(
+        content,
+        format="GIF",
+        save_all=True,
+        append_images=pictures[1:],
+        duration=round(1e3 / rate),
+        loop=0,
+    )
+    return content.getvalue()
+
+
+def _write_mp4(images: Iterator[_Image], rate: float) -> bytes:
+    """Return pictures as an MP4 (H.264), by ffmpeg.
+
+    Raises:
+        RolloutError: when ffmpeg fails.
+    """
+    first = next(images)
+    height, width = (2 * (size // 2) for size in first.shape[:2])  # H.264 takes even sizes alone
+    with tempfile.TemporaryDirectory(prefix="armgpi-", ignore_cleanup_errors=True) as folder:
+        target = Path(folder) / "film.mp4"
+        command = [
+            *(_ffmpeg(), "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"),
+            *("-s", f"{width}x{height}", "-r", f"{rate:g}", "-i", "-"),
+            *("-c:v", "libx264", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(target)),
+        ]
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+            assert process.stdin is not None
+            with suppress(BrokenPipeError):  # what ffmpeg says of it is read below
+                for image in chain([first], images):
+                    process.stdin.write(np.ascontiguousarray(image[:height, :width]).tobytes())
+            _, said = process.communicate(timeout=_PATIENCE)
+        if process.returncode or not target.is_file():
+            text = " ".join(said.decode(errors="replace").strip().splitlines()[-1:])
+            raise RolloutError(f"ffmpeg failed: {text or process.returncode}; write a .gif instead")
+        return target.read_bytes()
+
+
+def _ffmpeg() -> str:
+    """Return the path of ffmpeg: the system's, or that of the package imageio-ffmpeg.
+
+    Raises:
+        MissingPackage: when there is none.
+    """
+    if found := shutil.which("ffmpeg"):
+        return found
+    return str(import_extra("imageio_ffmpeg", "viz", "imageio-ffmpeg").get_ffmpeg_exe())
