@@ -18,6 +18,8 @@ DRIVES = {"soft": "elastic", "believed": "stiff", "rigid": "none"}
 SOURCES = {"told": "specified", "believed": "assumed", "measured": "identified"}
 #: Old type of a controller -> new type.
 CONTROLLERS = {"untuned": "gpi_auto"}
+#: Old command -> new command.
+COMMANDS = {"contend": "benchmark controllers", "zoo": "benchmark robots"}
 #: Old kind of repair of a URDF -> new kind.
 REPAIRS = {"suppose-bodies": "assume-bodies"}
 

@@ -1,4 +1,6 @@
-"""What else a contest says, from its folder: `armgpi contend --out contest; python tools/contest.py contest`.
+"""More tables of a benchmark of controllers, from its folder.
+
+Run `armgpi benchmark controllers --out contest; python tools/contest.py contest`.
 
 Prints two tables: the rule for arms that nobody tuned beside rivals that are tuned for its torque variation,
 and what numbers found on one arm are on the others. Takes the arms and laws of the contest; what is missing

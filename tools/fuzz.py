@@ -450,8 +450,8 @@ CASES: dict[str, Case] = {
     ),
     "certificate": read_again(".json", lambda path: certify(arm(), speed=0.2).save(path), check_file),
     "tune": study_case(TUNE, "tune", "FILE", "--backend", "numpy"),
-    "contend": study_case("", "contend", ARM, "--quick", "--law", "GPI, roll-off"),
-    "zoo": study_case("", "zoo", ARM),
+    "contend": study_case("", "benchmark", "controllers", ARM, "--quick", "--law", "GPI, roll-off"),
+    "zoo": study_case("", "benchmark", "robots", ARM),
     "sweep": study_case(SWEEP, "sweep", "FILE", "--rollouts", "40"),
     "rare": study_case(SWEEP, "sweep", "FILE", "--rollouts", "100", "--rare"),
 }

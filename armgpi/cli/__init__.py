@@ -69,7 +69,8 @@ def _usage_shown() -> Iterator[None]:
             line = re.sub(r"^(No such option: -\w)", r"\1 (names have two dashes, as --payload)", line)
             if context is not None:
                 # Click puts a sentence of its own before no message.
-                line += f"{'; see' if line else 'See'} armgpi {context.info_name} --help"
+                command = "armgpi" if context.parent is None else f"armgpi {context.info_name}"
+                line += f"{'; see' if line else 'See'} {command} --help"
                 vars(error)["ctx"] = None
             vars(error)["message"] = line
         raise

@@ -33,7 +33,7 @@ def bringup(
     allow_part: bool = False,
     as_json: bool = False,
 ) -> None:
-    """Write the stages from a dry run to full speed, each with its caps, or judge their logs.
+    """Write the commissioning stages from a dry run to full speed, with their limits, or check their logs.
 
     \b
     armgpi bringup my_arm.yaml -o bringup

@@ -105,7 +105,7 @@ def certify(
     as_json: bool = False,
     **how: Any,
 ) -> None:
-    """Bound the whole arm's error under GPI, so that another program can check it exactly.
+    """Bound the whole arm's error under GPI, in a certificate that another program checks exactly.
 
     \b
     armgpi certify ur5 --payload 0:3 --start held --box task.yaml --out ur5.json

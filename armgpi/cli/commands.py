@@ -16,6 +16,7 @@ from typer.core import TyperGroup
 
 from armgpi.cli.layout import WIDEST, Command, read_as_typed
 from armgpi.cli.options import with_rows
+from armgpi.renamed import COMMANDS, current_name
 
 
 class Entry(NamedTuple):
@@ -23,13 +24,15 @@ class Entry(NamedTuple):
 
     Attributes:
         group: in --help.
-        name: of the command, and of its function.
+        name: of the command, of one word or two.
+        function: its name in the module.
         module: in which that is, below ``armgpi.cli``.
         declares: whether it has an option for every declared parameter.
     """
 
     group: str
     name: str
+    function: str
     module: str
     declares: bool
 
@@ -37,13 +40,14 @@ class Entry(NamedTuple):
     def summary(self) -> str:
         """The first line of its help, which is read without an import."""
         source = Path(__file__).with_name(f"{self.module}.py").read_text(encoding="utf-8")
-        return source.partition(f"\ndef {self.name}(")[2].split('"""', 2)[1].partition("\n")[0]
+        return source.partition(f"\ndef {self.function}(")[2].split('"""', 2)[1].partition("\n")[0]
 
 
-#: Group of --help -> commands; after a colon the module of the function where that has another name, and *
-#: where there is an option for every declared parameter.
+#: Group of --help -> functions of commands; an underscore is between the words of a command. After a colon
+#: the module of the function where that has another name, and * where there is an option for every declared
+#: parameter.
 _TABLE = {
-    "Simulate": "run:experiment* compare:experiment* sweep play* zoo tune contend",
+    "Simulate": "run:experiment* compare:experiment* sweep play* tune benchmark_controllers benchmark_robots",
     "Robots": "robots new schema inspect view",
     "Results": "report:view",
     "Hand-derived dynamics": "validate derive",
@@ -55,7 +59,7 @@ _TABLE = {
 
 
 ENTRIES = {
-    name: Entry(group, name, module or name, each.endswith("*"))
+    name.replace("_", " "): Entry(group, name.replace("_", " "), name, module or name, each.endswith("*"))
     for group, names in _TABLE.items()
     for each in names.split()
     for name, _, module in [each.rstrip("*").partition(":")]
@@ -66,8 +70,8 @@ class _Loaded(Mapping[str, Any]):
     """The commands by name; each is imported when it is asked for."""
 
     def __getitem__(self, name: str) -> Any:
-        """Return a command."""
-        return _build_command(ENTRIES[name])
+        """Return a command; that of an old name with a warning."""
+        return _build_command(ENTRIES[current_name(name, COMMANDS)])
 
     def __iter__(self) -> Iterator[str]:
         """Yield the names."""
@@ -82,7 +86,7 @@ class _Loaded(Mapping[str, Any]):
 def _build_command(entry: Entry) -> Any:
     """Return a command as the library of the command line has it: the only one of an app of its own."""
     module = import_module(f"armgpi.cli.{entry.module}")
-    function = with_rows(getattr(module, entry.name), getattr(module, "ROWS", {}))
+    function = with_rows(getattr(module, entry.function), getattr(module, "ROWS", {}))
     kind: type[Command] = Command
     if entry.declares:
         from armgpi.cli.declared import DeclaredCommand
@@ -108,6 +112,16 @@ class Commands(TyperGroup):
         """Read the command line."""
         read_as_typed(self.get_params(ctx))
         return super().parse_args(ctx, args)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the command that the first word names, or the first two."""
+        if " ".join(args[:2]) in ENTRIES:
+            args = [" ".join(args[:2]), *args[2:]]
+        elif longer := [name for name in ENTRIES if name.startswith(f"{args[0]} ")]:
+            ctx.fail(
+                f"armgpi {args[0]} needs another word: {' or '.join(f'armgpi {name}' for name in longer)}"
+            )
+        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write a section for every group of commands."""

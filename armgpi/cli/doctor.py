@@ -52,7 +52,7 @@ class Check(NamedTuple):
 
 
 def doctor(as_json: bool = False) -> None:
-    """Check the installation: which Pinocchio is imported, which extras are there, what is in the way."""
+    """Check the installation: which Pinocchio is imported, which packages are missing, what may conflict."""
     checks = diagnose()
     if as_json:
         say(json.dumps([check._asdict() for check in checks]))

@@ -46,7 +46,7 @@ def inspect(
     as_json: bool = False,
     **how: Any,
 ) -> None:
-    """Report what a robot's model is, what will bite, and what a controller will do with it.
+    """Report what a robot's model contains, its problems, and how a controller will work with it.
 
     \b
     armgpi inspect ur5
@@ -101,7 +101,7 @@ def _verdict(report: HealthReport, allow_part: bool = False) -> Verdict:
 
 
 def _with_push(report: HealthReport, force: float) -> HealthReport:
-    """Return the report with what a push of a force [N] on the tool does."""
+    """Return the report with what a force [N] on the tool does."""
     from armgpi.health import pushed
 
     control = report.facts["control"]
@@ -115,7 +115,7 @@ def _with_push(report: HealthReport, force: float) -> HealthReport:
 
 
 def _settings(robot: str, how: Mapping[str, Any], typed: dict[str, Any]) -> dict[str, Any]:
-    """Return what is known of the arm and its loop: what was typed wins over what an experiment file says."""
+    """Return what is known of the arm and its loop; options win over an experiment file."""
     from armgpi import config
     from armgpi.config.building import resolve
     from armgpi.config.world import DELAY
@@ -163,7 +163,7 @@ def _show(report: HealthReport, verdict: Verdict) -> None:
 
 
 def _what_it_is(facts: Mapping[str, Any]) -> list[str]:
-    """Return in sentences what the model is."""
+    """Return in sentences what the model contains."""
     said = [
         f"{printable(facts['name'])}: {facts['n']} joints, {facts['moving_mass']:.4g} kg moving of "
         f"{facts['total_mass']:.4g} kg, reach {facts['reach']:.3g} m, "
@@ -181,7 +181,7 @@ def _what_it_is(facts: Mapping[str, Any]) -> list[str]:
 
 
 def _what_follows(facts: Mapping[str, Any]) -> list[str]:
-    """Return in sentences what a controller will do with it."""
+    """Return in sentences how a controller will work with it."""
     control, load, motion = facts["control"], facts["payload"], facts["motion"]
     less, more = load["delta_unknown"][0], load["delta_nominal"][1]
     said = [
@@ -219,7 +219,7 @@ def _mass(kg: float) -> str:
 
 
 def _untuned_lines(facts: Mapping[str, Any]) -> list[str]:
-    """Return what GPI takes for the arm when nobody tunes it."""
+    """Return the GPI controller that automatic tuning chooses for the arm."""
     if (law := facts["gpi_auto"]) is None:
         return []
     name = [joint["name"] for joint in facts["joints"]]

@@ -26,7 +26,7 @@ _SAME = 1e-9
 
 @stoppable
 def log(file: Path, replay: Path | None = None, csv: Path | None = None, as_json: bool = False) -> None:
-    """Say what a log of an arm is: how long, what was late, why it ended; replay it through the law.
+    """Summarise a log of an arm: duration, late samples, why it ended; or replay it through the controller.
 
     \b
     armgpi log motion.armlog
@@ -49,7 +49,7 @@ def log(file: Path, replay: Path | None = None, csv: Path | None = None, as_json
 
 
 def _law(path: Path) -> Any:
-    """Return the supervised law of an experiment file, or of the one in a folder."""
+    """Return the supervised controller of an experiment file, or of the one in a folder."""
     from armgpi import config
     from armgpi.supervisor import Supervised
 
@@ -61,7 +61,7 @@ def _law(path: Path) -> Any:
 
 
 def _facts(there: ArmLog, played: Replay | None) -> dict[str, Any]:
-    """Return what is said of a log as plain data."""
+    """Return the summary of a log as plain data."""
     import numpy as np
 
     rows, joints = there.samples, there.header["joints"]
@@ -99,7 +99,7 @@ def _facts(there: ArmLog, played: Replay | None) -> dict[str, Any]:
 
 
 def _print(file: Path, facts: dict[str, Any]) -> None:
-    """Print what is said of a log."""
+    """Print the summary of a log."""
     from armgpi.supervisor.reasons import remedy
 
     of = f" of {facts['robot']}" if facts["robot"] else ""

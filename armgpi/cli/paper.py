@@ -22,7 +22,7 @@ def reproduce(
     backend: str = "auto",
     report: Path | None = None,
 ) -> None:
-    """Run the paper again: Tables 2-4 and Figures 5-13, published beside ours, and what it leaves open.
+    """Repeat the paper's experiments: Tables 2-4 and Figures 5-13, compared with the published values.
 
     \b
     armgpi reproduce

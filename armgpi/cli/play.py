@@ -32,7 +32,7 @@ def play(
     frame: str | None = None,
     **options: Any,
 ) -> None:
-    """Write a page in which the loop is simulated anew when one of its knobs is turned.
+    """Write a page with sliders that simulates the loop again whenever one of them is moved.
 
     One file, no network: gains, networks, loads, friction, encoders, delays, goals and pushes, with the arm
     and its curves. What it shows can be copied as a command, YAML or Python, and has the same bits there.

@@ -55,7 +55,7 @@ def sweep(
     allow_part: bool = False,
     as_json: bool = False,
 ) -> None:
-    """Run an experiment many times with drawn numbers and say how often it fails, with intervals.
+    """Run an experiment many times with random values and estimate how often it fails, with intervals.
 
     A sweep that was stopped goes on where it was when it is started again.
 
@@ -86,7 +86,7 @@ def sweep(
 
 
 def _read(file: Path) -> Loaded:
-    """Return an experiment file, or for the folder of an identified arm what draws from it."""
+    """Return an experiment file, or one that draws arms from the folder of an identified arm."""
     from armgpi.config import Loaded, Origin, check, read
     from armgpi.config.building import IDENTIFICATION
     from armgpi.robot.robots import find_identified
@@ -158,7 +158,7 @@ def _run_sweep(
 
 
 def _rare(sweep: Sweep, study: Study, count: int, as_json: bool) -> None:
-    """Say how probable failures are that are too rare to be met at random."""
+    """Print how probable failures are that are too rare to occur in random rollouts."""
     from armgpi.studies import rare
     from armgpi.studies.results import write_worst
 
@@ -185,7 +185,7 @@ def _count(text: str) -> int:
 
 
 def _print(sweep: Sweep, said: dict[str, Any], sentences: list[str]) -> None:
-    """Print what a sweep says: failures, the quantiles of what counts, and what failures depend on."""
+    """Print the results of a sweep: failures, quantiles of metrics, and what failures depend on."""
     from armgpi.loop import metrics
     from armgpi.loop.units import NEWTON
     from armgpi.studies.results import failure_words, heading, quantile_words

@@ -42,7 +42,7 @@ def tune(
     report: Path | None = None,
     as_json: bool = False,
 ) -> None:
-    """Search for the numbers of a controller, and validate what is found on scenarios that it never saw.
+    """Search for a controller's parameters, and validate them on scenarios that the search never used.
 
     \b
     armgpi tune study.yaml --out study

@@ -64,7 +64,7 @@ def validate(
     suggest_urdf: Path | None = None,
     as_json: bool = False,
 ) -> None:
-    """Compare hand-derived dynamics with Pinocchio's and say what is wrong with them.
+    """Compare hand-derived dynamics with Pinocchio's, and name the mistakes in them.
 
     The model is code, which runs with your rights: read a stranger's before you run it, or --isolate it.
 

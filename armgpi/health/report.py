@@ -1,4 +1,4 @@
-"""The health report of a robot: what its model is, what will bite, and what a controller will do with it.
+"""The health report of a robot: its model, the problems of it, and how a controller will work with it.
 
 Whatever makes a model unusable is refused when it is loaded (``urdf.py``, ``urdf_model.py``). Here is what
 loads and still goes wrong later: limits in degrees, a gripper that moves, gravity beyond a motor, an inertia
@@ -89,7 +89,7 @@ def inspect(
     rotor_inertia: PerJoint | None = None,
     drives: Drives | Mapping[str, Any] | str | None = None,
 ) -> HealthReport:
-    """Load a robot and report what its model is, what will bite, and what a controller will do with it.
+    """Load a robot and report what its model contains, its problems, and how a controller will work with it.
 
     Args:
         path_or_name: as :meth:`armgpi.Robot.load`, as are `lock`, `keep`, `mimic` and `repair`.

@@ -174,6 +174,7 @@ def view(
     """
     import xarray as xr
 
+    from armgpi.arrays import check_path
     from armgpi.viewing import film, meshcat, page
     from armgpi.viewing import report as reports
 
@@ -187,10 +188,11 @@ def view(
         html = meshcat.robot_page(*shown, frame=frame)
     else:
         raise ParameterError("shown", shown, "a Robot, a sequence of them, or a rollout")
-    if path is not None and Path(path).suffix.lower() in film.FORMATS:
+    file = None if path is None else Path(check_path(path, "path"))
+    if file is not None and file.suffix.lower() in film.FORMATS:
         if not isinstance(shown, xr.Dataset):
             raise ParameterError("path", str(path), "a page (.html): a film is of a rollout")
-        film.write(shown, path, frame=frame)
-    elif path is not None:
-        meshcat.write(html, path)
+        film.write(shown, file, frame=frame)
+    elif file is not None:
+        meshcat.write(html, file)
     return page.Page(html)

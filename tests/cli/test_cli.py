@@ -157,7 +157,17 @@ def test_every_command_that_reports_has_json_and_a_page() -> None:
     flags = {
         name: {flag for each in command.params for flag in each.opts} for name, command in commands.items()
     }
-    for name in ("run", "compare", "sweep", "zoo", "tune", "contend", "inspect", "validate", "loop"):
+    for name in (
+        "run",
+        "compare",
+        "sweep",
+        "tune",
+        "benchmark controllers",
+        "benchmark robots",
+        "inspect",
+        "validate",
+        "loop",
+    ):
         assert {"--json", "--report"} <= flags[name], name
     # Whatever loads a URDF by way of the command line is told where its meshes are.
     assert all("--package-dir" in each for each in flags.values() if "--lock" in each)
@@ -168,7 +178,11 @@ def test_what_is_inspected_and_the_zoo_are_pages_too(
     cli: Callable[..., Answer], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("armgpi.health.zoo.HORIZON", 0.5)
-    for name, words in {"inspect": (ARM,), "zoo": (ARM,), "validate": ("paper", "--robot", ARM)}.items():
+    for name, words in {
+        "inspect": (ARM,),
+        "benchmark robots": (ARM,),
+        "validate": ("paper", "--robot", ARM),
+    }.items():
         page = tmp_path / f"{name}.html"
         assert cli(name, *words, "--report", page).code == 0
         text = page.read_text()

@@ -380,7 +380,7 @@ def test_a_zoo_goes_on_where_it_was_and_refuses_what_is_not_its_own(
     shutil.copy(robots.locate("anthropomorphic3")[0], arm)
 
     def run(out: str, *more: str) -> Any:
-        return called("zoo", str(arm), *more, "--out", str(tmp_path / out))
+        return called("benchmark", "robots", str(arm), *more, "--out", str(tmp_path / out))
 
     assert not run("whole", "twodof")
     assert not run("cut")
@@ -389,7 +389,7 @@ def test_a_zoo_goes_on_where_it_was_and_refuses_what_is_not_its_own(
     assert not run("cut", "twodof")
     assert (place.stat().st_ino, place.stat().st_mtime_ns) == (before.st_ino, before.st_mtime_ns)
     assert contents(tmp_path / "cut") == contents(tmp_path / "whole")
-    assert not called("zoo", str(arm), "twodof")
+    assert not called("benchmark", "robots", str(arm), "twodof")
     assert (tmp_path / "cut" / "zoo.md").read_text() in capsys.readouterr().out
     # Other draws are another study, a damaged part is refused, and other bytes are another arm.
     assert run("cut", "--seed", "1") == 2
@@ -405,7 +405,7 @@ def test_a_zoo_goes_on_where_it_was_and_refuses_what_is_not_its_own(
 def test_what_a_zoo_has_run_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def run() -> dict[str, bytes]:
         options = ("--reality", "geared", "--count", "2", "--out", str(tmp_path))
-        assert not called("zoo", "anthropomorphic3", *options)
+        assert not called("benchmark", "robots", "anthropomorphic3", *options)
         return contents(tmp_path)
 
     before = run()
@@ -518,8 +518,10 @@ def commands(
         "sweep": lambda out: sweep(asked, out),
         "rare": lambda out: sweep(rare, out, "--rare", "--rollouts", "100"),
         "tune": tune,
-        "contend": lambda out: called("contend", arm, "--quick", "--law", "GPI, roll-off", "--out", str(out)),
-        "zoo": lambda out: called("zoo", arm, "twodof", "--out", str(out)),
+        "contend": lambda out: called(
+            "benchmark", "controllers", arm, "--quick", "--law", "GPI, roll-off", "--out", str(out)
+        ),
+        "zoo": lambda out: called("benchmark", "robots", arm, "twodof", "--out", str(out)),
         "certify": lambda out: called(
             *("certify", arm, "--rotor-inertia", "0.1", "--omega", "40"),
             *("--out", str(files.make_folder(out) / "arm.json")),

@@ -210,15 +210,20 @@ def test_a_contest_is_the_same_search_for_all(
 ) -> None:
     monkeypatch.setattr(contend, "QUICK", contend.Setting(30, 1, 1, 1))
     laws = ("--law", "GPI, roll-off", "--law", "ADRC, order 3")
-    answer = cli("contend", "anthropomorphic3", "--quick", "--out", tmp_path, *laws)
+    answer = cli("benchmark", "controllers", "anthropomorphic3", "--quick", "--out", tmp_path, *laws)
     assert answer.code == 0, answer.err
     assert "| GPI, roll-off (4) |" in answer.out  # numbers that are searched
     assert "| class | arm |" in answer.out
     assert (tmp_path / "contest.png").exists()
     # What is there is not run again.
     monkeypatch.setattr(Search, "run", None)
-    assert cli("contend", "anthropomorphic3", "--quick", "--out", tmp_path, *laws).out == answer.out
-    told = cli("contend", "anthropomorphic3", "--quick", "--out", tmp_path, *laws, "--json").out
+    assert (
+        cli("benchmark", "controllers", "anthropomorphic3", "--quick", "--out", tmp_path, *laws).out
+        == answer.out
+    )
+    told = cli(
+        "benchmark", "controllers", "anthropomorphic3", "--quick", "--out", tmp_path, *laws, "--json"
+    ).out
     (own,) = (each for each in json.loads(told) if each["law"] == "GPI, roll-off")
     wanted = contend.problem("anthropomorphic3", "GPI, roll-off", 0, contend.QUICK)
     assert own["budgets"]
@@ -229,6 +234,6 @@ def test_a_contest_is_the_same_search_for_all(
         assert best["held_out"] == pytest.approx(held_out["itae"].mean(), rel=1e-3)
         assert best["variation"] == pytest.approx(held_out["total_variation"].mean(), rel=1e-3)
         assert fit["total_variation"].mean() <= float(budget)
-    assert cli("contend", "anthropomorphic3", "--out", tmp_path, *laws).code == 2
+    assert cli("benchmark", "controllers", "anthropomorphic3", "--out", tmp_path, *laws).code == 2
     for bad in (["--law", "magic"], ["--evaluations", "1"], ["--seeds", "0"], ["nobody"]):
-        assert cli("contend", *bad, "--out", tmp_path / "other").code == 2
+        assert cli("benchmark", "controllers", *bad, "--out", tmp_path / "other").code == 2

@@ -1,4 +1,4 @@
-"""The command that runs every arm."""
+"""The benchmark of robots: every arm that can be loaded."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ ROWS = {
 
 
 @stoppable
-def zoo(
+def benchmark_robots(
     names: list[str] | None = None,
     out: Path | None = None,
     accept_code: bool = False,
@@ -47,12 +47,12 @@ def zoo(
 ) -> None:
     """Run every arm that can be loaded with default gains, empty and loaded, and print one table.
 
-    With --out a zoo that was stopped goes on where it was.
+    With --out a benchmark that was stopped goes on where it was.
 
     \b
-    armgpi zoo ur5 panda
-    armgpi zoo --out zoo
-    armgpi zoo ur5 panda --reality geared --count 16
+    armgpi benchmark robots ur5 panda
+    armgpi benchmark robots --out robots
+    armgpi benchmark robots ur5 panda --reality geared --count 16
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.health import reality as realities
     from armgpi.health import zoo as nominal

@@ -1,4 +1,4 @@
-"""The command that holds laws against each other."""
+"""The benchmark of controllers: all tuned alike, and evaluated on scenarios that none has seen."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ROWS = {
 
 
 @stoppable
-def contend(
+def benchmark_controllers(
     arms: list[str] | None = None,
     out: Path = Path("contest"),
     laws: list[str] | None = None,
@@ -34,13 +34,13 @@ def contend(
     report: Path | None = None,
     as_json: bool = False,
 ) -> None:
-    """Tune every law alike, for several budgets of torque variation, and judge them on what none has seen.
+    """Tune all controllers alike for several limits of torque variation, and evaluate them on new scenarios.
 
-    A contest that was stopped goes on where it was.
+    A benchmark that was stopped goes on where it was.
 
     \b
-    armgpi contend --out contest
-    armgpi contend anthropomorphic3 --quick --out quick
+    armgpi benchmark controllers --out contest
+    armgpi benchmark controllers anthropomorphic3 --quick --out quick
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi import files
     from armgpi.robot import robots
