@@ -38,6 +38,7 @@ class Context(NamedTuple):
         nominal: nominal model of a controller; `robot` but for a scaled inertia.
         omega_c: default bandwidth of a controller [rad/s].
         given: parameters of the controller that the experiment sets.
+        rated: whether a supervisor limits the rate of the torque.
         error_context: makes errors inside of it name the key of a parameter.
     """
 
@@ -49,6 +50,7 @@ class Context(NamedTuple):
     nominal: Any = None
     omega_c: float = 0.0
     given: Mapping[str, Any] = {}
+    rated: bool = False
     error_context: Callable[[str], AbstractContextManager[None]] = lambda name: nullcontext()
 
 

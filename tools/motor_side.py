@@ -56,7 +56,7 @@ STEP_BITS = (16, 18, 20)
 GEAR_RATIOS = (30, 100, 160)
 TORQUE_RATE = 1000.0
 #: Starts beside the reference [rad]; torque pulses of 50 ms, as shares of the torque limit.
-OFFSETS = (0.002, 0.01, 0.03)
+OFFSETS = (0.01, 0.03, 0.1, 0.19)
 PULSES = (0.1, 0.5)
 
 
@@ -189,7 +189,7 @@ def torque_steps(name: str, dt: float, late: int) -> None:
         for bits, ratio in itertools.product(STEP_BITS, GEAR_RATIOS):
             robot = load(name, side).with_gravity((0.0, 0.0, 0.0))
             robot = robot.with_drives({joint: {"gear_ratio": ratio} for joint in robot.joint_names})
-            law = armgpi.GPI.auto(robot, dt, delay=late * dt, bits=bits)
+            law = armgpi.GPI.auto(robot, dt, delay=late * dt, bits=bits, start="rest")
             for factor, limited in itertools.product(STIFFNESS, rows):
                 plant: Any = armgpi.ElasticPlant(
                     robot, motion.loads, gear_stiffness=factor * robot.drives.value("stiffness")

@@ -7,7 +7,7 @@ Gives an :class:`Experiment`, or an error that names file, line and key.
 objects.
 """
 
-from armgpi.config.building import Experiment, build, controller, robot
+from armgpi.config.building import Experiment, build, controller, robot, told_context
 from armgpi.config.reading import Loaded, Origin, check, dump, parse, read, standard_law
 from armgpi.config.schema import ExperimentConfig
 
@@ -24,4 +24,5 @@ __all__ = [
     "read",
     "robot",
     "standard_law",
+    "told_context",
 ]

@@ -456,7 +456,8 @@ def _context(config: ExperimentConfig, robot: Robot, top: _Place) -> Context:
     if bits is not None:
         bits = _per_joint(bits, robot, top.at("plant", "encoder_bits"), parameters(Encoder)["bits"].default)
     dt = config.sample_time
-    return Context(robot, dt, config.seed, delay * dt, bits, robot)
+    rated = config.supervisor is not None and config.supervisor.torque_rate is not None
+    return Context(robot, dt, config.seed, delay * dt, bits, robot, rated=rated)
 
 
 def _apply_draw(
@@ -603,14 +604,46 @@ def controller(section: Any, context: Context) -> Controller:
     Raises:
         ConfigError: when the section is wrong or does not fit; it names the key.
     """
+    checked, place = _checked_controller(section, context)
+    return _controller(checked, context, place)[1]
+
+
+def told_context(section: Any, context: Context) -> Context:
+    """Return the context of a controller with what its section sets; arguments as :func:`controller`.
+
+    Raises:
+        ConfigError: when the section is wrong or does not fit; it names the key.
+    """
+    checked, place = _checked_controller(section, context)
+    return _told(checked, context, place).context
+
+
+def _checked_controller(section: Any, context: Context) -> tuple[Any, _Place]:
+    """Return a checked section of a controller, and where errors are."""
     origin = Origin("controller")
     wanted = {"robot": {"name": context.robot.name}, "controllers": [section]}
     (checked,) = check(wanted, origin).controllers
-    return _controller(checked, context, _Place(origin, ("controllers", 0)))[1]
+    return checked, _Place(origin, ("controllers", 0))
 
 
-def _controller(section: Any, context: Context, place: _Place) -> tuple[Any, Controller]:
-    """Return one controller, and its section with the defaults filled in."""
+class _Told(NamedTuple):
+    """What the section of a controller sets.
+
+    Attributes:
+        context: of the controller, with its nominal model and what is set.
+        law: name -> value of each parameter of the controller, besides the variant's.
+        keys: name -> key in a file, of the controller and its variant.
+        told: keys that are set.
+    """
+
+    context: Context
+    law: dict[str, Any]
+    keys: dict[str, str]
+    told: set[str]
+
+
+def _told(section: Any, context: Context, place: _Place) -> _Told:
+    """Return what the section of a controller sets."""
     if section.nominal is not None:
         nominal = _nominal(section, context.robot, place.at("nominal"))
         context = context._replace(robot=nominal, nominal=nominal)
@@ -627,6 +660,15 @@ def _controller(section: Any, context: Context, place: _Place) -> tuple[Any, Con
     told = {key for key in section.given if getattr(section, key) is not None}
     set_here = {name: value for name, value in law.items() if keys[name] in told}
     context = kind.law.context_for(law, context._replace(given=set_here))
+    return _Told(context, law, keys, told)
+
+
+def _controller(section: Any, context: Context, place: _Place) -> tuple[Any, Controller]:
+    """Return one controller, and its section with the defaults filled in."""
+    context, law, keys, told = _told(section, context, place)
+    robot, kind, set_here = context.robot, KINDS[section.type], context.given
+    declared = parameters(kind.law)
+    source: Any = kind.variant or kind.law
     # Of a section that says all there is to choose, the choice (half a second of a rule) would be dropped.
     full = section.given >= {*section.keys} - section.quiet
     full &= all(keys[name] in told for name, each in parameters(source).items() if each.default is REQUIRED)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,8 @@ from armgpi.robot.rotors import told_none
 
 #: Share of a joint's effort by which one count may move its torque at once, before it is warned of.
 COUNT_SHARE = 0.01
+#: Arms of a batch that a warning names at most.
+_SHOWN = 8
 
 
 def warn(findings: Iterable[Finding], level: int = 1) -> None:
@@ -126,6 +128,30 @@ def untuned_arm(robot: Robot, chosen: Mapping[str, Any], rigid: bool) -> Iterato
             "loop unstable, at a light wrist from 0.05 kg m^2 on"
         )
         yield Finding("warning", "joints", message, repair="specify its rotor inertia, or let it be assumed")
+
+
+def mixed_batch(kinds: Sequence[str]) -> Iterator[Finding]:
+    """Find arms of a batch that would have controllers of different structures alone.
+
+    Args:
+        kinds: the kind of controller that each arm has alone, in words.
+    """
+    rows: dict[str, list[int]] = {}
+    for k, kind in enumerate(kinds):
+        rows.setdefault(kind, []).append(k)
+    said = "; ".join(f"{kind}: arms {_numbered(own)}" for kind, own in rows.items())
+    message = (
+        f"the {len(kinds)} arms of the batch would have different controllers alone ({said}); a batch has "
+        "one structure, so all of them get the controller for elastic joints, which is slower than some need"
+    )
+    repair = "make a RobotBatch of the arms of each kind"
+    yield Finding("warning", "robot", message, len(rows), 1, repair)
+
+
+def _numbered(rows: Sequence[int]) -> str:
+    """Return the numbers of some arms, the first few of many."""
+    shown = ", ".join(map(str, rows[:_SHOWN]))
+    return shown if len(rows) <= _SHOWN else f"{shown} and {len(rows) - _SHOWN} more"
 
 
 def light_model(robot: Robot, nominal: float = 0.0) -> Iterator[Finding]:

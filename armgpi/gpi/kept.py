@@ -1,7 +1,8 @@
 """What the rule chose for an arm is kept, in the process and on the disk, by a digest of what it depends on.
 
 That is the arm as it is known, sample time, delay, encoders, what was given, and the code and constants of
-this package: with any other of these it is worked out anew. Nothing is kept of a batch.
+this package: with any other of these it is worked out anew. Of the arms of a batch nothing is kept on the
+disk.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ _MODULES = ("untuned", "collocated", "geared", "two_mass", "payload", "margins",
 #: Configurations at which D(q) and G(q) stand for an arm besides its parts.
 _PROBED = 3
 #: Results that a process keeps at most.
-_MOST = 256
+_MOST = 1024
 
 _in_process: dict[str, Any] = {}
 
@@ -41,13 +42,14 @@ class _NotPlainError(TypeError):
     """Something that has no plain text."""
 
 
-def remember(kind: str, parts: Mapping[str, Any], compute: Callable[[], Any]) -> Any:
+def remember(kind: str, parts: Mapping[str, Any], compute: Callable[[], Any], on_disk: bool = True) -> Any:
     """Return what is kept of a kind of result for some parts, or compute and keep it.
 
     Args:
         kind: of the result.
         parts: what it depends on; robots, numbers, arrays, words, loads and mappings of these.
         compute: works it out: mappings, tuples and lists of numbers, words, arrays and loads.
+        on_disk: whether it is kept on the disk as well; of the arms of a batch it is not.
 
     Returns:
         The same, with the same bits; tuples are lists.
@@ -58,11 +60,12 @@ def remember(kind: str, parts: Mapping[str, Any], compute: Callable[[], Any]) ->
         return compute()
     key = hashlib.sha256(text.encode()).hexdigest()[:32]
     if key not in _in_process:
-        plain = read_result(key)
+        plain = read_result(key) if on_disk else None
         found = _read(plain)
         if plain is None or found is None:
             plain = _written(compute())
-            keep_result(key, plain)
+            if on_disk:
+                keep_result(key, plain)
         if len(_in_process) >= _MOST:
             _in_process.pop(next(iter(_in_process)))
         _in_process[key] = plain

@@ -60,8 +60,9 @@ class GPI(Controller):
         gains: the tuning per joint; ``FixedGains(default_omega(dt, delay))`` when not given.
         realisation: "bumpless" (three bounded states) or "paper" (as printed).
         start: "hold" starts with the torque that holds the arm (brakes released under torque), "rest" also
-            takes an arm that starts beside its reference to be at rest there, so that no derivative of the
-            first error kicks; "zero" starts with the integrators at zero.
+            takes an arm that starts beside its reference to be at rest there, so that its torque begins with
+            no kick of the first error, neither of its derivative nor in proportion to it; "zero" starts with
+            the integrators at zero.
         feedforward: torque of the nominal model that is added: "none" (the paper); at the reference "gravity"
             G(q*), or "model" D(q*) a* + C(q*, v*) v* + G(q*); or "computed", at the measured position
             D(q) a* + C(q, v*) v* + G(q).
@@ -104,7 +105,7 @@ class GPI(Controller):
         structural=True,
     )
     start: str = parameter(
-        "start with the torque that holds the arm, with that and without a kick of the derivative where it "
+        "start with the torque that holds the arm, with that and without a kick where it "
         "starts beside its reference, or with the integrators at zero",
         kind="choice",
         default="hold",
@@ -346,16 +347,18 @@ class GPI(Controller):
                 held = held - (weight if at is q else self._bias.gravity(at))
             hold = self._dynamics.inertia_solve(q, held)
         learn = np.ones_like(e)
-        first = self._settled(e, self._law.init(hold, self._nominal))
+        first = self._law.init(hold, self._nominal)
+        if self.start == "rest":
+            first = self._law.at_rest(e, first, self._nominal)
         return GPIState(first, self.gains.init(e), learn)
 
     def waiting(self, measurement: Measurement, target: Target, state: GPIState) -> GPIState:
         """Return the state at the start, from where the arm is now; see :meth:`Controller.waiting`."""
-        return state._replace(law=self._settled(measurement.q - target.q, state.law))
-
-    def _settled(self, e: Array, state: Any) -> Any:
-        """Return a state of the law, its filter settled on an error where it starts at rest."""
-        return self._law.settled(e, state, self._nominal) if self.start == "rest" else state
+        if self.start != "rest":
+            return state
+        e = measurement.q - target.q
+        # The integrators stay: what the arm moved since the start is answered.
+        return state._replace(law=self._law.settled(e, state.law, self._nominal))
 
     def step(self, measurement: Measurement, target: Target, state: GPIState) -> ControlStep:
         """Return torque and next state; what is NaN goes through: nothing is checked here.

@@ -61,6 +61,23 @@ class Realisation(ABC):
         """
         raise NotImplementedError
 
+    def at_rest(self, e: Array, state: Any, c: Any) -> Any:
+        """Return a state for an arm that is at rest beside its reference: its first v is that of no error.
+
+        The filter has settled, and the first integrator starts with what balances the error's proportional
+        part. So the torque starts from what holds the arm and grows with the integral of the error, as of a
+        controller whose proportional part sees the way from the start alone.
+
+        Args:
+            e: error at the start [rad or m].
+            state: from :meth:`init`.
+            c: the coefficients.
+
+        Raises:
+            NotImplementedError: for a realisation without a filter of its own.
+        """
+        raise NotImplementedError
+
     @abstractmethod
     def output(self, e: Array, state: Any, c: Any) -> Array:
         """Return v [rad/s^2 or m/s^2] for the error `e` [rad or m]."""
@@ -208,6 +225,11 @@ class Bumpless(Realisation):
             lost = (1.0 - leak[0]) * eta if k == 0 else leak[k] * eta
             filters.append((lost - drive[k] * e) / c.dt)
         return new(self._state, (*state[:m], *filters))
+
+    def at_rest(self, e: Array, state: Any, c: Any) -> Any:
+        """Return a state whose first v is that of no error; see :meth:`Realisation.at_rest`."""
+        settled = self.settled(e, state, c)
+        return settled._replace(lam=settled.lam + c.direct * e - settled.eta)
 
     def output(self, e: Array, state: Any, c: Any) -> Array:
         """Return v; see :meth:`Realisation.output`."""

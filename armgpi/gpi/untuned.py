@@ -9,8 +9,8 @@ numbers were chosen on half of the arms of example-robot-data and judged on the 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from functools import cache
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -76,6 +76,10 @@ CROSSOVER = 70.0
 TORQUE_SHARE = 0.005
 #: Error that is not integrated while the reference rests [rad or m].
 REST_ZONE = 3e-4
+#: How a controller for encoders at the motors starts beside its reference, and any where a supervisor limits
+#: the rate of the torque: with no kick. Under the 1 N m per ms that libfranka takes, a Panda that starts 30
+#: mrad beside it is driven away otherwise (tools/motor_side.py --torque-step).
+START = "rest"
 #: Resolution of encoders of which nothing is said [bits]: set by hand, arms have 12 to 20.
 BITS = 16
 #: Effort in gravity torques beyond which a motor is taken to be stronger than the arm is quiet.
@@ -135,23 +139,149 @@ def apply_rule(
         PayloadError: when no bandwidth serves the loads given.
     """
     given = given or {}
+    if isinstance(robot, RobotBatch):
+        return _of_batch(robot, dt, delay, bits, given)
     depends: dict[str, Any] = {"robot": robot, "dt": dt, "delay": delay, "bits": bits, "given": given}
     chosen: dict[str, Any]
     chosen, soft = kept.remember("rule", depends, lambda: _chosen(robot, dt, delay, bits, given))
-    if isinstance(robot, Robot):
-        advice.warn(advice.untuned_arm(robot, chosen, rigid=not soft and "gains" not in given), 3)
+    advice.warn(advice.untuned_arm(robot, chosen, rigid=not soft and "gains" not in given), 3)
     return chosen
 
 
+class Structure(NamedTuple):
+    """What of a controller the arms of a batch have in common.
+
+    Attributes:
+        integrators: number of integrators.
+        rolloff: number of roll-off poles.
+        rolloff_ratio: those poles over the bandwidth [-].
+        feedforward: what is fed forward.
+        link_factor: factor of the links' inertia in the feedback [-].
+        rotor_factor: factor of the rotors' inertia in the feedback [-].
+        start: how it starts.
+        loaded: whether the feedback's nominal model carries a load.
+    """
+
+    integrators: int = 2
+    rolloff: int = 0
+    rolloff_ratio: float = RATIO
+    feedforward: str = "none"
+    link_factor: float = 1.0
+    rotor_factor: float = 1.0
+    start: str = "hold"
+    loaded: bool = False
+
+    def describe(self) -> str:
+        """Return in words what kind of controller it is."""
+        if self.link_factor == collocated.LINK_FACTOR:
+            return "for encoders at the motors"
+        if self.feedforward == "computed":
+            return "for encoders at the links" if self.rolloff else "for elastic joints"
+        return "for stiff joints"
+
+
+def structures(
+    robot: AnyRobot,
+    dt: float,
+    delay: float = 0.0,
+    bits: Any = None,
+    given: Mapping[str, Any] | None = None,
+) -> tuple[Structure, ...]:
+    """Return the structure of the controller that each arm has alone; arguments as :func:`apply_rule`.
+
+    A batch has one structure: arms whose structures differ belong into batches of their own.
+    """
+    robots = robot.robots if isinstance(robot, RobotBatch) else (robot,)
+    return tuple(_structure(each) for each in _each_alone(robots, dt, delay, bits, given or {}))
+
+
+def _structure(chosen: Mapping[str, Any]) -> Structure:
+    """Return the structure among the numbers that were chosen."""
+    named = {name: chosen[name] for name in Structure._fields if name in chosen}
+    return Structure(**named, loaded="payload" in chosen)
+
+
+def _of_batch(
+    robot: RobotBatch, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return what is chosen for a batch: of each arm what it has alone where their structures are alike."""
+    rows = _each_alone(robot.robots, dt, delay, bits, given)
+    found = [_structure(row) for row in rows]
+    if len(set(found)) > 1:
+        advice.warn(advice.mixed_batch([each.describe() for each in found]), 4)
+        # With these all loops are stable at the damping at which they are judged, wherever the encoders sit.
+        common = GEARED[any(geared.at_link(one) for one in robot.robots)]
+        rows = [
+            _without(given, _with_structure(common, one, dt, delay, own_bits, own))
+            for one, own_bits, own in _rows(robot.robots, bits, given)
+        ]
+    return _stacked(rows)
+
+
+def _each_alone(
+    robots: Sequence[Robot], dt: float, delay: float, bits: Any, given: Mapping[str, Any]
+) -> list[dict[str, Any]]:
+    """Return what is chosen for each arm of a batch alone; alike arms are looked at once."""
+    rows = []
+    for one, own_bits, own in _rows(robots, bits, given):
+        depends = {"robot": one, "dt": dt, "delay": delay, "bits": own_bits, "given": own}
+        chosen, _ = kept.remember(
+            "rule", depends, partial(_chosen, one, dt, delay, own_bits, own), on_disk=False
+        )
+        rows.append(chosen)
+    return rows
+
+
+def _rows(
+    robots: Sequence[Robot], bits: Any, given: Mapping[str, Any]
+) -> Iterator[tuple[Robot, Any, dict[str, Any]]]:
+    """Yield each arm of a batch with its encoders and what is given of it."""
+    count = len(robots)
+    fine = None if bits is None else np.broadcast_to(_checked_bits(bits), (count, robots[0].n))
+    for k, one in enumerate(robots):
+        own = {name: _row(value, k, count) for name, value in given.items()}
+        yield one, None if fine is None else fine[k], own
+
+
+def _row(value: Any, k: int, count: int) -> Any:
+    """Return what one arm of a batch has of a value."""
+    if isinstance(value, LoadRange):
+        heaviest = float(np.broadcast_to(np.ravel(value.heaviest), count)[k])
+        return LoadRange(lightest=value.lightest, heaviest=heaviest, frame=value.frame, com=value.com)
+    if isinstance(value, np.ndarray) and value.ndim == 2 and len(value) == count:
+        return value[k]
+    return value
+
+
+def _stacked(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return what was chosen for arms of one structure, as a batch has it."""
+    stacked: dict[str, Any] = {}
+    for name, first in rows[0].items():
+        each = [row[name] for row in rows]
+        if name == "friction_feedforward":
+            stacked[name] = all(each)
+        elif isinstance(first, LoadRange):
+            heaviest: Any = np.array([[load.heaviest] for load in each])
+            stacked[name] = LoadRange(heaviest=heaviest, com=first.com)
+        else:
+            stacked[name] = np.stack(each) if isinstance(first, np.ndarray) else first
+    return stacked
+
+
+def _without(given: Mapping[str, Any], chosen: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what is chosen, without what is given."""
+    return {name: value for name, value in chosen.items() if name not in given}
+
+
 def _chosen(
-    robot: AnyRobot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
+    robot: Robot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
 ) -> tuple[dict[str, Any], bool]:
     """Return what is chosen without what is given, and whether it is for elastic joints."""
     chosen = _rigid(robot, dt, delay, bits, given)
     soft = _twists(robot, dt, delay, {**chosen, **given})
     if soft:
         chosen = _choose_geared(robot, dt, delay, bits, given)
-    return {name: value for name, value in chosen.items() if name not in given}, soft
+    return _without(given, chosen), soft
 
 
 def arguments(
@@ -180,7 +310,7 @@ def arguments(
     return {"robot": robot, "dt": dt, "delay": delay, "gains": gains, **chosen, **given}
 
 
-def _rigid(robot: AnyRobot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]) -> dict[str, Any]:
+def _rigid(robot: Robot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return what is chosen for an arm whose gears are rigid."""
     chosen: dict[str, Any] = {
         "integrators": INTEGRATORS,
@@ -209,29 +339,22 @@ def _rigid(robot: AnyRobot, dt: float, delay: float, bits: Any, given: Mapping[s
     return {**chosen, "omega_c": omega}
 
 
-def _twists(robot: AnyRobot, dt: float, delay: float, law: Mapping[str, Any]) -> bool:
-    """Tell whether gears are known, and of some arm too soft for the law of one whose gears are rigid."""
-    robots = robot.robots if isinstance(robot, RobotBatch) else (robot,)
-    known = {one: k for k, one in enumerate(robots) if geared.is_known(one)}
-    if not known or "omega_c" not in law:
-        return bool(known)
+def _twists(robot: Robot, dt: float, delay: float, law: Mapping[str, Any]) -> bool:
+    """Tell whether gears are known, and too soft for the law of an arm whose gears are rigid."""
+    if not geared.is_known(robot) or "omega_c" not in law:
+        return geared.is_known(robot)
     own, loads, samples = member(law), law.get("payload"), _samples(dt, delay)
-    loaded = robot if loads is None else loads.choose(robot, dt, delay, 1e-9, own).nominal
-    nominal = loaded.robots if isinstance(loaded, RobotBatch) else (loaded,)
-    omega = np.broadcast_to(law["omega_c"], (len(robots), robot.n))
+    nominal: Any = robot if loads is None else loads.choose(robot, dt, delay, 1e-9, own).nominal
+    bias = robot if law["feedforward"] == "computed" else None
+    omega = law["omega_c"] * np.ones(robot.n)
 
-    def is_too_soft(one: Robot, k: int) -> bool:
-        bias = one if law["feedforward"] == "computed" else None
+    def loops_of(cases: tuple[geared.Case, ...]) -> geared.Loops:
+        return geared.Loops(cases, nominal, bias, own, dt)
 
-        def loops_of(cases: tuple[geared.Case, ...]) -> geared.Loops:
-            return geared.Loops(cases, nominal[k], bias, own, dt)
-
-        # A late loop is sensitive with rigid gears as well.
-        rigid = geared.AS_RIGID * loops_of(geared.rigid_cases(one, dt, samples)).sensitivity(omega[k])
-        most = max(geared.RIGID_SENSITIVITY, rigid)
-        return not loops_of(geared.cases(one, dt, samples)).holds(omega[k], most)
-
-    return any(is_too_soft(one, k) for one, k in known.items())
+    # A late loop is sensitive with rigid gears as well.
+    rigid = geared.AS_RIGID * loops_of(geared.rigid_cases(robot, dt, samples)).sensitivity(omega)
+    most = max(geared.RIGID_SENSITIVITY, rigid)
+    return not loops_of(geared.cases(robot, dt, samples)).holds(omega, most)
 
 
 def _samples(dt: float, delay: float) -> int:
@@ -240,26 +363,25 @@ def _samples(dt: float, delay: float) -> int:
 
 
 def _choose_geared(
-    robot: AnyRobot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
+    robot: Robot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return what is chosen for an arm whose gears twist."""
-    first = robot.robots[0] if isinstance(robot, RobotBatch) else robot
     stiff = _choose_collocated(robot, dt, delay, bits, given)
     early = _collocated_delay(robot, dt, delay) < collocated.COMPARED
     # Encoder counts or late loops may leave the stiff one less than the soft one has anyway.
     if stiff is not None and early and float(np.min(stiff["omega_c"])) > geared.SLOWEST:
         return stiff
-    soft = _choose_soft(first, robot, dt, delay, bits, given)
-    if stiff is None or isinstance(robot, RobotBatch):
+    soft = _choose_soft(robot, dt, delay, bits, given)
+    if stiff is None:
         return soft
     return min((stiff, soft), key=lambda each: _yielding(robot, dt, delay, each))
 
 
 def _choose_soft(
-    first: Robot, robot: AnyRobot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
+    robot: Robot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return what is chosen for elastic joints, wherever the encoders sit and however late the loop is."""
-    link, believed = geared.at_link(first), geared.is_assumed(first)
+    link, believed = geared.at_link(robot), geared.is_assumed(robot)
     chosen = _with_structure(
         ASSUMED_LINK if link and believed else GEARED[link], robot, dt, delay, bits, given
     )
@@ -269,46 +391,30 @@ def _choose_soft(
     return other if _allowed_bandwidth(other) > ROLLOFF_GAIN * _allowed_bandwidth(chosen) else chosen
 
 
-def _collocated_delay(robot: AnyRobot, dt: float, delay: float) -> float:
+def _collocated_delay(robot: Robot, dt: float, delay: float) -> float:
     """Return the delay of hold, transport and current loop [s]."""
-    first = robot.robots[0] if isinstance(robot, RobotBatch) else robot
-    current = float(np.min(first.drives.value("current_bandwidth", two_mass.CURRENT_LOOP)))
+    current = float(np.min(robot.drives.value("current_bandwidth", two_mass.CURRENT_LOOP)))
     return collocated.delay_of(dt, _samples(dt, delay), current)
 
 
 def _choose_collocated(
-    robot: AnyRobot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
+    robot: Robot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
 ) -> dict[str, Any] | None:
     """Return what is chosen for elastic joints whose encoders are specified to sit at the motors.
 
     None where they are not, where the loop is too late, where no bandwidth is stable, or where some of the
     structure is given already.
     """
-    robots = robot.robots if isinstance(robot, RobotBatch) else (robot,)
-    at_motor = all((one.drives.value("encoder_side") == "motor").all() for one in robots)
+    at_motor = (robot.drives.value("encoder_side") == "motor").all()
     taken = {*MEMBER, "gains", "omega_c", "zeta_c", "rotor_factor", "link_factor", "feedforward"} & set(given)
     if not at_motor or taken or _collocated_delay(robot, dt, delay) >= collocated.LATE:
         return None
     loads = given.get("payload")
-    # Arms of a batch may each have encoders of their own.
-    fine = None if bits is None else _checked_bits(bits)
-    rows_of_bits = None if fine is None else np.broadcast_to(fine, (len(robots), robot.n))
-    found: dict[tuple[Robot, bytes], collocated.Poles] = {}
-    poles: list[collocated.Poles] = []
-    for row, one in enumerate(robots):
-        counts = None if rows_of_bits is None else one.encoder_count(rows_of_bits[row])
-        key = (one, b"" if counts is None else counts.tobytes())
-        if key not in found:
-            carried: Any = one if loads is None else loads.choose(one, dt, delay, 1e-9).nominal
-            numbers = collocated.choose(one, carried, dt, _samples(dt, delay), counts, usual_effort(one))
-            if numbers is None:
-                return None
-            found[key] = numbers.poles
-        poles.append(found[key])
-    if not isinstance(robot, RobotBatch):
-        rows = poles[0]
-    else:
-        rows = collocated.Poles(*(np.stack(each) for each in zip(*poles, strict=True)))
+    counts = None if bits is None else robot.encoder_count(_checked_bits(bits))
+    carried: Any = robot if loads is None else loads.choose(robot, dt, delay, 1e-9).nominal
+    numbers = collocated.choose(robot, carried, dt, _samples(dt, delay), counts, usual_effort(robot))
+    if numbers is None:
+        return None
     return {
         "integrators": INTEGRATORS,
         "rolloff": 0,
@@ -317,18 +423,17 @@ def _choose_collocated(
         "rotor_factor": collocated.ROTOR_FACTOR,
         "friction_feedforward": _knows_friction(robot),
         "rest_dead_zone": REST_ZONE,
-        "start": "rest",
-        **rows._asdict(),
+        "start": START,
+        **numbers.poles._asdict(),
     }
 
 
-def _yielding(robot: AnyRobot, dt: float, delay: float, chosen: Mapping[str, Any]) -> float:
+def _yielding(robot: Robot, dt: float, delay: float, chosen: Mapping[str, Any]) -> float:
     """Return how far the usual efforts of a rigid arm push its joints aside at most, about its middle.
 
     Each joint is pushed alone and at the frequency at which it yields most; with it two controllers are
     compared.
     """
-    assert isinstance(robot, Robot)
     own = member(chosen)
     ones = np.ones(robot.n)
     tuning = Tuning(chosen["omega_c"] * ones, chosen.get("zeta_c", 1.0) * ones, chosen["omega_c"] * ones)
@@ -358,13 +463,13 @@ def _checked_bits(bits: Any) -> Array:
 
 
 def _allowed_bandwidth(chosen: Mapping[str, Any]) -> float:
-    """Return the bandwidth of the slowest joint [rad/s]; a batch's median."""
-    return float(np.median(np.min(chosen["omega_c"], axis=-1)))
+    """Return the bandwidth of the slowest joint [rad/s]."""
+    return float(np.min(chosen["omega_c"]))
 
 
 def _with_structure(
     structure: Mapping[str, Any],
-    robot: AnyRobot,
+    robot: Robot,
     dt: float,
     delay: float,
     bits: Any,
@@ -381,42 +486,34 @@ def _with_structure(
     law, factor, loads = member(every), every.get("rotor_factor", 1.0), given.get("payload")
     highest = min(_limits(law, dt, delay))
 
-    def nominal(one: AnyRobot) -> AnyRobot:
-        loaded = one if loads is None else loads.choose(one, dt, delay, 1e-9, law).nominal
-        return with_heavier_rotors(loaded, factor)
+    loaded: Any = robot if loads is None else loads.choose(robot, dt, delay, 1e-9, law).nominal
+    nominal: Any = with_heavier_rotors(loaded, factor)
+    bias = robot if every["feedforward"] == "computed" else None
+    believed, (usual, light) = geared.is_assumed(robot), geared.DAMPINGS
 
-    def fastest(one: Robot) -> Array:
-        own: Any = nominal(one)
-        bias = one if every["feedforward"] == "computed" else None
-        believed, (usual, light) = geared.is_assumed(one), geared.DAMPINGS
+    def loops_at(damping: float) -> geared.Loops:
+        arms = geared.cases(robot, dt, _samples(dt, delay), damping)
+        return geared.Loops(arms, nominal, bias, law, dt)
 
-        def loops_at(damping: float) -> geared.Loops:
-            arms = geared.cases(one, dt, _samples(dt, delay), damping)
-            return geared.Loops(arms, own, bias, law, dt)
-
-        loops = loops_at(light)
+    loops = loops_at(light)
+    alike = geared.bandwidth(loops, highest, believed)
+    if believed and alike.omega < geared.LATE:
+        loops = loops_at(usual)
         alike = geared.bandwidth(loops, highest, believed)
-        if believed and alike.omega < geared.LATE:
-            loops = loops_at(usual)
-            alike = geared.bandwidth(loops, highest, believed)
-        least = min(geared.SLOWEST, highest)
-        if believed and not geared.at_link(one) and alike.omega < least:
-            return least * np.ones(one.n)  # which not all loops bear: then none is raised (fit arms)
-        return geared.raise_joints(alike, loops, highest)
-
-    omega = _of_each(robot, fastest)
+    least = min(geared.SLOWEST, highest)
+    if believed and not geared.at_link(robot) and alike.omega < least:
+        omega = least * np.ones(robot.n)  # which not all loops bear: then none is raised (fit arms)
+    else:
+        omega = geared.raise_joints(alike, loops, highest)
     if bits is not None:
-        quiet = omega * np.minimum(1.0, _quietness(nominal(robot), dt, law, omega, bits, not law.rolloff))
+        quiet = omega * np.minimum(1.0, _quietness(nominal, dt, law, omega, bits, not law.rolloff))
         omega = np.maximum(quiet, np.minimum(geared.SLOWEST, omega))
     return {**chosen, "omega_c": omega}
 
 
-def _spare(robot: AnyRobot, most: float) -> LoadRange:
+def _spare(robot: Robot, most: float) -> LoadRange:
     """Return the nominal load that the loop has delay margin to spare for: empty, delta is `most` at most."""
-    heaviest: Any = _of_each(robot, lambda one: np.array([balanced_load(one, most)]))
-    first = robot.robots[0] if isinstance(robot, RobotBatch) else robot
-    com = plausible_load(first).com
-    return LoadRange(heaviest=heaviest if isinstance(robot, RobotBatch) else float(heaviest[0]), com=com)
+    return LoadRange(heaviest=float(balanced_load(robot, most)), com=plausible_load(robot).com)
 
 
 class _Limits(NamedTuple):
@@ -435,10 +532,8 @@ def _limits(law: Member, dt: float, delay: float) -> _Limits:
     return _Limits(CROSSOVER / crossover, DELAY_SHARE * tolerated_phase(law) / late(dt, delay))
 
 
-def _quietness(
-    robot: AnyRobot, dt: float, law: Member, omega: Array, bits: Any, direct: bool = False
-) -> Array:
-    """Return by what factor joints must be slower than `omega` to be quiet, (n,) or (batch, n).
+def _quietness(robot: Robot, dt: float, law: Member, omega: Array, bits: Any, direct: bool = False) -> Array:
+    """Return by what factor joints must be slower than `omega` to be quiet, (n,).
 
     The step of the torque grows with the third power of the bandwidth, to within a tenth; where there is no
     roll-off, with the second.
@@ -451,7 +546,7 @@ def _quietness(
     power, root = (2, np.sqrt) if direct else (3, np.cbrt)
     step = count_noise(one, dt, loudest).step / math.sqrt(12.0) * (omega / slowest) ** power
     noise = step * robot.encoder_count(bits)
-    return np.asarray(root(TORQUE_SHARE * _of_each(robot, _least_acceleration) / noise))
+    return np.asarray(root(TORQUE_SHARE * _least_acceleration(robot) / noise))
 
 
 def usual_effort(robot: Robot) -> Array:
@@ -484,17 +579,9 @@ def _configurations(robot: Robot) -> Array:
     return random_configurations(robot, _CONFIGURATIONS, seed=0)
 
 
-def _of_each(robot: AnyRobot, of: Callable[[Robot], Array]) -> Array:
-    """Return something of a robot, (n,), or of each of a batch, (batch, n)."""
-    if isinstance(robot, RobotBatch):
-        return np.stack(list(map(cache(of), robot.robots)))
-    return of(robot)
-
-
-def _knows_friction(robot: AnyRobot) -> bool:
+def _knows_friction(robot: Robot) -> bool:
     """Tell whether friction was given: what URDFs state is not measured."""
-    robots = robot.robots if isinstance(robot, RobotBatch) else (robot,)
-    return all(any("friction" in change for change in each.provenance["changes"]) for each in robots)
+    return any("friction" in change for change in robot.provenance["changes"])
 
 
 class Verdict(NamedTuple):
@@ -638,4 +725,8 @@ class Untuned(FixedGains):
     @classmethod
     def chosen(cls, context: Context) -> dict[str, Any]:
         """Return what the rule says for an experiment; see :meth:`Gains.chosen`."""
-        return apply_rule(context.nominal, context.dt, context.delay, assume(context.bits), context.given)
+        bits = assume(context.bits)
+        chosen = apply_rule(context.nominal, context.dt, context.delay, bits, context.given)
+        if context.rated and context.given.get("realisation") != "paper":
+            chosen.setdefault("start", START)
+        return {name: value for name, value in chosen.items() if name not in context.given}

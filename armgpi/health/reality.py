@@ -31,7 +31,7 @@ from armgpi.escape import markdown_table
 from armgpi.gpi import geared, two_mass
 from armgpi.gpi.family import Member
 from armgpi.gpi.law import KNOWS
-from armgpi.gpi.untuned import Untuned
+from armgpi.gpi.untuned import Structure, Untuned, assume, structures
 from armgpi.health.zoo import fingers
 from armgpi.intervals import Estimate, wilson
 from armgpi.loop import metrics
@@ -199,28 +199,22 @@ def rollouts(
 
 
 def _alike(groups: Iterable[list[Scenario]], law: Mapping[str, Any]) -> Iterator[list[Scenario]]:
-    """Yield groups of draws parted by the structure of the automatic controller of each.
-
-    A batch has one structure. Where one of its arms cannot have the controller for encoders at the motors,
-    the whole batch would get another one than each of its arms has alone.
-    """
+    """Yield groups of draws parted by the structure of the automatic controller that each has alone."""
     for group in groups:
-        if law.get("type") != Untuned.config_name or not any(_is_at_motor(draw) for draw in group):
+        if law.get("type") != Untuned.config_name or len(group) == 1:
             yield group
             continue
-        parts: dict[tuple[Any, ...], list[Scenario]] = {}
-        for draw in group:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", ArmgpiWarning)
-                alone: Any = config.controller(law, stack_draws([draw]).context)
-            structure = (alone.integrators, alone.rolloff, alone.link_factor)
+        parts: dict[Structure, list[Scenario]] = {}
+        for draw, structure in zip(group, _structures(group, law), strict=True):
             parts.setdefault(structure, []).append(draw)
         yield from parts.values()
 
 
-def _is_at_motor(draw: Scenario) -> bool:
-    """Tell whether the controller of a draw knows that all encoders sit at the motors."""
-    return bool((draw.nominal.drives.value("encoder_side") == "motor").all())
+def _structures(group: Sequence[Scenario], law: Mapping[str, Any]) -> tuple[Structure, ...]:
+    """Return the structure of the automatic controller of each draw of a batch."""
+    context = config.told_context(law, stack_draws(group).context)
+    bits = assume(context.bits)
+    return structures(context.nominal, context.dt, context.delay, bits, context.given)
 
 
 def outcomes(

@@ -320,9 +320,10 @@ def least_acceleration(law: Controller) -> Array:
 def proportional_gain(law: Controller) -> Array | None:
     """Return what an error that stays asks of each joint's torque, without any integral [N m/rad or N/m].
 
-    None for a law whose first torque from beside its reference has the kick of a derivative as well.
+    None for a law that is not stiff: all but those that were made for encoders at the motors, which have a
+    share of the links' inertia in their feedback, and start without a kick.
     """
-    if getattr(law, "start", "") != "rest":
+    if getattr(law, "start", "") != "rest" or law.link_factor == 1.0:  # type: ignore[attr-defined]
         return None
     robot: Any = law.robot
     shape = (robot.n,) if law.batch is None else (law.batch, robot.n)
@@ -332,7 +333,9 @@ def proportional_gain(law: Controller) -> Array | None:
 
     def torque(wanted: Array) -> Array:
         target = Target(wanted, zero, zero)
-        return np.asarray(free.step(seen, target, free.init(seen, target)).tau)
+        # At rest without an error; then with one, on which only the filter has settled.
+        state = free.waiting(seen, target, free.init(seen, Target(q, zero, zero)))
+        return np.asarray(free.step(seen, target, state).tau)
 
     held, steps = torque(q), _SMALL * np.eye(robot.n)
     return (

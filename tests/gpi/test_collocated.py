@@ -16,7 +16,9 @@ from armgpi import GPI, Robot, RobotBatch, config
 from armgpi.errors import ArmgpiError, ArmgpiWarning
 from armgpi.gpi import collocated, geared, two_mass
 from armgpi.gpi.advice import COUNT_SHARE
+from armgpi.gpi.payload import LoadRange
 from armgpi.gpi.two_mass import ArmLoop, Gears
+from armgpi.gpi.untuned import structures
 from armgpi.robot import rotors
 from armgpi.robot.equations import ASSUMED_GEAR_RATIO
 from armgpi.robot.kinematics import random_configurations
@@ -195,8 +197,8 @@ def test_motor_inertia_and_gear_ratio_are_kept_as_what_they_are() -> None:
     assert geared.at_link(arm) is False
 
 
-def test_a_start_beside_the_reference_has_no_kick_of_the_derivative() -> None:
-    """The first torque is that of w^2 / 2.5 and of half a sample of the integral; after it comes no jump."""
+def test_a_start_beside_the_reference_has_no_kick() -> None:
+    """The first torque is that which holds the arm, none here; what comes after is the integral alone."""
     known = at(PANDA, "motor").with_gravity((0.0, 0.0, 0.0))
     law = auto(known, bits=20)
     q, zero = known.middle(), np.zeros(known.n)
@@ -205,18 +207,31 @@ def test_a_start_beside_the_reference_has_no_kick_of_the_derivative() -> None:
     seen = armgpi.Measurement(q + off)
     state = law.init(seen, target)
     first, state = law.step(seen, target, state)
+    np.testing.assert_allclose(first, 0.0, atol=1e-9)
     numbers = collocated.choose(known, known, DT, 1, known.encoder_count(np.array(20.0)), law.effort)
     assert numbers is not None
     w = numbers.w
-    asked = -(w**2 / 2.5 + 0.5 * DT * w**3 / 25.0) * off
-    np.testing.assert_allclose(first, law.robot.mass_matrix(seen.q) @ asked, rtol=1e-9)
     second, _ = law.step(seen, target, state)
     # While the reference rests the integral is fed with what is beyond its dead zone.
     fed = -DT * w**3 / 25.0 * (off - law.rest_dead_zone)
     np.testing.assert_allclose(second - first, law.robot.mass_matrix(seen.q) @ fed, rtol=1e-6)
+    # An arm that is pushed aside while it waits is answered in proportion, again without the derivative.
+    waiting = law.waiting(seen, target, law.init(armgpi.Measurement(q), target))
+    pushed, _ = law.step(seen, target, waiting)
+    asked = -(w**2 / 2.5 + 0.5 * DT * w**3 / 25.0) * off
+    np.testing.assert_allclose(pushed, law.robot.mass_matrix(seen.q) @ asked, rtol=1e-9)
 
 
-@pytest.mark.parametrize("offset", [0.01, 0.03])
+def test_a_rate_of_torque_makes_the_controller_of_an_unknown_side_start_without_a_kick() -> None:
+    data: dict[str, Any] = {"robot": {"name": "ur5"}, "plant": {"encoder_bits": 16, "delay": 1}}
+    starts = []
+    for supervisor in ({}, {"supervisor": {"torque_rate": 1000.0}}):
+        experiment = config.build(config.check({**data, **supervisor}, config.Origin()))
+        starts.append(next(iter(experiment.controllers.values())).start)  # type: ignore[attr-defined]
+    assert starts == ["hold", "rest"]
+
+
+@pytest.mark.parametrize("offset", [0.01, 0.03, 0.1, 0.19])
 def test_a_supervised_arm_that_starts_beside_its_reference_gets_there_within_its_rate(offset: float) -> None:
     """A robot that carries its own weight and takes 1 N m per ms, as libfranka does."""
     known = at(PANDA, "motor").with_gravity((0.0, 0.0, 0.0))
@@ -287,3 +302,54 @@ def test_bits_that_leave_no_bandwidth_are_named_with_those_that_would_suffice(bi
     j = direct.joint_names.index(said.partition("joint '")[2].partition("'")[0])
     share = law.count_torque(enough)[j] / law.effort[j]
     assert 0.005 < share <= 0.01
+
+
+def test_a_batch_of_mixed_structures_says_so_and_parts_have_what_each_arm_has_alone() -> None:
+    """One arm with a coarse encoder took the controller for encoders at the motors from all others."""
+    arms = RobotBatch([at(UR5, "motor"), rotors.assume_gears(UR5), at(UR5, "motor")])
+    found = structures(arms, DT, DT, 16)
+    kinds = [each.describe() for each in found]
+    assert kinds == ["for encoders at the motors", "for elastic joints", "for encoders at the motors"]
+    with pytest.warns(
+        ArmgpiWarning, match=r"different controllers alone \(for encoders at the motors: arms 0, 2;"
+    ):
+        mixed = GPI.auto(arms, DT, delay=DT, bits=16)
+    soft = auto(rotors.assume_gears(UR5))
+    assert mixed.link_factor == 1.0
+    np.testing.assert_allclose(mixed.gains.nominal().omega_c[1], soft.gains.nominal().omega_c)
+    part = GPI.auto(RobotBatch([arms.robots[0], arms.robots[2]]), DT, delay=DT, bits=16)
+    for row in part.gains.nominal().omega_c:
+        np.testing.assert_allclose(row, auto(at(UR5, "motor")).gains.nominal().omega_c)
+
+
+def test_of_a_mixed_batch_every_arm_is_stable_under_what_it_gets() -> None:
+    """Whatever order they come in: the structure was that for the first of them."""
+    arms = [at(UR5, "link"), at(UR5, "motor"), rotors.assume_gears(UR5)]
+    for order in ((0, 1, 2), (1, 2, 0)):
+        with pytest.warns(ArmgpiWarning, match="different controllers alone"):
+            law = GPI.auto(RobotBatch([arms[k] for k in order]), DT, delay=DT, bits=16)
+        omega = law.gains.nominal().omega_c
+        for row, k in enumerate(order):
+            given: dict[str, Any] = {
+                name: getattr(law, name) for name in ("rolloff", "rotor_factor", "feedforward")
+            }
+            alone = GPI(
+                arms[k],
+                DT,
+                delay=DT,
+                gains=armgpi.FixedGains(omega[row]),
+                integrators=1,
+                second_zeta=0.7,
+                **given,
+            )
+            for case in geared.cases(arms[k], DT, 1, damping=geared.DAMPINGS[0]):
+                assert case.arm.growth(two_mass.law(alone, case.q)) < 1.0
+
+
+def test_a_batch_takes_what_is_given_of_each_arm() -> None:
+    heaviest = np.array([[0.0], [2.0]])
+    loads = LoadRange(heaviest=heaviest)
+    both = GPI.auto(RobotBatch([at(UR5, "motor")] * 2), DT, delay=DT, bits=16, payload=loads)
+    for row, most in enumerate(heaviest[:, 0]):
+        alone = GPI.auto(at(UR5, "motor"), DT, delay=DT, bits=16, payload=(0.0, most))
+        np.testing.assert_allclose(both.gains.nominal().omega_c[row], alone.gains.nominal().omega_c)

@@ -237,3 +237,45 @@ def test_a_filter_that_has_settled_stays_under_a_constant_error(integrators: int
     for _ in range(3000):
         slow = realisation.update(e, realisation.output(e, slow, c), None, slow, c)
     np.testing.assert_allclose(slow[integrators:], filters, rtol=1e-9)
+
+
+@pytest.mark.parametrize("integrators", [1, 2, 3])
+@pytest.mark.parametrize("rolloff", [0, 1, 2])
+def test_an_arm_at_rest_beside_its_reference_is_held_first_and_then_moved(
+    integrators: int, rolloff: int
+) -> None:
+    """The first v is that of no error; of a double integrator the error then dies away."""
+    member = Member(integrators, rolloff, 3.0, 1.5, 1.2)
+    realisation = Bumpless(member)
+    hold = np.array([3.0, -1.0])
+    c = realisation.coefficients(Tuning(*(x * np.ones(2) for x in (20.0, 0.8, 20.0))), DT)
+    e = start = np.array([0.1, -0.2])
+    state, velocity = realisation.at_rest(e, realisation.init(hold, c), c), np.zeros(2)
+    np.testing.assert_allclose(realisation.output(e, state, c), hold, rtol=1e-12)
+    for _ in range(4000):
+        v = realisation.output(e, state, c)
+        state = realisation.update(e, v, None, state, c)
+        velocity = velocity + DT * (v - hold)
+        e = e + DT * velocity
+    assert np.abs(e / start).max() < 1e-3
+
+
+def test_with_one_integrator_a_start_is_the_step_of_an_integral_controller() -> None:
+    """In continuous time e = e0 (1 - y), y the unit step response of g (s + f) / p(s), by SciPy."""
+    omega, zeta, dt = 20.0, 0.8, 1e-5
+    realisation = Bumpless(Member(1, 0))
+    c = realisation.coefficients(Tuning(*(np.array(x) for x in (omega, zeta, omega))), dt)
+    polynomial = np.polymul(*[[1.0, 2.0 * zeta * omega, omega**2]] * 2)
+    # s^2 + C(s) = p(s) / (s (s + f)): f is the third power's coefficient, and the integral's gain p(0) / f.
+    f = polynomial[1]
+    e, velocity, errors = np.array(0.1), np.array(0.0), []
+    state = realisation.at_rest(e, realisation.init(np.array(0.0), c), c)
+    time = np.arange(40000) * dt
+    for _ in time:
+        v = realisation.output(e, state, c)
+        state = realisation.update(e, v, None, state, c)
+        errors.append(float(e))
+        velocity = velocity + dt * v
+        e = e + dt * velocity
+    _, step = signal.step(([polynomial[4] / f, polynomial[4]], polynomial), T=time)
+    np.testing.assert_allclose(errors, 0.1 * (1.0 - step), atol=1e-5)
