@@ -5,6 +5,12 @@
 From the numbers of an arm it works out what a sample adds, verifies the matrix inequality, and from its
 solution every bound that is claimed; docs/proof.md says why they follow. It prints what it verified. Whether
 the numbers are those of the arm is not its business: a seal shows slips, not fraud.
+
+How to read it: :func:`coefficients` and :func:`loop` are the controller, :func:`sample` is "One sample" of
+docs/proof.md, :func:`inequality` and :func:`holds` are "The matrix inequality", :func:`bounds` is "What is
+claimed". What follows after them reads a file and prints. Names in brackets, as in [One sample, 2], are
+sections of docs/proof.md. All numbers are rationals; where a root or an exponential is needed, something
+larger is taken.
 """
 
 import hashlib
@@ -16,17 +22,31 @@ import sys
 from fractions import Fraction
 from functools import lru_cache
 from math import comb, isqrt
+from typing import NamedTuple
 
 FORMAT = "armgpi certificate 2"
-#: Most bytes of a file, joints, and bandwidths times the third power of the inequality's size.
-BYTES, JOINTS, WORK = 2_000_000, 64, 20_000_000
+#: Most bytes of a file.
+BYTES = 2_000_000
+#: Most joints of an arm.
+JOINTS = 64
+#: Most bandwidths times the third power of the inequality's size: what a check may cost.
+WORK = 20_000_000
+#: A number in a file: a decimal text of bounded length.
 NUMBER = re.compile(r"-?[0-9]{1,40}(\.[0-9]{1,60})?(e[+-]?[0-9]{1,3})?")
+#: Whole numbers of the law, and their ends.
 WHOLE = {"integrators": (1, 3), "rolloff": (0, 2), "delay": (0, 20)}
+#: Other numbers of the law; from `zeta` on they are its poles.
 LAW = ("sample_time", "rate", "zeta", "pole_ratio", "rolloff_ratio", "second_ratio", "second_zeta")
+#: Numbers of the arm that are one number each.
 SINGLE = ("delta_low", "delta_high", "sigma", "kappa_v", "kappa_e", "kappa_g", "kappa_f", "sigma_error")
+#: Numbers of the arm, and how deep their lists are: 1 for a number for each joint.
 NUMBERS = dict.fromkeys((*SINGLE, "kappa_error", "jump", "count_time"), 0)
 NUMBERS.update(inverse=1, hold=1, reach=1)
+#: Limits, a number for each joint.
 LIMITS = ("effort", "lower", "upper", "radius", "speed", "velocity", "acceleration")
+#: Of these alone ends may be negative.
+SIGNED = ("lower", "upper")
+#: Sizes of what acts on the arm, for each claim.
 INPUTS = ("torque", "shift", "count", "reference", "zone", "spread")
 CLAIMS = {
     "gain": "an error per torque with the reference at rest, once settled",
@@ -35,6 +55,12 @@ CLAIMS = {
     "jump": "the same after the load jumped once, at any time",
 }
 SECTIONS = {"format", "robot", "assumptions", "limits", "law", "numbers", "status", "inputs", "shares"}
+#: Numbers of a solution besides P and alpha: multipliers t of what a sample adds, and a of the inputs.
+MULTIPLIERS = {"t": 6, "a": 5}
+#: Matrices are rounded to whole multiples of 1 / SCALE before they are factored.
+SCALE = 2**128
+#: Roots are rounded up to whole multiples of 1 / ROOT_SCALE.
+ROOT_SCALE = 2**80
 
 
 class Refused(ValueError):
@@ -45,200 +71,498 @@ class Refused(ValueError):
 ERRORS = Refused, OSError, AttributeError, LookupError, TypeError, ValueError, ArithmeticError, RecursionError
 
 
+# ---- Polynomials and matrices ----
+
+
+def times(p, q):
+    """Return the product of two polynomials, lists of coefficients from the constant one on."""
+    product = [0] * (len(p) + len(q) - 1)
+    for i, x in enumerate(p):
+        for j, y in enumerate(q):
+            product[i + j] += x * y
+    return product
+
+
+def plus(p, q):
+    """Return the sum of two polynomials."""
+    size = max(len(p), len(q))
+    p = p + [0] * (size - len(p))
+    q = q + [0] * (size - len(q))
+    return [x + y for x, y in zip(p, q)]
+
+
+def value(p, x):
+    """Return the value of a polynomial at x."""
+    return sum(coefficient * x**power for power, coefficient in enumerate(p))
+
+
+def transposed(matrix):
+    """Return the transpose of a matrix, which is a list of rows."""
+    return [list(column) for column in zip(*matrix)]
+
+
+def matrix_product(left, right):
+    """Return the product of two matrices."""
+    columns = transposed(right)
+    return [[sum(x * y for x, y in zip(row, column)) for column in columns] for row in left]
+
+
+def growth(x):
+    """Return at least e^x for x below 1, and 0 beyond, which no check accepts.
+
+    The series of e^-x is below it after a negative term, so its inverse is above e^x.
+    """
+    return 1 / (1 - x + x * x / 2 - x**3 / 6) if x < 1 else 0
+
+
+def root(x):
+    """Return at least the square root of x."""
+    return Fraction(isqrt(int(x * ROOT_SCALE**2)) + 1, ROOT_SCALE)
+
+
+def pivots(matrix):
+    """Return the pivots (L D L^T) of a symmetric matrix until one is not positive.
+
+    All are positive only if the matrix is positive definite: what is factored is the matrix rounded, and made
+    less by more than the rounding. An entry is rounded by less than 1 / SCALE, a row of n entries by less
+    than n / SCALE, so 2 n / SCALE from the diagonal outweighs it (Gershgorin).
+    """
+    size = len(matrix)
+    rounded = []
+    for i, row in enumerate(matrix):
+        numerators = [int(entry * SCALE) for entry in row]
+        numerators[i] -= 2 * size
+        rounded.append([Fraction(numerator, SCALE) for numerator in numerators])
+    found = [rounded[0][0]]
+    while found[-1] > 0 and len(rounded) > 1:
+        first, pivot = rounded[0], found[-1]
+        remaining = []
+        for row in rounded[1:]:
+            factor = row[0] / pivot
+            remaining.append([x - factor * y for x, y in zip(row[1:], first[1:])])
+        rounded = remaining
+        found.append(rounded[0][0])
+    return found
+
+
+def is_positive_definite(matrix):
+    """Tell whether a symmetric matrix is positive definite, surely where the answer is yes."""
+    return min(pivots(matrix)) > 0
+
+
+# ---- The controller ----
+
+
+def trapezoidal(f):
+    """Return f_0 / s^k + ... + f_(k - 1) / s by the trapezoidal rule, as polynomials in theta.
+
+    There 1 / s is theta (1/2 + p) with p = 1 / (z - 1). A power of p is a state of a chain of sums; each
+    takes its neighbour times theta, so the power q of p leaves a factor theta^(q - 1) to its chain.
+
+    Returns:
+        what is there at once, without p; and what enters each state of the chain, p^1 to p^k.
+    """
+    k = len(f)
+    half = Fraction(1, 2)
+    at_once = [0]
+    for i in range(1, k + 1):
+        at_once.append(half**i * f[k - i])
+    chain = []
+    for power in range(1, k + 1):
+        entering = [0]
+        for order in range(power, k + 1):  # of f_(k - order) / s^order, the part with p^power
+            entering.append(comb(order, power) * half ** (order - power) * f[k - order])
+        chain.append(entering)
+    return at_once, chain
+
+
+def partial_fractions(m, r, numerator, denominator):
+    """Return g, direct and F of N / (s^m D) = g_0 / s^m + ... + g_(m - 1) / s + direct + F / D."""
+    g = []
+
+    def product(power):  # the coefficient of s^power in g D
+        return sum(x * denominator[power - i] for i, x in enumerate(g) if 0 <= power - i < len(denominator))
+
+    for power in range(m):
+        g.append((numerator[power] - product(power)) / denominator[0])
+    direct = 0 if r else numerator[m + 1]
+    proper = []
+    for j in range(1 + r):
+        proper.append(numerator[m + j] - direct * denominator[j] - product(m + j))
+    return g, direct, proper
+
+
 @lru_cache(maxsize=8)
 def coefficients(m, r, zeta, pole, far, second, damping):
-    """Return what takes the error into v at once, into integrators and filter, and out of it; in theta."""
+    """Return the coefficients of the discrete controller: polynomials in theta, over the first of them.
 
-    def times(p, q):
-        found = [0] * (len(p) + len(q) - 1)
-        for i, x in enumerate(p):
-            for j, y in enumerate(q):
-                found[i + j] += x * y
-        return found
+    In units of the bandwidth a channel's closed loop is s^2 s^m D(s) + N(s) with the poles that were stated,
+    and the controller v = -N(s) / (s^m D(s)) e; it has m integrators and a filter with 1 + r states.
 
-    def plus(p, q, sign=1):
-        size = max(len(p), len(q))
-        return [x + sign * y for x, y in zip(*([*z, *[0] * (size - len(z))] for z in (p, q)))]
-
-    def trapezoidal(f):  # f_0 / s^k + ... at once, and in powers of 1 / (z - 1)
-        k, half = len(f), Fraction(1, 2)
-        later = [
-            [0, *(comb(k - i, j - i) * half ** (j - i) * f[i] for i in range(j, -1, -1))] for j in range(k)
-        ]
-        return [0, *(half**i * f[k - i] for i in range(1, k + 1))], later[::-1]
-
-    whole = times([1, 2 * zeta, 1], [second**2, 2 * damping * second, 1])
-    for each in [pole] * (m - 1) + [far] * r:
-        whole = times(whole, [each, 1])
-    # The law is N / (s^m D) = direct + g_0 / s^m + ... + g_(m - 1) / s + F / D.
-    N, D, g = [*whole[: m + 2], 0], whole[m + 2 :], []
-    product = lambda j: sum(x * D[j - i] for i, x in enumerate(g) if 0 <= j - i < len(D))
-    for j in range(m):
-        g.append((N[j] - product(j)) / D[0])
-    direct = 0 if r else N[m + 1]
-    F = [N[m + j] - direct * D[j] - product(m + j) for j in range(1 + r)]
-    (integral, drive), (passed, filtered), (shrunk, leak) = map(trapezoidal, (g, F, D[: 1 + r]))
-    scale = plus([1], shrunk)
+    Returns:
+        what all others are divided by; what takes the error into v at once; what takes it into each
+        integrator and into each state of the filter; and what each state of the filter loses to the first.
+    """
+    poles = times([1, 2 * zeta, 1], [second**2, 2 * damping * second, 1])
+    for _ in range(m - 1):
+        poles = times(poles, [pole, 1])
+    for _ in range(r):
+        poles = times(poles, [far, 1])
+    numerator = [*poles[: m + 2], 0]
+    denominator = poles[m + 2 :]
+    g, direct, proper = partial_fractions(m, r, numerator, denominator)
+    integral_at_once, integrators = trapezoidal(g)
+    filter_at_once, filtered = trapezoidal(proper)
+    # The filter is F / s^(1 + r) over 1 + D_0 / s^(1 + r) + ... + D_r / s, which has a part at once too.
+    own_at_once, leaks = trapezoidal(denominator[: 1 + r])
+    scale = plus([1], own_at_once)
     over = times(scale, scale)
-    at_once = times(plus(times(plus([direct], integral), scale), passed), scale)
-    found = [over, [-x for x in at_once], *(times(x, over) for x in drive)]
-    found += [plus(times(x, scale), times(passed, y), -1) for x, y in zip(filtered, leak)]
-    return found + [times(x, scale) for x in leak]
+    at_once = times(plus(times(plus([direct], integral_at_once), scale), filter_at_once), scale)
+    found = [over, [-x for x in at_once]]
+    for entering in integrators:
+        found.append(times(entering, over))
+    for entering, leak in zip(filtered, leaks):
+        back = [-x for x in times(filter_at_once, leak)]
+        found.append(plus(times(entering, scale), back))
+    for leak in leaks:
+        found.append(times(leak, scale))
+    return found
+
+
+class Loop(NamedTuple):
+    """A channel over a sample [The matrix inequality], but for what the motors do.
+
+    Its states are e, e' / omega, the integrators' over powers of omega, the filter's, and the errors of the
+    last samples, as many as the delay has.
+
+    Attributes:
+        units: unit vectors of the states.
+        A: the next state is A times the state.
+        K: the controller asks for the acceleration omega^2 K times the state.
+        late: which state is the error that the controller has.
+    """
+
+    units: list[list[int]]
+    A: list[list[Fraction]]
+    K: list[Fraction]
+    late: int
 
 
 def loop(c, omega):
-    """Return unit vectors, the open loop over a sample, what the law asks for, and where it has the error."""
-    m, r, d, theta = c["integrators"], c["rolloff"], c["delay"], omega * c["sample_time"]
-    law = coefficients(m, r, *(c[x] for x in LAW[2:]))
-    over, direct, *rest = (sum(x * theta**i for i, x in enumerate(p)) for p in law)
-    drive, leak, n = rest[: m + 1 + r], rest[m + 1 + r :], 3 + m + r + d
+    """Return a channel over a sample at a bandwidth."""
+    m, r, d = c["integrators"], c["rolloff"], c["delay"]
+    theta = omega * c["sample_time"]
+    law = coefficients(m, r, *(c[name] for name in LAW[2:]))
+    over, direct, *others = (value(polynomial, theta) for polynomial in law)
+    entering = others[: m + 1 + r]
+    leaks = others[m + 1 + r :]
+    n = 3 + m + r + d
+    integrators = range(2, 2 + m)
+    filters = range(2 + m, n - d)
+    lags = range(n - d, n)
     units = [[int(i == j) for j in range(n)] for i in range(n)]
-    A, late = [list(row) for row in units], n - 1 if d else 0  # the errors of the last d samples are states
-    for i in range(2, n - d):
-        A[i][late] += drive[i - 2] / over
-        A[i][2 + m] -= leak[i - 2 - m] / over if i >= 2 + m else 0
-        if i not in (1 + m, n - d - 1):
-            A[i][i + 1] += theta
-    A[0][1], A[n - d :] = theta, [units[i - 1 if i > n - d else 0] for i in range(n - d, n)]
-    return units, A, [direct / over if i == late else -int(i in (2, 2 + m)) for i in range(n)], late
+    late = n - 1 if d else 0
+    A = [list(row) for row in units]
+    A[0][1] = theta
+    for states in (integrators, filters):
+        for i in states:
+            A[i][late] += entering[i - 2] / over
+            if i + 1 in states:
+                A[i][i + 1] += theta
+    for i in filters:
+        A[i][filters[0]] -= leaks[i - filters[0]] / over
+    for i in lags:
+        A[i] = units[0 if i == lags[0] else i - 1]
+    K = [0] * n
+    K[integrators[0]] = K[filters[0]] = -1
+    K[late] = direct / over
+    return Loop(units, A, K, late)
+
+
+# ---- One sample ----
+
+
+class Sample(NamedTuple):
+    """What a sample adds [One sample].
+
+    Attributes:
+        growths: f, by which D changes over a sample at most, and by which it does while measurements are
+            late.
+        rest: rho; what bounds the rest R is divided by it.
+        ends: of the eigenvalues of D_k^-1 D^, the channels' delta.
+        gains: of the bound of rho R, the factors of what the controller asks for, of e', of the late error,
+            and of the error's change while it is late.
+        sizes: of the inputs: the rest's part in e', that in e, the change of v*, the encoder's count, the
+            dead zone.
+        torque: f w, with what an encoder's count does through the controller.
+        noise: what a count makes the controller ask for at once.
+    """
+
+    growths: tuple[Fraction, ...]
+    rest: Fraction
+    ends: tuple[Fraction, ...]
+    gains: tuple[Fraction, ...]
+    sizes: tuple[Fraction, ...]
+    torque: Fraction
+    noise: Fraction
 
 
 def sample(c):
-    """Return growths, rest, delta's ends, what a sample adds, the sizes of inputs, torque and noise."""
-    h, d, kg, kf, s = (c[x] for x in ("sample_time", "delay", "kappa_g", "kappa_f", "spread"))
-    least, most = min(c["omega"]), max(c["omega"])
+    """Return what a sample adds."""
+    h, d = c["sample_time"], c["delay"]
+    kappa_e, kappa_g, kappa_f = c["kappa_e"], c["kappa_g"], c["kappa_f"]
+    slowest, fastest = min(c["omega"]), max(c["omega"])
     # The Coriolis torque of the error is there twice for the reference's speed, where that moves, and once
-    # for its own.
+    # for its own [The error's equation].
     moves = bool(c["reference"])
-    sigma, kv = moves * c["sigma"] + s * c["sigma_error"], moves * 2 * c["kappa_v"] + s * c["kappa_error"]
-    # At least e^x: the series of e^-x is below it after a negative term.
-    exponents = sigma * h, sigma * d * h + c["sigma"] * c["count_time"]
-    f, wide = (1 / (1 - x + x * x / 2 - x**3 / 6) if x < 1 else 0 for x in exponents)
-    rest = 1 - f * ((kv + kf) * h + kg * h * h / 2)
+    sigma = moves * c["sigma"] + c["spread"] * c["sigma_error"]
+    kappa = moves * 2 * c["kappa_v"] + c["spread"] * c["kappa_error"]
+    f = growth(sigma * h)
+    wide = growth(sigma * d * h + c["sigma"] * c["count_time"])
     low, high = (c["delta_low"] / wide, c["delta_high"] * wide) if wide else (0, 0)
-    gains = high * (f - rest), (f - rest) * kf + f * (kv + h * kg), f * c["kappa_e"], min(d, 1) * f * kg
-    noise = max(abs(K[late]) for _, _, K, late in (loop(c, x) for x in c["omega"])) * most**2 * c["count"]
-    w = c["torque"] + (c["kappa_e"] + kg) * c["count"] + kg * (d + 1) * h * c["reference"]
-    w, turn = f * w + gains[0] * noise, c["shift"] / least**3
-    size = w / rest / least**2 if rest else 0
-    return (
-        (f, wide),
-        rest,
-        (low, high),
-        gains,
-        (size, size * most * h / 2, turn, c["count"], c["zone"]),
-        w,
-        noise,
+    rest = 1 - f * ((kappa + kappa_f) * h + kappa_g * h * h / 2)
+    of_asked = high * (f - rest)
+    of_speed = (f - rest) * kappa_f + f * (kappa + h * kappa_g)
+    of_late_error = f * kappa_e
+    of_change = f * kappa_g if d else 0
+    noise = max(abs(channel.K[channel.late]) for channel in (loop(c, omega) for omega in c["omega"]))
+    noise = noise * fastest**2 * c["count"]
+    # What is measured is a count beside the arm, and behind a reference that moves on.
+    hidden = (kappa_e + kappa_g) * c["count"] + kappa_g * (d + 1) * h * c["reference"]
+    torque = f * (c["torque"] + hidden) + of_asked * noise
+    size = torque / rest / slowest**2 if rest else 0
+    return Sample(
+        growths=(f, wide),
+        rest=rest,
+        ends=(low, high),
+        gains=(of_asked, of_speed, of_late_error, of_change),
+        sizes=(size, size * fastest * h / 2, c["shift"] / slowest**3, c["count"], c["zone"]),
+        torque=torque,
+        noise=noise,
     )
 
 
-def inequality(c, known, omega, turn, delta, s):
-    """Return the matrix that has to be positive definite, affine in P, t, a; turn: omega over the next."""
-    ((f, _), rest, _, gains, sizes, *_), (units, A, K, late) = known, loop(c, omega)
-    m, n, order, theta, P = c["integrators"], len(A), len(A) - c["delay"], omega * c["sample_time"], s["P"]
-    rows = K, units[1], units[late], [x - y for x, y in zip(units[0], units[late])]
-    scaled = [x / rest / min(c["omega"]) ** p for x, p in zip(gains, (0, 1, 2, 2))]
-    sources = [(weight, x, y) for weight, x, y in zip(s["t"], scaled, rows) if x]
-    held = [theta * theta / 2, theta] + [0] * (n - 2)  # an acceleration that is held
-    push = [delta * x for x in held]
-    count = [row[late] * (2 <= i < order) + x * K[late] for i, (row, x) in enumerate(zip(A, push))]
-    zone = [row[late] * (2 <= i < 2 + m) for i, row in enumerate(A)]
-    acts = [[theta * x for x in units[i]] for i in (1, 0, 2)] + [count, zone]
-    columns = [(acts[0], weight) for weight, _, _ in sources] + [(acts[1], s["t"][4])]
-    rubs = n + len(columns)
-    columns += [(held, s["t"][5])] * bool(c["kappa_f"])
-    columns += [(column, weight) for column, weight, size in zip(acts, s["a"], sizes) if size]
-    Z = [[x + b * y for x, y in zip(A[i], K)] + [z[i] for z, _ in columns] for i, b in enumerate(push)]
-    powers = [0, 1, *range(2, 2 + m), *range(2, order - m), *[0] * c["delay"]]  # of omega in the states
-    Z = [[x * turn**p for x in row] for p, row in zip(powers, Z)]
-    PZ = [[sum(x * z for x, z in zip(row, column)) for column in zip(*Z)] for row in P]
-    X = [[-f * sum(x * z for x, z in zip(left, right)) for right in zip(*PZ)] for left in zip(*Z)]
-    for i, (_, weight) in enumerate(columns):
-        X[n + i][n + i] += theta * weight
-    if c["kappa_f"]:  # friction takes energy: z^2 + kappa_f z e' <= 0
-        X[1][rubs] += s["t"][5] * c["sample_time"] * c["kappa_f"] / 2
-        X[rubs][1] = X[1][rubs]
-    place = s["t"][4] * len(sources) * theta * theta / 4
-    for i, j in ((i, j) for i in range(n) for j in range(n)):
-        taken = sum((weight + place) * x * x * y[i] * y[j] for weight, x, y in sources)
-        X[i][j] += P[i][j] * (1 - theta * s["alpha"]) - theta * taken
-    return X
+# ---- The matrix inequality ----
 
 
-def pivots(M):
-    """Return the pivots (L D L^T) of M until one is not positive; M rounded and made less (Gershgorin)."""
-    M = [[Fraction(int(x * 2**128) - 2 * len(M) * (row is y), 2**128) for x, y in zip(row, M)] for row in M]
-    found = [M[0][0]]
-    while found[-1] > 0 and len(M) > 1:
-        M = [[x - row[0] * y / found[-1] for x, y in zip(row[1:], M[0][1:])] for row in M[1:]]
-        found.append(M[0][0])
+def sources_of(c, known, channel, s):
+    """Return what the rest R is made of: multiplier, factor and which part of the state, each.
+
+    They are the terms of rho R in units in which the state is: what the controller asks for is over omega^2,
+    e' over omega, the errors are as they are; omega is at least the slowest.
+    """
+    units, K, late = channel.units, channel.K, channel.late
+    slowest = min(c["omega"])
+    change = [x - y for x, y in zip(units[0], units[late])]
+    parts = (K, 0), (units[1], 1), (units[late], 2), (change, 2)
+    found = []
+    for multiplier, gain, (row, power) in zip(s["t"], known.gains, parts):
+        if gain:
+            found.append((multiplier, gain / known.rest / slowest**power, row))
     return found
+
+
+def inequality(c, known, omega, turn, delta, s):
+    """Return the matrix that has to be positive definite, affine in P, t and a.
+
+    With x the channel's state, and z, w what the sources, friction and the inputs do in it, it is
+
+        (1 - theta alpha) P - theta sum_s t_s kappa_s^2 y_s y_s^T  on x x,
+        theta t, theta a                                       on z z and w w,
+
+    less f Z^T P Z, where Z takes x, z and w to the next state.
+
+    Args:
+        c: what all claims rest on, and the sizes of the inputs.
+        known: what a sample adds.
+        omega: the bandwidth.
+        turn: the bandwidth over the next one, in whose units the next state is.
+        delta: the eigenvalue of D_k^-1 D^.
+        s: the solution.
+    """
+    channel = loop(c, omega)
+    units, A, K, late = channel
+    m, n, P = c["integrators"], len(A), s["P"]
+    order = n - c["delay"]  # states of arm and controller
+    theta = omega * c["sample_time"]
+    sources = sources_of(c, known, channel, s)
+
+    # What acts in a sample. An acceleration that is held moves e by half of theta^2 and e' / omega by theta.
+    held = [theta * theta / 2, theta] + [0] * (n - 2)
+    asked = [delta * x for x in held]
+    at_speed = [theta * x for x in units[1]]
+    at_place = [theta * x for x in units[0]]
+    at_hold = [theta * x for x in units[2]]
+    # An error that is measured wrongly enters what the controller asks for, which moves the first two states,
+    # and the controller's own states.
+    count = [x * K[late] for x in asked]
+    for i in range(2, order):
+        count[i] = A[i][late]
+    # One that a dead zone hides does not enter the integrators.
+    zone = [0] * n
+    for i in range(2, 2 + m):
+        zone[i] = A[i][late]
+
+    # Each with the multiplier of its square.
+    columns = [(at_speed, multiplier) for multiplier, _, _ in sources]
+    columns.append((at_place, s["t"][4]))
+    friction = n + len(columns)
+    if c["kappa_f"]:
+        columns.append((held, s["t"][5]))
+    inputs = at_speed, at_place, at_hold, count, zone
+    columns += [(column, multiplier) for column, multiplier, size in zip(inputs, s["a"], known.sizes) if size]
+
+    # The next state, in units of the next bandwidth.
+    powers = [0, 1, *range(2, 2 + m), *range(2, order - m), *[0] * c["delay"]]
+    Z = []
+    for i, power in enumerate(powers):
+        row = [x + asked[i] * y for x, y in zip(A[i], K)]
+        row += [column[i] for column, _ in columns]
+        Z.append([x * turn**power for x in row])
+
+    f = known.growths[0]
+    X = [[-f * x for x in row] for row in matrix_product(transposed(Z), matrix_product(P, Z))]
+    for i, (_, multiplier) in enumerate(columns):
+        X[n + i][n + i] += theta * multiplier
+    if c["kappa_f"]:  # friction takes energy: z^2 + kappa_f z e' <= 0 [One sample, 3]
+        X[1][friction] += s["t"][5] * c["sample_time"] * c["kappa_f"] / 2
+        X[friction][1] = X[1][friction]
+    # What the rest does to e is at most theta / 2 of what it does to e', and is split over the sources.
+    in_place = s["t"][4] * len(sources) * theta * theta / 4
+    for i in range(n):
+        for j in range(n):
+            taken = sum((t + in_place) * kappa * kappa * y[i] * y[j] for t, kappa, y in sources)
+            X[i][j] += P[i][j] * (1 - theta * s["alpha"]) - theta * taken
+    return X
 
 
 def holds(c, s):
     """Tell whether the matrix inequality holds; omega is one of a list, and goes to a neighbour at most."""
-    known, omegas, P, order = sample(c), c["omega"], s["P"], len(loop(c, c["omega"][0])[1])
-    (f, wide), rest, ends, *_ = known
-    sound = f >= 1 and wide >= 1 and 0 < rest <= 1 and s["alpha"] > 0
-    sound = sound and len(s["t"]) == 6 and len(s["a"]) == 5 and min([*s["t"], *s["a"]]) >= 0
-    sound = sound and len(P) == order and [list(row) for row in zip(*P)] == P and min(pivots(P)) > 0
-    steps = [(x, x / y) for i, x in enumerate(omegas) for y in omegas[max(i - 1, 0) : i + 2]]
-    matrices = (inequality(c, known, *step, delta, s) for step in steps for delta in ends)
-    return sound and all(min(pivots(X)) > 0 for X in matrices)
+    known = sample(c)
+    f, wide = known.growths
+    if f < 1 or wide < 1 or not 0 < known.rest <= 1:
+        return False  # a sample adds too much for any claim
+    if s["alpha"] <= 0 or {name: len(s[name]) for name in MULTIPLIERS} != MULTIPLIERS:
+        return False
+    if min([*s["t"], *s["a"]]) < 0:
+        return False
+    P, omegas = s["P"], c["omega"]
+    if len(P) != len(loop(c, omegas[0]).A) or transposed(P) != P or not is_positive_definite(P):
+        return False
+    for i, omega in enumerate(omegas):
+        for after in omegas[max(i - 1, 0) : i + 2]:
+            for delta in known.ends:
+                if not is_positive_definite(inequality(c, known, omega, omega / after, delta, s)):
+                    return False
+    return True
+
+
+# ---- What is claimed ----
+
+
+class Motion(NamedTuple):
+    """Bounds in the metric of D while V is below a level.
+
+    Attributes:
+        e: of the error.
+        v: of e'.
+        a: of e''.
+        asked: of what the controller asks for.
+    """
+
+    e: Fraction
+    v: Fraction
+    a: Fraction
+    asked: Fraction
+
+
+class Reach:
+    """What a level of V, the root of x^T P x, allows."""
+
+    def __init__(self, c, known, P):
+        """Work out how large each part of the state is where V is 1."""
+        self.c, self.known, self.P = c, known, P
+        fastest = max(c["omega"])
+        units, _, _, late = loop(c, c["omega"][0])
+        self.e = self.largest(units[0])
+        self.v = self.largest(units[1]) * fastest
+        self.late_error = self.largest(units[late])
+        self.asked = max(self.largest(loop(c, omega).K) for omega in c["omega"]) * fastest**2
+
+    def largest(self, row):
+        """Return at least the largest value of a row times x where x^T P x is 1 at most.
+
+        It is the root of y^T P^-1 y, minus the last pivot of P bordered by y.
+        """
+        bordered = [[*entries, y] for entries, y in zip(self.P, row)]
+        bordered.append([*row, 0])
+        return root(-pivots(bordered)[-1])
+
+    def motion(self, level, before=0):
+        """Return the motion at a level, after a part of a sample with another acceleration `before`."""
+        h, known = self.c["sample_time"], self.known
+        e, v, late_error, asked = level * self.e, level * self.v, level * self.late_error, level * self.asked
+        if before:
+            e = e + h * v + h * h / 2 * before
+            v = v + h * before
+        of_asked, of_speed, of_late_error, of_change = known.gains
+        added = of_asked * asked + of_speed * v + of_late_error * late_error + of_change * (e + late_error)
+        rest = (known.torque + added) / known.rest
+        a = known.ends[1] * (asked + known.noise) + self.c["kappa_f"] * v + rest
+        return Motion(e, v, a, asked)
 
 
 def bounds(c, s, claim=""):
     """Return at least the errors, the speeds of the error and the torques, at all times."""
-    ((f, wide), rest, (_, high), gains, sizes, w, noise), (units, _, _, late) = (
-        sample(c),
-        loop(c, c["omega"][0]),
-    )
-    h, P, least, fastest, kf = c["sample_time"], s["P"], min(c["omega"]), max(c["omega"]), c["kappa_f"]
-    root = lambda x: Fraction(isqrt(int(x * 4**80)) + 1, 2**80)
-    most = lambda y: root(-pivots([[*row, x] for row, x in zip(P, y)] + [[*y, 0]])[-1])
-    ends = [most(units[0]), most(units[1]) * fastest, most(units[late])]
-    ends.append(max(most(loop(c, omega)[2]) for omega in c["omega"]) * fastest**2)
-
-    def motion(level, before=0):  # at most e, e' and e'' after a sample's part with another acceleration
-        e, v, past, ask = (level * x for x in ends)
-        e, v = e + h * v + h * h / 2 * before if before else e, v + h * before
-        far = sum(x * y for x, y in zip(gains, (ask, v, past, e + past)))
-        return e, v, high * (ask + noise) + kf * v + (w + far) / rest, ask
-
-    level = root(sum(x * y * y for x, y in zip(s["a"], sizes)) / s["alpha"])
-    other = root(P[2][2]) / least**2
+    known = sample(c)
+    f, wide = known.growths
+    h, P, slowest = c["sample_time"], s["P"], min(c["omega"])
+    reach = Reach(c, known, P)
+    level = root(sum(a * size * size for a, size in zip(s["a"], known.sizes)) / s["alpha"])
+    # What a wrong torque to hold the arm, an acceleration, is in V.
+    of_hold = root(P[2][2]) / slowest**2
     if claim == "start":
-        off = c["jump"] + (c["kappa_e"] + c["kappa_g"]) * c["count"] / c["delta_low"]
-        level = max(level, other * off)
-    e, v, fast, ask = motion(level)
+        hidden = (c["kappa_e"] + c["kappa_g"]) * c["count"] / c["delta_low"]
+        level = max(level, of_hold * (c["jump"] + hidden))
+    motion = reach.motion(level)
+    fastest = motion.a
     if claim == "jump":  # at any time in a sample: till then one arm's acceleration, then the other's
         ratio = root(c["delta_high"] / c["delta_low"])
-        level, first = ratio * level + other * c["jump"], f * ratio * fast
-        fast = max(first, f * motion(level, first)[2])
-        level += (root(P[0][0]) * h / 2 + root(P[1][1]) / least) * h * 2 * fast
-        e, v, last, ask = motion(level)
-        fast = max(fast, last)
-    e, v = e + h * v + h * h / 2 * fast, root(f) * (v + h * fast)  # between samples
-    errors = [root(f * x) * e + c["delay"] * h * y for x, y in zip(c["inverse"], c["velocity"])]
-    torques = [x + root(wide) * y * (ask + noise) for x, y in zip(c["hold"], c["reach"])]
+        level = ratio * level + of_hold * c["jump"]
+        old = f * ratio * motion.a
+        new = f * reach.motion(level, old).a
+        fastest = max(old, new)
+        apart = (root(P[0][0]) * h / 2 + root(P[1][1]) / slowest) * h * 2 * fastest
+        motion = reach.motion(level + apart)
+        fastest = max(fastest, motion.a)
+    # Between samples.
+    e = motion.e + h * motion.v + h * h / 2 * fastest
+    v = root(f) * (motion.v + h * fastest)
+    # A late reference has moved on.
+    errors = [root(f * x) * e + c["delay"] * h * speed for x, speed in zip(c["inverse"], c["velocity"])]
+    asked = root(wide) * (motion.asked + known.noise)
+    torques = [hold + reached * asked for hold, reached in zip(c["hold"], c["reach"])]
     return {"errors": errors, "speed": [v], "torques": torques}
+
+
+# ---- Reading a certificate ----
 
 
 def exact(x):
     """Return JSON with every text of a number as the rational that it is."""
     if isinstance(x, dict):
-        return {key: exact(value) for key, value in x.items()}
+        return {key: exact(part) for key, part in x.items()}
     if isinstance(x, list):
-        return [exact(value) for value in x]
+        return [exact(part) for part in x]
     return Fraction(x) if isinstance(x, str) else x
 
 
-def numbers(data, where, shape=0):
+def numbers(data, where, depth=0):
     """Return a number, or lists of them so deep, that are texts of bounded length."""
-    if shape:
+    if depth:
         if not isinstance(data, list) or not data:
             raise Refused(f"{where} has to be a list of numbers")
-        return [numbers(x, where, shape - 1) for x in data]
+        return [numbers(x, where, depth - 1) for x in data]
     if not isinstance(data, str) or not NUMBER.fullmatch(data):
         raise Refused(f"{where} has to be a number as a text of bounded length")
     return Fraction(data)
@@ -251,57 +575,65 @@ def section(data, where, keys):
     return data
 
 
+def require(condition, expected):
+    """Refuse a certificate whose numbers are not what the proof takes them for."""
+    if not condition:
+        raise Refused(f"expected {expected}")
+
+
 def facts(data):
     """Return what all claims rest on as exact numbers, each within what the proof takes it for."""
-    law, robot = (
-        section(data["law"], "law", ("integrators", "rolloff", "delay", "omega", *LAW)),
-        data["robot"],
-    )
+    law = section(data["law"], "law", (*WHOLE, "omega", *LAW))
+    robot = data["robot"]
     n = len(numbers(section(data["numbers"], "numbers", NUMBERS)["inverse"], "inverse", 1))
-    found = {x: law[x] for x in ("integrators", "rolloff", "delay")}
-    for (key, value), (low, high) in zip(found.items(), ((1, 3), (0, 2), (0, 20))):
-        if type(value) is not int or not low <= value <= high:
+    found = {}
+    for key, (low, high) in WHOLE.items():
+        if type(law[key]) is not int or not low <= law[key] <= high:
             raise Refused(f"law.{key} has to be {low} to {high}")
-    found.update(
-        {key: numbers(law[key], f"law.{key}") for key in LAW}, omega=numbers(law["omega"], "omega", 1)
-    )
-    found.update({key: numbers(data["numbers"][key], key, deep) for key, deep in NUMBERS.items()})
+        found[key] = law[key]
+    for key in LAW:
+        found[key] = numbers(law[key], f"law.{key}")
+    found["omega"] = numbers(law["omega"], "omega", 1)
+    for key, depth in NUMBERS.items():
+        found[key] = numbers(data["numbers"][key], key, depth)
     limits = section(data["limits"], "limits", LIMITS)
-    found.update({key: numbers(limits[key], f"limits.{key}", 1) for key in LIMITS})
-    size = 12 + sum(law[x] for x in WHOLE)
-    sizes = {key: len(found[key]) for key in ("hold", "reach", *LIMITS)}
-    omega, signed = found["omega"], ("lower", "upper")
-    shape = isinstance(robot, dict) and isinstance(robot.get("joints"), list) and len(robot["joints"]) == n
-    for fine, what in (
-        (shape and n <= JOINTS and set(sizes.values()) == {n}, "one number for each joint"),
-        (len(omega) * size**3 <= WORK, "fewer bandwidths"),
-        (omega == sorted(set(omega)) and omega[0] > 0, "positive bandwidths that grow"),
-        (all(found[key] > 0 for key in LAW if key != "rate"), "a positive law and sample time"),
-        (0 < found["delta_low"] <= found["delta_high"], "delta between positive ends"),
-        (all(x <= y for x, y in zip(found["lower"], found["upper"])), "lower ends below the upper ones"),
-        (
-            all(x >= 0 for k, v in found.items() if k not in signed for x in (v if type(v) is list else [v])),
-            "no negative number",
-        ),
-    ):
-        if not fine:
-            raise Refused(f"expected {what}")
+    for key in LIMITS:
+        found[key] = numbers(limits[key], f"limits.{key}", 1)
+
+    listed = isinstance(robot, dict) and isinstance(robot.get("joints"), list)
+    sizes = {len(found[key]) for key in ("hold", "reach", *LIMITS)}
+    require(
+        listed and len(robot["joints"]) == n and n <= JOINTS and sizes == {n}, "one number for each joint"
+    )
+    omega = found["omega"]
+    # More than the inequality has rows and columns: three states, five sources and friction, five inputs.
+    largest = 12 + sum(law[key] for key in WHOLE)
+    require(len(omega) * largest**3 <= WORK, "fewer bandwidths")
+    require(omega == sorted(set(omega)) and omega[0] > 0, "positive bandwidths that grow")
+    require(all(found[key] > 0 for key in LAW if key != "rate"), "a positive law and sample time")
+    require(0 < found["delta_low"] <= found["delta_high"], "delta between positive ends")
+    ordered = all(low <= high for low, high in zip(found["lower"], found["upper"]))
+    require(ordered, "lower ends below the upper ones")
+    for key, given in found.items():
+        if key not in SIGNED:
+            require(min(given if isinstance(given, list) else [given]) >= 0, "no negative number")
     return found
 
 
 def solution(data, name, n):
     """Return a solution as exact numbers, with its claims."""
-    s = section(data, name, ("P", "alpha", "t", "a", "claims"))
-    claims = section(s["claims"], f"{name}.claims", ("errors", "speed", "torques"))
+    given = section(data, name, ("P", "alpha", *MULTIPLIERS, "claims"))
+    claims = section(given["claims"], f"{name}.claims", ("errors", "speed", "torques"))
     found = {
-        key: numbers(s[key], f"{name}.{key}", deep)
-        for key, deep in zip(("P", "alpha", "t", "a"), (2, 0, 1, 1))
+        "P": numbers(given["P"], f"{name}.P", 2),
+        "alpha": numbers(given["alpha"], f"{name}.alpha"),
+        **{key: numbers(given[key], f"{name}.{key}", 1) for key in MULTIPLIERS},
     }
-    rows = [len(row) for row in found["P"]]
-    if [len(found["t"]), len(found["a"]), *rows] != [6, 5, *[len(rows)] * len(rows)]:
+    square = all(len(row) == len(found["P"]) for row in found["P"])
+    if not square or {key: len(found[key]) for key in MULTIPLIERS} != MULTIPLIERS:
         raise Refused(f"{name}: expected 6 numbers t, 5 numbers a and a square P")
     found["claims"] = {key: numbers(claims[key], f"{name}.claims.{key}", 1) for key in claims}
-    sizes = {key: len(value) for key, value in found["claims"].items()}
+    sizes = {key: len(claimed) for key, claimed in found["claims"].items()}
     if sizes != {"errors": n, "speed": 1, "torques": n}:
         raise Refused(f"{name}.claims: expected an error and a torque for each joint, and one speed")
     return found
@@ -329,32 +661,51 @@ def verify(data):
     wrong = []
     for name, inputs in section(data["inputs"], "inputs", solutions).items():
         s = solution(solutions[name], name, len(common["inverse"]))
-        sizes = section(inputs, f"inputs.{name}", INPUTS)
-        c = {**common, **{key: numbers(x, f"inputs.{name}.{key}") for key, x in sizes.items()}}
-        if min(c[key] for key in INPUTS) < 0 or (
-            name != "gain" and any(c["velocity"]) != bool(c["reference"])
-        ):
-            raise Refused(f"inputs.{name}: negative, or at rest where the reference moves")
-        if not holds(c, s):
-            wrong.append(f"{name}: the matrix inequality does not hold")
-            continue
-        allowed = {"errors": c["radius"], "speed": [c["spread"]], "torques": c["effort"]}
-        for what, values in bounds(c, s, name).items():
-            if any(x > min(y, z) for x, y, z in zip(values, allowed[what], s["claims"][what])):
-                wrong.append(f"{name}: {what} are larger than claimed or allowed")
+        wrong += wrong_in_claim(name, {**common, **input_sizes(name, inputs, common)}, s)
     return wrong
+
+
+def input_sizes(name, inputs, common):
+    """Return the sizes of a claim's inputs as exact numbers."""
+    given = section(inputs, f"inputs.{name}", INPUTS)
+    sizes = {key: numbers(given[key], f"inputs.{name}.{key}") for key in INPUTS}
+    # The proof of `gain` has a reference at rest, that of the others one that moves as it was stated.
+    moves_as_stated = name == "gain" or any(common["velocity"]) == bool(sizes["reference"])
+    if min(sizes.values()) < 0 or not moves_as_stated:
+        raise Refused(f"inputs.{name}: negative, or at rest where the reference moves")
+    return sizes
+
+
+def wrong_in_claim(name, c, s):
+    """Return what is wrong with a claim, a line each."""
+    if not holds(c, s):
+        return [f"{name}: the matrix inequality does not hold"]
+    allowed = {"errors": c["radius"], "speed": [c["spread"]], "torques": c["effort"]}
+    wrong = []
+    for what, proved in bounds(c, s, name).items():
+        claimed = s["claims"][what]
+        if any(x > min(y, z) for x, y, z in zip(proved, allowed[what], claimed)):
+            wrong.append(f"{name}: {what} are larger than claimed or allowed")
+    return wrong
+
+
+# ---- What is printed ----
 
 
 def unclaimed(data):
     """Return what a file says that was asked for and that no claim of it is about, a phrase each."""
-    robot, solutions = data["robot"], data["solutions"]
-    asked = [any(Fraction(x) for x in data["limits"][key]) for key in ("velocity", "acceleration")]
-    asked += [any(Fraction(x) for x in robot.get("torque") or ()), robot.get("friction"), robot.get("bits")]
+    robot, limits, solutions = data["robot"], data["limits"], data["solutions"]
+    moves = any(Fraction(x) for key in ("velocity", "acceleration") for x in limits[key])
+    pushed = any(Fraction(x) for x in robot.get("torque") or ())
     jumps = bool(Fraction(data["numbers"]["jump"]))
-    missing = ["everything that was stated"] * (any(asked) and "stated" not in solutions)
-    wrong_load = jumps and robot.get("start") == "wrong-load"
-    missing += ["a start with the torque of another load"] * (wrong_load and "start" not in solutions)
-    return missing + ["a jump of the load"] * bool(jumps and robot.get("jump") and "jump" not in solutions)
+    missing = []
+    if (moves or pushed or robot.get("friction") or robot.get("bits")) and "stated" not in solutions:
+        missing.append("everything that was stated")
+    if jumps and robot.get("start") == "wrong-load" and "start" not in solutions:
+        missing.append("a start with the torque of another load")
+    if jumps and robot.get("jump") and "jump" not in solutions:
+        missing.append("a jump of the load")
+    return missing
 
 
 def text(x):
@@ -364,9 +715,8 @@ def text(x):
 
 def describe(data):
     """Return what was verified, and what was taken from the file as it is, a line each."""
-    law = data["law"]
     verified = [
-        f"the matrix inequality at {len(law['omega'])} bandwidths and both ends of delta, exactly",
+        f"the matrix inequality at {len(data['law']['omega'])} bandwidths and both ends of delta, exactly",
         "every bound below follows from it and from the numbers of the arm, exactly",
         "the seal fits what it seals: no slip, which is no signature",
     ]
@@ -375,19 +725,20 @@ def describe(data):
         errors = text(s["claims"]["errors"])
         verified.append(f"claim {name!r}: {errors} rad or m at most: {CLAIMS[name]}; {size}")
         verified.append(f"  with torques: {text(s['claims']['torques'])} N m or N at most")
-    lists = ("VERIFIED here:", verified), ("TAKEN FROM THE FILE, not verified:", taken(data))
-    return [line for head, rows in lists for line in (f"  {head}", *(f"    {row}" for row in rows))]
+    lines = ["  VERIFIED here:"]
+    lines += [f"    {row}" for row in verified]
+    lines.append("  TAKEN FROM THE FILE, not verified:")
+    lines += [f"    {row}" for row in taken(data)]
+    return lines
 
 
 def taken(data):
     """Return what a certificate says and its checker cannot know, a line each."""
     robot, law, limits = data["robot"], data["law"], data["limits"]
     moves = any(Fraction(x) for x in limits["velocity"])
-    arm = [robot.get(x) for x in ("name", "sha256", "armature", "locked")]
+    arm = [robot.get(key) for key in ("name", "sha256", "armature", "locked")]
     proved = sorted(key for key, x in data["status"].items() if x == "proved")
     searched = sorted(key for key, x in data["status"].items() if x != "proved")
-    member = f"{law['integrators']} integrators, roll-off {law['rolloff']}, {law['delay']} samples late"
-    ends = text([law["omega"][0], law["omega"][-1]])
     rows = [
         ("the numbers of the arm", sorted(data["numbers"]), "are those of this arm in this box"),
         ("of these said to be proved", proved, ""),
@@ -397,12 +748,18 @@ def taken(data):
         ("joints", robot["joints"], ""),
         ("box, lower ends [rad or m]", limits["lower"], "the arm stays in it"),
         ("box, upper ends [rad or m]", limits["upper"], ""),
-        ("reference", limits["velocity"] if moves else "at rest", "[rad/s or m/s]" if moves else ""),
-        *[("its acceleration", limits["acceleration"], "[rad/s^2 or m/s^2]")] * moves,
-        ("start", robot.get("start"), ""),
     ]
-    said = [f"{name}: {text(value)} {more}".rstrip() for name, value, more in rows]
-    return [*said, f"the controller that runs: {member}, omega [rad/s] {ends}, {law['sample_time']} s"]
+    if moves:
+        rows.append(("reference", limits["velocity"], "[rad/s or m/s]"))
+        rows.append(("its acceleration", limits["acceleration"], "[rad/s^2 or m/s^2]"))
+    else:
+        rows.append(("reference", "at rest", ""))
+    rows.append(("start", robot.get("start"), ""))
+    lines = [f"{name}: {text(said)} {more}".rstrip() for name, said, more in rows]
+    member = f"{law['integrators']} integrators, roll-off {law['rolloff']}, {law['delay']} samples late"
+    ends = text([law["omega"][0], law["omega"][-1]])
+    lines.append(f"the controller that runs: {member}, omega [rad/s] {ends}, {law['sample_time']} s")
+    return lines
 
 
 def unique(pairs):
@@ -420,29 +777,33 @@ def read(file):
         return json.load(stream, object_pairs_hook=unique)
 
 
+def judge(file):
+    """Return what is said of a file, and its exit code."""
+    try:
+        data = read(file)
+        wrong, missing = verify(data), unclaimed(data)
+        if wrong:
+            return "DOES NOT HOLD: " + "; ".join(wrong), 1
+        if missing:
+            head = f"HOLDS FOR PART: asked for and not claimed: {'; '.join(missing)}"
+            return "\n".join([head, *describe(data)]), 3
+        return "\n".join(["HOLDS:", *describe(data)]), 0
+    except ERRORS as error:
+        return f"IS NO CERTIFICATE: {text(str(error))}", 2
+
+
 def main(files):
     """Print what holds of some files.
 
     Returns 1 where a claim does not hold, 2 where a file is no certificate, 3 where all claims hold but
     something that was asked for has none.
     """
-    found = set() if files else {2}
+    codes = set() if files else {2}
     for file in files:
-        try:
-            data = read(file)
-            wrong, missing = verify(data), unclaimed(data)
-            if wrong:
-                said, code = "DOES NOT HOLD: " + "; ".join(wrong), 1
-            elif missing:
-                head = f"HOLDS FOR PART: asked for and not claimed: {'; '.join(missing)}"
-                said, code = "\n".join([head, *describe(data)]), 3
-            else:
-                said, code = "\n".join(["HOLDS:", *describe(data)]), 0
-        except ERRORS as error:
-            said, code = f"IS NO CERTIFICATE: {text(str(error))}", 2
-        found.add(code)
+        said, code = judge(file)
+        codes.add(code)
         print(file, said)
-    return next(code for code in (2, 1, 3, 0) if code in found)
+    return next(code for code in (2, 1, 3, 0) if code in codes)
 
 
 if __name__ == "__main__":
