@@ -20,6 +20,7 @@ from armgpi.plants.plant import Wrapper as _Wrapper
 from armgpi.plants.reality import Reality as _Reality
 from armgpi.references.paths import Path as _Path
 from armgpi.registry import classes_of as _all_registered
+from armgpi.robot import known_arms as _known_arms
 from armgpi.supervisor import Supervisor as _Supervisor
 from armgpi.supervisor import reasons as _reasons
 from armgpi.version import VERSION as _VERSION
@@ -199,6 +200,7 @@ def options_table():
 
 myst_substitutions = {
     "findings_table": _findings.table(),
+    "known_arms_table": _known_arms.table(),
     "modules_list": modules_list(),
     "rooms_table": rooms_table(),
     "playground_list": playground_list(),

@@ -134,7 +134,8 @@ class _Robot:
 
     def readOnce(self) -> tuple[Any, Any]:
         passed = 0.001 * self.arm.wait()
-        seen = SimpleNamespace(q=self.arm.measured(), tau_J_d=self.arm.last.tolist())
+        positions = self.arm.measured()  # of the side that the simulated encoders sit at
+        seen = SimpleNamespace(q=positions, theta=positions, tau_J_d=self.arm.last.tolist())
         return seen, SimpleNamespace(to_sec=lambda: passed)
 
     def writeOnce(self, command: Any) -> None:

@@ -238,11 +238,14 @@ def note_drives(experiment: Experiment, explain: bool = True) -> None:
     from armgpi.gpi.untuned import BITS
     from armgpi.plants.elastic import ElasticPlant
     from armgpi.plants.plant import inside
+    from armgpi.robot.known_arms import describe_published
     from armgpi.robot.rotors import assumed_something
 
     robot = experiment.robot
     line = world.describe(experiment.config, experiment.robot, every=True)
     say(line if explain or not assumed_something(robot) else f"{line}. Values: --explain", err=True)
+    if published := describe_published(robot.drives, values=explain):
+        say(published, err=True)
     if explain:
         _explain_drives(experiment)
     stiff = [name for name, plant in experiment.plants.items() if not isinstance(inside(plant), ElasticPlant)]

@@ -185,7 +185,8 @@ def _experiment(options: dict[str, Any], target: str) -> Experiment:
     from armgpi.hardware.export.targets import moving_gripper
 
     given = settings(options, compare=False)
-    fingers = moving_gripper(building.robot(*given))
+    robot = building.robot(*given)
+    fingers = moving_gripper(robot)
     if fingers and target in COMPENSATING:
         options["lock"] = [*(options["lock"] or []), *fingers]
         say(f"note: {', '.join(fingers)} of the gripper locked: {target} has the arm's joints", err=True)
@@ -194,12 +195,43 @@ def _experiment(options: dict[str, Any], target: str) -> Experiment:
         lock = " ".join(f"--lock {name}" for name in fingers)
         said = f"{', '.join(fingers)} of a gripper is controlled together with the arm; {lock} leaves it out"
         say(f"warning: {said}", err=True, fg="yellow")
-    return configuration.build(*given)
+    return configuration.build(*_with_side(given, target, options))
+
+
+def _with_side(given: Any, target: str, options: dict[str, Any]) -> Any:
+    """Return an experiment with the side that the target's positions are of, where none was specified."""
+    from armgpi.cli.settings import settings
+    from armgpi.config import building
+    from armgpi.hardware.export.interfaces import COMPENSATING
+
+    interface = COMPENSATING.get(target)
+    if interface is None or not interface.positions:
+        return given
+    resolved, robot = building.resolve(*given)
+    known = any(robot.drives.value("encoder_side").tolist())
+    if not known and resolved.plant.engine == "elastic":
+        usual = next(iter(interface.positions))
+        flag = [(each, usual) for each in _declared() if each.flag == "--encoder-side"]
+        given = settings({**options, "declared": [*flag, *options["declared"]]}, compare=False)
+        known, robot = True, building.resolve(*given)[1]
+    if known:
+        side = str(robot.drives.value("encoder_side")[0])
+        others = [each for each in interface.positions if each != side]
+        name = interface.positions.get(side, "")
+        said = f"note: the program reads {name}, the positions of the {side}s; --encoder-side {others[0]} for"
+        say(f"{said} {interface.positions[others[0]]}, those of the {others[0]}s", err=True)
+    return given
+
+
+def _declared() -> Any:
+    """Return the options of experiments that classes declare."""
+    from armgpi.cli.declared import options as declared
+
+    return declared()
 
 
 def _target(options: dict[str, Any]) -> str:
     """Return the target, and put what its interface asks for into the options."""
-    from armgpi.cli.declared import options as declared
     from armgpi.cli.settings import with_file
     from armgpi.hardware.export.interfaces import COMPENSATING
     from armgpi.hardware.export.targets import TARGETS
@@ -215,7 +247,7 @@ def _target(options: dict[str, Any]) -> str:
         interface = COMPENSATING[target]
         if options["config"] is None:
             options["dt"] = interface.dt if options["dt"] is None else options["dt"]
-            usual = [(each, interface.delays[0]) for each in declared() if each.flag == "--delay"]
+            usual = [(each, interface.delays[0]) for each in _declared() if each.flag == "--delay"]
             options["declared"] = [*usual, *options["declared"]]
             if options["controllers"] is None:
                 options["controllers"] = "gpi_auto"

@@ -170,7 +170,7 @@ def _what_it_is(facts: Mapping[str, Any]) -> list[str]:
         f"from {facts['base']!r} to {facts['tip']!r}",
         f"file: {printable(facts['source'])}",
     ]
-    said[1:1] = [printable(facts[key]) for key in ("rotors", "gears") if facts[key]]
+    said[1:1] = [printable(facts[key]) for key in ("product", "published", "rotors", "gears") if facts[key]]
     if facts["sag"]:
         said.append(facts["sag"])
     if facts["locked"]:

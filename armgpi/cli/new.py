@@ -172,12 +172,17 @@ def _file(
     from armgpi.gpi.untuned import BITS
     from armgpi.hardware.export.interfaces import COMPENSATING
     from armgpi.hardware.export.targets import TARGETS
-    from armgpi.robot import robots
+    from armgpi.robot import robots, rotors
+    from armgpi.robot.known_arms import known_bits
 
     target, _ = answers.get(f"Target ({', '.join(TARGETS)})", typed["target"], "bare", str)
     interface = COMPENSATING.get(target)
     load, _ = answers.get("Heaviest load at the tool [kg]", typed["payload"], 0.0, float)
-    bits, bits_note = answers.get("Encoder resolution [bits per turn]", typed["encoder_bits"], BITS, int)
+    resolution = known_bits(rotors.with_published(arm).drives, BITS)
+    usual = resolution if isinstance(resolution, int) else BITS
+    bits, bits_note = answers.get("Encoder resolution [bits per turn]", typed["encoder_bits"], usual, int)
+    if bits_note and usual != BITS:
+        bits_note = "; published for this arm"
     delay = max(DELAY, interface.delays[0]) if interface else DELAY
     late, late_note = answers.get("Delay of measurements [samples]", typed["delay"], delay, int)
     step, step_note = answers.get("Sample time [s]", typed["dt"], interface.dt if interface else 1e-3, float)
@@ -190,7 +195,7 @@ def _file(
     sensors = [
         f"  encoder_bits: {bits}  # per turn{bits_note}",
         f"  delay: {late}  # samples; measurements are delayed by so many{late_note}",
-        _friction_line(arm, interface is not None),
+        _friction_line(rotors.with_published(arm), interface is not None),
     ]
     realistic = "ideal: false  # a realistic arm: what no line states is assumed (armgpi run says what)"
     textbook = "ideal: true  # a textbook's arm: rigid, no rotors, no friction, exact positions"
@@ -257,8 +262,9 @@ def _effort_lines(arm: Any, blanks: list[str]) -> list[str]:
 
 
 def _drive_lines(arm: Any, assumed: Any) -> list[str]:
-    """Return what is assumed of the drives as keys, with their intervals; nothing where all is known."""
+    """Return what is published or assumed of the drives as keys, with intervals; nothing if all is known."""
     from armgpi.robot import rotors
+    from armgpi.robot.known_arms import describe_published
 
     known = arm.drives.plain()
     lines = []
@@ -268,8 +274,11 @@ def _drive_lines(arm: Any, assumed: Any) -> list[str]:
             lines.append(f"    {_text(joint)}: {_text(own)}")
     if not lines:
         return []
+    published = describe_published(assumed, values=True)
+    product = [f"  # {published}"] if published else []
     return [
         "  # The URDF contains no rotor inertia [kg m² or kg] or joint stiffness [N m/rad or N/m].",
+        *product,
         "  # Assumed from effort and velocity limits (docs/drives.md), replace what you know:",
         f"  # rotors that spin up in {rotors.SPIN_UP:g} s, within a factor of {rotors.SCATTER:g}, and joints",
         f"  # that twist by {rotors.TWIST:g} rad at the limit, within a factor of {rotors.TWIST_SCATTER:g}.",
@@ -293,8 +302,11 @@ def _friction_line(arm: Any, robot_compensates: bool) -> str:
     viscous, coulomb = arm.friction
     if not (viscous.any() or coulomb.any()):
         return "  friction: urdf  # the URDF contains none: nothing rubs; specify it by robot.friction"
+    where = (
+        "published for this arm" if "published" in arm.drives.sources("viscous") else "contained in the URDF"
+    )
     return (
-        f"  friction: urdf  # contained in the URDF: viscous up to {viscous.max():g} N m s/rad, Coulomb up "
+        f"  friction: urdf  # {where}: viscous up to {viscous.max():g} N m s/rad, Coulomb up "
         f"to {coulomb.max():g} N m; none drops it"
     )
 

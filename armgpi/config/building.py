@@ -283,7 +283,7 @@ def _with_assumptions(config: ExperimentConfig, top: _Place) -> tuple[Experiment
                 known[joint] = {"encoder_side": str(side)}
         for quantity, data in robot.drives.data.items():
             for joint, datum in data.items():
-                if datum.source == "assumed":
+                if datum.source in ("assumed", "published"):
                     known.setdefault(joint, {})[quantity] = datum.plain()
         # Where there was nothing to believe, the word still says that there is not.
         section = section.replace(drives=known or section.drives)

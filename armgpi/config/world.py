@@ -16,8 +16,9 @@ from armgpi.config.schema import ExperimentConfig
 from armgpi.config.section import Section
 from armgpi.gpi.untuned import BITS, Untuned
 from armgpi.robot.equations import ASSUMED_GEAR_RATIO
+from armgpi.robot.known_arms import known_bits
 from armgpi.robot.robot import Robot
-from armgpi.robot.rotors import joints_with_assumed_ratio
+from armgpi.robot.rotors import joints_with_assumed_ratio, with_published
 
 #: Samples by which measurements are delayed where nothing specifies it: one, as of a bus.
 DELAY = 1
@@ -38,9 +39,11 @@ def in_world(config: ExperimentConfig, robot: Robot) -> ExperimentConfig:
     if config.ideal is not False or config.reality is not None:
         return config
     plant = config.plant
+    if config.robot.drives != "none":
+        robot = with_published(robot)
     # Robots that add the torque of gravity by themselves, as Franka's and UR's, add that of friction as well.
     friction = "none" if config.robot.gravity == "robot" else "urdf"
-    assumed = {"encoder_bits": BITS, "delay": DELAY, "friction": friction}
+    assumed = {"encoder_bits": known_bits(robot.drives, BITS), "delay": DELAY, "friction": friction}
     if plant.viscous is not None or plant.coulomb is not None:
         del assumed["friction"]  # the file states the friction of the plant, which replaces the URDF's
     plant = _assumed(plant, {key: value for key, value in assumed.items() if key not in plant.given})
@@ -88,14 +91,16 @@ def describe_arm(config: ExperimentConfig, robot: Any, every: bool = False) -> s
     plant = config.plant
     bits, delay = getattr(plant, "encoder_bits", None), getattr(plant, "delay", None) or 0
 
-    def marked(key: str, text: str) -> str:
-        return f"{text} (assumed)" if config.ideal is False and key not in plant.given else text
+    def marked(key: str, text: str, source: str = "assumed") -> str:
+        return f"{text} ({source})" if config.ideal is False and key not in plant.given else text
 
     if bits is None:
         positions = "exact positions"
     else:
         count = f"{bits:g}-bit" if isinstance(bits, int | float) else "specified"
-        positions = marked("encoder_bits", f"{count} encoders")
+        sources = set(robot.drives.sources("encoder_count"))
+        source = sources.pop() if len(sources) == 1 else ""
+        positions = marked("encoder_bits", f"{count} encoders", source or "assumed")
     parts = [
         _JOINTS.get(plant.engine, "stiff joints"),
         _rotors(robot),

@@ -27,7 +27,7 @@ from armgpi.health import checks_shapes as checks_shapes
 from armgpi.health import checks_urdf as checks_urdf  # registers its checks
 from armgpi.health.findings import LEVELS, Finding, Level, Subject
 from armgpi.plants.elastic import sag
-from armgpi.robot import reading, repairs, robots, rotors, tensors, urdf_model
+from armgpi.robot import known_arms, reading, repairs, robots, rotors, tensors, urdf_model
 from armgpi.robot.drives import Drives
 from armgpi.robot.equations import PerJoint
 from armgpi.robot.meshes import MeshFinder
@@ -220,6 +220,8 @@ def _facts(subject: Subject, drives: str | None) -> dict[str, Any]:
         "locked": dict(subject.locked),
         "mimic": robot.provenance.get("mimic", "lock"),
         "repairs": list(robot.provenance.get("repairs", ())),
+        "product": known_arms.describe_arm(known),
+        "published": known_arms.describe_published(known.drives, values=True),
         "rotors": rotors.describe(known),
         "gears": rotors.describe_gears(known),
         "sag": sag(known),

@@ -23,8 +23,9 @@ from armgpi.parameter import Parameter, plain
 from armgpi.renamed import current_name
 from armgpi.robot.markup import GEAR_RATIO, ROTOR_INERTIA
 
-#: Whose word a number is: a user's or a file's, a rule's where nobody said anything, or a measurement's.
-SOURCES = ("specified", "assumed", "identified")
+#: Whose word a number is: a user's or a file's, a rule's where nobody said anything, a measurement's, or that
+#: of a public source on a known arm (:mod:`armgpi.robot.known_arms`).
+SOURCES = ("specified", "assumed", "identified", "published")
 _MAX_BYTES = 1_000_000
 #: What a URDF's parameters are called that only armgpi knows.
 _OWN = "armgpi:"
@@ -46,7 +47,7 @@ QUANTITIES: Mapping[str, Parameter] = {
         _quantity("current_bandwidth", "bandwidth of the current loop", "Hz", above=True),
         _quantity("encoder_side", "where the encoder sits", kind="choice", choices=("motor", "link")),
         _quantity("gear_ratio", "turns of the motor in one of the joint; rad/m of a slide", above=True),
-        _quantity("encoder_count", "encoder counts in one turn of the joint", above=True),
+        _quantity("encoder_count", "counts in one turn of the encoder, wherever it sits", above=True),
         _quantity("torque_constant", "torque constant", "N m/A or N/A", above=True),
         _quantity("velocity_limit", "velocity limit of the motor", "rad/s or m/s", above=True),
         _quantity("torque_limit", "torque limit of the motor", "N m or N", above=True),
@@ -61,7 +62,7 @@ class Datum(NamedTuple):
         value: its best value; a word where it is not a number.
         low: lowest value that it may have.
         high: highest value that it may have.
-        source: "specified", "assumed" or "identified".
+        source: "specified", "assumed", "identified" or "published".
         file: where it is from; empty for no file.
     """
 
@@ -131,7 +132,7 @@ class Drives:
             value: a number or word for all joints, one per joint, or joint -> value (the others keep theirs).
             low: lowest values, likewise; the values when not given.
             high: highest values, likewise.
-            source: "specified", "assumed" or "identified".
+            source: "specified", "assumed", "identified" or "published".
             file: where it is from.
 
         Raises:
@@ -216,7 +217,8 @@ class Drives:
                     source, joint, f"expected a mapping such as {{stiffness: 1.0e+4}}, got {show_value(own)}"
                 )
             own = dict(own)
-            if {"motor_inertia", "gear_ratio"} & set(own):
+            whole = isinstance(own.get("gear_ratio"), Mapping)  # with interval and source
+            if "motor_inertia" in own or ("gear_ratio" in own and not whole):
                 own |= _reflect_motor(own, source, joint)
             for key, given in own.items():
                 try:
@@ -314,7 +316,10 @@ def _number(value: Any) -> Any:
 def _reflect_motor(own: dict[str, Any], source: str, joint: str) -> dict[str, float]:
     """Return the rotor inertia at the joint where a drive gives those of motor and gear, and take these."""
     facts = {"motor_inertia": "zero or positive [kg m^2]", "gear_ratio": "positive, rad/m of a slide"}
-    numbers = {key: _number(own.pop(key)) for key in facts if key in own}
+    taken = {key: own.pop(key) for key in facts if key in own}
+    numbers = {
+        key: _number(each.get("value") if isinstance(each, Mapping) else each) for key, each in taken.items()
+    }
     ratio = {"gear_ratio": numbers["gear_ratio"]} if "gear_ratio" in numbers else {}
     for key, number in numbers.items():
         good = isinstance(number, float | int) and not isinstance(number, bool)

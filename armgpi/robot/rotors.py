@@ -21,6 +21,7 @@ from armgpi.renamed import current_name
 from armgpi.robot.drives import Drives
 from armgpi.robot.equations import ASSUMED_GEAR_RATIO
 from armgpi.robot.kinematics import random_configurations
+from armgpi.robot.known_arms import published_drives
 from armgpi.robot.robot import Robot
 
 #: Time in which a motor turns its own rotor to the velocity limit [s]: the geometric mean of those to fit,
@@ -97,12 +98,13 @@ def _gravity_torque(robot: Robot) -> Array:
 
 
 def assume_drives(robot: Robot, drives: str | None = None) -> Robot:
-    """Return the arm with what is believed of its drives where nothing is known of them.
+    """Return the arm with what is published or assumed of its drives where nothing is known of them.
 
     Args:
         robot: the arm.
-        drives: "elastic" for rotors, and gears that twist; "stiff" for rotors of stiff gears; "none" for no
-            rotors. None is "elastic", and leaves an arm alone of which something is believed already.
+        drives: "elastic" for rotors and elastic joints; "stiff" for rotors and stiff joints; "none" for no
+            rotors. None is "elastic", and leaves an arm alone of which something is assumed already. But for
+            "none", what is published of a known arm (:mod:`armgpi.robot.known_arms`) comes first.
 
     Raises:
         ParameterError: for another word, or what is no robot.
@@ -117,9 +119,16 @@ def assume_drives(robot: Robot, drives: str | None = None) -> Robot:
 
 
 def assume_rotors(robot: Robot) -> Robot:
-    """Return the arm with believed rotors where nothing is known of them; the same arm where all is told."""
+    """Return the arm with published or assumed rotors where nothing is known of them."""
+    robot = with_published(robot)
     rotors = _assumed_rotors(robot)
     return robot.with_drives(rotors) if rotors.data else robot
+
+
+def with_published(robot: Robot) -> Robot:
+    """Return an arm with what is published of its drives where nothing is known of them; else the same."""
+    published = published_drives(robot)
+    return robot.with_drives(published) if published.data else robot
 
 
 def _assumed_rotors(robot: Robot) -> Drives:
@@ -136,6 +145,7 @@ def assume_gears(robot: Robot) -> Robot:
 
     Rotors of which nothing is known are believed as well: a gear that twists is between two masses.
     """
+    robot = with_published(robot)
     rotors, known = _assumed_rotors(robot), robot.drives.data.get("stiffness", {})
     # One change of the arm, so that one read back from a file has the same history.
     armature = np.maximum(robot.armature, rotors.value("rotor_inertia", 0.0))

@@ -813,7 +813,7 @@ def test_a_loop_for_ur_ends_in_a_fault(tmp_path: Path) -> None:
         (
             lambda: GPI(panda().with_drives({"panda_joint3": {"encoder_side": "motor"}}), 1e-3),
             "fci",
-            "reads the motor of joint 'panda_joint3'.*fci reads the link.*encoder_side: link",
+            r"encoders at different sides .*panda_joint3: motor.*reads q \(link\) or theta \(motor\)",
         ),
         (lambda: GPI(with_jaw(6), 1e-3), "fci", r"this arm has 7, with 'jaw' of its gripper"),
         (lambda: GPI(with_jaw(5), 2e-3), "ur", "for 6 joints; this arm has 6, with 'jaw' of its gripper"),
@@ -825,6 +825,27 @@ def test_a_target_that_would_hurt_is_refused(make: object, target: str, said: st
     with pytest.raises(ParameterError, match=said):
         export_controller(make(), tmp_path / "new", target=target, measure=False)  # type: ignore[operator]
     assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize(
+    ("side", "position"),
+    [(None, "q"), ("link", "q"), ("motor", "theta")],
+    ids=["unspecified", "link", "motor"],
+)
+def test_a_franka_program_reads_the_positions_of_the_side_of_its_controller(
+    side: str | None, position: str, tmp_path: Path
+) -> None:
+    robot = panda()
+    if side is not None:
+        robot = robot.with_drives({name: {"encoder_side": side} for name in robot.joint_names})
+    rate = Supervisor(torque_rate=1000.0)
+    export_controller(Supervised(GPI(robot, 1e-3), rate), tmp_path, measure=False, target="fci")
+    other = {"q": "theta", "theta": "q"}[position]
+    for name, words in (("fci.hpp", ("vector(robot.{})", 2)), ("fci.py", ("list(state.{})", 2))):
+        text = (tmp_path / name).read_text()
+        assert text.count(words[0].format(position)) == words[1]
+        assert words[0].format(other) not in text
+    assert f"| position | `{position}` of the robot's state" in (tmp_path / "README.md").read_text()
 
 
 def test_gravity_by_the_robot_is_said_in_the_first_lines(tmp_path: Path) -> None:

@@ -28,6 +28,7 @@ from armgpi.hardware.export.targets import (
     move_limits,
     moving_gripper,
     package,
+    position_of,
 )
 from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.loop.log import INPUTS, ArmLog, of_samples, pack, preamble, row_type
@@ -425,7 +426,8 @@ def _running(controller: Supervised, target: str) -> str:
     robot: Any = controller.robot
     lower, upper, _, _ = robot.limits
     goal = ",".join(f"{x:.2f}" for x in robot.middle() + np.minimum(0.1, 0.25 * (upper - lower)))
-    fill = {"goal": goal, "rate": f"{1.0 / controller.dt:.0f}"}
+    fill = {"goal": goal, "rate": f"{1.0 / controller.dt:.0f}", "position": position_of(target, robot)}
+    fill["side"] = "the motors' positions" if fill["position"] == "theta" else "the links' positions"
     return Template(template(f"README.{target}.md")).substitute(fill) + "\n"
 
 

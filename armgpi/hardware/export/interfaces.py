@@ -5,6 +5,7 @@ One table, from which the targets take their numbers and the documentation its r
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from armgpi.escape import markdown_table
@@ -25,7 +26,8 @@ class Interface(NamedTuple):
         echo: where it says which torque it applies; "" where it does not.
         late: how a packet that comes once more is known.
         tried: what was compiled or simulated here, and against what. None was tried on hardware.
-        side: of the joint that its positions are of, "motor" or "link"; "" where nothing tells.
+        positions: side of the joints -> what the interface calls their positions there; the first one is read
+            where nothing else is specified. None where nothing tells the side.
     """
 
     target: str
@@ -39,7 +41,7 @@ class Interface(NamedTuple):
     echo: str
     late: str
     tried: str
-    side: str = ""
+    positions: Mapping[str, str] = {}
 
 
 #: Versions by libfranka's changelog and by the scripts that the two clients of UR send to the robot: ur_rtde
@@ -47,9 +49,9 @@ class Interface(NamedTuple):
 #: external_control.urscript of the client library has it from 5.23.0 and 10.11.0 on, with friction scales
 #: from 5.25.1 and 10.12.1 on. The rate is libfranka's kMaxTorqueRate, "without gravity and friction" its
 #: franka::Torques. Delays are set by hand, for robots that nobody has measured: the rule for untuned arms,
-#: tools/faults.py and tools/bringup.py take them. The side is that of robot_state.h: `q` is the "measured
-#: joint position", beside `theta`, the "motor position", which the exported programs do not read. Nothing
-#: that UR or ros2_control publish was found to say the side of their positions.
+#: tools/faults.py and tools/bringup.py take them. The sides are those of robot_state.h: `q` is the "measured
+#: joint position", and `theta` the "motor position". Nothing that UR or ros2_control publish was found to say
+#: the side of their positions.
 _FR3 = Interface(
     target="fci",
     robot="Franka Research 3, system 5.7.2",
@@ -62,7 +64,7 @@ _FR3 = Interface(
     echo="tau_J_d",
     late="period",
     tried="compiled with libfranka 0.15.0 and 0.21.2; simulated beside stubs",
-    side="link",
+    positions={"link": "q", "motor": "theta"},
 )
 _UR = Interface(
     target="ur",

@@ -12,7 +12,7 @@ from armgpi.arrays import Array
 from armgpi.control.controller import FullState, Measurement
 from armgpi.errors import ParameterError, Remedy
 from armgpi.hardware.export.code import ABI, Code, template
-from armgpi.hardware.export.interfaces import COMPENSATING
+from armgpi.hardware.export.interfaces import COMPENSATING, Interface
 from armgpi.hardware.export.names import plain
 from armgpi.references.reference import Target
 from armgpi.supervisor import FARTHEST, Reason, State, Supervised, least_acceleration
@@ -124,7 +124,7 @@ def _check_arm(target: str, controller: Supervised) -> None:
     if "friction" in interface.adds and getattr(controller.law, "friction_feedforward", False):
         raise ParameterError("target", target, "one for a law without the friction that its robot adds")
     _check_joints(target, robot)
-    _check_side(interface.side, target, robot)
+    _check_side(interface, target, robot)
     if not math.isclose(controller.dt, dt):
         expected = f"for a sample time of {dt:g} s, its robot's; this controller's is {controller.dt:g} s"
         raise ParameterError("target", target, expected)
@@ -145,17 +145,33 @@ def _check_joints(target: str, robot: Any) -> None:
         raise refused.suggesting(Remedy("lock", tuple(fingers))) if fingers else refused
 
 
-def _check_side(side: str, target: str, robot: Any) -> None:
+def _check_side(interface: Interface, target: str, robot: Any) -> None:
     """Refuse an arm whose encoders are specified to sit where the target's positions are not measured."""
-    sides = zip(robot.joint_names, robot.drives.value("encoder_side").tolist(), strict=True)
-    for joint, specified in sides:
-        if side and specified not in ("", side):
-            expected = (
-                f"one that reads the {specified} of joint {joint!r}, where its encoder is specified to sit: "
-                f"{target} reads the {side}, behind which such a controller can be unstable; specify "
-                f"encoder_side: {side}, or leave it out"
-            )
-            raise ParameterError("target", target, expected)
+    if not interface.positions:
+        return
+    sides = dict(zip(robot.joint_names, robot.drives.value("encoder_side").tolist(), strict=True))
+    specified = {side: joint for joint, side in sides.items()}
+    if len(specified) > 1:
+        said = ", ".join(f"{joint}: {side or 'not specified'}" for side, joint in specified.items())
+        known = " or ".join(f"{name} ({side})" for side, name in interface.positions.items())
+        wanted = (
+            f"one for encoders at different sides ({said}); it reads {known} of all joints: specify one side"
+        )
+        raise ParameterError("target", target, wanted)
+
+
+def position_of(target: str, robot: Any) -> str:
+    """Return what a target's interface calls the positions that an arm's controller measures; or nothing.
+
+    Args:
+        target: a key of :data:`TARGETS`.
+        robot: the arm, with the side of its encoders where that was specified.
+    """
+    interface = COMPENSATING.get(target)
+    if interface is None or not interface.positions:
+        return ""
+    side = str(robot.drives.value("encoder_side")[0])
+    return interface.positions.get(side, next(iter(interface.positions.values())))
 
 
 def compensates_gravity(robot: Any) -> bool:
@@ -182,6 +198,7 @@ def package(code: Code, state_bytes: int, target: str) -> dict[str, str]:
         "n": str(law.n),
         "wired": ", ".join(_WIRED.get(name, name) for name in names),
         "missed": str(law.controller.supervisor.missed),
+        "position": position_of(target, law.controller.robot),
         **_move(law.controller, "F" if real == "float" else ""),
         "log_seconds": repr(_LOG_TIME),
         "install": template(f"CMakeLists.{target}.txt"),

@@ -69,7 +69,7 @@ class Fci {
   franka::Torques operator()(const franka::RobotState& robot, franka::Duration period) {
     const Vector applied = vector(robot.tau_J_d);
     Vector tau{};
-    const bool goes_on = loop_->take(samples(period.toSec()), vector(robot.q), tau, &applied);
+    const bool goes_on = loop_->take(samples(period.toSec()), vector(robot.${position}), tau, &applied);
     franka::Torques torques{{0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0}};
     for (std::size_t i = 0; i < tau.size(); ++i) {
       torques.tau_J[i] = static_cast<double>(tau[i]);
@@ -83,7 +83,7 @@ class Fci {
     const double now = robot.time.toSec();
     const std::uint32_t elapsed = looked_ < 0.0 ? 0U : samples(now - looked_);
     if (looked_ < 0.0 || elapsed > 0U) {
-      loop_->look(elapsed, vector(robot.q), vector(robot.tau_J));
+      loop_->look(elapsed, vector(robot.${position}), vector(robot.tau_J));
       looked_ = now;
     }
   }

@@ -28,6 +28,7 @@ struct RobotState {
   std::array<double, 7> tau_J_d{};
   std::array<double, 7> q{};
   std::array<double, 7> dq{};
+  std::array<double, 7> theta{};
   Duration time{};
 };
 // from franka/lowpass_filter.h
@@ -91,6 +92,7 @@ class Robot {
     passed = static_cast<uint64_t>(numbers[0]);
     for (std::size_t i = 0; i < 7U; ++i) {
       state.q[i] = numbers[1U + i];
+      state.theta[i] = numbers[1U + i];
       state.tau_J_d[i] = numbers[8U + i];
     }
     time_ += passed;

@@ -1,0 +1,165 @@
+"""Known arms: recognised by what no frames alter, and never by less; published drives before assumed ones."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import armgpi
+from armgpi import config
+from armgpi.config import building
+from armgpi.config import experiment as experiments
+from armgpi.robot import known_arms
+from armgpi.robot.drives import QUANTITIES
+from armgpi.robot.known_arms import KNOWN_ARMS, geometry_of, published_drives, recognise
+from armgpi.robot.rotors import assume_drives, with_published
+
+_HALF_PI = 0.5 * math.pi
+
+
+def _urdf(name: str, rows: list[tuple[float, float, float]], first: str = "joint1", mass: float = 1.0) -> str:
+    """Return a URDF of a chain by modified Denavit-Hartenberg rows (a, alpha, d)."""
+    body = (
+        f'<inertial><origin xyz="0 0 0.1"/><mass value="{mass}"/>'
+        '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    parts = [f'<robot name="{name}">', '<link name="base"/>']
+    parent = "base"
+    for i, (a, alpha, d) in enumerate(rows):
+        turn = pin.SE3(pin.rpy.rpyToMatrix(alpha, 0.0, 0.0), np.zeros(3))
+        place = pin.SE3(np.eye(3), np.array([a, 0.0, 0.0])) * turn
+        place = place * pin.SE3(np.eye(3), np.array([0.0, 0.0, d]))
+        xyz = " ".join(f"{x:.17g}" for x in place.translation)
+        rpy = " ".join(f"{x:.17g}" for x in pin.rpy.matrixToRpy(place.rotation))
+        joint = first if i == 0 else f"joint{i + 1}"
+        parts.append(
+            f'<joint name="{joint}" type="revolute"><parent link="{parent}"/><child link="link{i + 1}"/>'
+            f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="0 0 1"/>'
+            '<limit lower="-2" upper="2" velocity="2" effort="50"/></joint>'
+        )
+        parent = f"link{i + 1}"
+        parts.append(f'<link name="{parent}">{body}</link>')
+    return "".join([*parts, "</robot>"])
+
+
+#: Denavit-Hartenberg rows of Panda and FR3, as Franka's FCI documentation has them (modified convention).
+_FRANKA = [
+    (0.0, 0.0, 0.333),
+    (0.0, -_HALF_PI, 0.0),
+    (0.0, _HALF_PI, 0.316),
+    (0.0825, _HALF_PI, 0.0),
+    (-0.0825, -_HALF_PI, 0.384),
+    (0.0, _HALF_PI, 0.0),
+    (0.088, _HALF_PI, 0.0),
+]
+
+
+def test_geometry_is_that_of_denavit_and_hartenberg() -> None:
+    own = geometry_of(armgpi.Robot.from_xml(_urdf("some", _FRANKA)))
+    assert own.distances == pytest.approx([abs(a) for a, _, _ in _FRANKA[1:]], abs=1e-12)
+    assert own.angles == pytest.approx([90.0] * 6, abs=1e-9)
+    offsets = [0.0 if x is None else x for x in own.offsets]
+    assert offsets == pytest.approx([d for _, _, d in _FRANKA[1:-1]], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "product"),
+    [
+        ("ur3", "UR3"),
+        ("ur5", "UR5"),
+        ("ur10", "UR10"),
+        ("panda", "Franka Panda (FER)"),
+        ("so100", "SO-100 follower"),
+        ("so101", "SO-101 follower"),
+        ("g1_left_arm", "Unitree G1, an arm"),
+        ("g1_right_arm", "Unitree G1, an arm"),
+        ("xarm7", None),
+        ("z1", None),
+        ("kinova", None),
+        ("anthropomorphic3", None),
+        ("twodof", None),
+    ],
+)
+def test_arms_of_the_catalogue(name: str, product: str | None) -> None:
+    robot = armgpi.Robot.load(name, lock=[] if name != "panda" else ["panda_finger_joint1"])
+    known = recognise(robot)
+    assert (known and known.name) == product
+
+
+def test_a_geometry_that_two_products_share_needs_a_name() -> None:
+    assert recognise(armgpi.Robot.from_xml(_urdf("my_arm", _FRANKA))) is None
+    named = recognise(armgpi.Robot.from_xml(_urdf("my_arm", _FRANKA, first="left_fr3_joint1")))
+    assert named is not None
+    assert named.name == "Franka Research 3"
+    assert recognise(armgpi.Robot.from_xml(_urdf("panda", _FRANKA))) == KNOWN_ARMS[1]
+
+
+def test_a_name_alone_is_not_enough() -> None:
+    longer = [(a, alpha, d + (0.003 if d == 0.316 else 0.0)) for a, alpha, d in _FRANKA]
+    assert recognise(armgpi.Robot.from_xml(_urdf("fr3", longer))) is None
+    assert recognise(armgpi.Robot.from_xml(_urdf("fr3", _FRANKA[:6]))) is None
+
+
+def test_published_rotors_come_before_assumed_ones_and_after_specified_ones() -> None:
+    robot = armgpi.Robot.from_xml(_urdf("fr3", _FRANKA))
+    given = robot.with_drives({"joint2": {"rotor_inertia": 0.5}})
+    drives = assume_drives(given).drives
+    # Franka's numbers, of the README of Drake's franka_description.
+    franka = [0.605721456, 0.605721456, 0.462474144, 0.462474144, 0.205544064, 0.205544064, 0.205544064]
+    expected = [franka[0], 0.5, *franka[2:]]
+    assert drives.value("rotor_inertia") == pytest.approx(expected, rel=1e-3)
+    assert drives.sources("rotor_inertia") == ("published", "specified", *["published"] * 5)
+    assert set(drives.sources("stiffness")) == {"assumed"}
+    low, high = drives.interval("rotor_inertia")
+    assert low[0] < franka[0] < high[0]
+    assert low[1] == high[1] == 0.5
+    assert not published_drives(assume_drives(robot)).data  # nothing is left to say
+    assert assume_drives(robot, "none").armature.tolist() == [0.0] * 7
+
+
+def test_numbers_at_the_joint_follow_from_those_of_the_motors() -> None:
+    # Damped by gears: inertia and viscous friction by the ratio squared, Coulomb friction by the ratio.
+    puma = next(each for each in KNOWN_ARMS if each.name == "Puma 560")
+    table = {each.quantity: each.values for each in puma.published}
+    assert table["rotor_inertia"][1] == pytest.approx(200e-6 * 107.815**2)
+    assert table["viscous"][1] == pytest.approx(0.817e-3 * 107.815**2)
+    assert table["coulomb"][1] == pytest.approx(0.0985 * 107.815)
+    g1 = next(each for each in KNOWN_ARMS if each.name.startswith("Unitree"))
+    rotors, gears = (0.139e-4, 0.017e-4, 0.169e-4), (1.0 + 46.0 / 18.0, 1.0 + 56.0 / 16.0)
+    reflected = rotors[0] * (gears[0] * gears[1]) ** 2 + rotors[1] * gears[1] ** 2 + rotors[2]
+    assert g1.published[0].values[0] == pytest.approx(reflected, rel=1e-3)
+    assert g1.published[1].values[0] == pytest.approx(gears[0] * gears[1])
+
+
+def test_bits_of_known_encoders_are_those_of_the_simulation() -> None:
+    said, origin = config.parse("format: 1\nrobot: {name: so101, lock: [gripper]}\nideal: false\n", "x.yaml")
+    experiment = config.build(said, origin)
+    assert experiment.config.plant.encoder_bits == 12
+    assert set(experiment.robot.drives.value("encoder_side")) == {"link"}
+    assert "12-bit encoders (published)" in building.summary(experiment)
+    again = config.build(*config.parse(experiments.portable(experiment.config)[0], "y.yaml"))
+    assert again.robot.drives == experiment.robot.drives
+
+
+@pytest.mark.parametrize("known", KNOWN_ARMS, ids=lambda known: known.name)
+def test_entries_are_whole(known: known_arms.KnownArm) -> None:
+    n = len(known.geometry.distances) + 1
+    assert len(known.geometry.angles) == n - 1
+    assert len(known.geometry.offsets) == n - 2
+    for each in known.published:
+        assert len(each.values) in (1, n)
+        assert each.quantity in QUANTITIES
+        assert each.factors[0] <= 1.0 <= each.factors[1]
+        assert each.source.page.startswith("https://")
+        assert each.source.licence
+
+
+def test_the_description_says_what_was_not_found() -> None:
+    robot = with_published(armgpi.Robot.load("ur5"))
+    said = known_arms.describe_arm(robot)
+    assert said.startswith("recognised by its geometry as UR5; not found published: rotor inertia")
+    assert "armgpi excite --side" in said
+    assert not known_arms.describe_published(robot.drives)
