@@ -169,20 +169,14 @@ def _file(
     """
     from armgpi.config.schema import FORMAT
     from armgpi.config.world import DELAY
-    from armgpi.gpi.untuned import BITS
     from armgpi.hardware.export.interfaces import COMPENSATING
     from armgpi.hardware.export.targets import TARGETS
     from armgpi.robot import robots, rotors
-    from armgpi.robot.known_arms import known_bits
 
     target, _ = answers.get(f"Target ({', '.join(TARGETS)})", typed["target"], "bare", str)
     interface = COMPENSATING.get(target)
     load, _ = answers.get("Heaviest load at the tool [kg]", typed["payload"], 0.0, float)
-    resolution = known_bits(rotors.with_published(arm).drives, BITS)
-    usual = resolution if isinstance(resolution, int) else BITS
-    bits, bits_note = answers.get("Encoder resolution [bits per turn]", typed["encoder_bits"], usual, int)
-    if bits_note and usual != BITS:
-        bits_note = "; published for this arm"
+    bits, bits_note = _resolution(arm, typed["encoder_bits"], answers)
     delay = max(DELAY, interface.delays[0]) if interface else DELAY
     late, late_note = answers.get("Delay of measurements [samples]", typed["delay"], delay, int)
     step, step_note = answers.get("Sample time [s]", typed["dt"], interface.dt if interface else 1e-3, float)
@@ -220,6 +214,18 @@ def _file(
         f"sample_time: {step:g}  # s{step_note}",
         *_vary_lines(assumed, load),
     ]
+
+
+def _resolution(arm: Any, typed: int | None, answers: _Answers) -> tuple[int, str]:
+    """Return the resolution of the encoders [bits], and the note that goes behind it in the file."""
+    from armgpi.gpi.untuned import BITS
+    from armgpi.robot import rotors
+    from armgpi.robot.known_arms import known_bits
+
+    known = known_bits(rotors.with_published(arm).drives, BITS)
+    usual = known if isinstance(known, int) else BITS
+    bits, note = answers.get("Encoder resolution [bits per turn]", typed, usual, int)
+    return bits, "; published for this arm" if note and usual != BITS else note
 
 
 def _assumed_drives(arm: Any, section: dict[str, Any], blanks: list[str]) -> Any:
