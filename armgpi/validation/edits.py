@@ -827,7 +827,8 @@ class Editor:
         """Return the module's assignments that some functions depend on."""
         if asked not in self._slices:
             short = vars(self._module).get(ALIASES, {})
-            needed = self._with_called({*asked, *(short[name] for name in asked if name in short)})
+            own = {*asked, *(short[name] for name in asked if name in short)}
+            needed = self._with_called(own) | {"parameters"}  # whose numbers expressions are given
             chosen: set[int] = set()
             for _ in self._body:  # loops carry names forward
                 before = len(chosen)
