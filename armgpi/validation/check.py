@@ -19,10 +19,9 @@ from armgpi.validation.diagnose import NOT_NAMED, Cause
 from armgpi.validation.models import ARGUMENTS, States
 from armgpi.validation.problem import Element, Mask, Problem
 from armgpi.validation.report import DynamicsReport, FunctionReport
-from armgpi.validation.residual import Difference
 from armgpi.validation.samples import Sampled
 from armgpi.validation.tree import Tree, evaluate, from_robot
-from armgpi.validation.witnesses import find_causes
+from armgpi.validation.witnesses import Found, find_causes, with_other_numbers
 from armgpi.validation.worker import Worker
 
 #: Without a reference, a model may have so many joints: all numbers up to this are tried.
@@ -118,7 +117,7 @@ def validate(
             laws_alone = DynamicsReport(
                 worker.name, None, joint_names, samples.rows_of(sampled), (), (), tuple(found), notes
             )
-            return _with_laws(replace(laws_alone, uncompared=worker.uncompared, left_out=worker.left_out))
+            return _with_laws(replace(laws_alone, uncompared=worker.uncompared, left_out=_left_out(worker)))
         report = _with_laws(_compare(model, worker, robot, frame, rtol, states, sampled, own, found, notes))
         compares_frame = any(name in sampled for name in ("forward_kinematics", "jacobian"))
         return report if compares_frame else replace(report, frame=frame)
@@ -139,7 +138,8 @@ def load_robot(robot: Robot | str | PathLike[str] | None) -> Robot | None:
 def _notes(worker: Worker, sampled: Mapping[str, Sampled], passive: tuple[int, ...]) -> Iterator[str]:
     """Yield what else was seen of a model: that it prints, computes with few digits, forms of its arrays."""
     yield from containment.gaps()
-    yield from worker.notes
+    for name, form in worker.forms.items():
+        yield from form.notes(name)
     if passive:
         torques = ", ".join(f"tau{joint + 1}" for joint in passive)
         text = f"forward_dynamics does not read {torques}: it is compared with {torques} = 0"
@@ -151,6 +151,11 @@ def _notes(worker: Worker, sampled: Mapping[str, Sampled], passive: tuple[int, .
     if worst.digits >= _FEW_DIGITS:
         text = f"{worst.function} is only computed to {worst.digits:.1g} of its largest value"
         yield f"{text}: differences up to {samples.SAFETY:g} times that do not count"
+
+
+def _left_out(worker: Worker) -> tuple[str, ...]:
+    """Return what of a model's functions is not compared."""
+    return tuple(filter(None, (form.left_out(name) for name, form in worker.forms.items())))
 
 
 def _with_laws(report: DynamicsReport) -> DynamicsReport:
@@ -193,29 +198,20 @@ def _compare(
 ) -> DynamicsReport:
     """Return the report of a model beside a robot."""
     problem = Problem(from_robot(robot, frame), states.q, sampled, rtol)
-    follows = dict(_follows(problem, sampled, own))
+
+    def reference(name: str, s: States) -> Array:
+        return _reference(robot, problem, name, s)
+
+    compared = repair.Compared(model, worker, states, problem, reference, list(sampled))
     seen = [_function_report(robot, problem, states, s) for s in sampled.values()]
-    causes: list[Cause] = []
-    repaired = None
-    differences: tuple[Difference, ...] = ()
-    symbols: tuple[str, ...] = ()
     odd: tuple[str, ...] = ()
-    if all(one.agrees for one in seen):
-        odd = repair.odd_numbers(
-            model, worker, states, problem, lambda name, s: _reference(robot, problem, name, s), list(sampled)
-        )
+    told = Found([], None, (), ())
     if not all(one.agrees for one in seen):
-        told = find_causes(
-            model,
-            worker,
-            states,
-            sampled,
-            problem,
-            follows,
-            lambda name, s: _reference(robot, problem, name, s),
-        )
-        causes, repaired = [*told.causes, *_undiagnosed(seen, told.causes)], told.repaired
-        differences, symbols = told.differences, told.symbols
+        told = find_causes(compared, sampled, dict(_follows(problem, sampled, own)))
+        told = told._replace(causes=[*told.causes, *_undiagnosed(seen, told.causes)])
+    elif (other := repair.odd_numbers(compared)) is not None:
+        odd, told = other.names, with_other_numbers(compared, other)
+    causes = told.causes
     functions = tuple(
         one._replace(diagnosis=tuple(c for c in causes if one.function in c.functions)) for one in seen
     )
@@ -228,12 +224,12 @@ def _compare(
         tuple(causes),
         tuple(found),
         (*notes, *impossible_links(robot)),
-        repaired,
+        told.repaired,
         worker.uncompared,
         numbers_only=odd,
-        differences=differences,
-        symbols=symbols,
-        left_out=worker.left_out,
+        differences=told.differences,
+        symbols=told.symbols,
+        left_out=_left_out(worker),
     )
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import ast
 import copy
 import gc
+import inspect
 import itertools
 import signal
 import sys
@@ -615,7 +616,7 @@ class Editor:
                     function, Block(len(found), node.name, [node], function.__globals__, self._tree)
                 )
                 block.reaches.add(name)
-                owner = getattr(getattr(thing, "__wrapped__", thing), "__self__", None)
+                owner = getattr(inspect.unwrap(thing), "__self__", None)
                 maker = _plain(getattr(type(owner), "__init__", None))
                 if maker is not None and maker.__code__.co_filename == self._path:
                     self._makers.add(maker)
@@ -980,7 +981,7 @@ def _owner(statement: ast.AST) -> ast.expr | None:
 
 def _plain(function: Any) -> FunctionType | None:
     """Return the function of Python that is called, None when there is none."""
-    function = getattr(function, "__wrapped__", function)  # by a convention
+    function = inspect.unwrap(function)  # by a form or a convention
     function = getattr(function, "__func__", function)
     return function if isinstance(function, FunctionType) else None
 

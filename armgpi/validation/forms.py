@@ -7,19 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from functools import wraps
+from functools import update_wrapper
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from armgpi.arrays import Array
 
-#: Numbers of joints that are tried where no robot has one.
-_JOINTS = range(1, 9)
 #: Coordinates of a base that moves, which stand before those of the joints.
 BASE = 6
-#: A position of every joint [rad or m] at which a function is tried: not singular for most arms.
-_TRIED = 0.3
 #: Functions that return a square matrix, and those that return a vector.
 _MATRICES = ("mass_matrix", "coriolis_matrix")
 _VECTORS = ("coriolis_torque", "gravity", "inverse_dynamics", "forward_dynamics")
@@ -38,21 +34,6 @@ class Form(NamedTuple):
     transposed: bool = False
     base: bool = False
 
-    def applied_to(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        """Return the function in the plain form."""
-
-        @wraps(function)
-        def call(*state: Array) -> Any:
-            value = function(*map(_column, state)) if self.columns else function(*state)
-            if self.transposed:
-                value = np.asarray(value).T
-            if self.base:
-                value = np.asarray(value)
-                value = value[BASE:, BASE:] if name in _MATRICES else value.ravel()[BASE:]
-            return value
-
-        return call
-
     def notes(self, name: str) -> Iterator[str]:
         """Yield what is said of it."""
         if self.columns:
@@ -65,22 +46,60 @@ class Form(NamedTuple):
         return f"the first {BASE} rows of {name}, those of a base" if self.base else ""
 
 
-def form_of(name: str, function: Callable[..., Any], arguments: int, n: int | None) -> Form:
-    """Return the form of a function of so many arguments, of n joints; the plain one where it fails."""
-    for columns in (False, True):
-        for joints in _JOINTS if n is None else (n,):
-            state = [np.full(joints, _TRIED) for _ in range(arguments)]
-            with suppress(Exception):  # what it raises is said when it is compared
-                value = np.asarray(function(*map(_column, state)) if columns else function(*state))
-                if value.dtype.kind not in "iuf" or (columns and not np.isfinite(value).all()):
-                    continue
-                shape = value.shape
-                return Form(
-                    columns,
-                    _is_transposed(name, value, joints),
-                    n is not None and _has_base(name, shape, joints),
-                )
-    return Form()
+class Adapted:
+    """A function of a model in the plain form; which one it has is seen when it is called first.
+
+    Attributes:
+        form: its form, None until it was called.
+    """
+
+    def __init__(self, name: str, function: Callable[..., Any], with_base: bool) -> None:
+        """Take the name of a function, the function, and whether its joints are counted without a base."""
+        self._name, self._function, self._with_base = name, function, with_base
+        self.form: Form | None = None
+        update_wrapper(self, function, updated=())
+
+    def __call__(self, *state: Array) -> Any:
+        """Return what it gives for arrays of shape (n,)."""
+        if self.form is None:
+            return self._first(*state)
+        columns = self.form.columns
+        return self._plain(self._function(*map(_column, state)) if columns else self._function(*state))
+
+    def _first(self, *state: Array) -> Any:
+        """Return what it gives, and keep which form it has."""
+        columns = [_column(x) for x in state]
+        try:
+            value = self._function(*state)
+            self.form = self._form_of(value, len(state[0]), False)
+        except Exception:
+            with suppress(Exception):  # the first one is said
+                value = self._function(*columns)
+                form = self._form_of(value, len(state[0]), True)
+                if self._is_expected(_shape_of(value), form, len(state[0])):
+                    self.form = form
+                    return self._plain(value)
+            raise
+        return self._plain(value)
+
+    def _form_of(self, value: Any, n: int, columns: bool) -> Form:
+        shape = _shape_of(value)
+        base = self._with_base and _has_base(self._name, shape, n)
+        return Form(columns, _is_transposed(self._name, value, shape, n), base)
+
+    def _is_expected(self, shape: tuple[int, ...], form: Form, n: int) -> bool:
+        """Tell whether a function of columns returns something of as many joints."""
+        return form.base or form.transposed or n in shape or self._name not in (*_MATRICES, *_VECTORS)
+
+    def _plain(self, value: Any) -> Any:
+        """Return what it gave in the plain form."""
+        form = self.form
+        if form is None or not (form.transposed or form.base):
+            return value
+        array = np.asarray(value).T if form.transposed else np.asarray(value)
+        if not form.base:
+            return array
+        return array[BASE:, BASE:] if self._name in _MATRICES else array.ravel()[BASE:]
 
 
 def _column(x: Array) -> Array:
@@ -88,12 +107,21 @@ def _column(x: Array) -> Array:
     return np.array(x).reshape(-1, 1)
 
 
-def _is_transposed(name: str, value: Any, n: int) -> bool:
+def _shape_of(value: Any) -> tuple[int, ...]:
+    """Return the shape of a value, () where it has none: what is wrong with it is said elsewhere."""
+    try:
+        return np.shape(value)
+    except Exception:
+        return ()
+
+
+def _is_transposed(name: str, value: Any, shape: tuple[int, ...], n: int) -> bool:
     """Tell whether a value is the transpose of what is expected, by its shape or its last row."""
     if name == "jacobian":
-        return value.ndim == 2 and value.shape[0] == n != value.shape[1] and value.shape[1] in (2, 3, 6)
-    if name == "forward_kinematics" and value.shape == (4, 4):
-        return bool(value[3, 3] == 1.0 and not value[:3, 3].any() and value[3, :3].any())
+        return len(shape) == 2 and shape[0] == n != shape[1] and shape[1] in (2, 3, 6)
+    if name == "forward_kinematics" and shape == (4, 4):
+        pose = np.asarray(value, dtype=np.float64)
+        return bool(pose[3, 3] == 1.0 and not pose[:3, 3].any() and pose[3, :3].any())
     return False
 
 
@@ -117,14 +145,6 @@ def forms_of_jacobian(J: Array) -> Iterable[tuple[str, Array]]:
             yield "it returns the transpose, with the angular part first", both
 
 
-def applied(
-    calls: Mapping[str, Callable[..., Any]], arguments: Mapping[str, tuple[str, ...]], n: int | None
-) -> tuple[dict[str, Callable[..., Any]], dict[str, Form]]:
-    """Return functions in the plain form, and the forms of those that had another one."""
-    found, forms = dict(calls), {}
-    for name, function in calls.items():
-        form = form_of(name, function, len(arguments[name]), n)
-        if form != Form():
-            forms[name] = form
-            found[name] = form.applied_to(name, function)
-    return found, forms
+def adapted(calls: Mapping[str, Callable[..., Any]], with_base: bool) -> dict[str, Callable[..., Any]]:
+    """Return functions that give what some give in the plain form."""
+    return {name: Adapted(name, function, with_base) for name, function in calls.items()}

@@ -117,10 +117,8 @@ class Functions:
         origin: the file that it was read from, None when it was not.
         uncompared: its other functions of a state, which nothing compares.
         aliases: short names under which its Coriolis function goes: C may be the matrix or its torque.
-        forms: of its functions those that take or return arrays in another form.
     """
 
-    forms: Mapping[str, forms.Form] = {}
     origin: Origin | None = None
     uncompared: tuple[str, ...] = ()
     aliases: tuple[str, ...] = ()
@@ -131,15 +129,12 @@ class Functions:
 
     def convert(self, convention: Convention) -> Functions:
         """Return the functions in the coordinates of the robot."""
-        self.calls, self.forms = forms.applied(self.calls, ARGUMENTS, convention.n)
+        self.calls = forms.adapted(self.calls, convention.n is not None)
         if convention.n is not None and set(self.aliases) - set(convention.mapped):
             self._tell_torque(convention.n)
         if convention.A is None:
             return self
-        converted = {name: convention.convert(name, call) for name, call in self.calls.items()}
-        functions = Functions(converted, self.n)
-        functions.forms = self.forms
-        return functions
+        return Functions({name: convention.convert(name, call) for name, call in self.calls.items()}, self.n)
 
     def _tell_torque(self, n: int) -> None:
         """Take a Coriolis function for what it gives: a matrix, or its torque."""

@@ -6,7 +6,7 @@ import ast
 import copy
 import itertools
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from armgpi.validation.models import ARGUMENTS, States
 from armgpi.validation.problem import Problem
 from armgpi.validation.search import BUDGET, Repaired, is_number
 from armgpi.validation.slopes import own_numbers, slopes, with_changes
-from armgpi.validation.tree import evaluate
+from armgpi.validation.tree import Tree, evaluate
 from armgpi.validation.units import numbers, with_numbers
 from armgpi.validation.worker import Worker
 
@@ -28,55 +28,78 @@ Signs = tuple[tuple[float, str], ...]
 LONG, SHORT = BUDGET, 0.3
 
 
-def search(
-    model: Any,
-    worker: Worker,
-    states: States,
-    problem: Problem,
-    reference: Callable[[str, States], Array],
-    names: Sequence[str],
-    budget: float = LONG,
-) -> Repaired | None:
-    """Return the changes of the source with which a copy of the model agrees, None when none are found.
+class Compared(NamedTuple):
+    """A model beside a robot.
 
-    Args:
+    Attributes:
         model: as the user gave it.
         worker: its process.
         states: at which it was sampled.
         problem: model and reference.
         reference: what a function should give at some states.
         names: its functions.
+    """
+
+    model: Any
+    worker: Worker
+    states: States
+    problem: Problem
+    reference: Callable[[str, States], Array]
+    names: Sequence[str]
+
+    @property
+    def goal(self) -> Goal:
+        """What its functions should give."""
+        return _goal(self.states.first(ROWS), self.problem, self.reference, self.names)
+
+
+class Renumbered(NamedTuple):
+    """A model and a robot with other numbers.
+
+    Attributes:
+        names: the model's numbers with which it no longer agrees.
+        source: the model's, with other numbers.
+        tree: the robot with those.
+    """
+
+    names: tuple[str, ...]
+    source: str
+    tree: Tree
+
+
+def search(compared: Compared, budget: float = LONG) -> Repaired | None:
+    """Return the changes of the source with which a copy of the model agrees, None when none are found.
+
+    Args:
+        compared: the model beside the robot.
         budget: time of the processor that it may take [s].
     """
+    worker, problem = compared.worker, compared.problem
     if worker.source is None:
         return None
-    with worker.again() as copy:
+    with worker.again(worker.source) as copy:
         known = [value for value, _ in phrasing.known_numbers(problem.tree) if value]
-        found = copy.search(_goal(states.first(ROWS), problem, reference, names), known, budget)
-    if found is None or not agrees(model, worker, found.source, states, problem):
+        found = copy.search(compared.goal, known, budget)
+    if found is None or not agrees(worker, found.source, compared.states, problem):
         return None
-    sure = found.confirmed and _agrees_renumbered(model, worker, found, states, problem)
+    sure = found.confirmed and _agrees_renumbered(compared, found)
     return found._replace(sure=sure)
 
 
-def odd_numbers(
-    model: Any,
-    worker: Worker,
-    states: States,
-    problem: Problem,
-    reference: Callable[[str, States], Array],
-    names: Sequence[str],
-) -> tuple[str, ...]:
-    """Return the numbers of a model that agrees with which it no longer would, were they others.
+def odd_numbers(compared: Compared) -> Renumbered | None:
+    """Return a model that agrees with other numbers, with which it no longer does; None where it does.
 
     Each number is varied. The model then has to move as the robot does with another number of that value,
-    and with any inertias: a mistake that round numbers hide does not. Arguments as in :func:`search`.
+    and with any inertias: a mistake that round numbers hide does not.
     """
+    worker = compared.worker
     if worker.source is None:
-        return ()
-    with worker.again() as twin:
-        found = twin.search(_goal(states.first(ROWS), problem, reference, names), (), 0.0)
-    return () if found is None else found.odd
+        return None
+    with worker.again(worker.source) as twin:
+        found = twin.search(compared.goal, (), 0.0)
+    if found is None or not found.odd:
+        return None
+    return Renumbered(found.odd, *_renumbered(found, compared.problem))
 
 
 def _goal(
@@ -112,8 +135,16 @@ def _goal(
     return Goal(seen, targets, slopes(problem, few, names), problem.is_passive)
 
 
-def _agrees_renumbered(model: Any, worker: Worker, found: Repaired, states: States, problem: Problem) -> bool:
+def _agrees_renumbered(compared: Compared, found: Repaired) -> bool:
     """Tell whether a repaired model agrees where its numbers, and what they are in the robot, are others."""
+    source, tree = _renumbered(found, compared.problem)
+    other = copy.copy(compared.problem)
+    other.tree = tree
+    return agrees(compared.worker, source, compared.states, other)
+
+
+def _renumbered(found: Repaired, problem: Problem) -> tuple[str, Tree]:
+    """Return a model's source with other numbers, and the robot with what they are in it."""
     source = found.spelled or found.source
     named = [node for _, node in numbers(ast.parse(source))]
     # Shares that no products or ratios of few of them make one again.
@@ -134,9 +165,7 @@ def _agrees_renumbered(model: Any, worker: Worker, found: Repaired, states: Stat
                 moved[j] = moved.get(j, 0.0) + rate * (value * (draw[k] - 1.0))
     for j, factor in factors.items():
         moved[j] = moved.get(j, 0.0) + known[j] * (factor - 1.0)
-    other = copy.copy(problem)
-    other.tree = with_changes(problem.tree, moved)
-    return agrees(model, worker, with_numbers(source, changes), states, other)
+    return with_numbers(source, changes), with_changes(problem.tree, moved)
 
 
 def _parts(s: States, letters: tuple[str, ...]) -> dict[str, tuple[States, Signs]]:
@@ -166,7 +195,7 @@ def _parts(s: States, letters: tuple[str, ...]) -> dict[str, tuple[States, Signs
     return found
 
 
-def agrees(model: Any, worker: Worker, source: str, states: States, problem: Problem) -> bool:
+def agrees(worker: Worker, source: str, states: States, problem: Problem) -> bool:
     """Tell whether a model with another source agrees everywhere."""
     try:
         with worker.again(source) as repaired:

@@ -139,6 +139,28 @@ class Slopes(NamedTuple):
                     return True
         return False
 
+    def nearest(self, column: Array, value: float, used: Container[int]) -> dict[int, float]:
+        """Return the robot's numbers that come nearest to a model's, and how they change with it.
+
+        A mistake has the number in a wrong place: what it is has to be guessed by the other places, so that
+        as many values as possible move as they should. There may be none.
+        """
+
+        def missed(moved: Array) -> int:
+            return int(np.count_nonzero(np.abs(column - moved) > least))
+
+        least = max(1e-5 * float(np.abs(column).max()), self.noise)
+        best, found = missed(np.zeros_like(column)), dict[int, float]()
+        alike = [j for j in self.alike(value) if j not in used]
+        for size in range(1, min(len(alike), _ALIKE) + 1):
+            for chosen in itertools.combinations(alike, size):
+                if len({self.units[j] for j in chosen}) > 1:
+                    continue
+                left = missed(self.columns[:, chosen] @ self.values[list(chosen)])
+                if left < best:
+                    best, found = left, {j: float(self.values[j]) / value for j in chosen}
+        return found
+
     def _one_more(
         self, rest: Array, column: Array, value: float, chosen: tuple[int, ...]
     ) -> dict[int, float]:
@@ -211,6 +233,8 @@ def check(
         ends = [values(with_numbers(source, [(node, value * (1.0 + s * STEP))])) for s in (1.0, -1.0)]
         if ends[0] is not None and ends[1] is not None:
             checked.add(k, name, (ends[0] - ends[1]) / (2.0 * STEP))
+    if whole:
+        checked.guess()
     sure = len(named) <= _MOST and not _bare(tree, named) and not _unseen(tree) and checked.is_sure()
     names = tuple(dict.fromkeys([*checked.odd, *checked.mixed()]))
     return Check(checked.wrong, checked.other, checked.seen, sure, checked.standing, names)
@@ -226,6 +250,7 @@ class _Checked:
         self.standing: dict[int, dict[int, float]] = {}
         self.odd: list[str] = []
         self._linked = True  # whether each is of a link
+        self._left: dict[int, Array] = {}  # derivatives by numbers that are none of the robot's alone
         #: The robot's numbers that are used, those of which half is, and the model's that nothing depends on.
         self._used, self._halves, self._unused = set[int](), set[int](), list[float]()
         #: Inertias that follow from masses and lengths, and from which number.
@@ -248,6 +273,7 @@ class _Checked:
             self._scaled |= {j: name for j in {*chosen} - own if known.units[j] == "kg m²"}
             self._halves |= own - {*whole}
         else:
+            self._left[k] = column
             found = known.of(column, self.stated)
             self.wrong += not found
             self.other += bool(whole)
@@ -258,6 +284,12 @@ class _Checked:
         family = _FAMILY.match(name.strip("'"))
         letter, place = (family[1], int(family[2])) if family else (name, k)
         self._families.setdefault(letter, []).append((place, min(links, default=0)))
+
+    def guess(self) -> None:
+        """Take each number that is none of the robot's alone for those of its value that are nearest."""
+        for k, column in self._left.items():
+            self.standing[k] = self.known.nearest(column, self.stated[k], self._used)
+            self._used |= {*self.standing[k]}
 
     def mixed(self) -> list[str]:
         """Return the numbers with which an inertia moves that is a number of its own as well."""

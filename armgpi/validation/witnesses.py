@@ -10,12 +10,13 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.validation import repair
+from armgpi.errors import ModelError
+from armgpi.validation import repair, samples
 from armgpi.validation.alternatives import names_with
 from armgpi.validation.diagnose import ALTERNATIVES, NOT_NAMED, UNNAMED, Cause, diagnose, join_equal
 from armgpi.validation.edits import harmless
@@ -23,13 +24,13 @@ from armgpi.validation.hypotheses import CONVENTIONS
 from armgpi.validation.models import States
 from armgpi.validation.naming import users_names
 from armgpi.validation.problem import Element, Mask, Problem
+from armgpi.validation.repair import Compared, Renumbered
 from armgpi.validation.residual import Difference, Residual
 from armgpi.validation.samples import Sampled
 from armgpi.validation.search import Repaired
 from armgpi.validation.summands import without_inertias
 from armgpi.validation.tree import evaluate
 from armgpi.validation.units import numbers
-from armgpi.validation.worker import Worker
 
 Reference = Callable[[str, States], Array]
 
@@ -73,25 +74,16 @@ class _Aside(NamedTuple):
 
 
 def find_causes(
-    model: Any,
-    worker: Worker,
-    states: States,
-    sampled: Mapping[str, Sampled],
-    problem: Problem,
-    follows: Mapping[str, tuple[str, Mask]],
-    reference: Reference,
+    compared: Compared, sampled: Mapping[str, Sampled], follows: Mapping[str, tuple[str, Mask]]
 ) -> Found:
     """Return what is wrong with a model, as its values and its source tell.
 
     Args:
-        model: as the user gave it.
-        worker: its process.
-        states: at which it was sampled.
+        compared: the model beside the robot.
         sampled: its samples.
-        problem: model and reference.
         follows: see :func:`armgpi.validation.diagnose.diagnose`.
-        reference: what a function should give at some states.
     """
+    worker, problem = compared.worker, compared.problem
     names = users_names(worker.source, problem.tree)
     residual = Residual(problem, names)
     differences = residual.differences(~problem.agreeing)
@@ -102,7 +94,8 @@ def find_causes(
             behind = step(problem, sampled, differences)
             if behind.cause is not None:
                 set_aside.append(behind.cause)
-                problem, reference = behind.problem, _reference_of(behind.problem)
+                problem = behind.problem
+                compared = compared._replace(problem=problem, reference=reference_of(problem))
                 differences_behind = Residual(problem, names).differences(~problem.agreeing)
                 if step is _rounded:
                     differences = differences_behind
@@ -113,7 +106,7 @@ def find_causes(
     behind_residual = Residual(problem, names).differences(~problem.agreeing) if set_aside else differences
     # A convention of the whole model is seen at once; one line of the source that undoes it is found fast.
     budget = repair.SHORT if whole and whole[0].kind in CONVENTIONS else repair.LONG
-    found = repair.search(model, worker, states, problem, reference, list(sampled), budget)
+    found = repair.search(compared, budget)
     values = _told_by_values(whole or diagnose(problem, follows), behind_residual)
     causes, repaired = _ranked(values, found, whole, worker.source, problem, behind_residual)
     shown = (
@@ -121,6 +114,42 @@ def find_causes(
         *(one for one in differences if one.label not in {d.label for d in behind_residual}),
     )
     return Found([*causes, *set_aside], repaired, shown, residual.legend(shown))
+
+
+def with_other_numbers(compared: Compared, other: Renumbered) -> Found:
+    """Return what is wrong with a model that agrees with its own numbers alone, as it shows with others.
+
+    Args:
+        compared: the model beside the robot, where they agree.
+        other: the model and the robot with other numbers.
+    """
+    names = ", ".join(other.names)
+    text = f"it agrees for these numbers only: with another {names} it would differ from the robot"
+    functions = tuple(Element(name, "whole", ()) for name in compared.names)
+    bare = Found([Cause("numbers", text, "model", functions)], None, (), ())
+    try:
+        with compared.worker.again(other.source) as twin:
+            sampled = samples.sample(twin, compared.states)
+            problem = Problem(other.tree, compared.states.q, sampled, compared.problem.rtol)
+            if problem.agreeing.all():
+                return bare
+            there = compared._replace(worker=twin, problem=problem, reference=reference_of(problem))
+            found = find_causes(there, sampled, {})
+    except ModelError:
+        return bare
+    if all(cause.kind in UNNAMED for cause in found.causes):
+        return bare
+    proof = "seen with other numbers in the model and in the robot; with those of the file it agrees"
+    causes = [
+        cause._replace(confirmed=False, beside="", evidence=(proof, *_without_numbers(cause.evidence)))
+        for cause in found.causes
+    ]
+    return Found(causes, None, found.differences, ())
+
+
+def _without_numbers(evidence: Sequence[str]) -> list[str]:
+    """Return lines of evidence that have no values of other numbers: those of the source."""
+    return [line for line in evidence if line.partition(":")[0].isdigit()]
 
 
 def _ranked(
@@ -257,7 +286,7 @@ def _beside(first: list[Cause], second: list[Cause], who: str) -> list[Cause]:
     return [first[0]._replace(beside=f"{who}: {text} [{worth}]"), *first[1:]]
 
 
-def _reference_of(problem: Problem) -> Reference:
+def reference_of(problem: Problem) -> Reference:
     """Return what functions give of the arm of a problem."""
 
     def reference(name: str, s: States) -> Array:

@@ -33,6 +33,7 @@ from armgpi.arrays import Array
 from armgpi.errors import ModelError, ParameterError, Remedy
 from armgpi.validation import containment, edits, graph, models, search, units
 from armgpi.validation.conventions import Convention
+from armgpi.validation.forms import Adapted, Form
 from armgpi.validation.line import Line, pair
 
 #: Reading a model may take so many times as long as one call, and always so long [s]: it may have to import
@@ -70,8 +71,7 @@ class Worker:
         convention: how the model may differ from the robot.
         printed: whether it has printed something.
         uncompared: its other functions of a state, which nothing compares.
-        notes: what is said of the forms of its functions, such as columns.
-        left_out: what of its functions is not compared.
+        forms: of its functions those that take or return arrays in another form, once they were called.
         takes: how long a call takes [s], per function: the least so far.
     """
 
@@ -94,6 +94,7 @@ class Worker:
         self.time_limit, self.convention, self.isolate = time_limit, convention, isolate
         self._model = model
         self.takes: dict[str, float] = {}
+        self.forms: dict[str, Form] = {}
         # Forked, as a model may be an object that cannot be pickled (closures, a class in a notebook), and as
         # a fresh Python would take a second to import what is imported here already.
         context = multiprocessing.get_context("fork")
@@ -121,7 +122,6 @@ class Worker:
             raise
         self.functions, self.n, self.printed = opening.functions, opening.n, opening.printed
         self.source, self.uncompared = opening.source, opening.uncompared
-        self.notes, self.left_out = opening.notes, opening.left_out
 
     def again(self, source: str | None = None) -> Worker:
         """Return another process of the same model, from another text than its file's when one is given.
@@ -178,7 +178,9 @@ class Worker:
                 raise self._nonsense(function) from None
             if not 0 < len(taken) <= len(states) - len(values):
                 raise self._nonsense(function)
-            for value, printed, took in taken:
+            for value, printed, took, form in taken:
+                if any(form):
+                    self.forms[function] = form
                 # The least: the machine may be busy, a function is never faster than it is.
                 self.takes[function] = min(self.takes.get(function, took), took)
                 self.printed = self.printed or printed
@@ -266,22 +268,18 @@ class _Opening(NamedTuple):
     printed: bool
     source: str | None
     uncompared: tuple[str, ...]
-    notes: tuple[str, ...]
-    left_out: tuple[str, ...]
 
 
 def _read_opening(answer: Any) -> _Opening:
     """Return what a process says of the model that it has read, checked."""
-    functions, n, printed, source, *lists = answer
+    functions, n, printed, source, uncompared = answer
     _check_type(functions, list)
-    for each in lists:
-        _check_type(each, list)
-    uncompared, notes, left_out = (tuple(map(_line_of, each)) for each in lists)
+    _check_type(uncompared, list)
     _check_type(source, str | None)
     _check_type(n, int | None)
     if not functions or set(functions) - set(models.ARGUMENTS) or (n is not None and not 1 <= n <= _JOINTS):
         raise ValueError
-    return _Opening(functions, n, bool(printed), _parsed(source), uncompared, notes, left_out)
+    return _Opening(functions, n, bool(printed), _parsed(source), tuple(map(_line_of, uncompared)))
 
 
 def _check_type(value: Any, kind: Any) -> None:
@@ -318,16 +316,17 @@ def _whole(value: Any, most: int) -> int:
     return int(value)
 
 
-def _read_call(answer: Any) -> tuple[Array, bool, float]:
-    """Return the numbers of a call, whether the model has printed, and how long it took [s]."""
-    shape, numbers, printed, took = answer
+def _read_call(answer: Any) -> tuple[Array, bool, float, Form]:
+    """Return the numbers of a call, whether the model has printed, how long it took [s], and its form."""
+    shape, numbers, printed, took, form = answer
     _check_type(shape, list)
     _check_type(numbers, list)
     _check_type(took, int | float)
     if len(numbers) > _MOST_NUMBERS or len(shape) > _DIMENSIONS or not took >= 0.0:
         raise ValueError
     sizes = [_whole(size, _MOST_NUMBERS) for size in shape]
-    return np.array(numbers, dtype=np.float64).reshape(sizes), bool(printed), float(took)
+    values = np.array(numbers, dtype=np.float64).reshape(sizes)
+    return values, bool(printed), float(took), Form(*(bool(each) for each in form))
 
 
 def _read_repaired(answer: Any, own_source: str | None) -> search.Repaired | None:
@@ -455,11 +454,8 @@ def _serve(line: Line, model: Any, source: str | None, convention: Convention | 
             functions = models.resolve(model, source, convention)
             _end_copies(own)
             text = functions.origin.source if functions.origin is not None else None
-            forms = functions.forms.items()
-            notes = [note for name, form in forms for note in form.notes(name)]
-            left_out = [text for name, form in forms if (text := form.left_out(name))]
             opening = [list(functions.calls), functions.n, silent.used, text, list(functions.uncompared)]
-            _send(line, True, [*opening, notes, left_out])
+            _send(line, True, opening)
         except BaseException as error:
             _end_copies(own)
             _send(line, False, _description(error))
@@ -514,10 +510,10 @@ def _search(
     try:
         if origin is None or not edits.harmless(origin.source):
             return None
-        if budget == 0.0:
-            return search.vary_numbers(functions, again, goal)
         np.cross = edits.cross  # this process ends with the search
         functions = _as_graph(functions, again, goal)
+        if budget == 0.0:
+            return search.vary_numbers(functions, again, goal)
         until = time.process_time() + budget
         return search.find_repair(functions, again, goal, known, until, extra=budget >= search.BUDGET)
     except Exception:
@@ -559,6 +555,7 @@ def _answer_calls(
     """Answer one list of calls up to the first that fails; `own` is the process that may."""
     try:
         function = functions.calls[name]
+        innermost = function if isinstance(function, Adapted) else getattr(function, "__wrapped__", None)
         answers, sent, count = [], time.perf_counter(), 0
         for state in states:
             started.value += 1
@@ -570,7 +567,8 @@ def _answer_calls(
                 if not np.array_equal(x, before):
                     raise models.Unusable(f"changes its argument {label} in place; let it work on a copy")
             now = time.perf_counter()
-            answers.append((value.shape, value.ravel().tolist(), silent.used, now - start))
+            form = list(getattr(innermost, "form", None) or ())
+            answers.append((value.shape, value.ravel().tolist(), silent.used, now - start, form))
             count += value.size
             if now - sent > _TOGETHER or count > _MANY_NUMBERS:
                 _send(line, True, answers)

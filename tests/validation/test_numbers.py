@@ -77,6 +77,21 @@ def test_round_numbers_hide_no_mistake(old: str, new: str, odd: tuple[str, ...],
     assert ("for these numbers only" in report.verdict()) == bool(odd)
 
 
+def test_what_round_numbers_hide_is_named_at_its_lines(tmp_path: Path) -> None:
+    one = _TWOS.replace("g * l1", "g * l2")
+    # 2 (... + J2) - J2 is right for a mass of 2 alone.
+    two = one.replace("d = J2 + m2 * (l2**2 + l1 * l2 * c)", "d = m2 * (l2**2 + l1 * l2 * c + J2) - J2")
+    twos = np.full(2, 2.0)
+    arm = _arm(tmp_path, twos, twos, twos, 2.0)
+    for text, lines in ((one, {16}), (two, {10, 16})):
+        report = validate(_file(tmp_path, text), arm)
+        assert all(one.agrees for one in report.functions)
+        assert not report.agrees
+        assert {cause.line for cause in report.causes} == lines
+        assert "l2 stands where l1 belongs" in report.causes[0].text
+        assert not any(cause.confirmed for cause in report.causes)
+
+
 _RODS = """
 m = np.array([1.7, 1.1])
 a1 = 0.62
