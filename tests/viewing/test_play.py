@@ -146,6 +146,31 @@ def test_controls_move_the_loop_and_the_bits_are_those_of_a_run(page: browsers.P
     assert_same_bits(page)
 
 
+@pytest.mark.parametrize("viscous", [0.0, 0.3])
+def test_a_page_begins_with_the_friction_of_its_arm(viscous: float) -> None:
+    """A realistic arm whose URDF contains no friction had 1 % of its effort limits in the page."""
+    robot = f"{{name: anthropomorphic3, friction: {{viscous: {viscous}, coulomb: 0.0}}}}"
+    text = PLAYED.replace("{name: anthropomorphic3}", robot).replace("plant: {", "plant: {friction: urdf, ")
+    made = experiment(text)
+    shown = controls.playable(made, "gpi", {}).config
+    if viscous:
+        assert shown["plant"]["friction"] == "urdf"
+        assert shown["robot"]["friction"] == {"viscous": [viscous] * 3, "coulomb": [0.0] * 3}
+    else:
+        assert shown["plant"]["friction"] == "none"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [PLAYED.replace("omega: 25.0", "omega: [20.0, 25.0, 30.0]")], indirect=True)
+def test_one_slider_scales_bandwidths_that_differ_by_joint(page: browsers.Page) -> None:
+    assert_same_bits(page)
+    move(page, "controllers.0.omega", 3)
+    assert page.eval("armgpi.page.numbers.experiment().controllers[0].omega") == pytest.approx(
+        [12.0, 15.0, 18.0]
+    )
+    assert_same_bits(page)
+
+
 @pytest.mark.slow
 def test_the_next_page_of_the_same_structure_compiles_nothing(
     page: browsers.Page, monkeypatch: pytest.MonkeyPatch

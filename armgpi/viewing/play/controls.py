@@ -32,6 +32,24 @@ _HEAVIEST, _LOADS = 0.15, 5
 #: Rotor inertia and friction of the plant, in percent of the inertia at the start and of the effort limits.
 _ROTORS = (0.0, 10.0, 30.0, 100.0)
 _COULOMB, _VISCOUS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0), (0.0, 0.5, 1.0, 2.0, 5.0)
+#: Bandwidths, in percent of those of the experiment, where they differ by joint.
+_BANDWIDTHS = (
+    30.0,
+    40.0,
+    50.0,
+    60.0,
+    70.0,
+    80.0,
+    90.0,
+    100.0,
+    110.0,
+    120.0,
+    140.0,
+    160.0,
+    200.0,
+    250.0,
+    300.0,
+)
 #: How far a goal can be moved [rad or m], and factors of a move's duration.
 _FAR = 0.5 * math.pi
 _DURATIONS = (0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.25, 1.5, 2.0)
@@ -155,6 +173,8 @@ def playable(experiment: Experiment, label: str, siblings: Mapping[str, dict[str
     own = next(section for section in config["controllers"] if section["label"] == label)
     sections = {own["type"]: own, **siblings}
     config["controllers"] = [own]
+    if not (np.any(robot.friction.viscous) or np.any(robot.friction.coulomb)):
+        config["plant"]["friction"] = "none"  # as the arm has none; what is switched on has some
     friction = config["plant"]["friction"]
     choices = [Choice(("controllers", 0), "controller", "the law", tuple(sections), own["type"])]
     for key, values in _FORMS.items():
@@ -234,10 +254,13 @@ def _controllers(sections: Mapping[str, dict[str, Any]], robot: Robot) -> Iterat
 def _declared_slider(kind: str, key: str, declared: Parameter, value: Any) -> Iterator[Control]:
     """Yield the slider of a controller's parameter, or those of the ends of its box.
 
-    One that follows another one, or differs by joint, has none.
+    One that follows another one, or differs by joint, has none; but for the bandwidth.
     """
     place: Path = ("controllers", 0, key)
     label = key.replace("_", " ")
+    if key == "omega" and isinstance(value, list):
+        yield _bandwidth(place, declared, value)._replace(only=(("controllers", 0), kind))
+        return
     ends = value if isinstance(value, dict) else {"": value}
     for end, number in ends.items():
         if isinstance(number, float | int) and stops_of(declared, number):
@@ -245,6 +268,21 @@ def _declared_slider(kind: str, key: str, declared: Parameter, value: Any) -> It
             name = f"{label}, {end} end" if end else label
             control = _slider(way, declared, number, name, "controller")
             yield control._replace(only=(("controllers", 0), kind))
+
+
+def _bandwidth(place: Path, declared: Parameter, value: list[float]) -> Control:
+    """Return the slider of bandwidths that differ by joint: it scales all of them by the same factor."""
+    values = tuple(value if x == 100.0 else _round_values(0.01 * x * np.array(value)) for x in _BANDWIDTHS)
+    return Control(
+        path=place,
+        label="bandwidth",
+        text=f"{declared.text} of all joints, in percent of what is chosen for the arm",
+        unit="%",
+        group="controller",
+        stops=_BANDWIDTHS,
+        values=values,
+        value=value,
+    )
 
 
 def _nominal(sections: Mapping[str, dict[str, Any]], robot: Robot) -> Iterator[Control]:
@@ -460,12 +498,14 @@ def _efforts(robot: Robot) -> Any:
 
 
 def _frictions(robot: Robot) -> dict[str, Any]:
-    """Return the friction that a page begins with where it is switched on: the URDF's, or a little."""
+    """Return the friction that a page has where it is switched on: the arm's, or a little if it has none."""
     viscous, coulomb = robot.friction
+    if viscous.any() or coulomb.any():
+        return {"viscous": viscous.tolist(), "coulomb": coulomb.tolist()}
     efforts = _efforts(robot)
     return {
-        "viscous": viscous.tolist() if viscous.any() else _round_values(0.01 * _VISCOUS[1] * efforts),
-        "coulomb": coulomb.tolist() if coulomb.any() else _round_values(0.01 * _COULOMB[3] * efforts),
+        "viscous": _round_values(0.01 * _VISCOUS[1] * efforts),
+        "coulomb": _round_values(0.01 * _COULOMB[3] * efforts),
     }
 
 
