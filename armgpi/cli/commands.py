@@ -48,7 +48,7 @@ class Entry(NamedTuple):
 #: parameter.
 _TABLE = {
     "Simulate": "run:experiment* compare:experiment* sweep play* tune benchmark_controllers benchmark_robots",
-    "Robots": "robots new schema inspect view",
+    "Robots": "robots new schema inspect view expand",
     "Results": "report:view",
     "Hand-derived dynamics": "validate derive",
     "Certificates": "certify bound",

@@ -29,6 +29,7 @@ _EXTRAS = {
     "play": (("ziglang", "ziglang"),),
     "envs": (("gymnasium", "gymnasium"),),
     "mcap": (("mcap", "mcap"), ("mcap-ros2-support", "mcap_ros2")),
+    "xacro": (("xacrodoc", "xacrodoc"),),
     "rerun": (("rerun-sdk", "rerun"),),
 }
 _NEEDED = ("numpy", "scipy", "xarray", "h5netcdf", "h5py", "typer", "rich", "PyYAML")

@@ -86,7 +86,7 @@ _ROOTS = {
     "Environment": "an OpenRAVE environment: give a URDF",
 }
 _EXPAND = (
-    "expand it first (pip install xacrodoc, then xacrodoc FILE -o robot.urdf; with ROS: "
+    "expand it first (pip install xacrodoc, then armgpi expand FILE -o robot.urdf; with ROS: "
     "xacro FILE > robot.urdf) and give the result"
 )
 _XACRO = f"unexpanded xacro: {_EXPAND}"

@@ -157,7 +157,7 @@ def test_a_module_that_lacks_a_package_says_what_to_install() -> None:
     code = """
 import importlib, pkgutil, sys
 EXTRAS = {"matplotlib", "casadi", "trimesh", "collada", "mujoco", "cma", "optuna", "sympy", "clarabel",
-          "ziglang", "gymnasium", "mcap", "mcap_ros2", "rerun", "yourdfpy", "meshcat"}
+          "xacrodoc", "ziglang", "gymnasium", "mcap", "mcap_ros2", "rerun", "yourdfpy", "meshcat"}
 class Missing:
     def find_spec(self, name, path=None, target=None):
         if name.partition(".")[0] in EXTRAS:

@@ -60,7 +60,18 @@ def test_options_of_one_name_are_one_option_in_every_command() -> None:
         assert option.metavar in ("FILE", "FOLDER")
         if option.default is not None:
             assert (option.metavar == "FILE") == bool(option.default.suffix)
-    silent = {"play", "view", "report", "new", "excite", "derive", "scenarios", "reproduce", "schema"}
+    silent = {
+        "play",
+        "view",
+        "report",
+        "new",
+        "excite",
+        "derive",
+        "scenarios",
+        "reproduce",
+        "schema",
+        "expand",
+    }
     assert set(commands) - set(taken["--json"]) == silent
     assert set(taken["--json"]) - set(taken["--report"]) == {"robots", "doctor", "log", "export", "bringup"}
 

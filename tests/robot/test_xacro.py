@@ -1,0 +1,118 @@
+"""A xacro file is expanded to the URDF that it says, or refused in one line."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import Answer
+
+from armgpi import Robot
+from armgpi.errors import MissingPackage, UrdfError
+from armgpi.robot import xacro
+
+pytest.importorskip("xacrodoc")
+
+HEAD = '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+#: A macro that is included: a rod on a joint.
+MACRO = f"""{HEAD}
+<xacro:macro name="rod" params="name parent mass">
+<link name="${{name}}"><inertial><origin xyz="0.1 0 0"/><mass value="${{mass}}"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
+<visual><geometry><mesh filename="package://own/meshes/rod.stl"/></geometry></visual></link>
+<joint name="to_${{name}}" type="revolute"><parent link="${{parent}}"/><child link="${{name}}"/>
+<origin xyz="${{length}} 0 0"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+</xacro:macro></robot>"""
+ARM = f"""{HEAD}
+<xacro:arg name="mass" default="2.0"/>
+<xacro:property name="length" value="${{0.1 * 3}}"/>
+<xacro:include filename="$(find own)/urdf/rod.xacro"/>
+<link name="base"/>
+<xacro:rod name="upper" parent="base" mass="$(arg mass)"/>
+<xacro:rod name="fore" parent="upper" mass="1.0"/>
+</robot>"""
+
+
+def package(folder: Path) -> Path:
+    """Write a ROS package with an arm in xacro, and return the file of the arm."""
+    (folder / "own/urdf").mkdir(parents=True)
+    manifest = '<package format="2"><name>own</name><version>1.0.0</version></package>'
+    (folder / "own/package.xml").write_text(manifest, encoding="utf-8")
+    (folder / "own/urdf/rod.xacro").write_text(MACRO, encoding="utf-8")
+    path = folder / "own/urdf/arm.urdf.xacro"
+    path.write_text(ARM, encoding="utf-8")
+    return path
+
+
+def written(folder: Path, inside: str) -> Path:
+    """Write a xacro file."""
+    path = folder / "arm.xacro"
+    path.write_text(f"{HEAD}{inside}</robot>", encoding="utf-8")
+    return path
+
+
+def test_properties_macros_includes_and_arguments_are_expanded(tmp_path: Path) -> None:
+    path = package(tmp_path)
+    robot = Robot.from_xml(xacro.expand(path, {"mass": "5"}))
+    assert robot.joint_names == ("to_upper", "to_fore")
+    assert robot.total_mass == 6.0
+    np.testing.assert_allclose(robot.frame_pose("fore", np.zeros(2)).translation, [0.6, 0.0, 0.0], atol=1e-15)
+
+
+def test_the_command_writes_a_urdf_beside_its_meshes(cli: Callable[..., Answer], tmp_path: Path) -> None:
+    path = package(tmp_path)
+    with pytest.raises(UrdfError, match=r"line 4 has <xacro:include>.*armgpi expand FILE"):
+        Robot.load(path)
+    out = tmp_path / "own/arm.urdf"
+    assert cli("expand", str(path), "mass:=3", "-o", str(out))[0] == 0
+    assert 'filename="meshes/rod.stl"' in out.read_text(encoding="utf-8")
+    assert Robot.load(out).total_mass == 4.0
+
+
+@pytest.mark.parametrize(
+    ("inside", "said"),
+    [
+        (
+            '<xacro:include filename="$(find nowhere)/a.xacro"/>',
+            "the package 'nowhere' is not found; give the",
+        ),
+        ('<link name="$(arg which)"/>', "its argument 'which' has no default; give it as which:=VALUE"),
+        ('<xacro:include filename="none.xacro"/>', "none.xacro', which is not there"),
+        ('<link name="${1 / 0}"/>', "division by zero"),
+        ('<link name="${().__class__}"/>', "invalid name"),
+        ("<xacro:nothing/>", "nothing"),
+        ("<xacro:macro name='m'><xacro:m/></xacro:macro><xacro:m/>", "recursion"),
+    ],
+)
+def test_what_cannot_be_expanded_is_refused_in_one_line(
+    cli: Callable[..., Answer], tmp_path: Path, inside: str, said: str
+) -> None:
+    path = written(tmp_path, inside)
+    code, out, err = cli("expand", str(path))
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    assert said in err
+
+
+def test_an_expansion_that_does_not_end_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(xacro, "SECONDS", 2)
+    path = written(tmp_path, '<link name="${[x for x in range(10**12)]}"/><link name="${9**9**9**9}"/>')
+    with pytest.raises(UrdfError, match="cannot be expanded"):
+        xacro.expand(path)
+
+
+def test_what_an_argument_is_not_is_refused(cli: Callable[..., Answer], tmp_path: Path) -> None:
+    path = package(tmp_path)
+    code, _, err = cli("expand", str(path), "mass=3")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "expected the name of an argument, := and its value" in err
+
+
+def test_without_the_package_one_line_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "xacrodoc", None)
+    with pytest.raises(MissingPackage, match="pip install xacrodoc"):
+        xacro.expand(package(tmp_path))
