@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from armgpi.cli.derive import load, write
 from armgpi.cli.parsing import per_joint, refusal, stoppable
@@ -30,6 +30,9 @@ ROWS = {
     "isolate": "Run the model without network, other processes and files to write; needs Linux.",
     "absolute": "The model measures the angles of parallel joints from the base (absolute angles).",
     "from_vertical up|down": "Direction from which the model measures its first horizontal axis.",
+    "viscous_friction NUMBERS": (
+        "Viscous friction that its dynamics contain [N m s/rad or N s/m]: 'j1=0.1,j2=0.05', or a number."
+    ),
     "names --map NAME=FUNCTION": (
         "Name of a function in the model, such as M=mass_matrix; M, D, C and G are found by their names."
     ),
@@ -55,6 +58,7 @@ def validate(
     absolute: bool = False,
     from_vertical: str | None = None,
     rotor_inertia: list[str] | None = None,
+    viscous_friction: list[str] | None = None,
     names: list[str] | None = None,
     allow_uncompared: bool = False,
     isolate: bool = False,
@@ -77,6 +81,7 @@ def validate(
 
     about_robot = {"--lock": lock, "--keep": keep, "--frame": frame, "--absolute": absolute}
     about_robot |= {"--from-vertical": from_vertical, "--rotor-inertia": rotor_inertia}
+    about_robot |= {"--viscous-friction": viscous_friction}
     if robot is None and any(about_robot.values()):
         *first, last = about_robot
         raise refusal("--robot", f"is missing: {', '.join(first)} and {last} are about it")
@@ -92,7 +97,8 @@ def validate(
         seed=seed,
         absolute=absolute,
         from_vertical=from_vertical,
-        rotor_inertia=per_joint(",".join(rotor_inertia), "--rotor-inertia") if rotor_inertia else None,
+        rotor_inertia=_per_joint(rotor_inertia, "--rotor-inertia"),
+        viscous_friction=_per_joint(viscous_friction, "--viscous-friction"),
         names=functions,
         isolate=isolate,
     )
@@ -106,6 +112,11 @@ def validate(
     if suggest_urdf is not None and not _suggest(suggest_urdf, model, arm, joints, time_limit, isolate):
         code = code or 1
     sys.exit(code)
+
+
+def _per_joint(items: list[str] | None, option: str) -> Any:
+    """Return numbers per joint from JOINT=NUMBER; None where there are none."""
+    return per_joint(",".join(items), option) if items else None
 
 
 def _suggest(

@@ -20,7 +20,7 @@ from armgpi.validation.models import ARGUMENTS, States
 from armgpi.validation.problem import Element, Mask, Problem
 from armgpi.validation.report import DynamicsReport, FunctionReport
 from armgpi.validation.samples import Sampled
-from armgpi.validation.tree import Tree, evaluate, from_robot
+from armgpi.validation.tree import Tree, from_robot
 from armgpi.validation.witnesses import Found, find_causes, with_other_numbers
 from armgpi.validation.worker import Worker
 
@@ -46,6 +46,7 @@ def validate(
     absolute: bool = False,
     from_vertical: str | None = None,
     rotor_inertia: PerJoint | None = None,
+    viscous_friction: PerJoint | None = None,
     names: Mapping[str, str] | None = None,
     isolate: bool = False,
 ) -> DynamicsReport:
@@ -71,6 +72,8 @@ def validate(
         from_vertical: "up" or "down" when it counts its first level axis from there.
         rotor_inertia: what the robot's joints have in addition [kg m^2 or kg]: a number, one per joint, or
             name -> value.
+        viscous_friction: what the model's inverse and forward dynamics have in addition, linear in the
+            joint velocities [N m s/rad or N s/m]; likewise.
         names: what the model calls its functions -> what they are; M, D, C and G are known.
         isolate: the model has no network, sees no other process and writes no file; it needs the user
             namespaces of Linux.
@@ -93,10 +96,12 @@ def validate(
     if robot is not None and rotor_inertia is not None:
         robot = robot.with_armature(rotor_inertia)
     tree = None if robot is None else from_robot(robot, frame)
+    if robot is not None and tree is not None and viscous_friction is not None:
+        tree = replace(tree, viscous=_friction_of(robot, viscous_friction))
     convention = declare_convention(tree, names or {}, absolute, from_vertical, tuple(ARGUMENTS))
     check_type(isolate, "isolate", bool, "True or False")
     with Worker(model, name_of(model), time_limit, None, convention, isolate) as worker:
-        if robot is None:
+        if robot is None or tree is None:
             n = count_joints(worker, joints)
             states = random_states(np.full(n, -np.pi), np.full(n, np.pi), np.zeros(n, dtype=bool), seed)
         else:
@@ -111,16 +116,21 @@ def validate(
             sampled, said = _in_plain_form(tree, states, sampled, rtol)
             notes = (*notes, *said)
         own = laws.derive(worker, states, sampled)
-        found = laws.check(worker, states, sampled, own)
-        if robot is None:
+        found = laws.check(worker, states, sampled, own, None if tree is None else tree.viscous)
+        if robot is None or tree is None:
             joint_names = tuple(f"q{i + 1}" for i in range(n))
             laws_alone = DynamicsReport(
                 worker.name, None, joint_names, samples.rows_of(sampled), (), (), tuple(found), notes
             )
             return _with_laws(replace(laws_alone, uncompared=worker.uncompared, left_out=_left_out(worker)))
-        report = _with_laws(_compare(model, worker, robot, frame, rtol, states, sampled, own, found, notes))
+        report = _with_laws(_compare(model, worker, robot, tree, rtol, states, sampled, own, found, notes))
         compares_frame = any(name in sampled for name in ("forward_kinematics", "jacobian"))
         return report if compares_frame else replace(report, frame=frame)
+
+
+def _friction_of(robot: Robot, viscous: PerJoint) -> Array:
+    """Return viscous friction per joint [N m s/rad or N s/m], refusing what is none."""
+    return robot.with_friction(viscous=viscous).friction.viscous
 
 
 def check_time_limit(time_limit: float) -> float:
@@ -188,7 +198,7 @@ def _compare(
     model: Any,
     worker: Worker,
     robot: Robot,
-    frame: str | None,
+    tree: Tree,
     rtol: float,
     states: States,
     sampled: Mapping[str, Sampled],
@@ -197,13 +207,9 @@ def _compare(
     notes: tuple[str, ...],
 ) -> DynamicsReport:
     """Return the report of a model beside a robot."""
-    problem = Problem(from_robot(robot, frame), states.q, sampled, rtol)
-
-    def reference(name: str, s: States) -> Array:
-        return _reference(robot, problem, name, s)
-
-    compared = repair.Compared(model, worker, states, problem, reference, list(sampled))
-    seen = [_function_report(robot, problem, states, s) for s in sampled.values()]
+    problem = Problem(tree, states.q, sampled, rtol)
+    compared = repair.Compared(model, worker, states, problem, list(sampled))
+    seen = [_function_report(problem, states, s) for s in sampled.values()]
     odd: tuple[str, ...] = ()
     told = Found([], None, (), ())
     if not all(one.agrees for one in seen):
@@ -307,7 +313,7 @@ def _other_count(worker: Worker, n: int, robot: Robot) -> ModelError:
     ).suggesting(Remedy("lock"), Remedy("keep"))
 
 
-def _function_report(robot: Robot, problem: Problem, states: States, sampled: Sampled) -> FunctionReport:
+def _function_report(problem: Problem, states: States, sampled: Sampled) -> FunctionReport:
     """Return the report of one function."""
     name = sampled.function
     rows = min(len(sampled.values), len(problem.q))
@@ -317,7 +323,7 @@ def _function_report(robot: Robot, problem: Problem, states: States, sampled: Sa
         values = np.einsum("Nij,Nj->Ni", values, v)  # C is not unique, C v is
     if name == "potential_energy":
         values = values - values[0]  # known up to a constant
-    reference = _reference(robot, problem, name, states.first(rows))
+    reference = problem.values(name, states.first(rows))
     away = np.abs(values - reference).reshape(rows, -1).max(axis=1)
     worst, size = int(np.argmax(away)), float(np.abs(reference).max())
     mask = problem.of_function(name)
@@ -346,24 +352,6 @@ def _undiagnosed(seen: list[FunctionReport], causes: list[Cause]) -> Iterator[Ca
         worst = f"{one.function}: largest error {one.max_abs:.3g} at {one.worst_at(', ', 4)}"
         element = Element(one.function, "whole", ())
         yield Cause("unknown", text, "model", (element,), evidence=tuple(filter(None, (worst, one.note))))
-
-
-def _reference(robot: Robot, problem: Problem, name: str, s: States) -> Array:
-    """Return what a function of the model should give."""
-    if name == "mass_matrix":
-        return robot.mass_matrix(s.q)
-    if name == "gravity":
-        return robot.gravity(s.q)
-    if name in ("coriolis_torque", "coriolis_matrix"):
-        return robot.nonlinear_effects(s.q, s.v) - robot.gravity(s.q)
-    if name == "inverse_dynamics":
-        return robot.inverse_dynamics(s.q, s.v, s.a)
-    if name == "forward_dynamics":
-        return robot.forward_dynamics(s.q, s.v, s.tau)
-    if name == "kinetic_energy":
-        return np.asarray(0.5 * np.einsum("Ni,Nij,Nj->N", s.v, robot.mass_matrix(s.q), s.v))
-    quantity = {"potential_energy": "V", "forward_kinematics": "F", "jacobian": "J"}[name]
-    return problem.in_tool_coordinates(evaluate(problem.tree, s.q, quantity))[quantity]
 
 
 def _follows(

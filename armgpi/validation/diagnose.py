@@ -213,11 +213,16 @@ class _Search:
             if np.ptp(mine) > 2.0 * p.tolerance[column]:
                 return
             damping[p.tree.joint_names[place[0]]] = float(mine.mean())
-        values = ", ".join(f"{name}: {x:.6g}" for name, x in damping.items())
-        text = (
-            f"viscous friction, linear in v ({values}): the equations of motion that are compared have none; "
-            "leave it out, or compare D, C and G alone"
+        if not damping:
+            return
+        values = ",".join(f"{name}={x:.6g}" for name, x in damping.items())
+        of_dynamics = all(e.function.endswith("dynamics") for e in p.elements_of(self.differing))
+        do = (
+            f"compare with --viscous-friction {values}"
+            if of_dynamics
+            else "leave it out of the Coriolis torque"
         )
+        text = f"viscous friction: the torque has a part that is linear in v ({values}); {do}"
         yield _Candidate(-1.0, "friction", text, structural=False)
 
     def triangles(self) -> Iterator[_Candidate]:

@@ -78,14 +78,28 @@ def _first(worker: Worker, name: str, states: States, sampled: Mapping[str, Samp
     return states.q[:rows]
 
 
-def check(worker: Worker, states: States, sampled: Mapping[str, Sampled], own: Derived) -> list[Law]:
-    """Return every law that can be checked with the functions that a model has."""
+def check(
+    worker: Worker,
+    states: States,
+    sampled: Mapping[str, Sampled],
+    own: Derived,
+    viscous: Array | None = None,
+) -> list[Law]:
+    """Return every law that can be checked with the functions that a model has.
+
+    Args:
+        worker: the model.
+        states: at which it was sampled.
+        sampled: its samples.
+        own: what follows from its own functions.
+        viscous: viscous friction that its inverse and forward dynamics contain; None for none.
+    """
     laws: list[Law] = []
     if "mass_matrix" in sampled:
         laws += _mass_matrix(sampled["mass_matrix"].values)
     laws += _velocities(states, sampled, own)
     laws += _energies(states, sampled, own)
-    laws += _consistency(states, sampled)
+    laws += _consistency(states, sampled, viscous)
     if "forward_kinematics" in sampled and "jacobian" in sampled:
         laws.append(_kinematics(worker, states, sampled))
     return laws
@@ -213,7 +227,7 @@ def _energies(states: States, sampled: Mapping[str, Sampled], own: Derived) -> l
     return laws
 
 
-def _consistency(states: States, sampled: Mapping[str, Sampled]) -> list[Law]:
+def _consistency(states: States, sampled: Mapping[str, Sampled], viscous: Array | None) -> list[Law]:
     """Return whether the dynamics are made of the model's own terms, and invert each other."""
     laws: list[Law] = []
     mass, torque, weight = sampled.get("mass_matrix"), _coriolis(sampled), sampled.get("gravity")
@@ -222,7 +236,7 @@ def _consistency(states: States, sampled: Mapping[str, Sampled]) -> list[Law]:
     dynamics = {name: sampled[name] for name in ("inverse_dynamics", "forward_dynamics") if name in sampled}
     rows = min(len(s.values) for s in (mass, torque, weight, *dynamics.values()))
     D, G, v = mass.values[:rows], weight.values[:rows], states.v[:rows]
-    h = torque_of(torque.values[:rows], v)
+    h = torque_of(torque.values[:rows], v) + (0.0 if viscous is None else viscous * v)
     for name, one in dynamics.items():
         value = one.values[:rows]
         a = states.a[:rows] if name == "inverse_dynamics" else value

@@ -25,6 +25,15 @@ Mask = npt.NDArray[np.bool_]
 SMALL = 1e-4
 #: Configurations at which hypotheses are tried first: most are wrong, and show it there.
 SCREEN = 10
+#: Functions that are a quantity themselves, and quantities that functions need.
+_DIRECT = {
+    "mass_matrix": "D",
+    "gravity": "G",
+    "potential_energy": "V",
+    "forward_kinematics": "F",
+    "jacobian": "J",
+}
+_NEEDED = {**{name: (quantity,) for name, quantity in _DIRECT.items()}, "kinetic_energy": ("D",)}
 #: Functions whose elements are differences of larger numbers, and so rounded more.
 _DIFFERENCES = ("inverse_dynamics", "kinetic_energy", "coriolis_torque", "coriolis_matrix")
 
@@ -113,12 +122,24 @@ class Problem:
         # No arm has these: its Coriolis torque is quadratic in v.
         quantities = {"B": np.zeros((rows, n, n)), "Z": np.zeros((rows, n)), **quantities}
         if self._moving is not None and {"D", "H", "G"} <= {*quantities}:
-            quantities["A"] = accelerations(quantities, self._moving)
+            quantities["A"] = function_of("forward_dynamics", quantities, self._moving, self.tree.viscous)
         out = np.full((rows, len(self.elements)), np.nan)
         for column, element in enumerate(self.elements):
             if element.quantity in quantities:
                 out[:, column] = _column(quantities[element.quantity], element)
+            if element.quantity == "B" and self._has_friction(element):
+                out[:, column] += self.tree.viscous[element.place[0]]  # type: ignore[index]
         return out
+
+    def _has_friction(self, element: Element) -> bool:
+        """Tell whether an element that is linear in v has viscous friction of the reference."""
+        i, j = element.place
+        return self.tree.viscous is not None and i == j and element.function.endswith("dynamics")
+
+    def values(self, name: str, s: States) -> Array:
+        """Return what a function of a model should give at some states, (N, ...)."""
+        quantities = self.in_tool_coordinates(evaluate(self.tree, s.q, _NEEDED.get(name, ("D", "H", "G"))))
+        return function_of(name, quantities, s, self.tree.viscous)
 
     def hypothesis(
         self, hypothesis: Hypothesis, rows: int | None = None, want: Iterable[str] | None = None
@@ -241,14 +262,30 @@ class Problem:
         return out
 
 
-def accelerations(p: Quantities, s: States) -> Array:
-    """Return the accelerations of an arm in its first states, (rows, n); NaN where it has none."""
+def function_of(name: str, p: Quantities, s: States, viscous: Array | None = None) -> Array:
+    """Return what a function of a model gives, from the quantities of an arm in its first states.
+
+    Args:
+        name: the function.
+        p: quantities of the arm, as many as the function needs.
+        s: states; the arm may be in the first of these alone.
+        viscous: viscous friction of the joints, in inverse and forward dynamics.
+    """
+    if name in _DIRECT:
+        return p[_DIRECT[name]]
     rows = len(p["D"])
-    v = s.v[:rows]
-    torque = s.tau[:rows] - np.einsum("Nijk,Nj,Nk->Ni", p["H"], v, v) - p["G"]
+    v, tau, a = s.v[:rows], s.tau[:rows], s.a[:rows]
+    if name == "kinetic_energy":
+        return np.asarray(0.5 * np.einsum("Ni,Nij,Nj->N", v, p["D"], v))
+    torque = np.einsum("Nijk,Nj,Nk->Ni", p["H"], v, v)
+    if not name.endswith("dynamics"):
+        return np.asarray(torque)
+    torque = torque + p["G"] + (0.0 if viscous is None else viscous * v)
+    if name == "inverse_dynamics":
+        return np.asarray(np.einsum("Nij,Nj->Ni", p["D"], a) + torque)
     try:
-        return np.asarray(np.linalg.solve(p["D"], torque[..., np.newaxis])[..., 0])
-    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.solve(p["D"], (tau - torque)[..., np.newaxis])[..., 0])
+    except np.linalg.LinAlgError:  # a part of an arm
         return np.full(v.shape, np.nan)
 
 

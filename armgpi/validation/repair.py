@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import copy
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,7 +36,6 @@ class Compared(NamedTuple):
         worker: its process.
         states: at which it was sampled.
         problem: model and reference.
-        reference: what a function should give at some states.
         names: its functions.
     """
 
@@ -44,13 +43,12 @@ class Compared(NamedTuple):
     worker: Worker
     states: States
     problem: Problem
-    reference: Callable[[str, States], Array]
     names: Sequence[str]
 
     @property
     def goal(self) -> Goal:
         """What its functions should give."""
-        return _goal(self.states.first(ROWS), self.problem, self.reference, self.names)
+        return _goal(self.states.first(ROWS), self.problem, self.names)
 
 
 class Renumbered(NamedTuple):
@@ -102,14 +100,12 @@ def odd_numbers(compared: Compared) -> Renumbered | None:
     return Renumbered(found.odd, *_renumbered(found, compared.problem))
 
 
-def _goal(
-    few: States, problem: Problem, reference: Callable[[str, States], Array], names: Sequence[str]
-) -> Goal:
+def _goal(few: States, problem: Problem, names: Sequence[str]) -> Goal:
     """Return what functions, and their parts, should give at some states."""
 
     def values(name: str, s: States) -> Array:
         # As the search compares them, (rows, m): of accelerations D and C v + G.
-        flat = np.asarray(reference(name, s), dtype=np.float64).reshape(len(s.q), -1)
+        flat = np.asarray(problem.values(name, s), dtype=np.float64).reshape(len(s.q), -1)
         if name != "forward_dynamics" or problem.is_passive:
             return flat
         D = evaluate(problem.tree, s.q, ["D"])["D"]

@@ -10,7 +10,7 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.validation.hypotheses import Parameter, parameters, steiner
 from armgpi.validation.models import States
-from armgpi.validation.problem import Problem, accelerations
+from armgpi.validation.problem import Problem, function_of
 from armgpi.validation.samples import SAFETY
 from armgpi.validation.tree import Body, Quantities, Tree, evaluate
 from armgpi.validation.units import JOINED, STEP, Slopes, span
@@ -63,8 +63,7 @@ class _Stack:
 
     def _values(self, quantities: Quantities) -> list[Array]:
         seen = self._problem.in_tool_coordinates(quantities)
-        passive = self._problem.is_passive
-        return [_function(name, seen, self._states, passive).ravel() for name in self._names]
+        return [_function(name, seen, self._states, self._problem).ravel() for name in self._names]
 
     def difference(self, ahead: Quantities, behind: Quantities) -> Array:
         """Return how much more one arm gives than another."""
@@ -144,17 +143,11 @@ def _under(tree: Tree, gravity: Array) -> tuple[Tree, Tree]:
     return more, less
 
 
-def _function(name: str, p: Quantities, s: States, passive: bool) -> Array:
-    """Return what a function of a model gives, from an arm's quantities, (rows, ...)."""
-    if name == "forward_dynamics" and passive:
-        return accelerations(p, s)
-    if name in ("mass_matrix", "gravity", "potential_energy", "forward_kinematics", "jacobian"):
-        return p[{"mass_matrix": "D", "gravity": "G", "potential_energy": "V"}.get(name, name[0].upper())]
-    if name == "kinetic_energy":
-        return np.asarray(0.5 * np.einsum("Ni,Nij,Nj->N", s.v, p["D"], s.v))
-    torque = np.einsum("Nijk,Nj,Nk->Ni", p["H"], s.v, s.v)
-    if name == "inverse_dynamics":
-        return np.asarray(np.einsum("Nij,Nj->Ni", p["D"], s.a) + torque + p["G"])
-    if name == "forward_dynamics":  # taken apart, as the search compares it
-        return np.concatenate([p["D"].reshape(len(s.q), -1), torque + p["G"]], axis=1)
-    return np.asarray(torque)
+def _function(name: str, p: Quantities, s: States, problem: Problem) -> Array:
+    """Return what a function of a model gives, from an arm's quantities, as the search compares it."""
+    viscous = problem.tree.viscous
+    if name == "forward_dynamics" and not problem.is_passive:  # taken apart
+        still = s._replace(a=0.0 * s.a)
+        torque = function_of("inverse_dynamics", p, still, viscous)
+        return np.concatenate([p["D"].reshape(len(s.q), -1), torque], axis=1)
+    return function_of(name, p, s, viscous)

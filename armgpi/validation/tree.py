@@ -60,6 +60,7 @@ class Tree:
         tool_parent: joint that carries the tool frame, -1 for the base.
         tool_rotation: rotation of the tool frame in that joint's, (3, 3).
         tool_position: its origin there [m], (3,).
+        viscous: viscous friction in the dynamics [N m s/rad or N s/m], shape (n,); None for none.
     """
 
     joint_names: tuple[str, ...]
@@ -75,6 +76,7 @@ class Tree:
     tool_parent: int
     tool_rotation: Array
     tool_position: Array
+    viscous: Array | None = None
 
     @property
     def n(self) -> int:

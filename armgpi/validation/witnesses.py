@@ -8,20 +8,18 @@ behind it.
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
 from armgpi.errors import ModelError
 from armgpi.validation import repair, samples
 from armgpi.validation.alternatives import names_with
 from armgpi.validation.diagnose import ALTERNATIVES, NOT_NAMED, UNNAMED, Cause, diagnose, join_equal
 from armgpi.validation.edits import harmless
 from armgpi.validation.hypotheses import CONVENTIONS
-from armgpi.validation.models import States
 from armgpi.validation.naming import users_names
 from armgpi.validation.problem import Element, Mask, Problem
 from armgpi.validation.repair import Compared, Renumbered
@@ -29,10 +27,7 @@ from armgpi.validation.residual import Difference, Residual
 from armgpi.validation.samples import Sampled
 from armgpi.validation.search import Repaired
 from armgpi.validation.summands import without_inertias
-from armgpi.validation.tree import evaluate
 from armgpi.validation.units import numbers
-
-Reference = Callable[[str, States], Array]
 
 #: Inertias that add at most this to any entry of D, relative, are neglected and not forgotten.
 _NEGLIGIBLE = 0.01
@@ -95,7 +90,7 @@ def find_causes(
             if behind.cause is not None:
                 set_aside.append(behind.cause)
                 problem = behind.problem
-                compared = compared._replace(problem=problem, reference=reference_of(problem))
+                compared = compared._replace(problem=problem)
                 differences_behind = Residual(problem, names).differences(~problem.agreeing)
                 if step is _rounded:
                     differences = differences_behind
@@ -133,7 +128,7 @@ def with_other_numbers(compared: Compared, other: Renumbered) -> Found:
             problem = Problem(other.tree, compared.states.q, sampled, compared.problem.rtol)
             if problem.agreeing.all():
                 return bare
-            there = compared._replace(worker=twin, problem=problem, reference=reference_of(problem))
+            there = compared._replace(worker=twin, problem=problem)
             found = find_causes(there, sampled, {})
     except ModelError:
         return bare
@@ -284,28 +279,6 @@ def _beside(first: list[Cause], second: list[Cause], who: str) -> list[Cause]:
     if text == first[0].text:
         return first
     return [first[0]._replace(beside=f"{who}: {text} [{worth}]"), *first[1:]]
-
-
-def reference_of(problem: Problem) -> Reference:
-    """Return what functions give of the arm of a problem."""
-
-    def reference(name: str, s: States) -> Array:
-        quantity = {"mass_matrix": "D", "gravity": "G", "potential_energy": "V", "forward_kinematics": "F"}
-        if name in quantity or name == "jacobian":
-            one = quantity.get(name, "J")
-            return problem.in_tool_coordinates(evaluate(problem.tree, s.q, [one]))[one]
-        p = evaluate(problem.tree, s.q, ["D", "H", "G"])
-        torque = np.einsum("Nijk,Nj,Nk->Ni", p["H"], s.v, s.v)
-        if name == "kinetic_energy":
-            return np.asarray(0.5 * np.einsum("Ni,Nij,Nj->N", s.v, p["D"], s.v))
-        if name == "inverse_dynamics":
-            return np.asarray(np.einsum("Nij,Nj->Ni", p["D"], s.a) + torque + p["G"])
-        if name == "forward_dynamics":
-            rest = s.tau - torque - p["G"]
-            return np.asarray(np.linalg.solve(p["D"], rest[..., np.newaxis])[..., 0])
-        return np.asarray(torque)
-
-    return reference
 
 
 def _rounded(problem: Problem, sampled: Mapping[str, Sampled], differences: Sequence[Difference]) -> _Aside:

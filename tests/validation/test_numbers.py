@@ -217,4 +217,6 @@ def test_friction_that_a_model_has_is_one_cause() -> None:
 
     (cause,) = validate({"inverse_dynamics": inverse_dynamics}, arm).causes
     assert cause.kind == "friction"
-    assert "q1: 0.3, q2: 0.2, q3: 0.1" in cause.text
+    assert cause.text.endswith("--viscous-friction q1=0.3,q2=0.2,q3=0.1")
+    assert validate({"inverse_dynamics": inverse_dynamics}, arm, viscous_friction=damping).agrees
+    assert not validate({"inverse_dynamics": inverse_dynamics}, arm, viscous_friction=0.2).agrees
