@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from armgpi.robot.robot import Robot
 
 #: Packages all of whose modules are looked through, and single modules.
-PACKAGES = ("armgpi.control", "armgpi.gpi", "armgpi.plants", "armgpi.references")
+PACKAGES = ("armgpi.control", "armgpi.gpi", "armgpi.plants", "armgpi.references", "armgpi.tuning")
 MODULES = ("armgpi.paper.parts",)
 GROUP = "armgpi.plugins"
 

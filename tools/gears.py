@@ -1,4 +1,4 @@
-"""What laws bear of gears that twist, in the linear sampled loop (armgpi.gpi.two_mass).
+"""What laws bear of gears that twist, in the linear sampled loop (armgpi.tuning.two_mass).
 
 Usage:
     python tools/gears.py                 # Panda and UR5 with gears of which the law is told nothing
@@ -42,10 +42,10 @@ from armgpi import (
 from armgpi.arrays import Array
 from armgpi.config.schema import PlantSection
 from armgpi.errors import ArmgpiWarning
-from armgpi.gpi import geared, two_mass
 from armgpi.robot import rotors
 from armgpi.robot.kinematics import random_configurations
 from armgpi.supervisor import Reason, complete_settings
+from armgpi.tuning import geared, two_mass
 
 DT, BITS, LATE = 1e-3, 16, 1
 #: Rotors [kg m^2] and stiffness [N m/rad] of typical size: assumed, not identified.

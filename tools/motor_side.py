@@ -34,9 +34,9 @@ import numpy as np
 
 import armgpi
 from armgpi.control.pid_positions import PIDPositions
-from armgpi.gpi import collocated, two_mass
 from armgpi.loop import metrics
 from armgpi.robot.kinematics import random_configurations
+from armgpi.tuning import collocated, two_mass
 
 ARMS = ("panda", "ur5", "ur10", "ur3", "kinova", "xarm7", "z1")
 LOCKED = {"panda": ["panda_finger_joint1", "panda_finger_joint2"], "z1": ["jointGripper"]}
@@ -126,7 +126,7 @@ def late_loops(name: str, seed: int) -> None:
     arm = load(name, "motor")
     for dt, late in LATE_LOOPS:
         law = armgpi.GPI.auto(arm, dt, delay=late * dt, bits=BITS)
-        kind = "motor" if law.link_factor == collocated.LINK_FACTOR else "side unknown"
+        kind = "motor" if law.link_factor != 1.0 else "side unknown"
         slowest = float(np.min(law.gains.nominal().omega_c))
         cells = []
         for rotors, damping in itertools.product(((1.0,), ROTORS), DAMPING):

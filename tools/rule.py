@@ -27,7 +27,7 @@ import numpy as np
 from armgpi import Reality, files
 from armgpi.arrays import Array
 from armgpi.errors import ArmgpiError
-from armgpi.gpi import payload, untuned
+from armgpi.gpi import payload
 from armgpi.health import reality as health
 from armgpi.plants.reality import Scenario
 from armgpi.studies.evaluation import Evaluated
@@ -35,6 +35,7 @@ from armgpi.studies.objective import Judged
 from armgpi.studies.optimise import KEPT, Problem, Search
 from armgpi.studies.space import Dimension, Space
 from armgpi.studies.study import Identity, Study
+from armgpi.tuning import rule as arm_rule
 
 sys.path.append(str(Path(__file__).resolve().parent))
 from reality import arms as arms_of
@@ -57,11 +58,11 @@ class Constant(NamedTuple):
 
 #: Not among them is the crossover frequency beyond which arms are not stiff: the arms of a reality are.
 CONSTANTS = {
-    "DELAY_SHARE": Constant((untuned, payload), 0.5, 0.97),
-    "RATIO": Constant((untuned,), 2.0, 12.0),
-    "LATE_RATIO": Constant((untuned,), 2.0, 20.0),
-    "TORQUE_SHARE": Constant((untuned,), 0.0015, 0.03),
-    "REST_ZONE": Constant((untuned,), 3e-5, 3e-3),
+    "DELAY_SHARE": Constant((arm_rule, payload), 0.5, 0.97),
+    "RATIO": Constant((arm_rule,), 2.0, 12.0),
+    "LATE_RATIO": Constant((arm_rule,), 2.0, 20.0),
+    "TORQUE_SHARE": Constant((arm_rule,), 0.0015, 0.03),
+    "REST_ZONE": Constant((arm_rule,), 3e-5, 3e-3),
     "_PLAUSIBLE": Constant((payload,), 0.005, 0.2),
     "zeta": Constant((), 0.6, 1.8),
 }

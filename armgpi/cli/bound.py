@@ -210,9 +210,9 @@ def _page(found: Any, experiment: Any, notes: list[str]) -> str:
 
 def _gears(found: Any) -> list[str]:
     """Return what gears do beside a bound: their resonance, and how far the tool sinks by their stiffness."""
-    from armgpi.gpi import geared
     from armgpi.plants.elastic import sag
     from armgpi.robot import rotors
+    from armgpi.tuning import geared
 
     law = found.wish.controller
     if not found.holds:

@@ -230,8 +230,8 @@ def note_assumed(arm: Any) -> None:
 
 def note_gears(law: Any, delay: int) -> str:
     """Return below which resonance of its gears a claim of a rigid arm is void; empty without rotors."""
-    from armgpi.gpi import geared
     from armgpi.gpi.gains import FixedGains
+    from armgpi.tuning import geared
 
     if not (law.bias_robot.armature.any() and isinstance(law.gains, FixedGains)):
         return ""

@@ -234,12 +234,12 @@ def note_drives(experiment: Experiment, explain: bool = True) -> None:
             else one line names what is assumed.
     """
     from armgpi.config import world
-    from armgpi.gpi.geared import is_known
-    from armgpi.gpi.untuned import BITS
     from armgpi.plants.elastic import ElasticPlant
     from armgpi.plants.plant import inside
     from armgpi.robot.known_arms import describe_published
     from armgpi.robot.rotors import assumed_something
+    from armgpi.tuning.geared import is_known
+    from armgpi.tuning.rule import BITS
 
     robot = experiment.robot
     line = world.describe(experiment.config, experiment.robot, every=True)

@@ -119,8 +119,8 @@ def _settings(robot: str, how: Mapping[str, Any], typed: dict[str, Any]) -> dict
     from armgpi import config
     from armgpi.config.building import resolve
     from armgpi.config.world import DELAY
-    from armgpi.gpi.untuned import BITS
     from armgpi.robot import robots
+    from armgpi.tuning.rule import BITS
 
     arm: dict[str, Any] = {"name": robot}
     loop: dict[str, Any] = {} if robots.is_textbook(robot) else {"encoder_bits": BITS, "delay": DELAY}

@@ -218,9 +218,9 @@ def _file(
 
 def _resolution(arm: Any, typed: int | None, answers: _Answers) -> tuple[int, str]:
     """Return the resolution of the encoders [bits], and the note that goes behind it in the file."""
-    from armgpi.gpi.untuned import BITS
     from armgpi.robot import rotors
     from armgpi.robot.known_arms import known_bits
+    from armgpi.tuning.rule import BITS
 
     known = known_bits(rotors.with_published(arm).drives, BITS)
     usual = known if isinstance(known, int) else BITS

@@ -24,9 +24,7 @@ from armgpi.config.experiment import describe_saturation
 from armgpi.escape import csv_table, latex_text, printable
 from armgpi.gpi.advice import COUNT_SHARE
 from armgpi.gpi.gains import FixedGains
-from armgpi.gpi.geared import is_known
 from armgpi.gpi.law import GPI
-from armgpi.gpi.untuned import USUAL_SENSITIVITY, Verdict, verdict
 from armgpi.loop import metrics, units
 from armgpi.loop.rollout import describe_measurement
 from armgpi.loop.running import ROUNDING
@@ -35,6 +33,8 @@ from armgpi.plants.elastic import ElasticPlant
 from armgpi.plants.plant import inside
 from armgpi.plants.sensors import Encoder
 from armgpi.supervisor.reasons import remedy
+from armgpi.tuning.geared import is_known
+from armgpi.tuning.verdict import USUAL_SENSITIVITY, Verdict, verdict
 
 #: Length to which names of joints and controllers may be folded in tables.
 _FOLDED = 10

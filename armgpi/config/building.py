@@ -27,7 +27,6 @@ from armgpi.config.schema import (
 from armgpi.config.section import Path_, Section
 from armgpi.control.controller import Controller
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ArrayError, ConfigError, EffortError, NameNotFound
-from armgpi.gpi.untuned import Untuned, Verdict, assume, verdict
 from armgpi.parameter import REQUIRED, Parameter, Parametrised, parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.environment import Contact
@@ -51,6 +50,8 @@ from armgpi.robot.kinematics import TrackingInverse, inverse_kinematics, random_
 from armgpi.robot.repairs import made_in
 from armgpi.robot.robot import Robot
 from armgpi.supervisor import Supervised, Supervisor, complete_settings
+from armgpi.tuning.rule import Untuned, assume
+from armgpi.tuning.verdict import Verdict, verdict
 
 #: What a sweep calls the arms that an identification leaves possible.
 IDENTIFICATION = "identification"

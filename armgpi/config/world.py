@@ -14,11 +14,11 @@ import numpy as np
 
 from armgpi.config.schema import ExperimentConfig
 from armgpi.config.section import Section
-from armgpi.gpi.untuned import BITS, Untuned
 from armgpi.robot.equations import ASSUMED_GEAR_RATIO
 from armgpi.robot.known_arms import known_bits
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import joints_with_assumed_ratio, with_published
+from armgpi.tuning.rule import BITS, Untuned
 
 #: Samples by which measurements are delayed where nothing specifies it: one, as of a bus.
 DELAY = 1

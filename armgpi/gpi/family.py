@@ -14,13 +14,16 @@ The law of the paper (eqs. 17, 24) is m = 2, r = 0 with equal quadratics.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 from armgpi.arrays import Array, PerJointInput, as_sized_array, check_whole, positive
 from armgpi.errors import ParameterError
 from armgpi.gpi.gains import Tuning, betas
+
+#: Parameters of a controller that choose the member, in the order of :class:`Member`.
+PARAMETERS = ("integrators", "rolloff", "rolloff_ratio", "second_ratio", "second_zeta")
 
 
 def _positive(value: PerJointInput, name: str) -> Array:
@@ -91,6 +94,11 @@ class Member:
         self.rolloff_ratio = _positive(rolloff_ratio, "rolloff_ratio")
         self.second_ratio = None if second_ratio is None else _positive(second_ratio, "second_ratio")
         self.second_zeta = None if second_zeta is None else _positive(second_zeta, "second_zeta")
+
+    @classmethod
+    def chosen_by(cls, given: Mapping[str, Any]) -> Member:
+        """Return the member that parameters of a controller choose; others are left alone."""
+        return cls(**{name: given[name] for name in PARAMETERS if name in given})
 
     @property
     def equal(self) -> bool:

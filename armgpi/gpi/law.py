@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import field
+from importlib import import_module
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -11,17 +12,18 @@ import numpy as np
 from armgpi.arrays import Array, ArrayLike, as_float_array, new
 from armgpi.control.controller import Controller, ControlStep, Measurement
 from armgpi.errors import ParameterError
-from armgpi.gpi import advice, untuned
+from armgpi.gpi import advice
 from armgpi.gpi.family import Member
 from armgpi.gpi.gains import FixedGains, Gains
 from armgpi.gpi.margins import Margins, default_omega, worst_margins
-from armgpi.gpi.payload import LoadRange, load_range, served_omega
+from armgpi.gpi.payload import LoadRange, load_range, most_inertia, served_omega
 from armgpi.gpi.realisation import REALISATIONS, Bumpless, Resting
 from armgpi.parameter import PerJoint, Vector, parameter, plain, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
 from armgpi.renamed import warn_renamed
 from armgpi.robot.batch import AnyRobot, check_robot, check_same_joints, feedback_model
+from armgpi.robot.equations import ASSUMED_BITS
 from armgpi.robot.robot import Robot
 
 #: Speed below which the sign of the reference velocity is smoothed [rad/s or m/s].
@@ -285,11 +287,11 @@ class GPI(Controller):
         dt: float,
         *,
         delay: float = 0.0,
-        bits: Any = untuned.BITS,
+        bits: Any = ASSUMED_BITS,
         drives: str | None = None,
         **given: Any,
     ) -> GPI:
-        """Return a controller for an arm that nobody tuned, by the rule of `armgpi.gpi.untuned`.
+        """Return a controller for an arm that nobody tuned, by the rule of `armgpi.tuning.rule`.
 
         Args:
             robot: nominal model.
@@ -304,8 +306,11 @@ class GPI(Controller):
         Raises:
             ArmgpiError: as the constructor, and for encoders that cannot be.
         """
-        made = cls(**untuned.arguments(robot, dt, delay, bits, drives, given))
-        advice.warn(advice.coarse_counts(made, bits), 1)
+        # The rule stands above the controllers, which it makes: it is asked for where it is needed.
+        rule: Any = import_module("armgpi.tuning.rule")
+        chosen = rule.arguments(robot, dt, delay, bits, drives, given)
+        made = cls(**chosen.values)
+        advice.warn([*chosen.findings, *advice.coarse_counts(made, bits)], 1)
         return made
 
     @classmethod
@@ -317,7 +322,7 @@ class GPI(Controller):
     @classmethod
     def context_for(cls, given: Mapping[str, Any], context: Context) -> Context:
         """Return the context with the bandwidth that sample time, delay and loads allow."""
-        payload, member = given.get("payload"), untuned.member(given)
+        payload, member = given.get("payload"), Member.chosen_by(given)
         omega_c = default_omega(context.dt, context.delay, member=member)
         if payload is not None:
             with context.error_context("payload"):
@@ -416,7 +421,7 @@ class GPI(Controller):
     @property
     def member(self) -> Member:
         """Which member of the family it is."""
-        return untuned.member(vars(self))
+        return Member.chosen_by(vars(self))
 
     def margins(self) -> Margins:
         """Return what the loops of all joints tolerate, in continuous time and with the gains at rest."""
@@ -437,7 +442,7 @@ class GPI(Controller):
         c, zero = law.coefficients(self.gains.nominal(), self.dt), np.zeros(self.robot.n)
         at_once = np.abs(law.output(zero + 1.0, law.init(zero, c), c))
         counts = self.robot.encoder_count(as_float_array(bits, "bits"))
-        return np.asarray((untuned.most_inertia(self.robot) * (at_once * counts)).max(axis=1))
+        return np.asarray((most_inertia(self.robot) * (at_once * counts)).max(axis=1))
 
     def signals(self, state: GPIState) -> Mapping[str, Array]:
         """Return the states of the law under their names."""

@@ -55,6 +55,8 @@ _CONFIGURATIONS = 512
 _WORST = 16
 #: How often that is done, each time closer around them.
 _ROUNDS = 8
+#: Configurations over which inertia is taken.
+_INERTIAS = 50
 
 
 class PayloadRange(NamedTuple):
@@ -470,3 +472,9 @@ def _holdable(robot: Robot, frame: str, com: ArrayLike) -> float:
 def _over(value: float, mobility: float) -> float:
     """Return value / mobility, infinite for a point that no acceleration of the arm moves."""
     return value / mobility if mobility > 0.0 else math.inf
+
+
+def most_inertia(robot: Robot) -> Array:
+    """Return the largest absolute entries of D(q) at random configurations, always the same, (n, n)."""
+    q = random_configurations(robot, _INERTIAS, seed=0)
+    return np.asarray(np.abs(robot.mass_matrix(q)).max(axis=0))

@@ -28,10 +28,8 @@ from armgpi.config.schema import KINDS, PlantSection
 from armgpi.control.controller import Controller
 from armgpi.errors import ArmgpiWarning
 from armgpi.escape import markdown_table
-from armgpi.gpi import geared, two_mass
 from armgpi.gpi.family import Member
 from armgpi.gpi.law import KNOWS
-from armgpi.gpi.untuned import Structure, Untuned, assume, structures
 from armgpi.health.zoo import fingers
 from armgpi.intervals import Estimate, wilson
 from armgpi.loop import metrics
@@ -45,6 +43,8 @@ from armgpi.robot.batch import with_heavier_rotors
 from armgpi.robot.equations import Friction
 from armgpi.robot.robot import Robot
 from armgpi.supervisor import Supervisor, complete_settings
+from armgpi.tuning import geared, two_mass
+from armgpi.tuning.rule import Structure, Untuned, assume, structures
 
 #: Errors that lose an arm, at any time and at the end [rad or m]; what the end is [s].
 FAILED_PEAK, FAILED_END, END = 0.5, 0.1, 1.2

@@ -18,7 +18,6 @@ import numpy as np
 from armgpi.arrays import check_number, check_path, check_type, check_whole
 from armgpi.errors import ArmgpiWarning, ParameterError, Remedy, UrdfError
 from armgpi.escape import html_table, json_data
-from armgpi.gpi import untuned
 from armgpi.gpi.advice import light_model
 from armgpi.gpi.law import GPI
 from armgpi.gpi.payload import largest_payload
@@ -33,6 +32,7 @@ from armgpi.robot.equations import PerJoint
 from armgpi.robot.meshes import MeshFinder
 from armgpi.robot.robot import Robot
 from armgpi.robot.urdf import Urdf
+from armgpi.tuning.verdict import verdict
 
 
 @dataclass(frozen=True)
@@ -248,7 +248,7 @@ def _untuned_facts(subject: Subject, known: Robot, drives: str | None) -> dict[s
         warnings.simplefilter("ignore", ArmgpiWarning)  # the checks find what they say
         law = GPI.auto(known, dt, delay=subject.delay * dt, bits=bits, drives=drives)
     margins, torque = law.margins(), law.count_torque(bits)
-    said = untuned.verdict(law, known, bits)
+    said = verdict(law, known, bits)
     return {
         "integrators": law.integrators,
         "rolloff": law.rolloff,

@@ -11,8 +11,6 @@ from scipy import optimize
 
 from armgpi.arrays import Array, check_number, check_type, check_whole
 from armgpi.errors import ParameterError, UnfitLog
-from armgpi.gpi.two_mass import Gears as Modes
-from armgpi.gpi.two_mass import damping_at_one, gravity_stiffness
 from armgpi.identification.estimate import expect
 from armgpi.identification.excitation import Excitation, blocked, free_configuration, ranges, surroundings
 from armgpi.identification.logs import Grid, Log, resample
@@ -22,6 +20,8 @@ from armgpi.robot.clearance import Clearance
 from armgpi.robot.drives import Drives
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import assume_gears, lowest_mode
+from armgpi.tuning.two_mass import Gears as Modes
+from armgpi.tuning.two_mass import damping_at_one, gravity_stiffness
 
 #: Period of the multisine [s], lines from 2 to 60 Hz, and series of phases of which the flattest is taken.
 PERIOD = 2.0

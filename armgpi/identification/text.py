@@ -9,11 +9,12 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.errors import ArmgpiError
 from armgpi.gpi.law import GPI
-from armgpi.gpi.untuned import BITS, verdict
 from armgpi.identification.arm import Estimate, Identified, Load, Validation
 from armgpi.identification.estimate import is_supposed
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import assume_gears
+from armgpi.tuning.rule import BITS
+from armgpi.tuning.verdict import verdict
 from armgpi.verdict import Verdict, judge
 
 #: Residual over torque up to which a model is good enough to control by, and from which it explains little.

@@ -22,6 +22,8 @@ _ROUNDING = 1e-9
 _ENCODER_TRAVEL = 1.0
 #: Gear ratio behind an encoder at the motor where the drives do not say one: that of most harmonic drives.
 ASSUMED_GEAR_RATIO = 100.0
+#: Resolution of encoders of which nothing is said [bits]: set by hand, arms have 12 to 20.
+ASSUMED_BITS = 16
 
 _Same = TypeVar("_Same", bound="Equations")
 

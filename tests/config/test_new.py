@@ -15,11 +15,11 @@ from commands import Answer
 import armgpi
 from armgpi import ArmgpiWarning, Robot, config, robots
 from armgpi.cli import pictures
-from armgpi.gpi.untuned import Untuned
 from armgpi.health import checks_urdf
 from armgpi.identification import arm as identification
 from armgpi.robot import chains, urdf
 from armgpi.studies import study
+from armgpi.tuning.rule import Untuned
 
 #: Command -> how it is called with the file.
 TAKERS = {

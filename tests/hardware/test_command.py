@@ -16,10 +16,10 @@ import armgpi
 from armgpi import config
 from armgpi.codegen import build
 from armgpi.errors import BackendError
-from armgpi.gpi.two_mass import ArmLoop, Gears
-from armgpi.gpi.two_mass import law as linear
 from armgpi.loop import log as logs
 from armgpi.robot.kinematics import random_configurations
+from armgpi.tuning.two_mass import ArmLoop, Gears
+from armgpi.tuning.two_mass import law as linear
 
 pytest.importorskip("casadi", reason="casadi writes the C")
 from armgpi.hardware.export import files

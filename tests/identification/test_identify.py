@@ -23,7 +23,6 @@ import armgpi
 from armgpi import config
 from armgpi.config.experiment import portable
 from armgpi.errors import ArmgpiError, UnfitLog
-from armgpi.gpi.two_mass import Gears, damping_at_one, gravity_stiffness
 from armgpi.identification.arm import Identified, Validation, identify
 from armgpi.identification.estimate import Block, Prior, expect, fit
 from armgpi.identification.excitation import excite
@@ -47,6 +46,7 @@ from armgpi.robot import identified, robots, rotors
 from armgpi.robot.drives import Drives
 from armgpi.studies import setup
 from armgpi.studies.sample import Sweep
+from armgpi.tuning.two_mass import Gears, damping_at_one, gravity_stiffness
 
 LATE = 2
 

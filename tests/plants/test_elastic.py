@@ -30,9 +30,9 @@ from armgpi import (
     simulate,
 )
 from armgpi.errors import ArrayError, ConfigError
-from armgpi.gpi import two_mass
 from armgpi.plants.elastic import ElasticState, sag
 from armgpi.robot.kinematics import random_configurations
+from armgpi.tuning import two_mass
 
 Array = npt.NDArray[np.float64]
 

@@ -14,10 +14,10 @@ import pytest
 
 from armgpi import GPI, Hold, RigidBodyPlant, Robot, config, simulate
 from armgpi.errors import ArmgpiWarning, ParameterError
-from armgpi.gpi import two_mass
 from armgpi.robot import rotors
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.rotors import assume_drives
+from armgpi.tuning import two_mass
 
 #: Rotor inertia of the drives [kg m^2], and stiffness of the gears [N m/rad], assumed, of typical size.
 PANDA = Robot.load("panda", ["panda_finger_joint1", "panda_finger_joint2"])

@@ -20,12 +20,12 @@ from armgpi.config.reading import Loaded, Origin, read_data
 from armgpi.config.schema import FORMAT
 from armgpi.errors import ConfigError
 from armgpi.gpi.law import GPI
-from armgpi.gpi.untuned import usual_effort
 from armgpi.hardware.realtime.ends import UPRIGHT
 from armgpi.identification.excitation import FIRST_SHARE, excite
 from armgpi.references.bezier import minimum_duration
 from armgpi.references.reference import Reference
 from armgpi.references.waypoints import Waypoints
+from armgpi.tuning.rule import usual_effort
 from armgpi.version import other_format
 
 #: The list of stages in a folder, of the format of their experiments.

@@ -15,25 +15,29 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.gpi.advice import COUNT_SHARE
 from armgpi.gpi.family import Member
-from armgpi.gpi.gains import Tuning
-from armgpi.gpi.realisation import Bumpless
-from armgpi.gpi.two_mass import CURRENT_LOOP, ArmLoop, Gears, Law, around, gravity_stiffness, joint_laws
+from armgpi.robot.batch import feedback_model
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import assume_gears
+from armgpi.tuning import geared
+from armgpi.tuning.two_mass import CURRENT_LOOP, ArmLoop, Gears
 
 #: Share of the links' inertia in the feedback: between the rotor alone, which the torque moves above the
 #: resonance, and the whole arm, which it moves below.
 LINK_FACTOR = 0.4
 #: Share of the rotors' inertia in the feedback.
 ROTOR_FACTOR = 1.5
+#: The same where the loop is late. What excites a lightly damped resonance grows with w times these, what
+#: holds a load with w^2 times them: with less inertia and more w the same stiffness needs less damping.
+LATE_LINK_FACTOR = 0.2
+LATE_ROTOR_FACTOR = 1.0
 #: Highest velocity gain w [rad/s]; faster loops bring little and step the torque more.
 FASTEST = 45.0
 #: Lowest velocity gain w [rad/s]: an arm that is slower falls under a load.
@@ -50,10 +54,12 @@ LEAST_FILTER_RATIO = 5.0
 _LIGHT = 2.0
 #: Delay from which on a loop is slow enough for the other controller [s].
 LATE = 8e-3
-#: Delay from which on the two are compared [s].
+#: Delay from which on a loop is late: the resonance is not damped any more, but excited [s].
 COMPARED = 5e-3
 #: Damping ratio of the joints at which loops have to be stable [-]; 1 to 5 % are usual.
 DAMPING = 0.03
+#: The same of loops that are late, whose resonance has no other damping than its own [-].
+LATE_DAMPING = 0.01
 #: Factors of an assumed stiffness at which they have to be.
 STIFFNESS_FACTORS = (0.5, 1.0, 2.0)
 #: By how much all joints are slower where a loop is not stable [-].
@@ -71,11 +77,15 @@ class Collocated(NamedTuple):
         f: filter frequency of the derivative [rad/s], (n,).
         limits: joint by joint what limits w: "delay", "rotors" (light ones), "noise" (encoder counts),
             "gears" (elasticity) or "crossover".
+        link_factor: share of the links' inertia in the feedback [-].
+        rotor_factor: share of the rotors' inertia in the feedback [-].
     """
 
     w: Array
     f: Array
     limits: tuple[str, ...]
+    link_factor: float = LINK_FACTOR
+    rotor_factor: float = ROTOR_FACTOR
 
     @property
     def poles(self) -> Poles:
@@ -158,13 +168,14 @@ def choose(
     delay = delay_of(dt, late, current)
     places = np.stack([robot.middle(), *random_configurations(robot, _CONFIGURATIONS - 1, seed=0)])
     links = carried.mass_matrix(places) - np.diag(carried.armature)
-    feedback = LINK_FACTOR * links + ROTOR_FACTOR * np.diag(rotor)
+    own = _Feedback.of(delay)
+    feedback = own.link_factor * links + own.rotor_factor * np.diag(rotor)
     own_ratio = np.max(np.diagonal(feedback, axis1=1, axis2=2) / rotor, axis=0)
     w = np.minimum(FASTEST, DELAY_SHARE / (delay * own_ratio))
     coupled = np.abs(np.linalg.eigvals(feedback / rotor[:, None] * w)).max()
     w = w * min(1.0, DELAY_SHARE / (delay * coupled))
     # Of a heavier rotor the torque would move less, and the delay allow more.
-    light = own_ratio > _LIGHT * ROTOR_FACTOR
+    light = own_ratio > _LIGHT * own.rotor_factor
     limits = np.where(w < FASTEST, np.where(light, "rotors", "delay"), "crossover").astype("U9")
     w = np.maximum(w, SLOWEST)
     f = np.full(robot.n, min(HIGHEST_FILTER, 2.0 / dt))
@@ -175,12 +186,34 @@ def choose(
         limits = np.where(quiet_w < w, "noise", limits)
         w = quiet_w
     fast_enough = w
-    while not _is_stable(robot, carried, w, f, dt, late, current):
+    nominal = feedback_model(carried, own.link_factor, own.rotor_factor)
+    cases = _loops(robot, dt, late, current, own.damping)
+    while not _all_stable(cases, nominal, robot, Collocated(w, f, ()).poles, dt):
         w = w / SLOWER
         if float(w.min()) < SLOWEST / SLOWER:
             return None
     limits = np.where(w < fast_enough, "gears", limits)
-    return Collocated(w, f, tuple(limits.tolist()))
+    return Collocated(w, f, tuple(limits.tolist()), own.link_factor, own.rotor_factor)
+
+
+def _all_stable(cases: tuple[geared.Case, ...], nominal: Any, robot: Robot, poles: Poles, dt: float) -> bool:
+    """Tell whether all loops of an arm are stable with some poles."""
+    return geared.Loops(cases, nominal, robot, poles.member, dt, poles.zeta_c).holds(poles.omega_c)
+
+
+class _Feedback(NamedTuple):
+    """Shares of inertia in the feedback, and the damping ratio of the joints that loops need, all [-]."""
+
+    link_factor: float
+    rotor_factor: float
+    damping: float
+
+    @classmethod
+    def of(cls, delay: float) -> _Feedback:
+        """Return what suits a delay [s]."""
+        if delay < COMPARED:
+            return cls(LINK_FACTOR, ROTOR_FACTOR, DAMPING)
+        return cls(LATE_LINK_FACTOR, LATE_ROTOR_FACTOR, LATE_DAMPING)
 
 
 def _quieten(
@@ -213,19 +246,8 @@ def _quieten(
     return w / np.maximum(loudest, 1.0), lowered
 
 
-def law_of(numbers: Collocated, dt: float) -> Law:
-    """Return the controller from errors to accelerations, linear."""
-    poles = numbers.poles
-    realisation = Bumpless(poles.member)
-    tuning = Tuning(poles.omega_c, poles.zeta_c, poles.omega_c)
-    return joint_laws(realisation, realisation.coefficients(tuning, dt), len(numbers.w))
-
-
-def _is_stable(
-    robot: Robot, carried: Robot, w: Array, f: Array, dt: float, late: int, current: float
-) -> bool:
-    """Tell whether the sampled loops are stable over what is known of the stiffness."""
-    own = law_of(Collocated(w, f, ()), dt)
+def _loops(robot: Robot, dt: float, late: int, current: float, damping: float) -> tuple[geared.Case, ...]:
+    """Return the arm at two configurations, at the ends of what is known of the stiffness."""
     stiffness = robot.drives.value("stiffness")
     low, high = robot.drives.interval("stiffness")
     assumed = np.array(robot.drives.sources("stiffness")) == "assumed"
@@ -234,11 +256,8 @@ def _is_stable(
         for factor, end in zip(STIFFNESS_FACTORS, (low, stiffness, high), strict=True)
     ]
     places = (robot.middle(), *random_configurations(robot, _TRIED - 1, seed=1))
+    cases = []
     for q, each in itertools.product(places, ends):
-        links = carried.mass_matrix(q) - np.diag(carried.armature)
-        feedback = LINK_FACTOR * links + ROTOR_FACTOR * np.diag(robot.armature)
-        law = around(own, feedback, gravity_stiffness(robot, q))
-        gears = Gears(robot.armature, each, DAMPING, current, "motor")
-        if ArmLoop(robot, q, gears, dt, late).growth(law) >= 1.0:
-            return False
-    return True
+        gears = Gears(robot.armature, each, damping, current, "motor")
+        cases.append(geared.Case(q, ArmLoop(robot, q, gears, dt, late), False))
+    return tuple(cases)

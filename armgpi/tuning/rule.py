@@ -16,14 +16,13 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array, as_float_array, check_number
-from armgpi.errors import ParameterError
-from armgpi.gpi import advice, collocated, geared, kept, two_mass
-from armgpi.gpi.family import Member
+from armgpi.errors import Finding, ParameterError
+from armgpi.gpi import advice as of_controllers
+from armgpi.gpi.family import PARAMETERS, Member
 from armgpi.gpi.gains import FixedGains, Tuning
 from armgpi.gpi.margins import (
     count_noise,
     crossovers,
-    delay_margins,
     loops,
     tolerated_phase,
 )
@@ -34,6 +33,7 @@ from armgpi.gpi.payload import (
     late,
     load_range,
     most_delta,
+    most_inertia,
     plausible_load,
 )
 from armgpi.gpi.realisation import Bumpless
@@ -47,9 +47,11 @@ from armgpi.robot.batch import (
     feedback_model,
     with_heavier_rotors,
 )
+from armgpi.robot.equations import ASSUMED_BITS
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import assume_drives
+from armgpi.tuning import advice, collocated, geared, kept, two_mass
 
 #: The member: one integrator, and one pole of roll-off so many times as fast as the others; faster where
 #: lateness limits the loop, which then has no count noise to spare it.
@@ -80,27 +82,12 @@ REST_ZONE = 3e-4
 #: the rate of the torque: with no kick. Under the 1 N m per ms that libfranka takes, a Panda that starts 30
 #: mrad beside it is driven away otherwise (tools/motor_side.py --torque-step).
 START = "rest"
-#: Resolution of encoders of which nothing is said [bits]: set by hand, arms have 12 to 20.
-BITS = 16
+#: Resolution of encoders of which nothing is said [bits].
+BITS = ASSUMED_BITS
 #: Effort in gravity torques beyond which a motor is taken to be stronger than the arm is quiet.
 _MOST_EFFORT, _LEAST_GRAVITY = 5.0, 0.03
-#: Share of a limit from which on it is reached: numbers are found to within some percent.
-_REACHED = 0.95
 #: Configurations over which inertia and gravity are taken.
 _CONFIGURATIONS = 50
-#: What may limit the bandwidth of a joint, in words.
-LIMITS: Mapping[str, str] = {
-    "gears": "joint elasticity",
-    "noise": "encoder counts",
-    "delay": "delay",
-    "rotors": "rotors that are light beside the links",
-    "load": "the range of payloads",
-    "crossover": "the highest bandwidth of the rule",
-}
-#: Values of the peak sensitivity that controllers usually have (Astrom and Murray, Feedback Systems, 2008).
-USUAL_SENSITIVITY = "usual: 1.2 to 2"
-#: What chooses the member of the family, in the order of :class:`armgpi.gpi.family.Member`.
-MEMBER = ("integrators", "rolloff", "rolloff_ratio", "second_ratio", "second_zeta")
 
 
 def assume(bits: Any) -> Any:
@@ -108,9 +95,16 @@ def assume(bits: Any) -> Any:
     return BITS if bits is None else bits
 
 
-def member(given: Mapping[str, Any]) -> Member:
-    """Return the member of the family that parameters of a controller choose."""
-    return Member(**{name: given[name] for name in MEMBER if name in given})
+class Choice(NamedTuple):
+    """What the rule chose.
+
+    Attributes:
+        values: parameters of :class:`armgpi.GPI` and `omega_c` [rad/s], name -> value.
+        findings: what there is to say of them, for the caller to show.
+    """
+
+    values: dict[str, Any]
+    findings: tuple[Finding, ...] = ()
 
 
 def apply_rule(
@@ -119,7 +113,7 @@ def apply_rule(
     delay: float = 0.0,
     bits: Any = None,
     given: Mapping[str, Any] | None = None,
-) -> dict[str, Any]:
+) -> Choice:
     """Return parameters of :class:`armgpi.GPI` and `omega_c` [rad/s] for an arm that nobody tuned.
 
     Args:
@@ -131,7 +125,7 @@ def apply_rule(
         given: parameters that are chosen already; the others suit them.
 
     Returns:
-        name -> value, without those given; `omega_c` of shape (n,) or (batch, n).
+        Them without those given, `omega_c` of shape (n,) or (batch, n), and what is found of them.
 
     Raises:
         EffortError: when an effort limit leaves a joint no torque, and there are encoders.
@@ -144,8 +138,8 @@ def apply_rule(
     depends: dict[str, Any] = {"robot": robot, "dt": dt, "delay": delay, "bits": bits, "given": given}
     chosen: dict[str, Any]
     chosen, soft = kept.remember("rule", depends, lambda: _chosen(robot, dt, delay, bits, given))
-    advice.warn(advice.untuned_arm(robot, chosen, rigid=not soft and "gains" not in given), 3)
-    return chosen
+    found = advice.untuned_arm(robot, chosen, rigid=not soft and "gains" not in given)
+    return Choice(chosen, tuple(found))
 
 
 class Structure(NamedTuple):
@@ -173,7 +167,7 @@ class Structure(NamedTuple):
 
     def describe(self) -> str:
         """Return in words what kind of controller it is."""
-        if self.link_factor == collocated.LINK_FACTOR:
+        if self.link_factor != 1.0:
             return "for encoders at the motors"
         if self.feedforward == "computed":
             return "for encoders at the links" if self.rolloff else "for elastic joints"
@@ -201,21 +195,20 @@ def _structure(chosen: Mapping[str, Any]) -> Structure:
     return Structure(**named, loaded="payload" in chosen)
 
 
-def _of_batch(
-    robot: RobotBatch, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
-) -> dict[str, Any]:
+def _of_batch(robot: RobotBatch, dt: float, delay: float, bits: Any, given: Mapping[str, Any]) -> Choice:
     """Return what is chosen for a batch: of each arm what it has alone where their structures are alike."""
     rows = _each_alone(robot.robots, dt, delay, bits, given)
     found = [_structure(row) for row in rows]
+    findings: tuple[Finding, ...] = ()
     if len(set(found)) > 1:
-        advice.warn(advice.mixed_batch([each.describe() for each in found]), 4)
+        findings = tuple(advice.mixed_batch([each.describe() for each in found]))
         # With these all loops are stable at the damping at which they are judged, wherever the encoders sit.
         common = GEARED[any(geared.at_link(one) for one in robot.robots)]
         rows = [
             _without(given, _with_structure(common, one, dt, delay, own_bits, own))
             for one, own_bits, own in _rows(robot.robots, bits, given)
         ]
-    return _stacked(rows)
+    return Choice(_stacked(rows), findings)
 
 
 def _each_alone(
@@ -237,7 +230,7 @@ def _rows(
 ) -> Iterator[tuple[Robot, Any, dict[str, Any]]]:
     """Yield each arm of a batch with its encoders and what is given of it."""
     count = len(robots)
-    fine = None if bits is None else np.broadcast_to(_checked_bits(bits), (count, robots[0].n))
+    fine = None if bits is None else np.broadcast_to(checked_bits(bits), (count, robots[0].n))
     for k, one in enumerate(robots):
         own = {name: _row(value, k, count) for name, value in given.items()}
         yield one, None if fine is None else fine[k], own
@@ -286,7 +279,7 @@ def _chosen(
 
 def arguments(
     robot: AnyRobot, dt: float, delay: float, bits: Any, drives: str | None, given: Mapping[str, Any]
-) -> dict[str, Any]:
+) -> Choice:
     """Return what the constructor of :class:`armgpi.GPI` takes for an arm that nobody tuned.
 
     Args:
@@ -303,11 +296,12 @@ def arguments(
     loads = given.get("payload")
     if loads is not None and not isinstance(loads, LoadRange):
         given["payload"] = load_range(loads, given.pop("frame", None), given.pop("com", (0.0, 0.0, 0.0)))
-    chosen = apply_rule(robot, dt, delay, bits, given)
+    chosen, findings = apply_rule(robot, dt, delay, bits, given)
     if "payload" in chosen:  # which the feedforward knows nothing of
         chosen["bias_robot"] = robot
     gains = FixedGains(chosen.pop("omega_c"), chosen.pop("zeta_c", 1.0))
-    return {"robot": robot, "dt": dt, "delay": delay, "gains": gains, **chosen, **given}
+    own = {"robot": robot, "dt": dt, "delay": delay, "gains": gains}
+    return Choice({**own, **chosen, **given}, findings)
 
 
 def _rigid(robot: Robot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -320,11 +314,11 @@ def _rigid(robot: Robot, dt: float, delay: float, bits: Any, given: Mapping[str,
         "friction_feedforward": _knows_friction(robot),
         "rest_dead_zone": REST_ZONE,
     }
-    law = member({**chosen, **given})
+    law = Member.chosen_by({**chosen, **given})
     limits = _limits(law, dt, delay)
     if limits.lateness < limits.stiffness:
         chosen["rolloff_ratio"] = LATE_RATIO
-        law = member({**chosen, **given})
+        law = Member.chosen_by({**chosen, **given})
         limits = _limits(law, dt, delay)
     omega: Array = min(limits) * np.ones(robot.n)
     loads = given.get("payload")
@@ -335,7 +329,7 @@ def _rigid(robot: Robot, dt: float, delay: float, bits: Any, given: Mapping[str,
         chosen["payload"] = loads = _spare(robot, most)
     if bits is not None:
         nominal = robot if loads is None else loads.choose(robot, dt, delay, 1e-9, law).nominal
-        omega = omega * np.minimum(1.0, _quietness(nominal, dt, law, omega, bits))
+        omega = omega * np.minimum(1.0, quietness(nominal, dt, law, omega, bits))
     return {**chosen, "omega_c": omega}
 
 
@@ -343,7 +337,7 @@ def _twists(robot: Robot, dt: float, delay: float, law: Mapping[str, Any]) -> bo
     """Tell whether gears are known, and too soft for the law of an arm whose gears are rigid."""
     if not geared.is_known(robot) or "omega_c" not in law:
         return geared.is_known(robot)
-    own, loads, samples = member(law), law.get("payload"), _samples(dt, delay)
+    own, loads, samples = Member.chosen_by(law), law.get("payload"), samples_late(dt, delay)
     nominal: Any = robot if loads is None else loads.choose(robot, dt, delay, 1e-9, own).nominal
     bias = robot if law["feedforward"] == "computed" else None
     omega = law["omega_c"] * np.ones(robot.n)
@@ -357,7 +351,7 @@ def _twists(robot: Robot, dt: float, delay: float, law: Mapping[str, Any]) -> bo
     return not loops_of(geared.cases(robot, dt, samples)).holds(omega, most)
 
 
-def _samples(dt: float, delay: float) -> int:
+def samples_late(dt: float, delay: float) -> int:
     """Return by how many samples measurements are late."""
     return math.ceil(round(delay / dt, 6))
 
@@ -374,7 +368,22 @@ def _choose_geared(
     soft = _choose_soft(robot, dt, delay, bits, given)
     if stiff is None:
         return soft
-    return min((stiff, soft), key=lambda each: _yielding(robot, dt, delay, each))
+    # Late loops: the stiff one is stable at the least usual damping. The soft one is taken where it is stable
+    # there as well and yields less.
+    if early or _is_stable(robot, dt, delay, soft, given):
+        return min((stiff, soft), key=lambda each: _yielding(robot, dt, delay, each))
+    return stiff
+
+
+def _is_stable(
+    robot: Robot, dt: float, delay: float, chosen: Mapping[str, Any], given: Mapping[str, Any]
+) -> bool:
+    """Tell whether loops of elastic joints are stable at the least usual damping, wherever encoders sit."""
+    own, loads = Member.chosen_by(chosen), given.get("payload")
+    loaded: Any = robot if loads is None else loads.choose(robot, dt, delay, 1e-9, own).nominal
+    nominal: Any = with_heavier_rotors(loaded, chosen.get("rotor_factor", 1.0))
+    loops = geared.Loops(geared.cases(robot, dt, samples_late(dt, delay)), nominal, robot, own, dt)
+    return loops.holds(chosen["omega_c"])
 
 
 def _choose_soft(
@@ -394,7 +403,7 @@ def _choose_soft(
 def _collocated_delay(robot: Robot, dt: float, delay: float) -> float:
     """Return the delay of hold, transport and current loop [s]."""
     current = float(np.min(robot.drives.value("current_bandwidth", two_mass.CURRENT_LOOP)))
-    return collocated.delay_of(dt, _samples(dt, delay), current)
+    return collocated.delay_of(dt, samples_late(dt, delay), current)
 
 
 def _choose_collocated(
@@ -406,21 +415,22 @@ def _choose_collocated(
     structure is given already.
     """
     at_motor = (robot.drives.value("encoder_side") == "motor").all()
-    taken = {*MEMBER, "gains", "omega_c", "zeta_c", "rotor_factor", "link_factor", "feedforward"} & set(given)
+    chosen_here = {*PARAMETERS, "gains", "omega_c", "zeta_c", "rotor_factor", "link_factor", "feedforward"}
+    taken = chosen_here & set(given)
     if not at_motor or taken or _collocated_delay(robot, dt, delay) >= collocated.LATE:
         return None
     loads = given.get("payload")
-    counts = None if bits is None else robot.encoder_count(_checked_bits(bits))
+    counts = None if bits is None else robot.encoder_count(checked_bits(bits))
     carried: Any = robot if loads is None else loads.choose(robot, dt, delay, 1e-9).nominal
-    numbers = collocated.choose(robot, carried, dt, _samples(dt, delay), counts, usual_effort(robot))
+    numbers = collocated.choose(robot, carried, dt, samples_late(dt, delay), counts, usual_effort(robot))
     if numbers is None:
         return None
     return {
         "integrators": INTEGRATORS,
         "rolloff": 0,
         "feedforward": "computed",
-        "link_factor": collocated.LINK_FACTOR,
-        "rotor_factor": collocated.ROTOR_FACTOR,
+        "link_factor": numbers.link_factor,
+        "rotor_factor": numbers.rotor_factor,
         "friction_feedforward": _knows_friction(robot),
         "rest_dead_zone": REST_ZONE,
         "start": START,
@@ -434,7 +444,7 @@ def _yielding(robot: Robot, dt: float, delay: float, chosen: Mapping[str, Any]) 
     Each joint is pushed alone and at the frequency at which it yields most; with it two controllers are
     compared.
     """
-    own = member(chosen)
+    own = Member.chosen_by(chosen)
     ones = np.ones(robot.n)
     tuning = Tuning(chosen["omega_c"] * ones, chosen.get("zeta_c", 1.0) * ones, chosen["omega_c"] * ones)
     realisation = Bumpless(own)
@@ -450,7 +460,7 @@ def _yielding(robot: Robot, dt: float, delay: float, chosen: Mapping[str, Any]) 
     return float((np.diag(alone) * usual_effort(robot)).max())
 
 
-def _checked_bits(bits: Any) -> Array:
+def checked_bits(bits: Any) -> Array:
     """Return the resolution of encoders [bits].
 
     Raises:
@@ -483,7 +493,7 @@ def _with_structure(
         "rest_dead_zone": REST_ZONE,
     }
     every = {**chosen, **given}
-    law, factor, loads = member(every), every.get("rotor_factor", 1.0), given.get("payload")
+    law, factor, loads = Member.chosen_by(every), every.get("rotor_factor", 1.0), given.get("payload")
     highest = min(_limits(law, dt, delay))
 
     loaded: Any = robot if loads is None else loads.choose(robot, dt, delay, 1e-9, law).nominal
@@ -492,7 +502,7 @@ def _with_structure(
     believed, (usual, light) = geared.is_assumed(robot), geared.DAMPINGS
 
     def loops_at(damping: float) -> geared.Loops:
-        arms = geared.cases(robot, dt, _samples(dt, delay), damping)
+        arms = geared.cases(robot, dt, samples_late(dt, delay), damping)
         return geared.Loops(arms, nominal, bias, law, dt)
 
     loops = loops_at(light)
@@ -506,7 +516,7 @@ def _with_structure(
     else:
         omega = geared.raise_joints(alike, loops, highest)
     if bits is not None:
-        quiet = omega * np.minimum(1.0, _quietness(nominal, dt, law, omega, bits, not law.rolloff))
+        quiet = omega * np.minimum(1.0, quietness(nominal, dt, law, omega, bits, not law.rolloff))
         omega = np.maximum(quiet, np.minimum(geared.SLOWEST, omega))
     return {**chosen, "omega_c": omega}
 
@@ -532,13 +542,13 @@ def _limits(law: Member, dt: float, delay: float) -> _Limits:
     return _Limits(CROSSOVER / crossover, DELAY_SHARE * tolerated_phase(law) / late(dt, delay))
 
 
-def _quietness(robot: Robot, dt: float, law: Member, omega: Array, bits: Any, direct: bool = False) -> Array:
+def quietness(robot: Robot, dt: float, law: Member, omega: Array, bits: Any, direct: bool = False) -> Array:
     """Return by what factor joints must be slower than `omega` to be quiet, (n,).
 
     The step of the torque grows with the third power of the bandwidth, to within a tenth; where there is no
     roll-off, with the second.
     """
-    bits = _checked_bits(bits)
+    bits = checked_bits(bits)
     slowest = float(np.min(omega))
     fast = [None if x is None else float(np.max(x)) for x in law.ratios]
     loudest = Member(law.integrators, law.rolloff, fast[0] or 1.0, fast[1], fast[2])
@@ -570,11 +580,6 @@ def _least_acceleration(robot: Robot) -> Array:
     return np.asarray(1.0 / (most_inertia(robot) / usual_effort(robot)[:, np.newaxis]).max(axis=0))
 
 
-def most_inertia(robot: Robot) -> Array:
-    """Return the largest absolute entries of D(q) at random configurations, always the same, (n, n)."""
-    return np.asarray(np.abs(robot.mass_matrix(_configurations(robot))).max(axis=0))
-
-
 def _configurations(robot: Robot) -> Array:
     return random_configurations(robot, _CONFIGURATIONS, seed=0)
 
@@ -582,134 +587,6 @@ def _configurations(robot: Robot) -> Array:
 def _knows_friction(robot: Robot) -> bool:
     """Tell whether friction was given: what URDFs state is not measured."""
     return any("friction" in change for change in robot.provenance["changes"])
-
-
-class Verdict(NamedTuple):
-    """What a law made by the rule bears, and why it is no faster.
-
-    Attributes:
-        limits: joint by joint what limits the bandwidth, a key of :data:`LIMITS`.
-        sensitivity: largest peak Ms over configurations and what is known of the gears; infinite where a loop
-            is unstable.
-        spare: delay margin, beyond the delay that there is [s].
-        resonance: lowest one of gears as known or believed, in the middle [Hz]; NaN for rigid ones.
-        borne: of rigid ones, the lowest that the law would bear with Ms of at most 3 [Hz]; else NaN.
-        usual: of rigid ones, the lowest that gears of such motors have [Hz]; else NaN.
-    """
-
-    limits: tuple[str, ...]
-    sensitivity: float
-    spare: float
-    resonance: float
-    borne: float
-    usual: float
-
-    def describe(self) -> str:
-        """Return it in a line."""
-        names = dict.fromkeys(sorted(self.limits, key=self.limits.count)[::-1])
-        said = "limited by " + " and ".join(LIMITS[name] for name in names)
-        if math.isfinite(self.sensitivity):
-            said += (
-                f"; Ms {self.sensitivity:.2f} ({USUAL_SENSITIVITY}), delay margin {1e3 * self.spare:.3g} ms"
-            )
-        else:
-            said += "; not stable over the whole range of the joint stiffness"
-        if math.isfinite(self.resonance):
-            said += f", lowest resonance {self.resonance:.3g} Hz"
-        if math.isfinite(self.borne) and self.borne > self.usual:
-            said += (
-                f"; stiff joints are assumed: a resonance below {self.borne:.3g} Hz may be unstable, "
-                f"and such motors have some {self.usual:.2g} Hz: --drives elastic, or specify stiffness by "
-                "--drives FILE"
-            )
-        return said
-
-    def explain(self, joint_names: Sequence[str]) -> str:
-        """Return in a line what limits each joint.
-
-        Args:
-            joint_names: of the arm.
-        """
-        rows: dict[str, list[str]] = {}
-        for joint, limit in zip(joint_names, self.limits, strict=True):
-            rows.setdefault(limit, []).append(joint)
-        said = (f"{LIMITS[limit]} ({', '.join(joints)})" for limit, joints in rows.items())
-        return "limits by joint: " + ", ".join(said)
-
-
-def verdict(law: Any, robot: Robot, bits: Any = None) -> Verdict:
-    """Return what a law bears on an arm.
-
-    Args:
-        law: a GPI with fixed gains, for one arm.
-        robot: the arm as it is known.
-        bits: resolution of the encoders [bits], a number or (n,); None for exact positions.
-    """
-    depends = {
-        "robot": robot,
-        "bits": bits,
-        "models": [law.robot, law.bias_robot],
-        "loop": [law.dt, law.delay, law.feedforward, law.link_factor, law.rotor_factor],
-        "tuning": law.gains.nominal(),
-        "member": [law.member.integrators, law.member.rolloff, *law.member.ratios],
-        "payload": None if law.payload is None else [law.payload.nominal, law.payload.delta],
-    }
-    limits, *numbers = kept.remember("verdict", depends, lambda: _verdict(law, robot, bits))
-    return Verdict(tuple(limits), *numbers)
-
-
-def _verdict(law: Any, robot: Robot, bits: Any) -> Verdict:
-    """Work out what :func:`verdict` returns."""
-    soft, late = geared.is_known(robot), _samples(law.dt, law.delay)
-    every = geared.cases(robot, law.dt, late) if soft else geared.rigid_cases(robot, law.dt, late)
-    pairs = [(case, two_mass.law(law, case.q)) for case in every]
-    judged = [(case.arm, own) for case, own in pairs if case.judged]
-    sensitivity, spare = math.inf, 0.0
-    if all(case.arm.growth(own) < 1.0 for case, own in pairs):
-        sensitivity = max(arm.sensitivity(own) for arm, own in judged)
-        spare = min(arm.delay_margin(own) for arm, own in judged)
-    resonance, borne, usual = (math.nan,) * 3
-    if soft:
-        resonance = geared.resonance(robot)
-    elif robot.armature.any():
-        borne, usual = geared.borne(law, robot, late)
-    return Verdict(_limits_of(law, robot, soft, bits), sensitivity, spare, resonance, borne, usual)
-
-
-def _limits_of(law: Any, robot: Robot, soft: bool, bits: Any) -> tuple[str, ...]:
-    """Return joint by joint what limits the bandwidth of a law, as the rule that made it says."""
-    if law.link_factor == collocated.LINK_FACTOR and isinstance(law.robot, Robot):
-        counts = None if bits is None else robot.encoder_count(_checked_bits(bits))
-        late_by = _samples(law.dt, law.delay)
-        carried = robot if law.payload is None else law.payload.nominal
-        numbers = collocated.choose(robot, carried, law.dt, late_by, counts, usual_effort(robot))
-        if numbers is not None:
-            return numbers.limits
-    return _what_limits(law, soft, bits)
-
-
-def _what_limits(law: Any, soft: bool, bits: Any) -> tuple[str, ...]:
-    """Return joint by joint what limits the bandwidth of a law: of what it takes the largest share."""
-    tuning, own, n = law.gains.nominal(), law.member, law.robot.n
-    omega = tuning.omega_c * np.ones(n)
-    loaded = 1.0 if law.payload is None else law.payload.delta[1]
-    margin = delay_margins(tuning, own) * np.ones(n)
-    unit = np.ones(1)
-    crossover = max(float(crossovers(loop).max()) for loop in loops(Tuning(unit, unit, unit), own))
-    shares = {
-        "crossover": omega * crossover / CROSSOVER,
-        "delay": late(law.dt, law.delay) / (DELAY_SHARE * margin),
-        "load": late(law.dt, law.delay) / (DELAY_SHARE * delay_margins(tuning, own, loaded) * np.ones(n)),
-        "noise": 0.0 * omega
-        if bits is None
-        else 1.0 / _quietness(law.robot, law.dt, own, omega, bits, not own.rolloff),
-    }
-    names, rows = list(shares), np.stack(list(shares.values()))
-    most = [names[i] for i in rows.argmax(axis=0)]
-    return tuple(
-        "gears" if soft and share < _REACHED else name
-        for name, share in zip(most, rows.max(axis=0), strict=True)
-    )
 
 
 @with_parameters
@@ -726,7 +603,8 @@ class Untuned(FixedGains):
     def chosen(cls, context: Context) -> dict[str, Any]:
         """Return what the rule says for an experiment; see :meth:`Gains.chosen`."""
         bits = assume(context.bits)
-        chosen = apply_rule(context.nominal, context.dt, context.delay, bits, context.given)
+        chosen, findings = apply_rule(context.nominal, context.dt, context.delay, bits, context.given)
+        of_controllers.warn(findings, 4)
         if context.rated and context.given.get("realisation") != "paper":
             chosen.setdefault("start", START)
         return {name: value for name, value in chosen.items() if name not in context.given}

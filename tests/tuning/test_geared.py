@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from armgpi import GPI, FixedGains, Robot, RobotBatch, certify, config
-from armgpi.errors import ParameterError
-from armgpi.gpi import geared, two_mass, untuned
-from armgpi.gpi.two_mass import ArmLoop, Gears
+from armgpi.errors import ArmgpiWarning, ParameterError
 from armgpi.plants.elastic import ElasticPlant
 from armgpi.robot import rotors
 from armgpi.robot.kinematics import random_configurations
+from armgpi.tuning import geared, two_mass, verdict
+from armgpi.tuning.two_mass import ArmLoop, Gears
 
 #: Rotors [kg m^2] and gears [N m/rad] of typical size, assumed.
 PANDA = Robot.load("panda", ["panda_finger_joint1", "panda_finger_joint2"])
@@ -132,7 +132,8 @@ def test_a_batch_has_the_soft_law_where_one_of_its_gears_is_soft() -> None:
     alone = rule(stiff)
     assert (law.feedforward, law.rotor_factor) == (alone.feedforward, alone.rotor_factor)
     np.testing.assert_allclose(law.gains.nominal().omega_c[1], alone.gains.nominal().omega_c)
-    mixed = GPI.auto(RobotBatch([stiff, soft]), DT, delay=DT, bits=16)
+    with pytest.warns(ArmgpiWarning, match="different controllers alone"):
+        mixed = GPI.auto(RobotBatch([stiff, soft]), DT, delay=DT, bits=16)
     assert mixed.feedforward == "computed" != law.feedforward
 
 
@@ -226,11 +227,11 @@ def test_a_law_with_heavier_rotors_gets_no_certificate() -> None:
 
 
 def test_it_says_what_limits_a_law_and_what_gears_lose_it() -> None:
-    soft = untuned.verdict(rule(rotors.assume_gears(UR5)), rotors.assume_gears(UR5), 16)
+    soft = verdict.verdict(rule(rotors.assume_gears(UR5)), rotors.assume_gears(UR5), 16)
     assert soft.limits[1:] == ("gears",) * 5
     assert soft.limits[0] == "noise"
     assert "limited by joint elasticity and encoder counts" in soft.describe()
-    stiff = untuned.verdict(rule(UR5, "stiff"), rotors.assume_rotors(UR5), 16)
+    stiff = verdict.verdict(rule(UR5, "stiff"), rotors.assume_rotors(UR5), 16)
     assert not math.isfinite(stiff.resonance)
     assert "stiff joints are assumed: a resonance below" in stiff.describe()
     arm = rotors.assume_gears(UR5)
@@ -244,7 +245,7 @@ def test_it_says_what_limits_a_law_and_what_gears_lose_it() -> None:
             for case in geared.rigid_cases(arm, DT, 1)
         ]
         assert (max(peaks) <= geared.RIGID_SENSITIVITY) == bears
-    late = untuned.verdict(
+    late = verdict.verdict(
         GPI.auto(UR5, 4e-3, delay=12e-3, bits=None, drives="stiff"), rotors.assume_rotors(UR5)
     )
     assert set(late.limits) <= {"delay", "load"}
@@ -269,5 +270,5 @@ def test_a_rotor_whose_interval_reaches_zero_is_as_light_as_a_believed_one() -> 
 
 
 def test_what_limits_each_joint_is_named_once() -> None:
-    found = untuned.Verdict(("gears", "noise", "gears"), 2.0, 0.01, 20.0, float("nan"), float("nan"))
+    found = verdict.Verdict(("gears", "noise", "gears"), 2.0, 0.01, 20.0, float("nan"), float("nan"))
     assert found.explain("abc") == "limits by joint: joint elasticity (a, c), encoder counts (b)"

@@ -27,9 +27,12 @@ from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 
 #: Rooms whose code decides what is chosen.
-_ROOMS = ("gpi", "robot")
+_ROOMS = ("tuning", "gpi", "robot")
 #: Modules whose constants do: tools and tests change some of them.
-_MODULES = ("untuned", "collocated", "geared", "two_mass", "payload", "margins", "family", "advice")
+_MODULES = (
+    *(f"tuning.{name}" for name in ("rule", "verdict", "collocated", "geared", "two_mass")),
+    *(f"gpi.{name}" for name in ("payload", "margins", "family", "advice")),
+)
 #: Configurations at which D(q) and G(q) stand for an arm besides its parts.
 _PROBED = 3
 #: Results that a process keeps at most.
@@ -173,7 +176,7 @@ def _constants() -> str:
     """Return the constants of the rule, as they are now."""
     found = []
     for module in _MODULES:
-        for name, value in vars(import_module(f"armgpi.gpi.{module}")).items():
+        for name, value in vars(import_module(f"armgpi.{module}")).items():
             if name.lstrip("_").isupper() and not isinstance(value, Member):
                 found.append(f"{module}.{name}={value!r}")
     return "\n".join(found)

@@ -15,7 +15,10 @@ from armgpi.arrays import Array
 from armgpi.gpi.family import Member
 from armgpi.gpi.gains import Tuning
 from armgpi.gpi.realisation import Bumpless
-from armgpi.gpi.two_mass import (
+from armgpi.robot.kinematics import random_configurations
+from armgpi.robot.robot import Robot
+from armgpi.robot.rotors import SCATTER, assume_gears, lowest_mode
+from armgpi.tuning.two_mass import (
     CURRENT_LOOP,
     ArmLoop,
     Gears,
@@ -25,10 +28,7 @@ from armgpi.gpi.two_mass import (
     gravity_stiffness,
     joint_laws,
 )
-from armgpi.gpi.two_mass import law as law_at
-from armgpi.robot.kinematics import random_configurations
-from armgpi.robot.robot import Robot
-from armgpi.robot.rotors import SCATTER, assume_gears, lowest_mode
+from armgpi.tuning.two_mass import law as law_at
 
 #: Largest sensitivity peak where the stiffness is told, and what is tried where none is as low. Where the
 #: stiffness is believed, or none of these can be had: which share of the fastest stable bandwidth is taken,
@@ -69,11 +69,13 @@ class Case(NamedTuple):
         q: configuration [rad or m], (n,).
         arm: the plant, sampled and late.
         judged: whether its sensitivity counts; else it has to be stable.
+        damping: ratio of the gears [-]; NaN where theirs is known, or they are rigid.
     """
 
     q: Array
     arm: ArmLoop
     judged: bool
+    damping: float = math.nan
 
 
 def is_known(robot: Robot) -> bool:
@@ -131,7 +133,8 @@ def cases(robot: Robot, dt: float, late: int, damping: float = DAMPINGS[1]) -> t
         usual = (DAMPINGS[0], damping) if np.isnan(told).any() else DAMPINGS[:1]
         for where, (k, each) in itertools.product(sides, enumerate(usual)):
             gears = gears._replace(damping=np.where(np.isnan(told), each, ratio), side=where)
-            found.append(Case(q, ArmLoop(robot, q, gears, dt, late), i == k == 0))
+            own_damping = each if np.isnan(told).any() else math.nan
+            found.append(Case(q, ArmLoop(robot, q, gears, dt, late), i == k == 0, own_damping))
     return tuple(found)
 
 
@@ -221,7 +224,13 @@ class Loops:
     """
 
     def __init__(
-        self, cases: Sequence[Case], nominal: Robot, bias: Robot | None, member: Member, dt: float
+        self,
+        cases: Sequence[Case],
+        nominal: Robot,
+        bias: Robot | None,
+        member: Member,
+        dt: float,
+        zeta: float | Array = 1.0,
     ) -> None:
         """Work out what the laws have in common.
 
@@ -231,8 +240,10 @@ class Loops:
             bias: model of a feedforward that is taken at the measured position; None for another one.
             member: of the family.
             dt: sample time [s].
+            zeta: damping ratio of the first pair of poles [-], a number or (n,).
         """
         self._realisation, self._dt, self.joints = Bumpless(member), dt, nominal.n
+        self._zeta = zeta * np.ones(nominal.n)
         at = {id(case.q): case.q for case in cases}
         steep = {i: None if bias is None else gravity_stiffness(bias, q) for i, q in at.items()}
         inertia = {i: nominal.mass_matrix(q) for i, q in at.items()}
@@ -273,7 +284,8 @@ class Loops:
         return max(loop.sensitivity(own) for loop in (*self._critical, *self._others))
 
     def _own(self, omega: float | Array) -> Law:
-        tuning = Tuning(omega * np.ones(self.joints), np.ones(self.joints), omega * np.ones(self.joints))
+        every = omega * np.ones(self.joints)
+        tuning = Tuning(every, self._zeta, every)
         return joint_laws(self._realisation, self._realisation.coefficients(tuning, self._dt), self.joints)
 
     def fastest(self, highest: float, most: float = math.inf) -> float:

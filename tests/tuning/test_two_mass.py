@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from armgpi import Robot
 from armgpi.arrays import Array
-from armgpi.gpi.two_mass import Gears, gravity_stiffness, plant
+from armgpi.tuning.two_mass import Gears, gravity_stiffness, plant
 
 ROTOR, STIFFNESS = np.array([0.4, 0.3, 0.1]), np.array([900.0, 700.0, 300.0])
 Q, DT = np.array([0.3, 0.7, -0.9]), 0.02

@@ -24,17 +24,18 @@ from armgpi import (
 )
 from armgpi.codegen.trace import Inventory, tracing
 from armgpi.errors import ArmgpiError, ArmgpiWarning, EffortError, ParameterError, PayloadError
-from armgpi.gpi import advice, untuned
+from armgpi.gpi import advice
 from armgpi.gpi.family import Member
 from armgpi.gpi.gains import Tuning
 from armgpi.gpi.margins import count_noise, crossovers, delay_margin, open_loop
-from armgpi.gpi.payload import DELAY_SHARE, LoadRange, plausible_load
+from armgpi.gpi.payload import DELAY_SHARE, LoadRange, most_inertia, plausible_load
 from armgpi.registry import Context
 from armgpi.robot import rotors
 from armgpi.robot.batch import VariedRobots
+from armgpi.tuning import rule
 
 ARM = Robot.load("anthropomorphic3")
-MEMBER = Member(untuned.INTEGRATORS, untuned.ROLLOFF, untuned.RATIO)
+MEMBER = Member(rule.INTEGRATORS, rule.ROLLOFF, rule.RATIO)
 
 
 def tuning(omega: float) -> Tuning:
@@ -46,10 +47,10 @@ def test_a_joint_is_as_fast_as_stiffness_and_delay_margin_allow(dt: float, delay
     law = GPI.auto(ARM, dt, delay=delay, bits=None)
     (omega,) = set(law.gains.nominal().omega_c)
     late = dt == 4e-3  # then lateness limits, and the roll-off is farther out
-    assert set(law.rolloff_ratio) == {untuned.LATE_RATIO if late else untuned.RATIO}
+    assert set(law.rolloff_ratio) == {rule.LATE_RATIO if late else rule.RATIO}
     loop = open_loop(tuning(omega), Member(1, 1, law.rolloff_ratio[0]))
     used = (
-        crossovers(loop).max() / untuned.CROSSOVER,
+        crossovers(loop).max() / rule.CROSSOVER,
         (1.5 * dt + delay) / delay_margin(loop) / DELAY_SHARE,
     )
     assert max(used) == pytest.approx(1.0)
@@ -67,16 +68,16 @@ def test_counts_make_no_more_noise_than_is_allowed(bits: int) -> None:
     law = GPI.auto(ARM, 1e-3, delay=1e-3, bits=bits)
     count = 2.0 * math.pi / 2**bits / math.sqrt(12.0)
     noise = [count * count_noise(tuning(omega), 1e-3, MEMBER).step for omega in law.gains.nominal().omega_c]
-    shares = untuned.most_inertia(ARM) * noise / untuned.usual_effort(ARM)[:, np.newaxis]
-    assert shares.max() < 1.1 * untuned.TORQUE_SHARE  # the noise is no exact cube of the bandwidth
+    shares = most_inertia(ARM) * noise / rule.usual_effort(ARM)[:, np.newaxis]
+    assert shares.max() < 1.1 * rule.TORQUE_SHARE  # the noise is no exact cube of the bandwidth
     free = GPI.auto(ARM, 1e-3, delay=1e-3, bits=None).gains.nominal().omega_c
     assert (law.gains.nominal().omega_c <= free).all()
-    assert shares.max() > 0.9 * untuned.TORQUE_SHARE or (law.gains.nominal().omega_c == free).all()
+    assert shares.max() > 0.9 * rule.TORQUE_SHARE or (law.gains.nominal().omega_c == free).all()
 
 
 def test_what_is_given_stays() -> None:
     law = GPI.auto(ARM, 1e-3, bits=16, gains=FixedGains(12.0), integrators=2, feedforward="none")
-    assert (law.integrators, law.rolloff, law.feedforward) == (2, untuned.ROLLOFF, "none")
+    assert (law.integrators, law.rolloff, law.feedforward) == (2, rule.ROLLOFF, "none")
     assert set(law.gains.nominal().omega_c) == {12.0}
     loaded = GPI.auto(ARM, 1e-3, bits=16, payload=(0.0, 0.2))
     assert loaded.payload.heaviest == 0.2
@@ -120,7 +121,7 @@ def test_one_count_moves_the_torque_by_what_is_said() -> None:
     torque = law.count_torque(16)
     omega = law.gains.nominal().omega_c
     own = [count_noise(tuning(w), 1e-3, MEMBER).at_once * 2.0 * math.pi / 2**16 for w in omega]
-    np.testing.assert_allclose(torque, (untuned.most_inertia(law.robot) * own).max(axis=1), rtol=1e-12)
+    np.testing.assert_allclose(torque, (most_inertia(law.robot) * own).max(axis=1), rtol=1e-12)
     with pytest.raises(ParameterError, match="a single Robot"):
         GPI.auto(RobotBatch([ARM, ARM]), 1e-3).count_torque(16)
 
@@ -229,7 +230,7 @@ def test_the_rule_s_numbers_decide_no_code(monkeypatch: pytest.MonkeyPatch) -> N
 
     before = structure()
     for name, value in {"CROSSOVER": 35.0, "TORQUE_SHARE": 0.002, "REST_ZONE": 1e-3, "RATIO": 5.0}.items():
-        monkeypatch.setattr(untuned, name, value)
+        monkeypatch.setattr(rule, name, value)
     assert structure() == before
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from armgpi import GPI, Robot, assume_drives
 from armgpi.cache import RESULTS, keep_result, read_result
-from armgpi.gpi import geared, kept, untuned
 from armgpi.gpi.payload import LoadRange
+from armgpi.tuning import geared, kept, rule, verdict
 
 DT = 1e-3
 UR5 = assume_drives(Robot.load("ur5"))
@@ -29,13 +29,13 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def computed(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Return a list that grows by every time the rule is worked out."""
     calls: list[Any] = []
-    own = untuned._chosen
+    own = rule._chosen
 
     def counted(*arguments: Any) -> Any:
         calls.append(arguments)
         return own(*arguments)
 
-    monkeypatch.setattr(untuned, "_chosen", counted)
+    monkeypatch.setattr(rule, "_chosen", counted)
     return calls
 
 
@@ -67,12 +67,12 @@ def test_what_was_kept_has_the_bits_of_what_is_worked_out(
     cache: Path, monkeypatch: pytest.MonkeyPatch, robot: Robot, given: dict[str, Any]
 ) -> None:
     calls = computed(monkeypatch)
-    plain, _ = untuned._chosen(robot, DT, DT, 16, given)
-    first = untuned.apply_rule(robot, DT, DT, 16, given)
+    plain, _ = rule._chosen(robot, DT, DT, 16, given)
+    first = rule.apply_rule(robot, DT, DT, 16, given).values
     assert len(calls) == 2
-    again = untuned.apply_rule(robot, DT, DT, 16, given)  # of the process
+    again = rule.apply_rule(robot, DT, DT, 16, given).values  # of the process
     kept.forget()
-    from_disk = untuned.apply_rule(robot, DT, DT, 16, given)
+    from_disk = rule.apply_rule(robot, DT, DT, 16, given).values
     assert len(calls) == 2
     assert len(list(cache.glob("*.json"))) == 1
     for other in (first, again, from_disk):
@@ -81,10 +81,10 @@ def test_what_was_kept_has_the_bits_of_what_is_worked_out(
 
 def test_a_verdict_is_kept_too(cache: Path) -> None:
     law = GPI.auto(MOTOR, DT, delay=DT)
-    first = untuned.verdict(law, MOTOR, 16)
+    first = verdict.verdict(law, MOTOR, 16)
     kept.forget()
     # As text, which has all digits: some numbers are NaN.
-    assert repr(untuned.verdict(law, MOTOR, 16)) == repr(first) == repr(untuned._verdict(law, MOTOR, 16))
+    assert repr(verdict.verdict(law, MOTOR, 16)) == repr(first) == repr(verdict._verdict(law, MOTOR, 16))
     assert isinstance(first.limits, tuple)
 
 
@@ -93,7 +93,7 @@ def test_another_arm_loop_or_constant_is_worked_out_anew(
     cache: Path, monkeypatch: pytest.MonkeyPatch, change: str
 ) -> None:
     calls = computed(monkeypatch)
-    untuned.apply_rule(UR5, DT, DT, 16)
+    rule.apply_rule(UR5, DT, DT, 16)
     given: dict[str, Any] = {}
     robot, delay, bits = UR5, DT, 16
     if change == "mass":
@@ -108,7 +108,7 @@ def test_another_arm_loop_or_constant_is_worked_out_anew(
         monkeypatch.setattr(geared, "STABLE_SHARE", 0.8)
     else:
         given = {"rest_dead_zone": 0.0}
-    untuned.apply_rule(robot, delay=delay, dt=DT, bits=bits, given=given)
+    rule.apply_rule(robot, delay=delay, dt=DT, bits=bits, given=given)
     assert len(calls) == 2
 
 
@@ -124,12 +124,12 @@ def test_another_arm_loop_or_constant_is_worked_out_anew(
     ids=["empty", "cut", "changed", "bytes", "not-json"],
 )
 def test_a_damaged_file_is_ignored_and_written_anew(cache: Path, damage: Any) -> None:
-    first = untuned.apply_rule(UR5, DT, DT, 16)
+    first = rule.apply_rule(UR5, DT, DT, 16).values
     (file,) = cache.glob("*.json")
     whole = file.read_bytes()
     file.write_bytes(damage(whole))
     kept.forget()
-    assert same(first, untuned.apply_rule(UR5, DT, DT, 16))
+    assert same(first, rule.apply_rule(UR5, DT, DT, 16).values)
     assert file.read_bytes() == whole
 
 
@@ -137,20 +137,20 @@ def test_without_a_cache_the_rule_is_worked_out(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setenv("ARMGPI_CACHE", "/dev/null")
     kept.forget()
     calls = computed(monkeypatch)
-    first = untuned.apply_rule(UR5, DT, DT, 16)
+    first = rule.apply_rule(UR5, DT, DT, 16).values
     kept.forget()
-    assert same(first, untuned.apply_rule(UR5, DT, DT, 16))
+    assert same(first, rule.apply_rule(UR5, DT, DT, 16).values)
     assert len(calls) == 2
     keep_result("0" * 32, 1.0)
     assert read_result("0" * 32) is None
 
 
 def test_a_cache_that_others_can_write_is_not_read(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    untuned.apply_rule(UR5, DT, DT, 16)
+    rule.apply_rule(UR5, DT, DT, 16)
     cache.chmod(0o777)
     kept.forget()
     calls = computed(monkeypatch)
-    untuned.apply_rule(UR5, DT, DT, 16)
+    rule.apply_rule(UR5, DT, DT, 16)
     assert len(calls) == 1
 
 
@@ -158,6 +158,6 @@ def test_a_result_is_no_library(cache: Path) -> None:
     """A process without compiled code learns from the cache that there is none."""
     from armgpi.codegen import build
 
-    untuned.apply_rule(UR5, DT, DT, 16)
+    rule.apply_rule(UR5, DT, DT, 16)
     assert len(list(cache.glob("*.json"))) == 1
     assert build.none_known() or build._loaded

@@ -1,0 +1,66 @@
+"""What there is to say of what the rule chose: findings, which who asked the rule shows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.errors import Finding
+from armgpi.gpi.margins import SLOWEST_DEFAULT
+from armgpi.robot.robot import Robot
+from armgpi.robot.rotors import told_none
+
+#: Arms of a batch that a warning names at most.
+_SHOWN = 8
+
+
+def untuned_arm(robot: Robot, chosen: Mapping[str, Any], rigid: bool) -> Iterator[Finding]:
+    """Find what will go wrong with an arm under what the rule for untuned arms chose.
+
+    Args:
+        robot: nominal model.
+        chosen: from :func:`armgpi.tuning.rule.apply_rule`.
+        rigid: whether gears are taken as rigid; soft ones make a loop slow by themselves.
+    """
+    omega: Array | None = chosen.get("omega_c") if rigid else None
+    if omega is not None and omega[j := int(np.argmin(omega))] < SLOWEST_DEFAULT:
+        name = robot.joint_names[j]
+        message = (
+            f"sample time, delay and encoders leave joint {name!r} {omega[j]:.3g} rad/s, which is slow: "
+            f"below {SLOWEST_DEFAULT:g} rad/s an arm tracks badly"
+        )
+        repair = "use a shorter sample time, or finer encoders"
+        yield Finding("warning", f"joint {name!r}", message, float(omega[j]), SLOWEST_DEFAULT, repair)
+    if names := told_none(robot):
+        message = (
+            f"{', '.join(names)}: specified to have no rotor; a geared motor at such a joint makes the "
+            "loop unstable, at a light wrist from 0.05 kg m^2 on"
+        )
+        yield Finding("warning", "joints", message, repair="specify its rotor inertia, or let it be assumed")
+
+
+def mixed_batch(kinds: Sequence[str]) -> Iterator[Finding]:
+    """Find arms of a batch that would have controllers of different structures alone.
+
+    Args:
+        kinds: the kind of controller that each arm has alone, in words.
+    """
+    rows: dict[str, list[int]] = {}
+    for k, kind in enumerate(kinds):
+        rows.setdefault(kind, []).append(k)
+    said = "; ".join(f"{kind}: arms {_numbered(own)}" for kind, own in rows.items())
+    message = (
+        f"the {len(kinds)} arms of the batch would have different controllers alone ({said}); a batch has "
+        "one structure, so all of them get the controller for elastic joints, which is slower than some need"
+    )
+    repair = "make a RobotBatch of the arms of each kind"
+    yield Finding("warning", "robot", message, len(rows), 1, repair)
+
+
+def _numbered(rows: Sequence[int]) -> str:
+    """Return the numbers of some arms, the first few of many."""
+    shown = ", ".join(map(str, rows[:_SHOWN]))
+    return shown if len(rows) <= _SHOWN else f"{shown} and {len(rows) - _SHOWN} more"

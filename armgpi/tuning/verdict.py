@@ -1,0 +1,191 @@
+"""What a controller tolerates on an arm, and what limits its bandwidth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi.gpi.gains import Tuning
+from armgpi.gpi.margins import crossovers, delay_margins, loops
+from armgpi.gpi.payload import DELAY_SHARE, late
+from armgpi.robot.robot import Robot
+from armgpi.tuning import collocated, geared, kept, two_mass
+from armgpi.tuning.rule import CROSSOVER, checked_bits, quietness, samples_late, usual_effort
+
+#: Share of a limit from which on it is reached: numbers are found to within some percent.
+_REACHED = 0.95
+#: Damping ratios of the joints that are tried where loops are not stable at the least usual one [-].
+_TRIED_DAMPINGS = (0.015, 0.02, 0.03, 0.05, 0.1)
+#: What may limit the bandwidth of a joint, in words.
+LIMITS: Mapping[str, str] = {
+    "gears": "joint elasticity",
+    "noise": "encoder counts",
+    "delay": "delay",
+    "rotors": "rotors that are light beside the links",
+    "load": "the range of payloads",
+    "crossover": "the highest bandwidth of the rule",
+}
+#: Values of the peak sensitivity that controllers usually have (Astrom and Murray, Feedback Systems, 2008).
+USUAL_SENSITIVITY = "usual: 1.2 to 2"
+
+
+class Verdict(NamedTuple):
+    """What a law made by the rule bears, and why it is no faster.
+
+    Attributes:
+        limits: joint by joint what limits the bandwidth, a key of :data:`LIMITS`.
+        sensitivity: largest peak Ms over configurations and what is known of the gears; infinite where a loop
+            is unstable.
+        spare: delay margin, beyond the delay that there is [s].
+        resonance: lowest one of gears as known or believed, in the middle [Hz]; NaN for rigid ones.
+        borne: of rigid ones, the lowest that the law would bear with Ms of at most 3 [Hz]; else NaN.
+        usual: of rigid ones, the lowest that gears of such motors have [Hz]; else NaN.
+        loops: how many of the loops that are looked at are unstable, and how many there are.
+        damping: where some are, the least damping ratio of the joints with which none is [-], of
+            :data:`_TRIED_DAMPINGS`; infinite where there is none, NaN where the damping is known.
+    """
+
+    limits: tuple[str, ...]
+    sensitivity: float
+    spare: float
+    resonance: float
+    borne: float
+    usual: float
+    loops: tuple[int, int] = (0, 0)
+    damping: float = math.nan
+
+    def describe(self) -> str:
+        """Return it in a line."""
+        names = dict.fromkeys(sorted(self.limits, key=self.limits.count)[::-1])
+        said = "limited by " + " and ".join(LIMITS[name] for name in names)
+        if math.isfinite(self.sensitivity):
+            said += (
+                f"; Ms {self.sensitivity:.2f} ({USUAL_SENSITIVITY}), delay margin {1e3 * self.spare:.3g} ms"
+            )
+        else:
+            said += f"; not stable over the whole range of the joint stiffness{self._unstable()}"
+        if math.isfinite(self.resonance):
+            said += f", lowest resonance {self.resonance:.3g} Hz"
+        if math.isfinite(self.borne) and self.borne > self.usual:
+            said += (
+                f"; stiff joints are assumed: a resonance below {self.borne:.3g} Hz may be unstable, "
+                f"and such motors have some {self.usual:.2g} Hz: --drives elastic, or specify stiffness by "
+                "--drives FILE"
+            )
+        return said
+
+    def _unstable(self) -> str:
+        """Return in words which loops are unstable, and with which damping of the joints none is."""
+        unstable, count = self.loops
+        if not unstable:
+            return ""
+        said = f" ({unstable} of {count} loops are unstable"
+        if math.isfinite(self.damping):
+            said += f"; none with a damping ratio of the joints of {100.0 * self.damping:.2g} % or more"
+        elif math.isinf(self.damping):
+            said += f", some also with a damping ratio of the joints of {100.0 * _TRIED_DAMPINGS[-1]:.2g} %"
+        return f"{said}; usual are 1 to 5 %: sample faster, or specify stiffness and damping)"
+
+    def explain(self, joint_names: Sequence[str]) -> str:
+        """Return in a line what limits each joint.
+
+        Args:
+            joint_names: of the arm.
+        """
+        rows: dict[str, list[str]] = {}
+        for joint, limit in zip(joint_names, self.limits, strict=True):
+            rows.setdefault(limit, []).append(joint)
+        said = (f"{LIMITS[limit]} ({', '.join(joints)})" for limit, joints in rows.items())
+        return "limits by joint: " + ", ".join(said)
+
+
+def verdict(law: Any, robot: Robot, bits: Any = None) -> Verdict:
+    """Return what a law bears on an arm.
+
+    Args:
+        law: a GPI with fixed gains, for one arm.
+        robot: the arm as it is known.
+        bits: resolution of the encoders [bits], a number or (n,); None for exact positions.
+    """
+    depends = {
+        "robot": robot,
+        "bits": bits,
+        "models": [law.robot, law.bias_robot],
+        "loop": [law.dt, law.delay, law.feedforward, law.link_factor, law.rotor_factor],
+        "tuning": law.gains.nominal(),
+        "member": [law.member.integrators, law.member.rolloff, *law.member.ratios],
+        "payload": None if law.payload is None else [law.payload.nominal, law.payload.delta],
+    }
+    plain = kept.remember("verdict", depends, lambda: list(_verdict(law, robot, bits)))
+    found = Verdict(*plain)
+    return found._replace(limits=tuple(found.limits), loops=(found.loops[0], found.loops[1]))
+
+
+def _verdict(law: Any, robot: Robot, bits: Any) -> Verdict:
+    """Work out what :func:`verdict` returns."""
+    soft, late = geared.is_known(robot), samples_late(law.dt, law.delay)
+    every = geared.cases(robot, law.dt, late) if soft else geared.rigid_cases(robot, law.dt, late)
+    pairs = [(case, two_mass.law(law, case.q)) for case in every]
+    judged = [(case.arm, own) for case, own in pairs if case.judged]
+    sensitivity, spare, damping = math.inf, 0.0, math.nan
+    unstable = sum(case.arm.growth(own) >= 1.0 for case, own in pairs)
+    if not unstable:
+        sensitivity = max(arm.sensitivity(own) for arm, own in judged)
+        spare = min(arm.delay_margin(own) for arm, own in judged)
+    elif soft and not math.isnan(every[0].damping):
+        damping = _least_damping(law, robot, late)
+    resonance, borne, usual = (math.nan,) * 3
+    if soft:
+        resonance = geared.resonance(robot)
+    elif robot.armature.any():
+        borne, usual = geared.borne(law, robot, late)
+    limits = _limits_of(law, robot, soft, bits)
+    return Verdict(limits, sensitivity, spare, resonance, borne, usual, (unstable, len(pairs)), damping)
+
+
+def _least_damping(law: Any, robot: Robot, late: int) -> float:
+    """Return the least damping ratio of the joints at which all loops are stable [-]; infinite for none."""
+    for ratio in _TRIED_DAMPINGS:
+        cases = [case for case in geared.cases(robot, law.dt, late, ratio) if case.damping == ratio]
+        if all(case.arm.growth(two_mass.law(law, case.q)) < 1.0 for case in cases):
+            return ratio
+    return math.inf
+
+
+def _limits_of(law: Any, robot: Robot, soft: bool, bits: Any) -> tuple[str, ...]:
+    """Return joint by joint what limits the bandwidth of a law, as the rule that made it says."""
+    if law.link_factor != 1.0 and isinstance(law.robot, Robot):
+        counts = None if bits is None else robot.encoder_count(checked_bits(bits))
+        late_by = samples_late(law.dt, law.delay)
+        carried = robot if law.payload is None else law.payload.nominal
+        numbers = collocated.choose(robot, carried, law.dt, late_by, counts, usual_effort(robot))
+        if numbers is not None:
+            return numbers.limits
+    return _what_limits(law, soft, bits)
+
+
+def _what_limits(law: Any, soft: bool, bits: Any) -> tuple[str, ...]:
+    """Return joint by joint what limits the bandwidth of a law: of what it takes the largest share."""
+    tuning, own, n = law.gains.nominal(), law.member, law.robot.n
+    omega = tuning.omega_c * np.ones(n)
+    loaded = 1.0 if law.payload is None else law.payload.delta[1]
+    margin = delay_margins(tuning, own) * np.ones(n)
+    unit = np.ones(1)
+    crossover = max(float(crossovers(loop).max()) for loop in loops(Tuning(unit, unit, unit), own))
+    shares = {
+        "crossover": omega * crossover / CROSSOVER,
+        "delay": late(law.dt, law.delay) / (DELAY_SHARE * margin),
+        "load": late(law.dt, law.delay) / (DELAY_SHARE * delay_margins(tuning, own, loaded) * np.ones(n)),
+        "noise": 0.0 * omega
+        if bits is None
+        else 1.0 / quietness(law.robot, law.dt, own, omega, bits, not own.rolloff),
+    }
+    names, rows = list(shares), np.stack(list(shares.values()))
+    most = [names[i] for i in rows.argmax(axis=0)]
+    return tuple(
+        "gears" if soft and share < _REACHED else name
+        for name, share in zip(most, rows.max(axis=0), strict=True)
+    )
