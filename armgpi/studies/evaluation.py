@@ -81,65 +81,86 @@ class Evaluator:
         Raises:
             ArmgpiError: of the first one, when none does.
         """
-        found, first = [], None
+        sound: list[int] = []
+        first_error: ArmgpiError | None = None
         for index, candidate in enumerate(candidates):
             try:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore", ArmgpiWarning)
-                    for _, group in self._groups:
-                        controller(with_keys(section, candidate), stack_draws(group[:1]).context)
-                found.append(index)
+                self._make(with_keys(section, candidate))
             except ArmgpiError as error:
-                first = first or error
-        if first is not None and not found:
-            raise first
-        return found
+                first_error = first_error or error
+            else:
+                sound.append(index)
+        if first_error is not None and not sound:
+            raise first_error
+        return sound
+
+    def _make(self, section: Mapping[str, Any]) -> None:
+        """Make a controller for the first scenario of each group, to see whether it can be made.
+
+        Raises:
+            ArmgpiError: when it cannot.
+        """
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ArmgpiWarning)
+            for _, group in self._groups:
+                controller(section, stack_draws(group[:1]).context)
 
     def _run(
         self, place: int, section: Mapping[str, Any], candidates: Sequence[Mapping[str, Any]]
     ) -> tuple[dict[str, Array], Array]:
         """Return metrics of candidates on a group of scenarios, and where they diverged."""
-        group, count = self._groups[place][1], len(candidates)
+        _, group = self._groups[place]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ArmgpiWarning)
-            key = (place, count, repr(section), tuple(candidates[0]))
-            if key not in self._loops:
-                # What some keys are given as decides what there is to vary: a box, weights.
-                law = with_keys(section, candidates[0])
-                self._loops[key] = prepare_draws(group * count, law, record="metrics", backend=self.backend)
-            loop = self._loops[key]
+            loop = self._loop(place, section, candidates)
             rollout = in_rows(loop.run(by_rollout(candidates, len(group), loop)))
-        known, shape = metrics.declared(), (count, len(group))
-        found = {
-            name: known[name].of_arm(rollout[name].transpose("rollout", "joint").values).reshape(shape)
-            for name in self.names
-        }
-        return found, (rollout["status"].values == Status.DIVERGED).reshape(shape)
+        shape = (len(candidates), len(group))
+        declared = metrics.declared()
+        values = {}
+        for name in self.names:
+            of_joints = rollout[name].transpose("rollout", "joint").values
+            values[name] = declared[name].of_arm(of_joints).reshape(shape)
+        return values, (rollout["status"].values == Status.DIVERGED).reshape(shape)
+
+    def _loop(
+        self, place: int, section: Mapping[str, Any], candidates: Sequence[Mapping[str, Any]]
+    ) -> PreparedLoop:
+        """Return the prepared loop of a group of scenarios for so many candidates; each is prepared once."""
+        _, group = self._groups[place]
+        count = len(candidates)
+        key = (place, count, repr(section), tuple(candidates[0]))
+        if key not in self._loops:
+            # What some keys are given as decides what there is to vary: a box, weights.
+            law = with_keys(section, candidates[0])
+            self._loops[key] = prepare_draws(group * count, law, record="metrics", backend=self.backend)
+        return self._loops[key]
 
 
 def with_keys(section: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
     """Return a section with other values of some keys; those of groups have a dot."""
-    made = copy.deepcopy(dict(section))
+    changed = copy.deepcopy(dict(section))
     for key, value in values.items():
-        keys.put(made, keys.path_of(key), value)
-    return made
+        keys.put(changed, keys.path_of(key), value)
+    return changed
 
 
 def by_rollout(candidates: Sequence[Mapping[str, Any]], scenarios: int, loop: PreparedLoop) -> dict[str, Any]:
     """Return values of a prepared loop: those of each candidate on all scenarios, one after the other."""
-    n = loop.loop.plant.robot.n
-
-    def rows(values: Sequence[Any], rank: int) -> Any:
-        if isinstance(values[0], Mapping):
-            return tuple(rows([value[end] for value in values], rank) for end in ("lower", "upper"))
-        array = np.array(values, dtype=np.float64)
-        if array.ndim < rank and rank == 3:  # weights that all joints share
-            array = np.broadcast_to(array[:, None], (len(values), n, array.shape[-1]))
-        return np.repeat(array, scenarios, axis=0)
-
-    found = {}
+    joints = loop.loop.plant.robot.n
+    values = {}
     for key in candidates[0]:
         name = f"controller.{key}"
-        rank = 3 if loop.parameters[name].declared.kind == "table" else 1
-        found[name] = rows([candidate[key] for candidate in candidates], rank)
-    return found
+        is_table = loop.parameters[name].declared.kind == "table"
+        values[name] = _rows([candidate[key] for candidate in candidates], scenarios, joints, is_table)
+    return values
+
+
+def _rows(values: Sequence[Any], scenarios: int, joints: int, is_table: bool) -> Any:
+    """Return a key's values of all candidates, a row for each rollout; a pair of them for a box."""
+    if isinstance(values[0], Mapping):
+        ends = ([value[end] for value in values] for end in ("lower", "upper"))
+        return tuple(_rows(end, scenarios, joints, is_table) for end in ends)
+    array = np.array(values, dtype=np.float64)
+    if is_table and array.ndim < 3:  # weights that all joints share
+        array = np.broadcast_to(array[:, None], (len(values), joints, array.shape[-1]))
+    return np.repeat(array, scenarios, axis=0)

@@ -12,6 +12,7 @@ import numpy as np
 import yaml
 
 from armgpi import files
+from armgpi.arrays import Array
 from armgpi.config import experiment as experiments
 from armgpi.errors import RolloutError
 from armgpi.escape import csv_table, markdown_table
@@ -38,63 +39,76 @@ def enter(folder: Path, wanted: Wanted, resume: bool, accept_code: bool = False)
     return study
 
 
-def finish(
-    folder: Path, wanted: Wanted, search: Search, found: Sequence[Validated], given: Row
-) -> list[Path]:
+def finish(folder: Path, wanted: Wanted, search: Search, best: Sequence[Validated], given: Row) -> list[Path]:
     """Write what was found.
+
+    Args:
+        folder: of the study.
+        wanted: what the search was asked for.
+        search: the search, ended.
+        best: the best candidate of each budget, on the held-out scenarios too.
+        given: the controller of the file on the held-out scenarios.
 
     Returns:
         The paths of the files.
     """
     contents: dict[str, str | bytes] = {
-        "front.csv": front_table(search, found),
-        "gains.csv": gains_table(search, found),
+        "front.csv": front_table(search, best),
+        "gains.csv": gains_table(search, best),
         "evaluations.csv": evaluations_table(search),
-        "report.md": report(search, found, given),
+        "report.md": report(search, best, given),
     }
-    for each in found:
-        text, copied = experiments.portable(best_file(wanted, each.row.x).config)
-        contents |= {f"{_column(each.budget)}.yaml": text, **copied}
-    if found:  # the one in the middle of the front
-        contents["best.yaml"] = contents[f"{_column(found[len(found) // 2].budget)}.yaml"]
+    for validated in best:
+        text, copied = experiments.portable(best_file(wanted, validated.row.x).config)
+        contents[f"{_column(validated.budget)}.yaml"] = text
+        contents.update(copied)
+    if best:
+        middle_of_front = best[len(best) // 2]
+        contents["best.yaml"] = contents[f"{_column(middle_of_front.budget)}.yaml"]
     return [files.write(folder / name, content) for name, content in contents.items()]
 
 
 def front(search: Search) -> list[Row]:
     """Return the candidates of the search that no other beats in both costs, by what they spend."""
     against = search.problem.against
-    found: list[Row] = []
-    for row in sorted(search.rank(), key=lambda row: (row.means[against], row.objective)):
-        if not found or row.objective < found[-1].objective:
-            found.append(row)
-    return found
+    by_spending = sorted(search.rank(), key=lambda row: (row.means[against], row.objective))
+    unbeaten: list[Row] = []
+    for row in by_spending:
+        if not unbeaten or row.objective < unbeaten[-1].objective:
+            unbeaten.append(row)
+    return unbeaten
 
 
-def front_table(search: Search, found: Sequence[Validated]) -> str:
+def front_table(search: Search, best: Sequence[Validated]) -> str:
     """Return the front as CSV; what was validated has its values on the held-out scenarios as well."""
     problem, against = search.problem, search.problem.against
-    held = {each.row.x.tobytes(): each.held_out for each in found}
     head = ["objective", against, "held_out_objective", f"held_out_{against}", *problem.space.names]
+    held_out = {validated.row.x.tobytes(): validated.held_out for validated in best}
+    candidates = {row.x.tobytes(): row for row in front(search)}
+    for validated in best:
+        candidates[validated.row.x.tobytes()] = validated.row
     rows: list[list[Any]] = []
-    every = {row.x.tobytes(): row for row in (*front(search), *(each.row for each in found))}
-    for row in sorted(every.values(), key=lambda row: row.means[against]):
-        other = held.get(row.x.tobytes())
-        seen = ["", ""] if other is None else [other.objective, other.means[against]]
-        rows.append([row.objective, row.means[against], *seen, *problem.space.values(row.x).tolist()])
+    for row in sorted(candidates.values(), key=lambda row: row.means[against]):
+        on_others = held_out.get(row.x.tobytes())
+        seen = ["", ""] if on_others is None else [on_others.objective, on_others.means[against]]
+        numbers = problem.space.values(row.x).tolist()
+        rows.append([row.objective, row.means[against], *seen, *numbers])
     return csv_table(head, rows)
 
 
-def gains_table(search: Search, found: Sequence[Validated]) -> str:
+def gains_table(search: Search, best: Sequence[Validated]) -> str:
     """Return what was searched, number by number and joint by joint, against what it was before."""
     space = search.problem.space
-    head = ["number", "joint", "default", *(_column(each.budget) for each in found), "low", "high"]
-    starts = [each.start for each in space.dimensions]
-    columns = np.transpose([starts, *(space.values(each.row.x) for each in found)]).tolist()
+    head = ["number", "joint", "default"]
+    columns = [np.array([dimension.start for dimension in space.dimensions])]
+    for validated in best:
+        head.append(_column(validated.budget))
+        columns.append(space.values(validated.row.x))
     rows = []
-    for each, values in zip(space.dimensions, columns, strict=True):
-        joint = "all" if each.joint is None else space.joints[each.joint]
-        rows.append([each.name, joint, *values, float(each.low), float(each.high)])
-    return csv_table(head, rows)
+    for dimension, values in zip(space.dimensions, np.transpose(columns).tolist(), strict=True):
+        joint = "all" if dimension.joint is None else space.joints[dimension.joint]
+        rows.append([dimension.name, joint, *values, float(dimension.low), float(dimension.high)])
+    return csv_table([*head, "low", "high"], rows)
 
 
 def _column(budget: float) -> str:
@@ -104,69 +118,87 @@ def _column(budget: float) -> str:
 
 def evaluations_table(search: Search) -> str:
     """Return every candidate as CSV, with the best objective so far for every budget."""
-    names, space = search.problem.names, search.problem.space
-    best = map(_column, search.problem.budgets)
-    head = ["generation", "search", "objective", "failed", "violation", *names, *space.names]
+    metric_names, space = search.problem.names, search.problem.space
+    head = ["generation", "search", "objective", "failed", "violation", *metric_names, *space.names]
+    head += [f"x {name}" for name in space.names]
+    head += [_column(budget) for budget in search.problem.budgets]
     rows = []
-    for row, so_far in zip(search.rows, convergence(search).T, strict=True):
-        numbers = (row.objective, row.failed, row.violation, *(row.means[name] for name in names))
-        values = (*numbers, *space.values(row.x), *row.x, *so_far)
-        rows.append([row.generation, row.search, *map(float, values)])
-    return csv_table([*head, *(f"x {name}" for name in space.names), *best], rows)
+    for row, best_so_far in zip(search.rows, convergence(search).T, strict=True):
+        numbers = [row.objective, row.failed, row.violation]
+        numbers += [row.means[name] for name in metric_names]
+        numbers += [*space.values(row.x), *row.x, *best_so_far]
+        rows.append([row.generation, row.search, *(float(number) for number in numbers)])
+    return csv_table(head, rows)
 
 
-def convergence(search: Search) -> Any:
+def convergence(search: Search) -> Array:
     """Return the best objective after each candidate for every budget, (budgets, candidates)."""
     against = search.problem.against
-    values = [
-        [row.objective if row.sound and row.means[against] <= budget else math.inf for row in search.rows]
-        for budget in search.problem.budgets
-    ]
-    return np.minimum.accumulate(np.array(values), axis=1)
+    objectives = np.full((len(search.problem.budgets), len(search.rows)), np.inf)
+    for i, budget in enumerate(search.problem.budgets):
+        for k, row in enumerate(search.rows):
+            if row.sound and row.means[against] <= budget:
+                objectives[i, k] = row.objective
+    return np.minimum.accumulate(objectives, axis=1)
 
 
-def report(search: Search, found: Sequence[Validated], given: Row) -> str:
+def report(search: Search, best: Sequence[Validated], given: Row) -> str:
     """Return what was found as Markdown."""
     problem, against = search.problem, search.problem.against
-    fit, held = len(problem.search.draws), len(problem.held_out.draws)
+    searched_on, held_out = len(problem.search.draws), len(problem.held_out.draws)
     head = (
-        *("", f"{problem.objective.expression.text}, {fit} scenarios", f"{against}, {fit} scenarios"),
-        *(f"the same, {held} held out", f"{against}, held out"),
+        "",
+        f"{problem.objective.expression.text}, {searched_on} scenarios",
+        f"{against}, {searched_on} scenarios",
+        f"the same, {held_out} held out",
+        f"{against}, held out",
     )
     lines = [("default", *_cells(search.rows[0], given, against))]
-    for each in found:
-        name = "best" if math.isinf(each.budget) else f"best, {against} up to {each.budget:g}"
-        lines.append((name, *_cells(each.row, each.held_out, against)))
-    missing = len(problem.budgets) - len(found)
-    remark = ""
-    if missing and math.isinf(problem.budgets[0]):
+    for validated in best:
+        name = "best" if math.isinf(validated.budget) else f"best, {against} up to {validated.budget:g}"
+        lines.append((name, *_cells(validated.row, validated.held_out, against)))
+    return f"{len(search.rows)} candidates.\n\n{markdown_table(head, lines)}{_without_best(search, best)}"
+
+
+def _without_best(search: Search, best: Sequence[Validated]) -> str:
+    """Return a remark about budgets that no candidate holds for; empty where each has one."""
+    budgets = search.problem.budgets
+    missing = len(budgets) - len(best)
+    if not missing:
+        return ""
+    if math.isinf(budgets[0]):
         where = "held-out scenarios" if search.rank() else "scenarios that were searched on"
-        remark = f"\nNo candidate holds on the {where}: there is no best one.\n"
-    elif missing:
-        remark = f"\nFor {missing} of the budgets no candidate holds.\n"
-    return f"{len(search.rows)} candidates.\n\n{markdown_table(head, lines)}{remark}"
+        return f"\nNo candidate holds on the {where}: there is no best one.\n"
+    return f"\nFor {missing} of the budgets no candidate holds.\n"
 
 
-def as_data(search: Search, found: Sequence[Validated], given: Row) -> dict[str, Any]:
+def as_data(search: Search, best: Sequence[Validated], given: Row) -> dict[str, Any]:
     """Return the same as plain data: the default and what was found, searched on and held out."""
-
-    def plain(row: Row) -> dict[str, Any]:
-        return {**row._asdict(), "x": row.x.tolist()}
-
-    rows = [
-        {"budget": each.budget, "searched": plain(each.row), "held_out": plain(each.held_out)}
-        for each in found
-    ]
-    default = {"searched": plain(search.rows[0]), "held_out": plain(given)}
+    rows = []
+    for validated in best:
+        row = {
+            "budget": validated.budget,
+            "searched": _plain(validated.row),
+            "held_out": _plain(validated.held_out),
+        }
+        rows.append(row)
+    default = {"searched": _plain(search.rows[0]), "held_out": _plain(given)}
     return {"candidates": len(search.rows), "default": default, "found": rows}
+
+
+def _plain(row: Row) -> dict[str, Any]:
+    """Return a candidate as plain data."""
+    return {**row._asdict(), "x": row.x.tolist()}
 
 
 def _cells(row: Row, held_out: Row, against: str) -> list[str]:
     """Return the values of a candidate on both sets of scenarios."""
     cells = []
-    for each in (row, held_out):
-        worth = metrics.short(each.objective) + ("" if each.sound else " (breaks a constraint)")
-        if each.failed:
-            worth = f"fails in {100.0 * each.failed:.0f} %"
-        cells += [worth, metrics.short(each.means[against])]
+    for outcome in (row, held_out):
+        worth = metrics.short(outcome.objective)
+        if not outcome.sound:
+            worth += " (breaks a constraint)"
+        if outcome.failed:
+            worth = f"fails in {100.0 * outcome.failed:.0f} %"
+        cells += [worth, metrics.short(outcome.means[against])]
     return cells

@@ -19,10 +19,20 @@ from armgpi.studies.sample import Sweep
 from armgpi.viewing import page, report
 from armgpi.viewing.drawing import LINE, Drawing, figure
 
-#: Bars of a histogram; size of a picture, and room for words below it [px].
-_BARS, _WIDTH, _HEIGHT, _BELOW = 40, 300, 92, 18
-#: Colours: a bar, one of what has failed.
-_BAR, _BAD = "#4878a8", "#c44e52"
+#: Bars of a histogram.
+_BARS = 40
+#: Width of a picture [px].
+_WIDTH = 300
+#: Height of a picture [px].
+_HEIGHT = 92
+#: Room for words below it [px].
+_BELOW = 18
+#: Colour of a bar.
+_BAR = "#4878a8"
+#: Colour of a bar of what has failed.
+_BAD = "#c44e52"
+#: A histogram has a logarithmic scale where the largest value is more than so many times the smallest.
+_DECADES = 100.0
 
 
 def html(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any], unseen: str = "") -> str:
@@ -37,37 +47,26 @@ def html(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any], unseen: str =
     Raises:
         MissingPackage: when trimesh is not installed.
     """
-    i = int(worst(found, 1)[0])
-    row = {name: float(found[f"drawn.{name}"].values[i]) for name in sweep.drawn_names}
-    config = sweep.config_of(row, int(found["rollout"].values[i]))
+    worst_row = int(worst(found, 1)[0])
+    worst_index = int(found["rollout"].values[worst_row])
+    drawn = {name: float(found[f"drawn.{name}"].values[worst_row]) for name in sweep.drawn_names}
+    config = sweep.config_of(drawn, worst_index)
     experiment = build(config)
     rollout = experiments.join({sweep.label: experiments.run(experiment, sweep.label, progress=False)})
-    quantiles = [
-        [heading(sweep, name), *(quantile_words(said["quantiles"][name][str(share)]) for share in QUANTILES)]
-        for name in sweep.metrics
-    ]
-    head = ["metric of the arm", *(f"{100 * share:g} %" for share in QUANTILES)]
-    failures = [
-        "<h3>Share of failures by what was drawn</h3>",
-        _figures(
-            (_map(rows), _heading_of(sweep, name)) for name, rows in said["failure by what was drawn"].items()
-        ),
-        _figures(
-            (_square(pair["parts"]), " × ".join(_heading_of(sweep, name) for name in pair["of"]))
-            for pair in said["failure by two of them"]
-        ),
-    ]
-    if not found["failed"].values.any():
-        failures = ["<p>No rollout failed, so there is no chart of failures.</p>"]
-    parts = [
-        f"<p class=fair>{page.text(unseen)}</p>" if unseen else "",
+    parts = []
+    if unseen:
+        parts.append(f"<p class=fair>{page.text(unseen)}</p>")
+    parts += [
         page.bullets([*sentences(said), f"A rollout has failed that {failure_words(sweep)}."]),
-        page.table(head, quantiles, label="Quantiles of the metrics with 95 % intervals"),
+        _quantiles(sweep, said),
         "<h3>Distribution of every metric</h3>",
         _figures((_histogram(of_arm(found, name)), heading(sweep, name)) for name in sweep.metrics),
-        *failures,
-        f"<p>Rollout {int(found['rollout'].values[i])}, the worst, is the one that is played and below.</p>",
     ]
+    if found["failed"].values.any():
+        parts += _failures(sweep, said)
+    else:
+        parts.append("<p>No rollout failed, so there is no chart of failures.</p>")
+    parts.append(f"<p>Rollout {worst_index}, the worst, is the one that is played and below.</p>")
     return report.build(
         rollout,
         experiment.robot,
@@ -77,11 +76,34 @@ def html(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any], unseen: str =
     )
 
 
+def _quantiles(sweep: Sweep, said: Mapping[str, Any]) -> str:
+    """Return the table of quantiles of the metrics."""
+    head = ["metric of the arm", *(f"{100 * share:g} %" for share in QUANTILES)]
+    rows = []
+    for name in sweep.metrics:
+        estimates = said["quantiles"][name]
+        rows.append([heading(sweep, name), *(quantile_words(estimates[str(share)]) for share in QUANTILES)])
+    return page.table(head, rows, label="Quantiles of the metrics with 95 % intervals")
+
+
+def _failures(sweep: Sweep, said: Mapping[str, Any]) -> list[str]:
+    """Return the charts of failures by what was drawn, and by two of them."""
+    by_one = []
+    for name, rows in said["failure by what was drawn"].items():
+        by_one.append((_map(rows), _heading_of(sweep, name)))
+    by_two = []
+    for pair in said["failure by two of them"]:
+        title = " × ".join(_heading_of(sweep, name) for name in pair["of"])
+        by_two.append((_square(pair["parts"]), title))
+    return ["<h3>Share of failures by what was drawn</h3>", _figures(by_one), _figures(by_two)]
+
+
 def _heading_of(sweep: Sweep, name: str) -> str:
     """Return the name of a number that was drawn, with its unit where the file has it."""
     with suppress(LookupError):
-        if unit := keys.find(sweep.experiment.config, name)[0].unit:
-            return f"{name} [{unit}]"
+        declared, _ = keys.find(sweep.experiment.config, name)
+        if declared.unit:
+            return f"{name} [{declared.unit}]"
     return name
 
 
@@ -95,23 +117,28 @@ def _histogram(values: Array) -> str:
     finite = values[np.isfinite(values)]
     if not len(finite):
         return "<p>All infinite.</p>"
-    log = finite.min() > 0.0 and finite.max() > 100.0 * finite.min()
-    counts, edges = np.histogram(np.log10(finite) if log else finite, bins=_BARS)
-    low, high = (metrics.short(float(10.0**x if log else x), 3) for x in (edges[0], edges[-1]))
-    lost = f"; {len(values) - len(finite)} infinite" if len(finite) < len(values) else ""
-    said = f"{'log scale, ' if log else ''}bars up to {counts.max()} of {len(values)}{lost}"
-    return _bars(counts / counts.max(), (low, said, high), _BAR)
+    logarithmic = bool(finite.min() > 0.0 and finite.max() > _DECADES * finite.min())
+    counts, edges = np.histogram(np.log10(finite) if logarithmic else finite, bins=_BARS)
+    ends = 10.0 ** edges[[0, -1]] if logarithmic else edges[[0, -1]]
+    low, high = (metrics.short(float(end), 3) for end in ends)
+    caption = f"bars up to {counts.max()} of {len(values)}"
+    if logarithmic:
+        caption = f"log scale, {caption}"
+    infinite = len(values) - len(finite)
+    if infinite:
+        caption += f"; {infinite} infinite"
+    return _bars(counts / counts.max(), (low, caption, high), _BAR)
 
 
 def _map(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return the share of failures in each part of a range, with its interval."""
     rows = [row for row in rows if row["rollouts"]]
-    most = max(max(row["upper"] for row in rows), 1e-6)
-    value, lower, upper = (np.array([row[k] for row in rows]) / most for k in ("value", "lower", "upper"))
-    low, high = (metrics.short(x, 3) for x in (rows[0]["from"], rows[-1]["to"]))
-    return _bars(
-        value, (low, f"up to {100.0 * most:.3g} %", high), _BAD, list(zip(lower, upper, strict=True))
-    )
+    largest = max(max(row["upper"] for row in rows), 1e-6)
+    heights = np.array([row["value"] for row in rows]) / largest
+    intervals = [(row["lower"] / largest, row["upper"] / largest) for row in rows]
+    low = metrics.short(rows[0]["from"], 3)
+    high = metrics.short(rows[-1]["to"], 3)
+    return _bars(heights, (low, f"up to {100.0 * largest:.3g} %", high), _BAD, intervals)
 
 
 def _bars(
@@ -123,32 +150,36 @@ def _bars(
     """Return bars side by side, 1 the highest, with intervals, an axis, and words below."""
     n = len(heights)
     drawing = Drawing((0.0, n), (0.0, 1.0), _WIDTH, _HEIGHT, _BELOW)
-    parts = [drawing.bar((k, k + 1), (0.0, height), colour) for k, height in enumerate(heights)]
-    parts += [drawing.line([(k + 0.5, a), (k + 0.5, b)], LINE) for k, (a, b) in enumerate(intervals)]
-    parts += [drawing.line([(0.0, 1.0), (0.0, 0.0), (n, 0.0)], LINE)]
-    for x, anchor, text in zip((0.0, 0.5 * n, n), ("start", "middle", "end"), texts, strict=True):
-        parts.append(drawing.text(x, -0.15, text, anchor))
-    return drawing.svg(parts)
+    shapes = [drawing.bar((k, k + 1), (0.0, height), colour) for k, height in enumerate(heights)]
+    for k, (lower, upper) in enumerate(intervals):
+        shapes.append(drawing.line([(k + 0.5, lower), (k + 0.5, upper)], LINE))
+    shapes.append(drawing.line([(0.0, 1.0), (0.0, 0.0), (n, 0.0)], LINE))
+    for x, anchor, words in zip((0.0, 0.5 * n, n), ("start", "middle", "end"), texts, strict=True):
+        shapes.append(drawing.text(x, -0.15, words, anchor))
+    return drawing.svg(shapes)
 
 
 def _square(parts: Sequence[Mapping[str, Any]]) -> str:
     """Return the share of failures by two numbers, the first to the right, the second upwards."""
     columns = len({part["from"][0] for part in parts})
     rows = len(parts) // columns
-    most = max(part["value"] or 0.0 for part in parts) or 1.0
+    largest = max(part["value"] or 0.0 for part in parts) or 1.0
     drawing = Drawing((0.0, columns), (0.0, rows), _WIDTH, 2 * _HEIGHT, _BELOW)
-    cells = []
+    shapes = []
     for place, part in enumerate(parts):
-        x, y = divmod(place, rows)
-        value, ends = part["value"], zip(part["from"], part["to"], strict=True)
-        if value is not None:
-            said = f"{_product(ends)}: {100.0 * value:.3g} % of {part['rollouts']}"
-            cells.append(drawing.bar((x, x + 1), (y, y + 1), _BAD, 0.04 + 0.96 * value / most, said))
+        share = part["value"]
+        if share is None:
+            continue
+        column, row = divmod(place, rows)
+        ranges = _product(zip(part["from"], part["to"], strict=True))
+        words = f"{ranges}: {100.0 * share:.3g} % of {part['rollouts']}"
+        opacity = 0.04 + 0.96 * share / largest
+        shapes.append(drawing.bar((column, column + 1), (row, row + 1), _BAD, opacity, words))
     whole = _product(zip(parts[0]["from"], parts[-1]["to"], strict=True))
-    text = f"{whole}, up to {100.0 * most:.3g} %"
-    return drawing.svg([*cells, drawing.text(0.5 * columns, -0.075 * rows, text)])
+    caption = f"{whole}, up to {100.0 * largest:.3g} %"
+    return drawing.svg([*shapes, drawing.text(0.5 * columns, -0.075 * rows, caption)])
 
 
 def _product(ends: Iterable[tuple[float, float]]) -> str:
     """Return ranges of two numbers in words."""
-    return " × ".join(f"{metrics.short(a, 3)} to {metrics.short(b, 3)}" for a, b in ends)
+    return " × ".join(f"{metrics.short(low, 3)} to {metrics.short(high, 3)}" for low, high in ends)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from itertools import combinations, product
 from pathlib import Path
@@ -33,8 +34,10 @@ RESULTS = "results.nc"
 QUANTILES = (0.5, 0.9, 0.99)
 #: How many of the worst rollouts are written.
 WORST = 10
-#: Parts into which the range of what varies is cut for the failure maps, and least rollouts in each.
-_PARTS, _LEAST = 8, 20
+#: Parts into which the range of what varies is cut for the failure maps, at most.
+_PARTS = 8
+#: Least rollouts in each of them.
+_LEAST = 20
 #: Numbers of which there are maps by two: those that failures depend on most.
 _PAIRED = 4
 
@@ -51,23 +54,29 @@ def collect(sweep: Sweep, study: Study, rollouts: int) -> xr.Dataset:
     Raises:
         RolloutError: when there is no chunk, one is damaged, or the file cannot be written.
     """
-    count = -(-rollouts // sweep.size)
-    there = [(i, n) for i in range(count) if study.has(chunk_name(i, n := sweep.rows(i, rollouts)))]
-    if not there:
+    chunks = []
+    for chunk in range(math.ceil(rollouts / sweep.size)):
+        rows = sweep.rows(chunk, rollouts)
+        if study.has(chunk_name(chunk, rows)):
+            chunks.append((chunk, rows))
+    if not chunks:
         raise RolloutError(f"{study.folder}: there is no rollout")
-    target, begin = study.folder / RESULTS, 0
+    target = study.folder / RESULTS
+    total = sum(rows for _, rows in chunks)
+    written = 0
     with files.replace_files([target], str(target)) as (partial,), h5netcdf.File(partial, "w") as file:
-        for chunk, rows in there:
-            table = study.read(name := chunk_name(chunk, rows), (rows, len(sweep.columns)))
+        for chunk, rows in chunks:
+            name = chunk_name(chunk, rows)
+            table = study.read(name, (rows, len(sweep.columns)))
             if not sweep.drew(table, chunk):
                 raise RolloutError(f"{study.place(name)}: has other draws than this sweep; remove it")
             part = _dataset(sweep, table, np.arange(rows) + chunk * sweep.size)
-            if not begin:
-                _declare(file, part, sum(rows for _, rows in there))
-            for key, x in part.variables.items():
-                if "rollout" in x.dims:
-                    file[str(key)][begin : begin + rows] = x.values
-            begin += rows
+            if not written:
+                _declare(file, part, total)
+            for key, variable in part.variables.items():
+                if "rollout" in variable.dims:
+                    file[str(key)][written : written + rows] = variable.values
+            written += rows
     # By a file that is open already: an interrupt inside xarray's own opening leaves its lock locked.
     opened = h5netcdf.File(target, "r", decode_vlen_strings=True)
     return xr.open_dataset(H5NetCDFStore(opened, lock=False), cache=False)
@@ -124,17 +133,16 @@ def _dataset(sweep: Sweep, table: Array, places: Any) -> xr.Dataset:
 
 def summary(sweep: Sweep, found: xr.Dataset) -> dict[str, Any]:
     """Return what the rollouts of a study say, as plain data: probabilities and quantiles with intervals."""
-    n, stops = found.sizes["rollout"], {}
-    if "fault" in found:
-        reasons = found["fault"].values
-        counts = {each.name: int((reasons == each).sum()) for each in Reason if each}
-        stops = {
-            "probability of a stop": clopper_pearson(int((reasons > 0).sum()), n)._asdict(),
-            "stops by reason": {name: count for name, count in counts.items() if count},
-        }
-    arms = {name: of_arm(found, name) for name in sweep.metrics}
+    n = found.sizes["rollout"]
     failed = found["failed"].values
     diverged = found["status"].values == Status.DIVERGED
+    quantiles = {}
+    for name in sweep.metrics:
+        values = of_arm(found, name)
+        quantiles[name] = {str(share): quantile(values, share)._asdict() for share in QUANTILES}
+    by_one = {name: failure_map(found, [name]) for name in sweep.drawn_names}
+    pairs = combinations(_strongest(by_one, failed), 2)
+    by_two = [{"of": list(pair), "parts": failure_map(found, pair)} for pair in pairs]
     said: dict[str, Any] = {
         "study": sweep.identity.digest,
         "controller": sweep.label,
@@ -142,30 +150,35 @@ def summary(sweep: Sweep, found: xr.Dataset) -> dict[str, Any]:
         "failure": {"diverged": None, **sweep.failure},
         "probability of failure": clopper_pearson(int(failed.sum()), n)._asdict(),
         "probability of divergence": clopper_pearson(int(diverged.sum()), n)._asdict(),
-        **stops,
-        "quantiles": {
-            name: {str(share): quantile(values, share)._asdict() for share in QUANTILES}
-            for name, values in arms.items()
-        },
-        "failure by what was drawn": (
-            maps := {name: failure_map(found, [name]) for name in sweep.drawn_names}
-        ),
-        "failure by two of them": [
-            {"of": list(pair), "parts": failure_map(found, pair)}
-            for pair in combinations(_strongest(maps, failed), 2)
-        ],
+        **_stops(found),
+        "quantiles": quantiles,
+        "failure by what was drawn": by_one,
+        "failure by two of them": by_two,
     }
     return dict(json_data(said))
+
+
+def _stops(found: xr.Dataset) -> dict[str, Any]:
+    """Return how often the supervisor stopped the arm, and why; nothing where there was none."""
+    if "fault" not in found:
+        return {}
+    faults = found["fault"].values
+    counts = {}
+    for reason in Reason:
+        count = int((faults == reason).sum())
+        if reason and count:
+            counts[reason.name] = count
+    stopped = clopper_pearson(int((faults > 0).sum()), len(faults))
+    return {"probability of a stop": stopped._asdict(), "stops by reason": counts}
 
 
 def _strongest(maps: Mapping[str, list[dict[str, Any]]], failed: Any) -> list[str]:
     """Return the names that failures depend on most, in the order of `maps`; none where there are too few."""
     if not failed.any() or len(failed) < 4 * _LEAST:
         return []
-
     spans = {name: np.ptp([part["value"] for part in parts]) for name, parts in maps.items()}
-    most = sorted(maps, key=lambda name: spans[name], reverse=True)[:_PAIRED]
-    return [name for name in maps if name in most]
+    largest = sorted(maps, key=lambda name: spans[name], reverse=True)[:_PAIRED]
+    return [name for name in maps if name in largest]
 
 
 def sentences(said: Mapping[str, Any]) -> list[str]:
@@ -173,25 +186,33 @@ def sentences(said: Mapping[str, Any]) -> list[str]:
     lines = []
     words = {"failure": "failed", "divergence": "diverged", "a stop": "stopped by the supervisor"}
     for name, word in words.items():
-        if (p := said.get(f"probability of {name}")) is not None:
+        share = said.get(f"probability of {name}")
+        if share is not None:
             lines.append(
-                f"{word}: {100.0 * p['value']:.3g} % of {said['rollouts']} rollouts "
-                f"({100.0 * p['lower']:.3g} to {100.0 * p['upper']:.3g} %, 95 % Clopper-Pearson)"
+                f"{word}: {100.0 * share['value']:.3g} % of {said['rollouts']} rollouts "
+                f"({100.0 * share['lower']:.3g} to {100.0 * share['upper']:.3g} %, 95 % Clopper-Pearson)"
             )
-    if reasons := said.get("stops by reason"):
+    reasons = said.get("stops by reason")
+    if reasons:
         lines.append(f"reasons: {', '.join(f'{name} {count}' for name, count in reasons.items())}")
     return lines
 
 
 def quantile_words(estimate: Mapping[str, float | None]) -> str:
     """Return an estimate with its interval; an end that is open has no number."""
-    value, low, high = (
-        "inf" if estimate[key] is None else f"{estimate[key]:.3g}" for key in ("value", "lower", "upper")
-    )
-    ends = f"{low} to {high}"
-    if None in (estimate["lower"], estimate["upper"]):
-        ends = f"below {high}" if estimate["lower"] is None else f"above {low}"
-    return f"{value} ({ends if {estimate['lower'], estimate['upper']} != {None} else 'open'})"
+    value, low, high = (_number(estimate[key]) for key in ("value", "lower", "upper"))
+    if estimate["lower"] is None and estimate["upper"] is None:
+        return f"{value} (open)"
+    if estimate["lower"] is None:
+        return f"{value} (below {high})"
+    if estimate["upper"] is None:
+        return f"{value} (above {low})"
+    return f"{value} ({low} to {high})"
+
+
+def _number(value: float | None) -> str:
+    """Return a number of a summary, where JSON has none for infinity."""
+    return "inf" if value is None else f"{value:.3g}"
 
 
 def of_arm(found: xr.Dataset, name: str) -> Array:

@@ -26,7 +26,7 @@ from armgpi.loop.variables import Variable, current
 from armgpi.parameter import parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.plant import Wrapper, inside
-from armgpi.plants.reality import Reality, batches
+from armgpi.plants.reality import Reality, Scenario, batches
 from armgpi.registry import classes_of
 from armgpi.robot.batch import RobotBatch
 from armgpi.studies.distributions import KINDS, SAMPLINGS, Distribution, distribution, shares
@@ -34,26 +34,43 @@ from armgpi.studies.study import Identity, Study, identify, read_identity
 
 #: Rollout-steps of a chunk, about: some seconds of compiled code.
 _WORK = 1 << 23
-#: Rollouts of a chunk, at least and at most; a draw of a reality takes milliseconds.
-_FEWEST, _MOST, _MOST_DRAWS = 16, 4096, 256
+#: Rollouts of a chunk, at least.
+_FEWEST = 16
+#: Rollouts of a chunk, at most.
+_MOST = 4096
+#: The same of randomised arms, each of which takes milliseconds to make.
+_MOST_DRAWS = 256
 #: Where the file does not state it, a rollout has failed that diverges, or that has a larger error of a joint
 #: than these shares of the largest move of any joint.
 FAILURE_SHARES: Mapping[str, float] = {"peak_error": 0.1, "final_error": 0.02}
-#: Move of a reference that stands still [rad or m], and times at which references are looked at.
-_LEAST_MOVE, _LOOKS = 0.5, 401
+#: Move that a reference which stands still is judged as [rad or m].
+_LEAST_MOVE = 0.5
+#: Times at which a reference is looked at, to find its largest move.
+_LOOKS = 401
 #: What is kept of a rollout, and what runs it.
 _KEPT: Mapping[str, Any] = {"record": "metrics", "backend": "compiled"}
-#: What goes with a load that varies, and what an identification draws of a plant.
+#: What goes with a load that varies.
 _LOAD = ("plant.payload.mass", "plant.payload.frame", "plant.payload.com")
+#: What an identification draws of a plant.
 _IDENTIFIED = ("plant.rotor_inertia", "plant.viscous", "plant.coulomb")
-#: What each rollout has of its own already; and most prepared loops that are kept.
-_KEPT_AS_IT_IS, _MOST_LOOPS = ("seed", "record_every"), 32
-#: The files of a study in its folder.
-EXPERIMENT, CHUNKS = "experiment.yaml", "chunks"
-#: What is told of a draw of a reality.
+#: What each rollout has of its own already.
+_KEPT_AS_IT_IS = ("seed", "record_every")
+#: Most prepared loops that are kept.
+_MOST_LOOPS = 32
+#: The experiment file of a study in its folder.
+EXPERIMENT = "experiment.yaml"
+#: The folder of the chunks of a study.
+CHUNKS = "chunks"
+#: Columns of what is drawn of a randomised arm.
 _DRAWN = (
-    *("sample_time", "delay", "encoder_bits", "payload"),
-    *("inertia_scale", "rotor_inertia", "coulomb", "step"),
+    "sample_time",
+    "delay",
+    "encoder_bits",
+    "payload",
+    "inertia_scale",
+    "rotor_inertia",
+    "coulomb",
+    "step",
 )
 
 
@@ -92,31 +109,23 @@ class Sweep:
         """
         if sampling not in SAMPLINGS:
             raise ParameterError("sampling", sampling, f"one of {', '.join(SAMPLINGS)}")
-        renamed = {current(name): each for name, each in config.vary.items()}
-        config = config.replace(vary=renamed)
+        config = config.replace(vary={current(name): section for name, section in config.vary.items()})
         experiment = build(config, origin)
-        label = next(iter(experiment.controllers))
         origin = origin or Origin("")
-        if bool(config.vary) == (config.reality is not None):
-            said = (
-                "a sweep needs something to vary: specify distributions below vary, or an "
-                "uncertainty model (reality)"
-            )
-            raise origin.error(("vary",), said)
-        if not getattr(classes_of(Arm).get(config.plant.engine), "varies", False):
-            said = f"a sweep runs generated code, which {config.plant.engine!r} has none of; take armgpi"
-            raise origin.error(("plant", "engine"), said)
+        _check_that_it_varies(config, origin)
         failure = dict(config.failure or usual_failure(experiment))
+        known = metrics.without_rollouts()
         for name in failure:
-            if name not in (known := metrics.without_rollouts()):
+            if name not in known:
                 raise origin.error(("failure", name), str(metrics.not_found(name, known)))
-        asked = {"method": "sweep", "sampling": sampling, "failure": failure}
-        made = cls(config, experiment, label, {}, failure, sampling)
-        varied, apart = made._distributions(origin)
+        label = next(iter(experiment.controllers))
+        without_draws = cls(config, experiment, label, {}, failure, sampling)
+        varied, apart = without_draws._distributions(origin)
         size = _chunk_size(config, experiment.t_final, [varied[name] for name in apart])
-        found = replace(made, varied=varied, apart=apart, size=size)
-        object.__setattr__(found, "identity", identify(config, {**asked, "size": size}))
-        return found
+        sweep = replace(without_draws, varied=varied, apart=apart, size=size)
+        asked = {"method": "sweep", "sampling": sampling, "failure": failure, "size": size}
+        object.__setattr__(sweep, "identity", identify(config, asked))
+        return sweep
 
     def _distributions(self, origin: Origin) -> tuple[dict[str, Distribution], tuple[str, ...]]:
         """Return what each number that varies is drawn from, and which of them need loops of their own.
@@ -254,23 +263,24 @@ class Sweep:
     def table(self, drawn: Array, seeds: Any) -> dict[str, Array]:
         """Return metrics (rows, joints) and ends of rollouts with these numbers, (rows, width), and seeds."""
         names = self.drawn_names
-        own = [j for j, name in enumerate(names) if name.split("[")[0] in self.apart]
-        groups: dict[tuple[float, ...], list[int]] = {}
-        for i, row in enumerate(drawn[:, own].tolist()):
-            groups.setdefault(tuple(row), []).append(i)
-        found: dict[str, Array] = {}
-        for values, rows in groups.items():
+        apart = [column for column, name in enumerate(names) if name.split("[")[0] in self.apart]
+        rows_of: dict[tuple[float, ...], list[int]] = {}
+        for row, numbers in enumerate(drawn[:, apart].tolist()):
+            rows_of.setdefault(tuple(numbers), []).append(row)
+        table: dict[str, Array] = {}
+        for numbers, rows in rows_of.items():
             part = drawn[rows]
             if IDENTIFICATION in self.varied:
                 loop = self._loop_of(part)
             else:
-                loop = self._loop(dict(zip([names[j] for j in own], values, strict=True)))
+                loop = self._loop(dict(zip([names[column] for column in apart], numbers, strict=True)))
             result = in_rows(_run_compiled(loop, self.values(part), seeds[rows]))
             for name in (*self.metrics, *self.ends):
-                values_of = result[name].values
-                whole = found.setdefault(name, np.empty((len(drawn), *values_of.shape[1:]), values_of.dtype))
-                whole[rows] = values_of  # one row for all, where nothing differs
-        return found
+                values = result[name].values
+                if name not in table:
+                    table[name] = np.empty((len(drawn), *values.shape[1:]), values.dtype)
+                table[name][rows] = values  # one row for all, where nothing differs
+        return table
 
     def config_of(
         self, row: Mapping[str, float], index: int = 0, seed: int | None = None
@@ -397,12 +407,45 @@ class Sweep:
         table = np.empty((rows, len(self.columns)))
         for group in batches(draws):
             loop = prepare_draws(group, law, **_KEPT, supervisor=self.experiment.supervisor)
-            for draw, row in zip(group, self._flat(in_rows(_run_compiled(loop))), strict=True):
-                x = draw.numbers
-                means = map(np.mean, (x.rotor_inertia, x.coulomb, np.abs(x.torque_step)))  # over the joints
-                numbers = (x.sample_time, x.delay, x.encoder_bits, x.payload, x.inertia_scale, *means)
-                table[draw.index - first] = [*numbers, *row]
+            outcomes = self._flat(in_rows(_run_compiled(loop)))
+            for draw, outcome in zip(group, outcomes, strict=True):
+                table[draw.index - first] = [*_drawn_numbers(draw), *outcome]
         return table
+
+
+def _drawn_numbers(draw: Scenario) -> list[float]:
+    """Return the numbers of :data:`_DRAWN` of a randomised arm: of joints the mean."""
+    numbers = draw.numbers
+    return [
+        numbers.sample_time,
+        numbers.delay,
+        numbers.encoder_bits,
+        numbers.payload,
+        numbers.inertia_scale,
+        float(np.mean(numbers.rotor_inertia)),
+        float(np.mean(numbers.coulomb)),
+        float(np.mean(np.abs(numbers.torque_step))),
+    ]
+
+
+def _check_that_it_varies(config: ExperimentConfig, origin: Origin) -> None:
+    """Refuse an experiment in which nothing varies, or whose plant has no generated code.
+
+    Raises:
+        ConfigError: naming the key.
+    """
+    if config.vary and config.reality is not None:
+        said = "a sweep takes distributions below vary or an uncertainty model (reality), not both"
+        raise origin.error(("vary",), said)
+    if not config.vary and config.reality is None:
+        raise origin.error(
+            ("vary",),
+            "a sweep needs something to vary: specify distributions below vary, or an "
+            "uncertainty model (reality)",
+        )
+    if not getattr(classes_of(Arm).get(config.plant.engine), "varies", False):
+        said = f"a sweep runs generated code, which {config.plant.engine!r} has none of; take armgpi"
+        raise origin.error(("plant", "engine"), said)
 
 
 def _chunk_size(config: ExperimentConfig, t_final: float, apart: Sequence[Distribution]) -> int:
