@@ -17,6 +17,10 @@ from armgpi.cli.declared import values_of
 from armgpi.cli.parsing import FAILED, INTERRUPTED, OK, is_experiment, known_backend, refusal, stoppable
 from armgpi.cli.terminal import say
 
+#: Engines of plants of which `armgpi play` makes a page.
+PLAYED = ("armgpi", "elastic")
+#: Words of a command that has a robot and no options: armgpi run ROBOT.
+_PLAIN = 3
 #: How often along the reference gravity is compared with effort.
 _LOOKS = 401
 
@@ -151,20 +155,29 @@ def _print_results(
         say(said)
     print_tables(experiment, records)
     if experiments.overall_status(records) == Status.FINISHED:
-        say(_next_commands(options, compare), lines=True)
+        say(_next_commands(options, compare, experiment), lines=True)
 
 
-def _next_commands(options: Mapping[str, Any], compare: bool) -> str:
+def _next_commands(options: Mapping[str, Any], compare: bool, experiment: Experiment) -> str:
     """Return the commands that a reader of the table may want next."""
+    from armgpi.robot import robots
+
     name = shlex.quote(str(options["config"] or options["robot"]))
     command = f"armgpi {'compare' if compare else 'run'} {name}"
-    proposals = [(f"{command} --report report.html", "plots and animation")]
+    same = "" if len(sys.argv) <= _PLAIN else "; add your options"
+    proposals = []
+    if options["report"] is None:
+        proposals.append((f"{command} --report report.html", f"plots and animation{same}"))
     if not compare:
-        proposals.append((f"armgpi compare {name}", "other controllers on the same arm"))
-    if options["config"] is None:
-        proposals.append((f"armgpi new {name}", "a file of this experiment to edit"))
+        proposals.append((f"armgpi compare {name}", f"other controllers on the same arm{same}"))
+    config = experiment.config
+    if options["config"] is not None:
+        if config.reality is None and config.supervisor is None and config.plant.engine in PLAYED:
+            proposals.append((f"armgpi play --config {name}", "a page with sliders"))
+    elif robots.find_identified(options["robot"]) is not None:
+        proposals.append((f"armgpi export {name} -o exported", "C code of the controller"))
     else:
-        proposals.append((f"armgpi play --config {name}", "a page with sliders"))
+        proposals.append((f"armgpi new {name}", "a file of this experiment to edit"))
     width = max(len(typed) for typed, _ in proposals)
     return "\n".join(["Next:", *(f"  {typed:<{width}}   {purpose}" for typed, purpose in proposals)])
 

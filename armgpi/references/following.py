@@ -214,9 +214,9 @@ class _Guess(NamedTuple):
 class SetpointInverse:
     """The inverse kinematics of a set-point: from the last configuration a few steps, never an error.
 
-    It minimises |W x(q)|^2 + w |q - q_before|^2 inside the joint limits, where x is what is missing to the
-    pose, by Levenberg's and Marquardt's method; each step is a least-squares problem with bounds. So a pose
-    out of reach brings the arm near, and near a singular configuration the orientation waits before the
+    It minimises ``|W x(q)|^2 + w |q - q_before|^2`` inside the joint limits, where x is what is missing to
+    the pose, by Levenberg's and Marquardt's method; each step is a least-squares problem with bounds. So a
+    pose out of reach brings the arm near, and near a singular configuration the orientation waits before the
     position does and joints move little. In directions that the pose leaves free, the posture `home` pulls.
     The second term leaves some hundredths of a mm; asking again with the same pose removes them.
 

@@ -83,7 +83,8 @@ def check(shown: str, printed: str, place: str) -> None:
 def called(command: str, place: str) -> str:
     """Return what a command of ours prints in this folder, warnings included; it must succeed."""
     if command == "make demo":  # as in the Makefile
-        command = f"armgpi compare --config {shlex.quote(str(ROOT / 'examples' / 'demo.yaml'))}"
+        file = shlex.quote(str(ROOT / "examples" / "demo.yaml"))
+        command = f"armgpi compare --config {file} --report report.html"
     if not command.startswith("armgpi "):
         return ""
     output = io.StringIO()
@@ -95,7 +96,8 @@ def called(command: str, place: str) -> str:
         with pytest.raises(SystemExit) as end:
             main()
     assert not end.value.code, f"{place}: {command}\n{output.getvalue()}"
-    return "\n".join(line for line in output.getvalue().splitlines() if not line.startswith("wrote "))
+    printed = output.getvalue().replace(f"{ROOT}/", "")
+    return "\n".join(line for line in printed.splitlines() if not line.startswith("wrote "))
 
 
 @pytest.mark.slow
