@@ -46,19 +46,19 @@ define environment
 endef
 
 # Not compiled to bytecode at once: Python does so itself for the modules that are imported, a fraction.
-PIP_INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-warn-script-location \
+PIP_INSTALL = $(BIN)/python tools/install.py --disable-pip-version-check --no-warn-script-location \
   --no-compile -c constraints.txt
 
 $(FOR_DEMO): pyproject.toml constraints.txt
 	$(environment)
-	@echo "Installing armgpi and its packages into $(VENV), once; this takes a minute or some, by the network ..."
-	$(PIP_INSTALL) -e ".[viz]"
+	@echo "Installing armgpi and its packages into $(VENV), once; with a usual connection this takes a minute or two:"
+	@$(PIP_INSTALL) -e ".[viz]"
 	@touch $@
 
 $(FOR_ALL): pyproject.toml constraints.txt
 	$(environment)
-	@echo "Installing armgpi and all tools into $(VENV), once; this takes some minutes, by the network ..."
-	$(PIP_INSTALL) -e ".[all,dev,docs]"
+	@echo "Installing armgpi and all tools into $(VENV), once; with a usual connection this takes some minutes:"
+	@$(PIP_INSTALL) -e ".[all,dev,docs]"
 	@touch $(FOR_DEMO) $@
 
 demo: $(FOR_DEMO) ## Simulate and compare the controllers on the demo arm, into demo_out/, with a report to open
