@@ -39,6 +39,8 @@ _MOST_ENTRIES = 30
 _SQUARE = ((3, 3), (4, 4), (6, 6))
 #: Shapes of SymPy's vectors.
 _COLUMNS = ((2, 1), (3, 1))
+#: Modules of frames, points and symbols.
+_SYMBOLIC = ("sympy.physics", "sympy.core.symbol", "armgpi.validation.mechanics")
 #: Shape of a twist, a wrench, a spatial velocity.
 _SPATIAL = (6,)
 
@@ -122,7 +124,7 @@ def kind_of(value: Any) -> Any:
             return (len(value), *value[0].shape)
     if _are_numbers(value):
         return f"list of {len(value)}"
-    if str(type(value).__module__).startswith(("sympy.physics", "sympy.core.symbol")):  # frames, points
+    if str(type(value).__module__).startswith(_SYMBOLIC):  # frames, points
         return type(value).__name__
     return None
 

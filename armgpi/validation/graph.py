@@ -7,7 +7,6 @@ before anything is tried (:mod:`armgpi.validation.worker`); a model that uses mo
 
 from __future__ import annotations
 
-import itertools
 import math
 import re
 import sys
@@ -27,6 +26,11 @@ _LETTERS = {
 }
 #: Symbol -> the number that it stood for last: put in its place, or given to what `lambdify` made.
 GIVEN: dict[str, float] = {}
+#: Modules of SymPy in whose place these stand.
+_MODULES = (
+    *("sympy", "sympy.matrices", "sympy.physics"),
+    *("sympy.physics.mechanics", "sympy.physics.vector"),
+)
 #: Symbol of time, of which coordinates may be functions.
 _TIME = "t"
 
@@ -130,11 +134,11 @@ class Expression:
 
     def __add__(self, other: Any) -> Any:
         """Return a sum."""
-        return NotImplemented if isinstance(other, np.ndarray) else _node("add", self, _expression(other))
+        return _node("add", self, _expression(other)) if _is_number(other) else NotImplemented
 
     def __mul__(self, other: Any) -> Any:
         """Return a product."""
-        return NotImplemented if isinstance(other, np.ndarray) else _node("mul", self, _expression(other))
+        return _node("mul", self, _expression(other)) if _is_number(other) else NotImplemented
 
     def __pow__(self, exponent: Any) -> Expression:
         """Return a power with a constant exponent."""
@@ -203,6 +207,13 @@ def _constant(value: float) -> Expression:
 
 def _expression(x: Any) -> Expression:
     return x if isinstance(x, Expression) else _constant(float(x))
+
+
+def _is_number(x: Any) -> bool:
+    """Tell whether something is an expression, or a number."""
+    return isinstance(x, Expression | int | float | np.number) or (
+        np.ndim(x) == 0 and hasattr(x, "__float__")
+    )
 
 
 def _is(node: Expression, value: float | None) -> bool:
@@ -658,15 +669,19 @@ def install() -> Callable[[], None]:
     before = {name: sys.modules[name] for name in sys.modules if name.split(".")[0] in ("sympy", "casadi")}
     for name in before:
         del sys.modules[name]
+    from armgpi.validation import mechanics  # it draws by what is here
+
     made = {"casadi": _casadi()}
-    made |= dict.fromkeys(("sympy", "sympy.physics", "sympy.physics.mechanics", "sympy.matrices"), _sympy())
+    made |= {name: {**_sympy(), **mechanics.NAMES} for name in _MODULES}
+    made["sympy"] = made["sympy.matrices"] = _sympy()
     for name, members in made.items():
         module = ModuleType(name)
         module.__path__ = []
         vars(module).update(members)
         sys.modules[name] = module
-    for parent, child in itertools.pairwise(("sympy", "sympy.physics", "sympy.physics.mechanics")):
-        setattr(sys.modules[parent], child.rsplit(".", maxsplit=1)[-1], sys.modules[child])
+    for name in _MODULES[1:]:
+        parent, child = name.rsplit(".", maxsplit=1)
+        setattr(sys.modules[parent], child, sys.modules[name])
 
     def uninstall() -> None:
         for name in made:
