@@ -39,6 +39,8 @@ _MOST_ENTRIES = 30
 _SQUARE = ((3, 3), (4, 4), (6, 6))
 #: Shapes of SymPy's vectors.
 _COLUMNS = ((2, 1), (3, 1))
+#: What SciPy calls its rotations, and what holds one.
+_ROTATION = "Rotation"
 #: Modules of frames, points and symbols.
 _SYMBOLIC = ("sympy.physics", "sympy.core.symbol", "armgpi.validation.mechanics")
 #: Shape of a twist, a wrench, a spatial velocity.
@@ -122,6 +124,8 @@ def kind_of(value: Any) -> Any:
             return value.shape
         case list() if value and all(isinstance(x, np.ndarray) for x in value):
             return (len(value), *value[0].shape)
+    if type(value).__name__ == _ROTATION:
+        return _ROTATION
     if _are_numbers(value):
         return f"list of {len(value)}"
     if str(type(value).__module__).startswith(_SYMBOLIC):  # frames, points
@@ -586,8 +590,11 @@ def _of_arrays(node: ast.expr, scope: Scope) -> Iterator[Choice]:
             back = ast.Attribute(matrix, "T", ast.Load())
             for one, other in ((matrix, back), (back, matrix)):
                 yield "product", (product := ast.BinOp(one, ast.MatMult(), node))
-                if scope.kind(node) in _SQUARE:
+                if scope.kind(node) in _SQUARE or isinstance(node, ast.Call):
                     yield "product", ast.BinOp(product, ast.MatMult(), other)
+        for name in (name for name, kind in scope.kinds.items() if kind == _ROTATION):
+            turn = ast.Attribute(ast.Name(name, ast.Load()), "apply", ast.Load())
+            yield "product", ast.Call(turn, [node], [])
 
 
 def _squares(node: ast.expr, scope: Scope) -> Iterator[ast.expr]:
@@ -604,7 +611,7 @@ def _squares(node: ast.expr, scope: Scope) -> Iterator[ast.expr]:
 def _is_array(node: ast.expr, scope: Scope) -> bool:
     """Tell whether an expression may be a vector or a matrix."""
     if isinstance(node, ast.Call):
-        return function_name(node) == "array" or function_name(node) in scope.functions
+        return function_name(node) in ("array", "diag") or function_name(node) in scope.functions
     if not isinstance(node, ast.Name | ast.Subscript | ast.Attribute):
         return False
     kind = scope.kind(node)
@@ -936,6 +943,7 @@ def _indices(index: ast.expr, scope: Scope) -> Iterator[Choice]:
             yield from (("name", ast.Constant(name)) for name in scope.keys if name != key)
         case ast.Slice(lower=lower, upper=upper, step=None) if (lower is None) != (upper is None):
             yield "index", ast.Slice(upper, lower)
+            yield from (("index", x) for x in _shifted_slices(lower, upper))
         case ast.Tuple(elts=items):
             for j, k in itertools.combinations(range(len(items)), 2):
                 swapped = [*items]
@@ -948,6 +956,24 @@ def _indices(index: ast.expr, scope: Scope) -> Iterator[Choice]:
             yield from (("index", ast.Name(other, ast.Load())) for other in others)
             for step in (1, -1):
                 yield "index", ast.BinOp(ast.Name(name, ast.Load()), ast.Add(), ast.Constant(step))
+
+
+def _shifted_slices(*ends: ast.expr | None) -> Iterator[ast.Slice]:
+    """Yield slices with one link more, or fewer."""
+    for step in (1, -1):
+        yield ast.Slice(*(None if x is None else _shifted(x, step) for x in ends))
+
+
+def _shifted(node: ast.expr, step: int) -> ast.expr:
+    """Return an index that is one more or less, k and not k + 1 - 1."""
+    match node:
+        case ast.Constant(value=int() as k):
+            return ast.Constant(k + step)
+        case ast.BinOp(left=left, op=ast.Add(), right=ast.Constant(value=1)) if step == -1:
+            return left
+        case ast.BinOp(left=left, op=ast.Sub(), right=ast.Constant(value=1)) if step == 1:
+            return left
+    return ast.BinOp(node, ast.Add() if step > 0 else ast.Sub(), ast.Constant(1))
 
 
 def _of_row(node: ast.Tuple | ast.List, scope: Scope) -> Iterator[Choice]:

@@ -664,15 +664,17 @@ def _casadi() -> dict[str, Any]:
     }
 
 
-def install() -> Callable[[], None]:
-    """Put modules of these in the place of SymPy and CasADi, and return what takes them away again."""
+def install(more: Mapping[str, Any]) -> Callable[[], None]:
+    """Put modules of these in the place of SymPy and CasADi, and return what takes them away again.
+
+    Args:
+        more: what SymPy's mechanics have beside, by names.
+    """
     before = {name: sys.modules[name] for name in sys.modules if name.split(".")[0] in ("sympy", "casadi")}
     for name in before:
         del sys.modules[name]
-    from armgpi.validation import mechanics  # it draws by what is here
-
     made = {"casadi": _casadi()}
-    made |= {name: {**_sympy(), **mechanics.NAMES} for name in _MODULES}
+    made |= {name: {**_sympy(), **more} for name in _MODULES}
     made["sympy"] = made["sympy.matrices"] = _sympy()
     for name, members in made.items():
         module = ModuleType(name)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from armgpi.validation import graph
 from armgpi.validation.graph import Expression, Matrix, _constant, _expression, _later, _node, _now, _rate
 
 
@@ -411,3 +412,8 @@ NAMES: dict[str, Any] = {
     "msubs": lambda x, *swaps, **__: x.subs({k: v for swap in swaps for k, v in swap.items()}),
     **dict.fromkeys(("mechanics_printing", "init_vprinting"), lambda *_, **__: None),
 }
+
+
+def install() -> Callable[[], None]:
+    """Put graphs in the place of SymPy and CasADi, and return what takes them away again."""
+    return graph.install(NAMES)

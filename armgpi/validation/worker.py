@@ -31,7 +31,7 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.errors import ModelError, ParameterError, Remedy
-from armgpi.validation import containment, edits, graph, models, search, units
+from armgpi.validation import containment, edits, mechanics, models, search, units
 from armgpi.validation.conventions import Convention
 from armgpi.validation.forms import Adapted, Form
 from armgpi.validation.line import Line, pair
@@ -531,7 +531,7 @@ def _as_graph(functions: models.Functions, again: search.Again, goal: edits.Goal
         return again(origin.source)
     names = [name for name, target in goal.targets.items() if target.whole]
     real = [goal.call(functions.calls, name, edits.ALL, 0) for name in names]
-    uninstall = graph.install()
+    uninstall = mechanics.install()
     try:
         other = again(origin.source)
         for name, one in zip(names, real, strict=True):

@@ -13,12 +13,12 @@ import pytest
 import sympy
 import textbooks
 
-from armgpi.validation import graph, models
+from armgpi.validation import graph, mechanics, models
 
 
 @pytest.fixture
 def graphs() -> Iterator[None]:
-    uninstall = graph.install()
+    uninstall = mechanics.install()
     yield
     uninstall()
 
@@ -28,7 +28,7 @@ def test_a_model_is_the_same_as_a_graph(style: str) -> None:
     folder = byhand.FOLDER if (byhand.FOLDER / f"{style}.py").exists() else textbooks.FOLDER
     path = folder / f"{style}.py"
     real = models.resolve(path).calls
-    uninstall = graph.install()
+    uninstall = mechanics.install()
     try:
         other = models.resolve(path).calls
         assert other.keys() == real.keys()
@@ -61,7 +61,7 @@ def test_derivatives_are_those_of_sympy(text: str) -> None:
         return eval(text, found, {name: found["Symbol"](name) for name in values})
 
     expected = float(expression(sympy).diff("x", "y").subs(values))
-    uninstall = graph.install()
+    uninstall = mechanics.install()
     try:
         second = expression(sys.modules["sympy"]).diff(graph.symbol("x"), graph.symbol("y"))
         assert float(graph.Program(second)(values)) == pytest.approx(expected, rel=1e-12)
@@ -103,7 +103,7 @@ def test_kanes_equations_are_those_of_sympy() -> None:
         return kane.mass_matrix.subs(given), kane.forcing.subs(given)
 
     real = [np.array(each.evalf(), dtype=float) for each in equations()]
-    uninstall = graph.install()
+    uninstall = mechanics.install()
     try:
         mine = [graph.Program(each)({}) for each in equations()]
     finally:
