@@ -43,13 +43,15 @@ _UNITS = ("grams", "inertia-mm", "centre-mm", "inertia-g-mm", "inertia-g")
 _WITHIN, _FAR = 25.0, 0.5
 #: The same, and densities [kg/m^3], where another unit is said to be the slip.
 _SURE, _USUAL = 5.0, (100.0, 12_000.0)
+#: A centre of mass in millimetres is so many times the size of the shapes away; one of another frame is not.
+_MILLIMETRES = 5.0
 #: An inertia that says nothing: an exporter's placeholder.
 _ONES = (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)
 #: An inertia may be about the joint where a centre of mass is so far away that it adds this share of a
 #: solid's, if the rest is nearer to a solid's by this (of logarithms), in at least so many links.
 _AWAY, _NEARER, _ENOUGH = 1.0, 0.5, 2
-#: Sizes of shapes that differ by less than this share are alike.
-_ALIKE = 0.1
+#: Sizes of shapes that differ by less than this share are alike: wrists of one arm, as of UR10e, often are.
+_ALIKE = 0.3
 #: Meshes are read as long as their files are together no larger [bytes].
 _MOST_MESHES = 32 * 2**20
 
@@ -161,6 +163,10 @@ def _unit_slip(body: _Body) -> tuple[str, str] | None:
         for kind in kinds:
             unit = UNITS[kind]
             mass, inertia, centre = mass * unit.mass, inertia * unit.inertia, centre * unit.centre
+        size = float(np.linalg.norm(np.ptp(body.extent.corners, axis=0)))
+        away = float(np.linalg.norm(body.link.xyz))
+        if centre < 1.0 and away < _MILLIMETRES * size:
+            continue
         if _fits(body, UnitRepair("", mass, inertia, centre), sure=True):
             return ",".join(kinds), body.link.name
     return None

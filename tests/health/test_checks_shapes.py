@@ -107,6 +107,23 @@ def test_one_inertial_copied_to_all_is_found() -> None:
     assert found[0].message.startswith("has the same mass and inertia as 'l1', 'l2', whose shapes are others")
 
 
+def test_a_centre_of_mass_of_another_frame_is_not_said_to_be_in_millimetres() -> None:
+    """A BarrettHand has 0.34 m in a finger of 0.1 m: divided by 1,000, any such place is inside."""
+    links = arm()
+    links[1]["centre"] = [3.0 * number for number in links[1]["centre"]]
+    (found,) = find(links)
+    assert "outside its own shapes" in found.message
+
+
+def test_wrists_of_one_kind_may_share_their_inertial() -> None:
+    """Wrist 1 and 2 of a UR10e do, by its maker; their shapes differ by a sixth."""
+    links = [*arm(), box((0.09, 0.12, 0.10), 1900.0)]
+    twin = dict(links[3], edges=[0.09, 0.12, 0.115])
+    assert not find([*links, twin])
+    twin["edges"] = [0.09, 0.12, 0.16]
+    assert any("the same mass and inertia" in finding.message for finding in find([*links, twin]))
+
+
 def slip(kind: str) -> list[dict[str, list[float]]]:
     """Return the arm with a slip in each link that a repair undoes."""
     links = arm()
