@@ -9,8 +9,8 @@ Motions (references)
     Bezier, Waypoints, Hold, CartesianReference, Recorded, PosePath, load_poses, Setpoints, Follower,
     FollowLimits, Reference, ReferenceBatch, Target
 Controllers
-    GPI, PIDPositions, PIDInversion, ADRC, ComputedTorqueDOB, SuperTwisting, SlotineLi, Controller,
-    ControlStep, Measurement, FullState
+    GPI, CartesianImpedance, JointImpedance, ImpedanceLimits, PIDPositions, PIDInversion, ADRC,
+    ComputedTorqueDOB, SuperTwisting, SlotineLi, Controller, ControlStep, Measurement, FullState
 Gains of a GPI
     FixedGains, GainSchedule, BSplineNetwork, Gains, Tuning, Weights, learned_weights, load_weights,
     save_weights, default_omega, LargestPayload, PayloadRange, largest_payload, payload_range
@@ -62,6 +62,9 @@ if TYPE_CHECKING:
     from armgpi.control.controller import FullState as FullState
     from armgpi.control.controller import Measurement as Measurement
     from armgpi.control.ctdob import ComputedTorqueDOB as ComputedTorqueDOB
+    from armgpi.control.impedance import CartesianImpedance as CartesianImpedance
+    from armgpi.control.impedance import JointImpedance as JointImpedance
+    from armgpi.control.impedance_limits import ImpedanceLimits as ImpedanceLimits
     from armgpi.control.pid import PIDInversion as PIDInversion
     from armgpi.control.pid_positions import PIDPositions as PIDPositions
     from armgpi.control.slotineli import SlotineLi as SlotineLi
@@ -167,6 +170,8 @@ _NAMES = {
     "certification.path": ("PathBound", "bound_path"),
     "control.adrc": ("ADRC",),
     "control.ctdob": ("ComputedTorqueDOB",),
+    "control.impedance": ("CartesianImpedance", "JointImpedance"),
+    "control.impedance_limits": ("ImpedanceLimits",),
     "control.pid_positions": ("PIDPositions",),
     "gpi.schedule": ("GainSchedule",),
     "control.slotineli": ("SlotineLi",),

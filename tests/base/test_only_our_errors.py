@@ -285,6 +285,14 @@ TASK = {
     "seed": 0,
 }
 LOADED = {"robot": ARM, "frame": TIP, "com": (0.0, 0.0, 0.0), "dt": DT, "delay": 0.0}
+IMPEDANCE: dict[str, Any] = {
+    "effort": 3.0,
+    "damping_ratio": 0.8,
+    "friction_feedforward": True,
+    "friction_smoothing": 0.05,
+    "velocity_filter": 200.0,
+    "delay": 0.0,
+}
 NOWHERE = "/nonexistent/folder/rollout.nc"
 
 #: Numbers of an observer's damping and schedule.
@@ -463,6 +471,24 @@ CASES: dict[str, Case] = {
             "effort": 3.0,
             "bias_robot": ARM,
         },
+        controlled,
+    ),
+    "CartesianImpedance": Case(
+        armgpi.CartesianImpedance,
+        {
+            "robot": ARM,
+            "dt": DT,
+            "frame": TIP,
+            "stiffness": [500.0, 500.0, 500.0, 30.0, 30.0, 30.0],
+            "nullspace_stiffness": 10.0,
+            "force_limit": 20.0,
+            **IMPEDANCE,
+        },
+        controlled,
+    ),
+    "JointImpedance": Case(
+        armgpi.JointImpedance,
+        {"robot": ARM, "dt": DT, "stiffness": 100.0, "torque_limit": 5.0, **IMPEDANCE},
         controlled,
     ),
     "GPI with a payload": Case(
@@ -939,7 +965,15 @@ CASES: dict[str, Case] = {
 PLAIN = {
     *("ArmgpiError", "ArmgpiWarning", "Status", "__version__", "DynamicsReport", "Derivation"),
     *("Certificate", "ControlStep", "FullState", "Measurement", "Target", "Tuning"),
-    *("Scenario", "InverseSolution", "LargestPayload", "PathBound", "PayloadRange", "Comparison"),
+    *(
+        "Scenario",
+        "ImpedanceLimits",
+        "InverseSolution",
+        "LargestPayload",
+        "PathBound",
+        "PayloadRange",
+        "Comparison",
+    ),
     *("Contact", "Controller", "Gains", "Load", "Plant", "Reference", "Wrapper"),
 }
 #: What starts a process for every call.

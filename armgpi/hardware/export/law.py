@@ -191,6 +191,8 @@ class _ControllerTracer(Tracer):
 
     def array(self, values: Array) -> Any:
         """Return symbols for an array of numbers."""
+        if values.ndim > 2 and values.dtype == np.float64:
+            return values  # placements of a frame, which are part of the code
         if values.ndim > 1 and values.dtype == np.float64:
             raise NotElementwise(f"it has an array of shape {values.shape}, not one number per joint")
         symbols = super().array(values)

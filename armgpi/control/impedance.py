@@ -1,0 +1,431 @@
+"""Impedance control from positions alone: the tool, or the joints, as springs of the specified stiffness.
+
+A controller with integrators presses until it is there. These have none: they are the members of the family
+without integrators, a spring and a damper on a filtered difference of the positions. Gravity and the rest of
+the nominal model are fed forward, so the model has to be good: a payload that it does not have, and friction,
+deflect the springs.
+
+The damping is Rayleigh's, (alpha D(q) + beta K) q', which needs no inertia at the tool: a mode of the
+natural frequency omega has the ratio (alpha / omega + beta omega) / 2. It is the specified one at a low and
+at a high natural frequency of the arm, less by up to a third between them, and more beyond.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array, new
+from armgpi.control.controller import Controller, ControlStep, Measurement
+from armgpi.control.impedance_limits import ImpedanceLimits, Mode, impedance_limits
+from armgpi.errors import ArrayError, ParameterError
+from armgpi.parameter import PerJoint, parameter, with_parameters
+from armgpi.references.reference import Target
+from armgpi.registry import Context
+from armgpi.robot.batch import AnyRobot
+from armgpi.robot.frame_motion import FrameMotion, Motion, Pose
+from armgpi.robot.kinematics import random_configurations
+from armgpi.robot.robot import Robot
+
+#: Natural frequency of the joint springs where no stiffness is given [rad/s].
+_USUAL = 10.0
+#: Configurations over which natural frequencies are taken.
+_CONFIGURATIONS = 40
+#: Shares of all modes between which they have no more than the damping ratio that was asked for.
+_SPREAD = (0.15, 0.85)
+#: Bandwidths that are tried where none is given [rad/s], and the largest stiffness that is enough, over the
+#: specified one.
+_FILTERS, _SPARE = (250.0, 180.0, 120.0, 85.0, 60.0, 42.0, 30.0), 2.0
+#: The largest stiffness is told with this share of it.
+_ROUNDED = 0.95
+#: Damping of the projection to the null space, with lengths in those of the arm.
+_SINGULAR = 1e-4
+#: Lever of the moment limit that belongs to a force limit [m].
+_LEVER = 0.2
+#: Sine below which the logarithm of a rotation is its sine.
+_SMALL = 1e-6
+
+
+class ImpedanceState(NamedTuple):
+    """State of an impedance controller.
+
+    Attributes:
+        e: position error of the last sample [rad or m].
+        rate: filtered difference of it [rad/s or m/s].
+    """
+
+    e: Array
+    rate: Array
+
+
+class Frequencies(NamedTuple):
+    """Natural frequencies that a damping is made for [rad/s]."""
+
+    lowest: float
+    highest: float
+
+
+@with_parameters
+class Impedance(Controller):
+    """What impedance controllers share: the filtered rate, the feedforward and the damping.
+
+    Attributes:
+        damping_ratio: of the lowest and of the highest mode [-].
+        friction_feedforward: whether the nominal model's joint friction at the reference velocity is added.
+        friction_smoothing: speed below which its sign is smoothed [rad/s or m/s].
+        velocity_filter: bandwidth of the filtered difference [rad/s].
+        delay: transport delay in the loop [s], besides the sample and hold.
+    """
+
+    measurement_type: ClassVar[type[Measurement]] = Measurement
+    knows: ClassVar[str] = "model"
+    derived: ClassVar[Mapping[str, str]] = {
+        "_decay": "share of the rate that a sample leaves [-]",
+        "_drive": "from a difference of positions into the rate [1/s]",
+        "_alpha": "damping in proportion to the inertia [1/s]",
+        "_beta": "damping in proportion to the stiffness [s]",
+        "_viscous": "viscous friction of the nominal model [N m s/rad or N s/m]",
+        "_coulomb": "Coulomb friction of the nominal model [N m or N]",
+    }
+
+    damping_ratio: float = parameter(
+        "damping ratio of the slowest and of the fastest mode",
+        default=0.8,
+        least=0.0,
+        most=5.0,
+        above=True,
+        structural=True,
+        kw_only=True,
+    )
+    friction_feedforward: bool = parameter(
+        "add the nominal model's joint friction at the reference velocity",
+        kind="flag",
+        default=False,
+        structural=True,
+        kw_only=True,
+    )
+    friction_smoothing: float = parameter(
+        "speed below which the sign of the reference velocity is smoothed",
+        unit="rad/s or m/s",
+        default=0.05,
+        least=0.0,
+        above=True,
+        log=True,
+        kw_only=True,
+    )
+    velocity_filter: float = parameter(
+        "bandwidth of the filtered difference of the positions",
+        unit="rad/s",
+        default=None,
+        none="250, and less where elastic joints ask for it",
+        least=0.0,
+        above=True,
+        log=True,
+        structural=True,
+        kw_only=True,
+    )
+    delay: float = parameter(
+        "transport delay in the loop", unit="s", default=0.0, least=0.0, in_file=False, kw_only=True
+    )
+
+    def __post_init__(self) -> None:
+        """Check the parameters, and refuse a stiffness that the loop is too slow for.
+
+        Raises:
+            ParameterError: when the stiffness is beyond the largest one; it has that one.
+            ArrayError: for a stiffness that does not fit.
+        """
+        super().__post_init__()
+        self._viscous, self._coulomb = self.robot.friction
+        self._dynamics = self.robot.dynamics
+        arm = _one(self.robot)
+        self._prepare(arm)
+        modes = self._modes(arm, random_configurations(arm, _CONFIGURATIONS, seed=0))
+        squares = np.concatenate([each.square for each in modes])
+        slowest, fastest = np.sqrt(np.quantile(squares, _SPREAD)).tolist()
+        self._frequencies = Frequencies(slowest, fastest)
+        self._alpha = 2.0 * self.damping_ratio * slowest * fastest / (slowest + fastest)
+        self._beta = 2.0 * self.damping_ratio / (slowest + fastest)
+        found = self._choose_filter(modes, arm)
+        self._limits = found
+        half = 0.5 * self.velocity_filter * self.dt
+        self._decay = (1.0 - half) / (1.0 + half)
+        self._drive = self.velocity_filter / (1.0 + half)
+        if not found.factor >= 1.0:
+            raise ParameterError(
+                "stiffness",
+                np.asarray(vars(self)["stiffness"]).tolist(),
+                f"at most {_ROUNDED * found.factor:.2g} times that: {found.reason}",
+            )
+
+    def _choose_filter(self, modes: list[Mode], arm: Robot) -> ImpedanceLimits:
+        """Choose the filter where none is given, and return what may be asked for with it."""
+        best = None
+        for bandwidth in _FILTERS if self.velocity_filter is None else (self.velocity_filter,):
+            found = impedance_limits(
+                modes, self._alpha, self._beta, bandwidth, self.dt, self.delay, arm.drives
+            )
+            least = min(found.factor, found.link_factor)
+            if best is None or least > best[0]:
+                best = least, bandwidth, found
+            if least >= _SPARE:
+                break
+        assert best is not None
+        self.fill("velocity_filter", best[1])
+        return best[2]
+
+    @classmethod
+    def configured(cls, given: Mapping[str, Any], context: Context) -> Controller:
+        """Return the controller; see :meth:`Controller.configured`."""
+        return cls(context.nominal, context.dt, delay=context.delay, **given)
+
+    @property
+    def limits(self) -> ImpedanceLimits:
+        """What may be asked for: the largest stiffness, and the stiffest wall without damping."""
+        return self._limits
+
+    def init(self, measurement: Measurement, target: Target) -> ImpedanceState:
+        """Return the state before the first sample, at rest; see :meth:`Controller.init`."""
+        e = measurement.q - target.q
+        return ImpedanceState(e, np.zeros_like(e))
+
+    def signals(self, state: ImpedanceState) -> Mapping[str, Array]:
+        """Return the filtered rate of the error."""
+        return {"rate": state.rate}
+
+    def _moved(self, q: Array, target: Target, state: ImpedanceState) -> ImpedanceState:
+        """Return error and filtered rate at a measured position."""
+        e = q - target.q
+        return new(ImpedanceState, (e, self._decay * state.rate + self._drive * (e - state.e)))
+
+    def _ahead(self, q: Array, target: Target, rate: Array) -> Array:
+        """Return the model's torque along the reference, less the damping in proportion to the inertia."""
+        _, v, a = (part + np.zeros_like(q) for part in target)  # one reference may be for a whole batch
+        tau = self._dynamics.inverse(q, v, a - self._alpha * rate)
+        if self.friction_feedforward:
+            smooth = np.sqrt(v * v + self.friction_smoothing * self.friction_smoothing)
+            tau = tau + self._viscous * v + self._coulomb * (v / smooth)
+        return tau
+
+    @abstractmethod
+    def _prepare(self, arm: Robot) -> None:
+        """Check the stiffness, and keep what the springs need."""
+
+    @abstractmethod
+    def _modes(self, arm: Robot, configurations: Array) -> list[Mode]:
+        """Return the modes of the springs in some configurations."""
+
+
+@with_parameters
+class JointImpedance(Impedance):
+    """Every joint as a spring: tau = model(q, v*, a*) - K (q - q*) - damping.
+
+    Attributes:
+        stiffness: of the joints [N m/rad or N/m]; that of 10 rad/s with each joint's inertia when not given.
+        torque_limit: of the springs [N m or N]; none when not given.
+    """
+
+    config_name: ClassVar[str | None] = "joint_impedance"
+
+    stiffness: PerJoint = parameter(
+        "stiffness of the joints",
+        unit="N m/rad or N/m",
+        default=None,
+        none="that of 10 rad/s",
+        least=0.0,
+        above=True,
+        per_joint=True,
+        log=True,
+        key="joint_stiffness",
+    )
+    torque_limit: PerJoint = parameter(
+        "largest torque of the springs",
+        unit="N m or N",
+        default=None,
+        none="no limit",
+        least=0.0,
+        above=True,
+        per_joint=True,
+        log=True,
+        key="spring_torque",
+    )
+
+    def _prepare(self, arm: Robot) -> None:
+        """Choose the stiffness where none is given."""
+        given: Any = self.stiffness
+        if given is None:
+            inertias = arm.mass_matrix(random_configurations(arm, _CONFIGURATIONS, seed=0))
+            own = np.median(np.diagonal(inertias, axis1=1, axis2=2), axis=0)
+            self.keep("stiffness", _USUAL * _USUAL * own)
+
+    def step(self, measurement: Measurement, target: Target, state: ImpedanceState) -> ControlStep:
+        """Return torque and next state; see :meth:`Controller.step`."""
+        q = measurement.q
+        state = self._moved(q, target, state)
+        spring = -self.stiffness * state.e
+        limit: Any = self.torque_limit
+        if limit is not None:
+            spring = np.minimum(np.maximum(spring, -limit), limit)
+        damper = self._beta * self.stiffness * state.rate
+        tau = self._ahead(q, target, state.rate) + spring - damper
+        return new(ControlStep, (self.limited(tau), state))
+
+    def _modes(self, arm: Robot, configurations: Array) -> list[Mode]:
+        """Return the modes of the joint springs."""
+        stiffness = np.median(np.atleast_2d(self.stiffness), axis=0)
+        return [Mode.of(arm.mass_matrix(q), np.diag(stiffness), arm.n) for q in configurations]
+
+
+@with_parameters
+class CartesianImpedance(Impedance):
+    """The tool as a spring: tau = model(q, v*, a*) + J' F - damping + null space, F = -K (x - x*).
+
+    The wished pose is that of the target's joints, and the rotation error is the logarithm of R R*'.
+    Stiffness and forces are in the base frame. A posture spring in the null space of the tool, for arms with
+    more than six joints, goes to the target's joints.
+
+    Attributes:
+        frame: the frame that is the tool; the robot's tip when not given.
+        stiffness: of x, y, z [N/m] and of rotations about x, y, z [N m/rad].
+        nullspace_stiffness: of the posture [N m/rad or N/m].
+        force_limit: largest force of the spring [N], none when not given; its moment is limited to 0.2 m
+            times it. Inertia, damping and friction come on top, and the impact at the speed of the approach:
+            it is no safety function.
+    """
+
+    config_name: ClassVar[str | None] = "cartesian_impedance"
+
+    frame: str | None = parameter(
+        "frame that is the tool", kind="text", default=None, none="the tip", key="tool_frame"
+    )
+    stiffness: Array = parameter(
+        "stiffness of x, y, z [N/m] and of rotations about x, y, z [N m/rad]",
+        unit="N/m and N m/rad",
+        kind="numbers",
+        default=(500.0, 500.0, 500.0, 30.0, 30.0, 30.0),
+    )
+    nullspace_stiffness: float = parameter(
+        "stiffness of the posture in the null space",
+        unit="N m/rad or N/m",
+        default=10.0,
+        least=0.0,
+        structural=True,
+    )
+    force_limit: float = parameter(
+        "largest force of the spring, beyond damping and friction",
+        unit="N",
+        default=None,
+        none="no limit",
+        least=0.0,
+        above=True,
+        log=True,
+    )
+
+    def _prepare(self, arm: Robot) -> None:
+        """Check the stiffness, and find the tool.
+
+        Raises:
+            NameNotFound: when there is no such frame.
+        """
+        stiffness = np.asarray(self.stiffness)
+        if stiffness.shape != (6,):
+            raise ArrayError("stiffness", f"expected six numbers, got shape {stiffness.shape}")
+        if not (stiffness >= 0.0).all() or not stiffness.any():
+            raise ParameterError("stiffness", stiffness.tolist(), "zero or positive, and not all zero")
+        self._linear, self._angular = stiffness[:3].copy(), stiffness[3:].copy()
+        self._motion = FrameMotion(arm, self.frame or arm.tip)
+        jacobian = arm.frame_jacobian(self._motion.frame, random_configurations(arm, 32, seed=0))
+        lengths = np.linalg.norm(jacobian[:, :3] * ~arm.prismatic, axis=1)
+        self._length = float(lengths.max()) or 1.0
+        self._redundant = arm.n > 6 and self.nullspace_stiffness > 0.0
+
+    def step(self, measurement: Measurement, target: Target, state: ImpedanceState) -> ControlStep:
+        """Return torque and next state; see :meth:`Controller.step`."""
+        q = measurement.q
+        state = self._moved(q, target, state)
+        motion = self._motion.at(q, state.rate)
+        spring = self._spring(motion, self._motion.pose(target.q))
+        force = spring[0] - self._beta * (self._linear * motion.velocity)
+        moment = spring[1] - self._beta * (self._angular * motion.rate)
+        tau = self._ahead(q, target, state.rate) + motion.torque(q, force, moment)
+        if self._redundant:
+            tau = tau - self.nullspace_stiffness * self._in_null_space(motion, state.e)
+        return new(ControlStep, (self.limited(tau), state))
+
+    def _spring(self, motion: Motion, wished: Pose) -> tuple[Array, Array]:
+        """Return force [N] and moment [N m] of the spring."""
+        force = -self._linear * (motion.position - wished.position)
+        moment = -self._angular * rotation_between(motion.rotation, wished.rotation)
+        limit: Any = self.force_limit
+        if limit is None:
+            return force, moment
+        return _shortened(force, limit), _shortened(moment, _LEVER * limit)
+
+    def _in_null_space(self, motion: Motion, e: Array) -> Array:
+        """Return the part of a joint error that does not move the tool [rad or m]."""
+        zero = 0.0 * motion.position
+        columns = []
+        for lever in motion.levers:
+            linear, angular = (zero, zero) if lever is None else lever
+            columns.append(np.concatenate([linear / self._length + zero, angular + zero], axis=-1))
+        transposed, jacobian = np.stack(columns, axis=-2), np.stack(columns, axis=-1)
+        matrix = np.matmul(jacobian, transposed) + _SINGULAR * np.eye(6)
+        moved = np.linalg.solve(matrix, np.matmul(jacobian, e[..., None]))
+        left: Array = e - np.matmul(transposed, moved)[..., 0]
+        return left
+
+    def _modes(self, arm: Robot, configurations: Array) -> list[Mode]:
+        """Return the modes of the tool's spring."""
+        weights = np.concatenate([self._linear, self._angular])
+        found = []
+        for q in configurations:
+            jacobian = arm.frame_jacobian(self._motion.frame, q)
+            stiffness = jacobian.T @ (weights[:, None] * jacobian)
+            count = min(int((weights > 0.0).sum()), arm.n)
+            found.append(Mode.of(arm.mass_matrix(q), stiffness, count, jacobian[:3]))
+        return found
+
+
+def rotation_between(actual: Array, wished: Array) -> Array:
+    """Return the rotation vector [rad] of R R*', elementwise.
+
+    Args:
+        actual: R, rotation matrices (..., 3, 3).
+        wished: R*, likewise.
+
+    Returns:
+        The logarithm in the base frame, (..., 3): 0 at exactly half a turn, where it has no direction.
+    """
+    sine: Any = 0.0
+    trace: Any = 0.0
+    for column in range(3):
+        a, b = wished[..., :, column], actual[..., :, column]
+        cross = [a[..., i] * b[..., j] - a[..., j] * b[..., i] for i, j in ((1, 2), (2, 0), (0, 1))]
+        sine = sine + 0.5 * np.stack(cross, axis=-1)
+        trace = trace + (a[..., 0:1] * b[..., 0:1] + a[..., 1:2] * b[..., 1:2] + a[..., 2:3] * b[..., 2:3])
+    length = _length_of(sine)
+    # 1 + cos(angle), and tan(angle / 2) = sin / (1 + cos).
+    angle = 2.0 * np.arctan(length / np.maximum(0.5 * (trace + 1.0), 1e-12))
+    rotation: Array = sine * np.where(length > _SMALL, angle / np.maximum(length, _SMALL), 1.0)
+    return rotation
+
+
+def _shortened(vector: Array, most: Any) -> Array:
+    """Return vectors (..., 3) of at most a length."""
+    shorter: Array = vector * np.minimum(1.0, most / np.maximum(_length_of(vector), 1e-9))
+    return shorter
+
+
+def _length_of(vector: Array) -> Array:
+    """Return the lengths of vectors (..., 3), (..., 1)."""
+    squares = vector * vector
+    length: Array = np.sqrt(squares[..., 0:1] + squares[..., 1:2] + squares[..., 2:3])
+    return length
+
+
+def _one(robot: AnyRobot) -> Robot:
+    """Return an arm of a batch: its kinematics are those of all."""
+    return robot if isinstance(robot, Robot) else robot.robots[0]

@@ -1,0 +1,229 @@
+"""What an impedance controller may be asked for, in closed form, before it runs.
+
+Of a mode with unit inertia the controller is C(s) = w^2 + (alpha + beta w^2) s / (1 + s / d), late by a
+delay T. It damps a motion of the frequency omega where the imaginary part of C(j omega) exp(-j omega T) is
+positive, which is so up to one frequency: there the lag of the filter and the delay have used up the lead of
+the damper. A mode whose frequency is beyond it is driven, not damped. So the stiffness, with a wall beside
+it, must not bring the mode there; and a resonance of elastic joints that is beyond has to be damped by them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array
+
+#: Smallest eigenvalue of an inertia beside the largest that a mode is taken of.
+_LEAST = 1e-9
+#: Least share of a joint's inertia that is its link's.
+_LEAST_LINK = 0.05
+#: Damping ratio of a gear whose damping is not known [-].
+_GEAR_DAMPING = 0.01
+#: Stiffness factors between which the largest one is looked for.
+_FACTORS, _LOOKS = (1e-3, 1e5), 60
+
+
+class Mode(NamedTuple):
+    """The springs in one configuration.
+
+    Attributes:
+        square: squares of the natural frequencies [1/s^2], (k,).
+        inertia: own inertias of the joints [kg m^2 or kg], (n,).
+        stiffness: own stiffness of the joints [N m/rad or N/m], (n,).
+        masses: what the tool weighs in its principal directions [kg], (3,); empty without a tool.
+    """
+
+    square: Array
+    inertia: Array
+    stiffness: Array
+    masses: Array
+
+    @classmethod
+    def of(cls, inertia: Array, stiffness: Array, count: int, jacobian: Array | None = None) -> Mode:
+        """Return the modes of an inertia and a stiffness matrix, each (n, n).
+
+        Args:
+            inertia: D.
+            stiffness: K.
+            count: how many modes the springs have; the others are free.
+            jacobian: of the tool's position, (3, n).
+        """
+        factor = np.linalg.inv(np.linalg.cholesky(inertia))
+        square = np.linalg.eigvalsh(factor @ stiffness @ factor.T)
+        masses = np.empty(0)
+        if jacobian is not None:
+            mobility = np.linalg.eigvalsh(jacobian @ np.linalg.solve(inertia, jacobian.T))
+            masses = 1.0 / np.maximum(mobility, _LEAST * mobility.max())
+        return cls(np.maximum(square[-count:], 0.0), np.diag(inertia), np.diag(stiffness), masses)
+
+
+class ImpedanceLimits(NamedTuple):
+    """What may be asked for.
+
+    Attributes:
+        factor: the largest stiffness over that which was asked for [-].
+        reason: what limits it.
+        link_factor: the same if encoders sat at the links, where joints are elastic and the drives do not
+            tell the side; else `factor`.
+        wall: the stiffest wall without damping at the tool [N/m], in the configuration and direction where
+            it is softest; NaN without a tool.
+        usual_wall: the same, median over configurations and directions.
+    """
+
+    factor: float
+    reason: str
+    link_factor: float
+    wall: float
+    usual_wall: float
+
+
+class _Loop(NamedTuple):
+    """The controller of one mode, per unit of inertia: alpha [1/s], beta [s], filter [1/s], delay [s]."""
+
+    alpha: float
+    beta: float
+    bandwidth: float
+    delay: float
+
+    def scaled(self, factor: float) -> _Loop:
+        """Return the damping that belongs to another stiffness."""
+        root = math.sqrt(factor)
+        return self._replace(alpha=self.alpha * root, beta=self.beta / root)
+
+    def response(self, square: Any, frequency: Any) -> Any:
+        """Return C(j omega) exp(-j omega T) [1/s^2]."""
+        s = 1j * np.asarray(frequency)
+        rate = s / (1.0 + s / self.bandwidth)
+        return (square + (self.alpha + self.beta * square) * rate) * np.exp(-s * self.delay)
+
+    def phase_limit(self, square: Array) -> Array:
+        """Return up to which frequency [rad/s] the controller damps; 0 where it damps nothing."""
+        low = np.full(np.shape(square), 1e-3)
+        high = np.full(np.shape(square), math.pi / self.delay)
+        low = np.where(self.response(square, low).imag > 0.0, low, 0.0)
+        for _ in range(45):
+            middle = 0.5 * (low + high)
+            damps = (self.response(square, middle).imag > 0.0) & (low > 0.0)
+            low, high = np.where(damps, middle, low), np.where(damps, high, middle)
+        return low
+
+    def spare(self, square: Array) -> Array:
+        """Return the stiffness over inertia [1/s^2] that may be added to a mode before it is driven."""
+        frequency = self.phase_limit(square)
+        return np.asarray(frequency**2 - self.response(square, frequency).real)
+
+
+def impedance_limits(
+    modes: Sequence[Mode],
+    alpha: float,
+    beta: float,
+    bandwidth: float,
+    dt: float,
+    delay: float,
+    drives: Any = None,
+) -> ImpedanceLimits:
+    """Return what may be asked for.
+
+    Args:
+        modes: of some configurations.
+        alpha: damping over inertia [1/s].
+        beta: damping over stiffness [s].
+        bandwidth: of the filtered difference [rad/s].
+        dt: sample time [s].
+        delay: transport delay besides the sample and hold [s].
+        drives: of the arm: their joint stiffness counts where it is known.
+    """
+    loop = _Loop(alpha, beta, bandwidth, delay + 0.5 * dt)
+    square = np.array([max(float(mode.square.max()) for mode in modes)])
+    factor = _largest(lambda factor: bool(loop.scaled(factor).spare(factor * square)[0] > 0.0))
+    reason = f"beyond, the sample time of {dt:g} s, the delay and the filter leave no damping"
+    link_factor = factor
+    known = _Joints.of(modes, drives)
+    if known is not None:
+        side = known.factor(loop, at_link=known.at_link)
+        link_factor = min(factor, known.factor(loop, at_link=known.at_link | known.unsure))
+        if side < factor:
+            factor, reason = side, "beyond, a resonance of the elastic joints is not damped"
+    walls = [
+        mode.masses * loop.spare(np.array([np.median(mode.square)])) for mode in modes if mode.masses.size
+    ]
+    lowest, usual = (float(np.min(walls)), float(np.median(walls))) if walls else (math.nan, math.nan)
+    return ImpedanceLimits(factor, reason, link_factor, lowest, usual)
+
+
+class _Joints(NamedTuple):
+    """Elastic joints in some configurations, arrays (configurations, n).
+
+    Attributes:
+        resonance: between motor and link [rad/s].
+        square: of the springs, on the joint's own inertia [1/s^2].
+        share: inertia of the link over that of the motor [-].
+        own: what damps the resonance without the controller [1/s^2].
+        at_link: whether the encoder sits at the link, (n,).
+        unsure: whether nothing tells where it sits, (n,).
+    """
+
+    resonance: Array
+    square: Array
+    share: Array
+    own: Array
+    at_link: Any
+    unsure: Any
+
+    @classmethod
+    def of(cls, modes: Sequence[Mode], drives: Any) -> _Joints | None:
+        """Return what is known of the joints; None where no stiffness is."""
+        if drives is None:
+            return None
+        gear, rotor = drives.value("stiffness"), drives.value("rotor_inertia")
+        known = np.isfinite(gear) & np.isfinite(rotor) & (rotor > 0.0)
+        if not known.any():
+            return None
+        gear, rotor = gear[known], rotor[known]
+        inertia = np.array([mode.inertia for mode in modes])[:, known]
+        stiffness = np.array([mode.stiffness for mode in modes])[:, known]
+        link = np.maximum(inertia - rotor, _LEAST_LINK * inertia)
+        reduced = rotor * link / (rotor + link)
+        resonance = np.sqrt(gear / reduced)
+        damping = drives.value("damping")[known]
+        ratio = np.where(np.isfinite(damping), damping / (2.0 * reduced * resonance), _GEAR_DAMPING)
+        side = np.asarray(drives.value("encoder_side"))[known]
+        own = 2.0 * ratio * resonance**2
+        square = stiffness / inertia
+        return cls(resonance, square, link / rotor, own, side == "link", side == "")
+
+    def factor(self, loop: _Loop, at_link: Any) -> float:
+        """Return the largest stiffness factor at which all resonances are damped.
+
+        To first order in the feedback, a resonance is damped by s Im C + 2 zeta_g omega^2, per unit of
+        inertia: s is the inertia of the link over that of the motor where the motor's position is measured,
+        and -1 where the link's is.
+        """
+        share = np.where(at_link, -1.0, self.share)
+
+        def damped(factor: float) -> bool:
+            added = share * loop.scaled(factor).response(factor * self.square, self.resonance).imag
+            return bool((added + self.own > 0.0).all())
+
+        return _largest(damped)
+
+
+def _largest(holds: Any) -> float:
+    """Return the factor up to which something holds, from small ones on; 0 for none."""
+    low = 0.0
+    for high in np.geomspace(*_FACTORS, _LOOKS).tolist():
+        if not holds(high):
+            break
+        low = high
+    else:
+        return math.inf
+    if not low:
+        return 0.0
+    for _ in range(25):
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low

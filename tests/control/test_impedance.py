@@ -1,0 +1,230 @@
+"""Springs without a velocity sensor: the stiffness that was specified, stable up to the stated limits."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.linalg import expm
+
+import armgpi
+from armgpi import config
+from armgpi.control.impedance import rotation_between
+from armgpi.control.impedance_limits import _largest, _Loop
+from armgpi.errors import ArrayError, NameNotFound, ParameterError
+
+DT = 1e-3
+HOMES = {
+    "ur5": np.array([0.0, -1.2, 1.6, -1.97, -1.5708, 0.0]),
+    "panda": np.array([0.0, -0.5, 0.0, -2.2, 0.0, 1.75, 0.8]),
+}
+
+
+def arm_of(name: str) -> armgpi.Robot:
+    fingers = ["panda_finger_joint1", "panda_finger_joint2"] if name == "panda" else ()
+    return armgpi.Robot.load(name, lock=fingers).with_armature(0.4)
+
+
+def pushed(law: Any, home: np.ndarray, contact: Any, seconds: float = 2.0) -> Any:
+    """Return the tool's pose at the end of a push, by generated code where there is a compiler."""
+    arm = law.robot
+    plant = armgpi.Delayed(armgpi.RigidBodyPlant(arm, environment=[contact]), 1)
+    rollout = armgpi.simulate(plant, law, armgpi.Hold(home), seconds, backend="auto")
+    assert rollout["status"] == armgpi.Status.FINISHED
+    return arm.frame_pose(arm.tip, rollout["q"].values[-1])
+
+
+@pytest.mark.parametrize("name", HOMES)
+@pytest.mark.parametrize("stiffness", [300.0, 3000.0])
+def test_a_push_moves_the_tool_by_force_over_stiffness(name: str, stiffness: float) -> None:
+    arm, home = arm_of(name), HOMES[name]
+    law = armgpi.CartesianImpedance(arm, DT, stiffness=[stiffness] * 3 + [50.0] * 3, delay=DT)
+    force = np.array([6.0, -9.0, 3.0])
+    end = pushed(law, home, armgpi.ToolForce(force))
+    moved = end.translation - arm.frame_pose(arm.tip, home).translation
+    np.testing.assert_allclose(moved, force / stiffness, atol=0.01 * np.linalg.norm(force) / stiffness)
+
+
+@pytest.mark.parametrize("name", HOMES)
+def test_a_moment_turns_the_tool_by_moment_over_stiffness(name: str) -> None:
+    arm, home = arm_of(name), HOMES[name]
+    law = armgpi.CartesianImpedance(arm, DT, stiffness=[2000.0] * 3 + [20.0, 30.0, 40.0], delay=DT)
+    moment = np.array([1.0, -2.0, 1.5])
+    end = pushed(law, home, armgpi.ToolForce(moment=moment))
+    turned = pin.log3(end.rotation @ arm.frame_pose(arm.tip, home).rotation.T)
+    # K r is the moment only to first order in the angle: J' of the logarithm is 1 + r / 2 x ... .
+    np.testing.assert_allclose(turned, moment / [20.0, 30.0, 40.0], atol=2e-3)
+
+
+def test_a_joint_spring_gives_way_by_torque_over_stiffness() -> None:
+    arm, home = arm_of("ur5"), HOMES["ur5"]
+    stiffness = np.array([300.0, 200.0, 150.0, 80.0, 60.0, 40.0])
+    law = armgpi.JointImpedance(arm, DT, stiffness, delay=DT)
+    torque = np.array([3.0, -2.0, 1.0, 0.5, 0.5, -0.3])
+    plant = armgpi.Delayed(armgpi.RigidBodyPlant(arm, loads=[armgpi.Step(torque)]), 1)
+    rollout = armgpi.simulate(plant, law, armgpi.Hold(home), 2.0, backend="auto")
+    # A load opposes the motors.
+    np.testing.assert_allclose(rollout["q"].values[-1] - home, -torque / stiffness, atol=2e-5)
+
+
+def test_rotations_are_told_apart_as_by_pinocchio() -> None:
+    random = np.random.default_rng(2)
+    wished = np.array([pin.exp3(random.normal(size=3)) for _ in range(50)])
+    turns = random.normal(size=(50, 3)) * np.geomspace(1e-9, 1.7, 50)[:, None] / math.sqrt(3.0)
+    actual = np.array([pin.exp3(turn) @ r for turn, r in zip(turns, wished, strict=True)])
+    known = np.array([pin.log3(a @ w.T) for a, w in zip(actual, wished, strict=True)])
+    np.testing.assert_allclose(rotation_between(actual, wished), known, atol=1e-8)
+    np.testing.assert_array_equal(rotation_between(actual[3], wished[3]), rotation_between(actual, wished)[3])
+
+
+def test_the_posture_returns_and_does_not_push_the_tool() -> None:
+    arm, home = arm_of("panda"), HOMES["panda"]
+    law = armgpi.CartesianImpedance(arm, DT, nullspace_stiffness=10.0)
+    jacobian = arm.frame_jacobian(arm.tip, home)
+    free = np.linalg.svd(jacobian)[2][-1]
+    motion = law._motion.at(home, 0.0 * home)
+    left = law._in_null_space(motion, 0.1 * free)
+    np.testing.assert_allclose(left, 0.1 * free, atol=1e-10)
+    # What moves the tool is projected away, but for the damping of the projection.
+    moving = jacobian.T @ np.ones(6)
+    assert np.linalg.norm(law._in_null_space(motion, moving)) < 1e-2 * np.linalg.norm(moving)
+    plant = armgpi.RigidBodyPlant(arm)
+    rollout = armgpi.simulate(plant, law, armgpi.Hold(home), 4.0, q0=home + 0.1 * free, backend="auto")
+    assert np.abs(rollout["q"].values[-1] - home).max() < 5e-3
+
+
+@pytest.mark.parametrize("name", HOMES)
+def test_behind_a_wall_the_spring_presses_with_its_limit(name: str) -> None:
+    arm, home = arm_of(name), HOMES[name]
+    height = float(arm.frame_pose(arm.tip, home).translation[2]) - 1e-3
+    wall = armgpi.Wall(normal=[0.0, 0.0, 1.0], distance=height, stiffness=1e4, damping=50.0)
+    down = arm.frame_pose(arm.tip, home)
+    goal = armgpi.inverse_kinematics(
+        arm, arm.tip, down.translation - [0.0, 0.0, 0.08], down.rotation, near=home
+    ).q
+    law = armgpi.CartesianImpedance(arm, DT, stiffness=[1000.0] * 3 + [50.0] * 3, force_limit=15.0)
+    plant = armgpi.RigidBodyPlant(arm, environment=[wall])
+    rollout = armgpi.simulate(plant, law, armgpi.Bezier(home, goal, 1.0), 3.0, backend="auto")
+    assert float(armgpi.metrics.final_force(rollout)[0]) == pytest.approx(15.0, rel=0.05)
+
+
+@pytest.mark.parametrize("kind", ["cartesian", "joint"])
+def test_generated_code_and_batches_do_what_python_does(kind: str) -> None:
+    arm, home = arm_of("panda"), HOMES["panda"]
+    law: Any = armgpi.JointImpedance(arm, DT, torque_limit=3.0, friction_feedforward=True)
+    if kind == "cartesian":
+        law = armgpi.CartesianImpedance(arm, DT, force_limit=10.0, friction_feedforward=True)
+    plant = armgpi.Encoder(armgpi.RigidBodyPlant(arm, environment=[armgpi.ToolForce([0.0, 30.0, 0.0])]), 17)
+    move = armgpi.Bezier(home, home + 0.1, 0.1)
+    starts = np.stack([home, home + 0.02])
+    known = armgpi.simulate(plant, law, move, 0.1, q0=starts, backend="numpy")
+    for row, start in enumerate(starts):
+        alone = armgpi.simulate(plant, law, move, 0.1, q0=start, backend="numpy")
+        np.testing.assert_allclose(known["tau"].values[row], alone["tau"].values, rtol=1e-9, atol=1e-9)
+    made = armgpi.simulate(plant, law, move, 0.1, q0=starts, backend="compiled")
+    np.testing.assert_allclose(made["tau"].values, known["tau"].values, rtol=1e-9, atol=1e-9)
+
+
+def radius(square: float, damping: float, late: int, wall: float) -> float:
+    """Spectral radius of one sampled axis of 1 kg with a wall, the controller's filter at 250 1/s."""
+    h = 0.5 * 250.0 * DT
+    decay, gain = (1.0 - h) / (1.0 + h), 250.0 / (1.0 + h)
+    plant = np.zeros((3, 3))
+    plant[0, 1], plant[1, 0], plant[1, 2] = 1.0, -wall, 1.0
+    moved = expm(plant * DT)
+    n = late + 4
+    loop = np.zeros((n, n))
+    measured = np.zeros(n)
+    measured[1 + late if late else 0] = 1.0
+    rate = gain * measured
+    rate[-1] += decay
+    rate[-2] -= gain
+    force = -square * measured - damping * rate
+    loop[:2, :2] = moved[:2, :2]
+    loop[:2] += moved[:2, 2:] * force
+    for i in range(late):
+        loop[2 + i, 0 if i == 0 else 1 + i] = 1.0
+    loop[-2], loop[-1] = measured, rate
+    return float(np.abs(np.linalg.eigvals(loop)).max())
+
+
+@pytest.mark.parametrize("late", [0, 1, 3])
+@pytest.mark.parametrize("frequency", [5.0, 50.0])
+def test_the_limits_in_closed_form_are_those_of_the_sampled_loop(late: int, frequency: float) -> None:
+    square, alpha, beta = frequency**2, 0.8 * frequency, 0.8 / frequency
+    loop = _Loop(alpha, beta, 250.0, (late + 0.5) * DT)
+    wall = float(loop.spare(np.array([square]))[0])
+    damping = alpha + beta * square
+    assert radius(square, damping, late, 0.93 * wall) < 1.0
+    assert radius(square, damping, late, 1.05 * wall) > 1.0
+    most = _largest(lambda f: bool(loop.scaled(f).spare(f * np.array([square]))[0] > 0.0))
+    assert radius(0.97 * most * square, math.sqrt(0.97 * most) * damping, late, 0.0) < 1.0
+    assert radius(1.03 * most * square, math.sqrt(1.03 * most) * damping, late, 0.0) > 1.0
+
+
+def test_a_push_against_the_stiffest_wall_that_is_told_dies_away() -> None:
+    arm, home = arm_of("ur5"), HOMES["ur5"]
+    law = armgpi.CartesianImpedance(arm, DT, delay=3 * DT)
+    height = float(arm.frame_pose(arm.tip, home).translation[2])
+    wall = armgpi.Wall(normal=[0.0, 0.0, 1.0], distance=height - 1e-5, stiffness=0.8 * law.limits.wall)
+    weight = armgpi.ToolForce([0.0, 0.0, -20.0])
+    plant = armgpi.Delayed(armgpi.RigidBodyPlant(arm, environment=[wall, weight], substeps=8), 3)
+    rollout = armgpi.simulate(plant, law, armgpi.Hold(home), 1.5, backend="auto")
+    speed = np.abs(rollout["v"].values).max(axis=-1)
+    assert speed[-200:].max() < 0.5 * speed[-800:-600].max()
+
+
+@pytest.mark.parametrize("side", ["motor", "link"])
+@pytest.mark.parametrize("ratio", [0.01, 0.05])
+def test_on_elastic_joints_it_is_stable_wherever_encoders_sit(side: str, ratio: float) -> None:
+    """No friction, nothing told of the side: the filter is chosen for both."""
+    bare = armgpi.Robot.load("panda", lock=["panda_finger_joint1", "panda_finger_joint2"])
+    arm, home = armgpi.assume_drives(bare), HOMES["panda"]
+    gear = arm.drives.value("stiffness")
+    own = np.diagonal(arm.mass_matrix(home))
+    link = np.maximum(own - arm.armature, 0.05 * own)
+    damping = 2.0 * ratio * np.sqrt(gear * arm.armature * link / (arm.armature + link))
+    law = armgpi.CartesianImpedance(arm, DT, delay=DT)
+    push = armgpi.ToolForce([10.0, 10.0, 10.0], [1.0, 1.0, 1.0], onset=0.05, end=0.15)
+    elastic = armgpi.ElasticPlant(
+        arm, gear_stiffness=gear, gear_damping=damping, encoder_side=side, environment=[push]
+    )
+    plant = armgpi.Delayed(armgpi.Encoder(elastic, 18), 1)
+    rollout = armgpi.simulate(plant, law, armgpi.Hold(home), 2.5, backend="auto")
+    assert np.abs(rollout["v"].values[-200:]).max() < 0.02
+
+
+def test_an_experiment_file_has_both(tmp_path: Path) -> None:
+    file = tmp_path / "experiment.yaml"
+    file.write_text(
+        """
+        robot: {name: ur5}
+        controllers:
+          - {type: cartesian_impedance, stiffness: [800, 800, 400, 40, 40, 40], force_limit: 30}
+          - {type: joint_impedance, joint_stiffness: {elbow_joint: 300, others: 100}}
+        """.replace("{elbow_joint: 300, others: 100}", "250"),
+        encoding="utf-8",
+    )
+    tool, joints = config.build(*config.read(file)).controllers.values()
+    assert isinstance(tool, armgpi.CartesianImpedance)
+    np.testing.assert_array_equal(tool.stiffness, [800.0, 800.0, 400.0, 40.0, 40.0, 40.0])
+    assert isinstance(joints, armgpi.JointImpedance)
+    np.testing.assert_array_equal(joints.stiffness, np.full(6, 250.0))
+
+
+def test_bad_input_is_refused_with_what_may_be_asked_for() -> None:
+    arm = arm_of("ur5")
+    with pytest.raises(ParameterError, match=r"stiffness.*at most 0\.\d+ times that: beyond, the sample"):
+        armgpi.CartesianImpedance(arm, DT, stiffness=[1e6] * 3 + [1e4] * 3, delay=3 * DT)
+    with pytest.raises(ArrayError, match="six numbers"):
+        armgpi.CartesianImpedance(arm, DT, stiffness=[500.0] * 3)
+    with pytest.raises(ParameterError, match="zero or positive"):
+        armgpi.CartesianImpedance(arm, DT, stiffness=[-1.0] + [500.0] * 5)
+    with pytest.raises(NameNotFound):
+        armgpi.CartesianImpedance(arm, DT, frame="nowhere")
+    with pytest.raises(ArrayError, match="stiffness"):
+        armgpi.JointImpedance(arm, DT, stiffness=0.0)
