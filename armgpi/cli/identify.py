@@ -16,12 +16,15 @@ from armgpi.cli.terminal import console, say, widen
 from armgpi.errors import ParameterError, require_extra
 
 if TYPE_CHECKING:
-    from armgpi.identification.arm import Identified, Load
+    from armgpi.identification.arm import Identified, Load, Validation
+    from armgpi.identification.excitation import Excitation
+    from armgpi.robot.clearance import Clearance
     from armgpi.robot.robot import Robot
+    from armgpi.verdict import Verdict
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
-    "logs <LOG...>": "Logs of one arm: .armlog, CSV with time, q_JOINT and tau_JOINT, MCAP, or a rollout "
+    "logs [LOG...]": "Logs of one arm: .armlog, CSV with time, q_JOINT and tau_JOINT, MCAP, or a rollout "
     "(NetCDF).",
     "identify.robot ROBOT": "The arm before it is identified: URDF or name.",
     "validate LOG": "Another log, on which the identified model is evaluated.",
@@ -37,6 +40,14 @@ ROWS = {
     "excite.resonance": (
         "Excite joint by joint with 2 to 60 Hz and a few degrees of motion, to identify joint stiffness."
     ),
+    "identify.side LOG": (
+        "A log of excite --side, from which the side of the encoders and the rotor inertia are identified; "
+        "without other logs the folder has drives.yaml alone."
+    ),
+    "excite.side": (
+        "Excite joint by joint with one second of 4 to 160 Hz, to identify the side of the encoders and the "
+        "rotor inertia."
+    ),
     "experiment FILE": (
         "The experiment of the first log; it is simulated with the identified arm and compared."
     ),
@@ -45,7 +56,8 @@ ROWS = {
     "anyway": "Identify even if the check of the log fails.",
     "out --out -o FOLDER": "Folder for the files.",
     "seconds SECONDS": "Duration of the motion [s].",
-    "share NUMBER": "Share of the limits of speed and torque; 0.7, 0.25 for --first, 0.4 for --resonance.",
+    "share NUMBER": "Share of the limits of speed and torque; 0.7, 0.25 for --first, 0.4 for --resonance; "
+    "0.15 for --side.",
     "first": (
         "For an arm of which only the URDF is known: a slower motion, planned with assumed rotor inertia."
     ),
@@ -61,7 +73,8 @@ ROWS = {
 @stoppable
 @opt.add_options(opt.loading)
 def identify(
-    logs: list[Path],
+    logs: list[Path] | None = None,
+    *,
     robot: str,
     validate: Path | None = None,
     no_gravity: bool = False,
@@ -69,6 +82,7 @@ def identify(
     torque: str | None = None,
     columns: str | None = None,
     resonance: Path | None = None,
+    side: Path | None = None,
     experiment: Path | None = None,
     load: Path | None = None,
     load_mass: float | None = None,
@@ -85,17 +99,19 @@ def identify(
     armgpi identify log.csv --robot my_arm.urdf --validate other.csv
     armgpi run identified/
     """  # noqa: D301 (\b keeps the lines apart)
-    from rich.table import Table
-
-    from armgpi.identification.text import judge_arm, lines, say_load, tabulate
+    from armgpi.identification.text import judge_arm
     from armgpi.identification.writing import write_identified
 
     require_extra("clarabel", "certify")
     arm = load_arm(robot, how)
     constants = None if current is None else per_joint(current, "--current")
     options: dict[str, Any] = {"current": constants, "columns": _names(columns), "torque": torque}
+    if not logs:
+        sys.exit(_identify_side(arm, robot, side, out, options, allow_part, as_json))
     options |= {"gravity": not no_gravity, "check_first": not anyway}
     found, carried = _with_load(logs, arm, load, load_mass, options)
+    if side is not None:
+        found = found.with_side(side)
     if resonance is not None:
         found = found.with_resonance(resonance)
     if experiment is not None:
@@ -106,22 +122,70 @@ def identify(
     if report is not None:
         files.write(report, (out / "report.html").read_text(encoding="utf-8"))
     verdict = judge_arm(found, validation, allow_part)
-    if as_json:
-        data = json.loads((out / "identification.json").read_text(encoding="utf-8"))
-        say(json.dumps({**data, "verdict": verdict.plain()}))
-    else:
-        if verdict.outcome != "holds":
-            say(verdict.line)
-        say(lines(found, validation, [] if carried is None else [say_load(carried)]), lines=True)
-        head, rows = tabulate(found, validation)
-        table = Table(*head)
-        for row in rows:
-            table.add_row(*row)
-        screen = console()
-        widen(screen, table)
-        screen.print(table)
+    _show(found, validation, carried, verdict, out if as_json else None)
     _say_written(written, out)
     sys.exit(verdict.exit_code)
+
+
+def _show(
+    found: Identified,
+    validation: Validation | None,
+    carried: Load | None,
+    verdict: Verdict,
+    folder: Path | None,
+) -> None:
+    """Print what was identified: the content of the folder as JSON, or sentences and the table."""
+    from rich.table import Table
+
+    from armgpi.identification.text import lines, say_load, tabulate
+
+    if folder is not None:
+        data = json.loads((folder / "identification.json").read_text(encoding="utf-8"))
+        say(json.dumps({**data, "verdict": verdict.plain()}))
+        return
+    if verdict.outcome != "holds":
+        say(verdict.line)
+    say(lines(found, validation, [] if carried is None else [say_load(carried)]), lines=True)
+    head, rows = tabulate(found, validation)
+    table = Table(*head)
+    for row in rows:
+        table.add_row(*row)
+    screen = console()
+    widen(screen, table)
+    screen.print(table)
+
+
+def _identify_side(
+    arm: Robot,
+    name: str,
+    log: Path | None,
+    out: Path,
+    options: dict[str, Any],
+    allow_part: bool,
+    as_json: bool,
+) -> int:
+    """Identify the side of the encoders and the rotors from chirps alone, and return the exit code.
+
+    Raises:
+        ParameterError: without any log, or for torques of sensors behind the gears.
+    """
+    from armgpi.identification import chirp
+
+    if log is None:
+        raise ParameterError("LOG...", None, "at least one log, or --side LOG of armgpi excite --side")
+    found = chirp.identify_side(arm, log, options["current"], options["columns"], options["torque"])
+    drives = found.add_to(arm.drives)
+    folder = files.make_folder(out)
+    drives.write(folder / "drives.yaml")
+    verdict = chirp.judge_side(found, arm.joint_names, allow_part)
+    if as_json:
+        say(json.dumps({**chirp.plain(found, arm.joint_names), "verdict": verdict.plain()}))
+    else:
+        say(verdict.line)
+        say(chirp.describe(found, arm), lines=True)
+        say(f"Next: armgpi run {name} --drives {folder / 'drives.yaml'}, or armgpi export with that option")
+    _say_written([folder / "drives.yaml"], out)
+    return verdict.exit_code
 
 
 def _with_load(
@@ -188,6 +252,7 @@ def excite(
     share: float | None = None,
     first: bool = False,
     resonance: bool = False,
+    side: bool = False,
     floor: float | None = None,
     no_floor: bool = False,
     box: str | None = None,
@@ -204,9 +269,7 @@ def excite(
     armgpi excite my_arm.urdf --first
     armgpi run excite/experiment.yaml
     """  # noqa: D301 (\b keeps the lines apart)
-    from armgpi.identification.excitation import FIRST_SHARE, surroundings
-    from armgpi.identification.excitation import excite as excited
-    from armgpi.identification.resonance import SHAKEN, shake
+    from armgpi.identification.excitation import surroundings
     from armgpi.identification.writing import experiment_files
 
     arm = load_arm(robot, {**how, "drives": drives})
@@ -218,18 +281,13 @@ def excite(
         not no_collisions,
         how.pop("package_dir") or (),  # no key of the file that is written
     )
-    usual = SHAKEN if resonance else FIRST_SHARE if first else 0.7
-    given = usual if share is None else share
     how |= opt.drives_given(None, drives)
-    if resonance:
-        motion = shake(arm, given, seed, clear)
-    else:
-        motion = excited(arm, seconds, given, seed, clearance=clear)
+    motion = _motion(arm, first, resonance, side, (seconds, share, seed), clear)
     folder = files.make_folder(out)
     source = robot
     if is_experiment(robot):
         source, how["lock"] = str(arm.provenance["source"]), arm.provenance["locked"]
-    written = files.write_set(folder, experiment_files(arm, source, motion, how, first))
+    written = files.write_set(folder, experiment_files(arm, source, motion, how, first or side, not side))
     torque = "largest torque in percent of its limit, for up to four times the assumed rotor inertia"
     for what, shares in {
         "largest speed in percent of its limit": motion.share,
@@ -238,12 +296,44 @@ def excite(
         said = (f"{name} {100 * x:.2g}" for name, x in zip(arm.joint_names, shares, strict=True))
         say(f"{what}: {', '.join(said)}")
     say(motion.clearance.describe(), lines=True)
+    if side:
+        say(f"Then: armgpi identify --side LOG --robot {robot}; the log has to have every sample")
     if first or resonance:
         say(
             "If the arm oscillates, its joints are less stiff than assumed: use --set "
             "controller.omega=5, then 3."
         )
     _say_written(written, out)
+
+
+def _motion(
+    arm: Robot,
+    first: bool,
+    resonance: bool,
+    side: bool,
+    asked: tuple[float, float | None, int],
+    clear: Clearance,
+) -> Excitation:
+    """Return the motion that was asked for: its duration, its share of the limits, its seed.
+
+    Raises:
+        ParameterError: when more than one kind was asked for, or no motion is free of collisions.
+    """
+    from armgpi.identification.chirp import SHARE, chirp
+    from armgpi.identification.excitation import FIRST_SHARE
+    from armgpi.identification.excitation import excite as excited
+    from armgpi.identification.resonance import SHAKEN, shake
+
+    if sum((first, resonance, side)) > 1:
+        raise ParameterError("--first, --resonance, --side", "several", "one of them")
+    seconds, share, seed = asked
+    usual = SHAKEN if resonance else SHARE if side else FIRST_SHARE if first else 0.7
+    given = usual if share is None else share
+    if resonance:
+        return shake(arm, given, seed, clear)
+    if side:
+        return chirp(arm, given, clear, seed)
+    return excited(arm, seconds, given, seed, clearance=clear)
 
 
 def _floor(floor: float | None, no_floor: bool) -> float | Literal["usual"] | None:

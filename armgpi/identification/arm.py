@@ -24,6 +24,7 @@ from armgpi.identification.check import (
     check_rotors,
     refuse,
 )
+from armgpi.identification.chirp import Side, find_side
 from armgpi.identification.estimate import Block, Fit, Prior
 from armgpi.identification.logs import TORQUES, Grid, Log, read_log, resample
 from armgpi.identification.posterior import Posterior, with_parameters
@@ -175,6 +176,7 @@ class Identified:
         torque: what the torques of the logs are: "motor", "joint" or "commanded"; empty where nobody said.
         hidden: joints whose rotor and motor friction are not in the torques, (n,): these stay assumed.
         gears: their stiffness and the first mode, where a log of a multisine was given; else None.
+        side: what chirps say of the side of the encoders, where a log of them was given; else None.
         simulated: residual over torque of the arm simulated with the experiment of the first log, (n,), where
             that was given, infinite where it is lost; else None.
     """
@@ -190,6 +192,7 @@ class Identified:
         """Take over a regression; users call :func:`identify`."""
         self.gears = gears
         self.simulated: Array | None = None
+        self.side: Side | None = None
         self._data, self._fit, self._prior = data, fitted, prior
         self.file, self.findings = data.robot, tuple(findings)
         own = np.arange(data.robot.n)[data.hidden] * len(COLUMNS) + ROTOR
@@ -246,6 +249,10 @@ class Identified:
                 upper = max(upper, row.value + float(stds[place]))
             value, low, high = ({row.joint: x} for x in (row.value, row.lower, upper))
             drives = drives.with_value(name, value, low, high, "identified" if decided else "assumed")
+        if self.side is not None:
+            undecided = [each != "identified" for each in drives.sources("rotor_inertia")]
+            chirped = self.side.identified & np.array(undecided)
+            drives = self.side._replace(identified=chirped).add_to(drives)
         return drives if self.gears is None else self.gears.add_to(drives)
 
     def with_resonance(self, log: Any) -> Identified:
@@ -259,6 +266,22 @@ class Identified:
         """
         gears = find_gears(self.robot, self._data.read(log), self.lag, self._data.gravity)
         return Identified(self._data, self._fit, self._prior, self.findings, gears)
+
+    def with_side(self, log: Any) -> Identified:
+        """Return the same with the side of the encoders that a log of ``armgpi excite --side`` shows.
+
+        Its rotors are taken where the other logs did not decide them.
+
+        Args:
+            log: of the same arm, see :func:`identify`.
+
+        Raises:
+            UnfitLog: when it shows no joint's chirp.
+            ParameterError: for torques of sensors behind the gears.
+        """
+        other = copy.copy(self)
+        other.side = find_side(self.robot, self._data.read(log))
+        return other
 
     def with_experiment(self, path: str | PathLike[str]) -> Identified:
         """Return the same with a second opinion: what the arm takes when it is simulated.

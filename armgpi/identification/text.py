@@ -137,6 +137,15 @@ def say_gears(found: Identified) -> list[str]:
     return lines
 
 
+def say_side(found: Identified) -> list[str]:
+    """Return what chirps say of the side of the encoders."""
+    if found.side is None:
+        return []
+    if not found.side.side:
+        return ["the chirps do not decide the side of the encoders: too coarse, or too stiff joints"]
+    return [f"by the chirps the encoders sit at the {found.side.side}s"]
+
+
 def say_drift(found: Identified, validation: Validation | None) -> list[str]:
     """Return the joints that another log leaves much more of than the fitted ones do."""
     if validation is None:
@@ -201,6 +210,7 @@ def say_notes(found: Identified, validation: Validation | None) -> list[str]:
         say_drift(found, validation),
         [say_lag(found)],
         say_gears(found),
+        say_side(found),
         say_simulation(found),
         say_law(found),
         say_findings(found),

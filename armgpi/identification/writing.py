@@ -236,9 +236,14 @@ def _spans(content: bytes) -> dict[str, tuple[int, int, bool]]:
 
 
 def experiment_files(
-    robot: Robot, name: str, motion: Excitation, how: Mapping[str, Any], first: bool = False
+    robot: Robot,
+    name: str,
+    motion: Excitation,
+    how: Mapping[str, Any],
+    first: bool = False,
+    with_rotors: bool = True,
 ) -> dict[str, str]:
-    """Return a motion and the experiment that runs it with believed rotors.
+    """Return a motion and the experiment that runs it with expected rotors.
 
     Args:
         robot: the arm.
@@ -246,6 +251,8 @@ def experiment_files(
         motion: from :func:`armgpi.identification.excitation.excite`.
         how: how the robot was loaded: keys of the section `robot` -> texts.
         first: whether the arm is stopped where it is far from the motion: nobody knows yet how it answers.
+        with_rotors: whether the rotors that are expected are specified; else the experiment is realistic and
+            assumes them itself.
     """
     import yaml
 
@@ -257,10 +264,12 @@ def experiment_files(
     rotors = expect(robot).mean.reshape(robot.n, len(COLUMNS))[:, ROTOR]
     section: dict[str, Any] = {"name": place}
     section |= {key: value for key, value in how.items() if value}
-    section["rotor_inertia"] = dict(zip(robot.joint_names, rotors.tolist(), strict=True))
+    if with_rotors:
+        section["rotor_inertia"] = dict(zip(robot.joint_names, rotors.tolist(), strict=True))
     experiment = {
         "format": schema.FORMAT,
         "robot": section,
+        **({} if with_rotors else {"ideal": False}),
         "controllers": [{"type": "gpi_auto"}],
         "reference": {"file": "reference.csv"},
         "t_final": float(reference.t_end),
@@ -295,6 +304,8 @@ def plain(found: Identified, emptied: Sequence[str], validation: Validation | No
     if found.gears is not None:
         value, low, high = found.gears.mode.tolist()
         data["first_mode"] = {"value": value, "low": low, "high": high, "encoder_side": found.gears.side}
+    if found.side is not None:
+        data["encoder_side"] = found.side.side
     if found.simulated is not None:
         data["simulated_residual_over_torque"] = of_joints(found.simulated.tolist())
     if validation is not None:

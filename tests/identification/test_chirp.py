@@ -1,0 +1,124 @@
+"""Chirps: the side of the encoders and the rotors, from one second for each joint."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import armgpi
+from armgpi.errors import ParameterError, UnfitLog
+from armgpi.identification import chirp
+from armgpi.identification.chirp import CHIRP, HIGHEST, LOWEST, TURN, find_side
+from armgpi.identification.logs import Log
+from armgpi.robot.drives import Drives
+
+DT = 1e-3
+
+
+def arm() -> armgpi.Robot:
+    robot = armgpi.Robot.load("anthropomorphic3").with_limits(effort=40.0, velocity=3.0)
+    return robot.with_drives(
+        {
+            name: {"rotor_inertia": {"value": J, "low": 0.4 * J, "high": 2.5 * J, "source": "assumed"}}
+            for name, J in zip(robot.joint_names, (0.4, 0.3, 0.15), strict=True)
+        }
+    )
+
+
+def logged(side: str, bits: int = 18, stiffness: float = 1.0, seconds: float | None = None) -> Log:
+    """Return the log of chirps of an arm whose rotors are 1.4 times the assumed ones."""
+    known = armgpi.assume_drives(arm(), "elastic")
+    reference = chirp.chirp(known).reference
+    real = known.with_armature(1.4 * known.armature)
+    real = real.with_drives({j: {"encoder_side": side, "gear_ratio": 100.0} for j in real.joint_names})
+    gears = stiffness * known.drives.value("stiffness")
+    plant: Any = armgpi.ElasticPlant(real, gear_stiffness=gears, encoder_side=side)
+    plant = armgpi.Delayed(armgpi.Encoder(plant, bits), 1)
+    controller = armgpi.GPI.auto(known, DT, delay=DT, bits=16)
+    run = armgpi.simulate(plant, controller, reference, seconds or reference.t_end, progress=False)
+    return Log(run["time"].values, run["q_measured"].values, run["tau_command"].values, "log", "motor")
+
+
+def test_the_motion_is_a_chirp_of_each_joint_in_its_turn_within_its_limits() -> None:
+    robot = arm()
+    motion = chirp.chirp(robot)
+    times = np.arange(0.0, motion.reference.t_end, 5e-4)
+    target = motion.reference.at(times)
+    moving = np.abs(target.q - target.q[0]) > 1e-9
+    for j in range(robot.n):
+        own = (times > j * TURN) & (times < (j + 1) * TURN)
+        assert not moving[~own, j].any()
+        assert moving[own, j].any()
+        # Crossings of zero are half turns of the phase: between the ends of the chirp's frequencies.
+        a = target.a[own, j]
+        loud = np.abs(a) > 0.2 * np.abs(a).max()
+        half_turns = np.diff(np.flatnonzero(np.diff(np.sign(a[loud]))))
+        mean = (HIGHEST - LOWEST) / np.log(HIGHEST / LOWEST) * CHIRP
+        assert len(half_turns) == pytest.approx(2.0 * mean, rel=0.25)
+    assert (motion.share < 1.0).all()
+    assert (motion.effort < 1.0).all()
+    assert np.ptp(target.q, axis=0).max() < 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("side", ["motor", "link"])
+def test_the_side_and_the_rotors_are_found(side: str) -> None:
+    known = armgpi.assume_drives(arm(), "elastic")
+    found = find_side(known, logged(side))
+    assert found.side == side
+    drives = found.add_to(known.drives)
+    assert drives.value("encoder_side").tolist() == [side] * 3
+    assert set(drives.sources("encoder_side")) == {"identified"}
+    if side == "link":
+        assert not found.identified.any()
+        assert set(drives.sources("rotor_inertia")) == {"assumed"}
+        return
+    assert found.identified.all()
+    true = 1.4 * known.armature
+    assert (found.low <= true).all()
+    assert (true <= found.high).all()
+    assert found.rotor == pytest.approx(true, rel=0.25)
+    assert found.late == pytest.approx(1.5 * DT, abs=0.3 * DT)  # a sample, and the hold of half a one
+    assert found.counts == pytest.approx(2.0 * np.pi / 2**18 / 100.0, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_of_an_encoder_that_is_too_coarse_the_side_is_not_known() -> None:
+    found = find_side(arm(), logged("link", bits=9))
+    assert found.side == ""
+    assert found.add_to(Drives(arm().joint_names)) == Drives(arm().joint_names)
+    verdict = chirp.judge_side(found, arm().joint_names)
+    assert verdict.outcome == "not judged"
+    assert verdict.exit_code == 3
+
+
+@pytest.mark.slow
+def test_a_log_that_ends_early_has_the_joints_before_and_says_so() -> None:
+    robot = arm()
+    found = find_side(robot, logged("motor", seconds=2.0 * TURN))
+    assert np.isfinite(found.evidence).tolist() == [True, True, False]
+    verdict = chirp.judge_side(found, robot.joint_names)
+    assert verdict.outcome != "holds"
+    assert verdict.left_out == ("q3: no chirp in the log",)
+    assert chirp.judge_side(found, robot.joint_names, accepted=True).exit_code == 0
+
+
+def test_what_is_no_log_of_chirps_is_refused_in_a_line() -> None:
+    robot = arm()
+    t = np.arange(0.0, 8.0, DT)
+    q = 0.2 * np.sin(t[:, None] + np.arange(3))
+    slow = Log(t, q, 5.0 * np.cos(3.0 * t[:, None] + np.arange(3)), "log", "motor")
+    with pytest.raises(UnfitLog, match="shows no joint's chirp: expected the motion of armgpi excite --side"):
+        find_side(robot, slow)
+    with pytest.raises(ParameterError, match="sensors behind the gears do not feel the rotors"):
+        find_side(robot, slow._replace(torque="joint"))
+    for share in (0.0, -1.0, 1.5, float("nan")):
+        with pytest.raises(ParameterError, match="share"):
+            chirp.chirp(robot, share)
+    with pytest.raises(ParameterError, match="both sides of a direct drive are one"):
+        chirp.chirp(armgpi.Robot.load("anthropomorphic3"))
+    weak = robot.with_limits(effort=[40.0, 1e-3, 40.0])
+    with pytest.raises(ParameterError, match="q2 holds where it is shaken"):
+        chirp.chirp(weak)
