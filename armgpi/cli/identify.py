@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
-    "logs [LOG...]": "Logs of one arm: .armlog, CSV with time, q_JOINT and tau_JOINT, MCAP, or a rollout "
+    "logs <LOG...>": "Logs of one arm: .armlog, CSV with time, q_JOINT and tau_JOINT, MCAP, or a rollout "
     "(NetCDF).",
     "identify.robot ROBOT": "The arm before it is identified: URDF or name.",
     "validate LOG": "Another log, on which the identified model is evaluated.",
