@@ -17,7 +17,6 @@ from scipy import optimize
 from armgpi.arrays import Array, PerJointInput, check_number, check_type, quantity
 from armgpi.errors import ArmgpiError, ParameterError, UnfitLog
 from armgpi.gpi.law import GPI
-from armgpi.gpi.untuned import BITS, usual_effort, verdict
 from armgpi.identification.excitation import Excitation, blocked, free_configuration, ranges, surroundings
 from armgpi.identification.logs import Grid, Log, read_log, resample
 from armgpi.references.recorded import Recorded
@@ -25,6 +24,8 @@ from armgpi.robot.clearance import Clearance
 from armgpi.robot.drives import Drives
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import assume_gears
+from armgpi.tuning.rule import BITS, usual_effort
+from armgpi.tuning.verdict import verdict
 from armgpi.verdict import Verdict, judge
 
 #: Ends of the chirp [Hz], its length, the time to settle before it and to come to rest after it [s].
