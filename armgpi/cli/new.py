@@ -46,6 +46,10 @@ ROWS = {
     "payload KG": "Heaviest load that the arm will carry, unknown to its controller; none by default.",
     "target NAME": "Hardware that `armgpi export` writes for.",
     "force": "Replace the file.",
+    "planar JOINTS": (
+        "Begin with a planar arm in place of ROBOT: its URDF, and a model in Python to fill in for "
+        "`armgpi validate`."
+    ),
 }
 
 
@@ -72,7 +76,7 @@ class _Answers:
 
 @opt.add_options(opt.loading, opt.arm)
 def new(
-    robot: str,
+    robot: str | None = None,
     out: Path | None = None,
     payload: float | None = None,
     encoder_bits: int | None = None,
@@ -80,6 +84,7 @@ def new(
     dt: float | None = None,
     target: str | None = None,
     force: bool = False,
+    planar: int | None = None,
     **how: Any,
 ) -> None:
     """Begin an experiment file for an arm: what its URDF contains, what you specify, and what is assumed.
@@ -90,11 +95,15 @@ def new(
     \b
     armgpi new my_arm.urdf
     armgpi new humanoid.urdf --keep left_arm --payload 2 --target ros2_control
+    armgpi new --planar 2
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi import config
     from armgpi.hardware.export.targets import TARGETS
     from armgpi.health import findings, report
 
+    if robot is None or planar is not None:
+        _begin_planar(robot, planar, out, force)
+        return
     if target not in (None, *TARGETS):
         raise refusal("--target", f"must be one of {', '.join(TARGETS)}, got {target!r}")
     if is_experiment(robot):
@@ -126,6 +135,27 @@ def new(
         say(f"INCOMPLETE: fill in robot.effort of {', '.join(blanks)} in {path}; then: armgpi run {path}")
         sys.exit(INCOMPLETE)
     say(f"{arm.name}: {arm.n} joints; next: armgpi run {path}")
+
+
+def _begin_planar(robot: str | None, joints: int | None, out: Path | None, force: bool) -> None:
+    """Write the URDF of a planar arm, and beside it a model to fill in."""
+    from armgpi.validation import template
+
+    if joints is None:
+        raise refusal("ROBOT", "is missing: give a URDF or the name of a robot, or --planar JOINTS")
+    if robot is not None:
+        raise refusal("--planar", f"takes the place of ROBOT; leave {robot} out")
+    made = template.planar(joints)
+    urdf = out or Path(f"planar{joints}.urdf")
+    if urdf.suffix != ".urdf":
+        raise refusal("--out", f"expected a file that ends in .urdf with --planar, got {urdf}")
+    model = urdf.with_suffix(".py")
+    for path in (urdf, model):
+        if path.exists() and not force:
+            raise refusal("--out", f"{path} exists; choose another file, or add --force")
+    write(urdf, made.urdf, "--out")
+    write(model, made.model_for(urdf.stem), "--out")
+    say(f"{urdf}, {model}: fill in D, C v and G; next: armgpi validate {model} --robot {urdf}")
 
 
 def _place(robot: str, out: Path | None, force: bool) -> tuple[Path, str]:

@@ -139,7 +139,7 @@ def _mass_matrix(D: Array) -> list[Law]:
     worst = int(np.argmin(smallest))
     positive = smallest[worst] > 0.0
     text = f"smallest eigenvalue {smallest[worst]:.4g}"
-    error = 0.0 if positive else float(-smallest[worst] / np.abs(D).max())
+    error = 0.0 if positive else float(-smallest[worst] / max(float(np.abs(D).max()), 1e-300))
     return [symmetric, Law("D positive definite", "holds" if positive else "fails", error, text)]
 
 

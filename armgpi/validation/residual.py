@@ -227,6 +227,8 @@ class _Entry:
                 if self.is_rest(share * part):
                     yield self.told(text, bits, factors, part, share)
         for text, chosen in self.groups():
+            if text == "all of it" and len(chosen) <= _MOST_SHOWN:
+                text = f"all of it, {self.code_of(chosen, 1.0)}"
             part = np.sum([self.own[k][1] for k in chosen], axis=0)
             for share, (pattern, bits) in _USUAL.items():
                 if self.is_rest(share * part):
