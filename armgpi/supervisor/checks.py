@@ -57,6 +57,8 @@ _FORGOTTEN = 0.01
 #: Changes of a torque that have to be answered, as a share of its limit. Set by hand: above what a count of a
 #: 16-bit encoder moves under GPI.auto, 1 %.
 _ASKED = 0.02
+#: Share of its reference's velocity below which a joint stands [-]: a blocked one only twists its gear.
+_STANDING = 0.5
 #: How much faster than when it was found a joint that answers the wrong way may be, and still get a torque.
 #: Set by hand: a motor that was wrongly accused stays below 2.5 times (tests/supervisor/test_supervisor.py).
 _FASTER = 1.5
@@ -371,7 +373,9 @@ class Response:
         limited = np.abs(watch.tau) >= self._effort
         pushed = limited & (watch.tau * e < 0.0)
         pushed = pushed & ((v - watch.v) * e > self.overpowered * np.abs(e))
-        wrong = np.where(looks, wrong, pushed) & (np.abs(e) > self.least) & ((v - watch.rv) * e > 0.0)
+        # A joint that does not move while its reference does answers nothing: it is blocked.
+        moves = np.abs(v) > _STANDING * np.abs(watch.rv)
+        wrong = np.where(looks, wrong, pushed) & (np.abs(e) > self.least) & ((v - watch.rv) * e > 0.0) & moves
         adverse = np.where(looks | limited, 1.0, kept.adverse_samples)
         adverse = np.where(
             wrong, np.maximum(kept.adverse_samples, 1.0) + np.where(slow, _SLOW_SHARE, 1.0), adverse

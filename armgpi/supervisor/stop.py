@@ -161,5 +161,15 @@ class Stop:
             aim = Target(np.where(damped, seen.q, aim.q), *(np.where(rests, 0.0, x) for x in aim[1:]))
             damping = np.where(accused, self.damping, self.soft)
             late = aim.v - self._lag * aim.a  # as what is smoothed
-            torque = np.where(damped, damping * (late - v * (1.0 / self._dt)), 0.0)
+            undone = self._undone(dead, seen, watch)
+            torque = np.where(damped, damping * (late - v * (1.0 / self._dt)), undone)
         return torque, (on, *aim)
+
+    def _undone(self, dead: Mask, seen: Sample, watch: Watch) -> Array:
+        """Return the torque that takes back what the law asked of a joint whose encoder froze [N m or N].
+
+        It took the joint for one that had stopped, and pushed it on for a sample, before that was found: the
+        same torque the other way leaves the joint the velocity that it had. Once, as FAULT begins.
+        """
+        froze = dead & (watch.status < float(State.FAULT)) & seen.distrusted & (seen.bad == 0.0)
+        return np.where(froze, watch.frozen.torque_at_change - watch.tau, 0.0)

@@ -384,3 +384,49 @@ def test_what_is_not_stable_is_said_with_the_damping_that_would_suffice() -> Non
     assert found.damping == (0.015, 0.02, 0.03, 0.05, 0.1)[sum(fails)]
     assert auto(known).link_factor == collocated.LINK_FACTOR
     assert verdict(auto(known), known, 16).loops[0] == 0
+
+
+def after_a_fault(arm: Robot, joint: int, kind: str) -> tuple[float, str]:
+    """Return the speed [rad/s] 0.5 s after a fault in motion, and what the supervisor says of it."""
+    known = at(arm, "motor")
+    supervised = armgpi.Supervised(auto(known, late=0, bits=18), armgpi.Supervisor())
+    start = known.middle()
+    goal = np.clip(start + 0.4, known.limits.lower, known.limits.upper)
+    reference = armgpi.Bezier(start, goal, 1.0)
+    free: Any = armgpi.ElasticPlant(known)
+    blocked = armgpi.ElasticPlant(
+        known,
+        (),
+        armgpi.Friction(0.0, 0.0),
+        link_viscous=1e6 * (np.arange(known.n) == joint),
+        link_coulomb=0.0,
+    )
+    state: Any = free.init(start, np.zeros(known.n))
+    inside = supervised.init(armgpi.Measurement(start), reference.at(0.0))
+    kept = start
+    for k in range(1000):
+        plant = blocked if kind == "blocked" and k >= 400 else free
+        seen = plant.measure(state).q.copy()
+        if kind == "frozen" and k >= 400:
+            kept = seen if k == 400 else kept
+            seen[joint] = kept[joint]
+        tau, inside = supervised.step(armgpi.Measurement(seen), reference.at(k * DT), inside)
+        state = plant.step(tau, state, DT)
+        if k == 900:
+            speed = float(np.abs(plant.true_state(state).v).max())
+    return speed, supervised.report(inside).reason
+
+
+def test_a_joint_whose_encoder_froze_keeps_no_kick_of_the_derivative() -> None:
+    """The torque of the sample that took it for stopped is taken back: it rested after 0.5 s in 13 of 50."""
+    for joint in (0, 2):
+        speed, reason = after_a_fault(Robot.load("xarm7"), joint, "frozen")
+        assert reason == "frozen"
+        assert speed < 0.02
+
+
+def test_a_blocked_joint_is_not_one_whose_motor_turns_the_other_way() -> None:
+    """Behind a motor that winds up its gear: it was RESPONSE."""
+    for joint in (3, 4):
+        _, reason = after_a_fault(Robot.load("z1", ["jointGripper"]), joint, "blocked")
+        assert reason != "response"
