@@ -354,6 +354,9 @@ class _Trials:
         # Numbers in each other's place may as well be names in each other's place.
         swapped = [ast.parse(one.old.strip()) for one in repair.changes if one.kind == "swapped"]
         sure = sure and all(map(names_in, swapped))
+        # A name that nothing reads any more was meant to be read: its number may be wrong, not its use.
+        renamed = [one.old for one in repair.changes if one.kind == "name"]
+        sure = sure and all(is_read(old, repair.source) for old in renamed)
         for other in _by_ratios(self.editor.source, repair.changes) if sure else ():
             as_good = check(other, values, slopes)
             sure = sure and as_good.wrong + as_good.other > 0
@@ -788,6 +791,31 @@ def _is_usual(pick: Pick) -> bool:
 def _rows_of(names: Sequence[str]) -> int:
     """Return at how many states functions are looked at first: a potential is counted from the first one."""
     return _FEW if "potential_energy" in names else 1
+
+
+def is_read(expression: str, source: str) -> bool:
+    """Tell whether a source reads a name, an attribute of that name of any object, or an entry.
+
+    Args:
+        expression: such as ``l1``, ``p.l1`` or ``l[0]``.
+        source: of a module.
+    """
+    try:
+        wanted = ast.parse(expression.strip(), mode="eval").body
+        tree = ast.parse(source)
+    except SyntaxError:
+        return True
+    if not isinstance(wanted, ast.Name | ast.Attribute | ast.Subscript):
+        return True
+    for node in ast.walk(tree):
+        if not isinstance(getattr(node, "ctx", None), ast.Load):
+            continue
+        if isinstance(wanted, ast.Attribute) and isinstance(node, ast.Attribute):
+            if node.attr == wanted.attr:
+                return True
+        elif type(node) is type(wanted) and ast.unparse(node) == ast.unparse(wanted):
+            return True
+    return False
 
 
 def _has_joints(node: ast.expr) -> bool:

@@ -11,6 +11,7 @@ import pytest
 from armgpi import Robot, validate
 from armgpi.arrays import Array
 from armgpi.validation import units
+from armgpi.validation.search import is_read
 
 _LINK = (
     '<link name="{name}"><inertial><origin xyz="{c} 0 0"/><mass value="{m}"/>'
@@ -105,6 +106,55 @@ def mass_matrix(q):
     d12 = d22 + k
     return np.array([[J1 + m[0] * a1**2 / 4 + m[1] * a1**2 + d22 + 2 * k, d12], [d12, d22]])
 """
+
+
+_DATACLASS = """
+from dataclasses import dataclass
+
+@dataclass
+class Numbers:
+    m1: float = 1.5
+    m2: float = 1.0
+    l1: float = 0.4
+    c1: float = 0.2
+    c2: float = 0.17
+    J1: float = 0.02
+    J2: float = 0.02
+
+p = Numbers()
+
+def mass_matrix(q):
+    h = p.m2 * p.l1 * p.c2 * np.cos(q[1])
+    d22 = p.m2 * p.c2**2 + p.J2
+    d11 = p.m1 * p.c1**2 + p.J1 + p.m2 * p.l1**2 + d22 + 2 * h
+    return np.array([[d11, d22 + h], [d22 + h, d22]])
+"""
+
+
+def test_a_number_that_nothing_else_reads_is_not_renamed_for_sure(tmp_path: Path) -> None:
+    # The other link's inertia is as large by chance: its name in this one's place makes all agree.
+    arm = _arm(tmp_path, np.array([1.5, 1.0]), np.array([0.2, 0.17]), np.full(2, 0.02), 0.4)
+    right = validate(_file(tmp_path, _DATACLASS), arm)
+    assert right.agrees
+    wrong = validate(_file(tmp_path, _DATACLASS.replace("J2: float = 0.02", "J2: float = 0.002")), arm)
+    assert not wrong.agrees
+    assert not any(cause.confirmed for cause in wrong.causes)
+    assert "0.002 kg m² in the model, 0.02 kg m² in the robot" in str(wrong)
+
+
+@pytest.mark.parametrize(
+    ("expression", "source", "expected"),
+    [
+        ("p.J2", "a = p.J2", True),
+        ("p.J2", "class A:\n    J2 = 1\n    def f(self):\n        return self.J2", True),
+        ("p.J2", "p.J2 = 1", False),
+        ("J2", "J2 = 1\nJ1 = 2\nx = J1", False),
+        ("J[1]", "x = J[0]", False),
+        ("J[1]", "x = J[ 1 ]", True),
+    ],
+)
+def test_a_name_is_read_or_not(expression: str, source: str, expected: bool) -> None:
+    assert is_read(expression, source) == expected
 
 
 def test_a_mistake_in_rods_is_confirmed_with_what_follows_from_a_length(tmp_path: Path) -> None:
