@@ -6,8 +6,8 @@ The public names by what they are for; `help(armgpi.GPI)` explains one, docs/pyt
 Robots
     Robot, RobotBatch, robots, assume_drives, Friction, health
 Motions (references)
-    Bezier, Waypoints, Hold, CartesianReference, Recorded, PosePath, load_poses, Setpoints, Follower,
-    FollowLimits, Reference, ReferenceBatch, Target
+    Bezier, Waypoints, Hold, default_move, CartesianReference, Recorded, PosePath, load_poses, Setpoints,
+    Follower, FollowLimits, Reference, ReferenceBatch, Target
 Controllers
     GPI, CartesianImpedance, JointImpedance, ImpedanceLimits, PIDPositions, PIDInversion, ADRC,
     ComputedTorqueDOB, SuperTwisting, SlotineLi, Controller, ControlStep, Measurement, FullState
@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from armgpi.certification.certificate import certify as certify
     from armgpi.certification.path import PathBound as PathBound
     from armgpi.certification.path import bound_path as bound_path
+    from armgpi.config.default_move import default_move as default_move
     from armgpi.control.adrc import ADRC as ADRC
     from armgpi.control.controller import Controller as Controller
     from armgpi.control.controller import ControlStep as ControlStep
@@ -168,6 +169,7 @@ _MODULES = {
 _NAMES = {
     "certification.certificate": ("Certificate", "certify"),
     "certification.path": ("PathBound", "bound_path"),
+    "config.default_move": ("default_move",),
     "control.adrc": ("ADRC",),
     "control.ctdob": ("ComputedTorqueDOB",),
     "control.impedance": ("CartesianImpedance", "JointImpedance"),

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array, quantity
-from armgpi.errors import ConfigError, ParameterError
+from armgpi.errors import ConfigError, NameNotFound, ParameterError
 from armgpi.robot.robot import Robot
 from armgpi.yaml_text import read_yaml
 
@@ -46,9 +46,9 @@ def box_of(robot: Robot, given: Any) -> Box:
             `around` and `by`, or with `lower` and `upper`, each one number, a list, or by joint name.
 
     Raises:
-        ParameterError: for a key that there is not, or ends that are the wrong way round.
+        ParameterError: for ends that are the wrong way round.
         ArrayError: for what is not a number for each joint.
-        NameNotFound: for a joint that there is not.
+        NameNotFound: for a key or a joint that there is not.
     """
     middle = robot.middle()
     most = np.where(robot.prismatic, math.inf, math.pi)
@@ -57,7 +57,7 @@ def box_of(robot: Robot, given: Any) -> Box:
         return whole
     wanted = dict(given) if isinstance(given, Mapping) else {"by": given}
     if unknown := [key for key in wanted if key not in KEYS]:
-        raise ParameterError("box", unknown[0], f"one of {', '.join(KEYS)}")
+        raise NameNotFound("key of a box", unknown[0], KEYS)
     around, ends = wanted.keys() & {"around", "by"}, wanted.keys() & {"lower", "upper"}
     if around and ends:
         raise ParameterError("box", given, "either around and by, or lower and upper")

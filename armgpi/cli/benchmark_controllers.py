@@ -7,6 +7,7 @@ from pathlib import Path
 from armgpi.cli.parsing import refusal, split, stoppable
 from armgpi.cli.terminal import say
 from armgpi.cli.tune import show
+from armgpi.errors import require_extra
 from armgpi.escape import json_data
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
@@ -46,6 +47,7 @@ def benchmark_controllers(
     from armgpi.robot import robots
     from armgpi.studies import contend as contests
 
+    require_extra("cma", "tune")
     names = list(dict.fromkeys(split(arms or list(contests.ARMS))))
     for name in names:
         robots.locate(name)

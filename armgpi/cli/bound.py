@@ -16,7 +16,7 @@ from armgpi.cli.certify import (
     possible_arms,
 )
 from armgpi.cli.derive import write
-from armgpi.cli.experiment import note_world
+from armgpi.cli.experiment import note_world, resolved
 from armgpi.cli.parsing import is_experiment, refusal, stoppable
 from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import say
@@ -128,7 +128,8 @@ def _read(robot: str, rotor_inertia: list[str] | None, drives: Path | None, cont
 
     experiment = _experiment(robot, opt.drives_given(rotor_inertia, drives), controller)
     how = {"rotor_inertia": rotor_inertia, "drives": drives}
-    note_world(robot, how, world.describe_arm(experiment.config, experiment.robot))
+    arm = experiment.robot
+    note_world(*resolved(robot, how, arm), world.describe_arm(experiment.config, arm))
     note_assumed(experiment.robot)
     return experiment
 

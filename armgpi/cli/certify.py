@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from armgpi import renamed
 from armgpi.cli import options as opt
 from armgpi.cli.derive import write
-from armgpi.cli.experiment import note_world
+from armgpi.cli.experiment import note_world, resolved
 from armgpi.cli.parsing import FAILED, OK, is_experiment, per_joint, refusal, stoppable
 from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import progress, say
@@ -158,7 +158,8 @@ def _note_judged(
     plant |= {"delay": delay} if delay else {}
     plant |= {"encoder_bits": bits} if bits is not None else {}
     data = {"robot": {"name": arm.name}, "plant": plant, "controllers": [{"type": controller}]}
-    note_world(robot, how, world.describe_arm(config.check(data, config.Origin("certificate")), arm))
+    judged = world.describe_arm(config.check(data, config.Origin("certificate")), arm)
+    note_world(*resolved(robot, how, arm), judged)
     note_assumed(arm)
 
 

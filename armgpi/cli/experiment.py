@@ -100,12 +100,12 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     from armgpi.loop.rollout import Status
 
     backend = known_backend(options["backend"])
-    experiment = configuration.build(*settings(options, compare))
-    experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
-    check_out(options, experiment)
     wanted = ("plot", "view", "html", "report", "interactive")
     pictures.check(**{name: options[name] for name in wanted})
     check_table(options["table"])
+    experiment = configuration.build(*settings(options, compare))
+    experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
+    check_out(options, experiment)
     note_drives(experiment, options["explain"])
     _note_end_and_load(experiment)
     _warn_of_weak_motors(experiment)
@@ -198,12 +198,13 @@ def _verdict(experiment: Experiment, records: list[dict[str, Any]]) -> str:
     return f"{names[1]} has {after / before:.2g} of the error of {names[0]} (ITAE)"
 
 
-def resolved(robot: str, how: Mapping[str, Any]) -> tuple[ExperimentConfig, Any]:
+def resolved(robot: str, how: Mapping[str, Any], loaded: Any = None) -> tuple[ExperimentConfig, Any]:
     """Return what `armgpi run` resolves for a robot or an experiment file, and its arm.
 
     Args:
         robot: name of a robot, path of a URDF or of an experiment file.
         how: options of how the arm is loaded, and of its drives.
+        loaded: the arm that a command has loaded for these already; None for none.
     """
     from armgpi import config as configuration
     from armgpi.config import building
@@ -218,21 +219,20 @@ def resolved(robot: str, how: Mapping[str, Any]) -> tuple[ExperimentConfig, Any]
         data, origin = {"robot": {"name": robot}}, configuration.Origin("command line")
         data["ideal"] = robots.is_textbook(robot)
     data["robot"] = {**data["robot"], **opt.robot_given(how)}
-    return building.resolve(configuration.check(data, origin), origin)
+    return building.resolve(configuration.check(data, origin), origin, loaded)
 
 
-def note_world(robot: str, how: Mapping[str, Any], judged: str = "") -> None:
+def note_world(config: ExperimentConfig, arm: Any, judged: str = "") -> None:
     """Say which arm and controller `armgpi run` has, and what a command judges in their place.
 
     Args:
-        robot: name of a robot, path of a URDF or of an experiment file.
-        how: options of how the arm is loaded, and of its drives.
+        config: as :func:`resolved` returns it.
+        arm: likewise.
         judged: what the command judges, as :func:`armgpi.config.world.describe_arm` says it; empty where it
             judges what is run.
     """
     from armgpi.config import world
 
-    config, arm = resolved(robot, how)
     say(world.describe(config, arm), err=True)
     if judged and judged != world.describe_arm(config, arm):
         say(f"judged instead: {judged}", err=True)

@@ -94,19 +94,16 @@ def _export(options: dict[str, Any]) -> int:
 
     from armgpi.cli.experiment import note_drives
     from armgpi.config import experiment as experiments
-    from armgpi.errors import ParameterError
+    from armgpi.errors import ParameterError, require_extra
 
+    require_extra("casadi", "compiled")
     if options["real"] not in ("double", "float"):
         raise refusal("--real", f"must be one of double, float, got {options['real']!r}")
-    try:
-        from armgpi.hardware.export.code import generate, supervise
-        from armgpi.hardware.export.files import record, write_code
-        from armgpi.hardware.export.names import check_name
-        from armgpi.hardware.export.targets import check_target
-    except ModuleNotFoundError as error:
-        raise refusal(
-            "", f"{error.name} writes the C, and it is not installed: pip install {error.name}"
-        ) from None
+    from armgpi.hardware.export.code import generate, supervise
+    from armgpi.hardware.export.files import record, write_code
+    from armgpi.hardware.export.names import check_name
+    from armgpi.hardware.export.targets import check_target
+
     target = _target(options)
     experiment = _experiment(options, target)
     _check_arm(experiment, target)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from armgpi import files
 from armgpi.cli import options as opt
 from armgpi.cli.certify import load_arm
-from armgpi.cli.experiment import note_world
+from armgpi.cli.experiment import note_world, resolved
 from armgpi.cli.parsing import is_experiment, per_joint, stoppable
 from armgpi.cli.terminal import console, say, widen
 from armgpi.errors import ParameterError, require_extra
@@ -117,7 +117,7 @@ def identify(
     if experiment is not None:
         found = found.with_experiment(experiment)
     validation = None if validate is None else found.validate(validate)
-    note_world(robot, how)
+    note_world(*resolved(robot, how, arm))
     written = write_identified(found, out, validation, carried)
     if report is not None:
         files.write(report, (out / "report.html").read_text(encoding="utf-8"))

@@ -10,17 +10,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from armgpi.cli import options as opt
-from armgpi.cli.experiment import note_world
+from armgpi.cli.experiment import note_world, resolved
 from armgpi.cli.parsing import OFFERED, as_option, is_experiment
 from armgpi.cli.terminal import console as console_of
 from armgpi.cli.terminal import natural_width, say, widen
+from armgpi.errors import require_extra
 from armgpi.escape import printable
 from armgpi.verdict import Verdict, judge
 
 if TYPE_CHECKING:
+    from armgpi.config import ExperimentConfig
     from armgpi.health.findings import Finding
     from armgpi.health.report import HealthReport
 
+#: Suffixes of MuJoCo's models, which MuJoCo itself reads a second time.
+_MJCF = (".xml", ".mjcf")
 #: Length to which names of joints may be folded in the table.
 _FOLDED = 10
 
@@ -58,17 +62,20 @@ def inspect(
 
     if report is not None:
         check_file(report, "--report")
+    if cross_check and Path(robot).suffix.lower() not in _MJCF:
+        require_extra("yourdfpy", "check")
     typed = {"dt": dt, "delay": delay, "encoder_bits": encoder_bits, "payload": payload}
-    settings = _settings(robot, how, typed)
+    known = resolved(robot, how) if is_experiment(robot) else None
+    settings = _settings(robot, how, typed, known)
     payload = settings.pop("payload", 0.5)
     found = health.inspect(settings.pop("name"), package_dirs=how["package_dir"] or [], **settings)
-    note_world(robot, how)
     found = health.with_payload(found, payload)
     found = found.with_findings([], motion=motion(found.robot))
     if cross_check:
         from armgpi.health.crosscheck import with_cross_check
 
         found = with_cross_check(found)
+    note_world(*(known or resolved(robot, how, found.robot)))
     if push is not None:
         found = _with_push(found, push)
     verdict = _verdict(found, allow_part)
@@ -114,20 +121,28 @@ def _with_push(report: HealthReport, force: float) -> HealthReport:
     return report.with_findings([], push=facts)
 
 
-def _settings(robot: str, how: Mapping[str, Any], typed: dict[str, Any]) -> dict[str, Any]:
-    """Return what is known of the arm and its loop; options win over an experiment file."""
+def _settings(
+    robot: str, how: Mapping[str, Any], typed: dict[str, Any], known: tuple[ExperimentConfig, Any] | None
+) -> dict[str, Any]:
+    """Return what is known of the arm and its loop: options win over an experiment file.
+
+    Args:
+        robot: name of a robot, path of a URDF or of an experiment file.
+        how: options of how the arm is loaded, and of its drives.
+        typed: options of the loop.
+        known: what an experiment file resolves to, and its arm; None for a robot.
+    """
     from armgpi import config
-    from armgpi.config.building import resolve
     from armgpi.config.world import DELAY
     from armgpi.robot import robots
     from armgpi.tuning.rule import BITS
 
     arm: dict[str, Any] = {"name": robot}
     loop: dict[str, Any] = {} if robots.is_textbook(robot) else {"encoder_bits": BITS, "delay": DELAY}
-    if is_experiment(robot):
-        said, origin = config.read(Path(robot))
+    if known is not None:
+        said = config.read(Path(robot)).config
         arm = said.robot.plain(given=True)
-        plant = resolve(said, origin)[0].plant.plain()
+        plant = known[0].plant.plain()
         for key in {"gravity", "friction"} & set(arm):
             del arm[key]
         loop = {"dt": said.sample_time, **plant, "payload": (plant["payload"] or {}).get("mass")}

@@ -90,7 +90,7 @@ def new(
     """Begin an experiment file for an arm: what its URDF contains, what you specify, and what is assumed.
 
     Nothing is added that nobody specified: a payload is not there without --payload. Of an arm whose joints
-    have no effort limit the file has blanks to fill in, and the exit code is 3.
+    have no effort limit, or whose links have no mass, the file has blanks to fill in, and the exit code is 3.
 
     \b
     armgpi new my_arm.urdf
@@ -119,21 +119,22 @@ def new(
     section: dict[str, Any] = {"name": name, **opt.robot_given(how)}
     if set(section.get("lock", {}).values()) == {None}:
         section["lock"] = [*section["lock"]]
+    massless = _assumed_bodies(arm, how)
     blanks = [name for name, effort in zip(arm.joint_names, arm.limits.effort, strict=True) if effort <= 0.0]
-    lines = _file(arm, section, hands, answers, typed, path, blanks)
+    lines = _file(arm, section, hands, answers, typed, path, blanks, massless)
     text = "\n".join(lines) + "\n"
-    if not blanks:
+    if not (blanks or massless):
         checked, _ = config.parse(text, str(path))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ArmgpiWarning)  # the commands will give them
             config.build(checked.replace(robot=checked.robot.replace(name=robot)))
     write(path, text, "--out")
+    if blanks or massless:
+        _say_blanks(path, blanks, massless)
+        sys.exit(INCOMPLETE)
     for each in findings.fold(report.inspect(robot, **opt.robot_given(how)).findings):
         if each.level == "warning" and each.kind in _DOUBTS:
             say(f"warning: {each}", err=True, fg="yellow")
-    if blanks:
-        say(f"INCOMPLETE: fill in robot.effort of {', '.join(blanks)} in {path}; then: armgpi run {path}")
-        sys.exit(INCOMPLETE)
     say(f"{arm.name}: {arm.n} joints; next: armgpi run {path}")
 
 
@@ -156,6 +157,23 @@ def _begin_planar(robot: str | None, joints: int | None, out: Path | None, force
     write(urdf, made.urdf, "--out")
     write(model, made.model_for(urdf.stem), "--out")
     say(f"{urdf}, {model}: fill in D, C v and G; next: armgpi validate {model} --robot {urdf}")
+
+
+def _assumed_bodies(arm: Any, how: dict[str, Any]) -> dict[str, str]:
+    """Return the links whose bodies are assumed -> what is assumed; none where that was asked for."""
+    from armgpi.robot.repairs import SUPPOSE
+
+    if any(SUPPOSE in text for text in how["repair"] or ()):
+        return {}
+    made = [each for each in arm.provenance.get("repairs", ()) if each["name"].startswith(SUPPOSE)]
+    return {each["name"].partition(":")[2]: each["after"] for each in made}
+
+
+def _say_blanks(path: Path, blanks: list[str], massless: dict[str, str]) -> None:
+    """Say what has to be filled in before the file can be run."""
+    wanted = [f"the mass of {', '.join(massless)}, or use its line `repair`"] if massless else []
+    wanted += [f"robot.effort of {', '.join(blanks)}"] if blanks else []
+    say(f"INCOMPLETE: fill in {'; and '.join(wanted)} in {path}; then: armgpi run {path}")
 
 
 def _place(robot: str, out: Path | None, force: bool) -> tuple[Path, str]:
@@ -185,6 +203,7 @@ def _file(
     typed: dict[str, Any],
     path: Path,
     blanks: list[str],
+    massless: dict[str, str],
 ) -> list[str]:
     """Return the lines of the file.
 
@@ -196,6 +215,7 @@ def _file(
         typed: what options gave, None for what they did not.
         path: of the file.
         blanks: joints whose effort limit has to be filled in.
+        massless: links whose mass has to be -> the body that is assumed.
     """
     from armgpi.config.schema import FORMAT
     from armgpi.config.world import DELAY
@@ -214,7 +234,7 @@ def _file(
         section["gravity"] = "robot"
     payload = f"  payload: {{mass: {load:.3g}, frame: {_text(arm.tip)}}}  # kg"
     none = f"  # payload: {{mass: 0.5, frame: {_text(arm.tip)}}}  # kg; none unless this line is in use"
-    assumed = _assumed_drives(arm, section, blanks)
+    assumed = _assumed_drives(arm, section, blanks or [*massless])
     ideal = robots.is_textbook(section["name"]) and typed["encoder_bits"] is None and typed["delay"] is None
     sensors = [
         f"  encoder_bits: {bits}  # per turn{bits_note}",
@@ -232,8 +252,9 @@ def _file(
         "robot:",
         *(f"  {key}: {_text(value)}" for key, value in section.items()),
         *(f"  # {joint!r} looks like a gripper, and is locked" for joint in hands),
-        *_effort_lines(arm, blanks),
-        *([] if blanks or "drives" in section else _drive_lines(arm, assumed)),
+        *_mass_lines(massless),
+        *_effort_lines(arm, blanks, massless),
+        *([] if blanks or massless or "drives" in section else _drive_lines(arm, assumed)),
         textbook if ideal else realistic,
         "plant:  # the simulated arm; the controller does not know the payload",
         *(["  engine: armgpi"] if ideal else sensors),
@@ -280,8 +301,23 @@ def _command_lines(path: Path, target: str) -> list[str]:
     return lines
 
 
-def _effort_lines(arm: Any, blanks: list[str]) -> list[str]:
-    """Return the blanks of effort limits, each with the torque that holds the arm."""
+def _mass_lines(massless: dict[str, str]) -> list[str]:
+    """Return the blanks of masses, with what to do and what would be assumed."""
+    from armgpi.robot.repairs import SUPPOSE
+
+    if not massless:
+        return []
+    return [
+        f"  # FILL IN: the URDF has no mass in {', '.join(massless)}, so this file cannot be run yet.",
+        "  # Add an <inertial> with mass [kg] and inertia [kg m²] to each of these links in the URDF, or use",
+        "  # the next line: bodies that are assumed, until `armgpi identify` finds the real ones from a log.",
+        *(f"  #   {link}: {body}" for link, body in massless.items()),
+        f"  # repair: [{SUPPOSE}]",
+    ]
+
+
+def _effort_lines(arm: Any, blanks: list[str], massless: dict[str, str]) -> list[str]:
+    """Return the blanks of effort limits, each with the torque that holds the arm if that is known."""
     import numpy as np
 
     if not blanks:
@@ -291,7 +327,8 @@ def _effort_lines(arm: Any, blanks: list[str]) -> list[str]:
     return [
         "  effort:  # N m or N: FILL IN. The file has 0, with which no controller can move the arm",
         *(
-            f"    {name}:  # FILL IN; gravity alone takes up to {round(holding[name], 9):.3g}"
+            f"    {name}:  # FILL IN"
+            + ("" if massless else f"; gravity alone takes up to {round(holding[name], 9):.3g}")
             for name in blanks
         ),
     ]
@@ -382,7 +419,7 @@ def _arm(robot: str, how: dict[str, Any], answers: _Answers) -> tuple[Any, list[
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ArmgpiWarning)  # of what is mended here
             # Numbers that are listed are of the arm's joints alone.
-            arm = load_arm(robot, {**how, "effort": None, "rotor_inertia": None, "drives": None})
+            arm = _load(robot, {**how, "effort": None, "rotor_inertia": None, "drives": None})
         several = chains.of(arm.provenance)
     except ArmgpiError:  # which may be of a part that is not kept
         source, _ = robots.locate(robot)
@@ -397,7 +434,20 @@ def _arm(robot: str, how: dict[str, Any], answers: _Answers) -> tuple[Any, list[
         how["keep"] = [chosen]
     hands = [] if how["keep"] else [j for j in arm.provenance.get("grippers", ()) if j in arm.joint_names]
     how["lock"] = [*(how["lock"] or []), *hands]
-    return load_arm(robot, how), hands
+    return _load(robot, how), hands
+
+
+def _load(robot: str, how: dict[str, Any]) -> Any:
+    """Return an arm; that of a file without masses has assumed bodies, of which `how` says nothing."""
+    from armgpi.robot.repairs import SUPPOSE
+
+    try:
+        return load_arm(robot, how)
+    except ArmgpiError as error:
+        cause = error.__cause__ if isinstance(error.__cause__, ArmgpiError) else error
+        if not any(remedy.value == SUPPOSE for remedy in cause.remedies):
+            raise
+        return load_arm(robot, {**how, "repair": [*(how["repair"] or []), SUPPOSE]})
 
 
 def _text(value: Any) -> str:

@@ -58,9 +58,7 @@ ROWS = {
     "config --config -c FILE": "Experiment file (YAML) or name of a scenario (see `armgpi scenarios`); "
     "options override it.",
     "to CONFIGURATION": "Goal [rad or m]: 'j1=0.8,j2=-0.4', the others stay; or all joints '0.8,-0.4'.",
-    "start --from CONFIGURATION": (
-        "Start position, written like --to; by default the middle of the joint ranges."
-    ),
+    "start --from CONFIGURATION": ("Start position, written like --to; by default that of the default move."),
     "path NAME": "Instead of --to, a path of the tool in space: {paths}.",
     "trajectory FILE": "Instead of --to, a recorded trajectory: CSV (time and joints by name), NetCDF (a "
     "rollout) or MCAP (/joint_states).",

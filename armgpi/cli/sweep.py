@@ -71,7 +71,8 @@ def sweep(
     if report is not None:
         require_extra("trimesh", "viz")
     if workers > 1 or cluster is not None:
-        require_extra("dask.distributed", "cluster", "distributed")
+        require_extra("dask", "cluster")
+        require_extra("distributed", "cluster")
     count = _count(rollouts)
     asked = Sweep.of(*_read(file), sampling)
     study = asked.enter(out, accept_code)
@@ -80,8 +81,7 @@ def sweep(
         others = {"--workers": workers > 1, "--cluster": cluster is not None, "--report": report is not None}
         for option in (name for name, given in others.items() if given):
             raise refusal(option, "--rare has its levels one after the other in this process, and no page")
-        _rare(asked, study, count, as_json)
-        return
+        sys.exit(_rare(asked, study, count, as_json).exit_code)
     sys.exit(_run_sweep(asked, study, count, workers, cluster, report, as_json, allow_part).exit_code)
 
 
@@ -157,8 +157,8 @@ def _run_sweep(
     return verdict
 
 
-def _rare(sweep: Sweep, study: Study, count: int, as_json: bool) -> None:
-    """Print how probable failures are that are too rare to occur in random rollouts."""
+def _rare(sweep: Sweep, study: Study, count: int, as_json: bool) -> Verdict:
+    """Say how probable failures are that are too rare to occur in random rollouts, and return the verdict."""
     from armgpi.studies import rare
     from armgpi.studies.results import write_worst
 
@@ -166,11 +166,18 @@ def _rare(sweep: Sweep, study: Study, count: int, as_json: bool) -> None:
         sweep, study, count, lambda rows: say(f"a level of {rows} rollouts", err=True)
     )
     said = rare.summary(sweep, found, last, check)
-    for sentence in [json.dumps(json_data(said))] if as_json else rare.sentences(said):
-        say(sentence)
+    verdict = rare.judge_levels(said)
+    if as_json:
+        say(json.dumps(json_data({**said, "verdict": verdict.plain()})))
+    else:
+        if verdict.exit_code:
+            say(verdict.line, fg="yellow")
+        for sentence in rare.sentences(said):
+            say(sentence)
     written = [files.write(study.folder / "rare.json", json.dumps(said, indent=2) + "\n")]
     written += write_worst(study.folder / "rare", rare.worst(sweep, last))
     say(f"wrote {len(written)} files to {study.folder}", err=True)
+    return verdict
 
 
 def _count(text: str) -> int:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from armgpi.arrays import Array, quantity
-from armgpi.config import world
+from armgpi.config import default_move, world
 from armgpi.config.reading import Origin, check
 from armgpi.config.schema import (
     ARM_KEYS,
@@ -34,7 +34,6 @@ from armgpi.plants.loads import Load
 from armgpi.plants.plant import Plant, Wrapper
 from armgpi.plants.reality import Reality, stack_draws
 from armgpi.plants.sensors import Encoder
-from armgpi.references.bezier import Bezier, minimum_duration
 from armgpi.references.cartesian import CartesianReference, ClosedForm, Inverse
 from armgpi.references.following import FollowLimits, Setpoints
 from armgpi.references.paths import Eased, Path
@@ -59,16 +58,6 @@ IDENTIFICATION = "identification"
 ENGINES = ("armgpi", "mujoco")
 #: Most samples of a run: a day at 10 kHz.
 _MAX_SAMPLES = 10**9
-#: Share of the velocity limits that a move without a duration uses, and its acceleration [rad/s^2].
-_MOVE_SHARE = 0.5
-_MOVE_ACCELERATION = 5.0
-#: How far a move goes that nobody asked for [rad or m]; and the share of a joint's effort that holding the
-#: arm may take on its way, if it does not take more at the start.
-_MOVE, _HOLDING_SHARE, _ROUNDING = 0.5, 0.9, 1e-9
-#: Velocity limits below this are ignored [rad/s or m/s]: a move would take weeks.
-_LEAST_SPEED = 1e-6
-#: Share of the effort beyond gravity that a move without a duration may take; how much slower it may become.
-_MOVING_SHARE, _SLOWEST = 0.8, 4.0
 #: Keys of a reference that are of a stream alone.
 _STREAM_KEYS = ("feedforward", "torque_rate", "start")
 #: How long a run goes on after its reference has ended, when nothing is said [s].
@@ -173,7 +162,7 @@ def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
                 raise top.at("robot", "effort").error(str(error.__cause__)) from error.__cause__
             raise
         sections.append(section.replace(label=label))
-    reference, end, moves = _reference(config.reference, robot, top.at("reference"))
+    reference, end, moves = _reference(config, robot, top.at("reference"))
     t_final = end + _SETTLE if config.t_final is None else config.t_final
     if not 0.5 < t_final / config.sample_time <= _MAX_SAMPLES:
         # Say whose key it is: the run's length may be the reference's, and the samples the default ones.
@@ -239,8 +228,8 @@ class Parts:
             lambda: controller(section.plain(), context),
         )  # fmt: skip
         reference = self._once(
-            ("reference",), text, ("robot", "reference"),
-            lambda: _reference(config.reference, robot, top.at("reference"))[0],
+            ("reference",), text, ("robot", "reference", "ideal"),
+            lambda: _reference(config, robot, top.at("reference"))[0],
         )  # fmt: skip
         return plant, law, reference
 
@@ -259,7 +248,9 @@ class Parts:
         return made
 
 
-def _with_assumptions(config: ExperimentConfig, top: _Place) -> tuple[ExperimentConfig, Robot]:
+def _with_assumptions(
+    config: ExperimentConfig, top: _Place, loaded: Robot | None = None
+) -> tuple[ExperimentConfig, Robot]:
     """Return the arm of an experiment, and the experiment with what is believed of its drives filled in.
 
     It is believed where the file asks for it, and where it does not and has the rule for untuned arms. Then
@@ -268,7 +259,7 @@ def _with_assumptions(config: ExperimentConfig, top: _Place) -> tuple[Experiment
     """
     section = expand(config, top.at("robot"))
     config = config.replace(robot=section)
-    robot = _robot(section, top.at("robot"))
+    robot = _robot(section, top.at("robot")) if loaded is None else loaded
     section, robot = _with_encoder_side(config, section, robot)
     config = world.in_world(config.replace(robot=section), robot)
     word = section.drives if isinstance(section.drives, str) else None
@@ -324,13 +315,20 @@ def summary(experiment: Experiment) -> str:
     return world.describe(experiment.config, experiment.robot)
 
 
-def resolve(config: ExperimentConfig, origin: Origin | None = None) -> tuple[ExperimentConfig, Robot]:
+def resolve(
+    config: ExperimentConfig, origin: Origin | None = None, loaded: Robot | None = None
+) -> tuple[ExperimentConfig, Robot]:
     """Return an experiment with all that its world assumes, and its arm; no plant or controller is made.
+
+    Args:
+        config: the experiment.
+        origin: where it came from.
+        loaded: its arm, where it was loaded before by the same section `robot`.
 
     Raises:
         ConfigError: when something does not fit the robot; it names the key.
     """
-    return _with_assumptions(config, _Place(origin or Origin()))
+    return _with_assumptions(config, _Place(origin or Origin()), loaded)
 
 
 def has_rule(config: ExperimentConfig) -> bool:
@@ -775,9 +773,10 @@ def _value(declared: Parameter, value: Any, robot: Robot, place: _Place, default
 
 
 def _reference(
-    section: ReferenceSection, robot: Robot, place: _Place
+    config: ExperimentConfig, robot: Robot, place: _Place
 ) -> tuple[Reference, float, ReferenceSection]:
     """Return the reference, when it has ended [s], and its section with the defaults filled in."""
+    section = config.reference
     for other in ("file", "path", "poses", "stream"):
         for key in ("points", "durations", "holds", "file", "path", "poses"):
             if key != other and getattr(section, other) is not None and getattr(section, key) is not None:
@@ -793,7 +792,7 @@ def _reference(
     if section.frame is not None:
         raise place.at("frame").error("requires path, poses or stream")
     if section.file is None:
-        return _moves(section, robot, place)
+        return _moves(config, robot, place)
     with place.at("file").error_context():
         recorded = Recorded.load(section.file, robot)
     return recorded, recorded.t_end, section
@@ -889,13 +888,16 @@ def _roomiest(robot: Robot, frame: str, direction: list[float] | None, axis: lis
 
 
 def _moves(
-    section: ReferenceSection, robot: Robot, place: _Place
+    config: ExperimentConfig, robot: Robot, place: _Place
 ) -> tuple[Waypoints, float, ReferenceSection]:
     """Return moves from configuration to configuration; see `_reference`."""
-    points: list[Array] = []
-    here, usual = robot.middle(), 0.0
+    section, points, usual = config.reference, [], 0.0
+    here = goal = robot.middle()
+    # Points that name every joint need no start: searching one takes a while for a new arm.
+    if section.points is None or isinstance(section.points[0], Mapping):
+        here, goal = default_move.ends(robot, old=config.ideal is None)
     if section.points is None:
-        points, usual = [here, _goal(robot, here), here], 1.0
+        points, usual = [here, goal, here], default_move.HOLD
     for index, point in enumerate(section.points or ()):
         here = _per_joint(point, robot, place.at("points", index), here)
         with place.at("points", index).error_context():
@@ -903,37 +905,11 @@ def _moves(
         points.append(here)
     durations, holds = section.durations, usual if section.holds is None else section.holds
     if durations is None:
-        durations = [_gentle(robot, a, b) for a, b in pairwise(points)]
+        durations = [default_move.gentle_duration(robot, a, b) for a, b in pairwise(points)]
     with place.error_context():
         reference = Waypoints(points, durations, holds)
     filled = ReferenceSection(points=[x.tolist() for x in points], durations=durations, holds=holds)
     return reference, reference.t_end, filled
-
-
-def _gentle(robot: Robot, start: Array, goal: Array) -> float:
-    """Return a duration of a move [s] that keeps half the speeds, and the torques where motors are weak."""
-    speed = np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, 1.0) * _MOVE_SHARE
-    speed = np.where(speed > _LEAST_SPEED, speed, _MOVE_SHARE)
-    duration = max(1.0, minimum_duration(goal - start, speed, _MOVE_ACCELERATION))
-    target = Bezier(start, goal, duration).at(np.linspace(0.0, duration, 41))
-    holding = robot.gravity(target.q)
-    moving = robot.inverse_dynamics(*target) - holding  # falls with the square of the duration
-    left = robot.limits.effort - np.sign(moving) * holding
-    share = np.divide(np.abs(moving), _MOVING_SHARE * left, out=np.zeros_like(moving), where=left > 0.0)
-    return duration * math.sqrt(min(max(1.0, float(share.max())), _SLOWEST**2))
-
-
-def _goal(robot: Robot, middle: Array) -> Array:
-    """Return a configuration near the middle that the motors can hold the arm to all the way, if any."""
-    step = np.minimum(_MOVE, 0.5 * (robot.limits.upper - middle))
-    most = np.maximum(_HOLDING_SHARE, robot.holding_share(middle))
-    for scale in (1.0, -1.0, 0.5, -0.5, 0.25, -0.25, 0.125, -0.125):
-        goal: Array = middle + scale * step
-        way = middle + np.linspace(0.0, 1.0, 21)[:, None] * (goal - middle)
-        inside = (goal >= robot.limits.lower).all()
-        if inside and (robot.holding_share(way) <= most + _ROUNDING * most).all():
-            return goal
-    return middle + step
 
 
 def _per_joint(

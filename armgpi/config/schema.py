@@ -282,8 +282,9 @@ class ReferenceSection(Section):
 
     Attributes:
         points: configurations [rad or m]; a mapping keeps the joints that it does not name where they were,
-            and starts from the middle of the joint ranges. When not given, every joint moves by up to 0.5
-            from there and back, and less where the motors would not hold the arm.
+            and begins where the default move does. When not given, that is the default move
+            (:func:`armgpi.default_move`): every joint moves by up to 0.5 and back, away from singular
+            configurations. In a file without the key ``ideal`` it starts in the middle of the joint ranges.
         durations: of the moves [s]; gentle ones when not given, which the motors can.
         holds: at each configuration [s]; 0 when not given, 1 when there are no points either.
         file: instead of all these, a recorded trajectory: CSV (time and joints by name) or NetCDF.

@@ -16,6 +16,7 @@ from armgpi.config.schema import ExperimentConfig
 from armgpi.config.section import Section
 from armgpi.robot.equations import ASSUMED_GEAR_RATIO
 from armgpi.robot.known_arms import known_bits
+from armgpi.robot.repairs import SUPPOSE, made_in
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import joints_with_assumed_ratio, with_published
 from armgpi.tuning.rule import BITS, Untuned
@@ -49,7 +50,7 @@ def in_world(config: ExperimentConfig, robot: Robot) -> ExperimentConfig:
     plant = _assumed(plant, {key: value for key, value in assumed.items() if key not in plant.given})
     controllers = list(config.controllers)
     # Measured with the friction of their URDFs and 16 bits, peak errors without and with feedforward:
-    # z1 0.071 and 0.0043 rad, xarm7 0.090 and 0.0062 rad.
+    # z1 0.074 and 0.0039 rad, xarm7 0.090 and 0.0062 rad.
     if plant.friction == "urdf" and _has_friction(robot):
         for index, section in enumerate(controllers):
             if section.type == AUTOMATIC and "friction_feedforward" not in section.given:
@@ -102,6 +103,7 @@ def describe_arm(config: ExperimentConfig, robot: Any, every: bool = False) -> s
         source = sources.pop() if len(sources) == 1 else ""
         positions = marked("encoder_bits", f"{count} encoders", source or "assumed")
     parts = [
+        *(["MASSES ASSUMED"] if _assumes_bodies(robot) else []),
         _JOINTS.get(plant.engine, "stiff joints"),
         _rotors(robot),
         _friction(config, robot),
@@ -116,6 +118,11 @@ def _assumed(section: Any, changes: dict[str, Any]) -> Any:
     made: Section = copy.copy(section)
     vars(made).update(changes)
     return made
+
+
+def _assumes_bodies(robot: Robot) -> bool:
+    """Tell whether the bodies of an arm are assumed, since its file has no masses."""
+    return any(name.startswith(SUPPOSE) for name in made_in(robot.provenance))
 
 
 def _has_friction(robot: Robot) -> bool:

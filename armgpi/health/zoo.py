@@ -67,7 +67,12 @@ def run(name: str) -> list[Row]:
 
 def _run(name: str) -> list[Row]:
     """Run an arm."""
-    wanted = {"robot": {"name": name, "lock": fingers(name)}, "sample_time": DT, "t_final": HORIZON}
+    wanted = {
+        "robot": {"name": name, "lock": fingers(name)},
+        "ideal": True,
+        "sample_time": DT,
+        "t_final": HORIZON,
+    }
     experiment = config.build(config.check(wanted, config.Origin(name)), config.Origin(name))
     robot = experiment.robot
     robot.check_holding(experiment.reference.at(0.0).q, "the start")

@@ -221,7 +221,13 @@ def _csv(source: Path) -> dict[str, Array]:
     except (ValueError, csv.Error) as error:
         said = f"is no CSV file of numbers under a line of names: {files.reason(error)}"
         raise UnreadableTrajectory(source, said) from None
-    if head[0].lower() not in _TIMES or values.shape[1:] != (len(head),) or len(set(head)) < len(head):
+    if head[0].lower() not in _TIMES:
+        raise UnreadableTrajectory(
+            source,
+            f"has a first column named {head[0]!r}; expected time or t, which holds the time [s]. It has the "
+            f"columns {', '.join(head)[:200]}",
+        )
+    if values.shape[1:] != (len(head),) or len(set(head)) < len(head):
         raise UnreadableTrajectory(
             source, f"has the columns {', '.join(head)[:200]}; expected time [s] and one for each joint"
         )

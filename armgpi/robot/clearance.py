@@ -301,7 +301,8 @@ def _axis(model: Any) -> Array:
 
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
-    return np.asarray(pin.getJointJacobian(model, data, 1, pin.LOCAL)[3:, 0], dtype=np.float64)
+    J = np.asarray(pin.getJointJacobian(model, data, 1, pin.LOCAL), dtype=np.float64)
+    return J.reshape(6, -1)[3:, 0]  # for a single joint Pinocchio drops an axis
 
 
 def _lowest(shapes: Any) -> float:

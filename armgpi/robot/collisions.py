@@ -8,12 +8,16 @@ from collections.abc import Iterable
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.robot.meshes import MeshFinder
 from armgpi.robot.robot import Robot
+
+#: Arm -> what was read for it, by the folders of its meshes: reading them takes long.
+_read: WeakKeyDictionary[Robot, dict[tuple[str, ...], Shapes]] = WeakKeyDictionary()
 
 
 class Shapes(NamedTuple):
@@ -72,8 +76,22 @@ def self_collisions(
 def read_shapes(robot: Robot, package_dirs: Iterable[str | PathLike[str]] = ()) -> Shapes:
     """Return the collision shapes of an arm's file that may be read, with the pairs to look at.
 
-    Links that a joint connects are no pair.
+    Links that a joint connects are no pair. Every call returns shapes of its own.
     """
+    folders = tuple(str(folder) for folder in package_dirs)
+    kept = _read.setdefault(robot, {})
+    if folders not in kept:
+        kept[folders] = _read_shapes(robot, folders)
+    shapes = kept[folders]
+    if shapes.model is None:
+        return shapes
+    import pinocchio as pin
+
+    return shapes._replace(model=pin.GeometryModel(shapes.model))
+
+
+def _read_shapes(robot: Robot, package_dirs: tuple[str, ...]) -> Shapes:
+    """Return the collision shapes of an arm's file; see :func:`read_shapes`."""
     source = Path(str(robot.provenance.get("source", "")))
     if source.suffix.lower() != ".urdf" or not source.is_file():
         return Shapes(None, ())

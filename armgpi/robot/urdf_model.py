@@ -216,7 +216,7 @@ def _refuse_shapes_alone(urdf: Urdf, moved: Collection[str]) -> None:
         "<inertial> with mass and inertia to each link, or take a URDF that has them, from the robot's "
         f"maker or from CAD; or identify it from a log: armgpi identify --repair {SUPPOSE}",
         names[0],
-    )
+    ).suggesting(Remedy("repair", (), SUPPOSE))
 
 
 def _suppose_bodies(

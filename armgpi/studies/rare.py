@@ -25,6 +25,7 @@ from armgpi.studies.distributions import draw_key
 from armgpi.studies.results import WORST
 from armgpi.studies.sample import Sweep
 from armgpi.studies.study import Study
+from armgpi.verdict import Verdict, judge
 
 #: Share of a level from which the next one starts, and so one over the length of a chain.
 _SHARE = 0.1
@@ -322,13 +323,28 @@ def sentences(said: Mapping[str, Any]) -> list[str]:
     return lines
 
 
+def judge_levels(said: Mapping[str, Any]) -> Verdict:
+    """Return the verdict of a summary: an estimate that random rollouts contradict is not judged."""
+    if _confirms(said["plain check"]):
+        return judge(True, f"a probability of failure of {said['probability of failure']['value']:.3g}")
+    return Verdict(
+        "not judged",
+        "the probability of failure: other random rollouts contradict the levels, so the estimate below is "
+        "not valid. Use more rollouts in each level: --rollouts",
+    )
+
+
+def _confirms(check: Mapping[str, Any]) -> bool:
+    """Tell whether random rollouts reach the second level as often as the levels say."""
+    return bool(check["lower"] <= check["by the levels"] <= check["upper"])
+
+
 def _describe_check(check: Mapping[str, Any]) -> str:
     """Return in words whether random rollouts reach the second level as often as the levels say."""
-    holds = check["lower"] <= check["by the levels"] <= check["upper"]
     return (
         f"{check['value']:.2g} of {check['rollouts']} other random rollouts reach the second level "
         f"({check['lower']:.2g} to {check['upper']:.2g}, 99 %), {check['by the levels']:.2g} by the levels"
-        + ("" if holds else ": THE LEVELS ARE WRONG, more points a level may help")
+        + ("" if _confirms(check) else ": THE LEVELS ARE WRONG, more points a level may help")
     )
 
 

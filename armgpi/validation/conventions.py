@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from armgpi.arrays import Array
-from armgpi.errors import ParameterError
+from armgpi.errors import NameNotFound, ParameterError
 from armgpi.validation.tree import Tree, absolute_angles
 
 #: Other names that functions may have; what is called C or coriolis may give the torque too.
@@ -144,6 +144,7 @@ def declare_convention(
         known: names of the functions that there are.
 
     Raises:
+        NameNotFound: when a function is named that there is not.
         ParameterError: when one of them is not possible.
     """
     _check_names(names, known)
@@ -168,7 +169,7 @@ def _check_names(names: Mapping[str, str], known: tuple[str, ...]) -> None:
     """Refuse names of functions that there are not, and two for one function."""
     for mine, name in names.items():
         if name not in known:
-            raise ParameterError("names", f"{mine}={name}", f"names of {', '.join(known)}")
+            raise NameNotFound("function that is compared", name, known, f"it stands in {mine}={name}")
     if twice := next((name for name, k in Counter(names.values()).items() if k > 1), None):
         both = ", ".join(f"{mine}={name}" for mine, name in names.items() if name == twice)
         raise ParameterError("names", both, f"one function for {twice}: only one is compared")

@@ -203,7 +203,8 @@ def _hint(mine: str, members: Iterable[Mapping[str, Any]]) -> str:
     from difflib import get_close_matches
 
     there = sorted({k for m in members for k, v in m.items() if _is_function(v) and k[:1] != "_"})
-    near = get_close_matches(mine, there, n=1, cutoff=0.5)
+    longer = [name for name in there if name.startswith(mine)]
+    near = longer or get_close_matches(mine, there, n=1, cutoff=0.5)
     return f"; is {near[0]!r} meant?" if near else f"; it has {', '.join(there[:12]) or 'none'}"
 
 

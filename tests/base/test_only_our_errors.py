@@ -534,6 +534,7 @@ CASES: dict[str, Case] = {
         },
         controlled,
     ),
+    "default_move": Case(armgpi.default_move, {"robot": ARM}),
     "default_omega": Case(armgpi.default_omega, {"dt": DT, "delay": 0.0, "highest": 30.0}),
     "Member": Case(
         Member,

@@ -17,9 +17,10 @@ from commands import Answer
 import armgpi
 from armgpi.certification import check_certificate
 from armgpi.certification.certificate import seal
-from armgpi.cli import bringup, inspect
+from armgpi.cli import inspect
 from armgpi.errors import RolloutError
 from armgpi.identification.text import judge_arm
+from armgpi.intervals import Estimate
 from armgpi.studies.study import Identity, Study
 from armgpi.verdict import Verdict, judge
 
@@ -123,33 +124,145 @@ def test_the_checker_names_what_was_asked_for_and_has_no_claim(
     assert "HOLDS FOR PART: asked for and not claimed: everything that was stated" in capsys.readouterr().out
 
 
-def test_bringup_names_what_no_stage_will_test() -> None:
-    seen: Any = SimpleNamespace(findings=(), following=None, untested={"weight": ("q1",), "lag": ()})
-    verdict = bringup._verdict(seen, False)
-    assert verdict.exit_code == 3
-    assert "(q1)" in verdict.line
-    assert bringup._verdict(seen, True).exit_code == 0
-    assert bringup._verdict(SimpleNamespace(findings=("x",), untested={}), False).exit_code == 1
+Case = tuple[tuple[Any, ...], str]
 
 
-@pytest.mark.slow
-def test_sweep_names_rollouts_that_were_not_run(
-    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+class Sway(armgpi.Reference):
+    """Sines of some joints about a configuration."""
+
+    def __init__(self, amplitudes: list[float]) -> None:
+        self.amplitudes = np.array(amplitudes)
+
+    def at(self, t: Any) -> armgpi.Target:
+        t, w = np.asarray(t, dtype=float)[..., None], np.array([2.1, 3.3, 2.7])
+        q = np.array([0.0, 0.3, -0.6]) + self.amplitudes * np.sin(w * t)
+        v = self.amplitudes * w * np.cos(w * t)
+        return armgpi.Target(q, v, -self.amplitudes * w**2 * np.sin(w * t))
+
+
+def log(path: Path, amplitudes: list[float]) -> Path:
+    """Write a log of an arm that follows sines, and return its path."""
+    robot = armgpi.Robot.load("anthropomorphic3").with_armature(0.05)
+    plant, gpi = armgpi.RigidBodyPlant(robot), armgpi.GPI(robot, 1e-3)
+    armgpi.save(armgpi.simulate(plant, gpi, Sway(amplitudes), 6.0, progress=False), path)
+    return path
+
+
+def leave_a_function(folder: Path, patch: pytest.MonkeyPatch) -> Case:
+    (folder / "arm.py").write_text(
+        "import armgpi\n"
+        "robot = armgpi.Robot.load('anthropomorphic3')\n"
+        "def mass(q): return robot.mass_matrix(q)\n"
+        "def gravity(q): return robot.gravity(q)\n"
+    )
+    return (folder / "arm.py", "--robot", "anthropomorphic3"), "--allow-uncompared"
+
+
+def leave_the_second_reader(folder: Path, patch: pytest.MonkeyPatch) -> Case:
+    finding = armgpi.health.Finding("warning", "file", "yourdfpy cannot read it", kind="cross-check")
+    patch.setattr("armgpi.health.crosscheck.with_cross_check", lambda report: report.with_findings([finding]))
+    return ("anthropomorphic3", "--cross-check"), "--allow-part"
+
+
+def leave_keys_of_a_file(folder: Path, patch: pytest.MonkeyPatch) -> Case:
+    file = folder / "arm.yaml"
+    file.write_text(ARM + "controllers: [{type: gpi, omega: 25.0}]\nsupervisor: {}\n")
+    return (file, "--radius", "0.2"), "--allow-part"
+
+
+def leave_the_stop(folder: Path, patch: pytest.MonkeyPatch) -> Case:
+    (file, *_), allow = leave_keys_of_a_file(folder, patch)
+    return (file, "--torque", "0.05"), allow
+
+
+def leave_questions(folder: Path, patch: pytest.MonkeyPatch) -> Case:
+    from armgpi.hardware.realtime import judge as judging
+    from armgpi.hardware.realtime import stages
+
+    seen = judging.Verdict((), {"lag": ("q1",)}, {"weight": ("q1",), "lag": ()}, None)
+    folder_of: Any = SimpleNamespace(stages=(SimpleNamespace(joints=("q1", "q2", "q3")),), path=folder)
+    patch.setattr(stages, "read", lambda path: folder_of)
+    patch.setattr(judging, "judge", lambda *_: seen)
+    return ("check", folder / "10-dry.armlog"), "--allow-part"
+
+
+def leave_rollouts(folder: Path, patch: pytest.MonkeyPatch) -> Case:
     from armgpi.studies import workers
 
-    file = tmp_path / "study.yaml"
+    file = folder / "study.yaml"
     file.write_text(ARM + "t_final: 0.05\nvary: {controller.omega: {uniform: [20.0, 30.0]}}\n")
     run = workers.run
 
     def leave_first(folder: Path, chunks: list[Any], *others: Any) -> dict[int, str]:
-        return run(folder, chunks[1:], *others) | {chunks[0][0]: "no disk"}
+        left = run(folder, [chunk for chunk in chunks if chunk[0]], *others)
+        return left | {i: "no disk" for i, _ in chunks if not i}
 
-    monkeypatch.setattr(workers, "run", leave_first)
-    monkeypatch.setattr("armgpi.studies.sample._MOST", 16)
-    done = cli("sweep", file, "--rollouts", "32", "--out", tmp_path / "out")
+    patch.setattr(workers, "run", leave_first)
+    patch.setattr("armgpi.studies.sample._MOST", 16)
+    return (file, "--rollouts", "32", "--out", folder / "out"), "--allow-part"
+
+
+def leave_a_joint(folder: Path, patch: pytest.MonkeyPatch) -> Case:
+    moved, part = log(folder / "a.nc", [0.6, 0.5, 0.5]), log(folder / "b.nc", [0.6, 0.5, 0.0])
+    words = (moved, "--robot", "anthropomorphic3", "--validate", part, "--out", folder / "out")
+    return words, "--allow-part"
+
+
+#: Every command that judges -> what is left out of what it was given, and the option that accepts it.
+LEAVE_OUT: dict[str, Callable[[Path, pytest.MonkeyPatch], Case]] = {
+    "validate": leave_a_function,
+    "inspect": leave_the_second_reader,
+    "certify": leave_keys_of_a_file,
+    "bound": leave_the_stop,
+    "bringup": leave_questions,
+    "sweep": leave_rollouts,
+    "identify": leave_a_joint,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", LEAVE_OUT)
+def test_every_command_that_judges_ends_with_3_where_something_is_left_out(
+    command: str, cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words, accept = LEAVE_OUT[command](tmp_path, monkeypatch)
+    done = cli(command, *words)
+    assert done.code == 3, done.err
+    (line,) = [line for line in done.out.splitlines() if line.startswith("INCOMPLETE: ")]
+    assert f"(exit code 3; {accept} accepts this)" in line
+    accepted = cli(command, *words, accept)
+    assert accepted.code == 0, accepted.err
+    assert f"INCOMPLETE: {line.split(': ', 1)[1].split(' (exit code')[0]} (accepted by" in accepted.out
+    data = json.loads(cli(command, *words, "--json").out)
+    assert (data["verdict"]["outcome"], data["verdict"]["exit_code"]) == ("holds for part", 3)
+    assert data["verdict"]["left_out"]
+
+
+def test_the_table_of_what_is_left_out_names_every_command_that_judges() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "cli.md").read_text(encoding="utf-8")
+    table = page.split("| command | left out are |")[1].split("\n\n")[0]
+    named = set(re.findall(r"^\| `([a-z_]+)", table, re.MULTILINE))
+    assert named == {*LEAVE_OUT, "check_certificate"}  # the checker is a program of its own; see above
+
+
+@pytest.mark.slow
+def test_an_estimate_of_rare_failures_that_its_check_contradicts_is_not_judged(
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "rare.yaml"
+    file.write_text(
+        ARM + "t_final: 0.2\nvary: {controller.omega: {uniform: [10.0, 30.0]}, plant.payload.mass: "
+        "{uniform: [0.0, 2.0]}}\nfailure: {peak_error: 0.005}\n"
+    )
+    words = ("sweep", file, "--rare", "--rollouts", "100", "--out", tmp_path / "out")
+    assert cli(*words).code == 0
+    # Random rollouts that never reach a level which a tenth of the points or more reach contradict it.
+    never = Estimate(value=0.0, lower=0.0, upper=0.01)
+    monkeypatch.setattr("armgpi.studies.rare.clopper_pearson", lambda *_: never)
+    done = cli(*words)
     assert done.code == 3
-    assert done.out.splitlines()[0].startswith("INCOMPLETE: 16 of 32 rollouts were run")
+    assert done.out.splitlines()[0].startswith("NOT JUDGED: the probability of failure")
+    assert json.loads(cli(*words, "--json").out)["verdict"]["outcome"] == "not judged"
 
 
 def test_identify_names_joints_that_no_log_moves() -> None:
@@ -179,6 +292,12 @@ def test_identify_names_joints_that_no_log_moves() -> None:
         ("casadi", ("sweep", "study.yaml", "--out", "out")),
         ("trimesh", ("play", "ur5", "--out", "out")),
         ("casadi", ("play", "ur5", "--out", "out")),
+        ("distributed", ("sweep", "study.yaml", "--workers", "2", "--out", "out")),
+        ("yourdfpy", ("inspect", "ur5", "--cross-check")),
+        ("cma", ("contend", "anthropomorphic3", "--out", "out")),
+        ("trimesh", ("run", "ur5", "--report", "page.html", "--out", "out")),
+        ("matplotlib", ("compare", "ur5", "--plot", "page.png", "--out", "out")),
+        ("casadi", ("export", "ur5", "--out", "out")),
     ],
 )
 def test_an_extra_is_asked_for_before_any_work(

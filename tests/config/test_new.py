@@ -191,6 +191,25 @@ def test_an_arm_without_effort_limits_gets_blanks_and_runs_when_they_are_filled(
     assert cli("run", path, "--t-final", 0.1).code == 0
 
 
+def test_an_arm_without_masses_gets_blanks_and_runs_with_assumed_bodies_only_when_that_is_chosen(
+    cli: Callable[..., Answer], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = robots.locate("anthropomorphic3")[0].read_text(encoding="utf-8")
+    Path("bare.urdf").write_text(re.sub(r"<inertial>.*?</inertial>", "", text, flags=re.DOTALL))
+    answer = cli("new", "bare.urdf")
+    assert answer.code == 3
+    assert answer.out.startswith("INCOMPLETE: fill in the mass of link1, link2, link3")
+    written = Path("bare.yaml").read_text(encoding="utf-8")
+    assert "drives:" not in written  # they would be of the assumed bodies
+    assert cli("run", "bare.yaml").code == 2
+    Path("bare.yaml").write_text(written.replace("  # repair:", "  repair:"), encoding="utf-8")
+    done = cli("run", "bare.yaml", "--t-final", 0.1)
+    assert done.code == 0
+    assert "MASSES ASSUMED" in done.err
+    assert cli("new", "bare.urdf", "--repair", "assume-bodies", "-o", "asked.yaml").code == 0
+
+
 def test_a_sweep_of_stiff_joints_draws_no_stiffness(cli: Callable[..., Answer], tmp_path: Path) -> None:
     path = tmp_path / "stiff.yaml"
     assert cli("new", "ur5", "--drives", "stiff", "-o", path).code == 0

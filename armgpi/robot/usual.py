@@ -1,0 +1,240 @@
+"""Where an arm moves if nothing specifies it: not through singular or upright configurations, nor itself."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from armgpi.arrays import Array
+from armgpi.robot.clearance import Clearance, usual_floor
+from armgpi.robot.kinematics import random_configurations
+from armgpi.robot.meshes import MeshFinder
+from armgpi.robot.robot import Robot
+
+#: How far every joint moves [rad or m], and the share of its range beyond the start that it may use.
+_MOVE, _SHARE_OF_RANGE = 0.5, 0.5
+#: Parts of the move that are tried, in this order.
+_SCALES = (1.0, -1.0, 0.5, -0.5, 0.25, -0.25, 0.125, -0.125)
+#: Share of a joint's effort that holding the arm may take on the way.
+_HOLDING_SHARE = 0.9
+_ROUNDING = 1e-9
+#: Least conditioning on the way from the middle of the joint ranges, and of starts that replace it: smallest
+#: singular value of the Jacobian over its median at random configurations.
+_CONDITIONING, _WANTED_CONDITIONING = 0.25, 0.5
+#: Height of the centre of mass from which a configuration is upright: share of its range.
+_UPRIGHT = 0.95
+#: Configurations by which conditioning and height are scaled; other starts that are tried.
+_SAMPLES, _TRIED = 256, 256
+#: Configurations on a way for the first choice of starts, and for the last check.
+_COARSE, _FINE = 5, 21
+#: Farthest that a joint starts from the middle of its range [rad]; share of the range; and of a slide without
+#: limits [m].
+_FARTHEST, _RANGE, _SLIDE = 0.5 * math.pi, 0.4, 0.5
+#: Starts are rounded to this [rad or m].
+_GRID = 0.1
+#: Most ways that are compared with the collision shapes, and most bytes of meshes that are read for it.
+_COMPARED, _MOST_BYTES = 100, 10_000_000
+#: Singular values below this share of the largest are 0 in every configuration: a direction without motion.
+_SINGULAR = 1e-6
+#: Joints from which a tool can have any orientation.
+_POSE = 6
+
+
+class Ends(NamedTuple):
+    """Start and goal of a move [rad or m], shape (n,) each."""
+
+    start: Array
+    goal: Array
+
+
+def usual_ends(robot: Robot) -> Ends:
+    """Return start and goal of the move of an arm for which nothing specifies one.
+
+    The move starts in the middle of the joint ranges, where the arm is well-conditioned there and on the way,
+    not upright, held by its motors, and clear of itself and the floor. Else it starts at the nearest of some
+    configurations for which all this holds, with as many joints in the middle as possible. Where none is
+    found, clearance is given up first, then conditioning; at last it starts in the middle.
+
+    Args:
+        robot: the arm.
+    """
+    judge = _Judge(robot)
+    middle = _from(robot, judge, robot.middle(), _CONDITIONING)
+    clearance = _clearance(robot)
+    if middle is not None and _is_clear(clearance, middle):
+        return middle
+    near = _other_starts(robot)
+    for least in (_WANTED_CONDITIONING, _CONDITIONING):
+        found = _search(robot, judge, near, least, clearance)
+        if found is not None:
+            return found
+    if middle is not None:
+        return middle
+    if clearance is not None:
+        for least in (_CONDITIONING, 0.0):
+            found = _search(robot, judge, near, least, None)
+            if found is not None:
+                return found
+    return Ends(robot.middle(), any_goal(robot, robot.middle()))
+
+
+def shape_files(robot: Robot) -> list[tuple[str, int]]:
+    """Return path and size of the collision meshes of an arm that are found."""
+    source = Path(str(robot.provenance.get("source", "")))
+    if source.suffix.lower() != ".urdf" or not source.is_file():
+        return []
+    finder = MeshFinder(source)
+    names = {mesh.get("filename", "") for mesh in ET.parse(source).getroot().iterfind(".//collision//mesh")}
+    found = (finder.find(name).path for name in sorted(names))
+    return [(str(path), path.stat().st_size if path.is_file() else -1) for path in found if path is not None]
+
+
+class _Judge:
+    """Conditioning, height of the centre of mass, and holding torques of an arm."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        samples = random_configurations(robot, _SAMPLES, seed=0)
+        J = robot.frame_jacobian(robot.tip, samples)
+        turning = ~robot.prismatic
+        # The longest lever makes lengths comparable with angles; of an arm that slides alone, one metre.
+        self._length = float(np.linalg.norm(J[:, :3] * turning, axis=1).max()) or 1.0
+        self._units = np.where(turning, 1.0, self._length)
+        self._medians = [np.median(values, axis=0) for values in self._singular_values(samples)]
+        self._model = robot.pinocchio_model()
+        self._data = self._model.createData()
+        energies = self._energies(samples)
+        self._lowest, self._span = float(energies.min()), float(np.ptp(energies))
+
+    def conditioning(self, q: Array) -> Array:
+        """Return the smallest singular value over its median at random configurations, (k,).
+
+        It is the smaller one of those of the tool's position, and from six joints on of its pose.
+        """
+        found = np.full(len(q), math.inf)
+        for values, median in zip(self._singular_values(q), self._medians, strict=True):
+            rank = int((median > _SINGULAR * max(float(median.max()), _SINGULAR)).sum())
+            if rank:
+                found = np.minimum(found, values[:, rank - 1] / median[rank - 1])
+        return found
+
+    def height(self, q: Array) -> Array:
+        """Return the height of the centre of mass as a share of its range, (k,); 0 without gravity."""
+        if self._span <= _ROUNDING:
+            return np.zeros(len(q))
+        return np.asarray((self._energies(q) - self._lowest) / self._span)
+
+    def holds(self, ways: Array, least: float, most: float) -> npt.NDArray[np.bool_]:
+        """Tell of ways (k, p, n) whether conditioning, height and holding torques are as wanted, (k,)."""
+        count, points, n = ways.shape
+        q = ways.reshape(-1, n)
+        good = self.conditioning(q) >= least
+        good &= self.height(q) <= _UPRIGHT
+        good &= (self._robot.holding_share(q) <= most * (1.0 + _ROUNDING)).all(axis=-1)
+        return np.asarray(good.reshape(count, points).all(axis=-1))
+
+    def _singular_values(self, q: Array) -> list[Array]:
+        """Return the singular values of the tool's position, and from six joints on of its pose."""
+        J = self._robot.frame_jacobian(self._robot.tip, q) * self._units
+        J[:, :3] /= self._length
+        parts = [J[:, :3]] if self._robot.n < _POSE else [J[:, :3], J]
+        return [np.asarray(np.linalg.svd(part, compute_uv=False)) for part in parts]
+
+    def _energies(self, q: Array) -> Array:
+        """Return potential energies [J], (k,)."""
+        import pinocchio as pin  # here: it is slow to import
+
+        coupling = self._robot.coupling
+        rows = q if coupling is None else q @ coupling.ratio.T + coupling.offset
+        return np.array([pin.computePotentialEnergy(self._model, self._data, row) for row in rows])
+
+
+def _from(robot: Robot, judge: _Judge, start: Array, least: float) -> Ends | None:
+    """Return a move from a start on which all but clearance is as wanted; None where there is none."""
+    most = max(_HOLDING_SHARE, float(robot.holding_share(start).max()))
+    if most > 1.0:
+        return None
+    for scale in _SCALES:
+        goal = _goal(robot, start, scale)
+        if judge.holds(_way(start, goal, _FINE)[None], least, most)[0]:
+            return Ends(start, goal)
+    return None
+
+
+def _search(
+    robot: Robot, judge: _Judge, starts: Array, least: float, clearance: Clearance | None
+) -> Ends | None:
+    """Return a move from the first start that is as wanted; None where there is none."""
+    signs = np.array([1.0, -1.0])
+    ways = np.array([_way(start, _goal(robot, start, sign), _COARSE) for start in starts for sign in signs])
+    good = judge.holds(ways, least, _HOLDING_SHARE)
+    for index in np.flatnonzero(good)[:_COMPARED]:
+        start, sign = starts[index // 2], signs[index % 2]
+        for each in (_plainer(robot, judge, start, sign, least), start):
+            ends = Ends(each, _goal(robot, each, sign))
+            held = judge.holds(_way(*ends, _FINE)[None], least, _HOLDING_SHARE)[0]
+            if held and _is_clear(clearance, ends):
+                return ends
+    return None
+
+
+def _plainer(robot: Robot, judge: _Judge, start: Array, sign: float, least: float) -> Array:
+    """Return a start with as many joints in the middle of their ranges as can be."""
+    plain, middle = start.copy(), robot.middle()
+    for joint in range(robot.n):
+        tried = plain.copy()
+        tried[joint] = middle[joint]
+        if judge.holds(_way(tried, _goal(robot, tried, sign), _COARSE)[None], least, _HOLDING_SHARE)[0]:
+            plain = tried
+    return plain
+
+
+def _other_starts(robot: Robot) -> Array:
+    """Return configurations around the middle of the joint ranges, the nearest first, shape (k, n)."""
+    middle, (lower, upper) = robot.middle(), robot.limits[:2]
+    bounded = np.isfinite(upper - lower)
+    width = np.where(bounded, _RANGE * np.where(bounded, upper - lower, 0.0), math.inf)
+    most = np.where(robot.prismatic, np.where(bounded, width, _SLIDE), np.minimum(width, _FARTHEST))
+    parts = np.random.default_rng(0).uniform(-1.0, 1.0, (_TRIED, robot.n))
+    starts = np.clip(np.round((middle + parts * most) / _GRID) * _GRID, lower, upper)
+    starts = np.where(most < _GRID, middle, starts)
+    return np.asarray(starts[np.argsort(np.linalg.norm(parts, axis=-1), kind="stable")])
+
+
+def _goal(robot: Robot, start: Array, scale: float) -> Array:
+    """Return the goal of a part of the move from a start."""
+    room = robot.limits.upper - start if scale > 0.0 else start - robot.limits.lower
+    return np.asarray(start + scale * np.minimum(_MOVE, _SHARE_OF_RANGE * room))
+
+
+def any_goal(robot: Robot, start: Array) -> Array:
+    """Return the goal of the largest part of the move on which the motors hold the arm; of all, if none."""
+    most = np.maximum(_HOLDING_SHARE, robot.holding_share(start)) * (1.0 + _ROUNDING)
+    for scale in _SCALES:
+        goal = _goal(robot, start, scale)
+        if (robot.holding_share(_way(start, goal, _FINE)) <= most).all():
+            return goal
+    return _goal(robot, start, 1.0)
+
+
+def _way(start: Array, goal: Array, points: int) -> Array:
+    """Return configurations on the straight way, shape (points, n)."""
+    return np.asarray(start + np.linspace(0.0, 1.0, points)[:, None] * (goal - start))
+
+
+def _clearance(robot: Robot) -> Clearance | None:
+    """Return what tells whether an arm is clear of itself and its floor; None where that takes long."""
+    files = shape_files(robot)
+    if any(size < 0 for _, size in files) or sum(size for _, size in files) > _MOST_BYTES:
+        return None
+    return Clearance(robot, floor=usual_floor(robot))
+
+
+def _is_clear(clearance: Clearance | None, ends: Ends) -> bool:
+    """Tell whether a move is clear, as far as that is known."""
+    return clearance is None or clearance.first_hit(_way(*ends, _FINE)) is None

@@ -1,0 +1,148 @@
+"""The default move: well-conditioned, held by the motors, clear; the same in files, commands and Python."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from commands import Answer
+
+import armgpi
+from armgpi import Robot, config, robots
+from armgpi.config import building, default_move
+from armgpi.robot import usual
+from armgpi.robot.collisions import self_collisions
+
+Cli = Callable[..., Answer]
+
+#: Arms that are singular or in collision in the middle of their ranges, or on the way from there.
+SINGULAR = [
+    "anthropomorphic3",
+    "twodof",
+    "ur5",
+    "ur10",
+    "finger_edu",
+    "talos_left_arm",
+    "tiago_dual_left_arm",
+]
+
+
+def load(name: str) -> Robot:
+    """Return an arm without the warnings of its gripper."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", armgpi.ArmgpiWarning)
+        return Robot.load(name)
+
+
+def way_of(robot: Robot) -> Any:
+    """Return the configurations of the default move, (k, n)."""
+    move = armgpi.default_move(robot)
+    return move.at(np.linspace(0.0, move.t_end, 60)).q
+
+
+def smallest_singular_values(robot: Robot, q: Any) -> Any:
+    """Return the smallest that is not 0 everywhere, of the tool's position, or of its pose, (k,)."""
+    rows = 3 if robot.n < 6 else 6
+    J = robot.frame_jacobian(robot.tip, q)[:, :rows]
+    rank = np.linalg.matrix_rank(robot.frame_jacobian(robot.tip, robot.random_positions(1, 7))[0, :rows])
+    return np.linalg.svd(J, compute_uv=False)[:, rank - 1]
+
+
+@pytest.mark.parametrize("name", SINGULAR)
+def test_the_move_keeps_away_from_singular_configurations(name: str) -> None:
+    robot = load(name)
+    usual_ones = np.median(smallest_singular_values(robot, robot.random_positions(400, 3)))
+    q = way_of(robot)
+    # A quarter of a median over other samples, in other units: a fifth is safe, and the middle has far less.
+    assert smallest_singular_values(robot, q).min() > 0.2 * usual_ones
+    assert robot.outside(q) is None
+    assert robot.holding_share(q).max() <= 0.9 + 1e-9
+
+
+@pytest.mark.parametrize("name", ["anthropomorphic3", "ur5", "twodof"])
+def test_the_middle_of_these_is_singular(name: str) -> None:
+    robot = load(name)
+    assert smallest_singular_values(robot, robot.middle()[None])[0] < 1e-6
+
+
+@pytest.mark.parametrize("name", ["ur5", "ur10", "panda", "tiago_dual_left_arm"])
+def test_the_move_touches_neither_the_arm_nor_its_floor(name: str) -> None:
+    robot = load(name)
+    q = way_of(robot)
+    # The first row says which shapes overlap by their design, so the free middle of the ranges goes first.
+    assert self_collisions(robot, np.vstack([robot.middle(), q])) == []
+    if name.startswith("ur"):  # stands on the floor; the elbow and all beyond it have to stay above it
+        for frame in ("wrist_1_link", "wrist_3_link", "tool0"):
+            assert robot.frame_pose(frame, q).translation[:, 2].min() > 0.0
+
+
+def test_an_arm_that_is_well_conditioned_in_the_middle_starts_there() -> None:
+    robot = load("panda")
+    start, goal = default_move.ends(robot)
+    assert start == pytest.approx(robot.middle())
+    assert goal - start == pytest.approx(np.minimum(0.5, 0.5 * (robot.limits.upper - robot.middle())))
+
+
+def test_a_pendulum_that_can_only_stand_upright_moves_all_the_same() -> None:
+    robot = load("double_pendulum_continuous")
+    start, goal = default_move.ends(robot)
+    assert np.abs(goal - start).max() == pytest.approx(0.5)
+
+
+def test_commands_files_and_python_have_the_same_move(
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    expected = [point.tolist() for point in (default_move.ends(load("ur5")))]
+    assert cli("new", "ur5", "-o", "arm.yaml").code == 0
+    file = config.build(*config.read(Path("arm.yaml")))
+    assert file.config.reference.points[:2] == expected
+    assert cli("run", "ur5", "--t-final", 0.05, "--out", "out").code == 0
+    run = config.build(*config.read(Path("out/experiment.yaml")))
+    assert run.config.reference.points[:2] == expected
+    assert cli("export", "ur5", "-o", "exported").code == 0
+    exported = next(Path("exported").rglob("experiment.yaml"))
+    assert config.build(*config.read(exported)).config.reference.points[:2] == expected
+    assert armgpi.default_move(load("ur5")).at(0.0).q.tolist() == expected[0]
+
+
+def test_a_goal_alone_starts_where_the_default_move_does(cli: Cli, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert cli("run", "ur5", "--to", "wrist_3_joint=0.2", "--t-final", 0.05, "--out", out).code == 0
+    points = config.build(*config.read(out / "experiment.yaml")).config.reference.points
+    start = default_move.ends(load("ur5")).start
+    assert points[0] == start.tolist()
+    assert points[1] == [*start[:-1].tolist(), 0.2]
+
+
+def test_a_file_without_the_key_ideal_keeps_its_old_move() -> None:
+    robot = load("ur5")
+    built = building.build(config.check({"robot": {"name": "ur5"}}, config.Origin("old")))
+    assert built.config.reference.points[0] == robot.middle().tolist()
+    assert built.config.reference.points[1] == (robot.middle() + 0.5).tolist()
+
+
+def test_what_is_kept_of_a_move_has_the_same_bits() -> None:
+    robot = load("ur5")
+    np.testing.assert_array_equal(default_move.ends(robot), usual.usual_ends(robot))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", robots.names())
+def test_every_arm_has_a_well_conditioned_move_or_none_at_all(name: str) -> None:
+    """Arms whose motors hold them nowhere, or that have no room, start in the middle."""
+    robot = load(name)
+    judge = usual._Judge(robot)
+    ends = default_move.ends(robot)
+    way = np.linspace(*ends, 21)
+    if name.startswith("double_pendulum"):
+        assert ends.start == pytest.approx(robot.middle())
+        return
+    assert judge.conditioning(way).min() >= 0.25
+    assert judge.height(way).max() <= 0.95
+    most = max(0.9, float(robot.holding_share(robot.middle()).max()))
+    assert robot.holding_share(way).max() <= most + 1e-9
