@@ -369,11 +369,14 @@ def test_inspect_takes_locks_as_run_does(cli: Callable[..., Answer]) -> None:
 
 
 def test_an_arm_that_cannot_hold_itself_where_it_starts_is_not_run(cli: Callable[..., Answer]) -> None:
-    code, _, err = cli("run", "pr2_left_arm", *SHORT)
+    # The middle of the joint ranges: the default move starts where the motors hold the arm.
+    start = ("--from", "0.785,0.436,1.55,-1.161,0,-1.047,0", "--to", "l_shoulder_pan_joint=0.8")
+    code, _, err = cli("run", "pr2_left_arm", *SHORT, *start)
     assert code == 2
     assert "the torque that holds the arm at the start of joint 'l_shoulder_lift_joint' is -39.7" in err
     assert "--effort l_shoulder_lift_joint=59.6" in err
-    assert cli("run", "pr2_left_arm", *SHORT, "--effort", "l_shoulder_lift_joint=60").code == 0
+    assert cli("run", "pr2_left_arm", *SHORT, *start, "--effort", "l_shoulder_lift_joint=60").code == 0
+    assert cli("run", "pr2_left_arm", *SHORT).code == 0
 
 
 def test_mimic_joints_follow_when_asked(cli: Callable[..., Answer]) -> None:
@@ -480,7 +483,7 @@ def test_to_and_from_are_postures(
     answer = cli("run", ARM, "--to", to, *begin, "--duration", "0.01", "--t-final", "1.02", "--out", tmp_path)
     assert answer.code in (0, 1)  # nobody follows so fast a move
     reference = load(tmp_path / "rollout.nc")["q_ref"].isel(rollout=0).values
-    first = armgpi.Robot.load(ARM).middle()
+    first = armgpi.default_move(armgpi.Robot.load(ARM)).at(0.0).q
     if start is not None:
         first = np.array([0.1, *first[1:]] if "=" in start else [0.1, 0.2, 0.3])
     np.testing.assert_allclose(reference[0], first, atol=1e-15)

@@ -294,7 +294,7 @@ def test_identify_names_joints_that_no_log_moves() -> None:
         ("casadi", ("play", "ur5", "--out", "out")),
         ("distributed", ("sweep", "study.yaml", "--workers", "2", "--out", "out")),
         ("yourdfpy", ("inspect", "ur5", "--cross-check")),
-        ("cma", ("contend", "anthropomorphic3", "--out", "out")),
+        ("cma", ("benchmark", "controllers", "anthropomorphic3", "--out", "out")),
         ("trimesh", ("run", "ur5", "--report", "page.html", "--out", "out")),
         ("matplotlib", ("compare", "ur5", "--plot", "page.png", "--out", "out")),
         ("casadi", ("export", "ur5", "--out", "out")),
