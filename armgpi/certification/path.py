@@ -767,6 +767,9 @@ def _check_law(controller: GPI) -> None:
     for name, value in {"realisation": "bumpless", "start": "hold"}.items():
         if getattr(controller, name) != value:
             raise ParameterError(name, getattr(controller, name), f"{value} where there is to be a bound")
+    limit: Any = controller.force_limit
+    if limit is not None:
+        raise ParameterError("force_limit", limit, "none where there is to be a bound")
     if np.any(controller.rest_leak):
         raise ParameterError("rest_leak", controller.rest_leak, "0 where there is to be a bound")
     values = {

@@ -247,6 +247,9 @@ def _check_linear(controller: GPI) -> None:
     if controller.feedforward == "computed":
         expected = "none, gravity or model where there is to be a certificate: it is taken at the reference"
         raise ParameterError("feedforward", controller.feedforward, expected)
+    limit: Any = controller.force_limit
+    if limit is not None:
+        raise ParameterError("force_limit", limit, "none where there is to be a certificate")
     if controller.rest_leak.any():
         raise ParameterError("rest_leak", controller.rest_leak, "0 where there is to be a certificate")
 

@@ -14,6 +14,7 @@ from armgpi.control.controller import Controller, ControlStep, Measurement
 from armgpi.errors import ParameterError
 from armgpi.gpi import advice
 from armgpi.gpi.family import Member
+from armgpi.gpi.force_limit import ForceLimit
 from armgpi.gpi.gains import FixedGains, Gains
 from armgpi.gpi.margins import Margins, default_omega, worst_margins
 from armgpi.gpi.payload import LoadRange, load_range, most_inertia, served_omega
@@ -28,6 +29,10 @@ from armgpi.robot.robot import Robot
 
 #: Speed below which the sign of the reference velocity is smoothed [rad/s or m/s].
 _SMOOTH = 1e-2
+#: Coulomb friction of geared joints, as a share of the effort.
+_USUAL_FRICTION = 0.03
+#: Acceleration of free fall [m/s^2].
+_FREE_FALL = 9.81
 #: Feedforward -> what it needs of the nominal model.
 KNOWS = {"none": "inertia", "gravity": "gravity", "model": "model", "computed": "model"}
 
@@ -87,6 +92,11 @@ class GPI(Controller):
             [1/s]; some 50 end hunting, 0 is the paper.
         rotor_factor: factor of the rotors' inertia in the nominal model of the feedback, the feedforward's
             has the robot's own; 1 is the paper, more serves gears that twist.
+        force_limit: largest force [N] at `force_frame` that the torque beyond the model's presses with at
+            rest; none when not given. Coulomb friction of the model comes on top, and the impact at the speed
+            of the approach: it is no safety function. Beyond it nothing holds the arm.
+        moment_limit: likewise its moment [N m]; 0.2 m times the force limit when not given.
+        force_frame: the frame that they are of; the tip when not given.
         bias_robot: the robot that the feedforward is of; `robot` when not given.
     """
 
@@ -216,6 +226,31 @@ class GPI(Controller):
         above=True,
         structural=True,
     )
+    force_limit: float = parameter(
+        "largest force at the tool beyond the model's torque and Coulomb friction, at rest",
+        unit="N",
+        default=None,
+        none="no limit",
+        least=0.0,
+        above=True,
+        log=True,
+        structural=True,
+        kw_only=True,
+    )
+    moment_limit: float = parameter(
+        "largest moment at the tool, with a force limit",
+        unit="N m",
+        default=None,
+        none="0.2 m times the force limit",
+        least=0.0,
+        above=True,
+        log=True,
+        structural=True,
+        kw_only=True,
+    )
+    force_frame: str | None = parameter(
+        "frame that the force limit is of", kind="text", default=None, none="the tip", kw_only=True
+    )
     bias_robot: AnyRobot = field(default=None, kw_only=True)  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
@@ -257,6 +292,7 @@ class GPI(Controller):
         self._emptied = -np.expm1(-self.rest_leak * self.dt)
         self._viscous, self._coulomb = self.bias_robot.friction
         self._dynamics, self._bias = self.robot.dynamics, self.bias_robot.dynamics
+        self._force = self._force_limit()
         with np.errstate(all="ignore"):
             self._nominal = self._law.coefficients(self.gains.nominal(), self.dt)
         if not all(np.isfinite(x).all() for x in self._nominal):
@@ -381,7 +417,7 @@ class GPI(Controller):
         asked = self._dynamics.inertia_times(q, v)  # eq. 19
         if self.feedforward != "none" or self.friction_feedforward:
             asked = asked + self.ahead(q, target)
-        tau = self.limited(asked)
+        tau = self.limited(asked if self._force is None else self._gentle(q, target, asked))
         cut = tau - asked
         missing = self._dynamics.inertia_solve(q, cut)
         # The solver hands a zero torque back as it is: then nothing was cut.
@@ -390,6 +426,41 @@ class GPI(Controller):
         if self.gains.adaptive:
             learn = np.where(cut == 0.0, 1.0, 0.0)
         return new(ControlStep, (tau, new(GPIState, (law, gains_state, learn))))
+
+    def _gentle(self, q: Array, target: Target, asked: Array) -> Array:
+        """Return a torque that presses no more than the force limit allows."""
+        assert self._force is not None
+        _, v, a = (part + np.zeros_like(q) for part in target)
+        known = self._bias.inverse(q, v, a)
+        if self.friction_feedforward:
+            known = self.add_friction(known, v)
+        gentle: Array = asked - self._force.excess(q, asked - known)
+        return gentle
+
+    def _force_limit(self) -> ForceLimit | None:
+        """Return what limits the force; None for nothing.
+
+        Raises:
+            ParameterError: for a limit below the weight that the payload is uncertain by, or a moment or a
+                frame without a force limit.
+        """
+        limit: Any = self.force_limit
+        if limit is None:
+            for name in ("moment_limit", "force_frame"):
+                if vars(self)[name] is not None:
+                    raise ParameterError(name, vars(self)[name], "left out where there is no force_limit")
+            return None
+        if self.payload is not None:
+            unknown = _FREE_FALL * (self.payload.heaviest - self.payload.lightest)
+            if unknown > limit:
+                expected = f"more than {unknown:.3g} N, the weight that the payload is uncertain by"
+                raise ParameterError("force_limit", limit, expected)
+        arm = self.bias_robot if isinstance(self.bias_robot, Robot) else self.bias_robot.robots[0]
+        found = ForceLimit(arm, self.force_frame, limit, self.moment_limit, self._coulomb)
+        if not self._coulomb.any() and not self.remade:
+            force = found.force_of(arm, _USUAL_FRICTION * arm.limits.effort)
+            advice.warn(advice.unknown_friction(float(np.max(limit)), force), 4)
+        return found
 
     def _where(self, measured: Array, wanted: Array) -> Array:
         """Return the position that the feedforward is taken at."""
