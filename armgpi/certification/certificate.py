@@ -71,7 +71,7 @@ class Certificate:
 
     @property
     def numbers_proved(self) -> bool:
-        """Whether it claims all that was asked for, and rests on proved numbers alone."""
+        """Whether it claims all that was asked for, and depends on proved numbers alone."""
         return self.certified and set(self.data["status"].values()) == {"proved"}
 
     @property
@@ -297,7 +297,7 @@ class _Known:
         self.one = {**NOTHING, "torque": "1", "spread": f"{self.spread:.9g}"}
 
     def gain(self) -> None:
-        """Claim what a torque of any course does, up to the largest at which the claim is closed."""
+        """Claim what a torque arbitrary in time does, up to the largest at which the claim is closed."""
         inputs = self.one
         # Where omega moves the exact check takes long.
         hopeless = len(self.law["omega"]) > 1 and not solvable(self.law, self.numbers, inputs)
@@ -318,7 +318,7 @@ class _Known:
         self._claim("gain", solution, {**inputs, "torque": f"{largest:.9g}"})
 
     def close(self, name: str, what: str, stated: Mapping[str, str]) -> None:
-        """Make a claim that implies what it rests on: the error is no faster than was taken for granted."""
+        """Make a claim that implies what it depends on: the error is no faster than was taken for granted."""
         spread = _FIRST * self.spread
         found = None
         for _ in range(_TRIES):

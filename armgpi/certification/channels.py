@@ -22,7 +22,7 @@ class Channel(NamedTuple):
     """What a joint's loop makes of inputs at most: of error, its speed, and what the law asks for.
 
     Attributes:
-        rest: per unit of an acceleration of any course [s^2, s, -], shape (3, n).
+        rest: per unit of an acceleration arbitrary in time [s^2, s, -], shape (3, n).
         measured: per unit of a bounded error of measurement [-, 1/s, 1/s^2], shape (3, n).
         shift: per unit by which what holds the arm changes in each sample [s^2, s, -], shape (3, n).
         zone: per unit of an error that is not integrated [-, 1/s, 1/s^2], shape (3, n).

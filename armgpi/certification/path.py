@@ -42,7 +42,7 @@ _THIN, _WIDEST = 1e-4, 1.0
 _ROOM = (1.1, 1.3, 1.7, 2.5, 4.0, 8.0, 16.0, 40.0)
 #: Positions that an encoder may show at first, beside the true one.
 _HIDDEN = 16
-#: Halvings in the search for what the arm bears.
+#: Halvings in the search for what the arm tolerates.
 _HALVINGS = 40
 #: Motion below which a path is at rest [rad or m; rad/s or m/s].
 _AT_REST = 1e-6
@@ -148,7 +148,7 @@ class Wish(NamedTuple):
         arms: what the true arm may be.
         reference: the trajectory.
         t_final: until when [s].
-        torque: disturbance of any course on each joint [N m or N], (n,).
+        torque: disturbance arbitrary in time on each joint [N m or N], (n,).
         force: at the tool, of any direction and course [N].
         friction: whether the arms have their friction.
         hidden: what an encoder hides at most [rad or m], (n,).
@@ -224,7 +224,7 @@ class PathBound(NamedTuple):
         return self.tolerated_force
 
     def weaker_than_friction(self) -> list[str]:
-        """Return the joints whose Coulomb friction is not stated, and more than what it bears."""
+        """Return the joints whose Coulomb friction is not stated, and more than what it tolerates."""
         arms, names = self.wish.arms, self.wish.controller.robot.joint_names
         coulomb = np.max([np.broadcast_to(arm.friction.coulomb, (arm.n,)) for arm in arms], axis=0)
         over = (not self.wish.friction) & (coulomb > self.wish.torque + self.tolerated_torque)
@@ -267,7 +267,7 @@ def bound_path(
 ) -> PathBound:
     """Return a bound on the error of a rigid arm along one trajectory; see docs/path.md.
 
-    The numbers of the arm that it rests on are searched: the largest of some hundred configurations around
+    The numbers of the arm that it depends on are searched: the largest of some hundred configurations around
     the path, and 3 % more. So it is no proof.
 
     Args:
@@ -278,7 +278,7 @@ def bound_path(
             ``identified.sample(64).robots``; the controller's own, with all its loads, when not given.
         others: more arms that are possible; where one has a larger bound there is none. Of 59 drawn as the
             truth is, none with a larger one says with 95 % confidence that it holds for 95 % of such arms.
-        torque: disturbance torques of any course at most, all at once [N m or N].
+        torque: bound of disturbance torques that are arbitrary in time, all at once [N m or N].
         force: at the tool, of any direction and course [N].
         friction: whether the arms have their friction; what the controller feeds forward of it is taken off.
         bits: of the encoders, a number or one for each joint; None for exact positions.
@@ -313,7 +313,7 @@ def bound_path(
 
 
 def bound_wish(wish: Wish, others: Sequence[Robot] = (), bears: bool = True) -> PathBound:
-    """Return what :func:`bound_path` does, of a wish; what it bears is 0 where nobody asks."""
+    """Return what :func:`bound_path` does, of a wish; what it tolerates is 0 where nobody asks."""
     _check_path(wish)
     thinnest = np.full(wish.controller.robot.n, _THIN)
     thin = _Tube(wish, thinnest, wish.controller.gains.nominal().omega_c * thinnest)
@@ -673,7 +673,7 @@ class _Tube:
         return bool((own.torques(found, 0.0, self.wish.force) <= torques).all())
 
     def path_bound(self, tubes: Sequence[_Tube]) -> PathBound:
-        """Return the bound, and what is borne in any of several tubes."""
+        """Return the bound, and what is tolerated in any of several tubes."""
         wish, known, loop = self.wish, self.known, self.loop
         found = self.solve()
         assert found is not None

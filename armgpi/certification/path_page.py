@@ -17,7 +17,7 @@ _BLUE, _QUIET, _RED = style.PALETTE[0], "#aeb8c2", style.ALARM
 _POINTS = 300
 #: Share of an error below which no column tells it.
 _TOLD = 0.01
-#: What every bound rests on.
+#: What every bound depends on.
 ASSUMPTIONS = (
     "The arm is rigid, one of those given, and its joints follow the torque at once and exactly.",
     "Numbers of the arm are the largest of 400 configurations around the path, and 3 % more: no proof.",

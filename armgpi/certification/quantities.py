@@ -1,7 +1,7 @@
-"""The numbers of an arm that a certificate rests on, found by a search over configurations and loads.
+"""The numbers of an arm that a certificate depends on, found by a search over configurations and loads.
 
 In the metric of D(q) the matrix D^-1 D^ is self-adjoint, so one joint's loop with a gain delta in an interval
-stands for all joints. What motion and gravity add to it are norms in the same metric. Each number belongs to
+replaces all joints. What motion and gravity add to it are norms in the same metric. Each number belongs to
 a box of configurations, to loads and to speeds (:class:`Setting`). Where the maximum over loads is at one
 of the two ends, and what is done where it is not, is in docs/proof.md.
 

@@ -176,7 +176,7 @@ def _request_of(certificate: Certificate, robot: Robot) -> Asked:
         if known["frame"] is None
         else LoadRange(light, heaviest=heavy, frame=known["frame"], com=known["com"])
     )
-    # The feedforward of an untuned law knows of no load.
+    # The feedforward of an automatically tuned law knows of no load.
     bias: dict[str, Any] = {} if known["rule"] is None else {"bias_robot": robot}
     return ask(
         robot,

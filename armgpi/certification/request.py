@@ -43,8 +43,8 @@ class Asked(NamedTuple):
         bits: of the encoders; None for exact measurements.
         start: one of :data:`STARTS`.
         others: more arms that are possible, against which the numbers are held.
-        rule: bandwidths that the rule for untuned arms gives the joints [rad/s], shape (n,); None where it is
-            not asked.
+        rule: bandwidths that automatic tuning gives the joints [rad/s], shape (n,); None where it is not
+            asked.
     """
 
     robot: Robot
@@ -150,9 +150,7 @@ def _untuned_law(
 ) -> tuple[GPI, Array]:
     """Return the controller that the rule makes, its least bandwidth for all joints, and its bandwidths."""
     given = {key: x for key, x in {**options, "payload": payload}.items() if x is not None}
-    with (
-        warnings.catch_warnings()
-    ):  # the certificate is of the arm as given, without rotors that are believed
+    with warnings.catch_warnings():  # the certificate is of the arm as given, without rotors that are assumed
         warnings.filterwarnings("ignore", message=".*specified to have no rotor")
         law = GPI.auto(robot, dt, delay=delay, bits=bits, drives="none", **given)
     if law.payload is not None and law.payload.lightest > 0.0:

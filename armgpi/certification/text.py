@@ -47,7 +47,7 @@ def table(made: Any) -> list[str]:
     moves = any(float(x) for x in limits["velocity"])
     box = zip(map(float, limits["lower"]), map(float, limits["upper"]), strict=True)
     course = "moves" if moves else "at rest (with --acceleration: moving)"
-    prices = []  # what one omega for all joints costs of what the rule for untuned arms gives them
+    prices = []  # what one omega for all joints costs of what the rule for automatic tuning gives them
     if robot["rule"] is not None:
         rule, zone = _join(robot["rule"]), _join(robot["dead_zone"])
         prices = [

@@ -86,7 +86,7 @@ def benchmark_robots(
 
 
 def _reality(name: str, seed: int) -> Reality:
-    """Return a reality by its name."""
+    """Return an uncertainty model by its name."""
     from armgpi.errors import ParameterError
     from armgpi.plants.reality import Reality
 

@@ -156,7 +156,7 @@ def _experiment(name: str, drives: dict[str, Any], controller: str | None) -> An
     data["robot"] = {**data["robot"], **drives}
     if controller is not None:
         data["controllers"] = [{"type": controller}]
-    # The law may be one for gears that twist; the arm is rigid unless the file says otherwise.
+    # The law may be one for elastic joints; the arm is rigid unless the file says otherwise.
     data["plant"] = {"engine": "armgpi", **(data.get("plant") or {})}
     experiment = config.build(config.check(data, origin), origin)
     law, plant = next(iter(experiment.controllers.values())), experiment.plant
@@ -183,7 +183,7 @@ def _experiment(name: str, drives: dict[str, Any], controller: str | None) -> An
         raise origin.error(
             ("plant",), f"a bound can be computed for stiff joints with encoders and delay, got {kind!r}"
         )
-    # A motor may give less than its law believes.
+    # A motor may give less than its law assumes.
     return experiment._replace(controllers={name: law.with_values(effort=effort)})
 
 

@@ -349,7 +349,7 @@ def _loop_of(
 
 
 def _chosen_parts(law: dict[str, Any]) -> dict[str, Any]:
-    """Return the parts of the law; of an untuned one the rule chooses them."""
+    """Return the parts of the law; of an automatically tuned one the rule chooses them."""
     usual = {"integrators": 2, "rolloff": 0, "rolloff_ratio": 4.0, "feedforward": "none"}
     if law["controller"] != "gpi_auto":
         return law

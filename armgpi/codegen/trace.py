@@ -327,7 +327,7 @@ class Tracer:
         return self._note(value, made)
 
     def _repeat_of(self, made: Any) -> Any:
-        """Return what stands for an object that is met again."""
+        """Return what replaces an object that is met again."""
         return made
 
     def _kind_of(self, value: Any) -> None:

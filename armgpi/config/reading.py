@@ -168,7 +168,7 @@ def check_section(model: type[_Model], data: Mapping[Any, Any], origin: Origin, 
 def standard_law(data: Mapping[Any, Any]) -> str:
     """Return which controller an experiment has that names none, by its plain data.
 
-    It is the law of the paper where positions are exact and at once, and what suits an arm that nobody tuned
+    It is the law of the paper where positions are exact and at once, and what suits an arm without tuning
     where encoders count or measurements are late. Where the key `ideal` names the world, it alone chooses.
     """
     if data.get("ideal") is not None:

@@ -59,7 +59,7 @@ class GPI(Controller):
     loads are the disturbance that its two integrators reject (constant and ramp without error). Other
     members of the family (:mod:`armgpi.gpi.family`) have more or fewer integrators, and a roll-off.
     What the nominal model knows of the way ahead can be added: ``tau = D(q) v + feedforward(q*, v*, a*)``.
-    ``GPI(robot, dt)`` is the law as printed; for an arm that nobody tuned there is :meth:`gpi_auto`.
+    ``GPI(robot, dt)`` is the law as printed; for automatic tuning there is :meth:`auto`.
 
     Attributes:
         robot: nominal model; only D(q) is used, G(q) once to start, and what `feedforward` takes. With
@@ -91,7 +91,7 @@ class GPI(Controller):
         rest_leak: rate at which every integrator except the first decays while the reference is at rest
             [1/s]; some 50 end hunting, 0 is the paper.
         rotor_factor: factor of the rotors' inertia in the nominal model of the feedback, the feedforward's
-            has the robot's own; 1 is the paper, more serves gears that twist.
+            has the robot's own; 1 is the paper, more serves elastic joints.
         force_limit: largest force [N] at `force_frame` that the torque beyond the model's presses with at
             rest; none when not given. Coulomb friction of the model comes on top, and the impact at the speed
             of the approach: it is no safety function. Beyond it nothing holds the arm.
@@ -327,7 +327,7 @@ class GPI(Controller):
         drives: str | None = None,
         **given: Any,
     ) -> GPI:
-        """Return a controller for an arm that nobody tuned, by the rule of `armgpi.tuning.rule`.
+        """Return a controller for an arm without tuning, by the rule of `armgpi.tuning.rule`.
 
         Args:
             robot: nominal model.

@@ -160,7 +160,7 @@ def strong_friction(subject: Subject) -> Iterator[Finding]:
     "warning",
 )
 def armature(subject: Subject) -> Iterator[Finding]:
-    """Find rotors that are believed or told away, and what that does to the loop."""
+    """Find rotors that are assumed or told away, and what that does to the loop."""
     robot = subject.robot
     none = rotors.told_none(robot)
     names = none or rotors.silent(robot)

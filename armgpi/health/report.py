@@ -103,7 +103,7 @@ def inspect(
         encoder_bits: resolution of the position sensors.
         repair: names of repairs that may be made in the file.
         rotor_inertia: seen at the joints [kg m^2 or kg].
-        drives: what is known of them; see :meth:`armgpi.Robot.with_drives`. Or a word for what is believed
+        drives: what is known of them; see :meth:`armgpi.Robot.with_drives`. Or a word for what is assumed
             where nothing is; see :func:`armgpi.assume_drives`.
 
     Raises:
@@ -203,7 +203,7 @@ def with_payload(report: HealthReport, mass: float) -> HealthReport:
 
 
 def _facts(subject: Subject, drives: str | None) -> dict[str, Any]:
-    """Return what the model is and what a controller will do with it, some drives believed."""
+    """Return what the model is and what a controller will do with it, some drives assumed."""
     document, robot = subject.document, subject.robot
     known = rotors.assume_drives(robot, drives)
     return {

@@ -1,4 +1,4 @@
-"""Every arm that can be loaded under default gains: what to expect of an arm that nobody tuned for."""
+"""Every arm that can be loaded under default gains: what to expect of an arm without tuning for."""
 
 from __future__ import annotations
 

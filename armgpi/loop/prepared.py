@@ -71,7 +71,7 @@ _ARRAY = 5e-6
 #: What it takes for each coordinate of each rollout on top [s].
 _NUMBER = 1.2e-6
 #: What it takes besides for friction, which is solved in some ten steps, of each of an arm's masses, and for
-#: gears that twist [s].
+#: elastic joints [s].
 _FRICTION, _GEARS = 3.5e-4, 1e-4
 #: What NumPy needs less for it does at once [s]: as long take the imports, where code is compiled already.
 _WORTH = 0.1

@@ -1,4 +1,4 @@
-"""An arm whose gears twist: a rotor turns, and its link follows through a spring and a damper."""
+"""An arm whose joints are elastic: a rotor turns, and its link follows through a spring and a damper."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from armgpi.robot.robot import Robot
 
 #: Share of a step in each stage of ROS2 that makes it L-stable (Verwer, Spee, Blom, Hundsdorfer 1999).
 _GAMMA = 1.0 - math.sqrt(0.5)
-#: What stands for a current loop of which nothing is known: it is at once [Hz].
+#: What replaces a current loop of which nothing is known: it is at once [Hz].
 _AT_ONCE = 1e6
 #: Damping of gears of which nothing is known, as a ratio of each joint's own mode: 1 to 5 % are usual.
 _RATIO = 0.03

@@ -59,7 +59,7 @@ _INERTIAS, _GRAVITIES, _MOVES = 50, 200, 64
 _ON_THE_WAY = 21
 #: Least gravity torque of a joint, as a share of the largest joint's; most, as a share of its effort.
 _LEAST_GRAVITY, _MOST_GRAVITY = 0.03, 0.5
-#: Effort in gravity torques beyond which a limit is none; speed that stands for a limit where there is none.
+#: Effort in gravity torques beyond which a limit is none; speed that replaces a limit where there is none.
 _MOST_EFFORT, _SPEED = 5.0, 1.0
 #: Kinds whose rotors have the scatter of published drives.
 _SCATTERED = ("undriven", "elastic", "owned")
@@ -277,9 +277,9 @@ class Reality(Parametrised):
     are stiff, and known to be.
 
     Three have rotors with the scatter of published drives (:mod:`armgpi.robot.rotors`), ripple, and current
-    loops. "undriven" has rigid gears and a controller that has the bare file, whose drives it believes.
-    "elastic" has gears that twist, and a controller that knows the rotors and where the encoders sit, and
-    believes the stiffness. "owned" has all at once, as an arm that somebody has: a bare file, and gears that
+    loops. "undriven" has stiff joints and a controller that has the bare file, whose drives it assumes.
+    "elastic" has elastic joints, and a controller that knows the rotors and where the encoders sit, and
+    assumes the stiffness. "owned" has all at once, as an arm that somebody has: a bare file, and gears that
     twist behind encoders at the motors.
 
     Ranges are uniform. Coulomb friction, torque steps and efforts are in shares of the arm's own gravity
@@ -510,7 +510,7 @@ class Reality(Parametrised):
         drawn, scale = self.numbers(robot.n, index), scales(robot)
         model, arm, friction, gears = robot, robot, None, None
         if self.name in _SCATTERED:
-            # What is known of it in every draw: believed drives, and the encoders' side.
+            # What is known of it in every draw: assumed drives, and the encoders' side.
             robot = rotors.assume_drives(robot)
             if drawn.side_known:
                 sides = Drives(robot.joint_names).with_value("encoder_side", _side(drawn))
@@ -679,7 +679,7 @@ def _robots(draws: Sequence[Scenario]) -> tuple[AnyRobot, AnyRobot, AnyRobot]:
 
     def vary(name: str, **more: Any) -> AnyRobot:
         robots = [getattr(draw, name) for draw in draws]
-        if name == "arm" or not rotors.assumed_joints(first.model):  # what is believed stays so
+        if name == "arm" or not rotors.assumed_joints(first.model):  # what is assumed stays so
             more["rotor_inertia"] = np.stack([robot.armature for robot in robots])
         base = _with_gear_ratio(first.robot, first.numbers) if name == "arm" and first.gears else first.robot
         return base.varied(effort=np.stack([robot.limits.effort for robot in robots]), **more)

@@ -1,7 +1,8 @@
 """The drives of an arm: rotors, gears, motors and encoders, each number with its interval and its source.
 
-A plant, a reality, a rule of gains, an identification read and write the same object. It comes from a file
-(:func:`Drives.read`), a URDF's ``<transmission>``, ``robot.with_drives``, or from who estimates it.
+A plant, an uncertainty model, a rule of gains, an identification read and write the same object. It comes
+from a file (:func:`Drives.read`), a URDF's ``<transmission>``, ``robot.with_drives``, or from who estimates
+it.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""Rotors and gears that a file does not tell: what is believed, by published drives (tools/rotors.py).
+"""Rotors and gears that a file does not contain: what is assumed, by published drives (tools/rotors.py).
 
 A motor that gives a torque T up to a speed v can turn its own rotor from rest to v in some time J v / T,
 all as seen at the joint. Over five decades of J that time is nearly the same, as larger motors and higher
 gear ratios raise T / v as they raise J: the gear ratio cancels. So a joint without a word of its rotor is
-believed to have J = SPIN_UP T / v.
+assumed to have J = SPIN_UP T / v.
 
 A gear twists by some angle under its largest torque, small ones as large ones: so a gear without a word of
-its stiffness is believed to have K = T / TWIST; that of a slide's belt, K = F / STRETCH.
+its stiffness is assumed to have K = T / TWIST; that of a slide's belt, K = F / STRETCH.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from armgpi.robot.robot import Robot
 #: Time in which a motor turns its own rotor to the velocity limit [s]: the geometric mean of those to fit,
 #: each robot with the same weight (tools/rotors.py).
 SPIN_UP = 0.0226
-#: Factor either way of the believed value within which 95 % of the held-out joints are (tools/rotors.py).
+#: Factor either way of the assumed value within which 95 % of the held-out joints are (tools/rotors.py).
 SCATTER = 2.5
 #: Angle by which a gear twists under its torque limit [rad], and the factor either way within which it is
 #: taken to be. Harmonic drives alone twist by some 5 mrad under their repeated peak torque (first stiffness
@@ -37,7 +37,7 @@ TWIST, TWIST_SCATTER = 8e-3, 2.0
 #: Length by which the belt of a slide stretches under its limit [m]: half a metre at the belt's allowable
 #: load, which is 0.4 % of its specific spring rate (1100 N of 275 kN; Elatech ATL5, T5 and AT5 likewise).
 STRETCH = 2e-3
-#: Median ITAE of a law that believes gears over that of one for stiff gears, on arms with stiff gears
+#: Median ITAE of a law that assumes gears over that of one for stiff joints, on arms with stiff joints
 #: (docs/drives.md, `undriven`).
 SOFT_COST = 9.4
 #: An effort or velocity limit from here on, or of zero, is a word for none [N m or N, rad/s or m/s]; so is a
@@ -66,14 +66,14 @@ def silent(robot: Robot) -> tuple[str, ...]:
 
 
 def typical_inertia(robot: Robot) -> Array:
-    """Return the rotor inertia that each joint of an arm is believed to have [kg m^2 or kg], (n,)."""
+    """Return the rotor inertia that each joint of an arm is assumed to have [kg m^2 or kg], (n,)."""
     velocity = np.abs(robot.limits.velocity)
     speed = np.where((velocity > _STILL) & (velocity < _NO_VELOCITY), velocity, _SPEED)
     return np.asarray(SPIN_UP * motor_torque(robot) / speed)
 
 
 def motor_torque(robot: Robot) -> Array:
-    """Return the torque limit of each motor [N m or N], (n,), believed where the limit is a word for none."""
+    """Return the torque limit of each motor [N m or N], (n,), assumed where the limit is a word for none."""
     effort = np.abs(robot.limits.effort)
     gravity = _gravity_torque(robot)
     largest = float(gravity.max())
@@ -141,9 +141,9 @@ def _assumed_rotors(robot: Robot) -> Drives:
 
 
 def assume_gears(robot: Robot) -> Robot:
-    """Return the arm with believed stiffness of the gears where nothing is known of it.
+    """Return the arm with assumed stiffness of the gears where nothing is known of it.
 
-    Rotors of which nothing is known are believed as well: a gear that twists is between two masses.
+    Rotors of which nothing is known are assumed as well: a gear that twists is between two masses.
     """
     robot = with_published(robot)
     rotors, known = _assumed_rotors(robot), robot.drives.data.get("stiffness", {})
@@ -176,7 +176,7 @@ def without_rotors(robot: Robot) -> Robot:
 
 
 def assumed_joints(robot: Robot) -> tuple[str, ...]:
-    """Return the joints whose rotors are believed."""
+    """Return the joints whose rotors are assumed."""
     sources = robot.drives.sources("rotor_inertia")
     return tuple(name for name, source in zip(robot.joint_names, sources, strict=True) if source == "assumed")
 
@@ -253,7 +253,7 @@ def assumed_something(robot: Robot) -> bool:
 
 
 def _assumed_rows(robot: Robot, quantity: str) -> str:
-    """Return what is believed of a quantity, joint by joint."""
+    """Return what is assumed of a quantity, joint by joint."""
     data = robot.drives.data.get(quantity, {})
     rows = (
         f"{joint} {float(f'{data[joint].value:.2g}'):g}"

@@ -36,7 +36,7 @@ BUDGETS = (150.0, 300.0, 600.0, 1200.0, 2400.0, 4800.0)
 _SMALL, _SMALL_SHARE = 3.0, 1.0 / 16.0
 #: Heaviest unknown load [kg], but no more than this share of the arm.
 _LOAD, _LOAD_SHARE = 0.5, 0.15
-#: Draws that are searched on and judged on; the latter begin far from the former.
+#: Draws that are searched on and evaluated on; the latter begin far from the former.
 FIT, HELD_OUT, _APART = 8, 24, 1 << 20
 #: How many times the best one's error is as good.
 WITHIN = 1.1
@@ -74,7 +74,7 @@ class Setting(NamedTuple):
         evaluations: candidates for each law, arm and seed.
         seeds: searches of each law and arm.
         fit: draws that are searched on.
-        held_out: draws that are judged on.
+        held_out: draws that are evaluated on.
         reality: what the arms are; see :class:`armgpi.Reality`.
     """
 

@@ -200,7 +200,7 @@ def simulate(
         What was found, the last level, and as many points drawn at random, which belong to no level.
 
     Raises:
-        ConfigError: when the study draws from a reality, or a bound of failure is not above 0.
+        ConfigError: when the study draws from an uncertainty model, or a bound of failure is not above 0.
         ParameterError: when there are too few points, or failures do not depend on what is drawn.
         RolloutError: when a level cannot be written or read.
     """

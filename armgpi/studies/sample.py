@@ -82,7 +82,7 @@ class Sweep:
         config: the experiment file, checked.
         experiment: what it describes.
         label: the controller that is run.
-        varied: name -> distribution; empty where a reality is drawn.
+        varied: name -> distribution; empty where an uncertainty model is drawn.
         failure: metric -> largest value of any joint in a rollout that has not failed.
         sampling: "random" or "sobol".
         size: rollouts of a chunk.
@@ -397,7 +397,7 @@ class Sweep:
         return np.hstack([*(np.asarray(found[name]) for name in self.metrics), *ends])
 
     def _run_draws(self, chunk: int, rows: int) -> Array:
-        """Run draws of a reality; those of one sample time and delay run together."""
+        """Run scenarios of an uncertainty model; those of one sample time and delay run together."""
         section: Any = self.config.reality
         reality = Reality(**{name: getattr(section, name) for name in parameters(Reality)})
         first = section.index + chunk * self.size

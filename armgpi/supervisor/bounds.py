@@ -33,8 +33,8 @@ _STOP_RATE = 0.5
 #: Time in which it builds up, and goes, where a gear may twist [s]: a period of the slowest resonance that is
 #: reckoned with, 10 Hz, as a force that grows so slowly leaves least of it (tools/faults.py).
 _STOP_RISE = 0.1
-#: A measurement that does not change for so long [s], while it should, is frozen. Set by hand; healthy draws
-#: that it stops are counted by tools/alarms.py.
+#: A measurement that does not change for so long [s], while it should, is frozen. Set by hand; fault-free
+#: scenarios that it stops are counted by tools/alarms.py.
 _FROZEN_TIME = 0.05
 #: Error at which gains are taken [rad or m]: small, and far above what rounding leaves of a torque.
 _SMALL = 1e-4

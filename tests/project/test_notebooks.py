@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -119,6 +120,24 @@ def test_a_notebook_runs_and_shows_what_it_makes(
     kinds = [line.split()[1:] for line in done.out.splitlines() if line.startswith("SHOWN")]
     best = [next((kind for kind in each if kind != "text/plain"), "") for each in kinds]
     assert [kind for kind in best if kind] == shows
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_the_page_of_a_notebook_has_its_cells_with_outputs(notebook: Path) -> None:
+    """`python tools/notebooks.py` writes the pages anew."""
+    path = notebook.parents[2] / "docs" / "notebooks" / f"{notebook.stem}.md"
+    if not path.is_file():
+        pytest.skip("its page was not written")
+    page = path.read_text(encoding="utf-8")
+    place = 0
+    for cell in json.loads(notebook.read_text(encoding="utf-8"))["cells"]:
+        source = "".join(cell["source"])
+        shown = f"```{{code-block}} python\n{source}\n```" if cell["cell_type"] == "code" else source
+        assert shown in page[place:]
+        place = page.index(shown, place) + len(shown)
+    assert "<table>" in page or "![" in page
+    for picture in re.findall(r"!\[[^]]*\]\(\.\./images/([^)]*)\)", page):
+        assert (notebook.parents[2] / "docs" / "images" / picture).is_file()
 
 
 def test_there_are_four_notebooks() -> None:

@@ -48,7 +48,7 @@ class Interface(NamedTuple):
 #: 1.6.5 has direct_torque from 5.26 on, with friction scales, which PolyScope X has from 10.12.1 on;
 #: external_control.urscript of the client library has it from 5.23.0 and 10.11.0 on, with friction scales
 #: from 5.25.1 and 10.12.1 on. The rate is libfranka's kMaxTorqueRate, "without gravity and friction" its
-#: franka::Torques. Delays are set by hand, for robots that nobody has measured: the rule for untuned arms,
+#: franka::Torques. Delays are set by hand, for robots that nobody has measured: automatic tuning,
 #: tools/faults.py and tools/bringup.py take them. The sides are those of robot_state.h: `q` is the "measured
 #: joint position", and `theta` the "motor position". Nothing that UR or ros2_control publish was found to say
 #: the side of their positions.

@@ -129,7 +129,7 @@ class ArmEnd:
     def follow(self, guide: Reference) -> Array:
         """Put the arm where a hand has it in a dry run, and return the torque that this takes.
 
-        Whoever moves it holds its links: gears that twist do not swing then.
+        Whoever moves it holds its links: elastic joints do not swing then.
         """
         there = guide.at((self.k + 1) * self.dt)
         self.state = self.plant.init(there.q, there.v)
@@ -239,7 +239,7 @@ def supervise(
     Args:
         controller: the law; one that is supervised or exported stays as it is.
         supervisor: what is taken for a fault; when not given the defaults, but that samples of 40 ms may be
-            missed, as the arm bears such a silence too.
+            missed, as the arm tolerates such a silence too.
         exported: whether it is to run as exported C.
     """
     if isinstance(controller, Supervised | ExportedController):

@@ -277,7 +277,7 @@ def _of_weight(seen: _Seen, robot: Any, tested: dict[str, tuple[str, ...]]) -> I
 
 
 def _borne(robot: Any, q: Array, weight: Array) -> Array:
-    """Return the torque beside the arm's weight that friction bears [N m or N], (n,)."""
+    """Return the torque beside the arm's weight that friction tolerates [N m or N], (n,)."""
     unknown = np.maximum(_FRICTION * moving_torque(robot, q), _WEIGHT * np.abs(weight).max())
     return np.asarray(unknown + robot.friction.coulomb)
 
@@ -396,7 +396,7 @@ def _of_inertias(found: Any, robot: Any, known: list[str]) -> Iterator[Finding]:
             remedy = "take what `armgpi identify` writes, or look at the torque's unit"
             yield Finding("model", row.joint, said, remedy)
             continue
-        # Where the file names no rotor there may be none, or the one that is believed.
+        # Where the file names no rotor there may be none, or the one that is assumed.
         low, high = least / _MODEL, _MODEL * row.expected
         if row.upper < low or row.lower > high:
             ratio = row.value / (least if row.upper < low else row.expected)

@@ -68,7 +68,7 @@ def build(
 
     Raises:
         BackendError: when the package `ziglang` is not installed, or the loop has no generated code.
-        ParameterError: when there is no such controller, or with a reality or a supervisor.
+        ParameterError: when there is no such controller, or with an uncertainty model or a supervisor.
         MissingPackage: when trimesh is not installed.
     """
     label = next(iter(experiment.controllers)) if label is None else label
