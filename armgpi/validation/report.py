@@ -103,7 +103,7 @@ class DynamicsReport:
     @property
     def title(self) -> str:
         """What was compared with what."""
-        return f"{self.model} beside {self.robot}" if self.robot else self.model
+        return f"{self.model} compared with {self.robot}" if self.robot else self.model
 
     def function(self, function: str) -> FunctionReport:
         """Return the report of one function.
@@ -185,7 +185,7 @@ class DynamicsReport:
         if self.differences:
             lines += ["", "Difference, model less robot", *self._difference_lines()]
         if self.laws:
-            lines += ["", "Laws"]
+            lines += ["", "Structural properties"]
             # Without its head: laws need none, but its widths are those of the rows.
             lines += _table(("", "", "error", ""), self._checked_laws())[1:]
         if self.notes:
@@ -223,7 +223,7 @@ class DynamicsReport:
             parts.append(html_table("what is wrong", ("", "scope"), [(c.text, c.scope) for c in self.causes]))
         if self.laws:
             laws = [(law.name, law.verdict, law.text) for law in self.laws]
-            parts.append(html_table("laws", ("law", "", "found"), laws))
+            parts.append(html_table("structural properties", ("property", "", "found"), laws))
         return "".join(parts)
 
     def verdict(self) -> str:
@@ -234,7 +234,7 @@ class DynamicsReport:
         """Return what was found in what was compared."""
         if self.agrees:
             if not self.functions:
-                return "the model obeys every law that could be checked"
+                return "the model has every structural property that could be checked"
             return "the model agrees"
         differ = [t.function for t in self.functions if not t.agrees]
         if self.numbers_only and not differ:
@@ -245,7 +245,8 @@ class DynamicsReport:
             )
         if differ:
             return f"the model differs in {', '.join(differ)}"
-        return f"the model violates: {', '.join(law.name for law in self.laws if law.verdict == 'fails')}"
+        failing = ", ".join(law.name for law in self.laws if law.verdict == "fails")
+        return f"structural properties fail: {failing}"
 
     def html(self, accept_uncompared: bool = False) -> str:
         """Return the report as a page of its own, without scripts and without anything from elsewhere."""
@@ -271,8 +272,10 @@ class DynamicsReport:
         if self.differences:
             sections["Difference, model less robot"] = _html_differences(self)
         if self.laws:
-            laws = ("law", "", "error", "")
-            sections["Laws"] = _html_table("laws", laws, self._checked_laws(), words=(1, 3))
+            laws = ("property", "", "error", "")
+            sections["Structural properties"] = _html_table(
+                "structural properties", laws, self._checked_laws(), words=(1, 3)
+            )
         if self.notes:
             sections["Notes"] = page.bullets(self.notes)
         if self.uncompared:
@@ -299,7 +302,7 @@ class DynamicsReport:
             lines += [_difference_row(one) for one in self.differences]
             lines += ["", *(f"- {text}" for text in self.symbols)]
         if self.laws:
-            lines += ["", "| law | | error | |", "|---|---|---|---|"]
+            lines += ["", "| property | | error | |", "|---|---|---|---|"]
             lines += [f"| {' | '.join(row)} |" for row in self._checked_laws()]
         return "\n".join([*lines, *(f"\n{note}" for note in self.notes)]) + "\n"
 

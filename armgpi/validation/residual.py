@@ -227,12 +227,13 @@ class _Entry:
                 if self.is_rest(share * part):
                     yield self.told(text, bits, factors, part, share)
         for text, chosen in self.groups():
-            if text == "all of it" and len(chosen) <= _MOST_SHOWN:
-                text = f"all of it, {self.code_of(chosen, 1.0)}"
             part = np.sum([self.own[k][1] for k in chosen], axis=0)
             for share, (pattern, bits) in _USUAL.items():
                 if self.is_rest(share * part):
-                    yield Explanation(bits + 0.5, pattern.format(text), self.code_of(chosen, share))
+                    shown = pattern.format(text)
+                    if share == -1.0 and text == "all of it" and len(chosen) <= _MOST_SHOWN:
+                        shown += f", {self.code_of(chosen, 1.0)}"
+                    yield Explanation(bits + 0.5, shown, self.code_of(chosen, share))
 
     def groups(self) -> Iterator[tuple[str, list[int]]]:
         """Yield all of the element, and all summands with one number, where these are more than one."""

@@ -109,6 +109,47 @@ def without_inertias(tree: Tree, names: Collection[str]) -> Tree:
     return tree
 
 
+def fits_other_bodies(problem: Problem) -> bool:
+    """Tell whether other masses, centres of mass and inertias on the same chain give all that a model gives.
+
+    D, the products of velocities, gravity and the potential are linear in a link's mass, first moments and
+    inertia about its joint; the model has to be a sum of what each of these gives alone.
+    """
+    tree = problem.tree
+    wanted = {*QUANTITIES, "V"}
+    if not all(e.quantity in wanted or e.quantity in "BZ" for e in problem.elements):
+        return False
+    columns = np.array([e.quantity in wanted for e in problem.elements])
+    nothing = replace(tree, armature=np.zeros(tree.n))
+    for i in range(tree.n):
+        nothing = nothing.with_body(i, mass=0.0, com=np.zeros(3), inertia=np.zeros((3, 3)))
+
+    def of(changed: Tree) -> Array:
+        found = problem.columns(evaluate(changed, problem.q, problem.want))[:, columns]
+        return np.asarray(found / problem.tolerance[columns]).ravel()
+
+    parts = []
+    for i in range(tree.n):
+        point = of(nothing.with_body(i, mass=1.0))
+        parts.append(point)
+        for axis in np.eye(3):
+            away = axis @ axis * np.eye(3) - np.outer(
+                axis, axis
+            )  # so that the inertia about the joint is zero
+            parts.append(of(nothing.with_body(i, mass=1.0, com=axis, inertia=-away)) - point)
+        for r, c in itertools.combinations_with_replacement(range(3), 2):
+            one = np.zeros((3, 3))
+            one[r, c] = one[c, r] = 1.0
+            parts.append(of(nothing.with_body(i, inertia=one)))
+    matrix = np.stack([part for part in parts if np.abs(part).max() > 0.0], axis=-1)
+    sizes = np.linalg.norm(matrix, axis=0)
+    user = (problem.user[:, columns] / problem.tolerance[columns]).ravel()
+    shares = np.linalg.lstsq(matrix / sizes, user, rcond=1e-11)[0] / sizes
+    left = np.abs(matrix @ shares - user).max()
+    # The numbers are found by division: a hundred times what counts as equal is still a millionth.
+    return bool(left <= 100.0 and problem.agreeing[~columns].all())
+
+
 def is_weight(quantity: str) -> bool:
     """Tell whether a quantity has the strength of gravity in all its summands."""
     return quantity == "G"

@@ -8,7 +8,7 @@ behind it.
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -26,7 +26,7 @@ from armgpi.validation.repair import Compared, Renumbered
 from armgpi.validation.residual import Difference, Residual
 from armgpi.validation.samples import Sampled
 from armgpi.validation.search import Repaired
-from armgpi.validation.summands import without_inertias
+from armgpi.validation.summands import fits_other_bodies, without_inertias
 from armgpi.validation.units import numbers
 
 #: Inertias that add at most this to any entry of D, relative, are neglected and not forgotten.
@@ -103,6 +103,10 @@ def find_causes(
     budget = repair.SHORT if whole and whole[0].kind in CONVENTIONS else repair.LONG
     found = repair.search(compared, budget)
     values = _told_by_values(whole or diagnose(problem, follows), behind_residual)
+    if found is None and not whole:
+        other_bodies = list(_other_bodies(problem, values))
+        left = (UNNAMED[0], "extra") if other_bodies else ()
+        values = [*other_bodies, *(cause for cause in values if cause.kind not in left)]
     causes, repaired = _ranked(values, found, whole, worker.source, problem, behind_residual)
     shown = (
         *behind_residual,
@@ -145,6 +149,19 @@ def with_other_numbers(compared: Compared, other: Renumbered) -> Found:
 def _without_numbers(evidence: Sequence[str]) -> list[str]:
     """Return lines of evidence that have no values of other numbers: those of the source."""
     return [line for line in evidence if line.partition(":")[0].isdigit()]
+
+
+def _other_bodies(problem: Problem, values: Sequence[Cause]) -> Iterator[Cause]:
+    """Yield that another parameter set fits, where nothing better explains several elements."""
+    differing = problem.elements_of(~problem.agreeing)
+    if all(cause.kind != UNNAMED[0] for cause in values) or len({e[1:] for e in differing}) < 2:
+        return
+    if fits_other_bodies(problem):
+        text = (
+            "another parameter set: the robot with other masses, centres of mass and inertias is the model, "
+            "so the formulas may be right; --suggest-urdf FILE writes it"
+        )
+        yield Cause("parameters", text, "model", differing, structural=False)
 
 
 def _ranked(

@@ -8,6 +8,7 @@ import numpy as np
 from hand_models import _draw, planar, scara, spatial
 
 from armgpi import Robot, suggest_urdf, validate
+from armgpi.validation.tree import evaluate, from_robot
 
 Array = np.ndarray
 
@@ -209,3 +210,23 @@ def test_a_urdf_is_suggested_for_a_cart_from_its_potential_energy() -> None:
     suggestion = suggest_urdf(_cart())
     assert suggestion.rest < 1e-6
     assert validate(_cart(), Robot.from_xml(suggestion.urdf), rtol=1e-6).agrees
+
+
+def test_another_parameter_set_is_named_and_a_wrong_formula_is_none() -> None:
+    robot = Robot.load("anthropomorphic3")
+    tree = from_robot(robot)
+    draw = np.random.default_rng(7).uniform(0.8, 1.2, size=(3, 3))
+    for i, (m, c, inertia) in enumerate(draw):
+        body = tree.bodies[i]
+        tree = tree.with_body(i, mass=m * body.mass, com=c * body.com, inertia=inertia * body.inertia)
+
+    def of(quantity: str) -> Callable[[Array], Array]:
+        return lambda q: np.asarray(evaluate(tree, q[np.newaxis], [quantity])[quantity][0])
+
+    model = {"mass_matrix": of("D"), "gravity": of("G")}
+    (cause,) = validate(model, robot).causes
+    assert cause.kind == "parameters"
+    assert "--suggest-urdf" in cause.text
+    signs = np.array([1.0, 1.0, -1.0])
+    wrong = {**model, "gravity": lambda q: signs * model["gravity"](q)}
+    assert "parameters" not in {cause.kind for cause in validate(wrong, robot).causes}
