@@ -37,28 +37,8 @@ import pytest
 
 #: The modules that are in no package.
 TOP = "."
-#: Every folder of modules; drawings, pages and command lines too, whose numbers are results as well.
-PACKAGES = (
-    "robot",
-    "plants",
-    "loop",
-    "studies",
-    "certification",
-    "gpi",
-    "supervisor",
-    "identification",
-    "hardware",
-    "codegen",
-    "control",
-    "references",
-    "config",
-    "health",
-    "validation",
-    "view",
-    "paper",
-    "cli",
-    TOP,
-)
+#: Every folder of modules: drawings, pages and command lines too, whose numbers are results as well.
+PACKAGES = (*sorted(p.parent.name for p in Path(__file__).parents[1].glob("armgpi/*/__init__.py")), TOP)
 #: The tests of the modules that are in no package.
 BASE = "base"
 #: How pytest runs the tests of these packages.

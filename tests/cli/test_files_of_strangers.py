@@ -40,7 +40,15 @@ def run(folder: Path, *words: str) -> Ended:
     """Run a command in a folder, no longer than a minute."""
     with (folder / "said").open("w+") as said:
         begun = subprocess.Popen(
-            ["timeout", "-s", "KILL", "60", sys.executable, "-m", "armgpi", *words],
+            [
+                "timeout",
+                "-s",
+                "KILL",
+                "60",
+                sys.executable,
+                *([] if words[0] == "-c" else ["-m", "armgpi"]),
+                *words,
+            ],
             cwd=folder,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
@@ -92,6 +100,23 @@ def save_urdf(path: Path) -> None:
     path.write_bytes(armgpi.robots.locate(ARM)[0].read_bytes())
 
 
+def save_mjcf(path: Path) -> None:
+    path.write_text(
+        """<mujoco><worldbody><body><joint name="q1" axis="0 1 0"/>
+        <geom type="capsule" size="0.05" fromto="0 0 0 0.4 0 0"/></body></worldbody></mujoco>"""
+    )
+
+
+def save_xacro(path: Path) -> None:
+    arm = armgpi.robots.locate(ARM)[0].read_text(encoding="utf-8")
+    path.write_text(arm.replace("<robot", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"', 1))
+
+
+def save_weights(path: Path) -> None:
+    weights = armgpi.Weights(omega_c=[1.0, 2.0, 3.0, 4.0])
+    armgpi.save_weights(weights, path, armgpi.Robot.load(ARM))
+
+
 def text(content: str) -> Callable[[Path], object]:
     """Return what writes a text."""
     return lambda path: path.write_text(content)
@@ -99,6 +124,15 @@ def text(content: str) -> Callable[[Path], object]:
 
 MODEL = "import numpy as np\ndef mass_matrix(q):\n    return np.eye(3)\n"
 EXPERIMENT = f"robot: {ARM}\nt_final: 0.1\n"
+VARIED = f"robot: {ARM}\nt_final: 0.1\nvary: {{controller.omega: {{uniform: [20.0, 30.0]}}}}\n"
+#: What a program of the user's calls ends like a command, where no command reads such files.
+CALL = """import sys, armgpi
+try:
+    {}
+except armgpi.errors.ArmgpiError as error:
+    sys.exit((print(error, file=sys.stderr), 2)[1])
+"""
+POSES = "time,x,y,z,qx,qy,qz,qw\n0.0,0.3,0.0,0.2,0.0,0.0,0.0,1.0\n0.1,0.3,0.1,0.2,0.0,0.0,0.0,1.0\n"
 FOLLOW = ("run", "-c", "follow.yaml")
 #: Kind -> name of the file, what makes a good one, the command that reads it.
 KINDS: dict[str, tuple[str, Callable[[Path], object], tuple[str, ...]]] = {
@@ -117,6 +151,20 @@ KINDS: dict[str, tuple[str, Callable[[Path], object], tuple[str, ...]]] = {
         ("certify", ARM, "--refute", "c.json"),
     ),
     "task": ("b.yaml", text("around: 0.0\nby: 0.1\n"), ("certify", ARM, "--box", "b.yaml")),
+    "MJCF": ("m.xml", save_mjcf, ("inspect", "m.xml")),
+    "xacro": ("x.xacro", save_xacro, ("expand", "x.xacro")),
+    "identification": ("i.json", text("{}"), ("certify", ARM, "--identified", "i.json")),
+    "study": (
+        "swept/study.json",
+        lambda path: path.with_name("kept").touch(),
+        ("sweep", "vary.yaml", "--rollouts", "2", "--out", "swept"),
+    ),
+    "poses": ("p.csv", text(POSES), ("-c", CALL.format("armgpi.load_poses('p.csv')"))),
+    "weights": (
+        "w.nc",
+        save_weights,
+        ("-c", CALL.format(f"armgpi.load_weights('w.nc', armgpi.Robot.load({ARM!r}))")),
+    ),
     "model": ("m.py", text(MODEL), ("validate", "m.py", "--robot", ARM)),
 }
 
@@ -124,6 +172,8 @@ KINDS: dict[str, tuple[str, Callable[[Path], object], tuple[str, ...]]] = {
 def prepare(folder: Path, kind: str) -> tuple[Path, tuple[str, ...]]:
     """Write what stands beside a file of a kind, and return its path and command."""
     name, _, words = KINDS[kind]
+    (folder / name).parent.mkdir(exist_ok=True)
+    (folder / "vary.yaml").write_text(VARIED)
     (folder / "follow.yaml").write_text(f"robot: {ARM}\nreference: {{file: {name}}}\nt_final: 0.1\n")
     return folder / name, words
 
@@ -408,5 +458,7 @@ def test_a_set_of_files_names_none_outside_its_folder(tmp_path: Path) -> None:
 
 def test_good_files_are_read(good: Callable[[str], Ended]) -> None:
     codes = {kind: good(kind).code for kind in KINDS}
-    assert {kind for kind, code in codes.items() if code} <= {"log to identify from", "model", "certificate"}
+    assert {kind for kind, code in codes.items() if code} <= {
+        *("log to identify from", "model", "certificate", "identification")
+    }
     assert json.dumps(codes)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,9 @@ import armgpi
 from armgpi import ElasticPlant, Friction, Hold, RigidBodyPlant, Robot, Spring, ToolForce, Wall
 from armgpi.control.pid_positions import PIDPositions
 from armgpi.errors import ArmgpiError, NameNotFound, ParameterError
+from armgpi.plants.environment import Contact, Wrench
 from armgpi.plants.plant import PlantState
+from armgpi.robot.frame_motion import Motion
 
 Array = npt.NDArray[np.float64]
 DT = 1e-3
@@ -53,6 +55,29 @@ def test_a_damped_spring_swings_as_the_closed_form() -> None:
     t = DT * np.arange(1, 501)
     expected = 0.1 * (1.0 - np.exp(-decay * t) * (np.cos(omega * t) + decay / omega * np.sin(omega * t)))
     np.testing.assert_allclose(run(plant, 500)[:, 0], expected, atol=1e-7)
+
+
+class Shaking(Contact):
+    """A force along x that swings [N] at some frequency [rad/s]."""
+
+    force: ClassVar[float] = 3.0
+    omega: ClassVar[float] = 40.0
+
+    def wrench(self, motion: Motion, t: Array) -> Wrench:
+        """Return the force at a time."""
+        now = t + 0.0 * motion.position[..., 0:1]
+        along = np.array([1.0, 0.0, 0.0])
+        return Wrench(self.force * np.cos(self.omega * now) * along, 0.0 * now * along)
+
+
+@pytest.mark.parametrize("substeps", [1, 3])
+def test_a_force_that_changes_acts_at_the_time_of_every_stage(substeps: int) -> None:
+    mass = 2.0
+    plant = RigidBodyPlant(sled(mass), environment=[Shaking()], substeps=substeps)
+    times = DT * np.arange(1, 301)
+    expected = Shaking.force / mass / Shaking.omega**2 * (1.0 - np.cos(Shaking.omega * times))
+    # Simpson's rule: (omega dt)^5 / 2880 a step; a stage at the time of another has omega dt / 2.
+    np.testing.assert_allclose(run(plant, 300)[:, 0], expected, atol=1e-9)
 
 
 def test_what_presses_on_a_wall_rests_where_force_and_stiffness_balance() -> None:

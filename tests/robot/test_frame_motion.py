@@ -61,6 +61,34 @@ def test_joints_that_follow_others_move_it_too() -> None:
     np.testing.assert_allclose(torque, jacobian[:3].T @ [1.0, 2.0, 3.0], atol=1e-12)
 
 
+def test_several_joints_of_one_chain_that_follow_one_add_up() -> None:
+    """A finger of three joints that one motor bends: its leader has the levers of all three."""
+    link = (
+        '<link name="l{0}"><inertial><mass value="0.1"/>'
+        '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="q{0}" type="revolute"><parent link="{1}"/><child link="l{0}"/>'
+        '<origin xyz="0.1 0.02 0.03" rpy="0.3 0.2 {0}"/><axis xyz="0 0.6 0.8"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/>{2}</joint>'
+    )
+    mimic = '<mimic joint="q1" multiplier="{}" offset="{}"/>'
+    text = '<robot name="finger"><link name="base"/>' + link.format(1, "base", "")
+    text += link.format(2, "l1", mimic.format(0.7, 0.1)) + link.format(3, "l2", mimic.format(-0.4, 0.2))
+    robot = Robot.from_xml(text + "</robot>", mimic="follow")
+    q, v, step = np.array([0.3]), np.array([0.8]), 1e-6
+    motion = FrameMotion(robot, "l3", np.array([0.05, 0.0, 0.1])).at(q, v)
+    jacobian = robot.frame_jacobian("l3", q)
+    arm = motion.rotation @ [0.05, 0.0, 0.1]
+    rate = jacobian[3:, 0] * 0.8
+    np.testing.assert_allclose(motion.rate, rate, atol=1e-12)
+    np.testing.assert_allclose(motion.velocity, jacobian[:3, 0] * 0.8 + np.cross(rate, arm), atol=1e-12)
+    before, after = (robot.frame_pose("l3", q + sign * step) for sign in (-1.0, 1.0))
+    turned = (after.rotation - before.rotation) / (2.0 * step) * 0.8 @ motion.rotation.T
+    np.testing.assert_allclose(motion.rate, [turned[2, 1], turned[0, 2], turned[1, 0]], atol=1e-9)
+    moment = np.array([0.3, -0.2, 0.5])
+    torque = motion.torque(q, np.zeros(3), moment)
+    np.testing.assert_allclose(torque, [jacobian[3:, 0] @ moment], atol=1e-12)
+
+
 def test_a_frame_that_is_not_there_or_does_not_move_is_refused() -> None:
     robot = armgpi.Robot.load("ur5")
     with pytest.raises(NameNotFound, match="tool0"):
