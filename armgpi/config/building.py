@@ -30,7 +30,7 @@ from armgpi.errors import ArmgpiError, ArmgpiWarning, ArrayError, ConfigError, E
 from armgpi.parameter import REQUIRED, Parameter, Parametrised, parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.environment import Contact
-from armgpi.plants.loads import Load
+from armgpi.plants.loads import Load, Step
 from armgpi.plants.plant import Plant, Wrapper
 from armgpi.plants.reality import Reality, stack_draws
 from armgpi.plants.sensors import Encoder
@@ -498,6 +498,9 @@ def _plant(config: ExperimentConfig, context: Context, place: _Place, engine: st
         with here.error_context():
             kind = classes_of(Load)[item.type]
             torques += kind.configured(_given_values(item, parameters(kind), robot, here, {}, 0.0), context)
+    offset = real.drives.value("offset", 0.0)
+    if section.friction == "urdf" and offset.any():
+        torques.append(Step(offset))
     contacts: list[Contact] = []
     for index, item in enumerate(section.environment):
         here = place.at("environment", index)

@@ -66,8 +66,11 @@ _STRIBECK = 0.05
 #: A motor that turns with its neighbour's joint, as those of wrists do, is taken where it explains so much of
 #: what is left of either joint; what it has then, each beside its own.
 _COUPLED, MOTOR = 0.3, ("rotor", "viscous", "coulomb")
-#: What is estimated of drives -> its name there; and the share learned from which it is measured.
-_DRIVES, _DECIDED = {"rotor": "rotor_inertia", "coulomb": "coulomb", "viscous": "viscous"}, 0.5
+#: What is estimated of drives -> its name there; and the share of the data from which it is identified.
+_DRIVES, _DECIDED = (
+    {"rotor": "rotor_inertia", "coulomb": "coulomb", "viscous": "viscous", "offset": "offset"},
+    0.5,
+)
 #: Share of the rotors that the log decided, too light, from which sensors behind the gears hide them.
 _MOST_LIGHT = 0.5
 #: Half width of a 95 % interval in standard deviations.
@@ -94,8 +97,8 @@ class Estimate(NamedTuple):
         value: the estimate, in SI units.
         lower: lower end of its 95 % interval.
         upper: upper end.
-        data_share: share of it that the log decided; the rest is what the file says.
-        expected: what the file says.
+        data_share: share of it that the log decided; the rest is what was expected of the arm.
+        expected: what the file contains, or what is assumed.
     """
 
     joint: str
@@ -178,7 +181,7 @@ class Identified:
         gears: their stiffness and the first mode, where a log of a multisine was given; else None.
         side: what chirps say of the side of the encoders, where a log of them was given; else None.
         simulated: residual over torque of the arm simulated with the experiment of the first log, (n,), where
-            that was given, infinite where it is lost; else None.
+            that was given, infinite where it fails; else None.
     """
 
     def __init__(
@@ -294,8 +297,7 @@ class Identified:
             ParameterError: when the first log is of another experiment.
         """
         data, n, other = self._data, self.file.n, copy.copy(self)
-        offset = self.theta[: len(COLUMNS) * n].reshape(n, -1)[:, OFFSET]
-        tau = simulate_experiment(path, self.robot, offset, self.late, data.grids[0])
+        tau = simulate_experiment(path, self.robot, self.late, data.grids[0])
         twin = WeakForm(data.model, data.grids[0]._replace(tau=tau))
         measured, simulated = (form.torque(np.zeros(n))[0] for form in (data.forms[0], twin))
         measured = np.where(data.blocks(self.lag)[0].valid, measured, np.nan)
@@ -395,10 +397,13 @@ class Identified:
         """Return that lags are no delays, where they are not."""
         if not self._lags_differ:
             return []
-        low, high = 1e3 * float(self.lag.min()), 1e3 * float(self.lag.max())
+        low, high = f"{1e3 * self.lag.min():.2g}", f"{1e3 * self.lag.max():.2g}"
+        lags = f"the lags that fit best are {low} to {high} ms, and no delay differs so between joints"
+        if low == high:
+            lags = f"the lag that fits best is {low} ms: the positions come before the torques"
         said = (
-            f"the lags that fit best are {low:.2g} to {high:.2g} ms, which no delay is: friction "
-            f"with memory (presliding), or clocks that differ; a controller is given {1e3 * self.late:.2g} ms"
+            f"{lags}; friction with memory (presliding), or clocks that differ, look like that. The "
+            f"controller is made for {1e3 * self.late:.2g} ms"
         )
         return [Finding("warning", "", said)]
 

@@ -113,7 +113,7 @@ def check_fit(names: Sequence[str], lag: Array, residuals: Array, rotors: Array)
         found.append(Finding("error", "", said))
     for name, share, rotor in zip(names, residuals, rotors, strict=True):
         if rotor > _HEAVY:
-            said = f"its rotor is {rotor:.2g} times what is believed: are times in s, torques at the joint?"
+            said = f"its rotor is {rotor:.2g} times the assumed one: are times in s, torques at the joint?"
             found.append(Finding("error", name, said))
         if share > _UNEXPLAINED:
             said = f"no arm of this kind explains {share:.0%} of its torque: is it this robot, in this order?"

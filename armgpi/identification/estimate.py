@@ -128,6 +128,7 @@ def expect(robot: Robot) -> Prior:
     std[:, VISCOUS] = std[:, COULOMB] = friction
     std[:, VISCOUS] += mean[:, VISCOUS]
     std[:, COULOMB] += mean[:, COULOMB]
+    mean[:, OFFSET] = robot.drives.value("offset", 0.0)
     std[:, OFFSET] = _OFFSET * size.gravity
     places = [i * len(COLUMNS) for i in range(n)]
     positive = [place + k for place in places for k in (ROTOR, COULOMB, VISCOUS)]

@@ -39,7 +39,7 @@ _CENTRES = 20
 #: Step in which the beginning of the motion is looked for in a log [s].
 _LOOK = 0.25
 #: Widths of what is expected: logarithms of stiffness, damping, friction, links, of a rotor where it is
-#: believed and at least, and of both together, which is known; time between torque and position [s].
+#: assumed and at least, and of both together, which is known; time between torque and position [s].
 _STIFF, _DAMPED, _RUBBED, _LINKS, _ROTOR, _LEAST_ROTOR, _TOTAL = 1.5, 1.0, 3.0, 0.3, 0.5, 0.05, 0.05
 _LATE, _UNKNOWNS = 3e-3, 6
 #: Damping ratio that is expected, and error of the linear model as a share of the torque: friction.
@@ -49,7 +49,7 @@ _RATIO, _LINEAR = 0.03, 0.05
 _UNSEEN = 2.0
 #: Frequencies between the lines that show the noise of each.
 _BETWEEN = 8
-#: Weight of lines that do not fit, and stiffnesses over the believed ones that the fit begins with; so many
+#: Weight of lines that do not fit, and stiffnesses over the assumed ones that the fit begins with; so many
 #: weighings, and steps of each.
 _ROBUST, _STARTS, _WEIGHINGS, _STEPS = 0.1, (0.025, 0.1, 0.4, 1.6, 6.0), 4, 25
 #: Share that a log has to tell of a stiffness before it counts as measured; 95 % in standard deviations.
@@ -57,7 +57,7 @@ _DECIDED, _95 = 0.5, 1.96
 
 
 class Gears(NamedTuple):
-    """The gears of an arm; of joints that the log did not move, what was believed.
+    """The gears of an arm; of joints that the log did not move, what was assumed.
 
     Attributes:
         stiffness: [N m/rad or N/m], (n,).
@@ -125,8 +125,8 @@ def shake(
 ) -> Excitation:
     """Return a motion that shows the gears: joint by joint, accelerations at lines from 2 to 60 Hz.
 
-    A law that feeds forward answers with torques at these lines. The arm stays within a few degrees of the
-    middle of its ranges, or of a configuration in which it collides with nothing.
+    A controller that feeds forward answers with torques at these lines. The arm stays within a few degrees
+    of the middle of its ranges, or of a configuration in which it collides with nothing.
 
     Args:
         robot: the arm.

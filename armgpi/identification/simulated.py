@@ -17,19 +17,16 @@ from armgpi.robot.robot import Robot
 _APART = 0.5
 
 
-def simulate_experiment(
-    path: str | PathLike[str], robot: Robot, offset: Array, late: float, grid: Grid
-) -> Array:
+def simulate_experiment(path: str | PathLike[str], robot: Robot, late: float, grid: Grid) -> Array:
     """Return the torques that an arm takes in an experiment, at the times of a log of it, (k, n).
 
     The file's first controller moves a plant with the arm's bodies, rotors and friction, and its gears where
-    they were measured; simulator, encoders and limits are the file's. Infinite where the arm is lost, NaN
+    they were measured; simulator, encoders and limits are the file's. Infinite where the arm fails, NaN
     after the experiment's end.
 
     Args:
         path: of the experiment file.
-        robot: the arm.
-        offset: torque that each joint takes besides [N m or N], (n,).
+        robot: the arm; the constant torques of its drives (`offset`) act as well.
         late: time by which measured positions lag behind torques [s].
         grid: the log; it begins when the experiment does.
 
@@ -59,7 +56,7 @@ def simulate_experiment(
         "bodies": dict(zip(names, bodies, strict=True)),
         "drives": robot.drives.plain(),
         "friction": "urdf",
-        "loads": [{"type": "step", "amplitude": dict(zip(names, offset.tolist(), strict=True))}],
+        "loads": [],
         "delay": max(round(late / dt), 0),
     }
     run = simulate(

@@ -28,7 +28,7 @@ _FRICTIONS = {
 }
 #: What is said of a motor that turns with another joint, too.
 _COUPLED = "its motor turns with {} as well (rotor {}); simulated plants do not have it"
-#: Draws of the arm for what the logs leave open, and slowest sampling that a law is made for [s].
+#: Draws of the arm for what the logs leave open, and slowest sampling that a controller is made for [s].
 _DRAWS, _SLOWEST = 16, 5e-3
 #: Bins of a residual over something, and the share of its power that their means have to explain before
 #: that is named as its cause.
@@ -42,7 +42,7 @@ _CAUSES = {
     "torque": "it goes with its torque: friction grows with the load, or the torque has another scale",
     "time": "it goes with time: it warms up, or something changed",
 }
-#: Share learned from which the log has decided a number.
+#: Share of the data in an estimate from which the log has decided a number.
 _DECIDED = 0.5
 
 
@@ -129,7 +129,7 @@ def say_gears(found: Identified) -> list[str]:
     still = np.isnan(gears.misfit)
     for own, why in (
         (still, "the log ends before their turn, or begins after it, so the first mode may be lower"),
-        (~(still | gears.measured.astype(bool)), "gears as stiff as believed, or stiffer than the log shows"),
+        (~(still | gears.measured.astype(bool)), "joints as stiff as assumed, or stiffer than the log shows"),
     ):
         if own.any():
             names = ", ".join(np.array(found.robot.joint_names)[own])
@@ -160,7 +160,7 @@ def say_simulation(found: Identified) -> list[str]:
     if found.simulated is None:
         return []
     if np.isinf(found.simulated).any():
-        return ["misfit: simulated with the experiment of the first log, the arm that was found is lost"]
+        return ["misfit: simulated with the experiment of the first log, the identified arm fails"]
     weak = found.replayed.identified
     here, there = (_percent(float(np.nanmedian(each))) for each in (found.simulated, weak))
     said = f"simulated with its experiment, the arm is {here} % of a joint's torque off the first log"
@@ -234,19 +234,19 @@ def say_load(load: Load) -> str:
 
 
 def say_law(found: Identified) -> list[str]:
-    """Return how fast the law for untuned arms is by what is known now, and what it leaves to spare."""
+    """Return how fast the automatic controller is by what is known now, and its margins."""
     dt = min(found.dt, _SLOWEST)
     delay = round(found.late / dt) * dt
     try:
         robot = assume_gears(found.robot)
         law = GPI.auto(robot, dt, delay=delay, bits=BITS)
     except ArmgpiError as error:
-        return [f"no law for it: {error}"]
+        return [f"no automatic controller for it: {error}"]
     omega = np.asarray(law.gains.nominal().omega_c)
     low, high = found.delta(count=_DRAWS)
     said = f"bandwidth {omega.min():.3g} to {omega.max():.3g} rad/s, {verdict(law, robot, BITS).describe()}"
     return [
-        f"the law for untuned arms: {said}; the logs leave inertia "
+        f"the automatic controller: {said}; the logs leave inertia "
         f"{low:.2f} to {high:.2f} times the identified one"
     ]
 
@@ -275,7 +275,7 @@ def tabulate(found: Identified, validation: Validation | None) -> tuple[list[str
 
 
 def _interval(row: Estimate) -> str:
-    """Return an estimate with its interval; in brackets what only the file says."""
+    """Return an estimate with its interval; in brackets what the data do not decide."""
     text = f"{row.value:.3g} [{row.lower:.3g}, {row.upper:.3g}]"
     return text if row.data_share >= _DECIDED else f"({text})"
 
@@ -297,7 +297,7 @@ def lines(found: Identified, validation: Validation | None, rows: Sequence[str] 
 def judge_arm(found: Identified, validation: Validation | None, accepted: bool = False) -> Verdict:
     """Return the verdict: joints that no log moves, and gears that have no turn in their log, are left out.
 
-    It fails where the arm that was found is lost when it is simulated, or explains little of another log.
+    It fails where the identified arm fails when it is simulated, or explains little of another log.
 
     Args:
         found: the arm.

@@ -329,8 +329,8 @@ def write_page(found: Identified, emptied: Sequence[str], validation: Validation
     notes = say_notes(found, validation)
     if emptied:
         notes.append(
-            f"the identified bodies leave no room for what the file says of {', '.join(emptied)}, which are "
-            "fixed to others: their mass is in the link that carries them"
+            f"the identified bodies leave no room for what the file contains of {', '.join(emptied)}, which "
+            "are fixed to others: their mass is in the link that carries them"
         )
     sections["What to know"] = page.bullets(notes)
     seen = "the log that was not fitted" if validation else "the first fitted log"

@@ -43,6 +43,7 @@ QUANTITIES: Mapping[str, Parameter] = {
         _quantity("rotor_inertia", "inertia of the rotor, gear ratio squared", "kg m^2 or kg"),
         _quantity("viscous", "viscous friction", "N m s/rad or N s/m"),
         _quantity("coulomb", "Coulomb friction", "N m or N"),
+        _quantity("offset", "constant torque that the joint takes besides", "N m or N", least=-math.inf),
         _quantity("stiffness", "stiffness of the gear", "N m/rad or N/m", above=True),
         _quantity("damping", "damping of the gear", "N m s/rad or N s/m"),
         _quantity("current_bandwidth", "bandwidth of the current loop", "Hz", above=True),
