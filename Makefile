@@ -65,6 +65,7 @@ demo: $(FOR_DEMO) ## Simulate and compare the controllers on the demo arm, into 
 	@echo "Simulating the demo arm under GPI and under a PID (examples/demo.yaml) ..."
 	$(BIN)/armgpi compare --config examples/demo.yaml --out demo_out --force --report demo_out/report.html
 	@echo "Now open demo_out/report.html in a browser."
+	@echo "To type armgpi commands here: source $(BIN)/activate; pip install example-robot-data brings arms such as ur5."
 
 # The tests come last: cheap checks fail first, and the run ends with pytest's own summary. They run the
 # examples as well. What keeps one core busy runs two at a time.

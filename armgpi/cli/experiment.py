@@ -166,14 +166,17 @@ def _next_commands(options: Mapping[str, Any], compare: bool, experiment: Experi
     command = f"armgpi {'compare' if compare else 'run'} {name}"
     same = "" if len(sys.argv) <= _PLAIN else "; add your options"
     proposals = []
-    if options["report"] is None:
+    if options["report"] is None and util.find_spec("trimesh") is not None:
         proposals.append((f"{command} --report report.html", f"plots and animation{same}"))
     if not compare:
         proposals.append((f"armgpi compare {name}", f"other controllers on the same arm{same}"))
     config = experiment.config
     if options["config"] is not None:
-        if config.reality is None and config.supervisor is None and config.plant.engine in PLAYED:
+        plain = config.reality is None and config.supervisor is None and config.plant.engine in PLAYED
+        if plain and util.find_spec("casadi") is not None:
             proposals.append((f"armgpi play --config {name}", "a page with sliders"))
+        else:
+            proposals.append((f"armgpi inspect {name}", "what the model contains, and its problems"))
     elif robots.find_identified(options["robot"]) is not None:
         proposals.append((f"armgpi export {name} -o exported", "C code of the controller"))
     else:
