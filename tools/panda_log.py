@@ -18,6 +18,8 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
+from scipy import signal
 
 import armgpi
 from armgpi.arrays import Array
@@ -29,6 +31,9 @@ from armgpi.robot.rotors import assume_rotors
 #: Where the log is in the clone, its joints, and the joints of the file that are no arm's.
 PLACE, JOINTS = "matlab/data/Exciting_Traj/Trajectory_1/rbt_log/exciting_traj_{}.txt", 7
 FINGERS = ["panda_finger_joint1", "panda_finger_joint2"]
+#: Of plain least squares: cutoff of the filter [Hz], samples left out at both ends, every which one is taken,
+#: and width of the sign of velocity [rad/s].
+CUTOFF, EDGE, THIN, SIGN_WIDTH = 5.0, 200, 20, 0.01
 #: Sample time of the law [s], bits of the encoders at the joint, seed of moves and rotors.
 DT, BITS, SEED = 1e-3, 20, 1
 
@@ -72,6 +77,49 @@ def control(found: Identified, moves: int) -> None:
         print(f"{label}: {failed} of {moves} failed, ITAE {np.median(itae[label]):.3g} rad s² (median)")
 
 
+def least_squares(robot: armgpi.Robot, fitted: Log, judged: Log) -> tuple[Array, int]:
+    """Return residuals over torques by weighted least squares, (n,), and how many bodies cannot be.
+
+    Positions and torques behind a filter of 5 Hz, derivatives by differences; inertial parameters, friction
+    and an offset of each joint by least squares, each joint weighted by its residual.
+    """
+    model = robot.pinocchio_model()
+    data = model.createData()
+
+    def regression(log: Log) -> tuple[Array, Array]:
+        dt = float(np.median(np.diff(log.t)))
+        t = np.arange(log.t[0], log.t[-1], dt)
+        both = [np.stack([np.interp(t, log.t, x) for x in each.T], axis=-1) for each in (log.q, log.tau)]
+        b, a = signal.butter(4, 2.0 * dt * CUTOFF)
+        q, tau = (signal.filtfilt(b, a, each, axis=0) for each in both)
+        v = np.gradient(q, dt, axis=0)
+        moved = np.stack([q, v, np.gradient(v, dt, axis=0)], axis=1)[EDGE:-EDGE:THIN]
+        rows = [
+            np.hstack(
+                [
+                    pin.computeJointTorqueRegressor(model, data, *each),
+                    np.diag(each[1]),
+                    np.diag(np.tanh(each[1] / SIGN_WIDTH)),
+                    np.eye(robot.n),
+                ]
+            )
+            for each in moved
+        ]
+        return np.array(rows), tau[EDGE:-EDGE:THIN]
+
+    rows, tau = regression(fitted)
+    weights = np.ones(robot.n)
+    for _ in range(3):
+        weighted = (rows * weights[:, None]).reshape(-1, rows.shape[-1])
+        unknowns = np.linalg.lstsq(weighted, (tau * weights).ravel(), rcond=1e-8)[0]
+        weights = 1.0 / np.sqrt(((tau - rows @ unknowns) ** 2).mean(axis=0))
+    rows, tau = regression(judged)
+    shares = np.sqrt(((tau - rows @ unknowns) ** 2).sum(axis=0) / (tau**2).sum(axis=0))
+    bodies = unknowns[: 10 * robot.n].reshape(robot.n, 10)
+    least = [np.linalg.eigvalsh(pin.PseudoInertia.FromDynamicParameters(x).toMatrix())[0] for x in bodies]
+    return shares, int((np.array(least) < 0.0).sum())
+
+
 def main() -> None:
     """Print residuals over torques on the part that was set aside."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -87,7 +135,12 @@ def main() -> None:
     for each in found.findings:
         print(each)
     print(f"torques: {found.torque}; rotors: {', '.join(found.drives.sources('rotor_inertia'))}")
-    for label, shares in (("the file", judged.file), ("identified", judged.identified)):
+    plain, impossible = least_squares(
+        robot, part(log, 0.0, given.fitted), part(log, given.fitted, float(log.t[-1]))
+    )
+    print(f"plain weighted least squares: {impossible} of {robot.n} bodies are impossible")
+    rows = {"the file": judged.file, "identified": judged.identified, "least squares": plain}
+    for label, shares in rows.items():
         cells = " | ".join(f"{100.0 * x:.2g}" for x in shares)
         print(f"| {label} | {cells} | median {100.0 * float(np.median(shares)):.2g} |")
     if given.control:
