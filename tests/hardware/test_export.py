@@ -41,6 +41,7 @@ from armgpi import (
 )
 from armgpi.control.adrc import ADRC
 from armgpi.control.ctdob import ComputedTorqueDOB
+from armgpi.control.impedance import CartesianImpedance, JointImpedance
 from armgpi.errors import BackendError, ParameterError, RolloutError
 from armgpi.gpi.gains import GainStep, Tuning
 from armgpi.gpi.schedule import GainSchedule
@@ -64,7 +65,7 @@ SANITIZERS = ("-g", "-O1", "-std=gnu99", "-fsanitize=address,undefined", "-fno-s
 #: Functions of math.h; GCC makes one call of a sine and a cosine of the same number.
 MATHS = {
     f"{name}{ending}"
-    for name in ("sin", "cos", "sincos", "fabs", "sqrt", "exp", "log", "floor", "rint")
+    for name in ("sin", "cos", "sincos", "atan", "fabs", "sqrt", "exp", "log", "floor", "rint")
     for ending in ("", "f")
 }
 
@@ -152,12 +153,16 @@ CONTROLLERS: dict[str, Callable[[], Controller]] = {
     "ctdob": lambda: ComputedTorqueDOB(paper_arm().scaled_inertia(0.8), 1e-3, bias_robot=paper_arm()),
     "schedule": lambda: GPI(paper_arm(), 1e-3, GainSchedule()),
     "own": lambda: Own(paper_arm(), 1e-3),
+    "tool as a spring": lambda: CartesianImpedance(paper_arm(), 1e-3, force_limit=2.0),
+    "joints as springs": lambda: JointImpedance(paper_arm(), 1e-3, 5.0, torque_limit=1.0),
+    "force limit": lambda: GPI(paper_arm().with_friction(0.1, 0.02), 1e-3, force_limit=2.0),
 }
 every = pytest.mark.parametrize("name", CONTROLLERS)
 #: Whose C has a statement that the others' has not; `make search` looks at all.
 UNLIKE = (
     *("paper realisation", "network", "every parameter adapts", "three integrators, roll-off 2, network"),
     *("model ahead, network", "friction ahead", "quiet at rest", "schedule", "pid", "adrc", "ctdob", "own"),
+    *("tool as a spring", "force limit"),
     *("a rail", "no limits"),
 )
 

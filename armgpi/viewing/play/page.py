@@ -26,6 +26,11 @@ from armgpi.viewing.play import module
 from armgpi.viewing.play.controls import Control, Playable, dotted_path, plain, playable, siblings
 from armgpi.viewing.play.variant import Pool, Prober
 
+#: Keys of a reference that a page leaves out where they are not given.
+_REFERENCE_KEYS = (
+    *("path", "poses", "stream", "frame", "direction", "tool_axis"),
+    *("feedforward", "torque_rate", "start"),
+)
 #: Called with what is being done and how much of it is done [0, 1].
 Progress = Callable[[str, float], None]
 
@@ -143,7 +148,7 @@ def _defaults(moved: Playable) -> dict[str, Any]:
             kind: {key: value for key, value in section.items() if key != "type"}
             for kind, section in controllers.items()
         },
-        "reference": {"path": None, "frame": None, "direction": None, "tool_axis": None},
+        "reference": dict.fromkeys(_REFERENCE_KEYS),
         "reality": None,
         "supervisor": None,
         "record_every": 1,
