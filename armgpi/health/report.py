@@ -11,7 +11,8 @@ import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from armgpi.health import checks_control, findings
 from armgpi.health import checks_shapes as checks_shapes
 from armgpi.health import checks_urdf as checks_urdf  # registers its checks
 from armgpi.health.findings import LEVELS, Finding, Level, Subject
+from armgpi.health.trials import with_what_helps
 from armgpi.plants.elastic import sag
 from armgpi.robot import known_arms, reading, repairs, robots, rotors, tensors, urdf_model
 from armgpi.robot.drives import Drives
@@ -117,33 +119,80 @@ def inspect(
         raise ParameterError("package_dirs", package_dirs, "folders")
     package_dirs = [check_path(folder, "package_dirs") for folder in package_dirs]
     path, name = robots.locate(path_or_name)
-    asked = repairs.repair_names(repair)
-
-    def load(repair: Iterable[str]) -> Robot:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ArmgpiWarning)  # the checks find what they say
-            return Robot.load(path if name is None else name, lock, keep, mimic, repair)
-
+    asked = _Asked(path if name is None else name, path, lock, keep, mimic, repairs.repair_names(repair))
+    asked = asked._replace(effort=effort, rotor_inertia=rotor_inertia, drives=drives)
     try:
-        robot = load(asked)
+        robot = asked.robot()
     except UrdfError as error:
         if not any(remedy.kind == "repair" for remedy in error.remedies):
             raise
         # Whatever is wrong beside what can be repaired is raised here: no set of repairs would do.
-        needed = repairs.made_in(load([repairs.ALL, repairs.ACCEPT, repairs.NO_FRICTION]).provenance)
+        every = frozenset([repairs.ALL, repairs.ACCEPT, repairs.NO_FRICTION])
+        needed = repairs.made_in(asked._replace(repair=every).robot().provenance)
         raise error.suggesting(Remedy("repair", (), ",".join(dict.fromkeys(needed)))) from None
-    document = _as_built(reading.read(path, {*asked, *repairs.made_in(robot.provenance)}), robot)
-    if effort is not None:
-        robot = robot.with_limits(effort=effort)
-    if drives is not None and not isinstance(drives, str):
-        robot = robot.with_drives(drives)
-    if rotor_inertia is not None:
-        robot = robot.with_armature(rotor_inertia)
-    word = drives if isinstance(drives, str) else None
-    if word is not None:
-        robot = rotors.assume_drives(robot, word)
-    subject = Subject(document, robot, MeshFinder(path, package_dirs), dt, delay, encoder_bits)
-    return HealthReport(robot, _facts(subject, word)).with_findings(findings.find(subject))
+    finder = MeshFinder(path, package_dirs)
+
+    def subject_of(asked: _Asked, robot: Robot) -> Subject:
+        document = reading.read(path, {*asked.repair, *repairs.made_in(robot.provenance)})
+        return Subject(_as_built(document, robot), robot, finder, dt, delay, encoder_bits)
+
+    def find_again(remedies: Sequence[Remedy]) -> list[Finding]:
+        changed = asked.with_remedies(remedies)
+        return findings.find(subject_of(changed, changed.robot()))
+
+    subject, word = subject_of(asked, robot), drives if isinstance(drives, str) else None
+    found = with_what_helps(findings.find(subject), find_again)
+    return HealthReport(robot, _facts(subject, word)).with_findings(found)
+
+
+class _Asked(NamedTuple):
+    """How an arm is loaded, and what is specified of it; see :func:`inspect`."""
+
+    source: str | PathLike[str] | Any
+    path: Path
+    lock: Sequence[str] | Mapping[str, float]
+    keep: Sequence[str] | None
+    mimic: urdf_model.Mimic
+    repair: frozenset[str]
+    effort: PerJoint | None = None
+    rotor_inertia: PerJoint | None = None
+    drives: Drives | Mapping[str, Any] | str | None = None
+
+    def robot(self) -> Robot:
+        """Return the arm."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ArmgpiWarning)  # the checks find what they say
+            robot = Robot.load(self.source, self.lock, self.keep, self.mimic, self.repair)
+        if self.effort is not None:
+            robot = robot.with_limits(effort=self.effort)
+        if self.drives is not None and not isinstance(self.drives, str):
+            robot = robot.with_drives(self.drives)
+        if self.rotor_inertia is not None:
+            robot = robot.with_armature(self.rotor_inertia)
+        return rotors.assume_drives(robot, self.drives) if isinstance(self.drives, str) else robot
+
+    def with_remedies(self, remedies: Sequence[Remedy]) -> _Asked:
+        """Return the same with some remedies applied."""
+        lock: dict[str, Any] = dict(self.lock) if isinstance(self.lock, Mapping) else dict.fromkeys(self.lock)
+        effort: dict[str, float] = {}
+        changed = self
+        for remedy in remedies:
+            match remedy.kind:
+                case "lock":
+                    lock |= dict.fromkeys(remedy.joints, remedy.value)
+                case "effort" if isinstance(remedy.value, float):
+                    effort |= dict.fromkeys(remedy.joints, remedy.value)
+                case "mimic":
+                    changed = changed._replace(mimic="follow")
+                case "repair":
+                    changed = changed._replace(
+                        repair=changed.repair | repairs.repair_names(str(remedy.value))
+                    )
+        if effort:
+            own = self.effort
+            given = dict(own) if isinstance(own, Mapping) else {}
+            changed = changed._replace(effort={**given, **effort})
+        return changed._replace(lock=lock)
 
 
 def _as_built(document: Urdf, robot: Robot) -> Urdf:

@@ -117,7 +117,8 @@ def test_without_a_compiler_the_folder_is_written_all_the_same(
 
 @pytest.mark.skipif(not COMPILER, reason="there is no C compiler")
 def test_a_controller_that_loses_the_arm_is_told(export: Callable[..., Answer], tmp_path: Path) -> None:
-    code, out, err = export(ARM, "--omega", "3000", "--t-final", "0.3", "-o", tmp_path)
+    upright = ("--from", "0,0.45,0", "--to", "0.5,0.95,0.5")  # from which it falls at once
+    code, out, err = export(ARM, "--omega", "3000", "--t-final", "0.3", *upright, "-o", tmp_path)
     assert code == 1
     assert "too fast" in err
     assert "fault" in out

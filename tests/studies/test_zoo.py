@@ -14,7 +14,7 @@ from armgpi import (
     RigidBodyPlant,
     Robot,
     Saturated,
-    config,
+    default_move,
     metrics,
     simulate,
 )
@@ -30,7 +30,7 @@ def test_a_row_is_the_worst_joint_of_a_run_of_its_own() -> None:
     assert empty.payload == loaded.payload == 0.5
     robot = Robot.load(ARM)
     heavy = robot.with_payload(robot.tip, 0.5)
-    reference = config.build(config.check({"robot": {"name": ARM}}, config.Origin("x"))).reference
+    reference = default_move(robot)
     for row, arm in ((empty, robot), (loaded, heavy)):
         plant = Delayed(Encoder(Saturated(RigidBodyPlant(arm)), 16), 1)
         errors = (row.metrics["peak_error"], row.metrics["final_error"])
