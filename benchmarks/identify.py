@@ -117,7 +117,7 @@ def by_mujoco(robot: armgpi.Robot, log: Log, held: Any) -> Fit:
     import mujoco
     from mujoco import sysid
 
-    spec, kinds = mujoco.MjSpec.from_string(robot._xml), mujoco.mjtObj
+    spec, kinds = mujoco.MjSpec.from_string(robot._assembly.urdf()), mujoco.mjtObj
     spec.option.timestep, spec.option.integrator = STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     params = sysid.ParameterDict()
     rotors = expect(robot).mean.reshape(robot.n, len(COLUMNS))[:, ROTOR]
