@@ -6,6 +6,7 @@ The notebooks have no outputs of their own, which would get old; `python tools/n
 from __future__ import annotations
 
 import json
+import re
 import sys
 import warnings
 from pathlib import Path
@@ -52,7 +53,7 @@ def output(shell: Any, source: str, picture: Path) -> str:
         picture.write_bytes(shown["image/png"])
         return f"![What the cell above draws](../images/notebooks/{picture.name})"
     if "text/markdown" in shown:
-        return str(shown["text/markdown"])
+        return re.sub("^###", "##", str(shown["text/markdown"]), flags=re.MULTILINE)
     if "text/html" in shown:
         html = str(shown["text/html"])
         return (

@@ -224,4 +224,4 @@ def _gears(found: Any) -> list[str]:
         return [slow] if geared.is_assumed(law.bias_robot) else []
     arm = rotors.assume_drives(found.wish.arms[0], "elastic")
     line, source = sag(arm), "assumed" if geared.is_assumed(arm) else "specified"
-    return [note_gears(law, found.wish.delay), line and f"In addition: {line} (stiffness {source})"]
+    return [note_gears(law, found.wish.delay), line and f"{line} (stiffness {source})"]

@@ -162,7 +162,8 @@ def _next_commands(options: Mapping[str, Any], compare: bool, experiment: Experi
     """Return the commands that a reader of the table may want next."""
     from armgpi.robot import robots
 
-    name = shlex.quote(str(options["config"] or options["robot"]))
+    file = options["config"] or (options["robot"] if is_experiment(options["robot"]) else None)
+    name = shlex.quote(str(file or options["robot"]))
     command = f"armgpi {'compare' if compare else 'run'} {name}"
     same = "" if len(sys.argv) <= _PLAIN else "; add your options"
     proposals = []
@@ -171,7 +172,7 @@ def _next_commands(options: Mapping[str, Any], compare: bool, experiment: Experi
     if not compare:
         proposals.append((f"armgpi compare {name}", f"other controllers on the same arm{same}"))
     config = experiment.config
-    if options["config"] is not None:
+    if file is not None:
         plain = config.reality is None and config.supervisor is None and config.plant.engine in PLAYED
         if plain and util.find_spec("casadi") is not None:
             proposals.append((f"armgpi play --config {name}", "a page with sliders"))

@@ -299,7 +299,8 @@ def _joint_table(joints: list[dict[str, Any]], columns: Sequence[_Column], longe
 def _count_findings(findings: Sequence[Finding]) -> str:
     """Return how many findings there are."""
     levels = [finding.level for finding in findings]
-    return f"{levels.count('error')} errors, {levels.count('warning')} warnings, {levels.count('info')} infos"
+    counts = [(levels.count(level), level) for level in ("error", "warning", "info")]
+    return ", ".join(f"{count} {level}{'s' * (count != 1)}" for count, level in counts)
 
 
 def _option(finding: Finding) -> str:

@@ -53,6 +53,10 @@ ROWS = {
 }
 
 
+#: A controller of the file for `armgpi compare`.
+_RIVAL = "  - type: pid_positions  # a rival that measures positions alone, for armgpi compare"
+
+
 class _Answers:
     """What is known of the arm: typed as an option, asked where a person is there, or assumed.
 
@@ -260,7 +264,7 @@ def _file(
         *(["  engine: armgpi"] if ideal else sensors),
         payload if load else none,
         "controllers:",
-        printed if ideal else automatic,
+        *([printed] if ideal else [automatic, _RIVAL]),
         "  - type: pid  # for armgpi compare; the other commands take the first controller",
         f"sample_time: {step:g}  # s{step_note}",
         *_vary_lines(assumed, load),
