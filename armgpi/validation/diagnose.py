@@ -565,6 +565,8 @@ class _Fitted:
         meaning = next((f" (which is {which})" for which in near), "")  # l for lc, or the other way round
         if not meaning and h.value and not h.angle:
             meaning = phrasing.ratio(value / h.value)
+        if h.kind == "armature" and value > 0.0:
+            return f"{text}; --rotor-inertia compares with it", bool(meaning)
         return text + meaning, bool(meaning)
 
     def _closest(self, parts: Array, target: Array) -> float:
