@@ -8,7 +8,7 @@ behind it.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -104,9 +104,7 @@ def find_causes(
     found = repair.search(compared, budget)
     values = _told_by_values(whole or diagnose(problem, follows), behind_residual)
     if found is None and not whole:
-        other_bodies = list(_other_bodies(problem, values))
-        left = (UNNAMED[0], "extra") if other_bodies else ()
-        values = [*other_bodies, *(cause for cause in values if cause.kind not in left)]
+        values = _with_other_bodies(problem, values)
     causes, repaired = _ranked(values, found, whole, worker.source, problem, behind_residual)
     shown = (
         *behind_residual,
@@ -151,17 +149,23 @@ def _without_numbers(evidence: Sequence[str]) -> list[str]:
     return [line for line in evidence if line.partition(":")[0].isdigit()]
 
 
-def _other_bodies(problem: Problem, values: Sequence[Cause]) -> Iterator[Cause]:
-    """Yield that another parameter set fits, where nothing better explains several elements."""
+def _with_other_bodies(problem: Problem, values: list[Cause]) -> list[Cause]:
+    """Return causes of which those without a name say where another parameter set is the model."""
     differing = problem.elements_of(~problem.agreeing)
     if all(cause.kind != UNNAMED[0] for cause in values) or len({e[1:] for e in differing}) < 2:
-        return
-    if fits_other_bodies(problem):
-        text = (
-            "another parameter set: the robot with other masses, centres of mass and inertias is the model, "
-            "so the formulas may be right; --suggest-urdf FILE writes it"
-        )
-        yield Cause("parameters", text, "model", differing, structural=False)
+        return values
+    if not fits_other_bodies(problem):
+        return values
+    text = (
+        "another parameter set: the robot with other masses, centres of mass and inertias is the model, "
+        "so the formulas may be right; --suggest-urdf FILE writes it"
+    )
+    return [
+        cause._replace(alternatives=(text, *cause.alternatives)[:ALTERNATIVES])
+        if cause.kind == UNNAMED[0]
+        else cause
+        for cause in values
+    ]
 
 
 def _ranked(

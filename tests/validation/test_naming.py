@@ -169,7 +169,6 @@ def test_rotor_inertia_and_short_names_may_be_declared() -> None:
 @pytest.mark.parametrize(
     ("options", "name"),
     [
-        ({"names": {"h": "nothing"}}, "names"),
         ({"from_vertical": "left"}, "from_vertical"),
         ({"absolute": "yes"}, "absolute"),
         ({"absolute": True, "robot": None}, "robot"),
@@ -180,6 +179,12 @@ def test_a_convention_that_is_none_is_refused(options: dict[str, object], name: 
     with pytest.raises(errors.ParameterError) as caught:
         validate(right, **{"robot": robot, **options})
     assert caught.value.name == name
+
+
+def test_a_function_that_is_not_compared_is_refused_with_those_that_are() -> None:
+    robot, right = planar(1)
+    with pytest.raises(errors.NameNotFound, match=r"'nothing'.*mass_matrix.*h=nothing"):
+        validate(right, robot, names={"h": "nothing"})
 
 
 # Forms of models and reports.
