@@ -41,7 +41,7 @@ myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath", "su
 # Pages to play with, where `make playground` made some: too large to be kept.
 _playground = _FilePath(__file__).parents[1] / "build" / "playground"
 html_extra_path = [str(_playground)] if _playground.is_dir() else []
-myst_heading_anchors = 3  # lets pages link to each other's headings
+myst_heading_anchors = 4  # lets pages link to each other's headings
 
 
 def metrics_table():
