@@ -205,12 +205,12 @@ def _standard(data: dict[str, Any], compare: bool) -> list[dict[str, Any]]:
     found = robots.find_identified(data["robot"]["name"]) if compare else None
     if found is not None and not any(name.startswith((SUPPOSE, *renamed.REPAIRS)) for name in found.repair):
         data["plant"] = {"friction": "urdf", **(data.get("plant") or {})}
-        law = {"type": "gpi_auto"}
-        return [{**law, "label": "file", "nominal": str(found.before)}, {**law, "label": "identified"}]
-    law = configuration.standard_law(data)
+        of_file = {"type": "gpi_auto", "label": "file", "nominal": str(found.before)}
+        return [of_file, {"type": "gpi_auto", "label": "identified"}]
+    kind = configuration.standard_law(data)
     # A rival that measures positions alone comes first; behind exact sensors all measure the same.
-    types = [law, "pid_positions", "pid"] if law == "gpi_auto" else [law, "pid"]
-    return [{"type": kind} for kind in types]
+    kinds = [kind, "pid_positions", "pid"] if kind == "gpi_auto" else [kind, "pid"]
+    return [{"type": each} for each in kinds]
 
 
 def _choose_controllers(
