@@ -678,7 +678,8 @@ def random_configurations(robot: Robot, count: int, seed: int) -> Array:
         np.maximum(robot.limits.lower, middle - math.pi),
         np.minimum(robot.limits.upper, middle + math.pi),
     )
-    return rng.uniform(low, high, (count, robot.n))
+    # Adding 0 makes -0 to 0: NumPy takes a range from 0 to -0 for a negative one.
+    return rng.uniform(low, high + 0.0, (count, robot.n))
 
 
 def _wide(robot: Robot) -> tuple[Array, Array]:
