@@ -37,7 +37,8 @@ def light(subject: Subject) -> Iterator[Finding]:
     model = subject.robot.pinocchio_model()
     for index in range(1, model.njoints):
         mass, name = float(model.inertias[index].mass), model.names[index]
-        if mass < _LEAST_MASS:
+        # Followers are among the model's joints, and no joints of the robot.
+        if mass < _LEAST_MASS and name in subject.robot.joint_names:
             links = ", ".join(map(repr, subject.robot.links_moved_by(name)))
             what = "no mass of its own" if mass == 0.0 else f"only {mass:.3g} kg"
             message = f"carries {what} (links {links}), not counting what the next joints carry"
