@@ -124,6 +124,9 @@ def validate(
             )
             return _with_laws(replace(laws_alone, uncompared=worker.uncompared, left_out=_left_out(worker)))
         report = _with_laws(_compare(model, worker, robot, tree, rtol, states, sampled, own, found, notes))
+        if len(passive) == robot.n:  # an arm with motors is not compared where no torque is read
+            unread = "what torques do: forward_dynamics reads none of them"
+            report = replace(report, left_out=(*report.left_out, unread))
         compares_frame = any(name in sampled for name in ("forward_kinematics", "jacobian"))
         return report if compares_frame else replace(report, frame=frame)
 

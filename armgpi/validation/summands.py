@@ -119,6 +119,8 @@ def fits_other_bodies(problem: Problem) -> bool:
     wanted = {*QUANTITIES, "V"}
     if not all(e.quantity in wanted or e.quantity in "BZ" for e in problem.elements):
         return False
+    if not _has_positive_definite_inertia(problem):
+        return False  # no bodies have that
     columns = np.array([e.quantity in wanted for e in problem.elements])
     nothing = replace(tree, armature=np.zeros(tree.n))
     for i in range(tree.n):
@@ -133,9 +135,8 @@ def fits_other_bodies(problem: Problem) -> bool:
         point = of(nothing.with_body(i, mass=1.0))
         parts.append(point)
         for axis in np.eye(3):
-            away = axis @ axis * np.eye(3) - np.outer(
-                axis, axis
-            )  # so that the inertia about the joint is zero
+            # So that the inertia about the joint is zero.
+            away = axis @ axis * np.eye(3) - np.outer(axis, axis)
             parts.append(of(nothing.with_body(i, mass=1.0, com=axis, inertia=-away)) - point)
         for r, c in itertools.combinations_with_replacement(range(3), 2):
             one = np.zeros((3, 3))
@@ -148,6 +149,23 @@ def fits_other_bodies(problem: Problem) -> bool:
     left = np.abs(matrix @ shares - user).max()
     # The numbers are found by division: a hundred times what counts as equal is still a millionth.
     return bool(left <= 100.0 and problem.agreeing[~columns].all())
+
+
+def _has_positive_definite_inertia(problem: Problem) -> bool:
+    """Tell whether the D that a model gives is positive definite at all samples; yes where it gives none."""
+    n = problem.tree.n
+    D = np.full((len(problem.q), n, n), np.nan)
+    for column, element in enumerate(problem.elements):
+        if element.quantity == "D":
+            i, j = element.place
+            D[:, i, j] = problem.user[:, column]
+    if np.isnan(D).all():
+        return True
+    upper = np.isnan(D)
+    D = np.where(upper, np.swapaxes(D, 1, 2), D)  # elements of a symmetric matrix may be listed once
+    if np.isnan(D).any():
+        return True
+    return bool(np.linalg.eigvalsh(0.5 * (D + np.swapaxes(D, 1, 2))).min() > 0.0)
 
 
 def is_weight(quantity: str) -> bool:

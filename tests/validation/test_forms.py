@@ -94,6 +94,9 @@ def test_a_model_without_any_torque_is_compared_with_none() -> None:
     report = validate({"forward_dynamics": lambda q, v, tau: ARM.forward_dynamics(q, v, zero)}, ARM)
     assert report.agrees
     assert any("it has no torque at all" in note for note in report.notes)
+    # Whoever has motors was not told that their torques do the right thing.
+    assert report.judge().exit_code == 3
+    assert "reads none of them" in report.judge().line
 
 
 def test_a_mistake_in_a_model_with_a_passive_joint_is_named_at_its_line(tmp_path: Path) -> None:

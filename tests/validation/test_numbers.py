@@ -270,3 +270,14 @@ def test_friction_that_a_model_has_is_one_cause() -> None:
     assert cause.text.endswith("--viscous-friction q1=0.3,q2=0.2,q3=0.1")
     assert validate({"inverse_dynamics": inverse_dynamics}, arm, viscous_friction=damping).agrees
     assert not validate({"inverse_dynamics": inverse_dynamics}, arm, viscous_friction=0.2).agrees
+
+
+def test_no_bodies_have_an_inertia_matrix_that_is_not_positive(tmp_path: Path) -> None:
+    arm = _arm(tmp_path, np.array([1.5, 1.0]), np.array([0.2, 0.17]), np.array([0.02, 0.03]), 0.4)
+    model = {
+        "mass_matrix": lambda q: -0.37 * arm.mass_matrix(q),
+        "gravity": lambda q: 1.3 * arm.gravity(q),
+    }
+    report = validate(model, arm)
+    assert not report.agrees
+    assert "another parameter set" not in str(report)
