@@ -3,7 +3,8 @@
 An arm is recognised by what no change of frames alters: the distance and the angle between each joint axis
 and the next one, and the offset along an axis between its two neighbours. Where two products share that, the
 name of the robot or of its joints has to say which one it is; an arm that is only alike is not taken for a
-known one.
+known one. Words are compared as whole ones, which letters and digits make: "fr3" is a word of
+``left_fr3_joint1`` and none of ``fr3v2``.
 
 Nothing here is guessed: what no public source states is left out, and assumed by the rule of
 :mod:`armgpi.robot.rotors`. Licences are those of the sources; numbers alone were taken over.
@@ -12,6 +13,7 @@ Nothing here is guessed: what no public source states is left out, and assumed b
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -80,12 +82,14 @@ class KnownArm(NamedTuple):
     Attributes:
         name: of the product.
         geometry: of its joints.
-        words: of which one has to be in the name of the robot or of its first joint; none where the geometry
-            is that of this product alone.
+        words: of which one has to be in the name of the robot or of its first joint, as whole words, "so_100"
+            as two in a row; none where the geometry is that of this product alone.
         published: of its drives.
         interface: what its interface says of positions, their rate and lateness; empty where nothing was
             found.
         arm_joints: how many joints are the arm's, where the geometry has those of a gripper, too.
+        others: beginnings of words by which other products of this geometry are called; none of them may be
+            in these names.
     """
 
     name: str
@@ -94,6 +98,7 @@ class KnownArm(NamedTuple):
     published: tuple[Published, ...] = ()
     interface: str = ""
     arm_joints: int | None = None
+    others: tuple[str, ...] = ()
 
 
 _DRAKE_FR3 = Source(
@@ -192,10 +197,10 @@ _UR_WORDS = (
 _FCI = "libfranka gives q, the joint position, and theta, the motor position, at 1 kHz (robot_state.h)"
 
 
-def _ur(name: str, upper_arm: float, forearm: float, wrist: float) -> KnownArm:
-    """Return an arm of Universal Robots, of lengths [m]."""
+def _ur(name: str, upper_arm: float, forearm: float, wrist: float, words: tuple[str, ...] = ()) -> KnownArm:
+    """Return an arm of Universal Robots, of lengths [m], called by a word where others share these."""
     geometry = Geometry((0.0, upper_arm, forearm, 0.0, 0.0), _UR_ANGLES, (None, None, None, wrist))
-    return KnownArm(name, geometry, interface=_UR_WORDS)
+    return KnownArm(name, geometry, words, interface=_UR_WORDS)
 
 
 def _servos(ratios: tuple[float, ...], ratio_source: Source, encoder: Source) -> tuple[Published, ...]:
@@ -233,6 +238,7 @@ KNOWN_ARMS: tuple[KnownArm, ...] = (
             ),
         ),
         _FCI,
+        others=("fr3v", "v2", "duo"),
     ),
     KnownArm("Franka Panda (FER)", _FRANKA, ("panda", "fer"), (), _FCI),
     KnownArm(
@@ -241,6 +247,7 @@ KNOWN_ARMS: tuple[KnownArm, ...] = (
         ("so100", "so_100", "so-100", "so_arm100"),
         _SO_SERVOS,
         arm_joints=5,
+        others=("leader",),  # of other gears
     ),
     KnownArm(
         "SO-101 follower",
@@ -248,18 +255,19 @@ KNOWN_ARMS: tuple[KnownArm, ...] = (
         ("so101", "so_101", "so-101"),
         _SO_SERVOS,
         arm_joints=5,
+        others=("leader",),  # of other gears
     ),
     KnownArm(
         "KUKA LBR iiwa 7",
         Geometry((0.0,) * 6, _RIGHT_7, (0.0, 0.4, 0.0, 0.4, 0.0)),
-        ("iiwa",),
+        ("iiwa", "iiwa7"),
         (Published("encoder_side", ("motor",), (1.0, 1.0), _IIWA),),
         "the Fast Robot Interface gives the measured positions of the motors",
     ),
     KnownArm(
         "KUKA LBR iiwa 14",
         Geometry((0.0,) * 6, _RIGHT_7, (0.0, 0.42, 0.0, 0.4, 0.0)),
-        ("iiwa",),
+        ("iiwa", "iiwa14"),
         (Published("encoder_side", ("motor",), (1.0, 1.0), _IIWA),),
         "the Fast Robot Interface gives the measured positions of the motors",
     ),
@@ -272,7 +280,7 @@ KNOWN_ARMS: tuple[KnownArm, ...] = (
     KnownArm(  # as Robotics Toolbox's URDF has it, whose elbow has no offset
         "Puma 560",
         Geometry((0.0, 0.4323, 0.0, 0.0, 0.0), _PUMA_ANGLES, (None, None, 0.4331, 0.0)),
-        ("puma",),
+        ("puma", "puma560"),
         _PUMA_DRIVES,
     ),
     KnownArm(
@@ -314,11 +322,16 @@ KNOWN_ARMS: tuple[KnownArm, ...] = (
             Published("encoder_count", (4096.0,), (1.0, 1.0), _XM430),
         ),
     ),
-    _ur("UR3", 0.24365, 0.21325, 0.08535),
+    # UR3 and UR3e differ along the first and last axes alone, which this geometry has not; UR7e and
+    # UR12e have the lengths of UR5e and UR10e.
+    _ur("UR3", 0.24365, 0.21325, 0.08535, ("ur3",)),
+    _ur("UR3e", 0.24355, 0.2132, 0.08535, ("ur3e",)),
     _ur("UR5", 0.425, 0.39225, 0.09465),
     _ur("UR10", 0.612, 0.5723, 0.1157),
-    _ur("UR5e", 0.425, 0.3922, 0.0997),
-    _ur("UR10e", 0.6127, 0.57155, 0.11985),
+    _ur("UR5e", 0.425, 0.3922, 0.0997, ("ur5e",)),
+    _ur("UR7e", 0.425, 0.3922, 0.0997, ("ur7e",)),
+    _ur("UR10e", 0.6127, 0.57155, 0.11985, ("ur10e",)),
+    _ur("UR12e", 0.6127, 0.57155, 0.11985, ("ur12e",)),
 )
 
 
@@ -377,12 +390,30 @@ def recognise(robot: Any) -> KnownArm | None:
     ):
         return None
     own = geometry_of(robot)
-    name = f"{robot.name} {robot.joint_names[0]}".lower()
+    names = robot.name, robot.joint_names[0]
     for known in KNOWN_ARMS:
-        named = not known.words or any(word in name for word in known.words)
-        if named and robot.n >= (known.arm_joints or _joints(known)) and _matches(own, known.geometry):
+        if (
+            _is_named(names, known)
+            and robot.n >= (known.arm_joints or _joints(known))
+            and _matches(own, known.geometry)
+        ):
             return known
     return None
+
+
+def _is_named(names: Sequence[str], known: KnownArm) -> bool:
+    """Tell whether names may be those of a product: with one of its words, and none of another product."""
+    words = [f" {' '.join(_words(name))} " for name in names]
+    for other in known.others:
+        if any(f" {other}" in own for own in words):
+            return False
+    wanted = [f" {' '.join(_words(word))} " for word in known.words]
+    return not wanted or any(word in own for word in wanted for own in words)
+
+
+def _words(name: str) -> list[str]:
+    """Return the words of a name, of letters and digits alone, in small letters."""
+    return re.findall("[a-z0-9]+", name.lower())
 
 
 def _joints(known: KnownArm) -> int:
@@ -519,6 +550,8 @@ def table() -> str:
     for known in KNOWN_ARMS:
         words = " or ".join(f"`{word}`" for word in known.words)
         how = f"geometry, and {words} in a name" if words else "geometry"
+        if known.others:
+            how += f", and none of {', '.join(f'`{word}`' for word in known.others)}"
         if not known.published:
             rows.append((known.name, how, "nothing found", "", "", known.interface))
         for each in known.published:

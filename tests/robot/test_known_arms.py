@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 
 import numpy as np
@@ -95,6 +96,76 @@ def test_a_geometry_that_two_products_share_needs_a_name() -> None:
     assert named is not None
     assert named.name == "Franka Research 3"
     assert recognise(armgpi.Robot.from_xml(_urdf("panda", _FRANKA))) == KNOWN_ARMS[1]
+
+
+def _universal(name: str, lengths: tuple[float, ...]) -> armgpi.Robot:
+    """Return an arm of Universal Robots by d1, a2, a3, d4, d5, d6 of its published table."""
+    d1, a2, a3, d4, d5, d6 = lengths
+    rows = [
+        (0.0, 0.0, d1),
+        (0.0, _HALF_PI, 0.0),
+        (a2, 0.0, 0.0),
+        (a3, 0.0, d4),
+        (0.0, _HALF_PI, d5),
+        (0.0, -_HALF_PI, d6),
+    ]
+    return armgpi.Robot.from_xml(_urdf(name, rows, first="shoulder_pan_joint"))
+
+
+#: Universal Robots' published Denavit-Hartenberg parameters [m].
+_UR3 = (0.1519, -0.24365, -0.21325, 0.11235, 0.08535, 0.0819)
+_UR3E = (0.15185, -0.24355, -0.2132, 0.13105, 0.08535, 0.0921)
+_UR5E = (0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996)
+_UR10E = (0.1807, -0.6127, -0.57155, 0.17415, 0.11985, 0.11655)
+
+
+@pytest.mark.parametrize(
+    ("name", "lengths", "product"),
+    [
+        ("ur3", _UR3, "UR3"),
+        ("ur3e", _UR3E, "UR3e"),
+        ("ur3e_robot", _UR3E, "UR3e"),
+        ("ur", _UR3E, None),
+        ("my_arm", _UR3, None),
+        ("ur5e", _UR5E, "UR5e"),
+        ("ur7e", _UR5E, "UR7e"),
+        ("ur", _UR5E, None),
+        ("UR10e", _UR10E, "UR10e"),
+        ("ur12e", _UR10E, "UR12e"),
+    ],
+)
+def test_arms_of_universal_robots_that_share_lengths_need_a_name(
+    name: str, lengths: tuple[float, ...], product: str | None
+) -> None:
+    known = recognise(_universal(name, lengths))
+    assert (known and known.name) == product
+
+
+@pytest.mark.parametrize(
+    ("name", "first", "product"),
+    [
+        ("arm", "fr3_joint1", "Franka Research 3"),
+        ("fr3v2", "fr3v2_joint1", None),
+        ("fr3v2_1", "fr3_joint1", None),
+        ("fr3-v2", "joint1", None),
+        ("fr3_duo", "left_fr3_joint1", None),
+        ("transfer_arm", "joint1", None),
+        ("my_offer", "joint1", None),
+        ("fer", "fer_joint1", "Franka Panda (FER)"),
+    ],
+)
+def test_words_of_a_name_are_compared_whole(name: str, first: str, product: str | None) -> None:
+    known = recognise(armgpi.Robot.from_xml(_urdf(name, _FRANKA, first=first)))
+    assert (known and known.name) == product
+
+
+@pytest.mark.parametrize("name", ["so100", "so101"])
+def test_a_leader_arm_is_no_follower(name: str) -> None:
+    follower = armgpi.Robot.load(name)
+    assert recognise(follower) is not None
+    leader = copy.copy(follower)
+    object.__setattr__(leader, "name", f"{name}_leader")
+    assert recognise(leader) is None
 
 
 def test_a_name_alone_is_not_enough() -> None:
