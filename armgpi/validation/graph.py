@@ -242,7 +242,8 @@ def symbol(name: str, moving: bool = False) -> Expression:
 def _rate(one: Expression) -> Expression:
     """Return the derivative of a coordinate by time, as a symbol."""
     joint = joint_of(one.name)
-    next_letter = {"q": "v", "v": "a"}.get(joint[0]) if joint else None
+    # A length may be called a1.
+    next_letter = {"q": "v", "v": "qdd"}.get(joint[0]) if joint else None
     return symbol(f"{next_letter}{joint[1]}" if joint and next_letter else f"{one.name}'", moving=True)
 
 
@@ -580,6 +581,25 @@ class _Lagrange:
         """What is left of the equations without accelerations, with the other sign."""
         still = self.eom.subs({_rate(v).name: _constant(0.0) for v in self._v})
         return still._each(lambda x: -x)
+
+    def drawn_equations(self) -> tuple[Matrix, Matrix, list[Expression], list[Expression]]:
+        """Return M, the forcing, the coordinates and the speeds."""
+        if not hasattr(self, "eom"):
+            self.form_lagranges_equations()
+        return self.mass_matrix, self.forcing, self._q, self._v
+
+
+def equations_of(method: Any) -> Matrix:
+    """Return the torques of a drawn object of SymPy's mechanics, in q1.., v1.., qdd1..."""
+    mass, forcing, q, u = method.drawn_equations()
+    accelerations = [symbol(f"qdd{i + 1}") for i in range(len(u))]
+    own = {x.name for x in (*q, *u)}
+    names = Program(forcing).names - own
+    still = {name: 0.0 for name in names if (joint_of(name) or ("",))[0] == "tau"}
+    swap: dict[Any, Any] = {x: symbol(f"q{i + 1}") for i, x in enumerate(q)}
+    swap |= {x: symbol(f"v{i + 1}") for i, x in enumerate(u)}
+    torques = mass * Matrix(accelerations) - (forcing.subs(still) if still else forcing)
+    return Matrix(np.asarray(torques.subs(swap)))
 
 
 def _dynamic_symbols(text: Any, *_: Any, **__: Any) -> Any:

@@ -331,6 +331,10 @@ class Kane:
         self.mass_matrix, self.forcing = Matrix(mass), Matrix(rest)
         return self.forcing, self.forcing
 
+    def drawn_equations(self) -> tuple[Matrix, Matrix, list[Expression], list[Expression]]:
+        """Return M, the forcing, the coordinates and the speeds."""
+        return self.mass_matrix, self.forcing, self._q, self._u
+
     def _add(
         self,
         mass: list[list[Expression]],

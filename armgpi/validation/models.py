@@ -27,7 +27,7 @@ import numpy as np
 
 from armgpi import files
 from armgpi.arrays import Array
-from armgpi.validation import forms
+from armgpi.validation import expressions, forms
 from armgpi.validation.conventions import SHORT, Convention, near_function
 from armgpi.validation.graph import Program, is_drawn, joint_of, states_of
 from armgpi.validation.wrapping import what_it_has
@@ -66,10 +66,8 @@ _NOWHERE = "there is no such file or module (built in is: paper)"
 ALIASES = "__armgpi_aliases__"
 #: What functions of a state call their first argument.
 POSITIONS = ("q", "theta", "th", "x", "pos", "angles", "state")
-
-
-class Unusable(Exception):
-    """A model that cannot be used; the text says why."""
+#: A model that cannot be used; the text says why.
+Unusable = expressions.Unusable
 
 
 class States(NamedTuple):
@@ -195,7 +193,7 @@ def _with_names(thing: Any, convention: Convention) -> Any:
         own = owner.get(name)
         if own is not None and own is not owner[mine] and not (callable(own) and own == owner[mine]):
             raise Unusable(f"has a function {name}, and {mine!r} is mapped to {name} too: drop one")
-    return _rename(thing, convention.names)
+    return _rename(thing, convention.names, convention.mapped)
 
 
 def _hint(mine: str, members: Iterable[Mapping[str, Any]]) -> str:
@@ -249,20 +247,25 @@ def names_of(code: CodeType) -> set[str]:
     return set(code.co_names).union(*map(names_of, inner))
 
 
-def _rename(thing: Any, names: Mapping[str, str]) -> Any:
+def _rename(thing: Any, names: Mapping[str, str], mapped: Sequence[str]) -> Any:
+    def is_one(name: str, value: Any) -> bool:
+        # A list called C may be one of lengths.
+        listed = isinstance(value, list | tuple) and name not in mapped
+        return _is_function(value) and not (listed and not expressions.depends_on_state(value))
+
     if isinstance(thing, Mapping):
-        return {**{names[k]: v for k, v in thing.items() if k in names and _is_function(v)}, **thing}
+        return {**{names[k]: v for k, v in thing.items() if k in names and is_one(k, v)}, **thing}
     # A module is read again while changes of it are tried: what it had under a short name is then another.
     before = vars(thing).setdefault(ALIASES, {}) if isinstance(thing, ModuleType) else {}
     for mine, name in names.items():
         is_free = not hasattr(thing, name) or before.get(name) == mine
-        if is_free and _is_function(value := getattr(thing, mine, None)):
+        if is_free and is_one(mine, value := getattr(thing, mine, None)):
             with suppress(AttributeError, TypeError):  # an object that takes no attributes
                 setattr(thing, name, value)
                 before[name] = mine
     for part in _parts_of(thing):
         if isinstance(part, type):
-            _rename(part, names)
+            _rename(part, names, mapped)
     return thing
 
 
@@ -270,7 +273,9 @@ def _is_function(value: Any) -> bool:
     """Tell whether a value can be a function of a model: `M` may be a mass."""
     if callable(value) or hasattr(value, "free_symbols") or hasattr(value, "is_symbolic"):
         return True
-    return isinstance(value, np.ndarray) and value.dtype == object and is_drawn(value)
+    return expressions.is_list(value) or (
+        isinstance(value, np.ndarray) and value.dtype == object and is_drawn(value)
+    )
 
 
 def _load(text: str, source: str | None) -> tuple[ModuleType, str]:
@@ -397,6 +402,10 @@ def _of_module(module: ModuleType) -> Functions:
     # A file may end in `arm = Arm(length=0.3)`.
     if len(parts) == 1:
         return _of_instance(parts[0])
+    # Or in the equations of SymPy's mechanics.
+    if (torques := expressions.inverse_dynamics_of(vars(module))) is not None:
+        parameters = _get(module, "parameters") or expressions.numbers_by_symbols(vars(module))
+        return _of_names({"inverse_dynamics": torques, "parameters": parameters})
     raise Unusable(_nothing(vars(module)))
 
 
@@ -422,7 +431,11 @@ def _of_names(thing: Any) -> Functions:
     """Return the functions of a thing by their names, or its expressions as functions."""
     parameters = _get(thing, "parameters")
     own = _numbers_of(parameters)
-    there = {name: value for name in ARGUMENTS if (value := _get(thing, name)) is not None}
+    if parameters is None and isinstance(thing, ModuleType):
+        own = expressions.numbers_by_symbols(vars(thing))
+    there = {
+        name: expressions.as_list(value) for name in ARGUMENTS if (value := _get(thing, name)) is not None
+    }
     if drawn := {name: value for name, value in there.items() if is_drawn(value)}:
         return _of_graph(drawn, own)
     casadi: Any = sys.modules.get("casadi")
@@ -430,8 +443,8 @@ def _of_names(thing: Any) -> Functions:
         return _of_casadi(casadi, there, own)
     sympy: Any = sys.modules.get("sympy")
     symbolic = () if sympy is None else (sympy.MatrixBase, sympy.Basic, list)
-    if expressions := {name: value for name, value in there.items() if isinstance(value, symbolic)}:
-        return _of_expressions(expressions, own, parameters)
+    if formulas := {name: value for name, value in there.items() if isinstance(value, symbolic)}:
+        return _of_expressions(formulas, own, parameters)
     return _of_callables(thing, there)
 
 
@@ -456,9 +469,9 @@ def _of_callables(thing: Any, calls: Mapping[str, Any]) -> Functions:
     return functions
 
 
-def _of_graph(expressions: Mapping[str, Any], own: Mapping[str, float]) -> Functions:
+def _of_graph(drawn: Mapping[str, Any], own: Mapping[str, float]) -> Functions:
     """Return the functions of expressions that are drawn as a graph."""
-    programs = {name: Program(e) for name, e in expressions.items()}
+    programs = {name: Program(e) for name, e in drawn.items()}
     places = states_of(set().union(*(p.names for p in programs.values())) - own.keys())
 
     def call(name: str, *state: Any) -> Any:
@@ -479,13 +492,13 @@ def _values_at(places: Mapping[str, tuple[str, int]], name: str, state: Sequence
     return {s: given[letter][k] if letter in given else 0.0 for s, (letter, k) in places.items()}
 
 
-def _of_casadi(casadi: Any, expressions: Mapping[str, Any], own: Mapping[str, float]) -> Functions:
+def _of_casadi(casadi: Any, given: Mapping[str, Any], own: Mapping[str, float]) -> Functions:
     """Return the functions of CasADi's expressions in q, v, a, tau, or in q1, v1, ..., and parameters."""
-    symbols = {str(x): x for e in expressions.values() for x in casadi.symvar(casadi.vertcat(casadi.vec(e)))}
+    symbols = {str(x): x for e in given.values() for x in casadi.symvar(casadi.vertcat(casadi.vec(e)))}
     places = _places(sorted(symbols.keys() - own.keys()))
-    sizes = [e.shape[0] for name, e in expressions.items() if name not in ("forward_kinematics", "jacobian")]
+    sizes = [e.shape[0] for name, e in given.items() if name not in ("forward_kinematics", "jacobian")]
     n = max([k + 1 for _, k in places.values()] + sizes)
-    calls = {name: casadi.Function(name, [*symbols.values()], [e]) for name, e in expressions.items()}
+    calls = {name: casadi.Function(name, [*symbols.values()], [e]) for name, e in given.items()}
 
     def call(name: str, *state: Any) -> Any:
         values = {**_values_at(places, name, state), **own}
@@ -513,15 +526,15 @@ def _places(names: Iterable[str]) -> dict[str, tuple[str, int]]:
     return {name: (letter, k if zero else k - 1) for name, (letter, k) in found.items()}
 
 
-def _of_expressions(expressions: Mapping[str, Any], own: Mapping[str, float], parameters: Any) -> Functions:
+def _of_expressions(given: Mapping[str, Any], own: Mapping[str, float], parameters: Any) -> Functions:
     """Return the functions of SymPy expressions in q1.., v1.., a1.., tau1.. and parameters."""
     sympy = _sympy()
     parameters = parameters if isinstance(parameters, Mapping) else {}
     fixed = {sympy.Symbol(str(k)): v for k, v in parameters.items() if not _is_number(v)}
     plain: dict[str, Any] = {}
     joints: dict[Any, tuple[str, int]] = {}
-    for name, expression in expressions.items():
-        plain[name] = _plain(sympy, expression)
+    for name, expression in given.items():
+        plain[name] = expressions.plain(sympy, expression)
         joints |= _joints_in(sympy, name, plain[name], own, fixed)
     first = min({1, *(k for _, k in joints.values())})  # q0, q1, .. or q1, q2, ..
     # Gravity may not depend on the last joint, but has an entry for it.
@@ -572,25 +585,6 @@ def _joints_in(
     return found
 
 
-def _plain(sympy: Any, expression: Any) -> Any:
-    """Return an expression in plain symbols: no functions of time, no assumptions."""
-    if isinstance(expression, list):
-        expression = sympy.Matrix(expression)
-    applied = sympy.core.function.AppliedUndef
-    swap: dict[Any, Any] = {}
-    # Second derivatives first: they contain the first ones.
-    for derivative in sorted(expression.atoms(sympy.Derivative), key=lambda d: -d.derivative_count):
-        letter = {1: "v", 2: "a"}.get(derivative.derivative_count)
-        joint = joint_of(str(derivative.expr.func)) if isinstance(derivative.expr, applied) else None
-        if letter is None or joint is None:
-            raise Unusable(f"cannot read {derivative} in an expression")
-        swap[derivative] = sympy.Symbol(f"{letter}{joint[1]}")
-    expression = expression.subs(swap) if swap else expression
-    swap = {f: sympy.Symbol(str(f.func)) for f in expression.atoms(applied)}
-    swap |= {symbol: sympy.Symbol(symbol.name) for symbol in expression.free_symbols}
-    return expression.subs({k: v for k, v in swap.items() if isinstance(k, applied)}).xreplace(swap)
-
-
 def _numbers_of(parameters: Any) -> dict[str, float]:
     """Return the numbers among a model's parameters."""
     if dataclasses.is_dataclass(parameters) and not isinstance(parameters, type):
@@ -614,6 +608,8 @@ def _is_number(value: Any) -> bool:
 def _nothing(names: Any) -> str:
     """Return the message for a model without any known function."""
     text = f"has none of the functions {', '.join(ARGUMENTS)}"
+    if isinstance(names, Mapping) and (lines := _proposed(names)):
+        return f"{text}; its expressions of SymPy are compared with {lines}"
     told = what_it_has(names) if isinstance(names, Mapping) else ""
     for name in map(str, names):
         near = near_function(name, ARGUMENTS) if name[:1] != "_" else None
@@ -624,3 +620,11 @@ def _nothing(names: Any) -> str:
         if code is None or code.co_argcount == len(ARGUMENTS[near]):
             return f"{text}; is {name!r} meant to be {near!r}? --map {name}={near}"
     return text + told
+
+
+def _proposed(names: Mapping[str, Any]) -> str:
+    """Return the options that say what a module's expressions are; "" where none is seen."""
+    parameters = names.get("parameters")
+    own = _numbers_of(parameters) if parameters is not None else expressions.numbers_by_symbols(names)
+    found = expressions.proposals(names, own)
+    return " ".join(f"--map {mine}={function}" for function, mine in found.items())
