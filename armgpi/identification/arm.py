@@ -190,10 +190,9 @@ class Identified:
         fitted: Fit,
         prior: Prior,
         findings: Sequence[Finding],
-        gears: Gears | None = None,
     ) -> None:
         """Take over a regression; users call :func:`identify`."""
-        self.gears = gears
+        self.gears: Gears | None = None
         self.simulated: Array | None = None
         self.side: Side | None = None
         self._data, self._fit, self._prior = data, fitted, prior
@@ -209,8 +208,8 @@ class Identified:
         self.sources = tuple(data.sources)
         self.dt = data.grids[0].dt
         self.torque, self.hidden = data.torque, data.hidden.copy()
-        self.robot = data.robot
-        self.robot = with_parameters(data.robot, self.theta[:joints]).with_drives(self.drives)
+        self.robot = with_parameters(data.robot, self.theta[:joints])
+        self.robot = self.robot.with_drives(self.drives)
         self.residuals = frozen(_shares(fitted.residuals, data.torques(self.lag)))
 
     @property
@@ -267,8 +266,9 @@ class Identified:
         Raises:
             UnfitLog: when it shows no joint's multisine.
         """
-        gears = find_gears(self.robot, self._data.read(log), self.lag, self._data.gravity)
-        return Identified(self._data, self._fit, self._prior, self.findings, gears)
+        other = copy.copy(self)
+        other.gears = find_gears(self.robot, self._data.read(log), self.lag, self._data.gravity)
+        return other._with_own_drives()
 
     def with_side(self, log: Any) -> Identified:
         """Return the same with the side of the encoders that a log of ``armgpi excite --side`` shows.
@@ -280,11 +280,16 @@ class Identified:
 
         Raises:
             UnfitLog: when it shows no joint's chirp.
-            ParameterError: for torques of sensors behind the gears.
+            ParameterError: for torques of sensors behind the gears, by this log or the others.
         """
         other = copy.copy(self)
-        other.side = find_side(self.robot, self._data.read(log))
-        return other
+        other.side = find_side(self.robot, self._data.with_rotors(self._data.read(log)))
+        return other._with_own_drives()
+
+    def _with_own_drives(self) -> Identified:
+        """Take over into the robot what is known of the drives now, and return the same."""
+        self.robot = self.robot.with_drives(self.drives)
+        return self
 
     def with_experiment(self, path: str | PathLike[str]) -> Identified:
         """Return the same with a second opinion: what the arm takes when it is simulated.
@@ -654,10 +659,7 @@ class _Data:
         other.torque, other.hidden, other.expected = self.torque, self.hidden, self.expected
         for each in logs:
             log = self.read(each)
-            if log.torque and other.torque and log.torque != other.torque:
-                wanted = f"logs of one kind of torque: the others are of {other.torque!r} torques"
-                raise ParameterError(f"{log.source}: torque", log.torque, wanted)
-            other.torque = log.torque or other.torque
+            other.torque = other.kind(log)
             grid = resample(log)
             form = WeakForm(self.model, grid)
             if not len(form.starts):
@@ -676,6 +678,29 @@ class _Data:
         """Return a log with torques."""
         there = read_log(log, self.robot, columns=self.columns)
         return there._replace(tau=self.scale * there.tau)
+
+    def kind(self, log: Log) -> str:
+        """Return what the torques of a log are: what it says itself, or those of the others are.
+
+        Raises:
+            ParameterError: when both are known, and not the same.
+        """
+        if log.torque and self.torque and log.torque != self.torque:
+            wanted = f"logs of one kind of torque: the others are of {self.torque!r} torques"
+            raise ParameterError(f"{log.source}: torque", log.torque, wanted)
+        return log.torque or self.torque
+
+    def with_rotors(self, log: Log) -> Log:
+        """Return a log with what its torques are, which have to have the rotors in them.
+
+        Raises:
+            ParameterError: when it is of another kind than the other logs, or these have none of any rotor.
+        """
+        kind = self.kind(log)
+        if self.hidden.all() and kind != "joint":
+            wanted = "torques of the motors: in those of the other logs there is no joint's rotor"
+            raise ParameterError(f"{log.source}: torque", kind or "not specified", wanted)
+        return log._replace(torque=kind)
 
     def join(self, logs: Sequence[Any]) -> _Data:
         """Return the same with more logs."""

@@ -85,7 +85,8 @@ class Side(NamedTuple):
         identified: which rotors the log decided, (n,).
         late: time by which positions lag behind torques, the hold of half a sample included [s]: the median
             of the joints.
-        counts: smallest step of the measured positions [rad or m], (n,); what is too coarse hides the side.
+        counts: smallest step of the measured positions as logged [rad or m], (n,), 0 of those that never
+            changed; what is too coarse hides the side.
     """
 
     side: str
@@ -98,14 +99,16 @@ class Side(NamedTuple):
     counts: Array
 
     def add_to(self, drives: Drives) -> Drives:
-        """Return drives with the side and the rotors that the log decided."""
+        """Return drives with the rotors that the log decided, and the side of the joints that it moved."""
         rows = zip(drives.joint_names, self.rotor, self.low, self.high, self.identified, strict=True)
         known = {joint: (float(x), float(least), float(most)) for joint, x, least, most, own in rows if own}
         if known:
             value, low, high = ({joint: row[k] for joint, row in known.items()} for k in range(3))
             drives = drives.with_value("rotor_inertia", value, low, high, "identified")
-        if self.side:
-            drives = drives.with_value("encoder_side", self.side, source="identified")
+        moved = [j for j, each in zip(drives.joint_names, self.evidence, strict=True) if math.isfinite(each)]
+        if self.side and moved:
+            side = dict.fromkeys(moved, self.side)
+            drives = drives.with_value("encoder_side", side, source="identified")
         return drives
 
 
@@ -255,10 +258,10 @@ def find_side(robot: Robot, log: Log) -> Side:
     if log.torque == "joint":
         wanted = "torques of the motors or commanded ones: sensors behind the gears do not feel the rotors"
         raise ParameterError(f"{log.source}: torque", log.torque, wanted)
-    grid = resample(log)
+    grid, counts = resample(log), _counts(log.q)
     soft, n = _with_gears(robot), robot.n
     coarse: list[int] = []
-    responses = list(_responses(soft, grid, coarse))
+    responses = list(_responses(soft, grid, counts, coarse))
     if not responses and not coarse:
         wanted = f"expected the motion of armgpi excite --side, {TURN:g} s for each joint"
         raise UnfitLog([f"shows no joint's chirp: {wanted} ({log.source})"])
@@ -292,7 +295,7 @@ def find_side(robot: Robot, log: Log) -> Side:
         high,
         identified,
         float(np.median(late)) if late else math.nan,
-        _counts(grid),
+        counts,
     )
 
 
@@ -313,9 +316,12 @@ def _judge(evidence: Array) -> str:
     return "motor" if total > 0.0 else "link"
 
 
-def _counts(grid: Grid) -> Array:
-    """Return the smallest step of the positions of each joint [rad or m], (n,)."""
-    steps = np.abs(np.diff(grid.q, axis=0))
+def _counts(q: Array) -> Array:
+    """Return the smallest step of each joint in positions as logged [rad or m], (k, n): (n,).
+
+    Positions between samples are no measure of it: interpolation makes steps of any size.
+    """
+    steps = np.abs(np.diff(q, axis=0))
     largest = steps.max(axis=0)
     steps = np.where(steps > 1e-9 * np.maximum(largest, 1e-300), steps, np.inf)
     least = steps.min(axis=0)
@@ -340,18 +346,18 @@ def _begin(robot: Robot, grid: Grid) -> int | None:
     return begin * width if whole and best > _INSIDE * whole else None
 
 
-def _responses(robot: Robot, grid: Grid, coarse: list[int]) -> Iterator[_Response]:
+def _responses(robot: Robot, grid: Grid, count: Array, coarse: list[int]) -> Iterator[_Response]:
     """Find the joints' chirps in a log, and their answers at frequencies.
 
     Args:
         robot: the arm with rotors.
         grid: the log.
+        count: smallest step of each joint's positions [rad or m], (n,); 0 of those that never changed.
         coarse: takes the joints whose encoders are too coarse for their answers.
     """
     begin = _begin(robot, grid)
     if begin is None:
         return
-    count = _counts(grid)
     # Of a joint whose position never changed the counts are coarser than its motion.
     count = np.where(count > 0.0, count, robot.encoder_count(_COARSEST))
     heaviest = np.fmax(robot.drives.interval("rotor_inertia")[1], robot.armature)
@@ -503,9 +509,13 @@ def describe(found: Side, robot: Robot) -> str:
         rotor = "not determined by the data"
         if found.identified[j]:
             rotor = f"{found.rotor[j]:.3g} [{found.low[j]:.3g}, {found.high[j]:.3g}]"
+        unit = "m" if robot.prismatic[j] else "rad"
+        step = f"smallest step of its position {found.counts[j]:.2g} {unit}"
+        if not found.counts[j] > 0.0:
+            step = "its position never changed"
         lines.append(
             f"{name}: {side} (log-likelihood ratio {told:.3g}; beyond ±{_DECIDED:g} decides), rotor inertia "
-            f"{rotor}, encoder count {found.counts[j]:.2g}"
+            f"{rotor}, {step}"
         )
     known = robot.drives.value("encoder_side").tolist()
     for name, side in zip(robot.joint_names, known, strict=True):

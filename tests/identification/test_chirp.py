@@ -105,6 +105,32 @@ def test_a_log_that_ends_early_has_the_joints_before_and_says_so() -> None:
     assert chirp.judge_side(found, robot.joint_names, accepted=True).exit_code == 0
 
 
+def test_counts_are_those_of_the_log_and_not_of_positions_between_its_samples() -> None:
+    known, count = armgpi.assume_drives(arm(), "elastic"), 1.5e-3
+    reference = chirp.chirp(known).reference
+    rng = np.random.default_rng(0)
+    t = np.arange(0.0, reference.t_end, DT)
+    t += 0.05 * DT * rng.uniform(-1.0, 1.0, len(t))
+    target = reference.at(t)
+    tau = np.diag(known.mass_matrix(known.middle())) * target.a
+    found = find_side(known, Log(t, np.round(target.q / count) * count, tau, "log", "motor"))
+    assert found.counts == pytest.approx([0.0, count, count], rel=1e-6)  # the first moves by less than half
+    assert found.side == ""
+    said = chirp.describe(found, known)
+    assert said.count("smallest step of its position 0.0015 rad") == 2
+    assert said.count("its position never changed") == 1
+    assert "encoder count" not in said.partition("automatic controller")[0]
+
+
+def test_of_joints_without_a_chirp_the_side_stays_what_it_was() -> None:
+    names, three = ("a", "b", "c"), np.full(3, 0.1)
+    evidence, own = np.array([60.0, np.nan, 0.0]), np.array([True, False, False])
+    found = chirp.Side("motor", evidence, three, three, three, own, 1e-3, three)
+    drives = found.add_to(Drives(names).with_value("encoder_side", {"b": "link"}))
+    assert drives.value("encoder_side").tolist() == ["motor", "link", "motor"]
+    assert drives.sources("encoder_side") == ("identified", "specified", "identified")
+
+
 def test_what_is_no_log_of_chirps_is_refused_in_a_line() -> None:
     robot = arm()
     t = np.arange(0.0, 8.0, DT)

@@ -22,8 +22,10 @@ from commands import Answer
 import armgpi
 from armgpi import config
 from armgpi.config.experiment import portable
-from armgpi.errors import ArmgpiError, UnfitLog
+from armgpi.errors import ArmgpiError, ParameterError, UnfitLog
+from armgpi.identification import arm as identification
 from armgpi.identification.arm import Identified, Validation, identify
+from armgpi.identification.chirp import Side
 from armgpi.identification.estimate import Block, Prior, expect, fit
 from armgpi.identification.excitation import excite
 from armgpi.identification.logs import Log, read_log, resample
@@ -631,6 +633,63 @@ def test_a_log_without_a_multisine_says_what_is_expected() -> None:
         found().with_resonance(Log(*(x[:100] for x in log()[:3])))
     with pytest.raises(UnfitLog, match="excite --resonance"):  # 10 Hz: no line is below half of it
         find_gears(arm(), Log(*(x[::50] for x in shaken("link", 3e3)[0][:3])), np.full(3, 2e-3))
+
+
+def chirped(side: str, identified: bool = True) -> Side:
+    """Return what chirps of this arm might say: of the third joint there was none in the log."""
+    own = np.array([identified, identified, False])
+    evidence = np.array([50.0, 40.0, math.nan])
+    rotor = np.array([0.33, 0.22, 0.11])
+    return Side(side, evidence, rotor, 0.8 * rotor, 1.2 * rotor, own, 3e-3, np.full(3, 1e-5))
+
+
+def test_the_side_and_what_was_simulated_stay_with_gears_of_a_multisine(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(identification, "find_side", lambda robot, log: chirped("motor"))
+    given, _ = shaken("motor", 3e3)
+    other = copy.copy(found())
+    other.simulated = np.full(3, 0.01)
+    both = other.with_side(given).with_resonance(given)
+    assert both.side is not None
+    assert both.side.side == "motor"
+    assert both.simulated is other.simulated
+    assert both.gears is not None
+    assert found().side is None
+    assert found().gears is None
+
+
+def test_the_robot_has_the_side_that_chirps_show(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(identification, "find_side", lambda robot, log: chirped("motor"))
+    result = found().with_side(log())
+    assert result.robot.drives == result.drives
+    assert result.robot.drives.value("encoder_side").tolist() == ["motor", "motor", ""]
+    assert found().robot.drives.value("encoder_side").tolist() == ["", "", ""]
+    seen: list[armgpi.Robot] = []
+
+    def simulate(path: Any, robot: armgpi.Robot, late: float, grid: Any) -> np.ndarray[Any, Any]:
+        seen.append(robot)
+        return np.asarray(grid.tau)
+
+    monkeypatch.setattr(identification, "simulate_experiment", simulate)
+    result.with_experiment("experiment.yaml")
+    assert seen == [result.robot]
+
+
+def test_chirps_of_torques_without_rotors_are_refused() -> None:
+    slow = Log(log().t, log().q, log().tau)
+    behind = identify(log(), file(), torque="joint")
+    with pytest.raises(ParameterError, match="sensors behind the gears do not feel the rotors"):
+        behind.with_side(slow)
+    with pytest.raises(ParameterError, match="logs of one kind of torque"):
+        behind.with_side(slow._replace(torque="motor"))
+    hidden = copy.copy(found())
+    hidden._data = copy.copy(found()._data)
+    hidden._data.hidden = np.ones(3, dtype=bool)
+    with pytest.raises(ParameterError, match="there is no joint's rotor"):
+        hidden.with_side(slow)
+    with pytest.raises(UnfitLog, match="excite --side"):
+        found().with_side(slow)
 
 
 def table(names: str, q_factor: float = 1.0) -> str:
