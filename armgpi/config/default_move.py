@@ -10,8 +10,9 @@ from armgpi.arrays import Array
 from armgpi.errors import ParameterError
 from armgpi.references.bezier import Bezier, minimum_duration
 from armgpi.references.waypoints import Waypoints
+from armgpi.robot.collisions import shape_files
 from armgpi.robot.robot import Robot
-from armgpi.robot.usual import Ends, any_goal, shape_files, usual_ends
+from armgpi.robot.usual import Ends, any_goal, usual_ends
 from armgpi.tuning.kept import remember
 
 #: Holds at start and goal [s].
@@ -55,9 +56,9 @@ def ends(robot: Robot, old: bool = False) -> Ends:
     """
     if old:
         return Ends(robot.middle(), any_goal(robot, robot.middle()))
-    found = remember(
-        "default move", {"robot": robot, "meshes": shape_files(robot)}, lambda: usual_ends(robot)
-    )
+    # The shapes as they are now: without them a changed file would get a move that collides.
+    parts = {"robot": robot, "shapes": shape_files(robot)}
+    found = remember("default move", parts, lambda: usual_ends(robot))
     return Ends(*found)
 
 

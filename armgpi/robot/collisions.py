@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
-import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
+from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
 
 from armgpi.arrays import Array
+from armgpi.robot import markup
 from armgpi.robot.meshes import MeshFinder
 from armgpi.robot.robot import Robot
 
@@ -30,6 +32,19 @@ class Shapes(NamedTuple):
 
     model: Any
     missing: tuple[str, ...]
+
+
+class ShapeFiles(NamedTuple):
+    """What the collision shapes of an arm are read from.
+
+    Attributes:
+        digest: of the collision elements and of how links hang together; empty without a file.
+        meshes: path, size [bytes] and time of the last change [ns] of each mesh that is found; -1 for
+            one that is not there.
+    """
+
+    digest: str
+    meshes: tuple[tuple[str, int, int], ...]
 
 
 class Contact(NamedTuple):
@@ -90,14 +105,57 @@ def read_shapes(robot: Robot, package_dirs: Iterable[str | PathLike[str]] = ()) 
     return shapes._replace(model=pin.GeometryModel(shapes.model))
 
 
-def _read_shapes(robot: Robot, package_dirs: tuple[str, ...]) -> Shapes:
-    """Return the collision shapes of an arm's file; see :func:`read_shapes`."""
+def shape_files(robot: Robot) -> ShapeFiles:
+    """Return what the collision shapes of an arm are read from.
+
+    Raises:
+        UrdfError: when the arm's file is no usable XML any more.
+    """
+    read = _read_elements(robot)
+    if read is None:
+        return ShapeFiles("", ())
+    source, root = read
+    finder = MeshFinder(source)
+    names = {mesh.get("filename", "") for mesh in root.iterfind("link/collision/geometry/mesh")}
+    meshes = []
+    for name in sorted(names):
+        path = finder.find(name).path
+        if path is not None:
+            state = path.stat() if path.is_file() else None
+            size, changed = (-1, -1) if state is None else (state.st_size, state.st_mtime_ns)
+            meshes.append((str(path), size, changed))
+    return ShapeFiles(hashlib.sha256(tostring(root)).hexdigest(), tuple(meshes))
+
+
+def _read_elements(robot: Robot) -> tuple[Path, Element] | None:
+    """Return an arm's file and a URDF of its collision elements alone; None for an arm without a file.
+
+    Where links are comes from the arm itself. Of the file only the tree of links is of use, so joints are
+    fixed: urdfdom refuses some of what is read here, as an effort of "inf", and prints it.
+    """
     source = Path(str(robot.provenance.get("source", "")))
     if source.suffix.lower() != ".urdf" or not source.is_file():
+        return None
+    root = markup.parse_xml(markup.read_file(source), str(source))
+    plain = Element("robot", {"name": root.get("name", "robot")})
+    for link in root.findall("link"):
+        SubElement(plain, "link", {"name": link.get("name", "")}).extend(link.findall("collision"))
+    for joint in root.findall("joint"):
+        kept = SubElement(plain, "joint", {"name": joint.get("name", ""), "type": "fixed"})
+        for end in ("parent", "child"):
+            kept.extend(joint.findall(end))
+    return source, plain
+
+
+def _read_shapes(robot: Robot, package_dirs: tuple[str, ...]) -> Shapes:
+    """Return the collision shapes of an arm's file; see :func:`read_shapes`."""
+    read = _read_elements(robot)
+    if read is None:
         return Shapes(None, ())
     import pinocchio as pin
 
-    root, finder = ET.parse(source).getroot(), MeshFinder(source, package_dirs)
+    source, root = read
+    finder = MeshFinder(source, package_dirs)
     missing: dict[str, None] = {}
     for link in root.findall("link"):
         for shape in link.findall("collision"):
@@ -109,7 +167,7 @@ def _read_shapes(robot: Robot, package_dirs: tuple[str, ...]) -> Shapes:
             else:
                 mesh.set("filename", str(path))
     model = robot.pinocchio_model()
-    text = ET.tostring(root, encoding="unicode")
+    text = tostring(root, encoding="unicode")
     try:
         shapes = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
     except (RuntimeError, ValueError):  # a mesh that cannot be read

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import xml.etree.ElementTree as ET
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +10,8 @@ import numpy.typing as npt
 
 from armgpi.arrays import Array
 from armgpi.robot.clearance import Clearance, usual_floor
+from armgpi.robot.collisions import shape_files
 from armgpi.robot.kinematics import random_configurations
-from armgpi.robot.meshes import MeshFinder
 from armgpi.robot.robot import Robot
 
 #: How far every joint moves [rad or m], and the share of its range beyond the start that it may use.
@@ -81,17 +79,6 @@ def usual_ends(robot: Robot) -> Ends:
             if found is not None:
                 return found
     return Ends(robot.middle(), any_goal(robot, robot.middle()))
-
-
-def shape_files(robot: Robot) -> list[tuple[str, int]]:
-    """Return path and size of the collision meshes of an arm that are found."""
-    source = Path(str(robot.provenance.get("source", "")))
-    if source.suffix.lower() != ".urdf" or not source.is_file():
-        return []
-    finder = MeshFinder(source)
-    names = {mesh.get("filename", "") for mesh in ET.parse(source).getroot().iterfind(".//collision//mesh")}
-    found = (finder.find(name).path for name in sorted(names))
-    return [(str(path), path.stat().st_size if path.is_file() else -1) for path in found if path is not None]
 
 
 class _Judge:
@@ -229,8 +216,8 @@ def _way(start: Array, goal: Array, points: int) -> Array:
 
 def _clearance(robot: Robot) -> Clearance | None:
     """Return what tells whether an arm is clear of itself and its floor; None where that takes long."""
-    files = shape_files(robot)
-    if any(size < 0 for _, size in files) or sum(size for _, size in files) > _MOST_BYTES:
+    sizes = [size for _, size, _ in shape_files(robot).meshes]
+    if any(size < 0 for size in sizes) or sum(sizes) > _MOST_BYTES:
         return None
     return Clearance(robot, floor=usual_floor(robot))
 

@@ -131,6 +131,45 @@ def test_what_is_kept_of_a_move_has_the_same_bits() -> None:
     np.testing.assert_array_equal(default_move.ends(robot), usual.usual_ends(robot))
 
 
+def balls(path: Path, extra: str = "") -> Robot:
+    """Return a planar arm of three links of 1 m, with a ball at the end, and something at its base."""
+    ball = '<collision><origin xyz="1 0 0"/><geometry><sphere radius="0.15"/></geometry></collision>'
+    body = (
+        '<inertial><origin xyz="0.5 0 0"/><mass value="1"/>'
+        '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    text = f'<link name="base">{extra}</link>'
+    for k, (parent, name) in enumerate(zip(("base", "a", "b"), "abc", strict=True)):
+        shape = ball if name == "c" else ""
+        text += (
+            f'<link name="{name}">{body}{shape}</link>'
+            f'<joint name="j{k}" type="revolute"><parent link="{parent}"/><child link="{name}"/>'
+            f'<origin xyz="{float(k > 0)} 0 0"/><axis xyz="0 0 1"/>'
+            '<limit lower="-3" upper="3" effort="50" velocity="3"/></joint>'
+        )
+    path.write_text(f'<robot name="balls">{text}</robot>')
+    return Robot.load(path)
+
+
+def _least_distance(ends: usual.Ends, x: float, y: float) -> float:
+    """Return how near the end of the arm comes to a point on its way [m]."""
+    angles = np.cumsum(np.linspace(*ends, 21), axis=1)
+    return float(np.hypot(np.cos(angles).sum(axis=1) - x, np.sin(angles).sum(axis=1) - y).min())
+
+
+def test_a_ball_where_the_kept_move_goes_makes_it_another_one(tmp_path: Path) -> None:
+    """Shapes change no mass: by the masses alone the old move was kept, on the disk as well."""
+    path = tmp_path / "arm.urdf"
+    before = default_move.ends(balls(path))
+    angles = np.cumsum(before.goal)
+    x, y = np.cos(angles).sum(), np.sin(angles).sum()
+    shape = f'<origin xyz="{x} {y} 0"/><geometry><sphere radius="0.15"/></geometry>'
+    changed = balls(path, f"<collision>{shape}</collision>")
+    after = default_move.ends(changed)
+    assert _least_distance(before, x, y) < 0.3  # the sum of the radii
+    assert _least_distance(after, x, y) > 0.3
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", robots.names())
 def test_every_arm_has_a_well_conditioned_move_or_none_at_all(name: str) -> None:

@@ -176,7 +176,9 @@ def test_a_mimic_and_the_way_out_are_found(report: Any) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # the finding says what the warning would
         (hit,) = serious(report(text))
-        assert (hit.kind, hit.value, options(hit)) == ("mimic", 0.1, "--lock shoulder or --mimic follow")
+        assert (hit.kind, hit.value, options(hit)) == ("mimic", 0.1, "--mimic follow")
+        with pytest.raises(UrdfError, match="no moving joint left"):  # so that is not proposed
+            report(text, lock=["shoulder"])
         assert not serious(report(text, mimic="follow"))
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from armgpi import Robot
-from armgpi.robot.collisions import Contact, self_collisions
+from armgpi.robot.collisions import Contact, self_collisions, shape_files
+from armgpi.robot.usual import usual_ends
 
 #: Three links of 1 m in a plane, each a ball of 0.2 m at its end; the third can come back to the base.
 BALL = '<{tag}><origin xyz="1 0 0"/><geometry>{shape}</geometry></{tag}>'
@@ -52,3 +55,36 @@ def test_shapes_that_cannot_be_had_are_no_contact(tmp_path: Path) -> None:
     bent = np.array([[0.0, 0.0, 0.0], [0.0, 2.094, 2.094]])
     assert self_collisions(arm(tmp_path / "package", '<mesh filename="../../secret.stl"/>'), bent) == []
     assert self_collisions(Robot.load("anthropomorphic3"), np.zeros((2, 3))) is None
+
+
+@pytest.mark.parametrize("head", ["\n\n", "\n<?xml version='1.0'?>\n"])
+def test_files_that_load_have_shapes(head: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Prefixes that are not declared, blank lines before the XML, and an effort that urdfdom refuses."""
+    plain = arm(tmp_path)
+    bent = np.array([[0.0, 0.0, 0.0], [0.0, 2.094, 2.094]])
+    path = tmp_path / "odd.urdf"
+    text = Path(plain.provenance["source"]).read_text().replace('effort="50"', 'effort="inf"')
+    beside = '<controller:foo name="x"/><gazebo><sensor:bar/></gazebo></robot>'
+    path.write_text(head + text.replace("</robot>", beside))
+    odd = Robot.load(path)
+    assert self_collisions(odd, bent) == self_collisions(plain, bent) == [Contact("base", "c", 1)]
+    assert np.array_equal(usual_ends(odd).start, usual_ends(plain).start)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_what_shapes_are_read_from_has_their_places_sizes_and_meshes(tmp_path: Path) -> None:
+    """Two files with the same bodies and other shapes are not the same."""
+    digests = {shape_files(arm(tmp_path, f'<sphere radius="{radius}"/>')).digest for radius in (0.2, 0.3)}
+    path = tmp_path / "arm.urdf"
+    path.write_text(path.read_text().replace('<collision><origin xyz="1 0 0"/>', "<collision>"))
+    digests.add(shape_files(Robot.load(path)).digest)
+    path.write_text(path.read_text().replace('effort="50"', 'effort="40"'))  # is no shape
+    digests.add(shape_files(Robot.load(path)).digest)
+    assert len(digests) == 3
+    mesh = tmp_path / "a.stl"
+    mesh.write_bytes(b"solid one")
+    robot = arm(tmp_path, '<mesh filename="a.stl"/>')
+    before = shape_files(robot)
+    os.utime(mesh, ns=(0, 0))
+    assert before.meshes[0][:2] == (str(mesh.resolve()), len(b"solid one"))
+    assert shape_files(robot) != before
