@@ -278,17 +278,11 @@ class _Search:
         p = self.problem
         columns = np.flatnonzero(differing).tolist()
         elements = self.problem.elements_of(differing)
-        scopes = [(scope, 0.0)]
+        found = self.of_arm(scope, differing)
         if len({(e.function, e.quantity) for e in elements}) == 1:
             # Where a formula is wrong in one function alone, the others need not know of it.
-            scopes.append(
-                (scope & p.of_function(elements[0].function) & p.quantity(elements[0].quantity), 1.0)
-            )
-        found: list[_Candidate] = []
-        for part, more in scopes:
-            one = [_Candidate(bits, h.kind, h.text) for h, fits, bits in self.discrete if fits[part].all()]
-            one += self.wrong_values(part, differing)
-            found += [c._replace(bits=c.bits + more) for c in one]
+            alone = scope & p.of_function(elements[0].function) & p.quantity(elements[0].quantity)
+            found += [c._replace(bits=c.bits + 1.0) for c in self.of_formula(alone, differing)]
         found += self.gravity(scope, differing)
         # The same element of several functions counts once: D of mass_matrix and of kinetic_energy.
         if len({e[1:] for e in elements}) == 1:
@@ -296,6 +290,28 @@ class _Search:
         else:
             found += [*self.common_factor(scope), *self.common_terms(columns)]
         return _best_first(found)
+
+    def of_arm(self, scope: Mask, differing: Mask) -> list[_Candidate]:
+        """Return the mistakes in the arm, or in how quantities are formed, that make a scope agree."""
+        found = [_Candidate(bits, h.kind, h.text) for h, fits, bits in self.discrete if fits[scope].all()]
+        return found + self.wrong_values(scope, differing)
+
+    def of_formula(self, alone: Mask, differing: Mask) -> list[_Candidate]:
+        """Return the mistakes that make one quantity of one function agree.
+
+        Where that function has other quantities that agree, or another function has the quantity right, it
+        is no mistake in the arm: those would show it too.
+        """
+        p = self.problem
+        of_function = p.of_function(p.elements_of(alone)[0].function)
+        of_quantity = p.quantity(p.elements_of(alone)[0].quantity)
+        if not ((of_function | of_quantity) & ~alone & ~self.differing).any():
+            return self.of_arm(alone, differing)
+        return [
+            _Candidate(bits, h.kind, h.text)
+            for h, fits, bits in self.discrete
+            if h.post is not None and fits[alone].all()
+        ]
 
     def common_entries(self, columns: list[int]) -> list[_Candidate]:
         """Return the mistakes that explain each of several elements."""

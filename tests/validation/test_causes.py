@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pytest
 from hand_models import _draw, planar, scara, spatial
 
 from armgpi import Robot, suggest_urdf, validate
@@ -230,3 +233,57 @@ def test_another_parameter_set_is_named_and_a_wrong_formula_is_none() -> None:
     signs = np.array([1.0, 1.0, -1.0])
     wrong = {**model, "gravity": lambda q: signs * model["gravity"](q)}
     assert "another parameter set" not in causes(wrong, robot)
+
+
+@pytest.mark.parametrize(
+    ("factor", "cause"),
+    [
+        (-1.0, "the sign of all of the Coriolis torque"),
+        (2.0, "a factor 1/2 is missing in all of the Coriolis torque"),
+    ],
+)
+@pytest.mark.parametrize("name", ["forward_dynamics", "inverse_dynamics"])
+def test_a_wrong_coriolis_torque_in_one_function_is_none_of_the_arm(
+    tmp_path: Path, name: str, factor: float, cause: str
+) -> None:
+    """The three functions beside it agree, so that the sign of q2, say, cannot be what is wrong."""
+    robot = tmp_path / "two.urdf"
+    robot.write_text(_TWO, encoding="utf-8")
+
+    def mass_matrix(q: Array) -> Array:
+        k = 0.4 * 0.2 * np.cos(q[1])
+        return np.array([[0.3 + 2.0 * k, 0.06 + k], [0.06 + k, 0.06]])
+
+    def coriolis_torque(q: Array, v: Array) -> Array:
+        h = 0.4 * 0.2 * np.sin(q[1])
+        return np.array([-h * (2.0 * v[0] * v[1] + v[1] ** 2), h * v[0] ** 2])
+
+    def gravity(q: Array) -> Array:
+        far = 0.2 * 9.81 * np.cos(q[0] + q[1])
+        return -np.array([(1.5 * 0.2 + 0.4) * 9.81 * np.cos(q[0]) + far, far])
+
+    def inverse_dynamics(q: Array, v: Array, a: Array) -> Array:
+        return np.asarray(mass_matrix(q) @ a + factor * coriolis_torque(q, v) + gravity(q))
+
+    def forward_dynamics(q: Array, v: Array, tau: Array) -> Array:
+        return np.asarray(np.linalg.solve(mass_matrix(q), tau - factor * coriolis_torque(q, v) - gravity(q)))
+
+    dynamics: Any = {"inverse_dynamics": inverse_dynamics, "forward_dynamics": forward_dynamics}[name]
+    model = {"mass_matrix": mass_matrix, "coriolis_torque": coriolis_torque, "gravity": gravity}
+    report = validate({**model, name: dynamics}, robot)
+    assert [one.function for one in report.functions if not one.agrees] == [name]
+    assert [one.text for one in report.causes] == [cause]
+    assert not any("q2" in text for text in report.causes[0].alternatives)
+
+
+_TWO = """<robot name="two">
+<link name="base"/>
+<link name="one"><inertial><origin xyz="0.2 0 0"/><mass value="1.5"/>
+<inertia ixx="0.001" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="two"><inertial><origin xyz="0.2 0 0"/><mass value="1.0"/>
+<inertia ixx="0.001" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j1" type="continuous"><parent link="base"/><child link="one"/><axis xyz="0 1 0"/></joint>
+<joint name="j2" type="continuous"><parent link="one"/><child link="two"/><origin xyz="0.4 0 0"/>
+<axis xyz="0 1 0"/></joint>
+</robot>
+"""
