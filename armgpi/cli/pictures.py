@@ -132,7 +132,7 @@ def serve_rollout(result: xr.Dataset, robot: Any) -> None:
 
 def one(robot: Any) -> Robot:
     """Return the robot, the first of a batch."""
-    first: Robot = robot.robots[0] if hasattr(robot, "robots") else robot
+    first: Robot = robot.first if hasattr(robot, "first") else robot
     return first
 
 

@@ -41,6 +41,9 @@ _SPREAD = (0.15, 0.85)
 _FILTERS, _SPARE = (250.0, 180.0, 120.0, 85.0, 60.0, 42.0, 30.0), 2.0
 #: The largest stiffness is told with this share of it.
 _ROUNDED = 0.95
+#: Square of a natural frequency below which there is no spring: the tool cannot move that way
+#: [1/s^2].
+_STILL = 1e-6
 #: Damping of the projection to the null space, with lengths in those of the arm.
 _SINGULAR = 1e-4
 #: Lever of the moment limit that belongs to a force limit [m].
@@ -145,7 +148,14 @@ class Impedance(Controller):
         self._prepare(arm)
         modes = self._modes(arm, random_configurations(arm, _CONFIGURATIONS, seed=0))
         squares = np.concatenate([each.square for each in modes])
-        slowest, fastest = np.sqrt(np.quantile(squares, _SPREAD)).tolist()
+        moving = squares[squares > _STILL]
+        if not len(moving):
+            raise ParameterError(
+                "stiffness",
+                np.asarray(vars(self)["stiffness"]).tolist(),
+                "positive in a direction in which the tool can move",
+            )
+        slowest, fastest = np.sqrt(np.quantile(moving, _SPREAD)).tolist()
         self._frequencies = Frequencies(slowest, fastest)
         self._alpha = 2.0 * self.damping_ratio * slowest * fastest / (slowest + fastest)
         self._beta = 2.0 * self.damping_ratio / (slowest + fastest)
@@ -155,11 +165,11 @@ class Impedance(Controller):
         self._decay = (1.0 - half) / (1.0 + half)
         self._drive = self.velocity_filter / (1.0 + half)
         if not found.factor >= 1.0:
-            raise ParameterError(
-                "stiffness",
-                np.asarray(vars(self)["stiffness"]).tolist(),
-                f"at most {_ROUNDED * found.factor:.2g} times that: {found.reason}",
-            )
+            largest = "less than a thousandth of"
+            if found.factor > 0.0:
+                largest = f"at most {_ROUNDED * found.factor:.2g} times"
+            given = np.asarray(vars(self)["stiffness"]).tolist()
+            raise ParameterError("stiffness", given, f"{largest} that: {found.reason}")
 
     def _choose_filter(self, modes: list[Mode], arm: Robot) -> ImpedanceLimits:
         """Choose the filter where none is given, and return what may be asked for with it."""
@@ -428,4 +438,4 @@ def _length_of(vector: Array) -> Array:
 
 def _one(robot: AnyRobot) -> Robot:
     """Return an arm of a batch: its kinematics are those of all."""
-    return robot if isinstance(robot, Robot) else robot.robots[0]
+    return robot if isinstance(robot, Robot) else robot.first

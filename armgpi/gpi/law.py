@@ -455,10 +455,12 @@ class GPI(Controller):
             if unknown > limit:
                 expected = f"more than {unknown:.3g} N, the weight that the payload is uncertain by"
                 raise ParameterError("force_limit", limit, expected)
-        arm = self.bias_robot if isinstance(self.bias_robot, Robot) else self.bias_robot.robots[0]
+        arm = self.bias_robot if isinstance(self.bias_robot, Robot) else self.bias_robot.first
         found = ForceLimit(arm, self.force_frame, limit, self.moment_limit, self._coulomb)
         if not self._coulomb.any() and not self.remade:
-            force = found.force_of(arm, _USUAL_FRICTION * arm.limits.effort)
+            # A joint without an effort limit adds nothing to the estimate: nobody knows its friction.
+            efforts = np.where(np.isfinite(arm.limits.effort), arm.limits.effort, 0.0)
+            force = found.force_of(arm, _USUAL_FRICTION * efforts)
             advice.warn(advice.unknown_friction(float(np.max(limit)), force), 4)
         return found
 

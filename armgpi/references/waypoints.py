@@ -93,9 +93,9 @@ class Waypoints(Reference):
 
         A single time costs one move, however many there are, and gives the same numbers as an array of times.
         """
-        if type(t) is float and math.isfinite(t) and self._legs:
+        if isinstance(t, float) and math.isfinite(t) and self._legs:
             leg = self._legs[max(bisect_right(self._legs, t, key=_begin) - 1, 0)]
-            q, v, a = leg.move.at(t)
+            q, v, a = leg.move.at(float(t))
             return Target(q if leg.reached is None else leg.reached + (q - leg.move.start), v, a)
         first, *rest = (move.at(t) for move in self._parts)
         # Each move adds its own way to where the one before it ends.

@@ -228,3 +228,16 @@ def test_bad_input_is_refused_with_what_may_be_asked_for() -> None:
         armgpi.CartesianImpedance(arm, DT, frame="nowhere")
     with pytest.raises(ArrayError, match="stiffness"):
         armgpi.JointImpedance(arm, DT, stiffness=0.0)
+
+
+def test_a_stiffness_along_a_direction_that_no_joint_moves_is_refused() -> None:
+    planar = armgpi.Robot.load("twodof")
+    q = planar.middle()
+    moved = np.abs(planar.frame_jacobian(planar.tip, q)).max(axis=1)
+    still = int(np.argmin(moved))
+    stiffness = np.zeros(6)
+    stiffness[still] = 100.0
+    with pytest.raises(ParameterError, match="a direction in which the tool can move"):
+        armgpi.CartesianImpedance(planar, 1e-3, stiffness=stiffness.tolist())
+    with pytest.raises(ParameterError, match="less than a thousandth of that"):
+        armgpi.CartesianImpedance(armgpi.Robot.load("ur5"), 1e-3, stiffness=[1e12] * 6)

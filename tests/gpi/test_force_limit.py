@@ -109,3 +109,26 @@ def test_bad_input_is_refused() -> None:
         controller(force_limit=0.0)
     with pytest.raises(ParameterError, match=r"force_limit.*none where there is to be a certificate"):
         _check_linear(armgpi.GPI(ARM, DT, force_limit=30.0))
+
+
+def test_without_effort_limits_the_warning_has_no_number_that_is_none() -> None:
+    arm = armgpi.Robot.load("anthropomorphic3")
+    with pytest.warns(ArmgpiWarning, match="force limit") as said:
+        armgpi.GPI(arm.with_limits(effort=np.inf), 1e-3, force_limit=20.0)
+    assert not any("nan" in str(warning.message) for warning in said)
+    assert all(issubclass(warning.category, ArmgpiWarning) for warning in said)
+
+
+def test_a_batch_of_loads_makes_one_robot(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = armgpi.Robot.load("anthropomorphic3").with_friction(0.1, 0.2)
+    batch = arm.varied(payload=np.linspace(0.0, 0.1, 20))
+    made: list[int] = []
+    single = type(batch)._robot
+
+    def counted(robots: Any, i: int) -> Any:
+        made.append(i)
+        return single(robots, i)
+
+    monkeypatch.setattr(type(batch), "_robot", counted)
+    armgpi.GPI(batch, 1e-3, force_limit=20.0)
+    assert set(made) <= {0}
