@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import typer
+
 from armgpi.cli.derive import write
 from armgpi.cli.parsing import refusal
-from armgpi.cli.terminal import say
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
@@ -40,6 +41,6 @@ def expand(
         arguments[name] = value
     text = xacro.expand(file, arguments, package_dir or [], Path.cwd() if out is None else out.parent)
     if out is None:
-        say(text, lines=True)
+        typer.echo(text, nl=not text.endswith("\n"))  # data as it is: say() writes tabs out
         return
     write(out, text, "--out")

@@ -154,8 +154,9 @@ def _print_results(
     if compare and (said := _verdict(experiment, records)):
         say(said)
     print_tables(experiment, records)
-    if experiments.overall_status(records) == Status.FINISHED:
-        say(_next_commands(options, compare, experiment), lines=True)
+    finished = experiments.overall_status(records) == Status.FINISHED
+    if finished and (commands := _next_commands(options, compare, experiment)):
+        say(commands, lines=True)
 
 
 def _next_commands(options: Mapping[str, Any], compare: bool, experiment: Experiment) -> str:
@@ -164,24 +165,28 @@ def _next_commands(options: Mapping[str, Any], compare: bool, experiment: Experi
 
     file = options["config"] or (options["robot"] if is_experiment(options["robot"]) else None)
     name = shlex.quote(str(file or options["robot"]))
-    command = f"armgpi {'compare' if compare else 'run'} {name}"
+    in_its_place = file is None or is_experiment(str(file))  # a scenario is no ROBOT, it needs --config
+    given = name if in_its_place else f"--config {name}"
+    command = f"armgpi {'compare' if compare else 'run'} {given}"
     same = "" if len(sys.argv) <= _PLAIN else "; add your options"
     proposals = []
     if options["report"] is None and util.find_spec("trimesh") is not None:
         proposals.append((f"{command} --report report.html", f"plots and animation{same}"))
     if not compare:
-        proposals.append((f"armgpi compare {name}", f"other controllers on the same arm{same}"))
+        proposals.append((f"armgpi compare {given}", f"other controllers on the same arm{same}"))
     config = experiment.config
     if file is not None:
         plain = config.reality is None and config.supervisor is None and config.plant.engine in PLAYED
         if plain and util.find_spec("casadi") is not None:
             proposals.append((f"armgpi play --config {name}", "a page with sliders"))
-        else:
+        elif in_its_place:
             proposals.append((f"armgpi inspect {name}", "what the model contains, and its problems"))
     elif robots.find_identified(options["robot"]) is not None:
         proposals.append((f"armgpi export {name} -o exported", "C code of the controller"))
     else:
         proposals.append((f"armgpi new {name}", "a file of this experiment to edit"))
+    if not proposals:
+        return ""
     width = max(len(typed) for typed, _ in proposals)
     return "\n".join(["Next:", *(f"  {typed:<{width}}   {purpose}" for typed, purpose in proposals)])
 

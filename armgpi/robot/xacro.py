@@ -7,7 +7,9 @@ done when asked for, never by loading, and in a process of its own with bounded 
 from __future__ import annotations
 
 import json
+import math
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
@@ -23,12 +25,14 @@ MEMORY = 2 * 1024**3
 _SAID = 400
 #: What the other process does: a job comes in as JSON, and a result goes out so.
 _WORKER = """
-import contextlib, json, os, sys
+import sys
+sys.path[:] = [folder for folder in sys.path if folder]  # a json.py of the current folder is not ours
+import contextlib, json, os
 job = json.load(sys.stdin)
 with contextlib.suppress(ImportError, OSError, ValueError):
     import resource
     resource.setrlimit(resource.RLIMIT_AS, (job["memory"], job["memory"]))
-    resource.setrlimit(resource.RLIMIT_CPU, (job["seconds"], job["seconds"]))
+    resource.setrlimit(resource.RLIMIT_CPU, (job["seconds"], job["seconds"] + 1))
 answer = os.fdopen(os.dup(1), "w")
 os.dup2(2, 1)  # xacro prints warnings
 try:
@@ -36,10 +40,13 @@ try:
     packages.look_in(job["packages"])
     document = XacroDoc.from_file(job["path"], subargs=job["arguments"])
     text = document.to_urdf_string(use_protocols=False, paths_relative_to=job["folder"])
-    result = {"text": text}
+    size = len(text.encode())
+    result = {"text": text} if size <= job["largest"] else {"size": size}
 except BaseException as error:
     inner = getattr(error, "exc", None) or error
     result = {"error": f"{type(inner).__name__}: {inner}"}
+    if isinstance(inner, MemoryError):
+        result = {"memory": job["memory"]}
 json.dump(result, answer)
 answer.close()
 """
@@ -73,6 +80,7 @@ def expand(
         "folder": str(Path(folder).absolute()),
         "memory": MEMORY,
         "seconds": SECONDS,
+        "largest": markup.MAX_BYTES,
     }
     try:
         done = subprocess.run(
@@ -83,13 +91,30 @@ def expand(
             timeout=2 * SECONDS,
             check=False,
         )
-        result = json.loads(done.stdout[: 2 * markup.MAX_BYTES])
-    except (subprocess.TimeoutExpired, json.JSONDecodeError):
-        said = f"cannot be expanded within {SECONDS} s and {MEMORY // 2**30} GiB"
-        raise UrdfError(source, said) from None
-    if "text" not in result:
-        raise UrdfError(source, f"cannot be expanded: {_said(result['error'])}")
-    return str(result["text"])
+    except subprocess.TimeoutExpired:
+        raise UrdfError(source, f"cannot be expanded: it takes more than {2 * SECONDS} s") from None
+    try:
+        result = json.loads(done.stdout)
+    except json.JSONDecodeError:
+        raise UrdfError(source, f"cannot be expanded: {_death(done.returncode)}") from None
+    if "text" in result:
+        return str(result["text"])
+    if "size" in result:
+        said = f"its URDF has {result['size']} bytes, more than the {markup.MAX_BYTES} allowed"
+    elif "memory" in result:
+        said = f"it takes more than {MEMORY // 2**30} GiB"
+    else:
+        said = _said(result["error"])
+    raise UrdfError(source, f"cannot be expanded: {said}")
+
+
+def _death(code: int) -> str:
+    """Return how the other process ended when it wrote no result: its exit code, or minus a signal."""
+    if code == -getattr(signal, "SIGXCPU", math.nan):
+        return f"it takes more than {SECONDS} s of the processor"
+    if code < 0:
+        return f"the process that expands it was ended by signal {-code} without a result"
+    return f"the process that expands it ended with code {code} and no result"
 
 
 def _said(error: str) -> str:

@@ -7,6 +7,7 @@ the path that was desired. Several rollouts stand side by side. The film runs in
 from __future__ import annotations
 
 import io
+import math
 import shutil
 import subprocess
 import tempfile
@@ -47,6 +48,8 @@ _GREY = (0.72, 0.74, 0.76)
 _PATH_POINTS = 400
 #: Seconds that ffmpeg may take to finish a file.
 _PATIENCE = 120.0
+#: Units of the delays of a GIF in a second.
+_CENTISECONDS = 100
 
 _Image = npt.NDArray[np.uint8]
 Progress = Callable[[str], None]
@@ -113,13 +116,24 @@ def write(
     arm = scene.build(scene.robot_of(rollout) if robot is None else robot, frame)
     clip = scene.clip(rollout, arm.robot)
     duration = float(clip.times[-1] - clip.times[0])
-    rate = min(FRAME_RATE, MOST_FRAMES / max(duration, 1e-9))
+    animated = target.suffix.lower() == ".gif"
+    rate = _rate(duration, animated)
     count = max(2, round(duration * rate) + 1)
     wanted = np.linspace(clip.times[0], clip.times[-1], count)
     chosen = np.searchsorted(clip.times, wanted - 1e-9).clip(0, len(clip.times) - 1)
     images = _images(arm, clip, chosen, rollout, frame, progress)
-    write_film = _write_gif if target.suffix.lower() == ".gif" else _write_mp4
+    write_film = _write_gif if animated else _write_mp4
     return files.write(target, write_film(images, rate))
+
+
+def _rate(duration: float, animated: bool) -> float:
+    """Return the frames per second [1/s] of a film of a run that lasts so long [s].
+
+    The delays of an animated GIF are whole hundredths of a second; Pillow cuts what is beyond them, and the
+    film would be faster than the run.
+    """
+    rate = min(FRAME_RATE, MOST_FRAMES / max(duration, 1e-9))
+    return _CENTISECONDS / math.ceil(_CENTISECONDS / rate - 1e-9) if animated else rate
 
 
 # Frames --------------------------------------------------------------------------------------------------
@@ -298,7 +312,7 @@ def _write_gif(images: Iterator[_Image], rate: float) -> bytes:
         format="GIF",
         save_all=True,
         append_images=pictures[1:],
-        duration=round(1e3 / rate),
+        duration=10 * round(_CENTISECONDS / rate),
         loop=0,
     )
     return content.getvalue()

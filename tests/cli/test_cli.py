@@ -1063,6 +1063,12 @@ def test_scenarios_are_listed_printed_and_run_by_name(
     assert json.loads(by_name.out) == json.loads(
         cli("compare", "--config", mine, "--t-final", "0.01", "--json").out
     )
+    monkeypatch.setattr(sys, "argv", ["armgpi", "run", "anthropomorphic3"])  # nothing else was typed
+    proposed = cli("run", "--config", "scenario-5.1", "--t-final", "0.01").out.partition("Next:")[2]
+    assert "armgpi compare --config scenario-5.1 " in proposed
+    assert "armgpi compare scenario-5.1" not in proposed
+    for line in proposed.splitlines():
+        assert "inspect scenario" not in line
     nothing = cli("scenarios", "scenario-6")
     assert nothing.code == 2
     assert "scenario-5.1" in nothing.err

@@ -12,7 +12,7 @@ from commands import Answer
 
 from armgpi import Robot
 from armgpi.errors import MissingPackage, UrdfError
-from armgpi.robot import xacro
+from armgpi.robot import markup, xacro
 
 pytest.importorskip("xacrodoc")
 
@@ -101,7 +101,7 @@ def test_what_cannot_be_expanded_is_refused_in_one_line(
 def test_an_expansion_that_does_not_end_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(xacro, "SECONDS", 2)
     path = written(tmp_path, '<link name="${[x for x in range(10**12)]}"/><link name="${9**9**9**9}"/>')
-    with pytest.raises(UrdfError, match="cannot be expanded"):
+    with pytest.raises(UrdfError, match=r"cannot be expanded: it takes more than \d"):
         xacro.expand(path)
 
 
@@ -116,3 +116,50 @@ def test_without_the_package_one_line_names_it(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setitem(sys.modules, "xacrodoc", None)
     with pytest.raises(MissingPackage, match="pip install xacrodoc"):
         xacro.expand(package(tmp_path))
+
+
+def test_what_is_printed_is_the_urdf_with_its_tabs(cli: Callable[..., Answer], tmp_path: Path) -> None:
+    path = written(tmp_path, '\n\t<link name="base">\n\t\t<!-- a\ttab -->\n\t</link>\n')
+    code, out, _ = cli("expand", str(path))
+    assert code == 0
+    assert out.rstrip("\n") == xacro.expand(path).rstrip("\n")
+    assert "\t" in out
+    assert r"\t" not in out
+
+
+def test_modules_in_the_current_folder_are_not_imported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "json.py").write_text("open('imported', 'w').close()\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    assert "base" in xacro.expand(written(tmp_path, '<link name="base"/>'))
+    assert not (tmp_path / "imported").exists()
+
+
+def test_an_expansion_that_is_too_large_is_no_timeout(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(markup, "MAX_BYTES", 1000)
+    path = written(tmp_path, "<link name=\"${'a' * 2000}\"/>")
+    with pytest.raises(UrdfError, match=r"its URDF has 2\d\d\d bytes, more than the 1000 allowed"):
+        xacro.expand(path)
+
+
+@pytest.mark.parametrize(
+    ("worker", "said"),
+    [
+        ("import os; os._exit(3)", "the process that expands it ended with code 3 and no result"),
+        (
+            "import os; os.kill(os.getpid(), 9)",
+            "the process that expands it was ended by signal 9 without a result",
+        ),
+        ("import time; time.sleep(60)", r"takes more than 2 s"),
+    ],
+)
+def test_a_worker_that_dies_is_no_timeout(
+    worker: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(xacro, "_WORKER", worker)
+    monkeypatch.setattr(xacro, "SECONDS", 1)
+    with pytest.raises(UrdfError, match=said):
+        xacro.expand(written(tmp_path, '<link name="base"/>'))

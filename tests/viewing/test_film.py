@@ -97,3 +97,16 @@ def test_the_command_writes_films_of_rollouts_alone(
     answer = cli("view", "anthropomorphic3", "--out", tmp_path / "arm.gif")
     assert answer.code == 2
     assert "a film is of a rollout" in answer.err
+
+
+@pytest.mark.parametrize("duration", [0.5, 24.0, 37.3, 100.0])
+def test_a_gif_lasts_as_long_as_its_run(duration: float, tmp_path: Path) -> None:
+    rate = film._rate(duration, animated=True)
+    assert rate <= film.FRAME_RATE
+    assert duration * rate <= film.MOST_FRAMES
+    noise = np.random.default_rng(0).integers(0, 256, (8, 8, 3), np.uint8)
+    dots = (np.roll(noise, number, axis=0) for number in range(4))  # Pillow joins equal frames
+    path = tmp_path / "film.gif"
+    path.write_bytes(film._write_gif(dots, rate))
+    with Image.open(path) as picture:  # whole hundredths of a second, as the file has them
+        assert picture.info["duration"] == pytest.approx(1e3 / rate, rel=1e-12)
