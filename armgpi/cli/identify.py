@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from armgpi.robot.robot import Robot
     from armgpi.verdict import Verdict
 
+#: Duration of a motion by default [s].
+_SECONDS = 20.0
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
     "logs <LOG...>": "Logs of one arm: .armlog, CSV with time, q_JOINT and tau_JOINT, MCAP, or a rollout "
@@ -55,7 +57,7 @@ ROWS = {
     "load_mass KG": "The mass of the payload of --load, where it is known: gives the scale of --current.",
     "anyway": "Identify even if the check of the log fails.",
     "out --out -o FOLDER": "Folder for the files.",
-    "seconds SECONDS": "Duration of the motion [s].",
+    "seconds SECONDS": "Duration of the motion [s]; default 20. Those of --resonance and --side are fixed.",
     "share NUMBER": "Share of the limits of speed and torque; 0.7, 0.25 for --first, 0.4 for --resonance; "
     "0.15 for --side.",
     "first": (
@@ -102,14 +104,18 @@ def identify(
     from armgpi.identification.text import judge_arm
     from armgpi.identification.writing import write_identified
 
-    require_extra("clarabel", "certify")
+    if logs:
+        require_extra("clarabel", "certify")
+    else:
+        of_logs = (resonance, validate, experiment, load, load_mass, report, no_gravity, anyway)
+        _refuse_without_logs(side, of_logs)
     arm = load_arm(robot, how)
     constants = None if current is None else per_joint(current, "--current")
     options: dict[str, Any] = {"current": constants, "columns": _names(columns), "torque": torque}
-    if not logs:
+    if side is not None and not logs:
         sys.exit(_identify_side(arm, robot, side, out, options, allow_part, as_json))
     options |= {"gravity": not no_gravity, "check_first": not anyway}
-    found, carried = _with_load(logs, arm, load, load_mass, options)
+    found, carried = _with_load(logs or [], arm, load, load_mass, options)
     if side is not None:
         found = found.with_side(side)
     if resonance is not None:
@@ -155,10 +161,37 @@ def _show(
     screen.print(table)
 
 
+#: Options of the identification from logs, which chirps alone do not use, as `identify` passes them.
+_OF_LOGS = (
+    "--resonance",
+    "--validate",
+    "--experiment",
+    "--load",
+    "--load-mass",
+    "--report",
+    "--no-gravity",
+    "--anyway",
+)
+
+
+def _refuse_without_logs(side: Path | None, given: tuple[Any, ...]) -> None:
+    """Refuse what cannot be done without the logs of an arm in motion.
+
+    Raises:
+        ParameterError: without a log of chirps as well, or for an option that nothing would use.
+    """
+    if side is None:
+        raise ParameterError("LOG...", None, "at least one log, or --side LOG of armgpi excite --side")
+    for option, value in zip(_OF_LOGS, given, strict=True):
+        if value is not None and value is not False:
+            wanted = "left out without LOG...: --side alone does not use it"
+            raise ParameterError(option, "given" if value is True else str(value), wanted)
+
+
 def _identify_side(
     arm: Robot,
     name: str,
-    log: Path | None,
+    log: Path,
     out: Path,
     options: dict[str, Any],
     allow_part: bool,
@@ -167,12 +200,10 @@ def _identify_side(
     """Identify the side of the encoders and the rotors from chirps alone, and return the exit code.
 
     Raises:
-        ParameterError: without any log, or for torques of sensors behind the gears.
+        ParameterError: for torques of sensors behind the gears.
     """
     from armgpi.identification import chirp
 
-    if log is None:
-        raise ParameterError("LOG...", None, "at least one log, or --side LOG of armgpi excite --side")
     found = chirp.identify_side(arm, log, options["current"], options["columns"], options["torque"])
     drives = found.add_to(arm.drives)
     folder = files.make_folder(out)
@@ -248,7 +279,7 @@ def _corners(text: str | None) -> list[list[float]] | None:
 @opt.add_options(opt.loading)
 def excite(
     robot: str,
-    seconds: float = 20.0,
+    seconds: float | None = None,
     share: float | None = None,
     first: bool = False,
     resonance: bool = False,
@@ -288,7 +319,10 @@ def excite(
     if is_experiment(robot):
         source, how["lock"] = str(arm.provenance["source"]), arm.provenance["locked"]
     written = files.write_set(folder, experiment_files(arm, source, motion, how, first or side, not side))
-    torque = "largest torque in percent of its limit, for up to four times the assumed rotor inertia"
+    rotors = (
+        "the assumed rotor inertia" if side or resonance else "up to four times the assumed rotor inertia"
+    )
+    torque = f"largest torque in percent of its limit, for {rotors}"
     for what, shares in {
         "largest speed in percent of its limit": motion.share,
         torque: motion.effort,
@@ -311,13 +345,14 @@ def _motion(
     first: bool,
     resonance: bool,
     side: bool,
-    asked: tuple[float, float | None, int],
+    asked: tuple[float | None, float | None, int],
     clear: Clearance,
 ) -> Excitation:
     """Return the motion that was asked for: its duration, its share of the limits, its seed.
 
     Raises:
-        ParameterError: when more than one kind was asked for, or no motion is free of collisions.
+        ParameterError: when more than one kind was asked for, for a duration of a motion that has its own, or
+            when no motion is free of collisions.
     """
     from armgpi.identification.chirp import SHARE, chirp
     from armgpi.identification.excitation import FIRST_SHARE
@@ -327,13 +362,17 @@ def _motion(
     if sum((first, resonance, side)) > 1:
         raise ParameterError("--first, --resonance, --side", "several", "one of them")
     seconds, share, seed = asked
+    if seconds is not None and (resonance or side):
+        option = "--side" if side else "--resonance"
+        wanted = f"left out with {option}, whose motion takes a fixed time for each joint"
+        raise ParameterError("--seconds", seconds, wanted)
     usual = SHAKEN if resonance else SHARE if side else FIRST_SHARE if first else 0.7
     given = usual if share is None else share
     if resonance:
         return shake(arm, given, seed, clear)
     if side:
         return chirp(arm, given, clear, seed)
-    return excited(arm, seconds, given, seed, clearance=clear)
+    return excited(arm, _SECONDS if seconds is None else seconds, given, seed, clearance=clear)
 
 
 def _floor(floor: float | None, no_floor: bool) -> float | Literal["usual"] | None:

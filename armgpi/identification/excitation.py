@@ -50,7 +50,8 @@ class Excitation(NamedTuple):
     Attributes:
         reference: the motion.
         share: largest speed over its limit, of each joint, (n,).
-        effort: largest torque over its limit for every rotor within four times the expected one, (n,).
+        effort: largest torque over its limit, (n,): of :func:`excite` for every rotor within four times the
+            expected one; of chirps and multisines, which are fed forward, for the expected one.
         clearance: what the motion was compared with: the arm's own links, floor and box, with which margin,
             and what was left out.
     """

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -294,7 +294,7 @@ class Drives:
         """Return these drives with one value of a file."""
         if key not in QUANTITIES:
             raise NameNotFound("key", key, (*QUANTITIES, "motor_inertia", "gear_ratio"))
-        said = dict(given) if isinstance(given, Mapping) else {"value": given}
+        said = _said(given)
         for word in said:
             if word not in Datum._fields:
                 raise NameNotFound("key", word, Datum._fields)
@@ -315,14 +315,18 @@ def _number(value: Any) -> Any:
         return value
 
 
-def _reflect_motor(own: dict[str, Any], source: str, joint: str) -> dict[str, float]:
-    """Return the rotor inertia at the joint where a drive gives those of motor and gear, and take these."""
+def _reflect_motor(own: dict[str, Any], source: str, joint: str) -> dict[str, Any]:
+    """Return the rotor inertia at the joint where a drive gives those of motor and gear, and take these.
+
+    A gear ratio stays as it is; the interval of the rotor inertia follows from those of both, and its source
+    and file are those of the motor's inertia.
+    """
     facts = {"motor_inertia": "zero or positive [kg m^2]", "gear_ratio": "positive, rad/m of a slide"}
     taken = {key: own.pop(key) for key in facts if key in own}
     numbers = {
         key: _number(each.get("value") if isinstance(each, Mapping) else each) for key, each in taken.items()
     }
-    ratio = {"gear_ratio": numbers["gear_ratio"]} if "gear_ratio" in numbers else {}
+    ratio = {"gear_ratio": taken["gear_ratio"]} if "gear_ratio" in taken else {}
     for key, number in numbers.items():
         good = isinstance(number, float | int) and not isinstance(number, bool)
         if not good or not 0.0 <= number < LARGEST or (key == "gear_ratio" and number == 0.0):
@@ -333,9 +337,24 @@ def _reflect_motor(own: dict[str, Any], source: str, joint: str) -> dict[str, fl
         raise ConfigError(
             source, f"{joint}.rotor_inertia", "and motor_inertia are mutually exclusive: specify one of them"
         )
-    return ratio | {
-        "rotor_inertia": cast(float, numbers["motor_inertia"]) * numbers.get("gear_ratio", 1.0) ** 2
-    }
+    motor, gear = (_said(taken.get(key, 1.0)) for key in facts)
+    reflected = dict(motor)
+    for end in ("value", "low", "high"):
+        if end not in motor and end not in gear:
+            continue
+        inertia, factor = (_number(each.get(end, each["value"])) for each in (motor, gear))
+        for key, number in (("motor_inertia", inertia), ("gear_ratio", factor)):
+            if not isinstance(number, float | int) or isinstance(number, bool):
+                raise ConfigError(
+                    source, f"{joint}.{key}.{end}", f"expected a number, got {show_value(number)}"
+                )
+        reflected[end] = inertia * factor**2
+    return ratio | {"rotor_inertia": reflected}
+
+
+def _said(given: Any) -> Mapping[str, Any]:
+    """Return a value of a file with what is said of it, of a bare one the value alone."""
+    return given if isinstance(given, Mapping) else {"value": given}
 
 
 def _urdf_quantities(values: Mapping[str, str], joint: str, source: str) -> Iterator[tuple[str, Any]]:

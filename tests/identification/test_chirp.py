@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
+from commands import Answer
 
 import armgpi
 from armgpi.errors import ParameterError, UnfitLog
@@ -148,3 +151,53 @@ def test_what_is_no_log_of_chirps_is_refused_in_a_line() -> None:
     weak = robot.with_limits(effort=[40.0, 1e-3, 40.0])
     with pytest.raises(ParameterError, match="q2 holds where it is shaken"):
         chirp.chirp(weak)
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        "--resonance=other.csv",
+        "--validate=other.csv",
+        "--experiment=experiment.yaml",
+        "--load=other.csv",
+        "--load-mass=1.0",
+        "--report=page.html",
+        "--no-gravity",
+        "--anyway",
+    ],
+)
+def test_options_that_chirps_alone_do_not_use_are_refused(cli: Callable[..., Answer], option: str) -> None:
+    done = cli("identify", "--side", "chirp.csv", "--robot", "ur5", option)
+    assert done.code == 2
+    assert done.err.count("\n") == 1
+    assert f"{option.partition('=')[0]} must be left out without LOG" in done.err
+
+
+def test_chirps_alone_need_no_solver(cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "clarabel", None)
+    done = cli("identify", "--side", "chirp.csv", "--robot", "ur5")
+    assert done.code == 2
+    assert "chirp.csv: No such file" in done.err
+    assert "clarabel" not in done.err
+
+
+@pytest.mark.parametrize("kind", ["--side", "--resonance"])
+def test_a_motion_of_fixed_time_takes_no_seconds(cli: Callable[..., Answer], kind: str) -> None:
+    done = cli("excite", "ur5", kind, "--seconds", 5)
+    assert done.code == 2
+    assert f"--seconds must be left out with {kind}" in done.err
+
+
+def test_the_torque_of_chirps_is_said_for_the_rotors_that_it_is_computed_with(
+    cli: Callable[..., Answer], tmp_path: Any
+) -> None:
+    done = cli("excite", "ur5", "--side", "-o", tmp_path)
+    assert done.code == 0
+    assert "for the assumed rotor inertia: shoulder_pan_joint" in done.out
+    known = armgpi.assume_drives(armgpi.Robot.load("ur5"), "elastic")
+    motion = chirp.chirp(known)
+    for j in range(known.n):  # in its own turn; the others' chirps move it by their coupling
+        target = motion.reference.at(np.arange(j * TURN, (j + 1) * TURN, 5e-4))
+        tau = np.abs(known.inverse_dynamics(target.q, target.v, target.a)[:, j]).max()
+        # Peaks of gravity and of acceleration are added, so it is above, and by little.
+        assert 0.98 < motion.effort[j] * known.limits.effort[j] / tau < 1.25

@@ -33,6 +33,28 @@ def write(folder: Path, text: str) -> Path:
     return path
 
 
+def test_the_interval_and_the_source_of_a_motor_inertia_are_reflected_as_well() -> None:
+    motor = {"value": 2e-5, "low": 1e-5, "high": "4e-5", "source": "identified", "file": "sheet.pdf"}
+    drives = Drives.from_plain(
+        {
+            "q1": {"motor_inertia": motor, "gear_ratio": 100},
+            "q2": {"motor_inertia": 2e-5, "gear_ratio": {"value": 100, "low": 90, "high": 110}},
+            "q3": {"motor_inertia": motor},
+        }
+    )
+    low, high = drives.interval("rotor_inertia")
+    assert drives.value("rotor_inertia") == pytest.approx([0.2, 0.2, 2e-5])
+    assert low == pytest.approx([0.1, 0.162, 1e-5])
+    assert high == pytest.approx([0.4, 0.242, 4e-5])
+    assert drives.sources("rotor_inertia") == ("identified", "specified", "identified")
+    assert drives.data["rotor_inertia"]["q1"].file == "sheet.pdf"
+    assert drives.interval("gear_ratio")[0][:2] == pytest.approx([100.0, 90.0])
+    assert Drives.from_plain(drives.plain()) == drives
+    for wrong in ({"value": 2e-5, "low": "few"}, {"value": 2e-5, "low": 3e-5}, {"value": 2e-5, "unit": "g"}):
+        with pytest.raises(ConfigError, match=r"q1\.(motor|rotor)_inertia"):
+            Drives.from_plain({"q1": {"motor_inertia": wrong, "gear_ratio": 100}})
+
+
 def test_a_file_says_values_intervals_and_sources(tmp_path: Path) -> None:
     drives = Drives.read(write(tmp_path, FILE), ARM.joint_names)
     np.testing.assert_allclose(drives.value("rotor_inertia", 0.0), [0.2, 0.1, 0.0])
