@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -160,15 +160,14 @@ def check(kind: str, meaning: str, *levels: Level) -> Callable[[Function], Funct
     return register
 
 
-def find(subject: Subject) -> list[Finding]:
-    """Return what all checks find."""
+def find(subject: Subject, kinds: Container[str] | None = None) -> list[Finding]:
+    """Return what all checks find, or those of some kinds alone."""
     registry.load_plugins()
-    return [
-        finding._replace(kind=each.kind)
-        for each in CHECKS
-        if each.function is not None
-        for finding in each.function(subject)
-    ]
+    found = []
+    for each in CHECKS:
+        if each.function is not None and (kinds is None or each.kind in kinds):
+            found += [finding._replace(kind=each.kind) for finding in each.function(subject)]
+    return found
 
 
 def fold(findings: Iterable[Finding]) -> list[Finding]:

@@ -8,7 +8,7 @@ that no body has. Each such finding comes from a check (:mod:`armgpi.health.find
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
@@ -136,9 +136,9 @@ def inspect(
         document = reading.read(path, {*asked.repair, *repairs.made_in(robot.provenance)})
         return Subject(_as_built(document, robot), robot, finder, dt, delay, encoder_bits)
 
-    def find_again(remedies: Sequence[Remedy]) -> list[Finding]:
+    def find_again(remedies: Sequence[Remedy], kinds: Container[str]) -> list[Finding]:
         changed = asked.with_remedies(remedies)
-        return findings.find(subject_of(changed, changed.robot()))
+        return findings.find(subject_of(changed, changed.robot()), kinds)
 
     subject, word = subject_of(asked, robot), drives if isinstance(drives, str) else None
     found = with_what_helps(findings.find(subject), find_again)

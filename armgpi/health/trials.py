@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 
 from armgpi.errors import ArmgpiError, Finding, Remedy
 
 #: Kinds of remedies that can be tried; the others name what only the user has, such as a folder of meshes.
 _TRIED = ("lock", "effort", "mimic", "repair")
 
-#: Inspects the arm once more with some remedies applied, and returns what is found then.
-Again = Callable[[Sequence[Remedy]], Iterable[Finding]]
+#: Trials of one kind at most: an arm can have 64 joints, and each trial loads it. What was not tried is not
+#: proposed.
+_MOST = 16
+
+#: Loads the arm once more with some remedies applied, and returns what the checks of some kinds find then.
+Again = Callable[[Sequence[Remedy], Container[str]], Iterable[Finding]]
 
 
 def with_what_helps(findings: Sequence[Finding], again: Again) -> list[Finding]:
@@ -20,7 +24,7 @@ def with_what_helps(findings: Sequence[Finding], again: Again) -> list[Finding]:
 
     Args:
         findings: what was found.
-        again: inspects the arm with some remedies applied.
+        again: loads the arm with some remedies applied, and runs the checks of some kinds.
     """
     useless: set[tuple[int, Remedy]] = set()
     for kind in _TRIED:
@@ -32,7 +36,8 @@ def with_what_helps(findings: Sequence[Finding], again: Again) -> list[Finding]:
         ]
         if not proposed or _help(proposed, findings, again):
             continue
-        useless |= {each for each in proposed if len(proposed) == 1 or not _help([each], findings, again)}
+        tried = proposed[:_MOST] if len(proposed) > 1 else []
+        useless |= {*proposed} - {each for each in tried if _help([each], findings, again)}
     return [
         finding._replace(remedies=tuple(x for x in finding.remedies if (place, x) not in useless))
         for place, finding in enumerate(findings)
@@ -42,9 +47,9 @@ def with_what_helps(findings: Sequence[Finding], again: Again) -> list[Finding]:
 def _help(proposed: Sequence[tuple[int, Remedy]], findings: Sequence[Finding], again: Again) -> bool:
     """Tell whether the findings of some remedies are gone once these are applied."""
     remedies = dict.fromkeys(remedy for _, remedy in proposed)
+    asked = {(each.kind, each.where, each.level) for each in (findings[place] for place, _ in proposed)}
     try:
-        left = {(each.kind, each.where, each.level) for each in again([*remedies])}
+        found = again([*remedies], {kind for kind, _, _ in asked})
     except ArmgpiError:  # the arm does not load with them
         return False
-    asked = (findings[place] for place, _ in proposed)
-    return not left & {(each.kind, each.where, each.level) for each in asked}
+    return not asked & {(each.kind, each.where, each.level) for each in found}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Container, Sequence
 from pathlib import Path
 
 import pytest
@@ -73,7 +73,8 @@ def test_a_proposal_that_does_not_help_is_not_made() -> None:
         for x in (good, bad, refused)
     ]
 
-    def again(remedies: object) -> list[Finding]:
+    def again(remedies: object, kinds: Container[str]) -> list[Finding]:
+        assert kinds == {"x"}  # other checks would take long for nothing
         locked = {joint for remedy in remedies for joint in remedy.joints}  # type: ignore[attr-defined]
         if "c" in locked:
             raise LimitError("a position", "c", 0.0, 1.0, 2.0)
@@ -81,3 +82,22 @@ def test_a_proposal_that_does_not_help_is_not_made() -> None:
 
     kept = trials.with_what_helps(findings, again)
     assert [each.remedies for each in kept] == [(good,), (), ()]
+
+
+def test_arms_of_many_joints_are_loaded_a_bounded_number_of_times() -> None:
+    """What was not tried is not proposed."""
+    findings = [
+        Finding("warning", f"joint '{k}'", "moves", kind="x", remedies=(Remedy("lock", (str(k),)),))
+        for k in range(64)
+    ]
+    loaded = []
+
+    def again(remedies: Sequence[Remedy], kinds: Container[str]) -> list[Finding]:
+        loaded.append(len(remedies))
+        if len(remedies) > 1:
+            raise LimitError("a position", "c", 0.0, 1.0, 2.0)
+        return []
+
+    kept = trials.with_what_helps(findings, again)
+    assert loaded == [64] + [1] * 16
+    assert [bool(each.remedies) for each in kept] == [True] * 16 + [False] * 48
