@@ -205,18 +205,20 @@ def _with_side(given: Any, target: str, options: dict[str, Any]) -> Any:
     if interface is None or not interface.positions:
         return given
     resolved, robot = building.resolve(*given)
-    known = any(robot.drives.value("encoder_side").tolist())
-    if not known and resolved.plant.engine == "elastic":
-        usual = next(iter(interface.positions))
-        flag = [(each, usual) for each in _declared() if each.flag == "--encoder-side"]
+    specified = robot.drives.value("encoder_side").tolist()
+    sides = interface.sides(specified)
+    if len(sides) > 1:  # the export refuses them, and names the joints
+        return given
+    side = sides[0]
+    elastic = resolved.plant.engine == "elastic"
+    if elastic and not all(specified):
+        flag = [(each, side) for each in _declared() if each.flag == "--encoder-side"]
         given = settings({**options, "declared": [*flag, *options["declared"]]}, compare=False)
-        known, robot = True, building.resolve(*given)[1]
-    if known:
-        side = str(robot.drives.value("encoder_side")[0])
-        others = [each for each in interface.positions if each != side]
-        name = interface.positions.get(side, "")
-        said = f"note: the program reads {name}, the positions of the {side}s; --encoder-side {others[0]} for"
-        say(f"{said} {interface.positions[others[0]]}, those of the {others[0]}s", err=True)
+    if elastic or any(specified):
+        other = next(each for each in interface.positions if each != side)
+        name = interface.positions[side]
+        said = f"note: the program reads {name}, the positions of the {side}s; --encoder-side {other} for"
+        say(f"{said} {interface.positions[other]}, those of the {other}s", err=True)
     return given
 
 

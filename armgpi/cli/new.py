@@ -105,8 +105,9 @@ def new(
     from armgpi.hardware.export.targets import TARGETS
     from armgpi.health import findings, report
 
+    typed = {"payload": payload, "encoder_bits": encoder_bits, "delay": delay, "dt": dt, "target": target}
     if robot is None or planar is not None:
-        _begin_planar(robot, planar, out, force)
+        _begin_planar(robot, planar, out, force, {**typed, **how})
         return
     if target not in (None, *TARGETS):
         raise refusal("--target", f"must be one of {', '.join(TARGETS)}, got {target!r}")
@@ -119,7 +120,6 @@ def new(
     path, name = _place(robot, out, force)
     answers = _Answers()
     arm, hands = _arm(robot, how, answers)
-    typed = {"payload": payload, "encoder_bits": encoder_bits, "delay": delay, "dt": dt, "target": target}
     section: dict[str, Any] = {"name": name, **opt.robot_given(how)}
     if set(section.get("lock", {}).values()) == {None}:
         section["lock"] = [*section["lock"]]
@@ -142,14 +142,18 @@ def new(
     say(f"{arm.name}: {arm.n} joints; next: armgpi run {path}")
 
 
-def _begin_planar(robot: str | None, joints: int | None, out: Path | None, force: bool) -> None:
-    """Write the URDF of a planar arm, and beside it a model to fill in."""
+def _begin_planar(
+    robot: str | None, joints: int | None, out: Path | None, force: bool, others: dict[str, Any]
+) -> None:
+    """Write the URDF of a planar arm, and beside it a model to fill in; other options are not for it."""
     from armgpi.validation import template
 
     if joints is None:
         raise refusal("ROBOT", "is missing: give a URDF or the name of a robot, or --planar JOINTS")
     if robot is not None:
         raise refusal("--planar", f"takes the place of ROBOT; leave {robot} out")
+    if given := [f"--{name.replace('_', '-')}" for name, value in others.items() if value not in (None, [])]:
+        raise refusal("--planar", f"writes no experiment file, which {', '.join(given)} would be for")
     made = template.planar(joints)
     urdf = out or Path(f"planar{joints}.urdf")
     if urdf.suffix != ".urdf":
@@ -241,7 +245,7 @@ def _file(
     assumed = _assumed_drives(arm, section, blanks or [*massless])
     ideal = robots.is_textbook(section["name"]) and typed["encoder_bits"] is None and typed["delay"] is None
     sensors = [
-        f"  encoder_bits: {bits}  # per turn{bits_note}",
+        f"  encoder_bits: {_text(bits)}  # per turn{bits_note}",
         f"  delay: {late}  # samples; measurements are delayed by so many{late_note}",
         _friction_line(rotors.with_published(arm), interface is not None),
     ]
@@ -271,13 +275,20 @@ def _file(
     ]
 
 
-def _resolution(arm: Any, typed: int | None, answers: _Answers) -> tuple[int, str]:
-    """Return the resolution of the encoders [bits], and the note that goes behind it in the file."""
+def _resolution(arm: Any, typed: int | None, answers: _Answers) -> tuple[int | dict[str, int], str]:
+    """Return the resolution of the encoders [bits], and the note that goes behind it in the file.
+
+    Where the joints' differ it is joint -> bits: one number would take the place of what is known.
+    """
     from armgpi.robot import rotors
     from armgpi.robot.known_arms import known_bits
     from armgpi.tuning.rule import BITS
 
-    known = known_bits(rotors.with_published(arm).drives, BITS)
+    drives = rotors.with_published(arm).drives
+    known = known_bits(drives, BITS)
+    if typed is None and isinstance(known, dict):
+        sources = dict.fromkeys(source or "assumed" for source in drives.sources("encoder_count"))
+        return known, f"; {' or '.join(sources)}"
     usual = known if isinstance(known, int) else BITS
     bits, note = answers.get("Encoder resolution [bits per turn]", typed, usual, int)
     return bits, "; published for this arm" if note and usual != BITS else note

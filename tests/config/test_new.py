@@ -215,3 +215,17 @@ def test_a_sweep_of_stiff_joints_draws_no_stiffness(cli: Callable[..., Answer], 
     assert cli("new", "ur5", "--drives", "stiff", "-o", path).code == 0
     assert [*config.read(path).config.vary] == ["plant.rotor_inertia"]
     config.build(*config.read(path))
+
+
+def test_resolutions_that_differ_by_joint_are_written_for_each(
+    cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    drives = tmp_path / "drives.yaml"
+    drives.write_text("shoulder_pan_joint: {encoder_count: 4096}\n", encoding="utf-8")
+    path = tmp_path / "arm.yaml"
+    assert cli("new", "ur5", "--drives", drives, "-o", path).code == 0
+    found = config.read(path).config
+    bits = found.plant.encoder_bits
+    assert bits["shoulder_pan_joint"] == 12  # 2^12 = 4096
+    assert {bits[name] for name in Robot.load("ur5").joint_names[1:]} == {16}
+    assert cli("run", path, "--t-final", 0.01).code == 0

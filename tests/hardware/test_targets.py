@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from commands import fork_script
+from commands import Answer, fork_script
 from sampling import for_search
 from test_grippers import J, text
 
@@ -841,11 +841,28 @@ def test_a_franka_program_reads_the_positions_of_the_side_of_its_controller(
     rate = Supervisor(torque_rate=1000.0)
     export_controller(Supervised(GPI(robot, 1e-3), rate), tmp_path, measure=False, target="fci")
     other = {"q": "theta", "theta": "q"}[position]
+    assert f"| position | `{position}` of the robot's state" in (tmp_path / "README.md").read_text()
     for name, words in (("fci.hpp", ("vector(robot.{})", 2)), ("fci.py", ("list(state.{})", 2))):
         text = (tmp_path / name).read_text()
         assert text.count(words[0].format(position)) == words[1]
         assert words[0].format(other) not in text
-    assert f"| position | `{position}` of the robot's state" in (tmp_path / "README.md").read_text()
+
+
+def test_joints_without_a_side_have_the_usual_one_of_the_target(
+    tmp_path: Path, cli: Callable[..., Answer]
+) -> None:
+    drives = tmp_path / "drives.yaml"
+    for side in ("link", "motor"):
+        drives.write_text(f"panda_joint3: {{encoder_side: {side}}}\n", encoding="utf-8")
+        out = tmp_path / side
+        answer = cli("export", "panda", "--target", "fci", "--drives", drives, "-o", out)
+        assert answer.code == (0 if side == "link" else 2), answer.err
+        if side == "link":
+            assert "the program reads q, the positions of the links; --encoder-side motor for" in answer.err
+            assert "list(state.q)" in (out / "fci.py").read_text(encoding="utf-8")
+        else:
+            assert "the program reads" not in answer.err
+            assert "panda_joint3: motor" in answer.err
 
 
 def test_gravity_by_the_robot_is_said_in_the_first_lines(tmp_path: Path) -> None:

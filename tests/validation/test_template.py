@@ -71,3 +71,7 @@ def test_the_command_writes_both_files_and_replaces_none(
         refused = cli(*arguments)
         assert refused.code == 2
         assert refused.err.count("\n") == 1
+    lost = cli("new", "--planar", "2", "--payload", "3", "--target", "ros2_control", "--lock", "a")
+    assert (lost.code, lost.err.count("\n")) == (2, 1)
+    assert "--payload, --target, --lock" in lost.err
+    assert not (tmp_path / "planar2.urdf").exists()

@@ -5,7 +5,7 @@ One table, from which the targets take their numbers and the documentation its r
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from armgpi.escape import markdown_table
@@ -42,6 +42,15 @@ class Interface(NamedTuple):
     late: str
     tried: str
     positions: Mapping[str, str] = {}
+
+    def sides(self, specified: Sequence[str]) -> list[str]:
+        """Return the different sides at which the encoders of joints sit, for an interface with `positions`.
+
+        Args:
+            specified: the side of each joint; "" where none was specified, which is the interface's usual.
+        """
+        usual = next(iter(self.positions))
+        return list(dict.fromkeys(side or usual for side in specified))
 
 
 #: Versions by libfranka's changelog and by the scripts that the two clients of UR send to the robot: ur_rtde

@@ -149,10 +149,10 @@ def _check_side(interface: Interface, target: str, robot: Any) -> None:
     """Refuse an arm whose encoders are specified to sit where the target's positions are not measured."""
     if not interface.positions:
         return
-    sides = dict(zip(robot.joint_names, robot.drives.value("encoder_side").tolist(), strict=True))
-    specified = {side: joint for joint, side in sides.items()}
-    if len(specified) > 1:
-        said = ", ".join(f"{joint}: {side or 'not specified'}" for side, joint in specified.items())
+    values = robot.drives.value("encoder_side").tolist()
+    if len(interface.sides(values)) > 1:
+        joints = {side: joint for joint, side in zip(robot.joint_names, values, strict=True)}
+        said = ", ".join(f"{joint}: {side or 'not specified'}" for side, joint in joints.items())
         known = " or ".join(f"{name} ({side})" for side, name in interface.positions.items())
         wanted = (
             f"one for encoders at different sides ({said}); it reads {known} of all joints: specify one side"
@@ -170,8 +170,8 @@ def position_of(target: str, robot: Any) -> str:
     interface = COMPENSATING.get(target)
     if interface is None or not interface.positions:
         return ""
-    side = str(robot.drives.value("encoder_side")[0])
-    return interface.positions.get(side, next(iter(interface.positions.values())))
+    side = interface.sides(robot.drives.value("encoder_side").tolist())[0]
+    return interface.positions[side]
 
 
 def compensates_gravity(robot: Any) -> bool:
