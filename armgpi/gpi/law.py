@@ -336,7 +336,8 @@ class GPI(Controller):
             bits: resolution of the encoders [bits], a number or an array that broadcasts against (n,); 16 is
                 assumed where nothing is said, None is for exact positions.
             drives: what is assumed of drives without data: "elastic", rotors and elastic joints;
-                "stiff", rotors and stiff joints; "none", no rotors; see :func:`armgpi.assume_drives`.
+                "stiff", rotors and stiff joints; "none", no rotors; see :func:`armgpi.assume_drives`. Of
+                the arms of a batch nothing is assumed: leave it out, and take `assume_drives` of each arm.
             **given: parameters of the controller that are not to be chosen.
 
         Raises:

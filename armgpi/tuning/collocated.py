@@ -216,6 +216,12 @@ class _Feedback(NamedTuple):
         return cls(LATE_LINK_FACTOR, LATE_ROTOR_FACTOR, LATE_DAMPING)
 
 
+def has_feedback(link_factor: float, rotor_factor: float) -> bool:
+    """Tell whether a controller has the inertia in its feedback that this rule gives it at some delay."""
+    rule = (LINK_FACTOR, ROTOR_FACTOR), (LATE_LINK_FACTOR, LATE_ROTOR_FACTOR)
+    return (link_factor, rotor_factor) in rule
+
+
 def _quieten(
     feedback: Array, counts: Array, effort: Array, w: Array, f: Array, dt: float
 ) -> tuple[Array, Array]:

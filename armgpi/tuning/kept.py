@@ -11,6 +11,7 @@ import hashlib
 import json
 import platform
 import sys
+import threading
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from importlib import import_module
@@ -39,6 +40,7 @@ _PROBED = 3
 _MOST = 1024
 
 _in_process: dict[str, Any] = {}
+_lock = threading.Lock()
 
 
 class _NotPlainError(TypeError):
@@ -62,22 +64,30 @@ def remember(kind: str, parts: Mapping[str, Any], compute: Callable[[], Any], on
     except _NotPlainError:
         return compute()
     key = hashlib.sha256(text.encode()).hexdigest()[:32]
-    if key not in _in_process:
+    plain = _in_process.get(key)
+    if plain is None:
         plain = read_result(key) if on_disk else None
-        found = _read(plain)
-        if plain is None or found is None:
+        if plain is None or _read(plain) is None:
             plain = _written(compute())
             if on_disk:
                 keep_result(key, plain)
-        if len(_in_process) >= _MOST:
+        _keep(key, plain)
+    # Not read from what is kept: another thread may have dropped it already.
+    return _read(plain)
+
+
+def _keep(key: str, plain: Any) -> None:
+    """Keep a result in the process, in place of the oldest one where there are too many."""
+    with _lock:
+        if key not in _in_process and len(_in_process) >= _MOST:
             _in_process.pop(next(iter(_in_process)))
         _in_process[key] = plain
-    return _read(_in_process[key])
 
 
 def forget() -> None:
     """Forget what this process keeps."""
-    _in_process.clear()
+    with _lock:
+        _in_process.clear()
 
 
 def _written(value: Any) -> Any:

@@ -9,7 +9,7 @@ numbers were chosen on half of the arms of example-robot-data and judged on the 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
@@ -204,10 +204,11 @@ def _of_batch(robot: RobotBatch, dt: float, delay: float, bits: Any, given: Mapp
         findings = tuple(advice.mixed_batch([each.describe() for each in found]))
         # With these all loops are stable at the damping at which they are judged, wherever the encoders sit.
         common = GEARED[any(geared.at_link(one) for one in robot.robots)]
-        rows = [
-            _without(given, _with_structure(common, one, dt, delay, own_bits, own))
-            for one, own_bits, own in _rows(robot.robots, bits, given)
-        ]
+
+        def with_common(one: Robot, own_bits: Any, own: Mapping[str, Any]) -> dict[str, Any]:
+            return _without(given, _with_structure(common, one, dt, delay, own_bits, own))
+
+        rows = _for_each(robot.robots, bits, given, with_common)
     return Choice(_stacked(rows), findings)
 
 
@@ -215,14 +216,47 @@ def _each_alone(
     robots: Sequence[Robot], dt: float, delay: float, bits: Any, given: Mapping[str, Any]
 ) -> list[dict[str, Any]]:
     """Return what is chosen for each arm of a batch alone; alike arms are looked at once."""
+
+    def alone(one: Robot, own_bits: Any, own: Mapping[str, Any]) -> dict[str, Any]:
+        depends = {"robot": one, "dt": dt, "delay": delay, "bits": own_bits, "given": own}
+        compute = partial(_chosen, one, dt, delay, own_bits, own)
+        chosen, _ = kept.remember("rule", depends, compute, on_disk=False)
+        return dict(chosen)
+
+    return _for_each(robots, bits, given, alone)
+
+
+def _for_each(
+    robots: Sequence[Robot],
+    bits: Any,
+    given: Mapping[str, Any],
+    choose: Callable[[Robot, Any, Mapping[str, Any]], dict[str, Any]],
+) -> list[dict[str, Any]]:
+    """Return what is chosen for each arm of a batch, once for the same arm with the same encoders and values.
+
+    What is kept of arms by their digest does not suffice: gains have none.
+    """
+    seen: dict[Any, dict[str, Any]] = {}
     rows = []
     for one, own_bits, own in _rows(robots, bits, given):
-        depends = {"robot": one, "dt": dt, "delay": delay, "bits": own_bits, "given": own}
-        chosen, _ = kept.remember(
-            "rule", depends, partial(_chosen, one, dt, delay, own_bits, own), on_disk=False
-        )
-        rows.append(chosen)
+        mark = id(one), _mark(own_bits), tuple((name, _mark(value)) for name, value in own.items())
+        if mark not in seen:
+            seen[mark] = choose(one, own_bits, own)
+        rows.append(seen[mark])
     return rows
+
+
+def _mark(value: Any) -> Any:
+    """Return what tells a value of an arm of a batch from others; other objects are alike if they are one."""
+    if isinstance(value, np.ndarray):
+        return "array", value.dtype.str, value.shape, value.tobytes()
+    if isinstance(value, LoadRange):
+        return "load", *(_mark(each) for each in (value.lightest, value.heaviest, value.frame, value.com))
+    if isinstance(value, (tuple, list)):
+        return "row", *(_mark(each) for each in value)
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return type(value).__name__, repr(value)
+    return "object", id(value)
 
 
 def _rows(
@@ -287,11 +321,19 @@ def arguments(
         dt: sample time [s].
         delay: transport delay in the loop [s].
         bits: resolution of the encoders; see :func:`apply_rule`.
-        drives: what is believed of drives that nothing tells; see :func:`armgpi.assume_drives`.
+        drives: what is assumed of drives without data; see :func:`armgpi.assume_drives`. Of the arms of a
+            batch nothing is assumed, so it must be None there.
         given: arguments that are not to be chosen.
+
+    Raises:
+        ParameterError: as :func:`apply_rule`, and for `drives` of a batch.
     """
     check_robot(robot)
-    robot = assume_drives(robot, drives) if isinstance(robot, Robot) else robot
+    if isinstance(robot, Robot):
+        robot = assume_drives(robot, drives)
+    elif drives is not None:
+        expected = "None for a batch: give each arm its drives by armgpi.assume_drives, then make the batch"
+        raise ParameterError("drives", drives, expected)
     given = {name: value for name, value in given.items() if name != "gains" or value is not None}
     loads = given.get("payload")
     if loads is not None and not isinstance(loads, LoadRange):
@@ -485,7 +527,10 @@ def _with_structure(
     bits: Any,
     given: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """Return what is chosen for an arm whose gears twist, with some structure of the law."""
+    """Return what is chosen for an arm whose gears twist, with some structure of the law.
+
+    An arm of whose gears nothing is known has rigid ones, and no joint is faster than with its own law.
+    """
     chosen: dict[str, Any] = {
         "integrators": INTEGRATORS,
         **structure,
@@ -500,9 +545,12 @@ def _with_structure(
     nominal: Any = with_heavier_rotors(loaded, factor)
     bias = robot if every["feedforward"] == "computed" else None
     believed, (usual, light) = geared.is_assumed(robot), geared.DAMPINGS
+    stiff = not geared.is_known(robot)  # one in a batch with arms whose joints are elastic
+    allowed = _rigid(robot, dt, delay, bits, given)["omega_c"] if stiff else math.inf
 
     def loops_at(damping: float) -> geared.Loops:
-        arms = geared.cases(robot, dt, samples_late(dt, delay), damping)
+        late_by = samples_late(dt, delay)
+        arms = geared.rigid_cases(robot, dt, late_by) if stiff else geared.cases(robot, dt, late_by, damping)
         return geared.Loops(arms, nominal, bias, law, dt)
 
     loops = loops_at(light)
@@ -515,6 +563,7 @@ def _with_structure(
         omega = least * np.ones(robot.n)  # which not all loops bear: then none is raised (fit arms)
     else:
         omega = geared.raise_joints(alike, loops, highest)
+    omega = np.minimum(omega, allowed)
     if bits is not None:
         quiet = omega * np.minimum(1.0, quietness(nominal, dt, law, omega, bits, not law.rolloff))
         omega = np.maximum(quiet, np.minimum(geared.SLOWEST, omega))

@@ -208,7 +208,7 @@ class ArmLoop:
         It is the largest singular value of (1 - P K)^-1 over the frequencies, of errors weighted with the
         root of the inertia matrix: then an arm without gears has that of one of its joints.
         """
-        if self.growth(of_law) >= 1.0:
+        if not self.growth(of_law) < 1.0:
             return float("inf")
         z, P = self._respond()
         K = law_response(of_law, z)

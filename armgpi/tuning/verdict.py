@@ -66,7 +66,7 @@ class Verdict(NamedTuple):
                 f"; Ms {self.sensitivity:.2f} ({USUAL_SENSITIVITY}), delay margin {1e3 * self.spare:.3g} ms"
             )
         else:
-            said += f"; not stable over the whole range of the joint stiffness{self._unstable()}"
+            said += self._unstable()
         if math.isfinite(self.resonance):
             said += f", lowest resonance {self.resonance:.3g} Hz"
         if math.isfinite(self.borne) and self.borne > self.usual:
@@ -78,14 +78,20 @@ class Verdict(NamedTuple):
         return said
 
     def _unstable(self) -> str:
-        """Return in words which loops are unstable, and with which damping of the joints none is."""
+        """Return in words which loops are unstable, and with which damping of elastic joints none is."""
         unstable, count = self.loops
+        loops = f"{unstable} of {count} loops are unstable"
+        if not math.isfinite(self.resonance):
+            return f"; not stable even with stiff joints ({loops}: lower the bandwidth, or sample faster)"
+        said = "; not stable over the whole range of the joint stiffness"
         if not unstable:
-            return ""
-        said = f" ({unstable} of {count} loops are unstable"
+            return said
+        if math.isnan(self.damping):
+            return f"{said} with the damping that is known ({loops}: lower the bandwidth, or sample faster)"
+        said += f" ({loops}"
         if math.isfinite(self.damping):
             said += f"; none with a damping ratio of the joints of {100.0 * self.damping:.2g} % or more"
-        elif math.isinf(self.damping):
+        else:
             said += f", some also with a damping ratio of the joints of {100.0 * _TRIED_DAMPINGS[-1]:.2g} %"
         return f"{said}; usual are 1 to 5 %: sample faster, or specify stiffness and damping)"
 
@@ -131,7 +137,7 @@ def _verdict(law: Any, robot: Robot, bits: Any) -> Verdict:
     pairs = [(case, two_mass.law(law, case.q)) for case in every]
     judged = [(case.arm, own) for case, own in pairs if case.judged]
     sensitivity, spare, damping = math.inf, 0.0, math.nan
-    unstable = sum(case.arm.growth(own) >= 1.0 for case, own in pairs)
+    unstable = sum(not case.arm.growth(own) < 1.0 for case, own in pairs)  # nor is NaN stable
     if not unstable:
         sensitivity = max(arm.sensitivity(own) for arm, own in judged)
         spare = min(arm.delay_margin(own) for arm, own in judged)
@@ -157,7 +163,9 @@ def _least_damping(law: Any, robot: Robot, late: int) -> float:
 
 def _limits_of(law: Any, robot: Robot, soft: bool, bits: Any) -> tuple[str, ...]:
     """Return joint by joint what limits the bandwidth of a law, as the rule that made it says."""
-    if law.link_factor != 1.0 and isinstance(law.robot, Robot):
+    # Other factors a user has set by hand, and the limits of the rule do not explain them.
+    by_rule = collocated.has_feedback(law.link_factor, law.rotor_factor)
+    if by_rule and isinstance(law.robot, Robot):
         counts = None if bits is None else robot.encoder_count(checked_bits(bits))
         late_by = samples_late(law.dt, law.delay)
         carried = robot if law.payload is None else law.payload.nominal

@@ -21,6 +21,7 @@ from armgpi.robot.equations import ASSUMED_GEAR_RATIO
 from armgpi.robot.kinematics import random_configurations
 from armgpi.supervisor import Reason
 from armgpi.tuning import collocated, geared, two_mass
+from armgpi.tuning import verdict as module_of_verdicts
 from armgpi.tuning.rule import structures
 from armgpi.tuning.two_mass import ArmLoop, Gears
 from armgpi.tuning.verdict import verdict
@@ -384,6 +385,29 @@ def test_what_is_not_stable_is_said_with_the_damping_that_would_suffice() -> Non
     assert found.damping == (0.015, 0.02, 0.03, 0.05, 0.1)[sum(fails)]
     assert auto(known).link_factor == collocated.LINK_FACTOR
     assert verdict(auto(known), known, 16).loops[0] == 0
+
+
+def test_a_link_factor_set_by_hand_is_not_explained_by_the_rule() -> None:
+    known = at(UR5, "motor")
+    law = auto(known)
+    rule_of = collocated.choose
+
+    def limits(factor: float) -> tuple[tuple[str, ...], int]:
+        calls: list[Any] = []
+
+        def counted(*given: Any) -> Any:
+            calls.append(given)
+            return rule_of(*given)
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(collocated, "choose", counted)
+            own = law if factor == law.link_factor else GPI(known, DT, delay=DT, link_factor=factor)
+            return module_of_verdicts._limits_of(own, known, True, 16), len(calls)
+
+    found, calls = limits(law.link_factor)
+    assert calls == 1
+    assert len(found) == known.n
+    assert limits(0.5)[1] == 0
 
 
 def after_a_fault(arm: Robot, joint: int, kind: str) -> tuple[float, str]:

@@ -137,6 +137,30 @@ def test_a_batch_has_the_soft_law_where_one_of_its_gears_is_soft() -> None:
     assert mixed.feedforward == "computed" != law.feedforward
 
 
+@pytest.mark.filterwarnings("ignore:.*specified to have no rotor")
+def test_a_stiff_arm_in_a_batch_with_an_elastic_one_is_judged_on_stiff_joints() -> None:
+    for stiff in (UR5, rotors.assume_rotors(UR5)):
+        alone = rule(stiff, "none" if stiff is UR5 else "stiff").gains.nominal().omega_c
+        with pytest.warns(ArmgpiWarning, match="for stiff joints: arms 0; for elastic joints: arms 1"):
+            mixed = GPI.auto(RobotBatch([stiff, rotors.assume_gears(UR5)]), DT, delay=DT, bits=16)
+        own, other = mixed.gains.nominal().omega_c
+        assert (own <= alone).all()
+        assert own.min() > other.min() >= geared.SLOWEST
+        one = GPI(
+            stiff,
+            DT,
+            delay=DT,
+            gains=FixedGains(own),
+            integrators=mixed.integrators,
+            rolloff=mixed.rolloff,
+            second_zeta=0.7,
+            rotor_factor=mixed.rotor_factor,
+            feedforward="computed",
+        )
+        peaks = [case.arm.sensitivity(two_mass.law(one, case.q)) for case in geared.rigid_cases(stiff, DT, 1)]
+        assert max(peaks) <= geared.RIGID_SENSITIVITY
+
+
 def test_heavier_rotors_are_those_of_the_feedback_alone() -> None:
     arm = UR5.with_armature(ROTORS[UR5])
     law = GPI(arm, DT, rotor_factor=3.0, feedforward="computed")
@@ -267,6 +291,31 @@ def test_a_rotor_whose_interval_reaches_zero_is_as_light_as_a_believed_one() -> 
     assert rule(arms[0]).gains.nominal().omega_c == pytest.approx(
         rule(arms[1]).gains.nominal().omega_c, rel=1e-6
     )
+
+
+@pytest.mark.filterwarnings("ignore:.*is too fast for dt")
+def test_instability_is_blamed_on_the_stiffness_only_where_there_is_one() -> None:
+    bare = rotors.without_rotors(UR5)
+    fast = GPI(bare, DT, delay=DT, gains=FixedGains(500.0))
+    found = verdict.verdict(fast, bare, 16)
+    assert found.loops == (4, 4)
+    assert "not stable even with stiff joints (4 of 4 loops are unstable: lower" in found.describe()
+    assert "damping" not in found.describe()
+    known = told(UR5, 1.0, "motor")
+    known = known.with_drives({joint: {"damping": 1.0} for joint in known.joint_names})
+    found = verdict.verdict(GPI(known, DT, delay=DT, gains=FixedGains(500.0)), known, 16)
+    assert found.loops[0] > 0
+    assert math.isnan(found.damping)
+    assert "with the damping that is known (" in found.describe()
+    assert "usual are" not in found.describe()
+
+
+def test_a_growth_that_is_no_number_is_not_stable(monkeypatch: pytest.MonkeyPatch) -> None:
+    law = rule(UR5, "stiff")
+    monkeypatch.setattr(ArmLoop, "growth", lambda *_: math.nan)
+    found = verdict._verdict(law, UR5, 16)
+    assert found.loops == (4, 4)
+    assert found.sensitivity == math.inf
 
 
 def test_what_limits_each_joint_is_named_once() -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from armgpi import GPI, Robot, assume_drives
+from armgpi import GPI, FixedGains, Robot, RobotBatch, assume_drives
 from armgpi.cache import RESULTS, keep_result, read_result
 from armgpi.gpi.payload import LoadRange
 from armgpi.tuning import geared, kept, rule, verdict
@@ -161,3 +162,45 @@ def test_a_result_is_no_library(cache: Path) -> None:
     rule.apply_rule(UR5, DT, DT, 16)
     assert len(list(cache.glob("*.json"))) == 1
     assert build.none_known() or build._loaded
+
+
+def test_a_result_that_another_thread_drops_is_returned(cache: Path) -> None:
+    def compute() -> list[float]:
+        kept.forget()
+        return [1.0]
+
+    class Dropped(dict[str, Any]):
+        """Keeps nothing: as if other threads had put 1024 results in its place."""
+
+        def __setitem__(self, key: str, value: Any) -> None:
+            """Keep nothing."""
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(kept, "_in_process", Dropped())
+        assert kept.remember("test", {"number": 1}, compute, on_disk=False) == [1.0]
+
+
+def test_many_threads_with_more_results_than_are_kept(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kept, "_MOST", 3)
+
+    def ask(number: int) -> Any:
+        return kept.remember("test", {"number": number % 7}, lambda: [number % 7], on_disk=False)
+
+    with ThreadPoolExecutor(8) as pool:
+        assert list(pool.map(ask, range(300))) == [[number % 7] for number in range(300)]
+    assert len(kept._in_process) <= 3
+
+
+def test_the_same_arm_of_a_batch_is_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = computed(monkeypatch)
+    other = UR5.with_payload(UR5.tip, 0.5)
+    # Of gains there is no digest, so nothing is kept of these.
+    law = GPI.auto(RobotBatch([UR5, UR5, other, UR5]), DT, gains=FixedGains(10.0))
+    assert len(calls) == 2
+    assert law.robot.n == UR5.n
+    calls.clear()
+    kept.forget()
+    most = np.array([[0.5], [0.5], [1.0]])
+    rows = rule.apply_rule(RobotBatch([UR5] * 3), DT, given={"payload": LoadRange(heaviest=most)}).values
+    assert len(calls) == 2
+    np.testing.assert_array_equal(rows["omega_c"][0], rows["omega_c"][1])

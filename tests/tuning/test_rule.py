@@ -57,6 +57,16 @@ def test_a_joint_is_as_fast_as_stiffness_and_delay_margin_allow(dt: float, delay
     assert law.margins().delay == pytest.approx(delay_margin(loop))
 
 
+def test_drives_are_assumed_of_one_arm_and_not_of_a_batch() -> None:
+    varied = ARM.varied(payload=np.array([0.0, 0.01]))
+    for batch in (varied, RobotBatch([ARM, ARM])):
+        for drives in ("nonsense", "elastic"):
+            with pytest.raises(
+                ParameterError, match=r"drives must be None for a batch: .*armgpi\.assume_drives"
+            ):
+                GPI.auto(batch, 1e-3, drives=drives)
+
+
 def test_no_gains_given_are_those_of_the_rule() -> None:
     chosen, none = (GPI.auto(ARM, 1e-3, **given) for given in ({}, {"gains": None}))
     np.testing.assert_array_equal(none.gains.nominal().omega_c, chosen.gains.nominal().omega_c)
