@@ -390,7 +390,7 @@ def measure(chosen: list[str], side: str = "") -> list[Outcome]:
     return found
 
 
-#: What no law stops at once: the least possible is told beside.
+#: What no controller stops at once: the least possible is told beside.
 NAMED = ("a motor dead", "a motor turns the other way", *(f.name for f in FAULTS if "push" in f.name))
 
 
@@ -564,8 +564,8 @@ def beyond(rows: list[Worst]) -> Iterator[str]:
 def limits_table(rows: list[Worst]) -> str:
     """Return travel after the named faults beside the least that is possible, the worst of both gears."""
     lines = [
-        "| target | arm | gravity by | motor dead | known at once | no law below | turned motor | push | "
-        "push by the law | seen at once |",
+        "| target | arm | gravity by | motor dead | known at once | no controller below | turned motor | "
+        "push | push by the controller | seen at once |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for case, mine in by(rows, lambda row: row.case._replace(elastic=False)).items():

@@ -222,6 +222,17 @@ def test_every_key_of_the_experiment_file_is_in_the_page_of_the_command_line() -
             )
 
 
+def test_the_page_of_faults_has_the_words_of_its_head() -> None:
+    """`make faults` writes the page from the head: what was edited in one of the two would be undone."""
+    head = (ROOT / "tools" / "faults.head.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "faults.md").read_text(encoding="utf-8")
+    blocks = re.split(r"^(?:ARMS|BOUNDS|BEYOND|NAMED|OPEN|MATRIX)$", head, flags=re.MULTILINE)
+    assert len(blocks) == 7
+    words = [re.escape(block).replace("COUNT", r"\d+") for block in blocks]
+    rows = r"\|.*(?:\n\|.*)*"  # a table
+    assert re.fullmatch(rows.join(words), text)
+
+
 def test_the_citation_has_the_version() -> None:
     text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"\nversion: {armgpi.__version__}\n" in text
