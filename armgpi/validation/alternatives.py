@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
-from armgpi.validation.graph import Expression
+from armgpi.validation.graph import Expression, joint_of
 
 Choice = tuple[str, ast.expr]
 
@@ -84,6 +84,7 @@ class Scope(NamedTuple):
     unused: tuple[ast.expr, ...] = ()
     functions: Mapping[str, int] = {}
     neighbours: Mapping[str, tuple[ast.expr, ...]] = {}
+    arguments: tuple[str, ...] = ()
 
     def numbers(self) -> list[ast.expr]:
         """Return the names of numbers."""
@@ -175,6 +176,7 @@ def scope_of(
         tuple(_unread_names(tree, arguments)),
         {n.name: len(n.args.args) for n in getattr(everywhere, "body", ()) if isinstance(n, ast.FunctionDef)},
         _neighbours(tree),
+        arguments,
     )
 
 
@@ -531,7 +533,13 @@ def _absolute(node: ast.Subscript, scope: Scope) -> Iterator[Choice]:
         for other in scope.scalars:
             alike = isinstance(other, ast.Subscript) and ast.dump(other.value) == ast.dump(node.value)
             if alike and ast.unparse(other) != ast.unparse(node):  # twice itself is a factor of 2
-                yield "angle", ast.BinOp(other, ast.Add(), node)
+                yield "angle" if _is_motion(node, scope) else "sum", ast.BinOp(other, ast.Add(), node)
+
+
+def _is_motion(node: ast.Subscript, scope: Scope) -> bool:
+    """Tell whether an entry is one of the joints' positions or rates, not of a list of lengths."""
+    name = ast.unparse(node.value)
+    return name in scope.arguments or (joint_of(f"{name}1") or "")[:1] in (("q",), ("v",))
 
 
 def _with_unused(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:

@@ -265,11 +265,14 @@ class _Entry:
         if not labels:
             return
         parts = np.stack([share * self.own[k][1] for k, share in labels])
+        fixed = [bool(np.ptp(self.own[k][1]) <= self.tolerance) for k, _ in labels]
         for i, (k, share) in enumerate(labels):
             away = np.abs(self.rest - parts[i] - parts[i + 1 :]).max(axis=1, initial=0.0)
             for j in np.flatnonzero(away <= self.tolerance) + i + 1:
                 other, its_share = labels[j]
-                if other == k:
+                # Round constants add up to any other, unless they are just not there.
+                by_chance = fixed[i] and fixed[j] and (share, its_share) != (-1.0, -1.0)
+                if other == k or by_chance:
                     continue
                 one = self.told(*_USUAL[share], *self.own[k], share)
                 two = self.told(*_USUAL[its_share], *self.own[other], its_share)
@@ -333,6 +336,8 @@ class _Entry:
     def other_angle(self) -> Iterator[Explanation]:
         """Yield a summand whose function of the configuration is another one."""
         for factors, part in self.own:
+            if max(np.ptp(self.rest), np.ptp(part)) <= self.tolerance:
+                continue  # a constant has no angle
             stands = self.residual.shapes.product(
                 (self.rest + part) / self.residual.value(factors), self.tolerance_of(factors)
             )
@@ -351,9 +356,12 @@ class _Entry:
         shape = self.residual.shapes.find(self.rest, self.tolerance)
         if shape is None or not shape.terms:
             return
+        fixed = bool(np.ptp(self.rest) <= self.tolerance)
         for bits, names in ((4.0, [factors for factors, _ in self.own]), (5.0, self.foreign)):
             for factors in names:
                 scaled = shape.times(1.0 / self.residual.value(factors))
+                if fixed and abs(abs(scaled.terms[0][0]) - 1.0) > _SAME:
+                    continue  # any constant is a multiple of any other
                 if scaled.is_nice and len(scaled.terms) <= 3:
                     term = self.term(factors, scaled)
                     yield Explanation(bits + len(scaled.terms), f"too much: {term}", term, (factors,))

@@ -337,8 +337,8 @@ def numbers(tree: ast.AST) -> Iterator[tuple[str, ast.Constant]]:
             case ast.Dict(keys=keys, values=values):
                 for key, item in zip(keys, values, strict=True):
                     pairs += _leaves(key, item) if key is not None else []
-            case ast.keyword(arg=str() as word, value=value):
-                pairs.append((word, value))
+            case ast.Call(func=function, keywords=words):
+                pairs += _of_keywords(function, words)
             case ast.arguments():
                 named = [*node.posonlyargs, *node.args]
                 named = [*named[len(named) - len(node.defaults) :], *node.kwonlyargs]
@@ -348,6 +348,14 @@ def numbers(tree: ast.AST) -> Iterator[tuple[str, ast.Constant]]:
         inner = getattr(x, "operand", x)  # -0.3
         if isinstance(inner, ast.Constant) and type(inner.value) in (int, float):
             yield text, inner
+
+
+def _of_keywords(function: ast.expr, words: list[ast.keyword]) -> list[tuple[str, Any]]:
+    """Return the numbers that a call is given by name; lists in other calls are shapes or axes."""
+    keeps = _is_holder(function) or ast.unparse(function) == "dict"
+    named = [(word.arg, word.value) for word in words if word.arg is not None]
+    leaves = [_leaves(ast.Name(name), value) if keeps else [(name, value)] for name, value in named]
+    return [leaf for of_word in leaves for leaf in of_word]
 
 
 def _selected(leaves: list[tuple[str, Any]], of_function: bool) -> list[tuple[str, Any]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -281,3 +282,47 @@ def test_no_bodies_have_an_inertia_matrix_that_is_not_positive(tmp_path: Path) -
     report = validate(model, arm)
     assert not report.agrees
     assert "another parameter set" not in str(report)
+
+
+_LISTS = """
+P = dict(m=[1.5, 1.0], L=[0.4, 0.4], c=[0.2, 0.2], I=[0.02, 0.02])
+
+def mass_matrix(q):
+    m, L, c, I = P["m"], P["L"], P["c"], P["I"]
+    k = L[0]*c[1]*np.cos(q[1])
+    a = I[0] + I[1] + m[0]*c[0]**2 + m[1]*(L[0]**2 + c[1]**2 + 2*k)
+    d = I[1] + m[1]*(c[1]**2 + k)
+    return np.array([[a, d], [d, I[1] + m[1]*c[1]**2]])
+"""
+
+
+def test_numbers_in_a_call_of_dict_are_varied(tmp_path: Path) -> None:
+    """All lists of two equal numbers: only other numbers tell 2 k from a sum of two lengths."""
+    arm = _arm(tmp_path, np.array([1.5, 1.0]), np.full(2, 0.2), np.full(2, 0.02), 0.4)
+    assert validate(_file(tmp_path, _LISTS), arm).agrees
+    wrong = validate(_file(tmp_path, _LISTS.replace("I[0] + I[1] + m[0]", "I[0] + m[0]")), arm)
+    assert [(one.line, one.confirmed) for one in wrong.causes] == [(8, True)]
+    assert "angle" not in wrong.causes[0].text
+    factor = validate(_file(tmp_path, _LISTS.replace("2*k)", "k)")), arm)
+    assert factor.causes[0].line == 8
+    assert factor.causes[0].text.endswith("(a factor of 2, or its half)")
+
+
+def test_words_of_calls_are_numbers_and_shapes_are_none() -> None:
+    tree = ast.parse("P = dict(m=[1.5, -2.0], g=9.81)\nz = np.zeros(shape=(2, 3))\nR = Rod(c=(0.1, 0.2))")
+    found = [(name, node.value) for name, node in units.numbers(tree)]
+    assert found == [("m", 1.5), ("m", 2.0), ("g", 9.81), ("c", 0.1), ("c", 0.2)]
+
+
+def test_a_constant_is_no_sum_of_two_coincidences(tmp_path: Path) -> None:
+    """Rotors of 0.05 and 0.03 kg m², which round numbers of the arm add up to by chance."""
+    arm = _arm(tmp_path, np.array([1.5, 1.0]), np.full(2, 0.2), np.full(2, 0.02), 0.4)
+    right = runpy.run_path(str(_file(tmp_path, _LISTS)))["mass_matrix"]
+    rotors = np.diag([0.05, 0.03])
+    report = validate({"mass_matrix": lambda q: right(q) + rotors}, arm)
+    assert "--rotor-inertia first=0.05,second=0.03" in report.causes[0].text
+    told = {one.label: (one.text, one.others) for one in report.differences}
+    assert told == {
+        "D[1,1]": ("model less robot is 0.05", ()),
+        "D[2,2]": ("model less robot is 0.03", ()),
+    }
