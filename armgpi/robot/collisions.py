@@ -14,6 +14,7 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 
 from armgpi.arrays import Array
+from armgpi.errors import UrdfError
 from armgpi.robot import markup
 from armgpi.robot.meshes import MeshFinder
 from armgpi.robot.robot import Robot
@@ -106,11 +107,7 @@ def read_shapes(robot: Robot, package_dirs: Iterable[str | PathLike[str]] = ()) 
 
 
 def shape_files(robot: Robot) -> ShapeFiles:
-    """Return what the collision shapes of an arm are read from.
-
-    Raises:
-        UrdfError: when the arm's file is no usable XML any more.
-    """
+    """Return what the collision shapes of an arm are read from."""
     read = _read_elements(robot)
     if read is None:
         return ShapeFiles("", ())
@@ -128,7 +125,7 @@ def shape_files(robot: Robot) -> ShapeFiles:
 
 
 def _read_elements(robot: Robot) -> tuple[Path, Element] | None:
-    """Return an arm's file and a URDF of its collision elements alone; None for an arm without a file.
+    """Return an arm's file and a URDF of its collision elements alone; None for an arm without a URDF.
 
     Where links are comes from the arm itself. Of the file only the tree of links is of use, so joints are
     fixed: urdfdom refuses some of what is read here, as an effort of "inf", and prints it.
@@ -136,7 +133,10 @@ def _read_elements(robot: Robot) -> tuple[Path, Element] | None:
     source = Path(str(robot.provenance.get("source", "")))
     if source.suffix.lower() != ".urdf" or not source.is_file():
         return None
-    root = markup.parse_xml(markup.read_file(source), str(source))
+    try:
+        root = markup.parse_xml(markup.read_file(source), str(source))
+    except UrdfError:  # an MJCF of that name, or a file that was overwritten since the arm was loaded
+        return None
     plain = Element("robot", {"name": root.get("name", "robot")})
     for link in root.findall("link"):
         SubElement(plain, "link", {"name": link.get("name", "")}).extend(link.findall("collision"))

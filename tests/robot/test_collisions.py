@@ -88,3 +88,18 @@ def test_what_shapes_are_read_from_has_their_places_sizes_and_meshes(tmp_path: P
     os.utime(mesh, ns=(0, 0))
     assert before.meshes[0][:2] == (str(mesh.resolve()), len(b"solid one"))
     assert shape_files(robot) != before
+
+
+def test_a_mujoco_model_in_a_file_with_the_name_of_a_urdf_has_no_shapes_here(tmp_path: Path) -> None:
+    """Files are loaded by what they are, so this one is."""
+    pytest.importorskip("mujoco")
+    path = tmp_path / "arm.urdf"
+    path.write_text(
+        '<mujoco><worldbody><body><joint name="a" axis="0 1 0" range="-1 1"/>'
+        '<geom type="sphere" size="0.1" pos="0.3 0 0"/></body></worldbody>'
+        '<actuator><motor joint="a" ctrlrange="-50 50"/></actuator></mujoco>'
+    )
+    robot = Robot.load(path)
+    assert shape_files(robot) == ("", ())
+    assert self_collisions(robot, np.zeros((2, 1))) is None
+    assert np.isfinite(usual_ends(robot)).all()
