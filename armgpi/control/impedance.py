@@ -97,6 +97,7 @@ class Impedance(Controller):
     damping_ratio: float = parameter(
         "damping ratio of the slowest and of the fastest mode",
         default=0.8,
+        search=(0.4, 1.5),
         least=0.0,
         most=5.0,
         above=True,

@@ -103,19 +103,30 @@ def assume_drives(robot: Robot, drives: str | None = None) -> Robot:
     Args:
         robot: the arm.
         drives: "elastic" for rotors and elastic joints; "stiff" for rotors and stiff joints; "none" for no
-            rotors. None is "elastic", and leaves an arm alone of which something is assumed already. But for
-            "none", what is published of a known arm (:mod:`armgpi.robot.known_arms`) comes first.
+            rotors. None is "elastic", and leaves an arm alone of whose rotors or stiffness something is
+            assumed already. But for "none", what is published of a known arm
+            (:mod:`armgpi.robot.known_arms`) comes first.
 
     Raises:
         ParameterError: for another word, or what is no robot.
     """
     check_type(robot, "robot", Robot, "a Robot")
     if drives is None:
-        sources = {datum.source for own in robot.drives.data.values() for datum in own.values()}
-        return robot if "assumed" in sources else assume_gears(robot)
+        return robot if _is_assumed_already(robot) else assume_gears(robot)
     drives = current_name(drives, renamed.DRIVES)
     check_choice(drives, "drives", ASSUMPTIONS)
     return {"elastic": assume_gears, "stiff": assume_rotors, "none": without_rotors}[drives](robot)
+
+
+def _is_assumed_already(robot: Robot) -> bool:
+    """Tell whether rotors or joint elasticity of an arm were assumed before.
+
+    Logs that do not determine a number leave it "assumed" as well: that says nothing of the elasticity.
+    """
+    if "assumed" in robot.drives.sources("stiffness"):
+        return True
+    sources = robot.drives.sources("rotor_inertia")
+    return "assumed" in sources and "identified" not in sources
 
 
 def assume_rotors(robot: Robot) -> Robot:

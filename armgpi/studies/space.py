@@ -168,7 +168,9 @@ def numbers(made: Controller) -> dict[str, Variable]:
 def _default(known: Mapping[str, Variable], section: Mapping[str, Any]) -> list[str]:
     """Return the keys that are free when nothing is said."""
     declared = {key: each.declared for key, each in known.items() if each.declared.kind != "table"}
-    searched = [key for key, each in declared.items() if each.search] or declared  # who declares none has all
+    searched = [key for key, each in declared.items() if each.search]
+    if not searched:  # who declares none has all of which something tells a range
+        searched = [key for key, each in declared.items() if each.range(known[key].value) is not None]
     return [key for key in searched if key not in _NEEDS or section.get(_NEEDS[key])]
 
 

@@ -1152,7 +1152,7 @@ def test_paths_and_ranges_that_cannot_be_are_refused(
 
 
 def test_a_goal_where_the_motors_do_not_hold_the_arm_is_warned_of(cli: Callable[..., Answer]) -> None:
-    code, _, err = cli("run", "anthropomorphic3", "--to", "q2=0.1", "--effort", "q2=2.7", "--t-final", "3")
+    code, _, err = cli("run", "anthropomorphic3", "--to", "q2=0.1", "--effort", "q2=1.2", "--t-final", "3")
     assert "joint 'q2' needs" in err, err
     assert "--effort q2=" in err
     assert code == 0

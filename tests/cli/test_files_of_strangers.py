@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import struct
@@ -458,7 +459,9 @@ def test_a_set_of_files_names_none_outside_its_folder(tmp_path: Path) -> None:
 
 def test_good_files_are_read(good: Callable[[str], Ended]) -> None:
     codes = {kind: good(kind).code for kind in KINDS}
-    assert {kind for kind, code in codes.items() if code} <= {
-        *("log to identify from", "model", "certificate", "identification")
-    }
+    # These end in a verdict, or need a package that is not always there.
+    may_fail = {"log to identify from", "model", "certificate", "identification"}
+    if importlib.util.find_spec("xacrodoc") is None:
+        may_fail.add("xacro")
+    assert {kind for kind, code in codes.items() if code} <= may_fail
     assert json.dumps(codes)

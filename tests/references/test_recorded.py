@@ -102,7 +102,7 @@ def test_an_experiment_follows_a_file_and_keeps_it(tmp_path: Path) -> None:
     [
         ({"file": "no such.csv"}, r"reference\.file: .*No such file"),
         ({"file": "x.csv", "holds": 1.0}, r"reference\.holds: file and this key"),
-        ({"file": "x.csv", "path": {"type": "circle"}}, r"reference\.file: path and this key"),
+        ({"file": "x.csv", "path": {"type": "circle"}}, r"reference\.path: file and this key"),
     ],
 )
 def test_a_wrong_experiment_names_its_key(reference: dict[str, Any], message: str) -> None:

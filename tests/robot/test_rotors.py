@@ -120,6 +120,14 @@ def test_what_is_believed_is_a_word_and_is_believed_once() -> None:
         assume_drives(UR5, "loose")
 
 
+@pytest.mark.parametrize("left_open", ["offset", "viscous", "rotor_inertia"])
+def test_joints_of_an_identified_arm_are_elastic_whatever_its_logs_leave_open(left_open: str) -> None:
+    drives = UR5.drives.with_value("rotor_inertia", np.full(6, 0.5), source="identified")
+    open_number = UR5.drives.with_value(left_open, {UR5.joint_names[0]: 0.3}, source="assumed")
+    assumed = assume_drives(UR5.with_drives(drives.updated(open_number)))
+    assert set(assumed.drives.sources("stiffness")) == {"assumed"}
+
+
 @pytest.mark.filterwarnings("ignore::armgpi.errors.ArmgpiWarning")
 def test_a_gear_twists_by_an_angle_and_a_belt_stretches_by_a_length_under_the_limit() -> None:
     panda = Robot.load("panda")

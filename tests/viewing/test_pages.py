@@ -293,12 +293,12 @@ def test_the_report_draws_and_its_controls_work(chromium: browsers.Browser, tmp_
     rollout = compared(soft=moving(ARM), stiff=run(ARM, omega=40.0))
     shown = opened(chromium, report.build(rollout, ARM, configuration="robot: {name: mine}"), tmp_path)
     lines = DRAWN
-    # Position: two and the reference; error: two; velocity: two and the reference; torque: two; disturbance:
-    # one. Of three joints. Error and angle of the tool: two each.
-    assert shown.eval(lines) == 3 * (3 + 2 + 3 + 2 + 1) + 4
+    # Position: two and the reference; error: two; velocity: two and the reference; torque and its rate: two
+    # each; disturbance: one. Of three joints. Error and angle of the tool: two each.
+    assert shown.eval(lines) == 3 * (3 + 2 + 3 + 2 + 2 + 1) + 4
     joint = "document.querySelectorAll('#choices fieldset')[1].querySelectorAll('input')[0]"
     shown.eval(f"{joint}.click()")
-    shown.wait(f"{lines} === {2 * 11 + 4}")
+    shown.wait(f"{lines} === {2 * 13 + 4}")
     rollouts = "document.querySelectorAll('#choices fieldset')[0].querySelectorAll('input')[1]"
     shown.eval(f"{rollouts}.click()")
     shown.wait(f"{lines} === {2 * 7 + 2}")
