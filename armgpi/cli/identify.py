@@ -200,10 +200,15 @@ def _identify_side(
     """Identify the side of the encoders and the rotors from chirps alone, and return the exit code.
 
     Raises:
-        ParameterError: for torques of sensors behind the gears.
+        ParameterError: for torques of sensors behind the gears, or a folder of an identified arm.
     """
     from armgpi.identification import chirp
+    from armgpi.robot.identified import NAME
 
+    if (out / NAME).exists():
+        # Its drives.yaml has what other logs determined, and belongs to that record.
+        wanted = "a folder without an identified arm: name another, or give its logs beside --side"
+        raise ParameterError("--out", str(out), wanted)
     found = chirp.identify_side(arm, log, options["current"], options["columns"], options["torque"])
     drives = found.add_to(arm.drives)
     folder = files.make_folder(out)

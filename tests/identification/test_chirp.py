@@ -181,6 +181,18 @@ def test_chirps_alone_need_no_solver(cli: Callable[..., Answer], monkeypatch: py
     assert "clarabel" not in done.err
 
 
+def test_the_folder_of_an_identified_arm_is_left_alone(cli: Callable[..., Answer], tmp_path: Any) -> None:
+    folder = tmp_path / "identified"
+    folder.mkdir()
+    (folder / "identification.json").write_text("{}", encoding="utf-8")
+    done = cli("identify", "--side", "chirp.csv", "--robot", "ur5", "--out", folder)
+    assert done.code == 2
+    assert "--out" in done.err
+    assert "a folder without an identified arm" in done.err
+    assert len(done.err.splitlines()) == 1
+    assert [path.name for path in folder.iterdir()] == ["identification.json"]
+
+
 @pytest.mark.parametrize("kind", ["--side", "--resonance"])
 def test_a_motion_of_fixed_time_takes_no_seconds(cli: Callable[..., Answer], kind: str) -> None:
     done = cli("excite", "ur5", kind, "--seconds", 5)
