@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import typer
-
 from armgpi.cli.derive import write
 from armgpi.cli.parsing import refusal
+from armgpi.cli.terminal import say_data
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
@@ -41,6 +40,6 @@ def expand(
         arguments[name] = value
     text = xacro.expand(file, arguments, package_dir or [], Path.cwd() if out is None else out.parent)
     if out is None:
-        typer.echo(text, nl=not text.endswith("\n"))  # data as it is: say() writes tabs out
+        say_data(text)
         return
     write(out, text, "--out")

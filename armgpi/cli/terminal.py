@@ -30,6 +30,14 @@ def say(text: object, *, err: bool = False, fg: str | None = None, lines: bool =
     typer.secho(line, err=err, fg=fg, nl=not (lines and line.endswith("\n")))
 
 
+def say_data(text: str) -> None:
+    """Print the content of a file: as it is to a file or a pipe, safe to look at on a terminal."""
+    if sys.stdout.isatty():
+        say(text, lines=True)
+    else:
+        typer.echo(text, nl=not text.endswith("\n"))
+
+
 #: Seconds after which a pipe gets its first line of progress, and between two lines.
 _FIRST_LINE, _NEXT_LINE = 5.0, 30.0
 

@@ -301,10 +301,10 @@ def test_the_report_draws_and_its_controls_work(chromium: browsers.Browser, tmp_
     shown.wait(f"{lines} === {2 * 13 + 4}")
     rollouts = "document.querySelectorAll('#choices fieldset')[0].querySelectorAll('input')[1]"
     shown.eval(f"{rollouts}.click()")
-    shown.wait(f"{lines} === {2 * 7 + 2}")
+    shown.wait(f"{lines} === {2 * 8 + 2}")
     shown.eval(f"{joint}.focus()")  # and by keyboard
     shown.key(" ", "Space", " ")
-    shown.wait(f"{lines} === {3 * 7 + 2}")
+    shown.wait(f"{lines} === {3 * 8 + 2}")
     # One time for the scene and the plots.
     shown.eval("armgpi.scene.show(0.15)")
     place = "parseFloat(document.querySelector('.cursor').style.left)"
