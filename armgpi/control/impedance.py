@@ -26,7 +26,8 @@ from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
 from armgpi.robot.batch import AnyRobot
-from armgpi.robot.frame_motion import FrameMotion, Motion, Pose
+from armgpi.robot.equations import add_smooth_friction
+from armgpi.robot.frame_motion import FrameMotion, Motion, Pose, cross, inner
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 
@@ -44,8 +45,6 @@ _ROUNDED = 0.95
 #: Square of a natural frequency below which there is no spring: the tool cannot move that way
 #: [1/s^2].
 _STILL = 1e-6
-#: Damping of the projection to the null space, with lengths in those of the arm.
-_SINGULAR = 1e-4
 #: Lever of the moment limit that belongs to a force limit [m].
 _LEVER = 0.2
 #: Sine below which the logarithm of a rotation is its sine.
@@ -217,8 +216,7 @@ class Impedance(Controller):
         _, v, a = (part + np.zeros_like(q) for part in target)  # one reference may be for a whole batch
         tau = self._dynamics.inverse(q, v, a - self._alpha * rate)
         if self.friction_feedforward:
-            smooth = np.sqrt(v * v + self.friction_smoothing * self.friction_smoothing)
-            tau = tau + self._viscous * v + self._coulomb * (v / smooth)
+            tau = add_smooth_friction(tau, v, self._viscous, self._coulomb, self.friction_smoothing)
         return tau
 
     @abstractmethod
@@ -348,9 +346,7 @@ class CartesianImpedance(Impedance):
             raise ParameterError("stiffness", stiffness.tolist(), "zero or positive, and not all zero")
         self._linear, self._angular = stiffness[:3].copy(), stiffness[3:].copy()
         self._motion = FrameMotion(arm, self.frame or arm.tip)
-        jacobian = arm.frame_jacobian(self._motion.frame, random_configurations(arm, 32, seed=0))
-        lengths = np.linalg.norm(jacobian[:, :3] * ~arm.prismatic, axis=1)
-        self._length = float(lengths.max()) or 1.0
+        self._length = self._motion.reach(arm)
         self._redundant = arm.n > 6 and self.nullspace_stiffness > 0.0
 
     def step(self, measurement: Measurement, target: Target, state: ImpedanceState) -> ControlStep:
@@ -377,15 +373,9 @@ class CartesianImpedance(Impedance):
 
     def _in_null_space(self, motion: Motion, e: Array) -> Array:
         """Return the part of a joint error that does not move the tool [rad or m]."""
-        zero = 0.0 * motion.position
-        columns = []
-        for lever in motion.levers:
-            linear, angular = (zero, zero) if lever is None else lever
-            columns.append(np.concatenate([linear / self._length + zero, angular + zero], axis=-1))
-        transposed, jacobian = np.stack(columns, axis=-2), np.stack(columns, axis=-1)
-        matrix = np.matmul(jacobian, transposed) + _SINGULAR * np.eye(6)
-        moved = np.linalg.solve(matrix, np.matmul(jacobian, e[..., None]))
-        left: Array = e - np.matmul(transposed, moved)[..., 0]
+        jacobian = motion.damped_jacobian(self._length)
+        moved = np.linalg.solve(jacobian.square, np.matmul(jacobian.matrix, e[..., None]))
+        left: Array = e - np.matmul(jacobian.transposed, moved)[..., 0]
         return left
 
     def _modes(self, arm: Robot, configurations: Array) -> list[Mode]:
@@ -413,10 +403,9 @@ def rotation_between(actual: Array, wished: Array) -> Array:
     sine: Any = 0.0
     trace: Any = 0.0
     for column in range(3):
-        a, b = wished[..., :, column], actual[..., :, column]
-        cross = [a[..., i] * b[..., j] - a[..., j] * b[..., i] for i, j in ((1, 2), (2, 0), (0, 1))]
-        sine = sine + 0.5 * np.stack(cross, axis=-1)
-        trace = trace + (a[..., 0:1] * b[..., 0:1] + a[..., 1:2] * b[..., 1:2] + a[..., 2:3] * b[..., 2:3])
+        wished_axis, actual_axis = wished[..., :, column], actual[..., :, column]
+        sine = sine + 0.5 * cross(wished_axis, actual_axis)
+        trace = trace + inner(wished_axis, actual_axis)
     length = _length_of(sine)
     # 1 + cos(angle), and tan(angle / 2) = sin / (1 + cos).
     angle = 2.0 * np.arctan(length / np.maximum(0.5 * (trace + 1.0), 1e-12))
@@ -432,8 +421,7 @@ def _shortened(vector: Array, most: Any) -> Array:
 
 def _length_of(vector: Array) -> Array:
     """Return the lengths of vectors (..., 3), (..., 1)."""
-    squares = vector * vector
-    length: Array = np.sqrt(squares[..., 0:1] + squares[..., 1:2] + squares[..., 2:3])
+    length: Array = np.sqrt(inner(vector, vector))
     return length
 
 

@@ -12,15 +12,12 @@ from typing import Any
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.robot.frame_motion import FrameMotion, Motion
+from armgpi.robot.frame_motion import FrameMotion, inner
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 
 #: Lever of the moment that belongs to a force where none is given [m].
 LEVER = 0.2
-#: Damping of the inverse, lengths in those of the arm: directions with a singular value below its root are no
-#: directions of a force.
-_SINGULAR = 1e-4
 #: Configurations over which forces are taken.
 _CONFIGURATIONS = 20
 
@@ -52,27 +49,16 @@ class ForceLimit:
         self.force = force
         self.moment = LEVER * force if moment is None else moment
         self.friction = friction
-        jacobian = robot.frame_jacobian(self._motion.frame, random_configurations(robot, 32, seed=0))
-        self._length = float(np.linalg.norm(jacobian[:, :3] * ~robot.prismatic, axis=1).max()) or 1.0
+        self._length = self._motion.reach(robot)
 
     def force_of(self, robot: Robot, torque: Array) -> float:
         """Return the force at the tool [N] that torques (n,) are, the median of some configurations."""
         forces = []
         for q in random_configurations(robot, _CONFIGURATIONS, seed=0):
-            jacobian, transposed = self._jacobians(self._motion.at(q, 0.0 * q))
-            matrix = jacobian @ transposed + _SINGULAR * np.eye(6)
-            wrench = np.linalg.solve(matrix, jacobian @ torque)
+            jacobian = self._motion.at(q, 0.0 * q).damped_jacobian(self._length)
+            wrench = np.linalg.solve(jacobian.square, jacobian.matrix @ torque)
             forces.append(float(np.linalg.norm(wrench[:3])) / self._length)
         return float(np.median(forces))
-
-    def _jacobians(self, motion: Motion) -> tuple[Array, Array]:
-        """Return the Jacobian (..., 6, n), lengths in those of the arm, and its transpose."""
-        zero = 0.0 * motion.position
-        columns = []
-        for lever in motion.levers:
-            linear, angular = (zero, zero) if lever is None else lever
-            columns.append(np.concatenate([linear / self._length + zero, angular + zero], axis=-1))
-        return np.stack(columns, axis=-1), np.stack(columns, axis=-2)
 
     def excess(self, q: Array, torque: Array) -> Array:
         """Return what is too much of a torque; exactly 0 where nothing is.
@@ -81,23 +67,21 @@ class ForceLimit:
             q: measured positions [rad or m], (n,) or (batch, n).
             torque: beyond the model's [N m or N], likewise.
         """
-        motion = self._motion.at(q, 0.0 * q)
-        jacobian, transposed = self._jacobians(motion)
-        matrix = np.matmul(jacobian, transposed) + _SINGULAR * np.eye(6)
-        wrench = np.linalg.solve(matrix, np.matmul(jacobian, torque[..., None]))[..., 0]
+        jacobian = self._motion.at(q, 0.0 * q).damped_jacobian(self._length)
+        seen = np.matmul(jacobian.matrix, torque[..., None])
+        wrench: Any = np.linalg.solve(jacobian.square, seen)[..., 0]
         force, moment = wrench[..., 0:3], wrench[..., 3:6]
         much = np.concatenate(
             [_beyond(force, self.force * self._length), _beyond(moment, self.moment)], axis=-1
         )
-        taken = np.matmul(transposed, much[..., None])[..., 0]
+        taken = np.matmul(jacobian.transposed, much[..., None])[..., 0]
         left: Array = taken - np.minimum(np.maximum(taken, -self.friction), self.friction)
         return left
 
 
 def _beyond(vector: Array, most: Any) -> Array:
     """Return what is beyond a length of vectors (..., 3): exactly 0 for shorter ones."""
-    squares = vector * vector
-    square = squares[..., 0:1] + squares[..., 1:2] + squares[..., 2:3]
-    share = np.maximum(1.0 - most / np.sqrt(np.maximum(square, 1e-12)), 0.0)
+    length = np.sqrt(np.maximum(inner(vector, vector), 1e-12))
+    share = np.maximum(1.0 - most / length, 0.0)
     beyond: Array = share * vector
     return beyond

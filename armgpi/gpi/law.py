@@ -24,7 +24,7 @@ from armgpi.references.reference import Target
 from armgpi.registry import Context
 from armgpi.renamed import warn_renamed
 from armgpi.robot.batch import AnyRobot, check_robot, check_same_joints, feedback_model
-from armgpi.robot.equations import ASSUMED_BITS
+from armgpi.robot.equations import ASSUMED_BITS, add_smooth_friction
 from armgpi.robot.robot import Robot
 
 #: Speed below which the sign of the reference velocity is smoothed [rad/s or m/s].
@@ -480,8 +480,7 @@ class GPI(Controller):
 
     def add_friction(self, torque: Array, v: Array) -> Array:
         """Return a torque with the nominal model's friction at a reference velocity [N m or N]."""
-        # The smoothed sign is 0 where the reference rests: nobody knows which way friction points there.
-        return torque + self._viscous * v + self._coulomb * (v / np.sqrt(v * v + _SMOOTH * _SMOOTH))
+        return add_smooth_friction(torque, v, self._viscous, self._coulomb, _SMOOTH)
 
     def _resting(self, e: Array, target: Target) -> tuple[Resting, ...]:
         """Return what the integrators are given where the reference rests; nothing for the error."""

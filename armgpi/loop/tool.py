@@ -13,7 +13,7 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.errors import ParameterError
 from armgpi.plants.plant import Plant, inside
-from armgpi.robot.frame_motion import FrameMotion, Pose
+from armgpi.robot.frame_motion import FrameMotion, Pose, inner
 from armgpi.robot.robot import Robot
 
 #: Numbers of samples times rollouts of which poses are worked out at once, so that they stay in memory.
@@ -53,7 +53,8 @@ class ToolTrack(NamedTuple):
 
     def sample(self) -> ToolSample:
         """Return what metrics are made from."""
-        squares = [_square(self.forces[..., i, :]) for i in range(self.forces.shape[-2])]
+        forces = [self.forces[..., i, :] for i in range(self.forces.shape[-2])]
+        squares = [inner(force, force) for force in forces]
         largest = np.maximum.reduce(squares) if squares else np.zeros((*self.actual.position.shape[:-1], 1))
         return ToolSample(*_apart(self.actual, self.wished), largest)
 
@@ -97,7 +98,7 @@ class Tool:
             offset, turn = _apart(self.motion.pose(q), self.motion.pose(q_ref))
         if self._surroundings is not None:
             for touched in self._surroundings.touched(q, v, t):
-                force = np.maximum(force, _square(touched.wrench.force))
+                force = np.maximum(force, inner(touched.wrench.force, touched.wrench.force))
         return ToolSample(offset, turn, force)
 
     def track(self, q: Array, v: Array, q_ref: Array, times: Array) -> ToolTrack | None:
@@ -150,11 +151,6 @@ def _apart(actual: Pose, wished: Pose) -> tuple[Any, Any]:
     between = actual.rotation - wished.rotation
     turn: Any = 0.0
     for row in range(3):
-        turn = turn + _square(between[..., row, :])
-    return _square(actual.position - wished.position), turn
-
-
-def _square(x: Any) -> Any:
-    """Return the squared length of vectors (..., 3), (..., 1)."""
-    squares = x * x
-    return squares[..., 0:1] + squares[..., 1:2] + squares[..., 2:3]
+        turn = turn + inner(between[..., row, :], between[..., row, :])
+    offset = actual.position - wished.position
+    return inner(offset, offset), turn

@@ -56,6 +56,21 @@ class Friction(NamedTuple):
     coulomb: Array
 
 
+def add_smooth_friction(torque: Array, v: Array, viscous: Array, coulomb: Array, smoothing: float) -> Array:
+    """Return a torque with friction at a velocity, whose sign is smoothed [N m or N].
+
+    The smoothed sign is 0 at rest: nobody knows which way friction points there.
+
+    Args:
+        torque: what it is added to [N m or N], (n,) or (batch, n).
+        v: velocity [rad/s or m/s], likewise.
+        viscous: viscous coefficient [N m s/rad or N s/m], likewise.
+        coulomb: Coulomb torque or force [N m or N], likewise.
+        smoothing: speed below which the sign is smoothed [rad/s or m/s].
+    """
+    return torque + viscous * v + coulomb * (v / np.sqrt(v * v + smoothing * smoothing))
+
+
 class Outside(NamedTuple):
     """The first of some positions that is outside the joint limits.
 

@@ -13,7 +13,14 @@ import pinocchio as pin
 
 from armgpi.arrays import Array
 from armgpi.errors import NameNotFound, ParameterError
+from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
+
+#: Damping of J J', lengths in those of the arm: directions with a singular value below its root are no
+#: directions of a force or a motion.
+_SINGULAR = 1e-4
+#: Configurations over which the length of an arm is taken.
+_CONFIGURATIONS = 32
 
 
 class Pose(NamedTuple):
@@ -61,6 +68,34 @@ class Motion(NamedTuple):
             else:
                 columns.append(_dot(lever[0], force) + _dot(lever[1], moment))
         return np.stack(columns, axis=-1)
+
+    def damped_jacobian(self, length: float) -> DampedJacobian:
+        """Return the Jacobian of the point, with what inverts it everywhere.
+
+        Args:
+            length: that of the arm [m], which makes positions and rotations comparable.
+        """
+        zero = 0.0 * self.position
+        columns = []
+        for lever in self.levers:
+            linear, angular = (zero, zero) if lever is None else lever
+            columns.append(np.concatenate([linear / length + zero, angular + zero], axis=-1))
+        matrix, transposed = np.stack(columns, axis=-1), np.stack(columns, axis=-2)
+        return DampedJacobian(matrix, transposed, np.matmul(matrix, transposed) + _SINGULAR * np.eye(6))
+
+
+class DampedJacobian(NamedTuple):
+    """The Jacobian of a point, lengths in those of the arm.
+
+    Attributes:
+        matrix: J, (..., 6, n).
+        transposed: its transpose, (..., n, 6).
+        square: J J' and a damping, (..., 6, 6): it has an inverse at singular configurations too.
+    """
+
+    matrix: Array
+    transposed: Array
+    square: Array
 
 
 class FrameMotion:
@@ -116,6 +151,16 @@ class FrameMotion:
             self._offset = robot.coupling.offset[None, None]
         self._n = robot.n
 
+    def reach(self, robot: Robot) -> float:
+        """Return how far the frame is from a joint's axis at most [m], over configurations; 1 for slides.
+
+        Args:
+            robot: the arm.
+        """
+        jacobian = robot.frame_jacobian(self.frame, random_configurations(robot, _CONFIGURATIONS, seed=0))
+        lengths = np.linalg.norm(jacobian[:, :3] * ~robot.prismatic, axis=1)
+        return float(lengths.max()) or 1.0
+
     def pose(self, q: Array) -> Pose:
         """Return where the point is; cheaper than :meth:`at`.
 
@@ -139,7 +184,7 @@ class FrameMotion:
         levers: dict[int, tuple[Any, Any]] = {}
         for i, (place, turns) in enumerate(zip(self._places, self._turns, strict=True)):
             zero = 0.0 * axes[i]
-            lever = (_cross(axes[i], position - origins[i]), axes[i]) if turns else (axes[i], zero)
+            lever = (cross(axes[i], position - origins[i]), axes[i]) if turns else (axes[i], zero)
             levers[place] = lever
             velocity = velocity + lever[0] * all_v[..., place, None]
             rate = rate + lever[1] * all_v[..., place, None]
@@ -192,7 +237,7 @@ class FrameMotion:
         return tuple(summed)
 
 
-def _cross(a: Any, b: Any) -> Any:
+def cross(a: Any, b: Any) -> Any:
     """Return the cross product of (..., 3) and (..., 3)."""
     return np.stack(
         [
@@ -202,6 +247,11 @@ def _cross(a: Any, b: Any) -> Any:
         ],
         axis=-1,
     )
+
+
+def inner(a: Any, b: Any) -> Any:
+    """Return the products of vectors (..., 3) and (..., 3), (..., 1)."""
+    return a[..., 0:1] * b[..., 0:1] + a[..., 1:2] * b[..., 1:2] + a[..., 2:3] * b[..., 2:3]
 
 
 def _dot(a: Any, b: Any) -> Any:
