@@ -36,16 +36,22 @@ COMMANDS = {
     "`armgpi --help`": (*ARMGPI, "--help"),
     "`armgpi robots`": (*ARMGPI, "robots"),
     "`armgpi inspect ur5`": (*ARMGPI, "inspect", "ur5"),
+    "`armgpi new panda`": (*ARMGPI, "new", "panda", "--out", "panda.yaml", "--force"),
     "`armgpi run ur5`": (*ARMGPI, "run", "ur5"),
     "`armgpi run ur5 --out FOLDER`": (*ARMGPI, "run", "ur5", "--out", "out"),
     "`armgpi run ur5`, compiled before": (*ARMGPI, "run", "ur5", "--backend", "compiled"),
+    "`armgpi export ur5`": (*ARMGPI, "export", "ur5", "--out", "ur5"),
+    "`armgpi export panda --target fci`": (*ARMGPI, "export", "panda", "--target", "fci", "--out", "panda"),
 }
 PINOCCHIO, BARE_HELP = "`import pinocchio`", "a bare Typer app, `--help`"
 #: What is timed -> what it is held against, and how many times as long it may take.
 GOALS = {
     "`armgpi --help`": (BARE_HELP, 1.5),
-    "`armgpi inspect ur5`": (PINOCCHIO, 3.0),
+    "`armgpi inspect ur5`": (PINOCCHIO, 3.5),
+    "`armgpi new panda`": (PINOCCHIO, 4.5),
     "`armgpi run ur5`": (PINOCCHIO, 4.0),
+    "`armgpi export ur5`": (PINOCCHIO, 10.0),
+    "`armgpi export panda --target fci`": (PINOCCHIO, 12.0),
 }
 #: Packages that have a row of their own in the split of a start; the smaller ones are added up.
 SHOWN = 8

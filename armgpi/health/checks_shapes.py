@@ -14,12 +14,12 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial import ConvexHull, QhullError
 
 from armgpi.arrays import Array
 from armgpi.errors import MissingPackage, Remedy
 from armgpi.health.findings import Finding, Subject, check
 from armgpi.robot import mesh_files, tensors
+from armgpi.robot.mesh_hulls import hull_of
 from armgpi.robot.repairs import ABOUT_CENTRE, UNITS, UnitRepair
 from armgpi.robot.tree import Link
 
@@ -310,12 +310,11 @@ class _Shapes:
         """Return the convex hull of a mesh, in its file's own frame and units."""
         try:
             found = self._finder.find(name)
-            points = mesh_files.corners(found, self._left)
-            self._left -= found.path.stat().st_size if found.path else 0
-            hull = ConvexHull(np.unique(points, axis=0))
-        except (mesh_files.MeshError, MissingPackage, OSError, QhullError, ValueError):
+            hull = hull_of(found, self._left)
+        except (mesh_files.MeshError, MissingPackage, OSError, ValueError):
             return None
-        return _Extent(hull.points[hull.vertices], float(hull.volume))
+        self._left -= found.path.stat().st_size if found.path else 0
+        return _Extent(hull.corners, hull.volume)
 
 
 def _part(shape: Element) -> _Extent | None:

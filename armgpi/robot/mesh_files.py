@@ -20,7 +20,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from armgpi import files, interrupts
+from armgpi import interrupts
 from armgpi.arrays import Array
 from armgpi.errors import ArmgpiError, MissingPackage, import_extra
 from armgpi.robot.meshes import Found
@@ -52,21 +52,24 @@ class MeshError(ArmgpiError):
         super().__init__(f"mesh {filename!r}: {message}")
 
 
-def corners(found: Found, most: int = MAX_BYTES) -> Array:
-    """Return the corners of the triangles of a mesh [m], shape (k, 3), of a file of at most so many bytes.
+def corners(content: bytes, kind: str, name: str) -> Array:
+    """Return the corners of the triangles of a mesh [m], shape (k, 3), by the content of its file.
+
+    Args:
+        content: of the file.
+        kind: one of `KINDS`.
+        name: of the file, for messages.
 
     Raises:
-        MeshError: when it is not there, larger, outside the robot's package, or no mesh.
+        MeshError: when it is no mesh.
         MissingPackage: when trimesh is not installed.
     """
-    path, kind, _ = checked(found, most)
-    content = files.read_bytes(path, most)
-    parts = guarded(_corners, content, kind, found.name)
+    parts = guarded(_corners, content, kind, name)
     if not parts:
-        raise MeshError(found.name, "has no triangles")
+        raise MeshError(name, "has no triangles")
     points: Array = np.concatenate(parts)
     if not (np.abs(points) <= _FARTHEST).all():  # NaN as well
-        raise MeshError(found.name, "has corners that are not finite")
+        raise MeshError(name, "has corners that are not finite")
     return points
 
 
