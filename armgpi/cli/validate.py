@@ -27,7 +27,10 @@ ROWS = {
         "Longest time for one call of the model [s]; reading it may take twelve times as long."
     ),
     "seed NUMBER": "Seed of the random states.",
-    "isolate": "Run the model without network, other processes and files to write; needs Linux.",
+    "isolate": (
+        "Run the model without network, other processes and files to write; needs user namespaces of Linux, "
+        "or bubblewrap."
+    ),
     "absolute": "The model measures the angles of parallel joints from the base (absolute angles).",
     "from_vertical up|down": "Direction from which the model measures its first horizontal axis.",
     "viscous_friction NUMBERS": (

@@ -75,8 +75,8 @@ def validate(
         viscous_friction: what the model's inverse and forward dynamics have in addition, linear in the
             joint velocities [N m s/rad or N s/m]; likewise.
         names: what the model calls its functions -> what they are; M, D, C and G are known.
-        isolate: the model has no network, sees no other process and writes no file; it needs the user
-            namespaces of Linux.
+        isolate: the model has no network, sees no other process and writes no file; it needs Linux, with
+            user namespaces or bubblewrap. The latter takes a model of a file or module alone.
 
     Returns:
         What agrees, what differs, where, and why.
@@ -151,6 +151,8 @@ def load_robot(robot: Robot | str | PathLike[str] | None) -> Robot | None:
 def _notes(worker: Worker, sampled: Mapping[str, Sampled], passive: tuple[int, ...]) -> Iterator[str]:
     """Yield what else was seen of a model: that it prints, computes with few digits, forms of its arrays."""
     yield from containment.gaps()
+    if worker.means:
+        yield f"the model ran without network, other processes and files to write, by {worker.means}"
     for name, form in worker.forms.items():
         yield from form.notes(name)
     if passive:

@@ -5,7 +5,8 @@ knows of it. On Linux, a keeper between armgpi and the model adopts such orphans
 and ends them all, also when armgpi itself is killed. Elsewhere the group of the model is all that ends.
 
 :func:`isolate` goes further: in namespaces of its own a process has no network, sees no other process, and
-can write nothing but a small folder in memory. It needs user namespaces, which some systems forbid.
+can write nothing but a small folder in memory. Some systems forbid that to all programs but bubblewrap, which
+then does the same to a fresh Python (:func:`bubblewrap`). :func:`find_means` tries which of both works.
 """
 
 from __future__ import annotations
@@ -13,9 +14,12 @@ from __future__ import annotations
 import ctypes
 import os
 import resource
+import shutil
 import signal
+import subprocess
 import sys
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -37,9 +41,17 @@ _AT_RECURSIVE = 0x8000
 #: capset(2), <linux/capability.h>.
 _CAPABILITY_VERSION_3 = 0x20080522
 #: What a process in isolation may write, in memory.
-SCRATCH, _SCRATCH_SIZE = "/dev/shm", "64m"
+SCRATCH, _SCRATCH_SIZE = "/dev/shm", 64 * 2**20
 #: Why there is no isolation where a system has no Linux.
 _NO_LINUX = "it needs Linux"
+#: What isolates a process: namespaces that it makes itself, or the program bubblewrap.
+NAMESPACES, BUBBLEWRAP = "user namespaces", "bubblewrap"
+#: Exit code for a process in isolation that a signal ended, less the signal; as of shells.
+SIGNALLED = 128
+#: Exit code of a keeper whose process took too much memory, and time between two looks at it [s].
+FULL, _LOOK = 99, 0.2
+#: How long bubblewrap may take to run a program that does nothing [s].
+_TRIAL = 20.0
 
 
 class Unavailable(Exception):
@@ -70,15 +82,17 @@ def bounds_memory() -> bool:
 def gaps() -> Iterator[str]:
     """Yield what this system does not keep a model from, as notes of a report."""
     if not bounds_memory():
-        yield "the memory of the model is not bounded on this system"
+        bound = "is bounded by a look at it five times a second" if shutil.which("ps") else "is not bounded"
+        yield f"the memory of the model {bound} on this system"
     if not adopts():
         yield "processes that the model starts in a session of their own are not ended on this system"
 
 
-def keep(run: Callable[[], None]) -> None:
+def keep(run: Callable[[], None], memory: int) -> None:
     """Run something in a child, end whatever it has started when it ends, and end as it ended.
 
-    SIGTERM ends the child and all that it has started. On Linux the death of the parent does the same.
+    SIGTERM ends the child and all that it has started. On Linux the death of the parent does the same. Where
+    the system does not bound memory, another process ends them beyond `memory` [bytes]: see :data:`FULL`.
     """
     parent = os.getppid()
     # With a handler, as some systems drop a signal that would be ignored before anyone waits for it.
@@ -99,13 +113,56 @@ def keep(run: Callable[[], None]) -> None:
             _prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
         run()
         os._exit(0)
-    status = _wait(child, waited)
+    guard = _start_guard(child, memory)
+    status = _wait({child, *guard}, waited)
+    for process in guard:  # where there is no /proc, nothing else ends it
+        with suppress(OSError):
+            os.kill(process, signal.SIGKILL)
     end_children(child)
     _end_like(status)
 
 
-def _wait(child: int, waited: set[signal.Signals]) -> int | None:
-    """Return the status with which a child ended; None when SIGTERM came first."""
+def _start_guard(child: int, memory: int) -> list[int]:
+    """Start what looks at a child's memory [bytes] where no limit holds it; return the guard's process."""
+    if bounds_memory() or shutil.which("ps") is None:
+        return []
+    keeper = os.getpid()
+    guard = os.fork()
+    if guard:
+        return [guard]
+    try:
+        base = size = _resident(child)
+        while size and os.getppid() == keeper:
+            if size > base + memory:
+                os._exit(FULL)
+            time.sleep(_LOOK)
+            size = _resident(child)
+        while os.getppid() == keeper:  # which is about to end this process
+            time.sleep(_LOOK)
+    finally:
+        os._exit(1)
+
+
+def _resident(first: int) -> int:
+    """Return the memory that a process and its descendants have [bytes], as `ps` tells on every system."""
+    told = subprocess.run(["ps", "-A", "-o", "pid=,ppid=,rss="], stdout=subprocess.PIPE, check=False).stdout
+    parents, sizes = dict[int, int](), dict[int, int]()
+    for line in told.decode("ascii", "replace").splitlines():
+        with suppress(ValueError):
+            process, parent, kilobytes = map(int, line.split())
+            parents[process], sizes[process] = parent, 1024 * kilobytes
+    total = 0
+    for process, size in sizes.items():
+        ancestor = process
+        while ancestor not in (first, 0, 1) and ancestor in parents:
+            ancestor = parents[ancestor]
+        if ancestor == first:
+            total += size
+    return total
+
+
+def _wait(children: set[int], waited: set[signal.Signals]) -> int | None:
+    """Return the status with which the first of some children ended; None when SIGTERM came before."""
     while True:
         if signal.sigwait(waited) == signal.SIGTERM:
             return None
@@ -114,7 +171,7 @@ def _wait(child: int, waited: set[signal.Signals]) -> int | None:
                 ended, status = os.waitpid(-1, os.WNOHANG)
             except ChildProcessError:
                 return None
-            if ended == child:
+            if ended in children:
                 return status
             if not ended:
                 break
@@ -160,7 +217,8 @@ def _end_like(status: int | None) -> None:
             signal.signal(-code, signal.SIG_DFL)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, [-code])
         os.kill(os.getpid(), -code)
-    os._exit(max(code, 0))
+    # The first process of a namespace is not ended by its own signals.
+    os._exit(code if code >= 0 else SIGNALLED - code)
 
 
 def isolate() -> None:
@@ -204,6 +262,91 @@ def close_off() -> None:
     _prctl(_PR_SET_NO_NEW_PRIVS, 1)
     header = (ctypes.c_uint32 * 2)(_CAPABILITY_VERSION_3, 0)
     _check(libc.capset(header, (ctypes.c_uint32 * 6)()), "capset")
+
+
+def find_means() -> str:
+    """Return what isolates a process on this system, :data:`NAMESPACES` or :data:`BUBBLEWRAP`, by trying.
+
+    Raises:
+        Unavailable: when neither does; the text says why of each.
+    """
+    if sys.platform != "linux":
+        raise Unavailable(_NO_LINUX)
+    forbidden = _try_namespaces()
+    if not forbidden:
+        return NAMESPACES
+    failed = _try_bubblewrap()
+    if not failed:
+        return BUBBLEWRAP
+    raise Unavailable(f"{NAMESPACES}: {forbidden}; {BUBBLEWRAP}: {failed}")
+
+
+def _try_namespaces() -> str:
+    """Return why a process cannot isolate itself here, as forks tell that try; "" when it can."""
+    reader, writer = os.pipe()
+    tried = os.fork()
+    if not tried:
+        why = ""
+        try:
+            isolate()
+            inner = os.fork()  # the first process in the namespaces
+            if inner:
+                os.waitpid(inner, 0)
+                os._exit(0)
+            close_off()
+        except Unavailable as error:
+            why = str(error)
+        except OSError as error:
+            why = f"fork: {error.strerror}"
+        os.write(writer, (why or "works").encode())
+        os._exit(0)
+    os.close(writer)
+    os.waitpid(tried, 0)
+    with open(reader, encoding="utf-8") as said:
+        why = said.read() or "the process that tried has ended"
+    return "" if why == "works" else why
+
+
+def _try_bubblewrap() -> str:
+    """Return why bubblewrap isolates no process here; "" when it does."""
+    try:
+        command = [*bubblewrap(), sys.executable, "-I", "-S", "-c", ""]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_TRIAL, check=False)
+    except Unavailable as error:
+        return str(error)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return f"{type(error).__name__} when it was started"
+    if not done.returncode:
+        return ""
+    lines = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
+    return lines[-1].removeprefix("bwrap: ").strip()[:200]
+
+
+def bubblewrap() -> list[str]:
+    """Return the start of a command that bubblewrap isolates, as :func:`isolate` and :func:`close_off` do.
+
+    Raises:
+        Unavailable: when this system does not have it.
+    """
+    found = shutil.which("bwrap")
+    if found is None:
+        raise Unavailable("it is not installed (`apt install bubblewrap`)")
+    # Everything read-only, then devices, processes and a scratch folder of its own.
+    files = [*("--ro-bind", "/", "/"), *("--dev", "/dev"), *("--proc", "/proc")]
+    scratch = ["--size", str(_SCRATCH_SIZE), "--tmpfs", SCRATCH, "--remount-ro", "/dev"]
+    namespaces = ["--unshare-all", "--die-with-parent", "--cap-drop", "ALL"]
+    return [found, *namespaces, *files, *scratch, "--setenv", "TMPDIR", SCRATCH]
+
+
+def close_others(kept: Sequence[int]) -> None:
+    """Close every file and socket of this process but its standard streams and those that it keeps.
+
+    A model in isolation would write and send through those that armgpi, or the program around it, has open.
+    """
+    least = 3
+    for descriptor in sorted({*kept, 2, os.sysconf("SC_OPEN_MAX")}):
+        os.closerange(least, descriptor)
+        least = max(least, descriptor + 1)
 
 
 def _libc() -> ctypes.CDLL:

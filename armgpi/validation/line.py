@@ -1,10 +1,17 @@
-"""Messages between two processes, of which one may be hostile: no wait is endless, no length is trusted."""
+"""Messages between two processes, of which one may be hostile: no wait is endless, no length is trusted.
+
+Beside them, a number that both see.
+"""
 
 from __future__ import annotations
 
+import fcntl
+import os
 import socket
 import struct
+import tempfile
 import time
+from contextlib import suppress
 
 #: Length of what follows [bytes], before each message.
 _HEADER = struct.Struct("!Q")
@@ -68,9 +75,63 @@ class Line:
             left -= len(block)
         return b"".join(blocks)
 
+    @property
+    def descriptor(self) -> int:
+        """Return its file descriptor in this process."""
+        return self._end.fileno()
+
     def close(self) -> None:
         """Close it in this process."""
         self._end.close()
+
+
+class Counter:
+    """A number that two processes share, also when one of them answers no more.
+
+    It is in a file without a name, which on Linux is in memory and keeps its length. It is read, not mapped:
+    a process may shorten a file, and who then looks at the rest of its map is ended.
+
+    Attributes:
+        descriptor: of that file.
+    """
+
+    def __init__(self, descriptor: int | None = None) -> None:
+        """Start at 0, or take the one of another process by a file descriptor."""
+        self.descriptor = _numbered_file() if descriptor is None else descriptor
+
+    @property
+    def value(self) -> int:
+        """Return what it is at; the other process may have written anything."""
+        with suppress(OSError, struct.error):
+            return int(_HEADER.unpack(os.pread(self.descriptor, _HEADER.size, 0))[0])
+        return 0
+
+    @value.setter
+    def value(self, number: int) -> None:
+        """Set it, if the file is still there."""
+        with suppress(OSError):
+            os.pwrite(self.descriptor, _HEADER.pack(number), 0)
+
+    def close(self) -> None:
+        """Close it in this process; a second time changes nothing."""
+        descriptor, self.descriptor = self.descriptor, -1
+        if descriptor >= 0:
+            os.close(descriptor)
+
+
+def _numbered_file() -> int:
+    """Return the descriptor of a file that holds one number."""
+    if hasattr(os, "memfd_create"):
+        descriptor = os.memfd_create("counter", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+        os.pwrite(descriptor, bytes(_HEADER.size), 0)
+        fcntl.fcntl(
+            descriptor, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL
+        )
+        return descriptor
+    with tempfile.TemporaryFile() as file:
+        file.write(bytes(_HEADER.size))
+        file.flush()
+        return os.dup(file.fileno())
 
 
 def pair() -> tuple[Line, Line]:

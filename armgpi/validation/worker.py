@@ -17,7 +17,9 @@ import os
 import pickle
 import resource
 import signal
+import socket
 import sys
+import tempfile
 import time
 import traceback
 import warnings
@@ -34,7 +36,7 @@ from armgpi.errors import ModelError, ParameterError, Remedy
 from armgpi.validation import containment, edits, mechanics, models, search, units
 from armgpi.validation.conventions import Convention
 from armgpi.validation.forms import Adapted, Form
-from armgpi.validation.line import Line, pair
+from armgpi.validation.line import Counter, Line, pair
 
 #: Reading a model may take so many times as long as one call, and always so long [s]: it may have to import
 #: or derive something first.
@@ -73,6 +75,7 @@ class Worker:
         uncompared: its other functions of a state, which nothing compares.
         forms: of its functions those that take or return arrays in another form, once they were called.
         takes: how long a call takes [s], per function: the least so far.
+        means: what isolates it, "" when nothing does.
     """
 
     def __init__(
@@ -93,16 +96,18 @@ class Worker:
         self.name = name
         self.time_limit, self.convention, self.isolate = time_limit, convention, isolate
         self._model = model
+        self.means = _means_of_isolation(model) if isolate else ""
         self.takes: dict[str, float] = {}
         self.forms: dict[str, Form] = {}
         # Forked, as a model may be an object that cannot be pickled (closures, a class in a notebook), and as
         # a fresh Python would take a second to import what is imported here already.
         context = multiprocessing.get_context("fork")
-        # In shared memory: which of its calls the process is at, also when it never comes back.
-        self._started = context.RawValue("L", 0)
+        # Which of its calls the process is at, also when it never comes back.
+        self._started = Counter()
         self._line, theirs = pair()
-        given = (model, source, convention, self._started)
-        self._process = context.Process(target=_keep, args=(self._line, theirs, isolate, given), daemon=True)
+        given = (model, source, convention)
+        kept = (self._line, theirs, self.means, given, self._started)
+        self._process = context.Process(target=_keep, args=kept, daemon=True)
         # What is in a buffer at the fork would be written by both.
         sys.stdout.flush()
         sys.stderr.flush()
@@ -152,6 +157,7 @@ class Worker:
                 self._process.kill()
         self._process.join()
         self._line.close()
+        self._started.close()
 
     def call(self, function: str, states: Sequence[Sequence[Array]]) -> list[Array]:
         """Return what a function of the model gives at some states, as float arrays of any shape.
@@ -246,12 +252,17 @@ class Worker:
         if code == _CUT:
             return ModelError(self.name, function, "closes file descriptors that are not its own")
         if code == _OPEN:
-            raise ParameterError("isolate", True, f"False, as this system cannot: {_why_open()}") from None
+            raise ParameterError("isolate", True, f"False, as {self.means} failed here") from None
+        if code == containment.FULL:
+            text = f"takes more than {MEMORY / 2**30:g} GiB of memory"
+            return ModelError(self.name, function, text)
         if code == _BROKEN:
             text = "breaks the Python it runs in: does it replace builtins, or functions of NumPy?"
             return ModelError(self.name, function, text)
+        if self.means and code is not None and code > containment.SIGNALLED:
+            code = containment.SIGNALLED - code
         how = f"with exit code {code}"
-        if code is not None and code < 0:
+        if code is not None and -code in set(signal.Signals):
             how = f"by {signal.Signals(-code).name}"
         return ModelError(self.name, function, f"ended its Python process {how}")
 
@@ -404,49 +415,82 @@ class _Silent(io.TextIOBase):
         return len(text)
 
 
-def _keep(parents: Line, line: Line, isolated: bool, given: Sequence[Any]) -> None:
+def _means_of_isolation(model: Any) -> str:
+    """Return what isolates a model on this system; see :func:`containment.find_means`.
+
+    Raises:
+        ParameterError: when nothing does, or what does cannot run this model.
+    """
+    try:
+        means = containment.find_means()
+    except containment.Unavailable as error:
+        raise ParameterError("isolate", True, f"False, as this system cannot: {error}") from None
+    if means == containment.BUBBLEWRAP and not isinstance(model, str | Path):
+        expected = "False, as only bubblewrap works here, which runs models of files: give its path or module"
+        raise ParameterError("isolate", True, expected)
+    return means
+
+
+def _keep(parents: Line, line: Line, means: str, given: Sequence[Any], started: Counter) -> None:
     """Keep the process of a model: this one adopts what it starts, and ends with it."""
     parents.close()  # or the child would never see that the parent is gone
     with suppress(OSError):
         os.setsid()  # what a terminal sends to its group is not for us
 
     def serve() -> None:
-        _serve(line, *given)
+        if means:
+            containment.close_others([line.descriptor, started.descriptor])
+        model, source, convention = given
+        _serve(line, model, source, convention, started)
 
     def serve_closed_off() -> None:
         try:
             containment.close_off()
         except containment.Unavailable:
             os._exit(_OPEN)
-        containment.keep(serve)  # the first process of a namespace: all others end with it
+        containment.keep(serve, MEMORY)  # the first process of a namespace: all others end with it
 
-    if isolated:
+    def serve_in_bubblewrap() -> None:
+        with suppress(OSError, containment.Unavailable):
+            _start_in_bubblewrap(line, given, started)
+        os._exit(_OPEN)
+
+    if means == containment.NAMESPACES:
         try:
             containment.isolate()
         except containment.Unavailable:
             os._exit(_OPEN)
-    containment.keep(serve_closed_off if isolated else serve)
+    runs = {"": serve, containment.NAMESPACES: serve_closed_off, containment.BUBBLEWRAP: serve_in_bubblewrap}
+    containment.keep(runs[means], MEMORY)
 
 
-def _why_open() -> str:
-    """Return why no process can be isolated here, as one tells that tries."""
-    reader, writer = os.pipe()
-    tried = os.fork()
-    if not tried:
-        why = "its file system cannot be made read-only"
-        try:
-            containment.isolate()
-        except containment.Unavailable as error:
-            why = str(error)
-        os.write(writer, why.encode())
-        os._exit(0)
-    os.close(writer)
-    os.waitpid(tried, 0)
-    with open(reader, encoding="utf-8") as said:
-        return said.read()
+def _start_in_bubblewrap(line: Line, given: Sequence[Any], started: Counter) -> None:
+    """Become bubblewrap with a fresh Python, which reads from a file what a forked one has."""
+    with tempfile.TemporaryFile() as file:
+        pickle.dump(given, file)
+        file.flush()
+        kept = [line.descriptor, started.descriptor, file.fileno()]
+        containment.close_others(kept)
+        for descriptor in kept:
+            os.set_inheritable(descriptor, True)
+        numbers = ", ".join(map(str, kept))
+        found_as_here = f"import sys; sys.path[:] = {sys.path!r}"
+        program = f"{found_as_here}; from {__name__} import serve_fresh; serve_fresh({numbers})"
+        command = [*containment.bubblewrap(), sys.executable, "-c", program]
+        os.execv(command[0], command)
 
 
-def _serve(line: Line, model: Any, source: str | None, convention: Convention | None, started: Any) -> None:
+def serve_fresh(line: int, started: int, given: int) -> None:
+    """Answer for a model in a fresh Python, given the file descriptors of line, counter and model."""
+    with open(given, "rb") as file:
+        file.seek(0)
+        model, source, convention = pickle.load(file)  # from armgpi itself
+    _serve(Line(socket.socket(fileno=line)), model, source, convention, Counter(started))
+
+
+def _serve(
+    line: Line, model: Any, source: str | None, convention: Convention | None, started: Counter
+) -> None:
     """Answer for the model in the child: read it, then answer calls until the parent goes away."""
     try:
         own, silent = os.getpid(), _prepare(model)
@@ -550,7 +594,7 @@ def _answer_calls(
     states: Sequence[Sequence[Array]],
     silent: _Silent,
     own: int,
-    started: Any,
+    started: Counter,
 ) -> None:
     """Answer one list of calls up to the first that fails; `own` is the process that may."""
     try:

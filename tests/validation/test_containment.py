@@ -7,6 +7,7 @@ import json
 import os
 import pickle
 import random
+import resource
 import signal
 import socket
 import struct
@@ -111,7 +112,7 @@ def test_a_stopped_keeper_ends_too(tmp_path: Path) -> None:
 
 #: Tries what an isolated model may not do, and returns as gravity what it achieved.
 TRIES = """
-import os, socket
+import os, pathlib, socket
 def achieved(attempt):
     try:
         attempt()
@@ -120,11 +121,15 @@ def achieved(attempt):
     return 1.0
 done = [
     achieved(lambda: open({folder!r} + "/written", "w")),
+    achieved(lambda: (pathlib.Path.home() / "written").write_text("x")),
     achieved(lambda: socket.create_connection(("127.0.0.1", {port}), 1.0)),
     achieved(lambda: os.kill({parent}, 0)),
     achieved(lambda: os.listdir("/proc/{parent}")),
     achieved(lambda: os.unlink({folder!r} + "/other")),
+    achieved(lambda: os.write({descriptor}, b"x")),
 ]
+if os.environ.get("TMPDIR"):
+    open(os.environ["TMPDIR"] + "/scratch", "w").write("x")
 def gravity(q):
     if any(done):
         raise ValueError(done)
@@ -132,22 +137,56 @@ def gravity(q):
 """
 
 
-@pytest.mark.skipif(not can_isolate(), reason="this system forbids user namespaces")
-def test_an_isolated_model_writes_nothing_and_reaches_nobody(tmp_path: Path) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
-        text = TRIES.format(folder=str(tmp_path), port=port, parent=os.getpid())
-        path = tmp_path / "model.py"
-        path.write_text(text, encoding="utf-8")
-        (tmp_path / "other").touch()
+def has_bubblewrap() -> bool:
+    """Tell whether bubblewrap works on this system."""
+    return not containment._try_bubblewrap()
+
+
+@pytest.fixture(params=[containment.NAMESPACES, containment.BUBBLEWRAP])
+def means(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Have one of the two ways isolate a model; a system without it is skipped."""
+    chosen = str(request.param)
+    if not (can_isolate() if chosen == containment.NAMESPACES else has_bubblewrap()):
+        pytest.skip(f"this system has no {chosen}")
+    if chosen == containment.BUBBLEWRAP:
+        monkeypatch.setattr(containment, "isolate", forbidden)
+    return chosen
+
+
+def forbidden() -> None:
+    """Fail as where a system gives no namespaces."""
+    raise containment.Unavailable("unshare: Operation not permitted")
+
+
+def test_an_isolated_model_writes_nothing_and_reaches_nobody(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, means: str
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    path = tmp_path / "model.py"
+    (tmp_path / "other").touch()
+    with socket.create_server(("127.0.0.1", 0)) as server, open(tmp_path / "ours", "w") as ours:
+        os.set_inheritable(ours.fileno(), True)
+        path.write_text(
+            TRIES.format(
+                folder=str(tmp_path),
+                port=server.getsockname()[1],
+                parent=os.getpid(),
+                descriptor=ours.fileno(),
+            ),
+            encoding="utf-8",
+        )
         report = validate(path, ARM, isolate=True)
         assert [one.function for one in report.functions] == ["gravity"]
-        with pytest.raises(errors.ModelError, match=r"ValueError: \[1\.0, 1\.0, 1\.0, 1\.0, 1\.0\]"):
+        assert (
+            f"the model ran without network, other processes and files to write, by {means}" in report.text()
+        )
+        with pytest.raises(
+            errors.ModelError, match=r"ValueError: \[1\.0, 1\.0, 1\.0, 1\.0, 1\.0, 1\.0, 1\.0\]"
+        ):
             validate(path, ARM)
 
 
-@pytest.mark.skipif(not can_isolate(), reason="this system forbids user namespaces")
-def test_an_isolated_model_and_its_daemon_end(tmp_path: Path) -> None:
+def test_an_isolated_model_and_its_daemon_end(tmp_path: Path, means: str) -> None:
     path = tmp_path / "model.py"
     text = "import os, time\nif not os.fork():\n    os.setsid()\n    os.fork()\n    time.sleep(301)\n"
     path.write_text(text + "def gravity(q):\n    os._exit(7)\n", encoding="utf-8")
@@ -156,18 +195,93 @@ def test_an_isolated_model_and_its_daemon_end(tmp_path: Path) -> None:
     assert not [x for x in Path("/proc").glob("[0-9]*/cmdline") if str(path) in x.read_text(errors="ignore")]
 
 
-def test_where_nothing_isolates_one_line_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def forbidden() -> None:
-        raise containment.Unavailable("unshare: Operation not permitted")
+def test_isolated_models_are_named_as_others_are(tmp_path: Path, means: str) -> None:
+    """What a process in isolation ends by, and the state at which it did, is what one outside says."""
+    path = tmp_path / "model.py"
+    text = "import os\nseen = []\ndef gravity(q):\n    seen.append(q)\n    if len(seen) == 5:\n"
+    path.write_text(text + "        os.kill(os.getpid(), 9)\n    return [0.0, 0.0]\n", encoding="utf-8")
+    said = []
+    for isolate in (False, True):
+        with pytest.raises(errors.ModelError, match="SIGKILL") as caught:
+            validate(path, ARM, isolate=isolate)
+        said.append(str(caught.value))
+    assert said[0] == said[1]
 
+
+def test_bubblewrap_runs_no_model_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    if not has_bubblewrap():
+        pytest.skip("this system has no bubblewrap")
     monkeypatch.setattr(containment, "isolate", forbidden)
-    with pytest.raises(errors.ParameterError, match=r"isolate.*unshare: Operation not permitted"):
+    with pytest.raises(errors.ParameterError, match="only bubblewrap works here, which runs models of files"):
+        validate({"gravity": lambda q: q}, ARM, isolate=True)
+
+
+def test_where_nothing_isolates_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(containment, "isolate", forbidden)
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(
+        errors.ParameterError,
+        match=r"isolate.*unshare: Operation not permitted; bubblewrap: it is not installed",
+    ):
         validate("paper", "anthropomorphic3", isolate=True)
+
+
+def test_a_program_called_bwrap_that_does_nothing_of_the_kind_is_not_trusted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "bwrap").write_text("#!/bin/sh\necho 'bwrap: no permission' >&2\nexit 1\n")
+    (tmp_path / "bwrap").chmod(0o755)
+    monkeypatch.setattr(containment, "isolate", forbidden)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    with pytest.raises(errors.ParameterError, match="bubblewrap: no permission"):
+        validate("paper", "anthropomorphic3", isolate=True)
+
+
+#: Takes 300 MB in a child of its own.
+TAKES = """
+import os, time
+def gravity(q):
+    if not os.fork():
+        kept = bytes(1) * (300 * 2**20)
+        time.sleep(60)
+    os.wait()
+    return [0.0, 0.0]
+"""
+
+
+def test_memory_is_bounded_where_no_limit_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on macOS, whose kernel takes RLIMIT_AS and ignores it: stood in for by a limit that is not set."""
+    monkeypatch.setattr(containment, "bounds_memory", lambda: False)
+    monkeypatch.setattr(worker, "MEMORY", 200 * 2**20)
+    monkeypatch.setattr(resource, "setrlimit", lambda *_: None)
+    path = tmp_path / "model.py"
+    path.write_text(TAKES, encoding="utf-8")
+    began = time.monotonic()
+    with pytest.raises(errors.ModelError, match=r"takes more than 0\.195312 GiB of memory"):
+        validate(path, ARM, time_limit=50.0)
+    assert time.monotonic() - began < 40.0
+    path.write_text("def gravity(q):\n    return [0.0, 0.0]\n", encoding="utf-8")
+    assert validate(path, ARM).functions
+
+
+def test_a_model_that_shortens_the_counter_ends_nobody(tmp_path: Path) -> None:
+    """The parent reads which call its process is at from a file that both have."""
+    path = tmp_path / "model.py"
+    path.write_text(
+        "import contextlib, os\ndef gravity(q):\n    for k in range(3, 64):\n"
+        "        with contextlib.suppress(OSError):\n            os.ftruncate(k, 0)\n"
+        "    raise ValueError('done')\n"
+    )
+    with pytest.raises(errors.ModelError, match="ValueError: done"):
+        validate(path, ARM)
 
 
 def test_a_report_says_what_is_not_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "not bounded" not in validate("paper", "anthropomorphic3").text()
     monkeypatch.setattr(sys, "platform", "darwin")
+    text = validate("paper", "anthropomorphic3").text()
+    assert "the memory of the model is bounded by a look at it five times a second on this system" in text
+    monkeypatch.setenv("PATH", "")
     text = validate("paper", "anthropomorphic3").text()
     assert "the memory of the model is not bounded on this system" in text
     assert "processes that the model starts in a session of their own are not ended" in text
@@ -183,7 +297,7 @@ def test_orphans_are_ended_without_proc(monkeypatch: pytest.MonkeyPatch) -> None
             os.write(writer, b"x")
             time.sleep(300)
 
-        containment.keep(wait)
+        containment.keep(wait, worker.MEMORY)
     os.read(reader, 1)
     os.kill(kept, signal.SIGTERM)
     assert os.waitstatus_to_exitcode(os.waitpid(kept, 0)[1]) == 0
