@@ -35,7 +35,7 @@ from armgpi.errors import (
     ParameterError,
 )
 from armgpi.loop import metrics
-from armgpi.loop.backends import BACKENDS, runner
+from armgpi.loop.backends import BACKENDS, runner, sample_streams
 from armgpi.loop.closed_loop import ClosedLoop, LoopState
 from armgpi.loop.memory import Memory, NetCDF
 from armgpi.loop.rollout import SAMPLED, Recorded, Recording, Status, provenance, summary_dataset
@@ -262,6 +262,7 @@ class PreparedLoop:
         """Run the loop with other numbers; return what was run, what ran it and what that was made from."""
         check_type(progress, "progress", bool | None, "True, False or None")
         loop = self._with(values, seed)
+        sample_streams(loop.reference, self.steps * loop.dt, self._backend)
         state = loop.init(q0, v0)
         if not self._reference_checked or loop.reference is not self.loop.reference:
             _check_reference(loop, self.steps * loop.dt)

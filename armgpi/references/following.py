@@ -7,7 +7,9 @@ leave their limits, whatever arrives. So nothing here raises an exception while 
 
 from __future__ import annotations
 
+import copy
 import math
+import re
 from collections.abc import Callable
 from os import PathLike
 from typing import Any, NamedTuple
@@ -15,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from armgpi.arrays import Array, ArrayLike, as_float_array, as_sized_array, check_number, check_type
+from armgpi.arrays import SMALLEST, Array, ArrayLike, as_float_array, as_sized_array, check_number, check_type
 from armgpi.errors import ArrayError, ParameterError, ReachError
 from armgpi.references.poses import Poses, as_poses, check_pose_times, load_poses
 from armgpi.references.reference import Reference, Target
@@ -124,6 +126,19 @@ class FollowLimits(NamedTuple):
         return cls(velocity, acceleration, _RATE_SHARE * rate / own)
 
 
+class FollowPlan(NamedTuple):
+    """What one step of a follower computes with, arrays that broadcast: the plan of its limits."""
+
+    speed: Any
+    acceleration: Any
+    jerk: Any
+    lost: Any  # speed that the jerk takes while the brake comes on
+    twice_braking: Any
+    easing: Any  # where the jerk alone limits, a stop from v takes sqrt(v^3 / jerk)
+    rate: Any
+    dt: Any
+
+
 class Follower:
     """Goes after a goal that jumps, within limits of speed, acceleration and jerk.
 
@@ -135,6 +150,7 @@ class Follower:
     Attributes:
         limits: what it keeps to, arrays.
         dt: sample time [s].
+        plan: what a step computes with, from both.
     """
 
     def __init__(self, limits: FollowLimits, dt: float) -> None:
@@ -158,17 +174,19 @@ class Follower:
             raise ArrayError("limits", f"expected limits of one shape, or numbers; got {shapes}") from None
         self.limits = FollowLimits(*found)
         speed, acceleration, jerk = found
-        self._speed, self._acceleration = _PLANNED * speed, _PLANNED * acceleration
-        self._jerk = jerk
         # No faster than what sampling and the jerk of the slowest joint follow.
         slowest = float(np.cbrt(1.5 * jerk / _FINE).min())
-        self._rate = min(_RATE, slowest, 0.2 / self.dt)
-        braking = _BRAKING * self._acceleration
-        #: Speed that the jerk takes while the brake comes on.
-        self._lost = 0.5 * braking * braking / jerk
-        self._twice_braking = 2.0 * braking
-        #: Where the jerk alone limits, a stop from v takes sqrt(v^3 / jerk).
-        self._easing = _EASING**3 * jerk
+        braking = _BRAKING * _PLANNED * acceleration
+        self.plan = FollowPlan(
+            speed=_PLANNED * speed,
+            acceleration=_PLANNED * acceleration,
+            jerk=jerk,
+            lost=0.5 * braking * braking / jerk,
+            twice_braking=2.0 * braking,
+            easing=_EASING**3 * jerk,
+            rate=min(_RATE, slowest, 0.2 / self.dt),
+            dt=self.dt,
+        )
 
     def init(self, q: ArrayLike) -> Target:
         """Return the state at rest at positions [rad or m], (n,) or (batch, n)."""
@@ -184,23 +202,27 @@ class Follower:
             rate: how fast the goal moves [rad/s or m/s], likewise; 0 for one that waits.
         """
         q, v, a = state
-        dt, omega = self.dt, self._rate
+        most, _, jerk_limit, lost, twice_braking, easing, omega, dt = self.plan
         error = goal - q
         size = np.abs(error)
-        braking = np.sqrt(self._lost * self._lost + self._twice_braking * size) - self._lost
-        easing = np.cbrt(self._easing * size * size)
-        speed = np.minimum(np.minimum((omega / 3.0) * size, braking), easing)
+        braking = np.sqrt(lost * lost + twice_braking * size) - lost
+        speed = np.minimum(np.minimum((omega / 3.0) * size, braking), _cube_root(easing * size * size))
         wanted = rate + np.sign(error) * speed
-        wanted = np.maximum(np.minimum(wanted, self._speed), -self._speed)
+        wanted = np.maximum(np.minimum(wanted, most), -most)
         change = wanted - v
         size = np.abs(change)
-        pull = np.sign(change) * np.minimum(omega * size, np.sqrt(self._jerk * size))
-        pull = np.maximum(np.minimum(pull, self._acceleration), -self._acceleration)
+        pull = np.sign(change) * np.minimum(omega * size, np.sqrt(jerk_limit * size))
+        pull = np.maximum(np.minimum(pull, self.plan.acceleration), -self.plan.acceleration)
         jerk = (2.0 * omega) * (pull - a)
-        jerk = np.maximum(np.minimum(jerk, self._jerk), -self._jerk)
+        jerk = np.maximum(np.minimum(jerk, jerk_limit), -jerk_limit)
         a = a + dt * jerk
         v = v + dt * a
         return Target(q + dt * v, v, a)
+
+
+def _cube_root(x: Any) -> Any:
+    """Return cube roots of numbers that are not negative, from functions that generated C has as well."""
+    return np.exp(np.log(np.maximum(x, SMALLEST)) / 3.0)
 
 
 class _Guess(NamedTuple):
@@ -224,6 +246,9 @@ class SetpointInverse:
         robot: the arm.
         frame: name of the frame.
         home: the posture [rad or m], (n,).
+        length: that weighs as much as a radian [m].
+        units: that of each joint in such lengths, 1 for one that turns, (n,).
+        margins: lowest and highest positions that it gives [rad or m], two arrays (n,).
     """
 
     def __init__(self, robot: Robot, frame: str, home: ArrayLike | None = None) -> None:
@@ -250,11 +275,17 @@ class SetpointInverse:
         if not jacobian.any():
             raise ParameterError("frame", frame, "a frame that moves; this one is fixed to the base")
         turning = ~robot.prismatic
-        self._length = float(np.linalg.norm(jacobian[:, :3] * turning, axis=1).max()) or 1.0
-        self._units = np.where(turning, 1.0, self._length)
+        self.length = float(np.linalg.norm(jacobian[:, :3] * turning, axis=1).max()) or 1.0
+        self.units = np.where(turning, 1.0, self.length)
         lower, upper = robot.limits.lower, robot.limits.upper
         margin = np.minimum(_MARGIN, _MARGIN_SHARE * (upper - lower))
-        self._lower, self._upper = lower + margin, upper - margin
+        self.margins = lower + margin, upper - margin
+
+    def with_home(self, home: Array) -> SetpointInverse:
+        """Return the same task with another posture [rad or m], (n,)."""
+        other = copy.copy(self)
+        other.home = home
+        return other
 
     def __call__(
         self, q: Array, position: Array, rotation: Array, within: tuple[Array, Array] | None = None
@@ -271,15 +302,15 @@ class SetpointInverse:
         Returns:
             Joint positions inside the limits [rad or m], (n,): of a pose out of reach, near to it.
         """
-        lower, upper = self._lower, self._upper
+        lower, upper = self.margins
         if within is not None:
             lower = np.minimum(np.maximum(within[0], lower), upper)
             upper = np.maximum(np.minimum(within[1], upper), lower)
         first = np.minimum(np.maximum(q, lower), upper)
         found = self._state(first, q, position, rotation)
-        bounds = (lower - q) / self._units, (upper - q) / self._units
+        bounds = (lower - q) / self.units, (upper - q) / self.units
         free = found.jacobian.T @ np.linalg.inv(found.jacobian @ found.jacobian.T + _FREE * np.eye(6))
-        posture = (self.home - q) / self._units
+        posture = (self.home - q) / self.units
         near = _POSTURE * (posture - free @ (found.jacobian @ posture))
         damping = 0.0
         for _ in range(_ITERATIONS):
@@ -291,7 +322,7 @@ class SetpointInverse:
             found = better
             if gained < _LEAST_GAIN and moved < 1e-4:
                 break
-        return np.asarray(q + self._units * found.x)
+        return np.asarray(q + self.units * found.x)
 
     def error(self, q: Array, position: Array, rotation: Array) -> tuple[float, float]:
         """Return distance [m] and angle [rad] from a pose."""
@@ -303,12 +334,12 @@ class SetpointInverse:
         """Return what is missing to a pose, weighted, lengths in those of the arm."""
         pose = self.robot.frame_pose(self.frame, q)
         error = np.empty(6)
-        error[:3] = (position - pose.translation) / self._length
+        error[:3] = (position - pose.translation) / self.length
         error[3:] = _TURN_WEIGHT * pin.log3(rotation @ pose.rotation.T)
-        jacobian = self.robot.frame_jacobian(self.frame, q) * self._units
-        jacobian[:3] /= self._length
+        jacobian = self.robot.frame_jacobian(self.frame, q) * self.units
+        jacobian[:3] /= self.length
         jacobian[3:] *= _TURN_WEIGHT
-        return _Guess((q - q_before) / self._units, error, jacobian)
+        return _Guess((q - q_before) / self.units, error, jacobian)
 
     def _better(
         self,
@@ -328,11 +359,16 @@ class SetpointInverse:
         upper = np.minimum(bounds[1] - found.x, _LONGEST_STEP)
         for _ in range(_RETRIES):
             step = _bounded(matrix + damping * np.eye(len(q)), gradient, lower, upper)
-            tried = self._state(q + self._units * (found.x + step), q, position, rotation)
+            tried = self._state(q + self.units * (found.x + step), q, position, rotation)
             if _cost(tried, near) <= _cost(found, near):
                 return tried, damping / _MORE
             damping = max(_MORE * damping, _RETRY)
         return None, damping
+
+
+def constants() -> dict[str, float]:
+    """Return the numbers of this module by their names, for the C that does the same."""
+    return {name[1:]: value for name, value in globals().items() if re.fullmatch("_[A-Z][A-Z_]+", name)}
 
 
 def _cost(found: _Guess, near: Array) -> float:
@@ -508,9 +544,18 @@ class Setpoints(Reference):
             )
         return np.asarray(found.q)
 
+    @property
+    def sampled(self) -> int:
+        """How many samples are known."""
+        return len(self._known.q)
+
+    def take_samples(self, samples: Target) -> None:
+        """Take samples (k, n) from the first one on, which generated code worked out as this class would."""
+        self._known = samples
+
     def _grow(self, count: int) -> None:
         """Have at least so many samples."""
-        if len(self._samples) >= count:
+        if self.sampled >= count:
             return
         state = self._samples[-1]
         for k in range(len(self._samples) - 1, max(count, len(self._samples) + 256) - 1):
