@@ -221,7 +221,9 @@ def _compare(
         told = find_causes(compared, sampled, dict(_follows(problem, sampled, own)))
         told = told._replace(causes=[*told.causes, *_undiagnosed(seen, told.causes)])
     elif (other := repair.odd_numbers(compared)) is not None:
-        odd, told = other.names, with_other_numbers(compared, other)
+        seen_with_others = with_other_numbers(compared, other)
+        if seen_with_others is not None:
+            odd, told = other.names, seen_with_others
     causes = told.causes
     functions = tuple(
         one._replace(diagnosis=tuple(c for c in causes if one.function in c.functions)) for one in seen

@@ -550,7 +550,8 @@ class _Fitted:
         weights = 1.0 / p.tolerance[differing]
         parts = (self._coefficients[:, :, differing] * weights).reshape(len(self._coefficients), -1)
         target = (p.user[:, differing] * weights).ravel()
-        if np.abs(parts[1:]).max() < 1.0:
+        # An arm without that mass may have no inertia at all, and no accelerations.
+        if not np.isfinite(parts).all() or np.abs(parts[1:]).max() < 1.0:
             return None  # what differs does not depend on it
         value = h.value + self._closest(parts, target)
         # The fit knows only what differs; the hypothesis itself must not spoil what agrees.

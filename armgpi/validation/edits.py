@@ -51,7 +51,7 @@ _SMALL = frozenset((rows,) * count for rows in (1, 2, 3, 4) for count in (1, 2, 
 #: Modules that a source may import when changes of it are tried, and names that it must not have: a change
 #: may make it do anything with a file.
 _HARMLESS = frozenset(
-    "math cmath numpy scipy sympy casadi dataclasses types typing functools itertools operator "  # noqa: SIM905
+    "math cmath numpy scipy sympy casadi dataclasses types typing functools itertools operator json io re "  # noqa: SIM905
     "collections abc enum fractions copy random time warnings __future__ matplotlib armgpi".split()
 )
 _HARMFUL = frozenset(

@@ -45,6 +45,7 @@ def slopes(problem: Problem, states: States, names: Sequence[str]) -> Slopes:
         (*links, -1),
         np.stack(ordered, axis=-1),
         SAFETY * noise / (2.0 * STEP),
+        problem.is_passive,
     )
 
 
@@ -58,12 +59,20 @@ class _Stack:
     def __init__(self, problem: Problem, states: States, names: Sequence[str]) -> None:
         """Take the reference, and the states and functions of which the values are stacked."""
         self._problem, self._states, self._names = problem, states, names
-        own = self._values(evaluate(problem.tree, states.q, _WANT))
+        nominal = evaluate(problem.tree, states.q, _WANT)
+        self._passive = _Passive(problem, states, nominal) if problem.is_passive else None
+        own = [self._function(name, problem.in_tool_coordinates(nominal), False) for name in names]
         self.sizes = [max(float(np.abs(x).max(initial=0.0)), 1e-9) for x in own]
 
     def _values(self, quantities: Quantities) -> list[Array]:
         seen = self._problem.in_tool_coordinates(quantities)
-        return [_function(name, seen, self._states, self._problem).ravel() for name in self._names]
+        return [self._function(name, seen, True).ravel() for name in self._names]
+
+    def _function(self, name: str, quantities: Quantities, for_slope: bool) -> Array:
+        """Return what a function gives, or something with the same derivative by the arm's numbers."""
+        if name == "forward_dynamics" and self._passive is not None and for_slope:
+            return self._passive.moved(quantities)
+        return _function(name, quantities, self._states, self._problem)
 
     def difference(self, ahead: Quantities, behind: Quantities) -> Array:
         """Return how much more one arm gives than another."""
@@ -73,6 +82,26 @@ class _Stack:
     def between(self, ahead: Tree, behind: Tree) -> Array:
         """Return how much more one arm gives than another, from the arms."""
         return self.difference(*(evaluate(x, self._states.q, _WANT) for x in (ahead, behind)))
+
+
+class _Passive:
+    """Accelerations where the torques that are read are too few to take D and C v + G apart.
+
+    Their derivative by a number of the arm is -D⁻¹ times that of the torque for the same acceleration. That
+    torque is linear in the masses, so that a step of any size gives it exactly; the accelerations are not.
+    """
+
+    def __init__(self, problem: Problem, states: States, nominal: Quantities) -> None:
+        """Take the accelerations of the nominal arm."""
+        self._viscous = problem.tree.viscous
+        self._inverse = -np.linalg.inv(nominal["D"])
+        a = function_of("forward_dynamics", nominal, states, self._viscous)
+        self._states = states._replace(a=a)
+
+    def moved(self, quantities: Quantities) -> Array:
+        """Return -D⁻¹ of the nominal arm times the torque of another one."""
+        torque = function_of("inverse_dynamics", quantities, self._states, self._viscous)
+        return np.asarray(np.einsum("Nij,Nj->Ni", self._inverse, torque))
 
 
 def _bases(

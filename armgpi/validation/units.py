@@ -23,6 +23,8 @@ from armgpi.arrays import Array
 STEP = 1e-3
 #: A derivative is such a sum up to this, relative.
 _SAME = 1e-5
+#: The same of accelerations, where the step of a number leaves more.
+_SAME_CURVED = 1e-3
 #: Numbers of a model that are looked at, at most.
 _MOST = 30
 #: Numbers of the robot that one of the model may be, at most: Ixx, Iyy and Izz of two links.
@@ -47,6 +49,7 @@ class Slopes(NamedTuple):
         links: the links that they belong to, from 0; gravity's is -1.
         columns: the derivatives by them, (values, count).
         noise: what the rounding of a model's values leaves of a derivative: of finite differences, say.
+        curved: whether the values are fractions of the numbers: accelerations, of which D is not known.
     """
 
     names: tuple[str, ...]
@@ -57,11 +60,13 @@ class Slopes(NamedTuple):
     links: tuple[int, ...]
     columns: Array
     noise: float = 0.0
+    curved: bool = False
 
     def same(self, rest: Array, column: Array) -> bool:
         """Tell whether what is left of a derivative is nothing."""
         least = self.noise * np.sqrt(len(column))
-        return bool(np.linalg.norm(rest) <= _SAME * np.linalg.norm(column) + least)
+        share = _SAME_CURVED if self.curved else _SAME
+        return bool(np.linalg.norm(rest) <= share * np.linalg.norm(column) + least)
 
     def of(self, column: Array, stated: Sequence[float]) -> set[int | None]:
         """Return the links whose numbers of one unit give a derivative, with None if those of all give it.

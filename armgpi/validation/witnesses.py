@@ -113,8 +113,10 @@ def find_causes(
     return Found([*causes, *set_aside], repaired, shown, residual.legend(shown))
 
 
-def with_other_numbers(compared: Compared, other: Renumbered) -> Found:
+def with_other_numbers(compared: Compared, other: Renumbered) -> Found | None:
     """Return what is wrong with a model that agrees with its own numbers alone, as it shows with others.
+
+    None where it agrees with the other numbers too, whatever their derivatives are.
 
     Args:
         compared: the model beside the robot, where they agree.
@@ -129,7 +131,7 @@ def with_other_numbers(compared: Compared, other: Renumbered) -> Found:
             sampled = samples.sample(twin, compared.states)
             problem = Problem(other.tree, compared.states.q, sampled, compared.problem.rtol)
             if problem.agreeing.all():
-                return bare
+                return None
             there = compared._replace(worker=twin, problem=problem)
             found = find_causes(there, sampled, {})
     except ModelError:

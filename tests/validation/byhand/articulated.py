@@ -1,4 +1,4 @@
-"""Articulated bodies in the plane (slide, turn, turn): planar spatial vectors (turn, x, y), forward dynamics."""
+"""Articulated bodies in the plane (slide, turn, turn): planar spatial vectors (turn, x, y)."""
 
 import numpy as np
 

@@ -1,0 +1,55 @@
+"""Forward dynamics that do not read every torque: right ones are right, and wrong ones end in a report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import byhand
+import pytest
+import textbooks
+
+from armgpi import Robot, validate
+
+PENDUBOT = """
+import numpy as np
+
+m1, m2, l1, c1, c2, I1, I2, g = 1.5, 1.0, 0.4, 0.2, 0.15, 0.02, 0.05, 9.81
+
+
+def forward_dynamics(q, v, tau):
+    k = m2 * l1 * c2 * np.cos(q[1])
+    d = I2 + m2 * c2**2
+    D = np.array([[I1 + m1 * c1**2 + m2 * l1**2 + d + 2 * k, d + k], [d + k, d]])
+    h = m2 * l1 * c2 * np.sin(q[1])
+    b = m2 * g * c2 * np.cos(q[0] + q[1])
+    rest = np.array([-h * v[1] * (2 * v[0] + v[1]), h * v[0] ** 2])
+    rest += np.array([(m1 * c1 + m2 * l1) * g * np.cos(q[0]) + b, b])
+    return np.linalg.solve(D, np.array([TORQUES]) - rest)
+"""
+
+
+def pendubot() -> Robot:
+    """Return the robot of the model above."""
+    turn, ball = textbooks._turn, textbooks._round
+    joints = [
+        turn("0 -1 0", (0, 0, 0), 1.5, (0.2, 0, 0), ball(0.02)),
+        turn("0 -1 0", (0.4, 0, 0), 1.0, (0.15, 0, 0), ball(0.05)),
+    ]
+    return Robot.from_xml(textbooks.written("pendubot", joints))
+
+
+@pytest.mark.parametrize("torques", ["tau[0], 0.0", "0.0, tau[1]"])
+def test_accelerations_of_a_right_model_agree_for_other_numbers_too(torques: str, tmp_path: Path) -> None:
+    path = tmp_path / "pendubot.py"
+    path.write_text(PENDUBOT.replace("TORQUES", torques))
+    report = validate(path, pendubot())
+    assert report.agrees, report
+
+
+def test_a_point_mass_that_may_be_without_mass_is_no_error(tmp_path: Path) -> None:
+    mistake = next(byhand.mistakes("beamball"))
+    path = tmp_path / "beamball.py"
+    path.write_text(mistake.source)
+    report = validate(path, byhand.robot("beamball"))
+    assert not report.agrees
+    assert report.causes
