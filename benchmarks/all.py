@@ -37,6 +37,13 @@ SCRIPTS = {
     "derive": False,
 }
 
+#: What a newcomer can answer after the first screen of a page, in its source.
+NEWCOMER = (
+    "<!-- After the first screen a newcomer can answer: What was measured? One table of times, on the machine\n"
+    "in its head. What do I type? `python benchmarks/{name}.py`. What is not in it? Other machines;\n"
+    "conclusions are in docs/benchmarks.md. -->\n"
+)
+
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -61,9 +68,11 @@ def _ran(name: str, quick: bool, docs: bool) -> bool:
     if process.returncode:
         print(f"benchmarks/{name}.py ended with {process.returncode}", file=sys.stderr)
         return False
+    page = "".join(lines).rstrip() + "\n"
     for folder in (PAGES, DOCS) if docs else (PAGES,):
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / f"{name}.md").write_text("".join(lines).rstrip() + "\n", encoding="utf-8")
+        text = NEWCOMER.format(name=name) + page if folder == DOCS else page
+        (folder / f"{name}.md").write_text(text, encoding="utf-8")
     return True
 
 

@@ -53,7 +53,7 @@ class Certificate:
 
     Attributes:
         data: the certificate file as plain data.
-        reasons: what is in the way and what would do, a sentence each; empty for a certificate.
+        reasons: what limits the certificate and what to change, a sentence each; empty for a certificate.
     """
 
     def __init__(self, data: Mapping[str, Any], reasons: tuple[str, ...] = ()) -> None:
@@ -238,11 +238,11 @@ def certificate(asked: Asked, found: Numbers) -> Certificate:
     known.gain()
     if known.solutions:
         if any(float(x) for x in stated.values()):
-            known.close("stated", "what was stated", stated)
+            known.close("stated", "the stated disturbances", stated)
         if float(numbers["jump"]) and asked.start == "wrong-load":
-            known.close("start", "a start with the torque of another load", stated)
+            known.close("start", "a start with the torque for another payload", stated)
         if float(numbers["jump"]) and asked.jump:
-            known.close("jump", "a jump of the load", stated)
+            known.close("jump", "a jump of the payload", stated)
     data: dict[str, Any] = {
         "format": FORMAT,
         "robot": _robot(asked),
@@ -259,8 +259,8 @@ def certificate(asked: Asked, found: Numbers) -> Certificate:
     outside = count_outside(asked.setting, found, asked.others) if known.solutions else 0
     if outside:
         known.said.append(
-            f"some of {_count_others(asked)} other arms that are possible exceed its numbers: a longer log "
-            "would do"
+            f"Some of {_count_others(asked)} other possible arms exceed its numbers: identify the arm with a "
+            "longer log."
         )
     return Certificate(data, tuple(known.said))
 

@@ -1,4 +1,4 @@
-"""Why there is no certificate: which number is in the way, and what would do."""
+"""Why there is no certificate: which number limits it, and which change would suffice."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _SHARES = (0.5, 0.25, 0.1)
 def explain_unsolved(
     asked: Asked, law: Mapping[str, Any], numbers: Mapping[str, Any], inputs: Mapping[str, Any]
 ) -> list[str]:
-    """Return why the inequality has no solution: the sector, the number in the way, and what would do.
+    """Return why the inequality has no solution: the sector, the limiting number, and what would suffice.
 
     Args:
         asked: what was asked for.
@@ -40,10 +40,11 @@ def explain_unsolved(
     said = [_sector(asked, law, numbers, float(inputs["spread"]))]
     causes = [name for name in _NUMBERS if solvable(law, _less(numbers, name, 0.0), inputs)]
     said += [
-        f"in the way: {_NUMBERS[name]}, {name} = {float(numbers[name]):.4g}{_UNITS[name]}" for name in causes
+        f"Limiting quantity: {_NUMBERS[name]}, {name} = {float(numbers[name]):.4g}{_UNITS[name]}."
+        for name in causes
     ]
     if not causes:
-        said.append("in the way: more than one number; none alone at its best would do")
+        said.append("Limiting quantity: more than one; improving one of them alone would not suffice.")
     return said + _remedies(asked, law, numbers, inputs)
 
 
@@ -59,24 +60,29 @@ def beyond(
         found: the bounds; None where there are none.
     """
     robot, names = asked.robot, asked.robot.joint_names
-    where = "where nothing disturbs" if what is None else f"under {what}"
-    less = "" if what is None else ", or less that disturbs,"
+    where = "Without disturbances" if what is None else f"Under {what}"
+    less = "" if what is None else " or smaller disturbances"
     if spread is None or found is None:
         return [
-            f"{where} the error may be so fast that the arm's own motion is more than the law takes: "
-            "less that disturbs, a slower reference, feedforward or rotor inertia would do"
+            f"{where}, the speed of the error has no bound that the controller can tolerate. Try smaller "
+            "disturbances, a slower reference, feedforward, or an arm with rotor inertia."
         ]
     said = []
-    off = "{} may be {:.3g} off and radius allows {:.3g}: a larger radius"
-    weak = "{} may need {:.3g} and its effort is {:.3g}: a lighter load, more effort or the joint locked"
+    off = "the error of {} can reach {:.3g}; radius allows {:.3g}. Try a larger radius"
+    weak = (
+        "{} can need a torque of {:.3g}; its effort is {:.3g}. Try a lighter payload, more effort, to lock it"
+    )
     for key, limits, text in (("errors", asked.radius, off), ("torques", robot.limits.effort, weak)):
         values = np.array([float(x) for x in found[key]])
         worst = int(np.argmax(values / limits))
         if values[worst] > limits[worst]:
-            told = text.format(f"joint {names[worst]!r}", values[worst], limits[worst])
-            said.append(f"{where} {told}{less} would do")
+            sentence = text.format(f"joint {names[worst]!r}", values[worst], limits[worst])
+            said.append(f"{where}, {sentence}{less}.")
     if float(found["speed"][0]) > spread:
-        said.append(f"{where} no bound on the speed of the error implies itself: less that disturbs would do")
+        said.append(
+            f"{where}, the speed of the error can exceed the one that the numbers were taken for. "
+            "Try smaller disturbances."
+        )
     return said
 
 
@@ -91,22 +97,23 @@ def _less(numbers: Mapping[str, Any], name: str, share: float) -> dict[str, Any]
 
 
 def _sector(asked: Asked, law: Mapping[str, Any], numbers: Mapping[str, Any], spread: float) -> str:
-    """Return what the law takes beside what is asked, with an error of some speed."""
+    """Return the sector that the controller tolerates, compared with the one asked for."""
     low, high, sigma = (float(numbers[x]) for x in ("delta_low", "delta_high", "sigma_error"))
     sigma *= spread
     omega, zeta, pole = (float(x) for x in (law["omega"][0], law["zeta"], law["pole_ratio"]))
     loop = open_loop(Tuning(np.array(omega), np.array(zeta), np.array(pole * omega)), member_of(law))
     most = sector(loop, low, sigma).upper
     return (
-        f"no certificate: delta goes from {low:.3g} to {high:.3g}, and moves at sigma = {sigma:.3g} 1/s; "
-        f"without sampling, delay, gravity and Coriolis torques the law takes {low:.3g} to {most:.3g}"
+        f"The inertia ratio delta is {low:.3g} to {high:.3g} and changes at sigma = {sigma:.3g} 1/s; the "
+        f"controller tolerates {low:.3g} to {most:.3g}, and less with sampling, delay, gravity and Coriolis "
+        "torques."
     )
 
 
 def _remedies(
     asked: Asked, law: Mapping[str, Any], numbers: Mapping[str, Any], inputs: Mapping[str, Any]
 ) -> list[str]:
-    """Return what would do, each alone."""
+    """Return changes each of which alone would suffice."""
     omegas = [round(factor * float(law["omega"][0]), 3) for factor in _BANDWIDTHS]
     # What is tried of each kind, the least change first.
     bandwidths = ((f"omega = {x:.3g} rad/s", {**law, "omega": [repr(x)]}, numbers, inputs) for x in omegas)
@@ -122,8 +129,8 @@ def _remedies(
     delays = [("no delay", {**law, "delay": 0}, numbers, inputs)] * bool(law["delay"])
     kinds = (bandwidths, speeds, loads, delays)
     first = (next((what for what, *changed in tried if solvable(*changed)), None) for tried in kinds)
-    said = [f"what would do: {what}" for what in first if what is not None]
+    said = [f"This change would suffice: {what}." for what in first if what is not None]
     if not asked.robot.armature.all():
         missing = [x for x, y in zip(asked.robot.joint_names, asked.robot.armature, strict=True) if not y]
-        said.append(f"rotor inertia makes all numbers smaller; give that of {', '.join(missing)}")
+        said.append(f"Rotor inertia makes all numbers smaller; specify that of {', '.join(missing)}.")
     return said

@@ -53,12 +53,12 @@ _ADVICE = {
     "torques": "a faster controller, or smaller disturbance torque and friction",
     "force at the tool": "a faster controller, or a smaller force",
     "motion of the reference": "a slower path, or feedforward: model",
-    "encoders and lateness": "finer encoders, or less delay",
-    "inertia that is wrong": "identify the arm, or state fewer loads",
+    "encoders and delay": "finer encoders, or less delay",
+    "wrong inertia": "identify the arm, or state fewer loads",
     "gravity": "feedforward: model, or a faster controller",
     "Coriolis and viscous torques": "a slower path, or a faster controller",
 }
-_LESS = "smaller disturbances, a slower path, or feedforward would suffice"
+_LESS = "Try smaller disturbances, a slower path, or feedforward."
 #: Speed beyond that of the error from which a reference says which way friction points: ten times that at
 #: which a plant smooths it, and that of the feedforward [rad/s or m/s].
 _SMOOTH = 1e-2
@@ -334,7 +334,7 @@ def bound_wish(wish: Wish, others: Sequence[Robot] = (), bears: bool = True) -> 
     made = best.path_bound(tubes if bears else ())
     own = made.error - wish.delay * wish.controller.dt * best.known.speed
     if outside := sum(not best.covers(arm, own, made.torque) for arm in others):
-        said = f"{outside} of {len(others)} other arms that are possible have a larger one: {_LESS}"
+        said = f"{outside} of {len(others)} other possible arms have a larger bound. {_LESS}"
         return _none(wish, [said])
     return made._replace(tried=len(others))
 
@@ -571,8 +571,8 @@ class _Tube:
             "torques": rest.torque + torque * rest.spread,
             "force at the tool": force * rest.force,
             "motion of the reference": rest.motion + rest.stiffness @ (late * known.speed),
-            "encoders and lateness": rest.turning @ (late * (known.speed + old.speed) + wish.hidden),
-            "inertia that is wrong": rest.mismatch @ old.asked,
+            "encoders and delay": rest.turning @ (late * (known.speed + old.speed) + wish.hidden),
+            "wrong inertia": rest.mismatch @ old.asked,
             "gravity": rest.stiffness @ old.error,
             "Coriolis and viscous torques": rest.rate @ old.speed
             + np.einsum("ica,c,a->i", rest.square, old.speed, old.speed),
@@ -632,11 +632,11 @@ class _Tube:
         force = self.wish.force if force is None else force
         found = self.solve(torque, force)
         if found is None or not self.holds(found):
-            return [f"the error may leave {float(self.radius.max()):.3g} rad or m: {_LESS}"]
+            return [f"The error can exceed {float(self.radius.max()):.3g} rad or m. {_LESS}"]
         names, torques = self.wish.controller.robot.joint_names, self.torques(found, torque, force)
         effort = np.broadcast_to(self.wish.controller.effort, torques.shape)
         return [
-            f"joint {name!r} may need {most:.3g} and its effort is {limit:.3g}: {_LESS}"
+            f"Joint {name!r} can need a torque of {most:.3g}; its effort is {limit:.3g}. {_LESS}"
             for name, most, limit in zip(names, torques, effort, strict=True)
             if most > limit
         ]
@@ -646,9 +646,9 @@ class _Tube:
         if self.loop is None:
             return "with the inertia of these arms a joint's own loop is unstable: the model is too far off"
         if self._without().solve(0.0, 0.0) is not None:
-            return f"the error may leave {_WIDEST:g} rad or m: {_LESS}"
+            return f"The error can exceed {_WIDEST:g} rad or m. {_LESS}"
         grown = {
-            "mismatch": "inertia that is wrong",
+            "mismatch": "wrong inertia",
             "stiffness": "gravity",
             "rate": "Coriolis and viscous torques",
         }
@@ -681,7 +681,7 @@ class _Tube:
         size = np.maximum(found.error, 1e-300)
         parts = {name: loop.rest[0] * x / size for name, x in found.parts.items()}
         fixed = loop.measured[0] * wish.hidden + loop.shift[0] * known.shift
-        parts["encoders and lateness"] = parts["encoders and lateness"] + fixed / size
+        parts["encoders and delay"] = parts["encoders and delay"] + fixed / size
         jerks = _convolve(loop, known.jerk)[0]
         parts["motion of the reference"] = parts["motion of the reference"] + jerks / size
         own = found.error + wish.delay * wish.controller.dt * known.speed
@@ -724,25 +724,26 @@ def describe(found: PathBound) -> list[str]:
     """Return a tube in words, the verdict first."""
     robot, slides = found.wish.controller.robot, found.wish.controller.robot.prismatic
     if not found.holds:
-        return ["no bound along this path", *(f"  {reason}" for reason in found.reasons)]
+        return ["No bound along this path:", *(f"  {reason}" for reason in found.reasons)]
     lines = [
-        f"the tool stays within {1e3 * found.tool:.3g} mm of its path, for searched numbers of a rigid arm: "
-        "the largest found, and 3 % more",
-        f"  it also tolerates {found.tolerated_torque:.2g} N m or N, arbitrary in time, on all joints at "
-        f"once, or {found.tolerated_force:.2g} N at the tool",
+        f"The tool stays within {1e3 * found.tool:.3g} mm of its path.",
+        "  This is not proved: joints are assumed stiff, and the numbers of the arm are the largest that "
+        "were found, and 3 % more.",
+        f"  Tolerated in addition, arbitrary in time: {found.tolerated_torque:.2g} N m or N on all joints at "
+        f"once, or {found.tolerated_force:.2g} N at the tool.",
     ]
     if found.tried:
         lines.append(
-            f"  with 95 % confidence it holds for {100.0 * share_covered(found.tried):.0f} % of the arms "
-            f"that are possible: {found.tried} more are within it"
+            f"  With 95 % confidence it holds for {100.0 * share_covered(found.tried):.0f} % of the possible "
+            f"arms: {found.tried} more are within it."
         )
     if names := found.weaker_than_friction():
         lines.append(
-            f"  that is less than the Coulomb friction of {', '.join(names)}, which is not in it: state it "
-            "as friction, or feed it forward"
+            f"  That is less than the Coulomb friction of {', '.join(names)}, which the bound does not "
+            "include: add --friction, or feed it forward."
         )
     most = max(found.parts, key=lambda what: float(found.parts[what] @ found.error))
-    lines.append(f"  most of it is {most}; try first: {_ADVICE[most]}")
+    lines.append(f"  The largest part is {most}. Try first: {_ADVICE[most]}.")
     width = max(len(name) for name in robot.joint_names)
     for j, name in enumerate(robot.joint_names):
         shares = sorted(((x[j], what) for what, x in found.parts.items()), reverse=True)

@@ -9,7 +9,7 @@ from armgpi.certification.adversary import worst
 from armgpi.certification.certificate import Certificate
 from armgpi.certification.quantities import functions, points, ranges
 from armgpi.certification.request import Asked, member_of
-from armgpi.certification.text import NUMBERS, OTHERS, claims, shares, table, verdict
+from armgpi.certification.text import NUMBERS, OTHERS, STATUS, claims, shares, table, verdict
 from armgpi.gpi.advice import COUNT_SHARE
 from armgpi.gpi.gains import Tuning
 from armgpi.gpi.margins import open_loop
@@ -46,18 +46,19 @@ def html(asked: Asked, made: Certificate, judged: Verdict | None = None) -> str:
         sections[heading] = _claims(asked, made)
     sections["Numbers of the arm"] = _numbers(made)
     sections["Nyquist's curve and the circle"] = _nyquist(made)
-    sections["How much of each number the box takes"] = _box(asked, made)
+    sections["How much of each number the configurations need"] = _box(asked, made)
     shares = [(name, f"{value:.3g}") for name, value in made.data["shares"].items() if value]
     if shares:
-        head = ("what disturbs", "length in the metric of D")
-        sections["Disturbances"] = page.table(head, shares, label="what disturbs")
+        head = ("disturbance", "length in the metric of D")
+        sections["Disturbances"] = page.table(head, shares, label="disturbances")
     sections["What it assumes"] = page.bullets(made.data["assumptions"])
     useful, what_for = _worth(asked, made)
     kind = "good" if useful else "bad"
     said = verdict(made)
     if judged is not None and judged.outcome == "holds for part":
         kind, said = "fair" if useful else "bad", judged.line
-    summary = f"<p>{page.text(table(made)[0])}</p><p class={kind}>{page.text(said + what_for)}</p>"
+    of = table(made)[1 + len(made.reasons)]
+    summary = f"<p>{page.text(of)}</p><p class={kind}>{page.text(said + what_for)}</p>"
     return page.document(f"Certificate of {made.data['robot']['name']}", summary, sections)
 
 
@@ -72,11 +73,13 @@ def _worth(asked: Asked, made: Certificate) -> tuple[bool, str]:
     if not 0.0 < share[j] < np.inf:
         return True, ""
     unit = TORQUE.symbol(bool(asked.robot.prismatic[j]))
-    said = (
-        f"; it bears {borne[j]:.2g} {unit} at {made.joint_names[j]}, {100.0 * share[j]:.2g} % of its effort"
-    )
+    percent = f"{100.0 * share[j]:.2g} % of its effort"
+    said = f"; it tolerates {borne[j]:.2g} {unit} at {made.joint_names[j]}, {percent}"
     useful = bool(share[j] >= COUNT_SHARE)  # what one encoder count alone may move
-    return useful, said if useful else f"{said}: less than friction takes; a smaller box or speed leaves more"
+    return (
+        useful,
+        said if useful else f"{said}: less than static friction; a smaller box or speed increases it",
+    )
 
 
 def _claims(asked: Asked, made: Certificate) -> str:
@@ -93,7 +96,7 @@ def _claims(asked: Asked, made: Certificate) -> str:
     said = (
         "The worst found is that of a torque which switches at the worst times, at 40 configurations and "
         f"both loads. Their effect decays at {made.decay:.3g} "
-        f"1/s.{f' Of what disturbs: {inputs}.' if inputs else ''}"
+        f"1/s.{f' Shares of the disturbances: {inputs}.' if inputs else ''}"
     )
     return page.table(head, rows, label="claims for each joint") + f"<p>{page.text(said)}</p>"
 
@@ -106,7 +109,7 @@ def _numbers(made: Certificate) -> str:
         value = numbers.get(name, 0.0)
         largest = max(map(float, value)) if isinstance(value, list) else float(value)
         if name in numbers and largest:
-            rows.append((name, f"{largest:.4g}", unit, status[name], what))
+            rows.append((name, f"{largest:.4g}", unit, STATUS[status[name]], what))
     return page.table(
         ("number", "value", "unit", "status", "what it is"), rows, label="numbers", words=(2, 3, 4)
     )
@@ -134,8 +137,8 @@ def _nyquist(made: Certificate) -> str:
         parts.append(drawing.text(x + (0.2 if x > -1.0 / low else -0.2), -0.1, text, colour=LINE))
     said = (
         f"L(jω - σ/2) of a joint with σ = {sigma:.3g} 1/s, and the circle of δ from {low:.3g} to {high:.3g}. "
-        "A curve that stays out of it is necessary while the arm moves at the stated speed; sampling, delay, "
-        "gravity and Coriolis torques take more."
+        "That the curve stays outside the circle is necessary while the arm moves at the stated speed; "
+        "sampling, delay, gravity and Coriolis torques require more."
     )
     return figure(drawing.svg(parts, said), said)
 
@@ -183,6 +186,6 @@ def _box(asked: Asked, made: Certificate) -> str:
     )
     said = (
         f"<p>Largest share of {legend} at configurations with this joint there; 1 is what the certificate "
-        "takes, so what is left below it is the margin. A smaller box helps where curves are low.</p>"
+        "assumes, so the distance below 1 is the margin. A smaller box helps where curves are low.</p>"
     )
     return said + f"<div class=figures>{''.join(figures)}</div>"

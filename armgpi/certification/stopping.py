@@ -144,7 +144,7 @@ def bound_stop(found: PathBound, tool_speed: float, supervisor: Supervisor | Non
         made.append(bound_wish(wish._replace(reference=stopped, t_final=t_final), bears=False))
     reasons = list(itertools.chain.from_iterable(each.reasons[:1] for each in made))
     if not reasons and np.max([each.error for each in made]) > NEAR:
-        reasons = [f"a joint may be {NEAR:g} rad or m off, from where a stop begins at the joint"]
+        reasons = [f"The error of a joint can reach {NEAR:g} rad or m, where a stop begins at the joint."]
     error = float(np.max([each.tool for each in made]))
     return StopBound(tool_speed, float(ways.max()), longest, error, tuple(reasons))
 

@@ -10,16 +10,19 @@ from armgpi.loop.units import POSITION, TORQUE
 
 #: Numbers of the arm: their names in the file, what they are and their units.
 NUMBERS = {
-    "delta_low": ("least eigenvalue of D^-1 D^", ""),
-    "delta_high": ("largest eigenvalue of D^-1 D^", ""),
-    "sigma": ("rate of the metric D along the reference", "1/s"),
+    "delta_low": ("smallest inertia ratio: eigenvalue of D^-1 D^", ""),
+    "delta_high": ("largest inertia ratio: eigenvalue of D^-1 D^", ""),
+    "sigma": ("rate of change of the metric D along the reference", "1/s"),
     "kappa_v": ("Coriolis matrix along the reference", "1/s"),
     "kappa_e": ("stiffness of gravity", "1/s^2"),
     "kappa_g": ("stiffness of gravity between samples", "1/s^2"),
     "kappa_f": ("viscous friction", "1/s"),
-    "sigma_error": ("sigma for a unit of the error's speed", "1/s"),
-    "kappa_error": ("kappa_v for a unit of the error's speed", "1/s"),
+    "sigma_error": ("sigma for an error of unit speed", "1/s"),
+    "kappa_error": ("kappa_v for an error of unit speed", "1/s"),
 }
+
+#: Status of a number in the file -> how it is shown.
+STATUS = {"searched": "estimated", "proved": "proved"}
 
 
 #: Numbers that the table leaves out, each the largest of all joints.
@@ -27,11 +30,11 @@ OTHERS = {
     "inverse": ("diagonal of D^-1", "1/(kg m^2) or 1/kg"),
     "jump": ("what a jump of the load changes", ""),
     "hold": ("torque that holds the arm at the reference", "N m or N"),
-    "reach": ("torque for what the law asks for, of length 1", ""),
+    "reach": ("torque for an acceleration of length 1 that the controller asks for", ""),
 }
 
 
-#: Shares below this are not told.
+#: Smaller shares are not shown.
 _SMALL = 1e-4
 
 
@@ -46,29 +49,38 @@ def table(made: Any) -> list[str]:
     light, heavy = (float(x) for x in robot["loads"])
     moves = any(float(x) for x in limits["velocity"])
     box = zip(map(float, limits["lower"]), map(float, limits["upper"]), strict=True)
-    course = "moves" if moves else "at rest (with --acceleration: moving)"
+    course = "moving" if moves else "at rest (--acceleration: moving)"
     prices = []  # what one omega for all joints costs of what the rule for automatic tuning gives them
     if robot["rule"] is not None:
         rule, zone = _join(robot["rule"]), _join(robot["dead_zone"])
         prices = [
-            f"  the untuned law, but with one omega: the rule gives the joints {rule} rad/s",
-            f"  its dead zone, {zone} rad or m, is in all claims but the error per torque",
+            f"  The automatic controller with one omega: the rule gives the joints {rule} rad/s.",
+            f"  Its dead zone, {zone} rad or m, is in all claims but the error per torque.",
         ]
     lines = [
-        f"{robot['name']}, taken as rigid: loads {light:g} to {heavy:g} kg, omega {omega} rad/s, "
-        f"{law['integrators']} integrators, roll-off {law['rolloff']}, feedforward {robot['feedforward']}, "
-        f"{1e3 * float(law['sample_time']):g} ms, {law['delay']} samples late",
-        f"  reference {course}, speed {_join(limits['speed'])} rad/s or m/s; start {robot['start']}",
+        f"{robot['name']} with stiff joints, payload {light:g} to {heavy:g} kg",
+        f"  Controller: omega {omega} rad/s, {law['integrators']} integrators, roll-off {law['rolloff']}, "
+        f"feedforward {robot['feedforward']}, {1e3 * float(law['sample_time']):g} ms, delay "
+        f"{law['delay']} samples",
+        f"  Reference: {course}, speed up to {_join(limits['speed'])} rad/s or m/s; start: {robot['start']}",
         *prices,
-        f"  box [rad or m]: {', '.join(f'{low:.4g} to {high:.4g}' for low, high in box)}",
+        f"  Configurations (box) [rad or m]: {', '.join(f'{low:.4g} to {high:.4g}' for low, high in box)}",
+        "  Numbers of the arm that the claims depend on:",
     ]
     lines += [
-        f"  {name:<12} {float(data['numbers'][name]):<10.4g} {unit:<6} {data['status'][name]:<9} {text}"
+        f"    {name:<12} {float(data['numbers'][name]):<10.4g} {unit:<6} {STATUS[data['status'][name]]:<9}  "
+        f"{text}"
         for name, (text, unit) in NUMBERS.items()
     ]
     if "gain" in data["solutions"]:
         lines += _joints(made)
-    return [*lines, *([verdict(made)] if made.certified else ()), *made.reasons]
+    return [verdict_line(made), *made.reasons, *lines]
+
+
+def verdict_line(made: Any) -> str:
+    """Return the verdict as a sentence: the first line that is printed."""
+    said = verdict(made)
+    return f"{said[0].upper()}{said[1:]}{':' if made.reasons else '.'}"
 
 
 def share_covered(tried: int) -> float:
@@ -81,12 +93,17 @@ def verdict(made: Any) -> str:
     if not made.certified:
         return "not certified"
     if made.numbers_proved:
-        return "guaranteed by docs/proof.md for an arm that is rigid: every number is proved"
-    said = "certified for searched numbers: the largest that a search found, and 3 % more"
+        return (
+            "proved under the assumptions of docs/proof.md, among them stiff joints: every number is proved"
+        )
+    said = (
+        "certified, not proved: the numbers of the arm are estimated numerically, as the largest of a search "
+        "and 3 % more"
+    )
     if tried := made.data["robot"].get("tried"):
         return (
-            f"{said}; {tried} other arms that are possible do not exceed them at the worst points of this "
-            "one (their own worst points were not searched)"
+            f"{said}; {tried} other possible arms do not exceed them at the worst points of this one (their "
+            "own worst points were not searched)"
         )
     return said
 
@@ -114,7 +131,7 @@ def claims(made: Any) -> list[list[str]]:
 
 
 def shares(made: Any) -> str:
-    """Return which shares the inputs have in what disturbs, as torques; empty where nothing was stated."""
+    """Return the shares of the inputs in all disturbance torques; empty where none was stated."""
     data = made.data
     if "stated" not in data["solutions"]:
         return ""
@@ -140,11 +157,15 @@ def _joints(made: Any) -> list[str]:
     """Return a line for each joint."""
     width = max(len(name) for name in ["joint", *made.joint_names])
     head = ["per torque, at rest", "up to", "under all", "from a start", "after a jump", "torque"]
-    sizes, lines = (20, 11, 12, 12, 12, 10), []
+    meaning = [
+        "  Largest errors: per disturbance torque at rest, for torques up to the next column; under all",
+        "  stated disturbances; from the start; after a jump of the payload. Last: largest motor torque.",
+    ]
+    sizes, lines = (20, 11, 12, 12, 12, 10), [*meaning]
     for name, cells in zip(["joint", *made.joint_names], [head, *claims(made)], strict=True):
         padded = (f"{x:<{w}}" for x, w in zip(cells, sizes, strict=True))
-        lines.append(f"  {name:<{width}}  " + "  ".join(padded))
-    told = shares(made)
-    lines += [f"  of what disturbs: {told}"] if told else []
-    lines.append(f"  what disturbed is forgotten at {made.decay:.3g} 1/s")
+        lines.append(f"    {name:<{width}}  " + "  ".join(padded).rstrip())
+    disturbances = shares(made)
+    lines += [f"  Shares of the disturbances: {disturbances}"] if disturbances else []
+    lines.append(f"  The effect of a disturbance decays at {made.decay:.3g} 1/s.")
     return lines

@@ -72,6 +72,7 @@ def export(
     target: str = "bare",
     direct_drive: bool = False,
     controller: str | None = None,
+    explain: bool = False,
     **options: Any,
 ) -> None:
     """Write a controller as freestanding C99 for hardware, with a log to replay.
@@ -81,7 +82,13 @@ def export(
     armgpi export --config experiment.yaml --real float -o controller
     """  # noqa: D301 (\b keeps the lines apart)
     own = {"robot": robot, "out": out, "real": real, "on_fault": on_fault, "frozen": frozen, "jump": jump}
-    own |= {"torque_rate": torque_rate, "prefix": name, "controllers": controller, "target": target}
+    own |= {
+        "torque_rate": torque_rate,
+        "prefix": name,
+        "controllers": controller,
+        "target": target,
+        "explain": explain,
+    }
     if direct_drive and options["drives"] is not None:
         raise refusal("--direct-drive", "is mutually exclusive with --drives")
     options["drives"] = Path("none") if direct_drive else options["drives"]
@@ -120,7 +127,7 @@ def _export(options: dict[str, Any]) -> int:
     except ParameterError as error:
         raise refusal(option, str(error)) from error
     experiments.prepare(options["out"])
-    note_drives(experiment)
+    note_drives(experiment, options["explain"])
     _note_contacts(experiment, options["package_dir"])
     log = record(experiment.plant, supervised, experiment.reference, experiment.t_final)
     config, copied = experiments.portable(experiment.config)

@@ -45,6 +45,7 @@ def inspect(
     payload: float | None = None,
     push: float | None = None,
     cross_check: bool = False,
+    explain: bool = False,
     allow_part: bool = False,
     report: Path | None = None,
     as_json: bool = False,
@@ -85,7 +86,7 @@ def inspect(
             row["option"] = _option(finding)
         say(json.dumps(data))
     else:
-        _show(found, verdict)
+        _show(found, verdict, explain)
     if report is not None:
         from armgpi.viewing import meshcat
 
@@ -150,12 +151,12 @@ def _settings(
     return arm | opt.robot_given(how) | {key: value for key, value in loop.items() if value is not None}
 
 
-def _show(report: HealthReport, verdict: Verdict) -> None:
+def _show(report: HealthReport, verdict: Verdict, explain: bool) -> None:
     """Print the report: facts, joints, findings, verdict."""
     from armgpi.health.findings import fold
 
     console = console_of(soft_wrap=True)
-    for sentence in _what_it_is(report.facts):
+    for sentence in _what_it_is(report.facts, explain):
         console.print(sentence)
     joints = report.facts["joints"]
     parts: list[Sequence[_Column]] = [_COLUMNS]
@@ -165,8 +166,10 @@ def _show(report: HealthReport, verdict: Verdict) -> None:
         # Long names are folded; a terminal too narrow even so gets whole numbers all the same.
         widen(console, _joint_table(joints, columns, longest=_FOLDED))
         console.print(_joint_table(joints, columns), soft_wrap=False)
-    for sentence in _what_follows(report.facts):
-        console.print(sentence)
+    for part in _what_follows(report.facts):
+        console.print(part.heading)
+        for sentence in part.sentences:
+            console.print(f"  {sentence}")
     styles = {"error": "red", "warning": "yellow", "info": ""}
     findings = fold(report.findings)
     for finding in findings:
@@ -177,15 +180,24 @@ def _show(report: HealthReport, verdict: Verdict) -> None:
     console.print(verdict.line)
 
 
-def _what_it_is(facts: Mapping[str, Any]) -> list[str]:
-    """Return in sentences what the model contains."""
+def _what_it_is(facts: Mapping[str, Any], explain: bool = True) -> list[str]:
+    """Return in sentences what the model contains, and what is assumed of its drives.
+
+    Args:
+        facts: of the report.
+        explain: whether assumed values and their reasons are printed; else what is assumed.
+    """
     said = [
         f"{printable(facts['name'])}: {facts['n']} joints, {facts['moving_mass']:.4g} kg moving of "
         f"{facts['total_mass']:.4g} kg, reach {facts['reach']:.3g} m, "
         f"from {facts['base']!r} to {facts['tip']!r}",
         f"file: {printable(facts['source'])}",
     ]
-    said[1:1] = [printable(facts[key]) for key in ("product", "published", "rotors", "gears") if facts[key]]
+    if explain:
+        drives = [printable(facts[key]) for key in ("product", "published", "rotors", "gears") if facts[key]]
+    else:
+        drives = _assumed_shortly(facts)
+    said[1:1] = drives
     if facts["sag"]:
         said.append(facts["sag"])
     if facts["locked"]:
@@ -195,37 +207,87 @@ def _what_it_is(facts: Mapping[str, Any]) -> list[str]:
     return said
 
 
-def _what_follows(facts: Mapping[str, Any]) -> list[str]:
-    """Return in sentences how a controller will work with it."""
+def _assumed_shortly(facts: Mapping[str, Any]) -> list[str]:
+    """Return which product the arm is, and what is assumed of its drives, in a line each."""
+    said = [printable(facts["product"].partition("; ")[0])] if facts["product"] else []
+    words = {"rotor inertia": facts["rotors"], "joint stiffness": facts["gears"]}
+    assumed = [name for name, text in words.items() if "assumed" in text]
+    if facts["published"]:
+        said.append("drives: values published for this arm are used (--explain prints them)")
+    if assumed:
+        names = " and ".join(assumed)
+        said.append(
+            f"assumed, as the URDF does not contain it: {names} (--explain prints values and reasons)"
+        )
+    return said
+
+
+class _Part(NamedTuple):
+    """A part of the report: its heading, and sentences."""
+
+    heading: str
+    sentences: list[str]
+
+
+def _what_follows(facts: Mapping[str, Any]) -> list[_Part]:
+    """Return how a controller will work with the arm."""
     control, load, motion = facts["control"], facts["payload"], facts["motion"]
     less, more = load["delta_unknown"][0], load["delta_nominal"][1]
-    said = [
-        f"over {facts['configurations']} configurations: the smallest eigenvalue of D(q) is "
-        f"{facts['least_eigenvalue']:.3g}, its largest condition number {facts['condition']:.3g}",
-        f"for armgpi certify, at 1 rad/s or m/s: sigma = {motion['sigma']:.3g} 1/s (rate of D), kappa_v = "
-        f"{motion['kappa_v']:.3g} 1/s (Coriolis), kappa_e = {motion['kappa_e']:.3g} 1/s^2 (gravity)",
-        f"default bandwidth: omega_c = {control['omega_c']:.4g} rad/s at {1e3 * control['dt']:g} ms and "
-        f"{control['delay']} samples of delay; the last column is the largest bandwidth for "
-        f"{control['encoder_bits']}-bit encoders",
-        *_untuned_lines(facts),
-        f"payload {load['mass']:g} kg at {load['frame']!r}: inertia ratio delta (1: exact model) is "
-        f"{less:.2g} to 1 if it is attached but not in the model, 1 to {more:.3g} if it is in the model "
-        f"but not attached; mu = {load['mobility']:.3g} 1/kg, so a payload attached and removed can be "
-        f"certified up to {_mass(load['largest_certifiable'])}",
-        f"largest payload: {_mass(load['largest_unknown'])} if the controller does not know it (limit of "
-        f"stability), {_mass(load['largest_nominal'])} with --payload-range at the default bandwidth, "
-        f"{_mass(load['largest_held'])} by the effort limits",
+    parts = [
+        _Part(
+            f"Inertia matrix D(q), over {facts['configurations']} configurations",
+            [
+                f"smallest eigenvalue {facts['least_eigenvalue']:.3g}, largest condition number "
+                f"{facts['condition']:.3g}",
+                f"numbers for armgpi certify at 1 rad/s or m/s: sigma = {motion['sigma']:.3g} 1/s (rate of "
+                f"D), kappa_v = {motion['kappa_v']:.3g} 1/s (Coriolis), kappa_e = {motion['kappa_e']:.3g} "
+                "1/s^2 (gravity)",
+            ],
+        ),
+        *_automatic_part(facts),
+        _Part(
+            "Controller gpi (fixed gains, stiff joints)",
+            [
+                f"default bandwidth omega_c = {control['omega_c']:.4g} rad/s at {1e3 * control['dt']:g} ms "
+                f"and {control['delay']} samples of delay; the last column of the table is the largest "
+                f"bandwidth for {control['encoder_bits']}-bit encoders"
+            ],
+        ),
+        _Part(
+            f"Payload {load['mass']:g} kg at {load['frame']!r}",
+            [
+                "inertia ratio delta (eigenvalues of D^-1 D-hat, 1: exact model): "
+                f"{less:.2g} to 1 if it is attached but not in the model, 1 to {more:.3g} if it is in the "
+                "model but not attached",
+                f"a payload attached and removed can be certified up to "
+                f"{_mass(load['largest_certifiable'])} (mobility mu = {load['mobility']:.3g} 1/kg)",
+            ],
+        ),
+        _Part(
+            "Largest payload",
+            [
+                f"{_mass(load['largest_unknown'])} if the controller does not know it (limit of stability)",
+                f"{_mass(load['largest_nominal'])} with --payload-range at the default bandwidth",
+                f"{_mass(load['largest_held'])} by the effort limits",
+            ],
+        ),
     ]
     if "push" in facts:
-        said.append(facts["push"]["said"])
+        parts.append(_Part(f"Push of {facts['push']['force']:g} N on the tool", [facts["push"]["said"]]))
     if "cross_check" in facts and not facts["cross_check"]["differences"]:
         check = facts["cross_check"]
         same = "axes, limits and poses" if check["reader"] == "yourdfpy" else "poses"
-        said.append(
-            f"cross-check: {check['reader']} reads the same {same} of {check['links']} links at "
-            f"{check['configurations']} configurations, to {max(check['position'], check['rotation']):.1g}"
+        parts.append(
+            _Part(
+                "Second reader",
+                [
+                    f"cross-check: {check['reader']} reads the same {same} of {check['links']} links at "
+                    f"{check['configurations']} configurations, to "
+                    f"{max(check['position'], check['rotation']):.1g}"
+                ],
+            )
         )
-    return said
+    return parts
 
 
 def _mass(kg: float) -> str:
@@ -233,24 +295,35 @@ def _mass(kg: float) -> str:
     return f"{kg:.3g} kg" if math.isfinite(kg) else "any mass"
 
 
-def _untuned_lines(facts: Mapping[str, Any]) -> list[str]:
-    """Return the GPI controller that automatic tuning chooses for the arm."""
+def _automatic_part(facts: Mapping[str, Any]) -> list[_Part]:
+    """Return the GPI controller that automatic tuning chooses for the arm; none where it cannot."""
     if (law := facts["gpi_auto"]) is None:
         return []
     name = [joint["name"] for joint in facts["joints"]]
     slowest, fastest = min(law["omega_c"]), max(law["omega_c"])
     shares = law["count_share"]
     j = shares.index(max(shares))
-    phase, delay, (low, high) = law["phase_margin"], law["delay_margin"], law["delta"]
+    low, high = law["delta"]
+    order = "integrator" if law["integrators"] == 1 else "integrators"
     return [
-        f"gpi_auto: {law['integrators']} integrator, roll-off {law['rolloff']}, nominal load "
-        f"{law['nominal_load']:.2g} kg, omega_c = {slowest:.3g} to {fastest:.3g} rad/s; phase margin "
-        f"{math.degrees(phase):.3g} deg, stable for inertia ratio delta {low:.2g} to {high:.2g}, delay "
-        f"margin {1e3 * delay:.3g} ms; one encoder count changes the torque of {printable(name[j])} by "
-        f"{law['count_torque'][j]:.2g}, {100 * shares[j]:.2g} % of its effort",
-        f"gpi_auto: {law['verdict']}",
-        f"gpi_auto: {law['limited']}",
+        _Part(
+            "Controller gpi_auto (automatic, model-based tuning)",
+            [
+                f"bandwidth omega_c = {slowest:.3g} to {fastest:.3g} rad/s, {law['integrators']} {order}, "
+                f"roll-off {law['rolloff']}, nominal load {law['nominal_load']:.2g} kg",
+                law["verdict"],
+                law["limited"],
+                f"stable for inertia ratios delta {_ratios(low, high)} if joints are stiff",
+                f"one encoder count changes the torque of {printable(name[j])} by "
+                f"{law['count_torque'][j]:.2g}, {100 * shares[j]:.2g} % of its effort",
+            ],
+        )
     ]
+
+
+def _ratios(low: float, high: float) -> str:
+    """Return a range of inertia ratios in words."""
+    return f"from {low:.2g} to {high:.2g}" if math.isfinite(high) else f"above {low:.2g}"
 
 
 def _page(report: HealthReport, judged: Verdict) -> str:
@@ -273,7 +346,10 @@ def _page(report: HealthReport, judged: Verdict) -> str:
         if found
         else "<p>None.</p>",
         "Joints": page.table(["joint", *(column.heading for column in _COLUMNS)], joints, label="joints"),
-        "What this means for a controller": page.bullets(_what_follows(facts)),
+        "What this means for a controller": "".join(
+            f"<h3>{page.text(part.heading)}</h3>{page.bullets(part.sentences)}"
+            for part in _what_follows(facts)
+        ),
     }
     kind = kind if judged.outcome == "holds" else judged.page_class
     verdict = f"<p class={kind}>{page.text(judged.line)}</p>"

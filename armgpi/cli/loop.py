@@ -63,6 +63,7 @@ def loop(
     out: Path | None = None,
     force: bool = False,
     report: Path | None = None,
+    explain: bool = False,
     **options: Any,
 ) -> None:
     """Run arm and controller as two processes over UDP, in wall-clock time, with faults.
@@ -84,7 +85,7 @@ def loop(
     experiment = configuration.build(*settings(options, compare=False))
     check_out(options, experiment)
     pictures.check(view=view, report=report)
-    note_drives(experiment)
+    note_drives(experiment, explain)
     note_differences(experiment)
     label, *others = experiment.runs
     if others:

@@ -154,6 +154,8 @@ def _run_sweep(
         unseen = verdict.line if left_out else ""
         written.append(write(page.html(sweep, found, said, unseen), report))
     say(f"wrote {len(written)} files to {study.folder}", err=True)
+    if report is None and not as_json:
+        say(f"Next: add --report {study.folder.name}.html for distributions and the worst rollout", err=True)
     return verdict
 
 
@@ -193,20 +195,13 @@ def _count(text: str) -> int:
 
 def _print(sweep: Sweep, said: dict[str, Any], sentences: list[str]) -> None:
     """Print the results of a sweep: failures, quantiles of metrics, and what failures depend on."""
-    from armgpi.loop import metrics
-    from armgpi.loop.units import NEWTON
-    from armgpi.studies.results import failure_words, heading, quantile_words
+    from armgpi.studies.results import failure_words
 
-    say(f"{sweep.label} on {sweep.robot.name}; failed is {failure_words(sweep)}")
+    say(f"{sweep.label} on {sweep.robot.name}, {said['rollouts']} rollouts")
+    say(f"A rollout has failed if: {failure_words(sweep)}")
     for sentence in sentences:
         say(sentence)
-    for each in metrics.shown_in("terminal"):
-        if each.name in said["quantiles"]:
-            values = said["quantiles"][each.name]
-            if each.unit == NEWTON and not any(x["value"] for x in values.values()):
-                continue  # nothing touched anything
-            shares = (f"{100 * float(share):g} % {quantile_words(x)}" for share, x in values.items())
-            say(f"{heading(sweep, each.name)}: {', '.join(shares)}")
+    _print_quantiles(sweep, said["quantiles"])
     for name, parts in said["failure by what was drawn"].items():
         low, high = min(parts, key=_value), max(parts, key=_value)
         if _value(high) > _value(low):
@@ -215,6 +210,35 @@ def _print(sweep: Sweep, said: dict[str, Any], sentences: list[str]) -> None:
         most = max(pair["parts"], key=lambda part: part["lower"])
         at = [_part(*ends) for ends in zip(most["from"], most["to"], strict=True)]
         say(f"{' and '.join(pair['of'])}: fails most at {' and '.join(at)}, {_percent(most)}")
+
+
+def _print_quantiles(sweep: Sweep, quantiles: dict[str, Any]) -> None:
+    """Print the quantiles of the metrics with their intervals."""
+    from rich.table import Table
+
+    from armgpi.cli.terminal import console, widen
+    from armgpi.loop import metrics
+    from armgpi.loop.units import NEWTON
+    from armgpi.studies.results import heading, quantile_words
+
+    table = Table(title="Quantiles over all rollouts (95 % intervals)")
+    table.add_column("metric")
+    heads: list[str] = []
+    for each in metrics.shown_in("terminal"):
+        values = quantiles.get(each.name)
+        if values is None:
+            continue
+        if each.unit == NEWTON and not any(x["value"] for x in values.values()):
+            continue  # nothing touched anything
+        if not heads:
+            heads = [f"{100 * float(share):g} %" for share in values]
+            for head in heads:
+                table.add_column(head, no_wrap=True)
+        table.add_row(heading(sweep, each.name), *(quantile_words(x) for x in values.values()))
+    if heads:
+        screen = console()
+        widen(screen, table)
+        screen.print(table)
 
 
 def _value(part: dict[str, Any]) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -84,6 +85,30 @@ def console(**options: Any) -> Console:
 
     options.setdefault("width", None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120)
     return Plain(markup=False, emoji=False, highlight=False, **options)
+
+
+def say_markdown(text: str) -> None:
+    """Print Markdown: its tables as tables, all else line by line."""
+    from rich.table import Table
+
+    rows: list[list[str]] = []
+    for line in [*text.splitlines(), ""]:
+        if line.startswith("|"):
+            cells = re.split(r"(?<!\\)\|", line.strip().strip("|"))
+            rows.append([cell.strip().replace(r"\|", "|") for cell in cells])
+            continue
+        if rows:
+            table = Table()
+            for place, head in enumerate(rows[0]):
+                table.add_column(head, justify="right" if place else "left")
+            for row in rows[2:]:
+                table.add_row(*row)
+            screen = console()
+            widen(screen, table)
+            screen.print(table)
+            rows = []
+        if line:
+            say(line)
 
 
 def widen(console: Console, table: Any) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from armgpi import files
 from armgpi.cli.parsing import FAILED, known_backend, refusal, stoppable
-from armgpi.cli.terminal import say
+from armgpi.cli.terminal import say, say_markdown
 from armgpi.escape import json_data
 
 if TYPE_CHECKING:
@@ -77,6 +77,8 @@ def tune(
     data = json_data(results.as_data(search, found, default)) if as_json else None
     picture = out / "study.png", lambda pictures: pictures.study_picture(search, found, default)
     show(f"Search on {file.name}", text, data, paths, report, picture)
+    if found and not as_json:
+        say(f"Next: armgpi compare --config {out / 'best.yaml'}", err=True)
     if not found:
         sys.exit(FAILED)
 
@@ -107,7 +109,10 @@ def show(
         paths = [*paths, files.write(picture[0], drawn)]
     elif picture is not None:
         say("no picture was drawn: it needs the package 'matplotlib' (pip install matplotlib)", err=True)
-    say(text if data is None else json.dumps(data), lines=True)
+    if data is None:
+        say_markdown(text)
+    else:
+        say(json.dumps(data), lines=True)
     if report is not None:
         from armgpi.viewing import page
 

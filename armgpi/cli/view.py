@@ -29,7 +29,7 @@ File = Annotated[
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
     "targets <ROBOT...|FILE>": "Names of robots or paths of URDF files, shown side by side; or a rollout "
-    "(.nc).",
+    "(.nc, or its folder).",
     "robot ROBOT": "The arm of a rollout, where the one it was made with is gone.",
     "browser --open": "Open it in a browser.",
     "files <FILE...>": "Rollouts (.nc), folders of --out, or logs (.armlog), of one robot.",
@@ -56,12 +56,13 @@ def view(
     armgpi view panda
     armgpi view ur5 panda kinova
     armgpi view results/rollout.nc -o arm.html
-    armgpi view results/rollout.nc -o arm.gif
+    armgpi view results -o arm.mp4
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.cli import pictures
     from armgpi.viewing import meshcat
 
     pictures.check_packages("html", "view")
+    targets = [_rollout_of_folder(target) for target in targets]
     if out is not None:
         pictures.check_file(out, "--out")
         if out.suffix.lower() in FILMS:
@@ -122,6 +123,12 @@ def report(
     say(f"wrote {reports.write(page, output)}", err=True)
 
 
+def _rollout_of_folder(target: str) -> str:
+    """Return the rollout in a folder that `--out` of a run wrote; any other target as it is."""
+    inside = Path(target) / "rollout.nc"
+    return str(inside) if inside.is_file() else target
+
+
 def _film(
     targets: list[str], out: Path, how: Mapping[str, Any], robot: str | None, frame: str | None
 ) -> Path:
@@ -142,7 +149,7 @@ def _rollout(targets: list[str], how: Mapping[str, Any], robot: str | None) -> t
     from armgpi.viewing import scene
 
     if Path(targets[0]).suffix.lower() != ".nc":
-        raise refusal("FILE", f"a film is of a rollout (.nc), and {targets[0]} is none")
+        raise refusal("FILE", f"a film is of a rollout (.nc) or its folder, and {targets[0]} is neither")
     for key in (key for key in ("lock", "keep", "mimic", "repair") if how[key]):
         raise refusal(f"--{key}", "is for robots; a rollout has its joints locked already")
     if len(targets) > 1:

@@ -148,9 +148,9 @@ def report(search: Search, best: Sequence[Validated], given: Row) -> str:
     searched_on, held_out = len(problem.search.draws), len(problem.held_out.draws)
     head = (
         "",
-        f"{problem.objective.expression.text}, {searched_on} scenarios",
-        f"{against}, {searched_on} scenarios",
-        f"the same, {held_out} held out",
+        f"{problem.objective.expression.text}, {searched_on} tuning scenarios",
+        f"{against}, tuning",
+        f"{problem.objective.expression.text}, {held_out} held-out scenarios",
         f"{against}, held out",
     )
     lines = [("default", *_cells(search.rows[0], given, against))]

@@ -473,7 +473,7 @@ def test_an_arm_that_is_far_from_its_model_has_no_bound_and_the_reason_says_why(
     made = bound_path(GPI(ARM, 1e-3), PATH, 2.6, arms=ARM.scaled_inertia(8.0))
     assert not made.holds
     assert np.isnan(made.error).all()
-    assert "no bound" in str(made)
+    assert "No bound" in str(made)
 
 
 class Given(armgpi.Reference):
@@ -591,7 +591,7 @@ def test_the_command_prints_it_and_writes_page_and_file(cli: Any, tmp_path: Path
     out, page = tmp_path / "bound.json", tmp_path / "bound.html"
     answer = cli("bound", file, "--torque", "0.1", "--tool-speed", "0.1", "--out", out, "--report", page)
     assert answer.code == 0, answer.err
-    assert answer.out.startswith("the tool stays within")
+    assert answer.out.startswith("The tool stays within")
     assert '"holds": true' in out.read_text()
     assert "class=good" in page.read_text()
     for line in answer.out.splitlines()[-3:]:  # the stop, the gears, and what they let the tool sink

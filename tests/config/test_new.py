@@ -73,7 +73,7 @@ def test_every_command_takes_the_file_as_it_is(
         )
     monkeypatch.chdir(file.parent)
     answer = cli(*(str(word).format(file.name) for word in TAKERS[command]))
-    assert answer.code == 0 or (command == "bound" and "no bound" in answer.out), answer.err
+    assert answer.code == 0 or (command == "bound" and "No bound" in answer.out), answer.err
     assert command == "tune" or file.read_bytes() == before
 
 

@@ -183,7 +183,7 @@ def test_the_default_for_a_geared_robot_holds_it(
     grows = {}
     for name, options in (("default", ()), ("stiff", ("--drives", "stiff"))):
         code, out, err = export(
-            robot, "--target", target, "--t-final", "0.1", *options, "-o", tmp_path / name
+            robot, "--target", target, "--t-final", "0.1", "--explain", *options, "-o", tmp_path / name
         )
         assert code == 0, out + err
         assert ("the URDF contains no joint stiffness; assumed" in err) == (name == "default")

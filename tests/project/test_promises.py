@@ -10,8 +10,8 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "promises.md").read_text(encoding="utf-8")
-#: Rows of the tables: a promise, and the numbers of its tests.
-PROMISES = re.findall(r"(?m)^\| (.+) \| ([\d, to]+) \|$", PAGE)
+#: Items of the lists: a promise, and the numbers of its tests.
+PROMISES = re.findall(r"(?ms)^- ((?:(?!^- ).)+?) \*Tests? ([\d, to]+)\.\*", PAGE)
 TESTS = dict(re.findall(r"(?m)^ *(\d+) (tests/\S+)$", PAGE))
 
 

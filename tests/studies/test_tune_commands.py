@@ -212,8 +212,9 @@ def test_a_contest_is_the_same_search_for_all(
     laws = ("--law", "GPI, roll-off", "--law", "ADRC, order 3")
     answer = cli("benchmark", "controllers", "anthropomorphic3", "--quick", "--out", tmp_path, *laws)
     assert answer.code == 0, answer.err
-    assert "| GPI, roll-off (4) |" in answer.out  # numbers that are searched
-    assert "| class | arm |" in answer.out
+    assert "│ GPI, roll-off (4) " in answer.out  # numbers that are searched
+    assert "┃ class " in answer.out
+    assert "| GPI, roll-off (4) |" in (tmp_path / "contest.md").read_text()
     assert (tmp_path / "contest.png").exists()
     # What is there is not run again.
     monkeypatch.setattr(Search, "run", None)
