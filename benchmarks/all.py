@@ -39,8 +39,8 @@ SCRIPTS = {
 
 #: What a newcomer can answer after the first screen of a page, in its source.
 NEWCOMER = (
-    "<!-- After the first screen a newcomer can answer: What was measured? One table of times, on the machine\n"
-    "in its head. What do I type? `python benchmarks/{name}.py`. What is not in it? Other machines;\n"
+    "<!-- After the first screen a newcomer can answer: What was measured? One table of times, on the\n"
+    "machine in its head. What do I type? `python benchmarks/{name}.py`. What is not in it? Other machines;\n"
     "conclusions are in docs/benchmarks.md. -->\n"
 )
 
