@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from typing import ParamSpec, TypeVar
 
@@ -58,6 +58,62 @@ ROBOT: Mapping[str, str] = {
 }
 
 
+#: The same of a controller.
+CONTROLLER: Mapping[str, str] = {
+    "omega": "gains",
+    "omega_c": "gains.omega_c",
+    "bandwidth": "gains",
+    "kp": "gains; PIDPositions and PIDInversion have kp, ki and kd",
+    "beta": "armgpi.gpi.gains.betas(controller.gains.nominal()), of the error polynomial (eqs. 20, 21, 25)",
+    "compute": "init(measurement, target), then step(measurement, target, state)",
+    "update": "init(measurement, target), then step(measurement, target, state)",
+    "control": "init(measurement, target), then step(measurement, target, state)",
+    "compute_torque": "init(measurement, target), then step(measurement, target, state)",
+    "CalcOutput": "init(measurement, target), then step(measurement, target, state)",
+    "reset": "init(measurement, target), which returns a new state",
+    "Ts": "dt",
+    "period": "dt",
+    "model": "robot, the nominal model",
+    "effortLimit": "effort",
+    "stability_margins": "margins()",
+}
+
+
+#: Keywords that users of other libraries type -> the keywords here that may mean the same.
+KEYWORDS: Mapping[str, tuple[str, ...]] = {
+    "bandwidth": ("gains", "omega_c"),
+    "omega": ("omega_c", "gains"),
+    "omega_c": ("gains",),
+    "Ts": ("dt",),
+    "period": ("dt",),
+    "sample_time": ("dt",),
+    "T": ("t_final", "duration"),
+    "q0": ("start", "q"),
+    "qf": ("goal",),
+    "q1": ("goal",),
+    "model": ("robot",),
+    "urdf": ("path_or_name", "robot"),
+    "kg": ("mass",),
+    "resolution": ("bits",),
+    "torque_limit": ("effort",),
+}
+
+
+class MissingAttribute(AttributeError):
+    """An attribute that does not exist; its hint is looked for where the error is shown."""
+
+    def __init__(self, owner: object, name: str, known: Mapping[str, str]) -> None:
+        """Take what has no such attribute, the name, and names of other libraries -> what to write."""
+        # With an object of its own, Python would add a second hint to this one.
+        super().__init__(f"{type(owner).__name__!r} object has no attribute {name!r}", name=name, obj=None)
+        self._missing, self._kind, self._known = name, type(owner), known
+
+    def __str__(self) -> str:
+        """Return the message with its hint."""
+        names = [name for name in dir(self._kind) if not name.startswith("_")]
+        return missing(f"{self._kind.__name__!r} object", self._missing, self._known, names)
+
+
 def missing(owner: str, name: str, known: Mapping[str, str], names: list[str]) -> str:
     """Return the message of an attribute that does not exist.
 
@@ -74,21 +130,47 @@ def missing(owner: str, name: str, known: Mapping[str, str], names: list[str]) -
     return f"{text}; did you mean {near[0]!r}?" if near else text
 
 
+def unexpected(function: str, name: str, keywords: Sequence[str]) -> str:
+    """Return the message of a keyword that a function does not have, with the nearest one.
+
+    Args:
+        function: its name.
+        name: of the keyword.
+        keywords: those that it has.
+    """
+    near = [each for each in KEYWORDS.get(name, ()) if each in keywords]
+    near += get_close_matches(name, keywords, n=1)
+    end = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(keywords)}"
+    return f"{function}() got an unexpected keyword argument {name!r}; {end}"
+
+
+def check_keywords(function: str, given: Iterable[str], keywords: Sequence[str]) -> None:
+    """Check keywords that a function passes on.
+
+    Args:
+        function: its name.
+        given: keywords of the call.
+        keywords: those that it has.
+
+    Raises:
+        TypeError: for one that it does not have, with the nearest one.
+    """
+    for name in given:
+        if name not in keywords:
+            raise TypeError(unexpected(function, name, keywords))
+
+
 def with_keyword_hints(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
     """Let a function name the nearest keyword when it is called with one that it does not have."""
     parameters = inspect.signature(function).parameters
     if any(each.kind is inspect.Parameter.VAR_KEYWORD for each in parameters.values()):
         return function
-    keywords = [name for name in parameters if name != "self"]
+    keywords = [name for name in parameters if name not in ("self", "cls")]
 
     @functools.wraps(function)
     def checked(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
-        for name in kwargs:
-            if name not in parameters:
-                near = get_close_matches(name, keywords, n=1)
-                end = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(keywords)}"
-                what = function.__qualname__.removesuffix(".__init__")
-                raise TypeError(f"{what}() got an unexpected keyword argument {name!r}; {end}")
+        if kwargs.keys() - parameters.keys():
+            check_keywords(function.__qualname__.removesuffix(".__init__"), kwargs, keywords)
         return function(*args, **kwargs)
 
     return checked

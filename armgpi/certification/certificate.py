@@ -11,6 +11,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from fractions import Fraction
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ from armgpi.errors import ConfigError, ParameterError
 from armgpi.escape import html_text
 from armgpi.gpi.gains import FixedGains
 from armgpi.gpi.network import BSplineNetwork
+from armgpi.hints import check_keywords
 from armgpi.robot.robot import Robot
 from armgpi.version import other_format
 
@@ -168,6 +170,13 @@ class Certificate:
         return Certificate(data)
 
 
+#: Keywords that a certificate passes on: to :func:`ask`, and to the controller.
+_OPTIONS = (
+    *[each.name for each in signature(ask).parameters.values() if each.kind == each.KEYWORD_ONLY],
+    *("gains", "integrators", "rolloff", "rolloff_ratio", "second_ratio", "second_zeta", "feedforward"),
+)
+
+
 def certify(
     robot: Robot,
     dt: float = 1e-3,
@@ -203,6 +212,9 @@ def certify(
         PayloadError: when no bandwidth serves the loads.
         MissingPackage: when Clarabel is not installed.
     """
+    check_keywords("certify", options, _OPTIONS)
+    if "speed" not in options:
+        raise TypeError("certify() requires speed=, the largest speed of the reference [rad/s or m/s]")
     check_type(robot, "robot", Robot, "a Robot")
     check_type(prove, "prove", bool, "True or False")
     dt = check_number(dt, "dt", "a positive time [s]", open_=True)

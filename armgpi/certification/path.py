@@ -22,6 +22,7 @@ from armgpi.control.controller import Measurement
 from armgpi.errors import ParameterError
 from armgpi.gpi.gains import FixedGains
 from armgpi.gpi.law import GPI
+from armgpi.hints import with_keyword_hints
 from armgpi.loop.units import POSITION, TORQUE
 from armgpi.references.reference import Reference, Target
 from armgpi.renamed import warn_renamed
@@ -250,6 +251,7 @@ class PathBound(NamedTuple):
         return "\n".join(describe(self))
 
 
+@with_keyword_hints
 def bound_path(
     controller: GPI,
     reference: Reference,

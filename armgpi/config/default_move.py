@@ -8,6 +8,7 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.errors import ParameterError
+from armgpi.hints import with_keyword_hints
 from armgpi.references.bezier import Bezier, minimum_duration
 from armgpi.references.waypoints import Waypoints
 from armgpi.robot.collisions import shape_files
@@ -26,6 +27,7 @@ _LEAST_SPEED = 1e-6
 _MOVING_SHARE, _SLOWEST = 0.8, 4.0
 
 
+@with_keyword_hints
 def default_move(robot: Robot) -> Waypoints:
     """Return the move that commands simulate where nothing specifies one: there and back, with holds of 1 s.
 

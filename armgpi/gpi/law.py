@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import field
 from importlib import import_module
+from inspect import signature
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from armgpi.gpi.gains import FixedGains, Gains
 from armgpi.gpi.margins import Margins, default_omega, worst_margins
 from armgpi.gpi.payload import LoadRange, load_range, most_inertia, served_omega
 from armgpi.gpi.realisation import REALISATIONS, Bumpless, Resting
+from armgpi.hints import check_keywords
 from armgpi.parameter import PerJoint, Vector, parameter, plain, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
@@ -345,6 +347,8 @@ class GPI(Controller):
         """
         # The rule stands above the controllers, which it makes: it is asked for where it is needed.
         rule: Any = import_module("armgpi.tuning.rule")
+        own = ("robot", "dt", "delay", "bits", "drives")
+        check_keywords("GPI.auto", given, [*own, *(set(signature(cls).parameters) - set(own))])
         chosen = rule.arguments(robot, dt, delay, bits, drives, given)
         made = cls(**chosen.values)
         advice.warn([*chosen.findings, *advice.coarse_counts(made, bits)], 1)

@@ -33,6 +33,7 @@ from armgpi.gpi.margins import (
     sector,
     tolerated_phase,
 )
+from armgpi.hints import with_keyword_hints
 from armgpi.parameter import Parametrised, Vector, parameter, with_parameters
 from armgpi.robot.batch import AnyRobot, RobotBatch, VariedRobots
 from armgpi.robot.kinematics import random_configurations
@@ -282,6 +283,7 @@ def payload_range(
     return PayloadRange(lightest, heaviest, *place, nominal, (1.0, delta), min(omega_c, fastest), member)
 
 
+@with_keyword_hints
 def largest_payload(
     robot: Robot,
     frame: str | None = None,

@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from armgpi.arrays import Array, PerJointInput, check_choice, check_type, frozen, quantity
 from armgpi.errors import ParameterError, UnfitLog
+from armgpi.hints import with_keyword_hints
 from armgpi.identification import estimate
 from armgpi.identification.check import (
     LIGHT,
@@ -501,6 +502,7 @@ class Identified:
         )
 
 
+@with_keyword_hints
 def identify(
     logs: Any,
     robot: Robot,

@@ -34,6 +34,7 @@ from armgpi.errors import (
     NameNotFound,
     ParameterError,
 )
+from armgpi.hints import with_keyword_hints
 from armgpi.loop import metrics
 from armgpi.loop.backends import BACKENDS, runner, sample_streams
 from armgpi.loop.closed_loop import ClosedLoop, LoopState
@@ -77,6 +78,7 @@ _FRICTION, _GEARS = 3.5e-4, 1e-4
 _WORTH = 0.1
 
 
+@with_keyword_hints
 def prepare(
     plant: Plant,
     controller: Controller,

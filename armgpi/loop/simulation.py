@@ -11,6 +11,7 @@ import numpy as np
 from armgpi.arrays import ArrayLike
 from armgpi.control.controller import Controller
 from armgpi.errors import ParameterError
+from armgpi.hints import with_keyword_hints
 from armgpi.loop.prepared import prepare
 from armgpi.loop.runner import DIVERGENCE
 from armgpi.plants.plant import Plant
@@ -35,6 +36,7 @@ def _default_end(reference: Reference) -> float:
     return float(end) + _SETTLE
 
 
+@with_keyword_hints
 def simulate(
     plant: Plant,
     controller: Controller,

@@ -179,7 +179,8 @@ class Arm(Parametrised, Plant):
 
     def __repr__(self) -> str:
         """Return a one-line description."""
-        return f"{type(self).__name__}({self.robot!r}, {len(self.loads)} loads)"
+        loads = ", ".join(type(load).__name__ for load in self.loads) or "none"
+        return f"{type(self).__name__}({self.robot.name!r}, n={self.robot.n}, loads: {loads})"
 
     def _friction(self, friction: str | Friction | None) -> Friction | None:
         """Return the friction coefficients, None when there is no friction."""

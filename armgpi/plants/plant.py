@@ -11,7 +11,7 @@ import numpy as np
 
 from armgpi.arrays import Array, check_type
 from armgpi.control.controller import FullState, batches, common_batch
-from armgpi.errors import ArrayError
+from armgpi.errors import ArrayError, show_value
 from armgpi.parameter import Parametrised, parameters, with_parameters
 from armgpi.registry import Context
 from armgpi.robot.batch import AnyRobot
@@ -136,6 +136,11 @@ class Wrapper(Parametrised, Plant):
             return plant
         own = parameters(cls)
         return cls(plant, **given, **({"seed": context.seed} if "seed" in own else {}))
+
+    def __repr__(self) -> str:
+        """Return the wrapped plant with the parameters of the wrapper."""
+        own = "".join(f", {name}={show_value(value)}" for name, value in self.values().items())
+        return f"{type(self).__name__}({self.plant!r}{own})"
 
     def init(self, q: Array, v: Array) -> Any:
         """Return the wrapped plant's state; see :meth:`Plant.init`.

@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from armgpi.arrays import SMALLEST, Array, ArrayLike, as_number, as_sized_array, frozen, quantity
 from armgpi.errors import ArrayError, LimitError, ParameterError
+from armgpi.hints import with_keyword_hints
 from armgpi.robot.assembly import Assembly
 from armgpi.robot.drives import Drives
 from armgpi.robot.dynamics import (
@@ -77,6 +78,7 @@ class Edits(Frames):
                 tip, farthest = index, count
         return str(model.frames[tip].name)
 
+    @with_keyword_hints
     def with_payload(
         self: _Same,
         frame: str,

@@ -23,6 +23,7 @@ from armgpi.arrays import (
     check_whole,
 )
 from armgpi.errors import ArrayError, ParameterError, ReachError
+from armgpi.hints import with_keyword_hints
 from armgpi.robot.frames import Pose
 from armgpi.robot.robot import Robot
 
@@ -81,6 +82,7 @@ class InverseSolution(NamedTuple):
     iterations: npt.NDArray[np.int64]
 
 
+@with_keyword_hints
 def inverse_kinematics(
     robot: Robot,
     frame: str,

@@ -16,7 +16,7 @@ import pinocchio as pin
 from armgpi.arrays import Array, ArrayLike, check_path, check_type, check_whole, frozen
 from armgpi.errors import UrdfError, import_extra
 from armgpi.escape import html_table
-from armgpi.hints import ROBOT, missing
+from armgpi.hints import ROBOT, missing, with_keyword_hints
 from armgpi.robot import (
     chains,
     from_mujoco,
@@ -98,6 +98,7 @@ class Robot(Edits):
         )
 
     @classmethod
+    @with_keyword_hints
     def load(
         cls,
         path_or_name: str | PathLike[str] | ModuleType | pin.Model,

@@ -17,6 +17,7 @@ import numpy as np
 
 from armgpi import renamed
 from armgpi.arrays import Array, check_choice, check_type
+from armgpi.hints import with_keyword_hints
 from armgpi.renamed import current_name
 from armgpi.robot.drives import Drives
 from armgpi.robot.equations import ASSUMED_GEAR_RATIO
@@ -97,6 +98,7 @@ def _gravity_torque(robot: Robot) -> Array:
     return np.asarray(upright if mounted.max() < _HORIZONTAL * upright.max() else mounted)
 
 
+@with_keyword_hints
 def assume_drives(robot: Robot, drives: str | None = None) -> Robot:
     """Return the arm with what is published or assumed of its drives where nothing is known of them.
 

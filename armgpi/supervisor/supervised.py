@@ -11,7 +11,9 @@ import numpy as np
 
 from armgpi.arrays import LARGEST, SMALLEST, Array, check_type, check_whole
 from armgpi.control.controller import Controller, ControlStep, FullState, Measurement
-from armgpi.errors import ParameterError
+from armgpi.errors import ParameterError, show_value
+from armgpi.escape import html_table
+from armgpi.parameter import parameters
 from armgpi.references.reference import Target
 from armgpi.supervisor import checks
 from armgpi.supervisor.bounds import FARTHEST, SMOOTHING, Supervisor, bounds_of, smoothing
@@ -524,8 +526,25 @@ class Supervised(Controller):
         return {**self.law.describe(), "supervisor": self.supervisor.values()}
 
     def __repr__(self) -> str:
-        """Return a one-line description."""
-        return f"Supervised({self.law!r})"
+        """Return the controller and the bounds that differ from the default ones."""
+        changed = "".join(f", {name}={show_value(value)}" for name, value in self._changed().items())
+        return f"Supervised({self.law!r}{changed})"
+
+    def _repr_html_(self) -> str:
+        """Return the tables of the controller, and the bounds, for notebooks."""
+        own = getattr(self.law, "_repr_html_", None)
+        tables = html_table("Controller", ("controller",), [(repr(self.law),)]) if own is None else own()
+        known, bounds = parameters(type(self.supervisor)), self.supervisor.values()
+        rows = [
+            (name, "automatic" if value is None else show_value(value), known[name].unit, known[name].text)
+            for name, value in bounds.items()
+        ]
+        return tables + html_table("Supervisor", ("bound", "value", "unit", "meaning"), rows)
+
+    def _changed(self) -> dict[str, Any]:
+        """Return the bounds that differ from the default ones."""
+        usual = type(self.supervisor)().values()
+        return {name: value for name, value in self.supervisor.values().items() if value != usual[name]}
 
 
 def _chosen(condition: Mask, yes: Any, no: Any) -> Any:

@@ -11,6 +11,7 @@ import numpy as np
 
 from armgpi.arrays import Array, check_number, check_type, check_whole
 from armgpi.errors import ModelError, ParameterError, Remedy
+from armgpi.hints import with_keyword_hints
 from armgpi.robot.equations import PerJoint
 from armgpi.robot.robot import Robot
 from armgpi.validation import containment, forms, laws, repair, samples
@@ -34,6 +35,7 @@ _PATIENCE = 1e6
 _FEW_DIGITS = 1e-11
 
 
+@with_keyword_hints
 def validate(
     model: Any,
     robot: Robot | str | PathLike[str] | None = None,

@@ -21,6 +21,7 @@ import numpy as np
 from armgpi.arrays import Array, check_type
 from armgpi.errors import MissingPackage, ParameterError, Remedy
 from armgpi.escape import latex_text
+from armgpi.hints import with_keyword_hints
 from armgpi.robot.robot import Robot
 from armgpi.validation.tree import Tree, from_robot
 from armgpi.validation.trig import Trig
@@ -144,6 +145,7 @@ class Derivation:
         return [*lines, "    return np.array(", "        [", *body, "        ]", "    )"]
 
 
+@with_keyword_hints
 def derive(
     robot: Robot | str | PathLike[str], *, numbers: bool = False, frame: str | None = None
 ) -> Derivation:

@@ -79,3 +79,30 @@ def test_a_controller_prints_its_numbers() -> None:
     )
     assert "omega_c=25" in repr(armgpi.GPI(ARM, 1e-3, armgpi.FixedGains(25.0)))
     assert "omega_c" in armgpi.GPI(ARM, 1e-3)._repr_html_()
+
+
+def test_in_notebooks_a_controller_has_its_numbers_joint_by_joint_with_units_and_limits() -> None:
+    page = armgpi.GPI(ARM, 1e-3, armgpi.FixedGains([20.0, 30.0, 25.0]))._repr_html_()
+    assert "omega_c [rad/s]" in page
+    assert "effort limit [N m or N]" in page
+    for name, effort in zip(ARM.joint_names, ARM.limits.effort, strict=True):
+        assert f"<td>{name}</td>" in page
+        assert f"<td>{effort:.4g}</td>" in page
+    batch = armgpi.GPI(armgpi.RobotBatch([ARM, ARM]), 1e-3)._repr_html_()
+    assert "effort limit" not in batch  # the arms may differ
+
+
+def test_a_supervised_controller_prints_both() -> None:
+    supervised = armgpi.Supervised(armgpi.GPI(ARM, 1e-3), armgpi.Supervisor(jump=3.0))
+    assert repr(supervised).startswith("Supervised(GPI('anthropomorphic3'")
+    assert repr(supervised).endswith(", jump=3.0)")
+    page = supervised._repr_html_()
+    assert "omega_c" in page
+    assert "reference_jump" in page
+
+
+def test_a_plant_prints_what_is_around_it_and_inside() -> None:
+    plant = armgpi.Delayed(armgpi.Encoder(armgpi.RigidBodyPlant(ARM, armgpi.Step(1.0)), bits=16), samples=1)
+    assert repr(plant) == (
+        "Delayed(Encoder(RigidBodyPlant('anthropomorphic3', n=3, loads: Step), bits=16), samples=1)"
+    )

@@ -30,6 +30,7 @@ from armgpi.hardware.export.targets import (
     package,
     position_of,
 )
+from armgpi.hints import with_keyword_hints
 from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.loop.log import INPUTS, ArmLog, of_samples, pack, preamble, row_type
 from armgpi.loop.rollout import Recording
@@ -137,6 +138,7 @@ def record(plant: Plant, controller: Controller, reference: Reference, t_final: 
     return of_samples(controller.robot.joint_names, loop.dt, inputs, tau[:count], reports, **known)
 
 
+@with_keyword_hints
 def export_controller(
     controller: Controller,
     folder: str | Path,

@@ -1,0 +1,72 @@
+"""Names and keywords that do not exist are answered with what to write, also those of other libraries."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import pytest
+
+import armgpi
+from armgpi import hints
+
+ARM = armgpi.Robot.load("anthropomorphic3")
+LAW: Any = armgpi.GPI(ARM, 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [("omega", "use gains"), ("gain", "did you mean 'gains'?"), ("compute_torque", "use init(measurement")],
+)
+def test_an_attribute_that_a_controller_has_not_gets_a_hint(name: str, hint: str) -> None:
+    with pytest.raises(AttributeError) as caught:
+        getattr(LAW, name)
+    assert str(caught.value).startswith(f"'GPI' object has no attribute {name!r}; {hint}")
+    assert caught.value.obj is None  # else Python would add a second hint
+
+
+def test_what_asks_for_attributes_is_answered_as_ever() -> None:
+    assert not hasattr(LAW, "omega")
+    assert getattr(LAW, "omega", 3.0) == 3.0
+    assert copy.copy(LAW).dt == LAW.dt
+    assert str(hints.MissingAttribute(LAW, "xyzzy", {})) == "'GPI' object has no attribute 'xyzzy'"
+
+
+def call(name: str, *args: Any, **kwargs: Any) -> None:
+    function: Any = armgpi
+    for part in name.split("."):
+        function = getattr(function, part)
+    function(*args, **kwargs)
+
+
+@pytest.mark.parametrize(
+    ("name", "keyword", "hint"),
+    [
+        ("simulate", "tfinal", "did you mean 't_final'?"),
+        ("Robot.load", "locks", "did you mean 'lock'?"),
+        ("Robot.load", "urdf", "did you mean 'path_or_name'?"),
+        ("GPI", "bandwidth", "did you mean 'gains'?"),
+        ("GPI", "Ts", "did you mean 'dt'?"),
+        ("GPI.auto", "bit", "did you mean 'bits'?"),
+        ("certify", "payloads", "did you mean 'payload'?"),
+        ("validate", "robots", "did you mean 'robot'?"),
+        ("identify", "robots", "did you mean 'robot'?"),
+        ("export_controller", "folders", "did you mean 'folder'?"),
+        ("inverse_kinematics", "xyzzy", "it has robot, frame, position"),
+    ],
+)
+def test_a_wrong_keyword_gets_the_nearest_one(name: str, keyword: str, hint: str) -> None:
+    with pytest.raises(TypeError) as caught:
+        call(name, ARM, 1e-3, **{keyword: 1.0})
+    assert str(caught.value).startswith(f"{name}() got an unexpected keyword argument {keyword!r}; {hint}")
+
+
+def test_a_certificate_without_a_speed_says_what_it_lacks() -> None:
+    with pytest.raises(TypeError, match=r"certify\(\) requires speed=, the largest speed"):
+        armgpi.certify(ARM, payload=(0.0, 1.0))
+
+
+def test_every_keyword_of_other_libraries_leads_to_one_that_is_not_itself() -> None:
+    for name, here in hints.KEYWORDS.items():
+        assert here
+        assert name not in here
