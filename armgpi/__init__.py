@@ -9,8 +9,9 @@ Motions (references)
     Bezier, Waypoints, Hold, default_move, CartesianReference, Recorded, PosePath, load_poses, Setpoints,
     Follower, FollowLimits, Reference, ReferenceBatch, Target
 Controllers
-    GPI, CartesianImpedance, JointImpedance, ImpedanceLimits, PIDPositions, PIDInversion, ADRC,
-    ComputedTorqueDOB, SuperTwisting, SlotineLi, Controller, ControlStep, Measurement, FullState
+    GPI, CartesianImpedance, JointImpedance, ImpedanceLimits, ForceLimited, ForceBound, PIDPositions,
+    PIDInversion, ADRC, ComputedTorqueDOB, SuperTwisting, SlotineLi, Controller, ControlStep, Measurement,
+    FullState
 Gains of a GPI
     FixedGains, GainSchedule, BSplineNetwork, Gains, Tuning, Weights, learned_weights, load_weights,
     save_weights, default_omega, LargestPayload, PayloadRange, largest_payload, payload_range
@@ -63,6 +64,8 @@ if TYPE_CHECKING:
     from armgpi.control.controller import FullState as FullState
     from armgpi.control.controller import Measurement as Measurement
     from armgpi.control.ctdob import ComputedTorqueDOB as ComputedTorqueDOB
+    from armgpi.control.force_limit import ForceBound as ForceBound
+    from armgpi.control.force_limited import ForceLimited as ForceLimited
     from armgpi.control.impedance import CartesianImpedance as CartesianImpedance
     from armgpi.control.impedance import JointImpedance as JointImpedance
     from armgpi.control.impedance_limits import ImpedanceLimits as ImpedanceLimits
@@ -172,6 +175,8 @@ _NAMES = {
     "config.default_move": ("default_move",),
     "control.adrc": ("ADRC",),
     "control.ctdob": ("ComputedTorqueDOB",),
+    "control.force_limit": ("ForceBound",),
+    "control.force_limited": ("ForceLimited",),
     "control.impedance": ("CartesianImpedance", "JointImpedance"),
     "control.impedance_limits": ("ImpedanceLimits",),
     "control.pid_positions": ("PIDPositions",),

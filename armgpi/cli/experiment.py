@@ -283,6 +283,15 @@ def note_drives(experiment: Experiment, explain: bool = True) -> None:
             f"note: the encoder resolution is not specified; {BITS} bits assumed: --encoder-bits",
             err=True,
         )
+    _note_force(experiment)
+
+
+def _note_force(experiment: Experiment) -> None:
+    """Say what controllers with a force limit press with at rest, and the impact beside it."""
+    for label, law in experiment.controllers.items():
+        if getattr(law, "force_limit", None) is not None:
+            bound: Any = law.force_bound()  # type: ignore[attr-defined]
+            say(f"{label}: {bound}".replace("\n", " "), err=True)
 
 
 def _explain_drives(experiment: Experiment) -> None:

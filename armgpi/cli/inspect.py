@@ -253,6 +253,7 @@ def _what_follows(facts: Mapping[str, Any]) -> list[_Part]:
                 f"bandwidth for {control['encoder_bits']}-bit encoders"
             ],
         ),
+        *_compliance_part(facts),
         _Part(
             f"Payload {load['mass']:g} kg at {load['frame']!r}",
             [
@@ -293,6 +294,12 @@ def _what_follows(facts: Mapping[str, Any]) -> list[_Part]:
 def _mass(kg: float) -> str:
     """Return a mass as text; a joint whose axis the load lies on carries any."""
     return f"{kg:.3g} kg" if math.isfinite(kg) else "any mass"
+
+
+def _compliance_part(facts: Mapping[str, Any]) -> list[_Part]:
+    """Return what an impedance controller may be asked for; none where the arm cannot have one."""
+    found = facts["compliance"]
+    return [] if found is None else [_Part("Controller cartesian_impedance", found["said"])]
 
 
 def _automatic_part(facts: Mapping[str, Any]) -> list[_Part]:

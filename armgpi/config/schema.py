@@ -37,6 +37,7 @@ from armgpi.config.section import (
     word,
 )
 from armgpi.control.controller import Controller
+from armgpi.control.force_limited import ForceSettings
 from armgpi.parameter import REQUIRED, Parameter, parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.environment import Contact
@@ -237,9 +238,15 @@ class Kind(NamedTuple):
     part: str = ""
 
     @property
+    def limits_force(self) -> bool:
+        """Whether the controller has a force limit of its own; the others get one around them."""
+        return "force_limit" in parameters(self.law)
+
+    @property
     def parameters(self) -> dict[str, Parameter]:
         """Declared parameters that are keys of the section."""
-        both = {**(parameters(self.variant) if self.variant else {}), **parameters(self.law)}
+        limits = {} if self.limits_force else parameters(ForceSettings)
+        both = {**(parameters(self.variant) if self.variant else {}), **parameters(self.law), **limits}
         return {name: each for name, each in both.items() if each.in_file and each.kind != "variant"}
 
     def section(self, name: str) -> type[Section]:

@@ -77,6 +77,11 @@ class Section:
             "viscous",
             "coulomb",
             "gravity",
+            "force_limit",
+            "moment_limit",
+            "force_frame",
+            "speed_limit",
+            "limit_friction",
         }
     )
     given: frozenset[str]

@@ -20,12 +20,13 @@ import numpy as np
 
 from armgpi.arrays import Array, new
 from armgpi.control.controller import Controller, ControlStep, Measurement
+from armgpi.control.force_limit import LEVER, ForceBound, ForceLimit
 from armgpi.control.impedance_limits import ImpedanceLimits, Mode, impedance_limits
 from armgpi.errors import ArrayError, ParameterError
 from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
-from armgpi.robot.batch import AnyRobot
+from armgpi.robot.batch import one_of
 from armgpi.robot.equations import add_smooth_friction
 from armgpi.robot.frame_motion import FrameMotion, Motion, Pose, cross, inner
 from armgpi.robot.kinematics import random_configurations
@@ -45,8 +46,6 @@ _ROUNDED = 0.95
 #: Square of a natural frequency below which there is no spring: the tool cannot move that way
 #: [1/s^2].
 _STILL = 1e-6
-#: Lever of the moment limit that belongs to a force limit [m].
-_LEVER = 0.2
 #: Sine below which the logarithm of a rotation is its sine.
 _SMALL = 1e-6
 
@@ -144,7 +143,7 @@ class Impedance(Controller):
         super().__post_init__()
         self._viscous, self._coulomb = self.robot.friction
         self._dynamics = self.robot.dynamics
-        arm = _one(self.robot)
+        arm = one_of(self.robot)
         self._prepare(arm)
         modes = self._modes(arm, random_configurations(arm, _CONFIGURATIONS, seed=0))
         squares = np.concatenate([each.square for each in modes])
@@ -178,9 +177,11 @@ class Impedance(Controller):
             found = impedance_limits(
                 modes, self._alpha, self._beta, bandwidth, self.dt, self.delay, arm.drives
             )
+            # First that it may have what is asked for, then room for encoders at the links.
             least = min(found.factor, found.link_factor)
-            if best is None or least > best[0]:
-                best = least, bandwidth, found
+            worth = found.factor >= 1.0, least
+            if best is None or worth > best[0]:
+                best = worth, bandwidth, found
             if least >= _SPARE:
                 break
         assert best is not None
@@ -349,6 +350,18 @@ class CartesianImpedance(Impedance):
         self._length = self._motion.reach(arm)
         self._redundant = arm.n > 6 and self.nullspace_stiffness > 0.0
 
+    def force_bound(self, **given: Any) -> ForceBound:
+        """Return what the tool presses with under the force limit; see :meth:`armgpi.GPI.force_bound`.
+
+        Raises:
+            ParameterError: when there is no force limit.
+        """
+        limit: Any = self.force_limit
+        if limit is None:
+            raise ParameterError("force_limit", None, "given where the force is to be bounded")
+        arm = one_of(self.robot)
+        return ForceLimit(arm, self._motion.frame, limit, None, self._coulomb).bound(arm, **given)
+
     def step(self, measurement: Measurement, target: Target, state: ImpedanceState) -> ControlStep:
         """Return torque and next state; see :meth:`Controller.step`."""
         q = measurement.q
@@ -369,7 +382,7 @@ class CartesianImpedance(Impedance):
         limit: Any = self.force_limit
         if limit is None:
             return force, moment
-        return _shortened(force, limit), _shortened(moment, _LEVER * limit)
+        return _shortened(force, limit), _shortened(moment, LEVER * limit)
 
     def _in_null_space(self, motion: Motion, e: Array) -> Array:
         """Return the part of a joint error that does not move the tool [rad or m]."""
@@ -423,8 +436,3 @@ def _length_of(vector: Array) -> Array:
     """Return the lengths of vectors (..., 3), (..., 1)."""
     length: Array = np.sqrt(inner(vector, vector))
     return length
-
-
-def _one(robot: AnyRobot) -> Robot:
-    """Return an arm of a batch: its kinematics are those of all."""
-    return robot if isinstance(robot, Robot) else robot.first

@@ -31,21 +31,6 @@ def warn(findings: Iterable[Finding], level: int = 1) -> None:
         warnings.warn(text, ArmgpiWarning, stacklevel=level + 2)
 
 
-def unknown_friction(limit: float, force: float) -> Iterator[Finding]:
-    """Find a force limit of a model without Coulomb friction: the arm may not move.
-
-    Args:
-        limit: force limit [N].
-        force: what friction of 3 % of the effort is at the tool [N].
-    """
-    message = (
-        f"the nominal model has no Coulomb friction, which comes on top of the force limit of {limit:g} N: "
-        f"with 3 % of the effort, usual for geared joints, it is {force:.2g} N at the tool"
-    )
-    repair = "the arm may stop on its way; specify it: robot.with_friction(viscous, coulomb)"
-    yield Finding("warning", "the force limit", message, limit, force, repair)
-
-
 def slow_default(dt: float, delay: float, member: Member = PRINTED) -> Iterator[Finding]:
     """Find a default bandwidth at which no arm follows well."""
     omega = default_omega(dt, delay, member=member)

@@ -12,10 +12,10 @@ import numpy as np
 
 from armgpi.arrays import Array, ArrayLike, as_float_array, new
 from armgpi.control.controller import Controller, ControlStep, Measurement
+from armgpi.control.force_limit import FREE_FALL, SPEED, ForceBound, ForceLimit, Gentle, check_weight
 from armgpi.errors import ParameterError
 from armgpi.gpi import advice
 from armgpi.gpi.family import Member
-from armgpi.gpi.force_limit import ForceLimit
 from armgpi.gpi.gains import FixedGains, Gains
 from armgpi.gpi.margins import Margins, default_omega, worst_margins
 from armgpi.gpi.payload import LoadRange, load_range, most_inertia, served_omega
@@ -25,16 +25,12 @@ from armgpi.parameter import PerJoint, Vector, parameter, plain, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
 from armgpi.renamed import warn_renamed
-from armgpi.robot.batch import AnyRobot, check_robot, check_same_joints, feedback_model
+from armgpi.robot.batch import AnyRobot, check_robot, check_same_joints, feedback_model, one_of
 from armgpi.robot.equations import ASSUMED_BITS, add_smooth_friction
 from armgpi.robot.robot import Robot
 
 #: Speed below which the sign of the reference velocity is smoothed [rad/s or m/s].
 _SMOOTH = 1e-2
-#: Coulomb friction of geared joints, as a share of the effort.
-_USUAL_FRICTION = 0.03
-#: Acceleration of free fall [m/s^2].
-_FREE_FALL = 9.81
 #: Feedforward -> what it needs of the nominal model.
 KNOWS = {"none": "inertia", "gravity": "gravity", "model": "model", "computed": "model"}
 
@@ -46,11 +42,13 @@ class GPIState(NamedTuple):
         law: state of the realisation.
         gains: state of the gains.
         learn: 1 where the last torque was applied as asked, 0 where it was cut; shape as the errors.
+        limit: what the speed limit of a force limit remembers; None without one.
     """
 
     law: Any
     gains: Any
     learn: Array
+    limit: Any = None
 
 
 @with_parameters
@@ -99,6 +97,10 @@ class GPI(Controller):
             of the approach: it is no safety function. Beyond it nothing holds the arm.
         moment_limit: likewise its moment [N m]; 0.2 m times the force limit when not given.
         force_frame: the frame that they are of; the tip when not given.
+        speed_limit: of the tool beside its reference while the force limit acts [m/s], as nothing else holds
+            the arm there; 0.25 when not given.
+        limit_friction: Coulomb friction that comes on top of the force limit [N m or N]; the nominal model's
+            when not given.
         bias_robot: the robot that the feedforward is of; `robot` when not given.
     """
 
@@ -108,6 +110,7 @@ class GPI(Controller):
         "_viscous": "viscous friction of the nominal model [N m s/rad or N s/m]",
         "_coulomb": "Coulomb friction of the nominal model [N m or N]",
         "_emptied": "share of an integrator that leaks out in a sample at rest [-]",
+        **ForceLimit.derived,
     }
 
     gains: Gains = parameter("tuning", kind="variant", group=Gains, default=None, none="FixedGains")
@@ -253,6 +256,26 @@ class GPI(Controller):
     force_frame: str | None = parameter(
         "frame that the force limit is of", kind="text", default=None, none="the tip", kw_only=True
     )
+    speed_limit: float = parameter(
+        "speed of the tool beside its reference while the force limit acts",
+        unit="m/s",
+        default=None,
+        none="0.25",
+        least=0.0,
+        above=True,
+        log=True,
+        structural=True,
+        kw_only=True,
+    )
+    limit_friction: PerJoint = parameter(
+        "Coulomb friction that comes on top of the force limit",
+        unit="N m or N",
+        default=None,
+        none="the model's",
+        least=0.0,
+        per_joint=True,
+        kw_only=True,
+    )
     bias_robot: AnyRobot = field(default=None, kw_only=True)  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
@@ -396,7 +419,8 @@ class GPI(Controller):
         first = self._law.init(hold, self._nominal)
         if self.start == "rest":
             first = self._law.at_rest(e, first, self._nominal)
-        return GPIState(first, self.gains.init(e), learn)
+        limit = None if self._force is None else self._force.init(e)
+        return GPIState(first, self.gains.init(e), learn, limit)
 
     def waiting(self, measurement: Measurement, target: Target, state: GPIState) -> GPIState:
         """Return the state at the start, from where the arm is now; see :meth:`Controller.waiting`."""
@@ -422,25 +446,45 @@ class GPI(Controller):
         asked = self._dynamics.inertia_times(q, v)  # eq. 19
         if self.feedforward != "none" or self.friction_feedforward:
             asked = asked + self.ahead(q, target)
-        tau = self.limited(asked if self._force is None else self._gentle(q, target, asked))
-        cut = tau - asked
+        gentle = self._gentle(q, target, asked, state.limit)
+        tau = self.limited(gentle.tau)
+        cut = (tau - gentle.tau) + (gentle.told - asked)
         missing = self._dynamics.inertia_solve(q, cut)
         # The solver hands a zero torque back as it is: then nothing was cut.
         applied = None if missing is cut else missing
         law = self._law.update(e, v, applied, state.law, coefficients, *self._resting(e, target))
         if self.gains.adaptive:
             learn = np.where(cut == 0.0, 1.0, 0.0)
-        return new(ControlStep, (tau, new(GPIState, (law, gains_state, learn))))
+        return new(ControlStep, (tau, new(GPIState, (law, gains_state, learn, gentle.state))))
 
-    def _gentle(self, q: Array, target: Target, asked: Array) -> Array:
+    def _gentle(self, q: Array, target: Target, asked: Array, state: Any) -> Gentle:
         """Return a torque that presses no more than the force limit allows."""
-        assert self._force is not None
+        if self._force is None:
+            return new(Gentle, (asked, asked, None))
         _, v, a = (part + np.zeros_like(q) for part in target)
         known = self._bias.inverse(q, v, a)
         if self.friction_feedforward:
             known = self.add_friction(known, v)
-        gentle: Array = asked - self._force.excess(q, asked - known)
-        return gentle
+        return self._force.gentle(q, target, (asked, known), state, self._bias)
+
+    def force_bound(self, **given: Any) -> ForceBound:
+        """Return what the tool presses with under the force limit, and the impact beside it.
+
+        Args:
+            **given: friction, speed and wall; see :meth:`armgpi.control.force_limit.ForceLimit.bound`.
+
+        Raises:
+            ParameterError: when there is no force limit.
+        """
+        if self._force is None:
+            raise ParameterError("force_limit", None, "given where the force is to be bounded")
+        return self._force.bound(one_of(self.bias_robot), weight=self._unknown_weight(), **given)
+
+    def _unknown_weight(self) -> float:
+        """Return the weight that the payload is uncertain by [N]."""
+        if self.payload is None:
+            return 0.0
+        return float(FREE_FALL * (self.payload.heaviest - self.payload.lightest))
 
     def _force_limit(self) -> ForceLimit | None:
         """Return what limits the force; None for nothing.
@@ -451,22 +495,24 @@ class GPI(Controller):
         """
         limit: Any = self.force_limit
         if limit is None:
-            for name in ("moment_limit", "force_frame"):
+            for name in ("moment_limit", "force_frame", "speed_limit", "limit_friction"):
                 if vars(self)[name] is not None:
                     raise ParameterError(name, vars(self)[name], "left out where there is no force_limit")
             return None
-        if self.payload is not None:
-            unknown = _FREE_FALL * (self.payload.heaviest - self.payload.lightest)
-            if unknown > limit:
-                expected = f"more than {unknown:.3g} N, the weight that the payload is uncertain by"
-                raise ParameterError("force_limit", limit, expected)
-        arm = self.bias_robot if isinstance(self.bias_robot, Robot) else self.bias_robot.first
-        found = ForceLimit(arm, self.force_frame, limit, self.moment_limit, self._coulomb)
-        if not self._coulomb.any() and not self.remade:
-            # A joint without an effort limit adds nothing to the estimate: nobody knows its friction.
-            efforts = np.where(np.isfinite(arm.limits.effort), arm.limits.effort, 0.0)
-            force = found.force_of(arm, _USUAL_FRICTION * efforts)
-            advice.warn(advice.unknown_friction(float(np.max(limit)), force), 4)
+        check_weight(limit, self._unknown_weight())
+        friction: Any = self.limit_friction
+        fastest: Any = self.speed_limit
+        found = ForceLimit(
+            one_of(self.bias_robot),
+            self.force_frame,
+            limit,
+            self.moment_limit,
+            self._coulomb if friction is None else friction,
+            SPEED if fastest is None else fastest,
+            (self.dt, self.delay),
+        )
+        if not self.remade:
+            advice.warn(found.doubts(one_of(self.bias_robot)), 4)
         return found
 
     def _where(self, measured: Array, wanted: Array) -> Array:

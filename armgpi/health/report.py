@@ -22,7 +22,7 @@ from armgpi.escape import html_table, json_data
 from armgpi.gpi.advice import light_model
 from armgpi.gpi.law import GPI
 from armgpi.gpi.payload import largest_payload
-from armgpi.health import checks_control, findings
+from armgpi.health import checks_control, compliance, findings
 from armgpi.health import checks_shapes as checks_shapes
 from armgpi.health import checks_urdf as checks_urdf  # registers its checks
 from armgpi.health.findings import LEVELS, Finding, Level, Subject
@@ -285,7 +285,15 @@ def _facts(subject: Subject, drives: str | None) -> dict[str, Any]:
             "omega_c": subject.omega,
         },
         "gpi_auto": _untuned_facts(subject, known, drives),
+        "compliance": compliance.plain(_compliance(subject, known)),
     }
+
+
+def _compliance(subject: Subject, known: Robot) -> compliance.Compliance | None:
+    """Return what an impedance controller may be asked for; None for an arm that cannot have one."""
+    if not (subject.robot.limits.effort > 0.0).all():
+        return None  # the check of the effort reports it
+    return compliance.compliance_of(known, subject.dt, subject.delay * subject.dt)
 
 
 def _untuned_facts(subject: Subject, known: Robot, drives: str | None) -> dict[str, Any] | None:

@@ -54,6 +54,11 @@ def check_robot(robot: Any, name: str = "robot") -> None:
     check_type(robot, name, AnyRobot, "a Robot or a RobotBatch")
 
 
+def one_of(robot: AnyRobot) -> Robot:
+    """Return an arm of a batch, whose kinematics are those of all; a single arm as it is."""
+    return robot if isinstance(robot, Robot) else robot.first
+
+
 def check_same_joints(other: Any, name: str, robot: AnyRobot) -> None:
     """Refuse what is not a robot with the joints of `robot`.
 

@@ -10,8 +10,8 @@ import pytest
 import armgpi
 from armgpi import config
 from armgpi.certification.request import _check_linear
+from armgpi.control.force_limit import ForceLimit
 from armgpi.errors import ArmgpiWarning, NameNotFound, ParameterError
-from armgpi.gpi.force_limit import ForceLimit
 
 DT = 1e-3
 HOME = np.array([0.0, -1.2, 1.6, -1.97, -1.5708, 0.0])

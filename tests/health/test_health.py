@@ -15,9 +15,21 @@ import numpy as np
 import pytest
 from sampling import for_search
 
-from armgpi import GPI, Bezier, FixedGains, RigidBodyPlant, Robot, default_omega, health, robots, simulate
+from armgpi import (
+    GPI,
+    Bezier,
+    CartesianImpedance,
+    FixedGains,
+    RigidBodyPlant,
+    Robot,
+    assume_drives,
+    default_omega,
+    health,
+    robots,
+    simulate,
+)
 from armgpi.cli.parsing import as_option
-from armgpi.errors import ArmgpiError, NameNotFound, Remedy, UrdfError
+from armgpi.errors import ArmgpiError, NameNotFound, ParameterError, Remedy, UrdfError
 from armgpi.health import findings
 from armgpi.health.findings import Finding
 from armgpi.robot import rotors, urdf
@@ -406,3 +418,19 @@ def test_a_slow_default_bandwidth_and_missing_rotors_are_said() -> None:
     values = dict(part.split("=") for part in str(proposed).split(","))
     told = health.inspect("ur5", rotor_inertia={name: float(value) for name, value in values.items()})
     assert "armature" not in {f.kind for f in told.findings}
+
+
+def test_what_an_impedance_controller_may_be_asked_for_is_said_before_one_is_made() -> None:
+    fast, slow = (health.inspect("ur5", dt=dt, delay=1) for dt in (1e-3, 8e-3))
+    said = fast.facts["compliance"]
+    arm = assume_drives(Robot.load("ur5"))
+    largest = [said["stiffness"]] * 3 + [0.06 * said["stiffness"]] * 3
+    # Limits are told for the stiffness that was asked for: another filter may be chosen for a larger one.
+    CartesianImpedance(arm, 1e-3, stiffness=[0.9 * x for x in largest], delay=1e-3)
+    with pytest.raises(ParameterError, match="at most"):
+        CartesianImpedance(arm, 1e-3, stiffness=[1.5 * x for x in largest], delay=1e-3)
+    assert "compliance" not in {each.kind for each in fast.findings}
+    (finding,) = (each for each in slow.findings if each.kind == "compliance")
+    assert finding.value == pytest.approx(slow.facts["compliance"]["stiffness"])
+    assert finding.value is not None
+    assert finding.value < 500.0

@@ -1,0 +1,388 @@
+"""A bound on the force that a controller presses with, from its own torque: no force sensor.
+
+What a torque beyond the model's does at rest is a wrench at the tool: J' f is that torque, but for what
+moves the arm without the tool. So f follows from the torque, its force and its moment are shortened to their
+limits, and what is too much is taken away from the torque. Nothing is scaled as a whole: a torque about an
+axis through the tool is a moment without a force, and stays as it is where the force alone is too much.
+
+Beyond the limit nothing holds the arm, so a speed limit belongs to it: while torque is taken away, the joints
+are damped as soon as the tool is faster than 0.4 of its speed limit.
+
+It bounds what the tool presses with at rest, and it is no safety function.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Iterator
+from itertools import product
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array, new
+from armgpi.errors import ArmgpiWarning, Finding, ParameterError
+from armgpi.references.reference import Target
+from armgpi.robot.frame_motion import DampedJacobian, FrameMotion, inner
+from armgpi.robot.kinematics import random_configurations
+from armgpi.robot.robot import Robot
+
+#: Lever of the moment limit that belongs to a force limit where none is given [m].
+LEVER = 0.2
+#: Acceleration of free fall [m/s^2].
+FREE_FALL = 9.81
+#: Speed of the tool beside the reference, while the limit acts, where none is given [m/s]: the reduced speed
+#: of ISO 10218-1.
+SPEED = 0.25
+#: Coulomb friction of geared joints, as a share of the effort, where nobody knows it, and the factor within
+#: which it is.
+USUAL_FRICTION, USUAL_WITHIN = 0.03, 2.0
+#: Factor within which a level of friction is that a file or a user gives: what identifications of the same
+#: arm differ by between days and temperatures.
+KNOWN_WITHIN = 1.2
+#: Stiffness of what is hit, where none is given [N/m].
+HIT = 1e4
+#: Configurations over which forces are taken, of those that are drawn.
+_CONFIGURATIONS, _DRAWN = 20, 60
+#: Joints of which all combinations of signs are tried.
+_MOST_SIGNS = 10
+#: Bandwidth of the filtered difference of positions [rad/s].
+_FILTER = 250.0
+#: What braking may use of the time that the filter and the delay take [-].
+_BRAKE = 0.4
+#: Share of the speed limit from which on it brakes.
+_FREE = 0.4
+#: Share of what is too much from which on it brakes fully.
+_FULL = 0.1
+
+
+class ForceBound(NamedTuple):
+    """What a tool presses with, in numbers; a sum of worst cases, not a safety function.
+
+    Attributes:
+        limit: the force limit [N].
+        friction: what the joints' Coulomb friction adds at the tool at most [N], the upper end of its
+            interval; median over configurations away from singular ones, the worst direction of each.
+        gravity: the weight that the model is uncertain by [N].
+        total: the sum, which bounds the force at rest [N].
+        speed: of an approach [m/s].
+        wall: stiffness of what is hit [N/m].
+        mass: what the tool weighs in motion [kg], median over configurations and directions.
+        impact: peak force of the impact [N], without damping: F + sqrt(F^2 + k m v^2) with F the limit and
+            the friction.
+    """
+
+    limit: float
+    friction: float
+    gravity: float
+    total: float
+    speed: float
+    wall: float
+    mass: float
+    impact: float
+
+    def __str__(self) -> str:
+        """Return it in two lines."""
+        return (
+            f"At rest the tool presses with at most {self.total:.3g} N: limit {self.limit:.3g} N, joint "
+            f"friction {self.friction:.3g} N, unknown weight {self.gravity:.3g} N.\n"
+            f"The impact is not bounded: at {self.speed:.3g} m/s on {self.wall / 1e3:.3g} kN/m it is about "
+            f"{self.impact:.3g} N (the tool weighs {self.mass:.3g} kg in motion). "
+            "This is no safety function."
+        )
+
+
+class LimitState(NamedTuple):
+    """What the speed limit remembers.
+
+    Attributes:
+        e: position error of the last sample [rad or m].
+        rate: filtered difference of it [rad/s or m/s].
+    """
+
+    e: Array
+    rate: Array
+
+
+class Gentle(NamedTuple):
+    """A torque under a force limit.
+
+    Attributes:
+        tau: what is applied [N m or N].
+        told: what the controller takes for it, likewise: its integrators give way along what was taken away.
+        state: of the limit.
+    """
+
+    tau: Array
+    told: Array
+    state: LimitState
+
+
+class _Excess(NamedTuple):
+    """What is too much of a torque.
+
+    Attributes:
+        torque: exactly 0 where nothing is [N m or N], (..., n).
+        wrench: before friction, its force times the arm's length and its moment [N m], (..., 6).
+        acts: from 0 to 1 how far the limit acts, (..., 1).
+        jacobian: of the tool.
+    """
+
+    torque: Array
+    wrench: Array
+    acts: Array
+    jacobian: DampedJacobian
+
+
+class ForceLimit:
+    """Shortens a torque to what presses with a force and a moment at most.
+
+    Attributes:
+        force: largest force [N].
+        moment: largest moment [N m].
+        friction: Coulomb friction that comes on top, as the arm has to move [N m or N].
+        speed: of the tool beside its reference while the limit acts [m/s].
+    """
+
+    derived: ClassVar[dict[str, str]] = {
+        "_decay": "share of the rate that a sample leaves [-]",
+        "_drive": "from a difference of positions into the rate [1/s]",
+        "_brake": "damping while the force limit acts [1/s]",
+    }
+
+    def __init__(
+        self,
+        robot: Robot,
+        frame: str | None,
+        force: Any,
+        moment: Any,
+        friction: Array,
+        speed: Any = SPEED,
+        loop: tuple[float, float] = (1e-3, 0.0),
+    ) -> None:
+        """Find the tool.
+
+        Args:
+            robot: the arm.
+            frame: that presses; the tip when not given.
+            force: largest force [N].
+            moment: largest moment about it [N m]; 0.2 m times the force when not given.
+            friction: Coulomb friction of the joints [N m or N], (n,) or (batch, n).
+            speed: of the tool beside its reference while the limit acts [m/s].
+            loop: sample time and delay [s].
+
+        Raises:
+            NameNotFound: when there is no such frame.
+            ParameterError: when no joint moves it.
+        """
+        self._motion = FrameMotion(robot, frame or robot.tip)
+        self.force = force
+        self.moment = LEVER * force if moment is None else moment
+        self.friction = friction
+        self.speed = speed
+        self._length = self._motion.reach(robot)
+        half = 0.5 * _FILTER * loop[0]
+        self._decay = (1.0 - half) / (1.0 + half)
+        self._drive = _FILTER / (1.0 + half)
+        self._brake = _BRAKE / (1.0 / _FILTER + loop[1] + 0.5 * loop[0])
+
+    def init(self, e: Array) -> LimitState:
+        """Return the state before the first sample, at rest, from a position error."""
+        return LimitState(e, np.zeros_like(e))
+
+    def gentle(
+        self, q: Array, target: Target, parts: tuple[Array, Array], state: LimitState, dynamics: Any
+    ) -> Gentle:
+        """Return a torque that presses no more than the limits allow, and the next state.
+
+        A joint controller that is told what was taken away gives way by D(q)^-1 of it, which turns the tool
+        and moves it aside. It is told what moves the tool along the force, and turns it along the moment,
+        that were too much: so a wall turns nothing.
+
+        Args:
+            q: measured positions [rad or m], (n,) or (batch, n).
+            target: what is asked for.
+            parts: the torque that a controller asks for, and the model's share of it [N m or N], likewise.
+            state: of the last sample.
+            dynamics: of the arm: its inertia scales the damping.
+        """
+        asked, known = parts
+        e = q - target.q
+        after = new(LimitState, (e, self._decay * state.rate + self._drive * (e - state.e)))
+        much = self._excess(q, asked - known)
+        motion = self._motion.at(q, after.rate)
+        swift = inner(motion.velocity, motion.velocity)
+        turning = LEVER * LEVER * inner(motion.rate, motion.rate)
+        fast = np.sqrt(np.maximum(np.maximum(swift, turning), 1e-12)) / self.speed
+        share = much.acts * np.maximum(1.0 - _FREE / np.maximum(fast, _FREE), 0.0)
+        brake = dynamics.inertia_times(q, self._brake * share * after.rate)
+        given_way = self._given_way(much, dynamics.inertia_solve(q, much.torque))
+        told = asked - dynamics.inertia_times(q, given_way)
+        return new(Gentle, (asked - much.torque - brake, told, after))
+
+    def _given_way(self, much: _Excess, acceleration: Array) -> Array:
+        """Return the part of an acceleration of the joints that is along what was too much."""
+        twist = np.matmul(much.jacobian.matrix, acceleration[..., None])[..., 0]
+        parts = [_along(twist[..., 3 * i : 3 * i + 3], much.wrench[..., 3 * i : 3 * i + 3]) for i in range(2)]
+        solved = np.linalg.solve(much.jacobian.square, np.concatenate(parts, axis=-1)[..., None])
+        given_way: Array = np.matmul(much.jacobian.transposed, solved)[..., 0]
+        return given_way
+
+    def excess(self, q: Array, torque: Array) -> Array:
+        """Return what is too much of a torque; exactly 0 where nothing is.
+
+        Args:
+            q: measured positions [rad or m], (n,) or (batch, n).
+            torque: beyond the model's [N m or N], likewise.
+        """
+        return self._excess(q, torque).torque
+
+    def _excess(self, q: Array, torque: Array) -> _Excess:
+        """Return what is too much of a torque beyond the model's."""
+        jacobian = self._motion.at(q, 0.0 * q).damped_jacobian(self._length)
+        seen = np.matmul(jacobian.matrix, torque[..., None])
+        wrench: Any = np.linalg.solve(jacobian.square, seen)[..., 0]
+        force, moment = wrench[..., 0:3], wrench[..., 3:6]
+        much = np.concatenate(
+            [_beyond(force, self.force * self._length), _beyond(moment, self.moment)], axis=-1
+        )
+        taken = np.matmul(jacobian.transposed, much[..., None])[..., 0]
+        left: Array = taken - np.minimum(np.maximum(taken, -self.friction), self.friction)
+        whole, over = _size(taken), _size(left)
+        acts = np.minimum(over / np.maximum(_FULL * whole, 1e-9), 1.0)
+        return new(_Excess, (left, much, acts, jacobian))
+
+    def force_of(self, robot: Robot, torque: Array) -> float:
+        """Return the largest force at the tool [N] of torques within +- `torque` (n,).
+
+        It is the median of some configurations away from singular ones.
+        """
+        few = robot.n <= _MOST_SIGNS
+        signs = np.array(list(product((-1.0, 1.0), repeat=robot.n))) if few else np.eye(robot.n)
+        forces = []
+        for q in self._usual(robot):
+            jacobian = self._motion.at(q, 0.0 * q).damped_jacobian(self._length)
+            wrenches = np.linalg.solve(jacobian.square, jacobian.matrix @ (signs * torque).T)[:3]
+            if not few:  # the sum of all joints, which is not less than any combination of signs
+                wrenches = np.abs(wrenches).sum(axis=1, keepdims=True)
+            forces.append(float(np.linalg.norm(wrenches, axis=0).max()) / self._length)
+        return float(np.median(forces))
+
+    def _usual(self, robot: Robot) -> Array:
+        """Return configurations away from singular ones, where forces have no bounds: the best of some."""
+        drawn = random_configurations(robot, _DRAWN, seed=0)
+        jacobians = robot.frame_jacobian(self._motion.frame, drawn)
+        jacobians[:, :3] /= self._length
+        least = np.linalg.svd(jacobians, compute_uv=False)[:, -1]
+        return np.asarray(drawn[np.argsort(-least)[:_CONFIGURATIONS]])
+
+    def mass_of(self, robot: Robot) -> float:
+        """Return what the tool weighs in motion [kg], the median of directions and some configurations."""
+        masses = []
+        for q in self._usual(robot):
+            jacobian = robot.frame_jacobian(self._motion.frame, q)[:3]
+            mobility = np.linalg.eigvalsh(jacobian @ np.linalg.solve(robot.mass_matrix(q), jacobian.T))
+            masses += (1.0 / mobility[mobility > 1e-6 * mobility.max()]).tolist()
+        return float(np.median(masses))
+
+    def bound(
+        self,
+        robot: Robot,
+        friction: Any = None,
+        weight: float = 0.0,
+        speed: float | None = None,
+        wall: float = HIT,
+    ) -> ForceBound:
+        """Return what the tool presses with at rest at most, and the impact at a speed beside it.
+
+        Args:
+            robot: the nominal model.
+            friction: upper end of the joints' Coulomb friction [N m or N], (n,); 1.2 times that which the
+                limit leaves to the joints when not given, or what is usual where there is none.
+            weight: that the model is uncertain by [N].
+            speed: of the approach [m/s]; the speed limit when not given.
+            wall: stiffness of what is hit [N/m].
+        """
+        limit = float(np.min(self.force))
+        level = np.atleast_2d(self.friction).max(axis=0) if friction is None else friction
+        if friction is None:
+            level = KNOWN_WITHIN * level if level.any() else USUAL_WITHIN * usual_friction(robot)
+        rubbed, mass = self.force_of(robot, level), self.mass_of(robot)
+        fast = float(np.max(self.speed)) if speed is None else speed
+        pressed = limit + rubbed
+        impact = pressed + float(np.sqrt(pressed**2 + wall * mass * fast**2))
+        return ForceBound(limit, rubbed, weight, pressed + weight, fast, wall, mass, impact)
+
+    def doubts(self, robot: Robot) -> Iterator[Finding]:
+        """Find a limit that friction, as it is known, makes senseless.
+
+        Args:
+            robot: the nominal model.
+        """
+        limit = float(np.min(self.force))
+        if not self.friction.any():
+            force = self.force_of(robot, usual_friction(robot))
+            message = (
+                "the nominal model has no Coulomb friction, which comes on top of the force limit of "
+                f"{limit:g} N: with {100 * USUAL_FRICTION:g} % of the effort, usual for geared joints (half "
+                f"to twice of it), it is up to {force:.2g} N at the tool"
+            )
+            repair = "the arm may stop on its way; specify it: robot.with_friction(viscous, coulomb)"
+            yield Finding("warning", "the force limit", message, limit, force, repair)
+            return
+        unsure = self.force_of(robot, (KNOWN_WITHIN - 1.0) * np.atleast_2d(self.friction).max(axis=0))
+        if unsure > limit:
+            message = (
+                f"the force limit of {limit:g} N is below {unsure:.2g} N, which joint friction is uncertain "
+                f"by at the tool where it is known within {100 * (KNOWN_WITHIN - 1):.0f} %"
+            )
+            repair = f"the arm may stop on its way; use at least {unsure:.2g} N"
+            yield Finding("warning", "the force limit", message, limit, unsure, repair)
+
+
+def usual_friction(robot: Robot) -> Array:
+    """Return the Coulomb friction that is usual for geared joints [N m or N], (n,): 3 % of the effort.
+
+    A joint without an effort limit adds nothing: nobody knows its friction.
+    """
+    efforts = np.where(np.isfinite(robot.limits.effort), robot.limits.effort, 0.0)
+    return np.asarray(USUAL_FRICTION * efforts)
+
+
+def check_weight(limit: Any, weight: float) -> None:
+    """Refuse a force limit below the weight that a model is uncertain by [N].
+
+    Raises:
+        ParameterError: when it is.
+    """
+    if weight > float(np.min(limit)):
+        expected = f"more than {weight:.3g} N, the weight that the payload is uncertain by"
+        raise ParameterError("force_limit", limit, expected)
+
+
+def warn(findings: Iterable[Finding], level: int) -> None:
+    """Warn of findings; `level` is how many calls above the caller the line is."""
+    for finding in findings:
+        warnings.warn(f"{finding.message}; {finding.repair}", ArmgpiWarning, stacklevel=level + 2)
+
+
+def _beyond(vector: Array, most: Any) -> Array:
+    """Return what is beyond a length of vectors (..., 3): exactly 0 for shorter ones."""
+    length = np.sqrt(np.maximum(inner(vector, vector), 1e-12))
+    share = np.maximum(1.0 - most / length, 0.0)
+    beyond: Array = share * vector
+    return beyond
+
+
+def _along(vector: Array, direction: Array) -> Array:
+    """Return the part of vectors (..., 3) along directions; 0 where a direction is."""
+    along: Array = direction * (inner(vector, direction) / np.maximum(inner(direction, direction), 1e-12))
+    return along
+
+
+def _size(torque: Array) -> Array:
+    """Return the sums of the absolute values of torques (..., n), (..., 1)."""
+    total: Any = 0.0
+    for joint in range(torque.shape[-1]):
+        total = total + np.abs(torque[..., joint : joint + 1])
+    return np.asarray(total) if isinstance(total, float) else total

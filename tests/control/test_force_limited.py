@@ -1,0 +1,174 @@
+"""Any controller under a force limit, without a force sensor; and what it does not bound."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import armgpi
+from armgpi import config
+from armgpi.control.controller import FullState
+from armgpi.control.force_limit import ForceLimit, usual_friction
+from armgpi.errors import ArmgpiWarning, ConfigError, NameNotFound, ParameterError
+from armgpi.robot.kinematics import random_configurations
+
+DT = 1e-3
+HOME = np.array([0.0, -1.2, 1.6, -1.97, -1.5708, 0.0])
+BARE = armgpi.Robot.load("ur5").with_armature(0.4)
+LEVEL = armgpi.Friction(0.01 * BARE.limits.effort, 0.01 * BARE.limits.effort)
+ARM = BARE.with_friction(*LEVEL)
+DOWN = ARM.frame_pose(ARM.tip, HOME)
+BEYOND = armgpi.inverse_kinematics(
+    ARM, ARM.tip, DOWN.translation - [0.0, 0.0, 0.05], DOWN.rotation, near=HOME
+).q
+LAWS: dict[str, Any] = {
+    "pid": lambda: armgpi.PIDInversion(ARM, DT),
+    "pid_positions": lambda: armgpi.PIDPositions(ARM, DT),
+    "adrc": lambda: armgpi.ADRC(ARM, DT, delay=DT),
+    "gpi": lambda: armgpi.GPI(ARM, DT, delay=DT, feedforward="model", friction_feedforward=True),
+    "joints": lambda: armgpi.JointImpedance(ARM, DT, 1500.0, delay=DT),
+}
+
+
+def run(law: Any, move: Any, seconds: float, contact: Any, backend: str = "auto") -> Any:
+    """Simulate the arm with friction, its positions in counts where no velocity is measured."""
+    plant: Any = armgpi.RigidBodyPlant(ARM, (), "urdf", environment=[contact])
+    if law.measurement_type is not FullState:
+        plant = armgpi.Encoder(plant, 17)
+    return armgpi.simulate(armgpi.Delayed(plant, 1), law, move, seconds, backend=backend)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_every_controller_presses_with_the_limit_and_friction(name: str) -> None:
+    wall = armgpi.Wall(
+        normal=[0.0, 0.0, 1.0], distance=float(DOWN.translation[2]) - 0.02, stiffness=1e4, damping=20.0
+    )
+    move = armgpi.Bezier(HOME, BEYOND, 1.5)
+    limit = 15.0
+    free = float(armgpi.metrics.final_force(run(LAWS[name](), move, 3.0, wall))[0])
+    law = armgpi.ForceLimited(LAWS[name](), limit)
+    end = float(armgpi.metrics.final_force(run(law, move, 3.0, wall))[0])
+    jacobian = ARM.frame_jacobian(ARM.tip, BEYOND)
+    friction = float(np.abs(np.linalg.inv(jacobian.T)[2]) @ LEVEL.coulomb)
+    assert free > 1.5 * limit
+    assert 0.3 * limit < end < limit + friction + 0.1 * limit
+
+
+@pytest.mark.parametrize("name", ["pid", "gpi"])
+def test_a_limit_that_never_acts_changes_no_bit(name: str) -> None:
+    move = armgpi.Bezier(HOME, HOME + 0.1, 0.1)
+    nothing = armgpi.ToolForce()
+    free = run(LAWS[name](), move, 0.15, nothing, "numpy")
+    bounded = run(armgpi.ForceLimited(LAWS[name](), 1e5), move, 0.15, nothing, "numpy")
+    np.testing.assert_array_equal(free["tau"], bounded["tau"])
+
+
+def test_beyond_the_limit_a_hand_moves_the_arm_no_faster_than_the_speed_limit() -> None:
+    law = armgpi.GPI(ARM, DT, delay=DT, feedforward="model", force_limit=20.0, speed_limit=0.2)
+    hand = armgpi.ToolForce([0.0, 50.0, 0.0], onset=0.1, end=0.6)
+    tool = run(law, armgpi.Hold(HOME), 2.5, hand)["tool"].values
+    speed = np.linalg.norm(np.diff(tool, axis=0), axis=1) / DT
+    away = np.linalg.norm(tool - tool[0], axis=1)
+    assert away.max() > 0.03
+    assert speed.max() < 0.2
+    assert away[-1] < 1e-3
+
+
+def test_a_wall_does_not_turn_the_tool() -> None:
+    """A joint controller that is told the torque that was cut gives way by D^-1 of it, which turns it."""
+    law = armgpi.GPI(ARM, DT, delay=DT, feedforward="model", friction_feedforward=True, force_limit=10.0)
+    wall = armgpi.Wall(
+        normal=[0.0, 0.5, math.sqrt(0.75)],
+        distance=float(DOWN.translation @ [0.0, 0.5, math.sqrt(0.75)]) - 0.02,
+        stiffness=1e4,
+        damping=20.0,
+    )
+    pressed = run(law, armgpi.Bezier(HOME, BEYOND, 1.5), 3.0, wall)
+    assert float(armgpi.metrics.tool_angle(pressed)[0]) < 2.0
+
+
+@pytest.mark.parametrize("name", ["ur5", "ur10", "ur3", "panda", "xarm7", "kinova"])
+def test_the_wrench_is_bounded_and_no_axis_through_the_tool_is_lost(name: str) -> None:
+    """Against the projection of the wrench onto a ball of forces and one of moments, by another solver."""
+    fingers = ["panda_finger_joint1", "panda_finger_joint2"] if name == "panda" else ()
+    arm = armgpi.Robot.load(name, lock=fingers)
+    limit = ForceLimit(arm, None, 10.0, 2.0, np.zeros(arm.n))
+    random = np.random.default_rng(3)
+    drawn = random_configurations(arm, 200, seed=7)
+    least = np.linalg.svd(arm.frame_jacobian(arm.tip, drawn), compute_uv=False)[:, -1]
+    for q in drawn[np.argsort(-least)[:10]]:
+        jacobian = arm.frame_jacobian(arm.tip, q)
+        wrench = np.concatenate([40.0 * random.normal(size=3), random.normal(size=3)])
+        left = jacobian.T @ wrench - limit.excess(q, jacobian.T @ wrench)
+        found = np.linalg.lstsq(jacobian.T, left, rcond=None)[0]
+        assert np.linalg.norm(found[:3]) < 10.5
+        assert np.linalg.norm(found[3:]) < 2.1
+        # The moment was not too much: it stays, whatever the force is. Scaling the torque would lose it.
+        keep = min(1.0, 2.0 / float(np.linalg.norm(wrench[3:])))
+        np.testing.assert_allclose(found[3:], keep * wrench[3:], atol=0.15)
+
+
+def test_the_impact_is_that_of_a_mass_on_a_spring() -> None:
+    """m x'' = F - k x from v at x = 0, by small steps."""
+    law = armgpi.ForceLimited(LAWS["pid"](), 20.0)
+    bound = law.force_bound(speed=0.3, wall=2e4)
+    pressed, x, v, h, peak = bound.limit + bound.friction, 0.0, 0.3, 1e-6, 0.0
+    for _ in range(100_000):
+        v += h * (pressed - 2e4 * x) / bound.mass
+        x += h * v
+        peak = max(peak, 2e4 * x)
+    assert bound.impact == pytest.approx(peak, rel=1e-3)
+    assert bound.total == pytest.approx(20.0 + bound.friction)
+    assert "no safety function" in str(bound)
+
+
+def test_friction_at_the_tool_is_that_of_the_worst_signs() -> None:
+    limit = ForceLimit(ARM, None, 10.0, None, np.zeros(6))
+    found = []
+    for q in limit._usual(ARM):
+        inverse = np.linalg.inv(ARM.frame_jacobian(ARM.tip, q).T)[:3]
+        signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 6)).reshape(6, -1)
+        found.append(np.linalg.norm(inverse @ (signs * LEVEL.coulomb[:, None]), axis=0).max())
+    assert limit.force_of(ARM, LEVEL.coulomb) == pytest.approx(np.median(found), rel=0.05)
+
+
+def test_it_is_in_files_of_every_controller() -> None:
+    origin = config.Origin("x")
+    section = {"type": "pid", "force_limit": 30.0, "limit_friction": 0.5}
+    wanted = {"robot": {"name": "ur5"}, "controllers": [section]}
+    (law,) = config.build(config.check(wanted, origin), origin).controllers.values()
+    assert isinstance(law, armgpi.ForceLimited)
+    assert law.force_limit == 30.0
+    wanted["controllers"] = [{"type": "pid", "speed_limit": 0.1}]
+    with pytest.raises(ConfigError, match=r"speed_limit.*no force_limit"):
+        config.build(config.check(wanted, origin), origin)
+
+
+def test_generated_code_does_what_python_does() -> None:
+    law = armgpi.ForceLimited(LAWS["pid_positions"](), 8.0)
+    hand = armgpi.ToolForce([10.0, 30.0, 0.0])
+    known = run(law, armgpi.Hold(HOME), 0.2, hand, "numpy")
+    made = run(law, armgpi.Hold(HOME), 0.2, hand, "compiled")
+    np.testing.assert_allclose(made["tau"].values, known["tau"].values, rtol=1e-8, atol=1e-8)
+
+
+def test_bad_input_is_refused_and_friction_is_asked_for() -> None:
+    pid = LAWS["pid"]()
+    with pytest.raises(ParameterError, match="force_limit"):
+        armgpi.ForceLimited(pid, 0.0)
+    with pytest.raises(ParameterError, match=r"more than 19\.6 N, the weight"):
+        armgpi.ForceLimited(pid, 10.0, uncertain_mass=2.0)
+    with pytest.raises(NameNotFound):
+        armgpi.ForceLimited(pid, 10.0, force_frame="nowhere")
+    with pytest.raises(ParameterError, match="force limit of its own"):
+        armgpi.ForceLimited(armgpi.ForceLimited(pid, 10.0), 10.0)
+    with pytest.raises(ParameterError, match="supervise the limited one"):
+        armgpi.ForceLimited(armgpi.Supervised(pid), 10.0)
+    with pytest.warns(ArmgpiWarning, match="no Coulomb friction"):
+        armgpi.ForceLimited(armgpi.PIDInversion(BARE, DT), 10.0)
+    with pytest.warns(ArmgpiWarning, match="friction is uncertain by"):
+        armgpi.ForceLimited(pid, 1.0, limit_friction=2.0 * usual_friction(ARM))
+    armgpi.Supervised(armgpi.ForceLimited(pid, 10.0))
