@@ -198,6 +198,14 @@ class Impedance(Controller):
         """What may be asked for: the largest stiffness, and the stiffest wall without damping."""
         return self._limits
 
+    def largest_factor(self) -> float:
+        """Return the largest stiffness over the specified one with the filter that suits it best [-]."""
+        arm = one_of(self.robot)
+        modes = self._modes(arm, random_configurations(arm, _CONFIGURATIONS, seed=0))
+        loop = (self.dt, self.delay, arm.drives)
+        each = [impedance_limits(modes, self._alpha, self._beta, x, *loop).factor for x in _FILTERS]
+        return max(each)
+
     def init(self, measurement: Measurement, target: Target) -> ImpedanceState:
         """Return the state before the first sample, at rest; see :meth:`Controller.init`."""
         e = measurement.q - target.q

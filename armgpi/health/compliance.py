@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.control.impedance import CartesianImpedance
-from armgpi.control.impedance_limits import ImpedanceLimits
 from armgpi.errors import ArmgpiError, ArmgpiWarning
 from armgpi.health.findings import Finding, Subject, check
 from armgpi.robot import rotors
@@ -69,17 +68,13 @@ def compliance_of(robot: Robot, dt: float, delay: float) -> Compliance | None:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", ArmgpiWarning)
-                found = CartesianImpedance(robot, dt, stiffness=stiffness, delay=delay).limits
+                law = CartesianImpedance(robot, dt, stiffness=stiffness, delay=delay)
         except ArmgpiError:
             continue
-        return _compliance(found, asked)
+        found, largest = law.limits, law.largest_factor()
+        at_link = found.link_factor if found.link_factor < found.factor else largest
+        return Compliance(asked * largest, asked * at_link, found.wall, found.usual_wall, asked, found.reason)
     return None
-
-
-def _compliance(found: ImpedanceLimits, asked: float) -> Compliance:
-    """Return the limits of a controller as numbers with units."""
-    largest, at_link = asked * found.factor, asked * min(found.factor, found.link_factor)
-    return Compliance(largest, at_link, found.wall, found.usual_wall, asked, found.reason)
 
 
 def plain(found: Compliance | None) -> dict[str, Any] | None:
