@@ -20,7 +20,7 @@ from armgpi.errors import MissingPackage, Remedy
 from armgpi.health.findings import Finding, Subject, check
 from armgpi.robot import mesh_files, tensors
 from armgpi.robot.mesh_hulls import hull_of
-from armgpi.robot.repairs import ABOUT_CENTRE, UNITS, UnitRepair
+from armgpi.robot.repairs import ABOUT_CENTRE, PRODUCTS, UNITS, UnitRepair
 from armgpi.robot.tree import Link
 
 #: Shapes whose diagonal is shorter are placeholders [m].
@@ -30,6 +30,8 @@ _NEGLIGIBLE = 1e-4
 _DIFFERENT = 2
 #: How far beyond its shapes a centre of mass may be, as a share of their diagonal.
 _BESIDE = 0.1
+#: Where the centres of mass of more than this share of the links are, their shapes may be stand-ins.
+_STAND_INS = 0.5
 #: Radius of gyration below this share of a thin rod's of the same length is too small.
 _ROD_SHARE = 0.5
 #: Densities of what robots are made of, over the volume of the shapes [kg/m^3].
@@ -53,6 +55,10 @@ _AWAY, _NEARER, _ENOUGH = 1.0, 0.5, 2
 #: Shapes whose sizes and volumes differ by less than this share are alike, as wrists of one arm often (UR10e:
 #: 16 and 14 %; a Kinova's fingers and their tips, which share one inertial: 18 and 82 %).
 _ALIKE = 0.3
+#: A product of inertia shows its sign where it is so large a part of its moments, in the shapes and the file.
+_PRODUCT, _WRITTEN = 0.1, 0.05
+#: So many of them are needed, this share with the other sign, and this correlation of all products.
+_PRODUCTS, _OPPOSITE, _CORRELATION = 5, 0.8, -0.5
 #: Meshes are read as long as their files are together no larger [bytes].
 _MOST_MESHES = 32 * 2**20
 
@@ -63,16 +69,21 @@ class _Extent(NamedTuple):
     Attributes:
         corners: of their boxes [m], shape (m, 3).
         volume: their sum [m^3].
+        centre: of their volume [m], shape (3,).
+        spread: mean of (x - centre) (x - centre)' over their volume [m^2], shape (3, 3).
     """
 
     corners: Array
     volume: float
+    centre: Array
+    spread: Array
 
 
 @check(
     "shape-mass",
-    "centre of mass, radius of gyration or density contradict the link's own shapes (boxes, cylinders, "
-    "spheres, hulls of meshes), as a wrong unit, an inertia about the joint or a copied inertial does",
+    "centre of mass, radius of gyration, density or signs of products of inertia contradict the link's own "
+    "shapes (boxes, cylinders, spheres, hulls of meshes), as a wrong unit, an inertia about the joint or a "
+    "copied inertial does",
     "warning",
 )
 def against_shapes(subject: Subject) -> Iterator[Finding]:
@@ -90,13 +101,33 @@ def against_shapes(subject: Subject) -> Iterator[Finding]:
             slips.setdefault(slip[0], []).append(slip[1])
     for kinds, names in slips.items():
         yield from _slips(kinds, names, len(bodies))
+    yield from _turned_products(bodies)
     named = {name for names in slips.values() for name in names}
+    others = [body for body in bodies if body.link.name not in named]
+    beside = [body.link.name for body in others if any(_centre(body.link, body.extent))]
+    stand_ins = len(beside) > max(_STAND_INS * len(bodies), _DIFFERENT)
+    if stand_ins:
+        yield _doubt(beside, len(bodies))
     usual = median(each.density for each in bodies)
-    for link, extent, density in bodies:
-        if link.name not in named:
+    for link, extent, density in others:
+        if not stand_ins:
             yield from _centre(link, extent)
-            yield from _gyration(link, extent)
+        yield from _gyration(link, extent)
+        if not stand_ins:
             yield from _density(link, density, usual)
+
+
+def _doubt(beside: list[str], count: int) -> Finding:
+    """Return the finding that masses and shapes contradict each other, and that nothing tells which is wrong.
+
+    Jaco's model with discs for collisions is such an arm, and right.
+    """
+    message = (
+        f"{len(beside)} of {count} links have their centre of mass outside their own shapes: the shapes are "
+        "stand-ins, or the masses are in another frame or of another arm; nothing else was compared with them"
+    )
+    repair = f"compare one link, such as {beside[0]!r}, with the maker's data"
+    return Finding("warning", "robot", message, len(beside), 0.0, repair)
 
 
 class _Body(NamedTuple):
@@ -209,6 +240,50 @@ def _about_joint(bodies: list[_Body]) -> Iterator[tuple[str, str]]:
         yield from ((ABOUT_CENTRE, name) for name in about)
 
 
+def _turned_products(bodies: list[_Body]) -> Iterator[Finding]:
+    """Find products of inertia that have the sign opposite to those of the links' shapes, all over the arm.
+
+    CAD programs give sums of x y where URDF has their negative. One link shows little, as its inside differs
+    from its hull; where nearly all links say the same, it is the file.
+    """
+    written = np.array([_correlations(_spread_of(body.link)) for body in bodies])
+    shaped = np.array([_correlations(_as_written(body)) for body in bodies])
+    shown = (np.abs(shaped) > _PRODUCT) & (np.abs(written) > _WRITTEN)
+    opposite = shown & (written * shaped < 0.0)
+    if shown.sum() < _PRODUCTS or opposite.sum() < _OPPOSITE * shown.sum():
+        return
+    correlation = float((written * shaped).sum() / np.sqrt((written**2).sum() * (shaped**2).sum()))
+    if correlation > _CORRELATION:
+        return
+    whole = bool(opposite.sum() == shown.sum())
+    message = f"{opposite.sum()} of {shown.sum()} products of inertia have the sign opposite to the shapes'"
+    repair = "ixy is minus the sum of x y in URDF, and often without the minus in CAD: correct the file"
+    for body, of_body, turned in zip(bodies, shown, opposite, strict=True):
+        if turned.any() and (turned == of_body).all():
+            name = body.link.name
+            remedies = (Remedy("repair", (), PRODUCTS if whole else f"{PRODUCTS}:{name}"),)
+            yield Finding("warning", f"link {name!r}", message, correlation, 0.0, repair, remedies)
+
+
+def _spread_of(link: Link) -> Array:
+    """Return the mean of (x - centre) (x - centre)' over a link's mass [m^2], in its inertial frame."""
+    inertia = tensors.as_matrix(link.inertia)
+    return np.asarray((0.5 * np.trace(inertia) * np.eye(3) - inertia) / link.mass)
+
+
+def _as_written(body: _Body) -> Array:
+    """Return the spread of a body's shapes in its inertial frame."""
+    rotation = pin.rpy.rpyToMatrix(np.array(body.link.rpy))
+    return np.asarray(rotation.T @ body.extent.spread @ rotation)
+
+
+def _correlations(spread: Array) -> Array:
+    """Return the products of a spread, each divided by the root of its two squares, (3,)."""
+    squares = np.sqrt(np.abs(np.diagonal(spread)))
+    scale = np.maximum(np.outer(squares, squares), np.finfo(float).tiny)
+    return np.asarray((spread / scale)[np.triu_indices(3, 1)])
+
+
 def _slips(kinds: str, names: list[str], count: int) -> Iterator[Finding]:
     """Yield the findings of one slip in some links of those that have shapes."""
     meanings = " and ".join(UNITS[kind].meaning for kind in kinds.split(","))
@@ -285,7 +360,7 @@ class _Shapes:
             corners = np.vstack([part.corners for part in parts])
             if float(np.linalg.norm(np.ptp(corners, axis=0))) < _PLACEHOLDER:
                 return None
-            return _Extent(corners, sum(part.volume for part in parts))
+            return _together(corners, parts)
         return None
 
     def _part(self, shape: Element) -> _Extent | None:
@@ -304,7 +379,13 @@ class _Shapes:
             return None
         if hull is None or not np.all(scale):
             return None
-        return _Extent(xyz + (hull.corners * scale) @ rotation.T, hull.volume * abs(float(np.prod(scale))))
+        axes = rotation * scale
+        return _Extent(
+            xyz + hull.corners @ axes.T,
+            hull.volume * abs(float(np.prod(scale))),
+            xyz + axes @ hull.centre,
+            axes @ hull.spread @ axes.T,
+        )
 
     def _hull(self, name: str) -> _Extent | None:
         """Return the convex hull of a mesh, in its file's own frame and units."""
@@ -314,7 +395,7 @@ class _Shapes:
         except (mesh_files.MeshError, MissingPackage, OSError, ValueError):
             return None
         self._left -= found.path.stat().st_size if found.path else 0
-        return _Extent(hull.corners, hull.volume)
+        return _Extent(*hull)
 
 
 def _part(shape: Element) -> _Extent | None:
@@ -328,11 +409,25 @@ def _part(shape: Element) -> _Extent | None:
         rotation, xyz = _pose(shape)
     except ValueError:
         return None
-    if sizes is None or not np.all(sizes[0] > 0.0) or not sizes[1] > 0.0:
+    if sizes is None or not np.all(sizes.half > 0.0) or not sizes.volume > 0.0:
         return None
-    half, volume = sizes
     signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
-    return _Extent(xyz + (signs * half) @ rotation.T, volume)
+    corners = xyz + (signs * sizes.half) @ rotation.T
+    return _Extent(corners, sizes.volume, xyz, rotation @ np.diag(sizes.squares) @ rotation.T)
+
+
+def _together(corners: Array, parts: list[_Extent]) -> _Extent:
+    """Return what several parts fill."""
+    shares = np.array([part.volume for part in parts])
+    volume = float(shares.sum())
+    shares /= volume
+    centres = np.array([part.centre for part in parts])
+    centre = shares @ centres
+    spread = np.zeros((3, 3))
+    for share, part in zip(shares, parts, strict=True):
+        away = part.centre - centre
+        spread += share * (part.spread + np.outer(away, away))
+    return _Extent(corners, volume, centre, spread)
 
 
 def _pose(shape: Element) -> tuple[Array, Array]:
@@ -348,17 +443,26 @@ def _pose(shape: Element) -> tuple[Array, Array]:
     return pin.rpy.rpyToMatrix(rpy), xyz
 
 
-def _sizes(solid: Element) -> tuple[Array, float] | None:
-    """Return half the edges of a solid's box [m], and its volume [m^3]; None where it is no primitive."""
+class _Sizes(NamedTuple):
+    """A solid's size: half the edges of its box [m], volume [m^3], and means of x², y², z² over it [m^2]."""
+
+    half: Array
+    volume: float
+    squares: Array
+
+
+def _sizes(solid: Element) -> _Sizes | None:
+    """Return a solid's size about its centre; None where it is no primitive."""
     if solid.tag == "box":
-        edges = _floats(solid.get("size", ""), 3)
-        return edges / 2.0, float(np.prod(edges))
+        half = _floats(solid.get("size", ""), 3) / 2.0
+        return _Sizes(half, float(np.prod(2.0 * half)), half**2 / 3.0)
     if solid.tag == "sphere":
-        radius = float(_floats(solid.get("radius", ""), 1)[0])
-        return np.full(3, radius), 4.0 / 3.0 * math.pi * radius**3
+        half = np.full(3, float(_floats(solid.get("radius", ""), 1)[0]))
+        return _Sizes(half, float(4.0 / 3.0 * math.pi * half[0] ** 3), half**2 / 5.0)
     if solid.tag == "cylinder":
         radius, length = _floats(f"{solid.get('radius', '')} {solid.get('length', '')}", 2)
-        return np.array([radius, radius, length / 2.0]), float(math.pi * radius**2 * length)
+        half = np.array([radius, radius, length / 2.0])
+        return _Sizes(half, float(math.pi * radius**2 * length), half**2 / np.array([4.0, 4.0, 3.0]))
     return None
 
 

@@ -19,7 +19,7 @@ from armgpi.robot import mesh_files
 from armgpi.robot.meshes import Found
 
 #: Part of the key of what is kept: another number wherever reading or the form of a result changes.
-_VERSION = "mesh hull 1"
+_VERSION = "mesh hull 2"
 #: So many corners are kept at most: as JSON they stay far below what the cache takes (1 MiB).
 _MOST_KEPT = 10_000
 
@@ -30,10 +30,14 @@ class Hull(NamedTuple):
     Attributes:
         corners: of the hull [m, by the file's own unit], shape (m, 3).
         volume: of the hull [m^3].
+        centre: of its volume [m], shape (3,).
+        spread: mean of (x - centre) (x - centre)' over its volume [m^2], shape (3, 3).
     """
 
     corners: Array
     volume: float
+    centre: Array
+    spread: Array
 
 
 def hull_of(found: Found, most: int = mesh_files.MAX_BYTES) -> Hull:
@@ -51,7 +55,7 @@ def hull_of(found: Found, most: int = mesh_files.MAX_BYTES) -> Hull:
         return kept
     hull = _convex(mesh_files.corners(content, kind, found.name), found.name)
     if len(hull.corners) <= _MOST_KEPT:
-        keep_result(key, {"corners": hull.corners.tolist(), "volume": hull.volume})
+        keep_result(key, {name: np.asarray(value).tolist() for name, value in hull._asdict().items()})
     return hull
 
 
@@ -67,7 +71,24 @@ def _convex(points: Array, name: str) -> Hull:
         hull = ConvexHull(np.unique(points, axis=0))
     except (QhullError, ValueError):
         raise mesh_files.MeshError(name, "is flat: its corners enclose no volume") from None
-    return Hull(hull.points[hull.vertices], float(hull.volume))
+    return Hull(hull.points[hull.vertices], float(hull.volume), *_moments(hull.points[hull.simplices]))
+
+
+def _moments(triangles: Array) -> tuple[Array, Array]:
+    """Return centre and spread of what triangles (k, 3, 3) enclose, which is convex.
+
+    A tetrahedron of a point inside and a triangle has the volume |det| / 6; the integral of x x' over it is
+    (a a' + b b' + c c' + s s') volume / 20, where s = a + b + c, with its corners a, b and c from that point.
+    """
+    inside = triangles.mean(axis=(0, 1))
+    corners = triangles - inside
+    volumes = np.abs(np.linalg.det(corners)) / 6.0
+    sums = corners.sum(axis=1)
+    centre = volumes @ sums / (4.0 * volumes.sum())
+    squares = np.einsum("k,kai,kaj->ij", volumes, corners, corners) + np.einsum(
+        "k,ki,kj->ij", volumes, sums, sums
+    )
+    return inside + centre, squares / (20.0 * volumes.sum()) - np.outer(centre, centre)
 
 
 def _read(plain: Any) -> Hull | None:
@@ -75,9 +96,11 @@ def _read(plain: Any) -> Hull | None:
     if not isinstance(plain, dict):
         return None
     try:
-        corners = np.array(plain.get("corners"), dtype=float)
-        volume = float(plain.get("volume", np.nan))
+        corners, centre, spread = (
+            np.array(plain.get(name), dtype=float) for name in ("corners", "centre", "spread")
+        )
+        hull = Hull(corners, float(plain.get("volume", np.nan)), centre, spread)
     except (TypeError, ValueError):
         return None
-    is_hull = corners.ndim == 2 and corners.shape[1:] == (3,) and bool(np.isfinite(corners).all())
-    return Hull(corners, volume) if is_hull and np.isfinite(volume) else None
+    shaped = corners.ndim == 2 and corners.shape[1:] == centre.shape == (3,) and spread.shape == (3, 3)
+    return hull if shaped and all(np.isfinite(each).all() for each in hull) else None

@@ -20,6 +20,8 @@ SUPPOSE = "assume-bodies"
 ACCEPT, NO_FRICTION = "accept-inertia", "no-friction"
 #: The repair of an inertia that is about the link's origin.
 ABOUT_CENTRE = "about-centre"
+#: The repair of products of inertia with the sign that some CAD programs give.
+PRODUCTS = "products-sign"
 
 
 class UnitRepair(NamedTuple):
@@ -28,12 +30,14 @@ class UnitRepair(NamedTuple):
     Attributes:
         meaning: what the file has.
         mass, inertia, centre: factors.
+        products: factor of the products of inertia alone.
     """
 
     meaning: str
     mass: float = 1.0
     inertia: float = 1.0
     centre: float = 1.0
+    products: float = 1.0
 
 
 #: Kind of a repair -> the unit that it takes the file's numbers for; none of them is part of `all`.
@@ -43,6 +47,9 @@ UNITS = {
     "inertia-mm": UnitRepair("inertias are in kg mm^2", inertia=1e-6),
     "inertia-g-mm": UnitRepair("inertias are in g mm^2", inertia=1e-9),
     "centre-mm": UnitRepair("centres of mass are in mm", centre=1e-3),
+    PRODUCTS: UnitRepair(
+        "products of inertia are sums of x y, without the minus sign of URDF", products=-1.0
+    ),
     ABOUT_CENTRE: UnitRepair("inertias are about the link's origin, not the centre of mass"),
 }
 #: Kind -> what the repair does.

@@ -163,6 +163,9 @@ def convert(link: Link, repairs: Repairs) -> Link:
             continue
         before = f"mass {link.mass:g}, centre {join(link.xyz)}, inertia {join(link.inertia)}"
         inertia = tuple(unit.inertia * moment for moment in link.inertia)
+        if unit.products != 1.0:
+            xx, xy, xz, yy, yz, zz = inertia
+            inertia = (xx, *(unit.products * xy, unit.products * xz), yy, unit.products * yz, zz)
         if kind == ABOUT_CENTRE:
             rotation = pin.rpy.rpyToMatrix(np.array(link.rpy))
             added = tensors.carried(link.mass, link.xyz, rotation)

@@ -183,13 +183,15 @@ def _what_limits(law: Any, soft: bool, bits: Any) -> tuple[str, ...]:
     margin = delay_margins(tuning, own) * np.ones(n)
     unit = np.ones(1)
     crossover = max(float(crossovers(loop).max()) for loop in loops(Tuning(unit, unit, unit), own))
+    with np.errstate(divide="ignore"):  # where one count costs all of the torque, noise limits without end
+        noise = 0.0 * omega
+        if bits is not None:
+            noise = 1.0 / quietness(law.robot, law.dt, own, omega, bits, not own.rolloff)
     shares = {
         "crossover": omega * crossover / CROSSOVER,
         "delay": late(law.dt, law.delay) / (DELAY_SHARE * margin),
         "load": late(law.dt, law.delay) / (DELAY_SHARE * delay_margins(tuning, own, loaded) * np.ones(n)),
-        "noise": 0.0 * omega
-        if bits is None
-        else 1.0 / quietness(law.robot, law.dt, own, omega, bits, not own.rolloff),
+        "noise": noise,
     }
     names, rows = list(shares), np.stack(list(shares.values()))
     most = [names[i] for i in rows.argmax(axis=0)]

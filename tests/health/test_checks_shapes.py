@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,7 +16,7 @@ from armgpi.health import checks_shapes
 from armgpi.health.findings import Finding
 from armgpi.robot import urdf, urdf_model
 from armgpi.robot.meshes import MeshFinder
-from armgpi.robot.repairs import ABOUT_CENTRE, UNITS, Repairs
+from armgpi.robot.repairs import ABOUT_CENTRE, PRODUCTS, UNITS, Repairs
 
 
 class Arm:
@@ -143,7 +145,7 @@ def slip(kind: str) -> list[dict[str, list[float]]]:
     return links
 
 
-@pytest.mark.parametrize("kind", UNITS)
+@pytest.mark.parametrize("kind", [kind for kind in UNITS if kind != PRODUCTS])
 def test_the_repair_that_a_slip_in_all_links_proposes_leaves_no_finding(kind: str) -> None:
     found = find(slip(kind))
     assert {finding.where for finding in found} >= {"link 'l1'", "link 'l2'"}
@@ -200,3 +202,83 @@ def test_placeholders_and_meshes_give_no_verdict(shape: str, tmp_path: Path) -> 
     links = arm()
     links[1]["mass"] = [1e4]
     assert not find(links, shape, tmp_path)
+
+
+def leaning(rng: np.random.Generator, sign: float, turned: bool = False) -> str:
+    """Return an arm of five boxes that lean, with inertias as they are or with products of the other sign.
+
+    An inertial frame may be turned against its link's.
+    """
+    text = '<robot name="leaning"><link name="base"/>'
+    for k in range(5):
+        edges = rng.uniform([0.05, 0.05, 0.25], [0.08, 0.1, 0.4])
+        rpy = rng.uniform(0.3, 0.6, 3) * rng.choice([-1.0, 1.0], 3)
+        frame = rng.uniform(-0.2, 0.2, 3) if turned else np.zeros(3)
+        mass = 2600.0 * np.prod(edges)
+        axes = pin.rpy.rpyToMatrix(frame).T @ pin.rpy.rpyToMatrix(rpy)
+        tensor = axes @ np.diag(mass / 12.0 * (np.sum(edges**2) - edges**2)) @ axes.T
+        moments = (
+            "".join(
+                f'i{"xyz"[i]}{"xyz"[j]}="{tensor[i, j] * (1.0 if i == j else sign)!r}" '
+                for i in range(3)
+                for j in range(i, 3)
+            )
+            .replace("np.float64(", "")
+            .replace(")", "")
+        )
+        words = [" ".join(map(str, each)) for each in (frame, rpy, edges)]
+        text += (
+            f'<joint name="j{k}" type="continuous"><parent link="{f"l{k - 1}" if k else "base"}"/>'
+            f'<child link="l{k}"/></joint><link name="l{k}"><inertial><origin rpy="{words[0]}"/>'
+            f'<mass value="{mass}"/><inertia {moments}/></inertial>'
+            f'<visual><origin rpy="{words[1]}"/><geometry><box size="{words[2]}"/></geometry></visual></link>'
+        )
+    return text + "</robot>"
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("seed", range(6))
+def test_products_of_the_other_sign_are_found_where_shapes_show_it(seed: int, turned: bool) -> None:
+    right = leaning(np.random.default_rng(seed), 1.0, turned)
+    slipped = leaning(np.random.default_rng(seed), -1.0, turned)
+    assert not list(checks_shapes.against_shapes(Arm(right)))
+    found = list(checks_shapes.against_shapes(Arm(slipped)))
+    assert {finding.remedies[0].value for finding in found} == {"products-sign"}
+    assert not list(checks_shapes.against_shapes(Arm(slipped, repair="products-sign")))
+
+
+def test_the_repair_of_products_gives_the_tensors_as_they_were() -> None:
+    right = Arm(leaning(np.random.default_rng(3), 1.0, True))
+    repaired = Arm(leaning(np.random.default_rng(3), -1.0, True), repair="products-sign")
+    for name, link in right.document.links.items():
+        assert repaired.document.links[name].inertia == pytest.approx(link.inertia)
+
+
+def test_few_products_and_those_of_one_link_alone_give_no_finding() -> None:
+    """A hull is not the inside of a link: where the others have their right sign, one link shows nothing."""
+    text = leaning(np.random.default_rng(0), 1.0)
+    other = leaning(np.random.default_rng(0), -1.0)
+    one = re.findall(r'<link name="l2">.*?</link>', other)[0]
+    assert not list(checks_shapes.against_shapes(Arm(re.sub(r'<link name="l2">.*?</link>', one, text))))
+
+
+def test_shapes_that_hold_few_centres_of_mass_are_said_to_be_stand_ins() -> None:
+    """Discs at the joints, as of some models of Jaco: no density of theirs is one of the arm."""
+    links = [box((0.05, 0.05, length), 2600.0) for length in (0.3, 0.35, 0.28, 0.4, 0.2)]
+    disc = '<cylinder radius="0.025" length="0.01"/>'
+    for link in links:
+        link["edges"] = [0.05, 0.05, 0.0]  # the shape is at the joint
+    found = find(links, disc)
+    assert not found  # one shape for every link is a placeholder
+    drawn = '<cylinder radius="0.025" length="0.01{}"/>'
+    (finding,) = [each for each in find(links, drawn) if "gyration" not in each.message]
+    assert finding.where == "robot"
+    assert "5 of 5 links" in finding.message
+    assert "stand-ins" in finding.message
+
+
+def test_two_centres_outside_of_four_are_named_each() -> None:
+    links = [*arm(), box((0.05, 0.07, 0.2), 2600.0)]
+    for link in links[1:3]:
+        link["centre"] = [0.0, 0.0, -link["centre"][2]]
+    assert [finding.where for finding in find(links)] == ["link 'l1'", "link 'l2'"]

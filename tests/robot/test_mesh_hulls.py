@@ -45,6 +45,19 @@ def test_a_box_has_eight_corners_and_its_volume(tmp_path: Path) -> None:
     assert hull.volume == pytest.approx(np.prod(EDGES), rel=1e-6)  # STL holds single precision
 
 
+def test_centre_and_spread_of_a_box_and_of_a_tetrahedron_are_those_of_their_integrals(tmp_path: Path) -> None:
+    hull = hull_of(box(tmp_path / "box.stl"))
+    np.testing.assert_allclose(hull.centre, np.array(EDGES) / 2.0, rtol=1e-6)
+    np.testing.assert_allclose(hull.spread, np.diag(np.square(EDGES)) / 12.0, rtol=1e-6, atol=1e-9)
+    corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    path = tmp_path / "corner.stl"
+    path.write_bytes(stl_of(corners, np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]])))
+    hull = hull_of(Found(path.name, path, ""))
+    # x has the mean 1/4, x^2 the mean 1/10, x y the mean 1/20.
+    np.testing.assert_allclose(hull.centre, np.full(3, 0.25), rtol=1e-6)
+    np.testing.assert_allclose(hull.spread, np.eye(3) / 20.0 + 0.05 - 0.0625, rtol=1e-6)
+
+
 def test_what_is_kept_has_the_same_bits_and_needs_no_reader(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -58,6 +71,8 @@ def test_what_is_kept_has_the_same_bits_and_needs_no_reader(
     again = hull_of(found)
     assert np.array_equal(first.corners, again.corners)
     assert first.volume == again.volume
+    assert np.array_equal(first.centre, again.centre)
+    assert np.array_equal(first.spread, again.spread)
 
 
 def test_another_file_at_the_same_place_has_another_hull(tmp_path: Path) -> None:
