@@ -146,6 +146,12 @@ class Certificate:
     def save(self, path: Any) -> Path:
         """Write the certificate file to a path, as JSON.
 
+        Args:
+            path: file to write.
+
+        Returns:
+            The path of the file.
+
         Raises:
             RolloutError: when it cannot be written.
         """
@@ -156,6 +162,9 @@ class Certificate:
     @staticmethod
     def load(path: Any) -> Certificate:
         """Return the certificate of the file at a path.
+
+        Args:
+            path: a file that :meth:`save` wrote.
 
         Raises:
             ConfigError: when it is not one.

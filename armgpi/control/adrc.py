@@ -16,6 +16,9 @@ class ADRC(ScheduledController):
     family (:mod:`armgpi.gpi.family`): with an observer of order 3 that of one integrator, of order 4
     that of two, and one roll-off pole in both. The poles are (s + omega_c)^2 (s + omega_o)^order.
 
+    Source: J. Han, From PID to active disturbance rejection control, IEEE Transactions on Industrial
+    Electronics 56 (2009), 900-906; bandwidths as parameters: Z. Gao, American Control Conference 2003.
+
     Attributes:
         order: of the observer.
     """

@@ -128,12 +128,24 @@ class Controller(Shown, ABC):
 
     @classmethod
     def context_for(cls, given: Mapping[str, Any], context: Context) -> Context:
-        """Return the context for `chosen` defaults, after the parameters of the law that were given."""
+        """Return the context for `chosen` defaults, after the parameters of the law that were given.
+
+        Args:
+            given: parameters of the controller in the file, by their names.
+            context: what else the experiment is.
+        """
         return context
 
     @classmethod
     def chosen(cls, context: Context) -> dict[str, Any]:
-        """Return what an experiment takes for `chosen` parameters."""
+        """Return what an experiment takes for `chosen` parameters.
+
+        Args:
+            context: what else the experiment is: robot, sample time, delay.
+
+        Returns:
+            Values by the names of the parameters.
+        """
         return {}
 
     @classmethod
@@ -169,7 +181,13 @@ class Controller(Shown, ABC):
         """
 
     def waiting(self, measurement: Any, target: Target, state: Any) -> Any:
-        """Return the state of a controller whose first torque is not reached yet, as its rate is limited."""
+        """Return the state of a controller whose first torque is not reached yet, as its rate is limited.
+
+        Args:
+            measurement: of this sample.
+            target: of this sample.
+            state: of the controller.
+        """
         return state
 
     def limited(self, tau: Array) -> Array:
@@ -204,11 +222,25 @@ class Controller(Shown, ABC):
         return made
 
     def signals(self, state: Any) -> Mapping[str, Array]:
-        """Return inner signals worth recording, name -> array (..., n); none by default."""
+        """Return inner signals worth recording, name -> array (..., n); none by default.
+
+        Args:
+            state: of the controller, as :meth:`step` returned it.
+
+        Returns:
+            Name -> values, shape (..., n), in the units that :attr:`derived` or the attributes state.
+        """
         return {}
 
     def reported(self, state: Any) -> Mapping[str, Array]:
-        """Return those of its signals that every recording has, name -> array (..., n); none by default."""
+        """Return those of its signals that every recording has, name -> array (..., n); none by default.
+
+        Args:
+            state: of the controller, as :meth:`step` returned it.
+
+        Returns:
+            Name -> values, shape (..., n).
+        """
         return {}
 
     def describe(self) -> dict[str, Any]:

@@ -75,7 +75,15 @@ class SlotineLi(SmoothedController):
         self._keep = max(1.0 - self.leak * self.dt, 0.0)
 
     def regressor(self, now: Estimate, target: Target) -> tuple[Array, ...]:
-        """Return what the learned accelerations are multiplied by, without units."""
+        """Return what the learned accelerations are multiplied by, without units.
+
+        Args:
+            now: estimates of velocity and disturbance.
+            target: of this sample.
+
+        Returns:
+            Factors of the learned accelerations [1], each of shape (n,) or (batch, n).
+        """
         rate = target.v + now.rate
         reference = target.a - self.omega_c * now.rate
         return (
@@ -94,11 +102,22 @@ class SlotineLi(SmoothedController):
         return v
 
     def remembered(self, zero: Array) -> Learned:
-        """Return that nothing is learned."""
+        """Return that nothing is learned.
+
+        Args:
+            zero: zeros in the shape of a torque.
+        """
         return Learned(zero, zero, zero, zero)
 
     def learned(self, now: Estimate, target: Target, missing: Array, own: Learned) -> Learned:
-        """Return what is learned next; nothing winds up while the torque is cut."""
+        """Return what is learned next; nothing winds up while the torque is cut.
+
+        Args:
+            now: estimates of velocity and disturbance.
+            target: of this sample.
+            missing: acceleration that the torque limits cut [rad/s² or m/s²], shape (n,) or (batch, n).
+            own: what is learned so far.
+        """
         s = now.rate + self.omega_c * now.e
         s = np.where(missing == 0.0, s, 0.0)
         constant, *others = (

@@ -22,7 +22,8 @@ class SuperTwisting(SmoothedController):
     and k2 = 1.1 L reject every disturbance whose slope stays below L. In place of the sign is
     s / (abs(s) + layer), which does not chatter inside of the layer.
 
-    It measures positions and knows the whole model.
+    It measures positions and uses the whole model. Source: A. Levant, Sliding order and sliding accuracy in
+    sliding mode control, International Journal of Control 58 (1993), 1247-1263.
     """
 
     config_name: ClassVar[str | None] = "supertwisting"
@@ -55,11 +56,28 @@ class SuperTwisting(SmoothedController):
         return v
 
     def remembered(self, zero: Array) -> Array:
-        """Return w before the first sample."""
+        """Return w before the first sample.
+
+        Args:
+            zero: zeros in the shape of a torque.
+
+        Returns:
+            w [rad/s² or m/s²], in the same shape.
+        """
         return zero
 
     def learned(self, now: Estimate, target: Target, missing: Array, own: Array) -> Array:
-        """Return the next w."""
+        """Return the next w.
+
+        Args:
+            now: estimates of velocity and disturbance.
+            target: of this sample.
+            missing: acceleration that the torque limits cut [rad/s² or m/s²], shape (n,) or (batch, n).
+            own: w, the integral of the sign [rad/s² or m/s²], likewise.
+
+        Returns:
+            w at the next sample, likewise.
+        """
         s = now.rate + self.omega_c * now.e
         w: Array = own - self._k2_dt * s / (np.abs(s) + self.layer) + self._back * missing
         return w

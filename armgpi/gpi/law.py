@@ -520,7 +520,15 @@ class GPI(Controller):
         return measured if self.feedforward == "computed" else wanted
 
     def ahead(self, measured: Array, target: Target) -> Array:
-        """Return the torque that is fed forward, in the shape of the measured position."""
+        """Return the torque that is fed forward, in the shape of the measured position.
+
+        Args:
+            measured: positions [rad or m], shape (n,) or (batch, n).
+            target: of this sample.
+
+        Returns:
+            Torque [N m or N], likewise; zero with `feedforward="none"`.
+        """
         ahead = np.zeros_like(measured)
         wanted, v, a = (part + ahead for part in target)  # one reference may be for a whole batch
         if self.feedforward != "none":
@@ -529,7 +537,12 @@ class GPI(Controller):
         return self.add_friction(ahead, v) if self.friction_feedforward else ahead
 
     def add_friction(self, torque: Array, v: Array) -> Array:
-        """Return a torque with the nominal model's friction at a reference velocity [N m or N]."""
+        """Return a torque with the nominal model's friction at a reference velocity [N m or N].
+
+        Args:
+            torque: to which friction is added [N m or N], shape (n,) or (batch, n).
+            v: velocity of the reference [rad/s or m/s], likewise.
+        """
         return add_smooth_friction(torque, v, self._viscous, self._coulomb, _SMOOTH)
 
     def _resting(self, e: Array, target: Target) -> tuple[Resting, ...]:

@@ -123,6 +123,9 @@ class ClosedLoop:
     def targets(self, times: Array) -> Target:
         """Return the targets at some times [s], shape (k,): arrays (k, n) or (k, batch, n).
 
+        Args:
+            times: of the samples [s], shape (k,).
+
         Raises:
             ArrayError: when the reference, which may be a user's, gives something else.
         """
@@ -159,13 +162,25 @@ class ClosedLoop:
             plant: state of the plant.
             controller: state of the controller.
             target: where to, at this sample.
+
+        Returns:
+            The measurement, the torque before its limits [N m or N], shape (n,) or (batch, n), and the
+            state of the controller at the next sample.
         """
         measured = self.plant.measure(plant)
         seen = measured if self._measures_velocity else new(Measurement, (measured.q,))
         return measured, *self.controller.step(seen, target, controller)
 
     def true_state(self, state: LoopState) -> PlantState:
-        """Return the true state of the plant."""
+        """Return the true state of the plant.
+
+        Args:
+            state: of the loop.
+
+        Returns:
+            Sample number, positions [rad or m], velocities [rad/s or m/s] and applied torque [N m or N],
+            each of shape (n,) or (batch, n).
+        """
         return self.plant.true_state(state.plant)
 
     def describe(self) -> dict[str, Any]:

@@ -14,6 +14,7 @@ interrupted the metrics are those until then.
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
@@ -176,11 +177,20 @@ def metric(
 
         of_rollouts.__name__ = of_rollouts.__qualname__ = name
         of_rollouts.__module__ = function.__module__
-        shapes = "Of a rollout, dimensions ([rollout], time, joint): ([rollout], joint)"
-        of_rollouts.__doc__ = f"{function.__doc__}\n\n{shapes}. Unit: {str(unit) or 'none'}."
+        of_rollouts.__doc__ = _documentation(function.__doc__ or "", str(unit) or "1")
         return of_rollouts
 
     return declare
+
+
+def _documentation(text: str, unit: str) -> str:
+    """Return the docstring of a metric: what it is, its argument, and unit and shape of its values."""
+    return (
+        f"{inspect.cleandoc(text)}\n\n"
+        "Args:\n    rollout: one or several rollouts, as :func:`armgpi.simulate` returns them.\n\n"
+        f"Returns:\n    Values [{unit}], dimensions ([rollout], joint); infinite where one diverged.\n\n"
+        "Raises:\n    RolloutError: when the rollout lacks a variable or has fewer than two samples."
+    )
 
 
 def declared() -> Mapping[str, Metric]:
@@ -195,13 +205,22 @@ def without_rollouts() -> dict[str, Metric]:
 
 
 def not_found(name: str, known: Iterable[str]) -> NameNotFound:
-    """Return the error for a name that is not one of the metrics of such a run."""
+    """Return the error for a name that is not one of the metrics of such a run.
+
+    Args:
+        name: that was asked for.
+        known: names of the metrics that such a run has.
+    """
     remedy = "it needs whole rollouts, which sweeps and searches do not store" if name in declared() else ""
     return NameNotFound("metric", name, sorted(known), remedy)
 
 
 def shown_in(table: Table) -> list[Metric]:
-    """Return the metrics that a table shows: those of errors first, as they were declared."""
+    """Return the metrics that a table shows: those of errors first, as they were declared.
+
+    Args:
+        table: "terminal", "report", "reproduction" or "zoo".
+    """
     shown = [metric for metric in declared().values() if table in metric.tables]
     return sorted(shown, key=lambda metric: GROUPS.index(metric.group))
 
@@ -229,14 +248,23 @@ def of_tool(shown: Iterable[Metric], records: Iterable[Mapping[str, Any]]) -> li
 
 
 def short(value: float | None, digits: int = 4) -> str:
-    """Return a number with some significant digits, rounding errors as 0; a dash when there is none."""
+    """Return a number with some significant digits, rounding errors as 0; a dash when there is none.
+
+    Args:
+        value: the number; None for none.
+        digits: significant digits.
+    """
     if value is None or not np.isfinite(value):
         return "-"
     return f"{value:.{digits}g}" if abs(value) > ROUNDING else "0"
 
 
 def error(rollout: xr.Dataset) -> xr.DataArray:
-    """Return the tracking error q - q* [rad or m], dimensions (..., time, joint)."""
+    """Return the tracking error q - q* [rad or m], dimensions (..., time, joint).
+
+    Args:
+        rollout: one or several rollouts, as :func:`armgpi.simulate` returns them.
+    """
     return rollout["q"] - rollout["q_ref"]
 
 
@@ -394,6 +422,9 @@ def final_force(run: Totals) -> Array:
 
 def summary(rollout: xr.Dataset) -> xr.Dataset:
     """Return every metric in one dataset, dimensions ([rollout], joint).
+
+    Args:
+        rollout: one or several rollouts, as :func:`armgpi.simulate` returns them.
 
     Raises:
         RolloutError: when the rollout lacks a variable or has fewer than two samples.

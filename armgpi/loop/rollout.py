@@ -497,6 +497,12 @@ def netcdf(rollout: xr.Dataset) -> bytes:
 def load(path: str | PathLike[str]) -> xr.Dataset:
     """Read a rollout that :func:`save` wrote.
 
+    Args:
+        path: file that ends in .nc.
+
+    Returns:
+        The rollout(s) with all variables and attributes; see :func:`armgpi.simulate`.
+
     Raises:
         RolloutError: when the file is missing, broken, no rollout of this format, or not the one that its
             folder was written with (``SHA256SUMS``).

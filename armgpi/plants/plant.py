@@ -68,11 +68,26 @@ class Plant(ABC):
 
     @abstractmethod
     def measure(self, state: Any) -> FullState:
-        """Return what the sensors say of the state."""
+        """Return what the sensors say of the state.
+
+        Args:
+            state: of the plant.
+
+        Returns:
+            Positions [rad or m] and velocities [rad/s or m/s], each of shape (n,) or (batch, n).
+        """
 
     @abstractmethod
     def true_state(self, state: Any) -> PlantState:
-        """Return the true state."""
+        """Return the true state.
+
+        Args:
+            state: of the plant.
+
+        Returns:
+            Sample number, positions [rad or m], velocities [rad/s or m/s] and applied torque [N m or N] of
+            the links.
+        """
 
     def disturbance(self, t: Array) -> Array | None:
         """Return the disturbance torque tau_d of eq. 7.

@@ -444,12 +444,25 @@ class Reality(Parametrised):
 
     @classmethod
     def geared(cls, seed: int = 0, **changes: Any) -> Reality:
-        """Return the reality of geared drives, by its seed; `changes` are parameters by their names."""
+        """Return the reality of geared drives, by its seed; `changes` are parameters by their names.
+
+        Args:
+            seed: the same seed draws the same arms.
+            **changes: parameters that differ from those of the model, by their names.
+
+        Raises:
+            ParameterError: when a value is not as declared.
+        """
         return cls("geared", seed, **changes)
 
     @classmethod
     def bare(cls, seed: int = 0, **changes: Any) -> Reality:
-        """Return the reality of arms without rotor inertia and friction; arguments as of :meth:`geared`."""
+        """Return the reality of arms without rotor inertia and friction; arguments as of :meth:`geared`.
+
+        Args:
+            seed: as of :meth:`geared`.
+            **changes: as of :meth:`geared`.
+        """
         return cls("bare", seed, **changes)
 
     def describe(self) -> dict[str, Any]:
@@ -458,6 +471,10 @@ class Reality(Parametrised):
 
     def numbers(self, n: int, index: int) -> Numbers:
         """Return what draw `index` of an arm with `n` joints is, in shares of the arm's own scales.
+
+        Args:
+            n: number of joints.
+            index: which draw, from 0.
 
         Raises:
             ParameterError: when the index is no whole number, or below 0.

@@ -153,7 +153,19 @@ class Robot(Edits):
         mimic: urdf_model.Mimic = "lock",
         repair: str | Iterable[str] = (),
     ) -> Robot:
-        """Load a robot from the text of a URDF; arguments and errors as :meth:`load`."""
+        """Load a robot from the text of a URDF; arguments and errors as :meth:`load`.
+
+        Args:
+            text: the URDF.
+            lock: joints to hold fixed, as in :meth:`load`.
+            keep: joints to keep; all others are locked.
+            mimic: "lock" or "follow", as in :meth:`load`.
+            repair: names of repairs that may be made, or "all".
+
+        Raises:
+            UrdfError: for what is no usable URDF.
+            NameNotFound: for a joint that the arm does not have.
+        """
         check_type(text, "text", str, "the text of a URDF")
         document = urdf.parse(text, "URDF text", repair)
         return cls._from_document(document, document.name, lock, keep, mimic)

@@ -156,6 +156,9 @@ def description_names() -> tuple[str, ...]:
 def find_identified(name: object) -> identified.Identification | None:
     """Return what the folder of an identified arm says; None for what is none, and for a known robot's name.
 
+    Args:
+        name: path of a folder that `armgpi identify` wrote.
+
     Raises:
         UrdfError: when a file in it is damaged, or was changed.
     """
@@ -173,6 +176,9 @@ def locate(path_or_name: str | PathLike[str] | ModuleType) -> tuple[Path, str | 
     """Return the URDF file that a path, a robot's name or a module means, and the name if it was one.
 
     A folder of an identified arm counts as a name.
+
+    Args:
+        path_or_name: path of a URDF, name of a known robot, or a module of robot_descriptions.
 
     Raises:
         NameNotFound: when it is neither a known name nor an existing file.
@@ -220,7 +226,11 @@ def _existing(path: Path, text: str) -> Path:
 
 
 def is_textbook(name: object) -> bool:
-    """Tell whether a name is that of one of our own arms, of textbooks: rigid, with exact positions."""
+    """Tell whether a name is that of one of our own arms, of textbooks: rigid, with exact positions.
+
+    Args:
+        name: of a robot.
+    """
     return isinstance(name, str) and name in _own_names()
 
 
@@ -238,7 +248,13 @@ def _find_installed(name: str) -> Path | None:
 def kept(
     name: str, joints: Iterable[str], lock: str | Iterable[str] | Mapping[str, float]
 ) -> list[str] | None:
-    """Return the joints that a robot's name keeps, without those to `lock`; None when it keeps all."""
+    """Return the joints that a robot's name keeps, without those to `lock`; None when it keeps all.
+
+    Args:
+        name: of the robot.
+        joints: names of its joints.
+        lock: joints that are locked in addition.
+    """
     patterns = EXAMPLE_ROBOT_DATA[name].keep if name in EXAMPLE_ROBOT_DATA else None
     if patterns is None:
         return None

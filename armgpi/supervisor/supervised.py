@@ -506,7 +506,14 @@ class Supervised(Controller):
         return any_joint(above | ((asked <= lower) & (lower > self._floor)))
 
     def report(self, state: SupervisedState) -> FaultReport:
-        """Return what a state of one rollout says of itself."""
+        """Return what a state of one rollout says of itself.
+
+        Args:
+            state: of one rollout, as :meth:`step` returned it.
+
+        Returns:
+            Status, reason and joint.
+        """
         status, reason, joint = (int(x[0]) for x in state.supervisor[:3])
         name = self.robot.joint_names[joint] if reason else None
         return FaultReport(State(status).name.lower(), Reason(reason).name.lower(), name)

@@ -108,6 +108,9 @@ class DynamicsReport:
     def function(self, function: str) -> FunctionReport:
         """Return the report of one function.
 
+        Args:
+            function: its name, such as "mass_matrix".
+
         Raises:
             KeyError: when the model has no such function.
         """
@@ -135,7 +138,11 @@ class DynamicsReport:
         return judge(self.agrees, text, left_out, "--allow-uncompared", accept_uncompared)
 
     def to_dict(self, accept_uncompared: bool = False) -> dict[str, Any]:
-        """Return the report as plain data for JSON; NaN and infinity are None."""
+        """Return the report as plain data for JSON; NaN and infinity are None.
+
+        Args:
+            accept_uncompared: whether functions that were not compared leave the verdict as it is.
+        """
         data: dict[str, Any] = {
             "model": self.model,
             "robot": self.robot,
@@ -162,7 +169,11 @@ class DynamicsReport:
         return dict(json_data(data))
 
     def to_json(self, accept_uncompared: bool = False) -> str:
-        """Return the report as JSON."""
+        """Return the report as JSON.
+
+        Args:
+            accept_uncompared: whether functions that were not compared leave the verdict as it is.
+        """
         return json.dumps(self.to_dict(accept_uncompared), ensure_ascii=False)
 
     def __str__(self) -> str:
@@ -170,7 +181,11 @@ class DynamicsReport:
         return self.text()
 
     def text(self, accept_uncompared: bool = False) -> str:
-        """Return the report as text; its last line is the verdict."""
+        """Return the report as text; its last line is the verdict.
+
+        Args:
+            accept_uncompared: whether functions that were not compared leave the verdict as it is.
+        """
         lines = [f"{self.title}: {self.states} states"]
         if self.functions or self.uncompared:
             rows = [*map(_cells, self.functions), *self._uncompared_rows()]
@@ -249,7 +264,11 @@ class DynamicsReport:
         return f"structural properties fail: {failing}"
 
     def html(self, accept_uncompared: bool = False) -> str:
-        """Return the report as a page of its own, without scripts and without anything from elsewhere."""
+        """Return the report as a page of its own, without scripts and without anything from elsewhere.
+
+        Args:
+            accept_uncompared: whether functions that were not compared leave the verdict as it is.
+        """
         from armgpi.viewing import page  # it imports what draws, which text needs not
 
         sections = {}

@@ -191,7 +191,11 @@ def panels(
 
 
 def legend(figure: Figure) -> None:
-    """Give a figure one legend, above its panels, of everything that its axes name."""
+    """Give a figure one legend, above its panels, of everything that its axes name.
+
+    Args:
+        figure: of Matplotlib, whose axes have named lines.
+    """
     entries: dict[str, Any] = {}
     for axes in figure.axes:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -206,6 +210,13 @@ def legend(figure: Figure) -> None:
 
 def save(figure: Figure, path: str | PathLike[str]) -> Path:
     """Write a figure as PNG, SVG or PDF, by the file's ending; the same figure makes the same bytes.
+
+    Args:
+        figure: of Matplotlib.
+        path: file to write, which ends in .png, .svg or .pdf.
+
+    Returns:
+        The path of the file.
 
     Raises:
         ParameterError: when the ending is none of these.
@@ -226,6 +237,9 @@ def save(figure: Figure, path: str | PathLike[str]) -> Path:
 
 def check_path(path: str | PathLike[str]) -> Path:
     """Return the path of a figure, refusing an ending that :func:`save` does not know.
+
+    Args:
+        path: file of a figure.
 
     Raises:
         ParameterError: when the ending is none of :data:`FORMATS`.
@@ -272,7 +286,14 @@ def plot_positions(axes: Axes, rollout: xr.Dataset, joint: str, *, limits: bool 
 
 
 def plot_error(axes: Axes, rollout: xr.Dataset, joint: str, *, onset: bool = True) -> None:
-    """Draw the tracking error q - q* of a joint over time; `onset` marks when its disturbance sets in."""
+    """Draw the tracking error q - q* of a joint over time; `onset` marks when its disturbance sets in.
+
+    Args:
+        axes: axes of Matplotlib to draw into.
+        rollout: one or several rollouts, as :func:`armgpi.simulate` returns them.
+        joint: name of the joint.
+        onset: whether to mark when the disturbance of the joint begins.
+    """
     axes.axhline(0.0, color=style.QUIET, linewidth=0.6)
     _draw(axes, _traces(rollout, joint), lambda data: data["q"] - data["q_ref"])
     if onset:
@@ -312,6 +333,10 @@ def plot_velocity(axes: Axes, rollout: xr.Dataset, joint: str, *, limits: bool =
 def plot_tool_error(axes: Axes, rollout: xr.Dataset) -> None:
     """Draw the distance of the tool from where the reference puts it over time [mm].
 
+    Args:
+        axes: axes of Matplotlib to draw into.
+        rollout: one or several rollouts, as :func:`armgpi.simulate` returns them.
+
     Raises:
         RolloutError: when the rollout has no tool.
     """
@@ -322,6 +347,10 @@ def plot_tool_error(axes: Axes, rollout: xr.Dataset) -> None:
 def plot_tool_angle(axes: Axes, rollout: xr.Dataset) -> None:
     """Draw the angle between the tool's orientation and the wished one over time [deg].
 
+    Args:
+        axes: axes of Matplotlib to draw into.
+        rollout: one or several rollouts, as :func:`armgpi.simulate` returns them.
+
     Raises:
         RolloutError: when the rollout has no tool.
     """
@@ -331,6 +360,10 @@ def plot_tool_angle(axes: Axes, rollout: xr.Dataset) -> None:
 
 def plot_force(axes: Axes, rollout: xr.Dataset) -> None:
     """Draw the largest force of a contact over time [N]; zero where nothing touches.
+
+    Args:
+        axes: axes of Matplotlib to draw into.
+        rollout: one or several rollouts, as :func:`armgpi.simulate` returns them.
 
     Raises:
         RolloutError: when the rollout has no tool.
@@ -370,14 +403,26 @@ def plot_torque(
 
 
 def plot_torque_rate(axes: Axes, rollout: xr.Dataset, joint: str) -> None:
-    """Draw how fast the torque of a joint changes from sample to sample, which shows noise and chatter."""
+    """Draw how fast the torque of a joint changes from sample to sample, which shows noise and chatter.
+
+    Args:
+        axes: axes of Matplotlib to draw into.
+        rollout: one or several rollouts, as :func:`armgpi.simulate` returns them.
+        joint: name of the joint.
+    """
     _draw(axes, _traces(rollout, joint), torque_rate)
     unit = _unit(rollout, joint, TORQUE_RATE)
     _label(axes, f"{'torque' if unit == TORQUE_RATE.symbol() else 'force'} rate [{unit}]", joint)
 
 
 def plot_disturbance(axes: Axes, rollout: xr.Dataset, joint: str) -> None:
-    """Draw the disturbance torque of a joint over time: zero where there are no loads."""
+    """Draw the disturbance torque of a joint over time: zero where there are no loads.
+
+    Args:
+        axes: axes of Matplotlib to draw into.
+        rollout: one or several rollouts, as :func:`armgpi.simulate` returns them.
+        joint: name of the joint.
+    """
     if "disturbance" not in rollout:
         rollout = rollout.assign(disturbance=0.0 * rollout["tau"].fillna(0.0))
     references = _distinct([trace.data["disturbance"] for trace in _traces(rollout, joint)])
@@ -457,7 +502,17 @@ def plot_path_plane(
 
 
 def plot_path_space(axes: Any, rollout: xr.Dataset, robot: Robot, *, frame: str | None = None) -> None:
-    """Draw the path of the tool in space, and the desired one; `axes` have ``projection="3d"``."""
+    """Draw the path of the tool in space, and the desired one; `axes` have ``projection="3d"``.
+
+    Args:
+        axes: axes of Matplotlib to draw into.
+        rollout: one or several rollouts, as :func:`armgpi.simulate` returns them.
+        robot: the arm.
+        frame: name of the frame whose path is drawn; the tip when not given.
+
+    Raises:
+        NameNotFound: when the robot has no such frame.
+    """
     paths = tool_paths(rollout, robot, frame)
     _draw_paths(axes, paths, [0, 1, 2])
     every = np.concatenate([path.desired for path in paths] + [path.drawn for path in paths])
@@ -487,6 +542,9 @@ def plot_pareto(
         names: of the costs, with units.
         label: name in the legend, for several sets in one picture.
         index: which colour.
+
+    Raises:
+        ParameterError: when `costs` does not have shape (k, 2).
     """
     points = np.asarray(costs, dtype=float)
     if points.ndim != 2 or points.shape[1] != 2:
@@ -508,7 +566,15 @@ def plot_pareto(
 
 
 def overview(rollout: xr.Dataset, joints: Sequence[str] | None = None) -> Figure:
-    """Return position, error and torque of every joint, or of `joints`, a row per joint."""
+    """Return position, error and torque of every joint, or of `joints`, a row per joint.
+
+    Args:
+        rollout: one or several rollouts, as :func:`armgpi.simulate` returns them.
+        joints: names of the joints; all when not given.
+
+    Raises:
+        NameNotFound: when the robot has no such joint.
+    """
     names = _joints(rollout, joints)
     with styled():
         figure, axes = panels(len(names), 3, width=_WIDTH + 1.0)
@@ -523,27 +589,87 @@ def overview(rollout: xr.Dataset, joints: Sequence[str] | None = None) -> Figure
 
 
 def positions(rollout: xr.Dataset, joints: Sequence[str] | None = None, ax: Any = None) -> Any:
-    """Return reference and position of every joint; drawn into `ax`, axes for each joint, where given."""
+    """Return reference and position of every joint; drawn into `ax`, axes for each joint, where given.
+
+    Args:
+        rollout: one or several rollouts, as :func:`armgpi.simulate` returns them.
+        joints: names of the joints; all when not given.
+        ax: axes of Matplotlib, one for each joint; a new figure when not given.
+
+    Returns:
+        The figure that was made, or of `ax` the axes.
+
+    Raises:
+        NameNotFound: when the robot has no such joint.
+    """
     return _per_joint(rollout, joints, plot_positions, ax)
 
 
 def errors(rollout: xr.Dataset, joints: Sequence[str] | None = None, ax: Any = None) -> Any:
-    """Return the tracking error of every joint; drawn into `ax`, axes for each joint, where given."""
+    """Return the tracking error of every joint; drawn into `ax`, axes for each joint, where given.
+
+    Args:
+        rollout: one or several rollouts, as :func:`armgpi.simulate` returns them.
+        joints: names of the joints; all when not given.
+        ax: axes of Matplotlib, one for each joint; a new figure when not given.
+
+    Returns:
+        The figure that was made, or of `ax` the axes.
+
+    Raises:
+        NameNotFound: when the robot has no such joint.
+    """
     return _per_joint(rollout, joints, plot_error, ax)
 
 
 def torques(rollout: xr.Dataset, joints: Sequence[str] | None = None, ax: Any = None) -> Any:
-    """Return the torque of every joint with its limits; drawn into `ax`, axes for each joint, where given."""
+    """Return the torque of every joint with its limits; drawn into `ax`, axes for each joint, where given.
+
+    Args:
+        rollout: one or several rollouts, as :func:`armgpi.simulate` returns them.
+        joints: names of the joints; all when not given.
+        ax: axes of Matplotlib, one for each joint; a new figure when not given.
+
+    Returns:
+        The figure that was made, or of `ax` the axes.
+
+    Raises:
+        NameNotFound: when the robot has no such joint.
+    """
     return _per_joint(rollout, joints, plot_torque, ax)
 
 
 def torque_rates(rollout: xr.Dataset, joints: Sequence[str] | None = None, ax: Any = None) -> Any:
-    """Return the rate of every joint's torque; drawn into `ax`, axes for each joint, where given."""
+    """Return the rate of every joint's torque; drawn into `ax`, axes for each joint, where given.
+
+    Args:
+        rollout: one or several rollouts, as :func:`armgpi.simulate` returns them.
+        joints: names of the joints; all when not given.
+        ax: axes of Matplotlib, one for each joint; a new figure when not given.
+
+    Returns:
+        The figure that was made, or of `ax` the axes.
+
+    Raises:
+        NameNotFound: when the robot has no such joint.
+    """
     return _per_joint(rollout, joints, plot_torque_rate, ax)
 
 
 def velocities(rollout: xr.Dataset, joints: Sequence[str] | None = None, ax: Any = None) -> Any:
-    """Return reference and velocity of every joint; drawn into `ax`, axes for each joint, where given."""
+    """Return reference and velocity of every joint; drawn into `ax`, axes for each joint, where given.
+
+    Args:
+        rollout: one or several rollouts, as :func:`armgpi.simulate` returns them.
+        joints: names of the joints; all when not given.
+        ax: axes of Matplotlib, one for each joint; a new figure when not given.
+
+    Returns:
+        The figure that was made, or of `ax` the axes.
+
+    Raises:
+        NameNotFound: when the robot has no such joint.
+    """
     return _per_joint(rollout, joints, plot_velocity, ax)
 
 
@@ -551,6 +677,9 @@ def tool(rollout: xr.Dataset) -> Figure:
     """Return how far the tool was off its path and its orientation over time, and the force of contacts.
 
     The force is there where the plant's environment has contacts.
+
+    Args:
+        rollout: one or several rollouts, as :func:`armgpi.simulate` returns them.
 
     Raises:
         RolloutError: when the rollout has no tool.
@@ -565,7 +694,19 @@ def tool(rollout: xr.Dataset) -> Figure:
 
 
 def disturbances(rollout: xr.Dataset, joints: Sequence[str] | None = None, ax: Any = None) -> Any:
-    """Return the disturbance torque of every joint; drawn into `ax`, axes for each joint, where given."""
+    """Return the disturbance torque of every joint; drawn into `ax`, axes for each joint, where given.
+
+    Args:
+        rollout: one or several rollouts, as :func:`armgpi.simulate` returns them.
+        joints: names of the joints; all when not given.
+        ax: axes of Matplotlib, one for each joint; a new figure when not given.
+
+    Returns:
+        The figure that was made, or of `ax` the axes.
+
+    Raises:
+        NameNotFound: when the robot has no such joint.
+    """
     return _per_joint(rollout, joints, plot_disturbance, ax)
 
 

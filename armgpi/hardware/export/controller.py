@@ -144,7 +144,16 @@ class ExportedController(Controller):
     def reset(
         self, measurement: Measurement | FullState, target: Target, state: npt.NDArray[np.uint64]
     ) -> npt.NDArray[np.uint64]:
-        """Return the state of a start from where the arm is now; see :meth:`Supervised.reset`."""
+        """Return the state of a start from where the arm is now; see :meth:`Supervised.reset`.
+
+        Args:
+            measurement: of this sample.
+            target: of this sample.
+            state: of the exported controller.
+
+        Returns:
+            The next state, an array of 64-bit words.
+        """
         after = state.copy()
         _keep, pointers = self._arguments(measurement, target)
         self._reset(ctypes.c_void_p(after.ctypes.data), *pointers)
@@ -162,7 +171,12 @@ class ExportedController(Controller):
         return self._call_step(self._late, measurement, target, state, ctypes.c_uint32(elapsed))
 
     def within_rate(self, applied: npt.ArrayLike, taken: ControlStep) -> ControlStep:
-        """Return a step whose torque is within its rate of that of the robot; see :class:`Supervised`."""
+        """Return a step whose torque is within its rate of that of the robot; see :class:`Supervised`.
+
+        Args:
+            applied: torque that the robot applied in the sample before [N m or N], shape (n,).
+            taken: the step, with its torque [N m or N] and state.
+        """
         after = taken.state.copy()
         tau, given = (np.array(x, dtype=self._dtype) for x in (taken.tau, applied))
         self._within(*(ctypes.c_void_p(x.ctypes.data) for x in (after, given, tau)))
@@ -185,7 +199,11 @@ class ExportedController(Controller):
         return ControlStep(tau.astype(np.float64, copy=False), after)
 
     def report(self, state: npt.NDArray[np.uint64]) -> FaultReport:
-        """Return what a state says of itself."""
+        """Return what a state says of itself.
+
+        Args:
+            state: of the exported controller, as :meth:`step` returned it.
+        """
         _, status, reason, joint = (int(x) for x in state.view(np.uint32)[:4])
         name = self.robot.joint_names[joint] if reason else None
         return FaultReport(State(status).name.lower(), Reason(reason).name.lower(), name)
