@@ -9,6 +9,7 @@ import numpy as np
 
 from armgpi.certification.path import PathBound, describe
 from armgpi.loop.units import POSITION, TORQUE
+from armgpi.verdict import Verdict
 from armgpi.viewing import page, style
 from armgpi.viewing.drawing import Drawing, figure
 
@@ -26,21 +27,27 @@ ASSUMPTIONS = (
 )
 
 
-def write_page(found: PathBound, run: Any, notes: Sequence[str] = ()) -> str:
+def write_page(found: PathBound, run: Any, notes: Sequence[str] = (), judged: Verdict | None = None) -> str:
     """Return the page, without scripts and without anything from elsewhere.
 
     Args:
         found: the bound, or why there is none.
         run: a rollout along the path; None for none.
         notes: what is said beside the bound, as of a stop.
+        judged: the verdict, where something that was supplied or asked for was left out.
     """
     verdict, *rest = describe(found)
-    good = found.holds and not found.weaker_than_friction()
-    summary = f"<p class={'good' if good else 'bad'}>{page.text(verdict)}</p>"
-    if not found.holds:
-        sections = {"What limits the bound, and what to change": page.bullets(found.reasons)}
-        return page.document("Bound along a path", summary, sections)
     robot: Any = found.wish.controller.robot
+    kind = "good" if found.holds and not found.weaker_than_friction() else "bad"
+    if not found.holds:
+        summary = f"<p class={kind}>{page.text(verdict)}</p>"
+        sections = {"What limits the bound, and what to change": page.bullets(found.reasons)}
+        return page.document(f"No bound along a path of {robot.name}", summary, sections)
+    summary = ""
+    if judged is not None and judged.outcome == "holds for part":
+        kind = judged.page_class if kind == "good" else kind
+        summary = f"<p class={kind}>{page.text(judged.line)}</p>"
+    summary += f"<p class={kind}>{page.text(verdict)}</p>"
     summary += "".join(f"<p>{page.text(line.strip())}</p>" for line in [*rest[: -robot.n], *notes])
     rows = []
     told = [what for what, x in found.parts.items() if x.max() >= _TOLD]

@@ -59,7 +59,8 @@ def html(asked: Asked, made: Certificate, judged: Verdict | None = None) -> str:
         kind, said = "fair" if useful else "bad", judged.line
     of = table(made)[1 + len(made.reasons)]
     summary = f"<p>{page.text(of)}</p><p class={kind}>{page.text(said + what_for)}</p>"
-    return page.document(f"Certificate of {made.data['robot']['name']}", summary, sections)
+    heading = "Certificate" if made.certified else "No certificate"
+    return page.document(f"{heading} of {made.data['robot']['name']}", summary, sections)
 
 
 def _worth(asked: Asked, made: Certificate) -> tuple[bool, str]:

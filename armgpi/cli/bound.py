@@ -14,6 +14,7 @@ from armgpi.cli.certify import (
     note_assumed,
     note_gears,
     possible_arms,
+    unjudged_drives,
 )
 from armgpi.cli.derive import write
 from armgpi.cli.experiment import note_world, resolved
@@ -21,7 +22,7 @@ from armgpi.cli.parsing import is_experiment, refusal, stoppable
 from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import say
 from armgpi.escape import json_data
-from armgpi.verdict import judge
+from armgpi.verdict import Verdict, judge
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
@@ -77,19 +78,19 @@ def bound(
     from armgpi.plants.plant import inside
 
     _check_options(report, friction_within)
-    experiment = _read(robot, rotor_inertia, drives, controller)
-    law: Any = next(iter(experiment.controllers.values()))
+    experiment, known = _read(robot, rotor_inertia, drives, controller, as_json)
     settings, loads = experiment.config.plant, load_ends(payload)
     drawn = possible_arms(identified, experiment.robot)
+    rubs = friction or friction_within is not None or has_friction(settings)
     found = bound_path(
-        law,
+        next(iter(experiment.controllers.values())),
         experiment.reference,
         experiment.t_final,
         arms=_arms(drawn["arms"] or [inside(experiment.plant).robot], loads, friction_within),
         others=_arms(drawn["others"], loads, friction_within),
         torque=joint_numbers(experiment.robot, torque, "--torque"),
         force=force,
-        friction=friction or friction_within is not None or has_friction(settings),
+        friction=rubs,
         bits=getattr(settings, "encoder_bits", None),
         delay=getattr(settings, "delay", None) or 0,
         start=start,
@@ -100,7 +101,8 @@ def bound(
     if found.holds and tool_speed is not None:
         stop = bound_stop(found, tool_speed, experiment.supervisor)
     supervised = experiment.supervisor is not None and stop is None
-    verdict = judge(found.holds, "the bound holds", [_STOP] * supervised, accepted=allow_part)
+    left_out = [*[_STOP] * supervised, *unjudged_drives(known, rubs)]
+    verdict = judge(found.holds, "the bound holds", left_out, accepted=allow_part)
     stopping = None if stop is None else stop._asdict()
     data = json_data({**found.plain(), "stop": stopping, "verdict": verdict.plain()})
     if out is not None:
@@ -108,7 +110,7 @@ def bound(
     notes = [*filter(None, (str(stop or ""), *_gears(found)))]
     unseen = [verdict.line] * (verdict.outcome == "holds for part")
     if report is not None:
-        write(report, _page(found, experiment, [*unseen, *notes]), "--report")
+        write(report, _page(found, experiment, notes, verdict), "--report")
     text = "\n".join([*unseen, "\n  ".join([str(found), *notes])])
     say(json.dumps(data) if as_json else text, lines=True)
     sys.exit(verdict.exit_code)
@@ -122,16 +124,19 @@ def _check_options(report: Path | None, friction_within: float | None) -> None:
         raise refusal("--friction-within", f"expected a share from 0 to 1, got {friction_within:g}")
 
 
-def _read(robot: str, rotor_inertia: list[str] | None, drives: Path | None, controller: str | None) -> Any:
-    """Return the experiment that a bound is of, and say which arm that is and what is assumed of it."""
+def _read(
+    robot: str, rotor_inertia: list[str] | None, drives: Path | None, controller: str | None, as_json: bool
+) -> tuple[Any, Any]:
+    """Return the experiment that a bound is of, and what is run; say which arms these are."""
     from armgpi.config import world
 
     experiment = _experiment(robot, opt.drives_given(rotor_inertia, drives), controller)
     how = {"rotor_inertia": rotor_inertia, "drives": drives}
     arm = experiment.robot
-    note_world(*resolved(robot, how, arm), world.describe_arm(experiment.config, arm))
-    note_assumed(experiment.robot)
-    return experiment
+    known = resolved(robot, how, arm)
+    note_world(*known, world.describe_arm(experiment.config, arm))
+    note_assumed(experiment.robot, as_json)
+    return experiment, known
 
 
 def _experiment(name: str, drives: dict[str, Any], controller: str | None) -> Any:
@@ -199,14 +204,14 @@ def _arms(arms: list[Any], loads: tuple[float, float] | None, within: float | No
     return arms
 
 
-def _page(found: Any, experiment: Any, notes: list[str]) -> str:
+def _page(found: Any, experiment: Any, notes: list[str], verdict: Verdict) -> str:
     """Return the page of a bound and of what is said beside it, with a run of its experiment."""
     from armgpi.certification.path_page import write_page
     from armgpi.loop.simulation import simulate
 
     law, reference = found.wish.controller, found.wish.reference
     run = simulate(experiment.plant, law, reference, experiment.t_final) if found.holds else None
-    return write_page(found, run, notes)
+    return write_page(found, run, notes, verdict)
 
 
 def _gears(found: Any) -> list[str]:

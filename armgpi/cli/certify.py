@@ -23,6 +23,7 @@ from armgpi.verdict import Verdict, judge
 
 if TYPE_CHECKING:
     from armgpi.certification.certificate import Certificate
+    from armgpi.config import ExperimentConfig
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
@@ -119,19 +120,19 @@ def certify(
     if report is not None:
         check_file(report, "--report")
     arm = load_arm(robot, how)
-    dt, delay, controller = _loop_of(robot, dt, delay, controller)
     _refute_file(refute, arm)
-    texts = {"speed": speed, "acceleration": acceleration, "torque": torque, "radius": radius}
-    vectors = {key: joint_numbers(arm, text, f"--{key}") for key, text in texts.items() if text is not None}
-    law = {"integrators": integrators, "rolloff": rolloff, "rolloff_ratio": rolloff_ratio, "delay": delay}
-    named = {**law, "feedforward": feedforward, "controller": controller}
+    known = resolved(robot, how, arm)
+    dt, delay, controller = _loop_of(robot, known[0], dt, delay, controller)
+    vectors = _vectors(arm, speed=speed, acceleration=acceleration, torque=torque, radius=radius)
+    law: Any = {"integrators": integrators, "rolloff": rolloff, "rolloff_ratio": rolloff_ratio}
+    law |= {"delay": delay, "feedforward": feedforward, "controller": controller}
     stated = {"bits": encoder_bits, "friction": friction, "jump": jump, "start": start}
     proof: Any = {"prove": prove, "budget": budget, "rate": "auto" if rate == "auto" else None}
     proof |= {"payload": load_ends(payload), "box": box and read_box(box), **possible_arms(identified, arm)}
-    options = {**vectors, **_chosen_parts(named), **stated, **proof, "gains": _gains(omega, zeta, pole, rate)}
-    typed = {"payload": payload, "omega": omega, "encoder_bits": encoder_bits, "friction": friction or None}
-    left_out = _left_out(robot, {key for key, value in typed.items() if value is not None})
-    _note_judged(robot, how, arm, (delay, encoder_bits, friction, controller))
+    options = {**vectors, **_chosen_parts(law), **stated, **proof, "gains": _gains(omega, zeta, pole, rate)}
+    left_out = _left_out(robot, payload=payload, omega=omega, encoder_bits=encoder_bits)
+    left_out += unjudged_drives(known, friction)
+    _note_judged(known, arm, (delay, encoder_bits, friction, controller), as_json)
     with progress() as told:
         found = certified(arm, dt, progress=told, **options)
     verdict = judge(found.certified, verdict_of(found), left_out, accepted=allow_part)
@@ -140,15 +141,15 @@ def certify(
 
 
 def _note_judged(
-    robot: str, how: Mapping[str, Any], arm: Any, loop: tuple[int, int | None, bool, str]
+    known: tuple[ExperimentConfig, Any], arm: Any, loop: tuple[int, int | None, bool, str], as_json: bool
 ) -> None:
     """Say which arm and controller a certificate is for, in the words of every command, and what is assumed.
 
     Args:
-        robot: name of a robot, path of a URDF or of an experiment file.
-        how: options of how the arm is loaded, and of its drives.
+        known: what `armgpi run` resolves, as :func:`armgpi.cli.experiment.resolved` returns it.
         arm: the arm.
         loop: samples of delay, bits of the encoders, whether friction disturbs, and type of the controller.
+        as_json: whether the verdict is printed as JSON.
     """
     from armgpi import config
     from armgpi.config import world
@@ -159,16 +160,48 @@ def _note_judged(
     plant |= {"encoder_bits": bits} if bits is not None else {}
     data = {"robot": {"name": arm.name}, "plant": plant, "controllers": [{"type": controller}]}
     judged = world.describe_arm(config.check(data, config.Origin("certificate")), arm)
-    note_world(*resolved(robot, how, arm), judged)
-    note_assumed(arm)
+    note_world(*known, judged)
+    note_assumed(arm, as_json)
 
 
-def _left_out(robot: str, typed: set[str]) -> list[str]:
+#: Sources of a number that the user supplied: with "" it is the URDF's.
+_SUPPLIED = ("", "specified", "identified")
+
+
+def unjudged_drives(known: tuple[ExperimentConfig, Any], friction_is_judged: bool) -> list[str]:
+    """Return what the user supplied of the drives and that a certificate or bound of a stiff arm leaves out.
+
+    What is assumed, or published, of an arm is no such thing: nobody asked for it.
+
+    Args:
+        known: what `armgpi run` resolves, as :func:`armgpi.cli.experiment.resolved` returns it.
+        friction_is_judged: whether friction is among what disturbs.
+    """
+    from armgpi.config.building import has_friction
+
+    config, arm = known
+
+    def supplied(quantity: str, present: Any) -> list[str]:
+        """Return the joints of which the user supplied a quantity."""
+        rows = zip(arm.joint_names, arm.drives.sources(quantity), present, strict=True)
+        return [name for name, source, there in rows if there and source in _SUPPLIED]
+
+    found = []
+    rubbing = {*supplied("viscous", arm.friction.viscous), *supplied("coulomb", arm.friction.coulomb)}
+    if rubbing and has_friction(config.plant) and not friction_is_judged:
+        found.append("joint friction (--friction includes it)")
+    elastic = supplied("stiffness", [source != "" for source in arm.drives.sources("stiffness")])
+    if elastic and config.plant.engine == "elastic":
+        found.append("joint elasticity (stiff joints are judged)")
+    return found
+
+
+def _left_out(robot: str, **typed: Any) -> list[str]:
     """Return the keys of an experiment file that change its loop and that no certificate is made for.
 
     Args:
         robot: what stands in the place of a robot.
-        typed: keys that options give in place of the file's.
+        typed: key -> what an option gives in place of the file's; None for what none gives.
     """
     if not is_experiment(robot):
         return []
@@ -176,10 +209,20 @@ def _left_out(robot: str, typed: set[str]) -> list[str]:
 
     data = config.read(Path(robot)).config.plain(given=True)
     # What options of this command have, what it takes from the file, and what no bound depends on.
-    known = {"type", "label", "delay", "engine", *typed}
+    # Of friction, unjudged_drives says what is left out.
+    known = {
+        "type",
+        "label",
+        "delay",
+        "friction",
+        *(key for key, value in typed.items() if value is not None),
+    }
+    plant = data.get("plant") or {}
+    if plant.get("engine") != "elastic":  # others simulate stiff joints, as a certificate takes them
+        known.add("engine")
     found = []
     for name, section in (
-        ("plant", data.get("plant") or {}),
+        ("plant", plant),
         ("controllers.0", (data.get("controllers") or [{}])[0]),
     ):
         found += [f"{name}.{key} of {robot}" for key in section if key not in known]
@@ -204,10 +247,8 @@ def possible_arms(file: Path | None, arm: Any) -> dict[str, list[Any]]:
     return {"arms": drawn[:_DRAWN], "others": drawn[_DRAWN:]}
 
 
-def note_assumed(arm: Any) -> None:
+def note_assumed(arm: Any, as_json: bool) -> None:
     """Refuse an arm with assumed rotors, and say of a file without them what a certificate is worth."""
-    import math
-
     from armgpi.gpi.payload import certified_sector
     from armgpi.robot import rotors
 
@@ -219,7 +260,7 @@ def note_assumed(arm: Any) -> None:
             "certified. Identify the rotor inertias and specify them by --rotor-inertia or --drives FILE"
         )
         verdict = Verdict("not judged", text)
-        say(verdict.line)
+        say(json.dumps({"verdict": verdict.plain()}) if as_json else verdict.line)
         sys.exit(verdict.exit_code)
     if names := rotors.silent(arm):
         say(
@@ -327,20 +368,18 @@ def load_arm(name: str, how: Mapping[str, Any]) -> Any:
 
 
 def _loop_of(
-    robot: str, dt: float | None, delay: int | None, controller: str | None
+    robot: str, config: ExperimentConfig, dt: float | None, delay: int | None, controller: str | None
 ) -> tuple[float, int, str]:
-    """Return sample time, delay and law: as typed, of an experiment file, or the usual ones."""
+    """Return sample time, delay and law: as typed, as `armgpi run` has them of a file, or the usual ones."""
     usual: tuple[float, int, str] = (1e-3, 0, "gpi")
     if is_experiment(robot):
-        from armgpi import config
-
-        said, origin = config.read(Path(robot))
-        law = said.controllers[0].type
+        law = config.controllers[0].type
         if controller is None and law not in ("gpi", "gpi_auto"):
-            raise origin.error(
-                ("controllers", 0, "type"), f"a certificate can be computed for gpi and gpi_auto, got {law!r}"
-            )
-        usual = (said.sample_time, getattr(said.plant, "delay", None) or 0, law)
+            from armgpi.config import read
+
+            expected = f"a certificate can be computed for gpi and gpi_auto, got {law!r}"
+            raise read(Path(robot)).origin.error(("controllers", 0, "type"), expected)
+        usual = (config.sample_time, getattr(config.plant, "delay", None) or 0, law)
     return (
         usual[0] if dt is None else dt,
         usual[1] if delay is None else delay,
@@ -386,6 +425,11 @@ def _gains(omega: str | None, zeta: float, pole: float | None, rate: str | None)
         if given:
             raise refusal(option, "requires --omega")
     return None
+
+
+def _vectors(arm: Any, **texts: str | None) -> dict[str, Any]:
+    """Return what options give for the joints, name -> numbers, of those that were typed."""
+    return {key: joint_numbers(arm, text, f"--{key}") for key, text in texts.items() if text is not None}
 
 
 def joint_numbers(arm: Any, text: str, option: str) -> Any:

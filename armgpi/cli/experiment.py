@@ -232,7 +232,7 @@ def resolved(robot: str, how: Mapping[str, Any], loaded: Any = None) -> tuple[Ex
 
 
 def note_world(config: ExperimentConfig, arm: Any, judged: str = "") -> None:
-    """Say which arm and controller `armgpi run` has, and what a command judges in their place.
+    """Say what a command judges in the place of the arm and controller of `armgpi run`, and which these are.
 
     Args:
         config: as :func:`resolved` returns it.
@@ -242,9 +242,9 @@ def note_world(config: ExperimentConfig, arm: Any, judged: str = "") -> None:
     """
     from armgpi.config import world
 
-    say(world.describe(config, arm), err=True)
     if judged and judged != world.describe_arm(config, arm):
         say(f"judged instead: {judged}", err=True)
+    say(world.describe(config, arm), err=True)
 
 
 def note_drives(experiment: Experiment, explain: bool = True) -> None:

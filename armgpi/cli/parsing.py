@@ -28,7 +28,7 @@ OPTIONS = {
     "keep": ("--keep", "JOINT,JOINT,..."),
     "lock": ("--lock", "JOINT,JOINT,..."),
     "mimic": ("--mimic", "follow"),
-    "omega": ("--omega", "BANDWIDTH"),
+    "omega": ("--controller gpi --omega", "BANDWIDTH"),  # the automatic one chooses its own
     "package_dir": ("--package-dir", "FOLDER"),
     "port": ("--port", "PORT"),
     "repair": ("--repair", "NAME"),

@@ -300,7 +300,8 @@ class GPI(Controller):
             raise ParameterError("gains", gains, "Gains, such as FixedGains(omega_c=20.0)")
         self.keep("gains", gains.prepare(self.robot.joint_names, self.dt))
         super().__post_init__()
-        self.knows = KNOWS[self.feedforward]  # type: ignore[misc]  # of this one, not of the class
+        rubs = " and friction" if self.friction_feedforward else ""
+        self.knows = KNOWS[self.feedforward] + rubs  # type: ignore[misc]  # of this one, not of the class
         # What differs by rollout was declared to vary, whatever it is.
         resting = (self.rest_dead_zone, self.rest_leak)
         self._rests = any(x.ndim == 2 or x.any() for x in resting)

@@ -117,7 +117,8 @@ def placeholder_friction(subject: Subject) -> Iterator[Finding]:
     same = [bool(column[0]) and bool((column == column[0]).all()) for column in (viscous, coulomb)]
     where = "joints"
     if large.any():
-        j = int(np.argmax(large))
+        share = np.divide(coulomb, effort, out=np.full(len(effort), np.inf), where=effort > 0.0)
+        j = int(np.argmax(np.where(large, share, 0.0)))  # the worst
         where = f"joint {subject.robot.joint_names[j]!r}"
         level = "warning"
         message = (
@@ -135,23 +136,24 @@ def placeholder_friction(subject: Subject) -> Iterator[Finding]:
 
 @check(
     "friction",
-    "the URDF's damping makes GPI unstable without rotor inertia "
+    "the URDF's damping makes GPI unstable with the rotor inertia that is specified or assumed "
     "([Theory](theory.md#friction-and-where-gpi-ends))",
     "warning",
 )
 def strong_friction(subject: Subject) -> Iterator[Finding]:
-    """Find damping that makes GPI unstable."""
+    """Find damping that makes GPI unstable, on the arm that is run: with its rotors."""
     viscous = subject.robot.friction.viscous
-    rates = np.linalg.eigvals(np.linalg.solve(subject.inertia[0], np.diag(viscous)))
+    rates = np.linalg.eigvals(np.linalg.solve(subject.run_inertia[0], np.diag(viscous)))
     fastest, bound = float(rates.real.max()), _FRICTION_RATE * subject.omega
     if fastest > bound:
         message = (
-            f"the URDF's damping acts at up to {fastest:.3g} 1/s; with it in the plant GPI "
-            f"is unstable beyond {_FRICTION_RATE} omega_c = {bound:.3g} 1/s"
+            f"the URDF's damping acts at up to {fastest:.3g} 1/s; GPI is unstable beyond "
+            f"{_FRICTION_RATE} omega_c = {bound:.3g} 1/s"
         )
         where = f"joint {subject.robot.joint_names[int(np.argmax(viscous))]!r}"
-        repair = "specify rotor inertia in the controller's nominal model (with_armature)"
-        yield Finding("warning", where, message, fastest, bound, repair)
+        repair = "check the unit of the damping: N m s/rad; specify the rotor inertia"
+        remedies = (Remedy("friction"),)
+        yield Finding("warning", where, message, fastest, bound, repair, remedies)
 
 
 @check(
@@ -209,11 +211,7 @@ def armature(subject: Subject) -> Iterator[Finding]:
 def gravity_unstable(subject: Subject) -> Iterator[Finding]:
     """Find configurations that gravity makes unstable faster than the default bandwidth catches."""
     robot, q = subject.robot, subject.q[: _CONFIGURATIONS + 1]
-    columns = []
-    for step in _STEP * np.eye(robot.n):
-        ahead, behind = robot.dynamics.gravity(q + step), robot.dynamics.gravity(q - step)
-        columns.append((ahead - behind) / (2.0 * _STEP))
-    stiffness = np.stack(columns, axis=-1)  # dG/dq by central differences, (batch, n, n)
+    stiffness = _stiffness(subject, q)
     values, vectors = np.linalg.eig(np.linalg.solve(subject.inertia[: len(q)], stiffness))
     growth, fastest = -values.real.min(axis=1), values.real.argmin(axis=1)
     bound = _UNSTABLE * subject.omega**2
@@ -252,20 +250,24 @@ def bandwidth(subject: Subject) -> Iterator[Finding]:
     return slow_default(subject.dt, subject.delay * subject.dt)
 
 
-@check("encoder", "the default bandwidth costs more than 1 % of the torque per count", "warning", "info")
+@check(
+    "encoder", "the default bandwidth of `gpi` costs more than 1 % of the torque per count", "warning", "info"
+)
 def encoder(subject: Subject) -> Iterator[Finding]:
-    """Find joints whose encoder is too coarse for the default bandwidth."""
+    """Find joints whose encoder is too coarse for the default bandwidth of GPI without automatic tuning."""
     omega, allowed = subject.omega, omega_of_encoder(subject)
+    coarse = allowed < omega
+    # No bandwidth is proposed: with elastic joints a lower one of gpi may be as unstable.
+    repair = "use automatic tuning (gpi_auto), which takes the encoders into account"
     for j, name in enumerate(subject.robot.joint_names):
-        if allowed[j] < omega:
+        if coarse[j]:
             message = (
                 f"one count of a {subject.encoder_bits}-bit encoder costs more than {100 * COUNT_SHARE:g} % "
-                f"of its torque above omega_c = {allowed[j]:.3g} rad/s, and the default is {omega:.3g}"
+                f"of its torque above omega_c = {allowed[j]:.3g} rad/s, and the default of gpi is {omega:.3g}"
             )
             cost = COUNT_SHARE * (omega / allowed[j]) ** 2
             level: Level = "warning" if cost > _MUCH else "info"
-            remedies = (Remedy("omega", (), float(f"{allowed[j]:.2g}")),)
-            yield Finding(level, f"joint {name!r}", message, float(allowed[j]), omega, "", remedies)
+            yield Finding(level, f"joint {name!r}", message, float(allowed[j]), omega, repair)
 
 
 def omega_of_encoder(subject: Subject) -> Array:
@@ -275,7 +277,7 @@ def omega_of_encoder(subject: Subject) -> Array:
     """
     one, robot = np.ones(1), subject.robot
     beta3 = float(betas(Tuning(one, one, one)).beta3[0])  # at omega_c = 1; it grows with omega_c^2
-    most = np.diagonal(subject.inertia, axis1=1, axis2=2).max(axis=0)
+    most = np.diagonal(subject.run_inertia, axis1=1, axis2=2).max(axis=0)
     count = robot.encoder_count(subject.encoder_bits)
     # Roots apart: a limit of 1e308 would overflow.
     result: Array = np.sqrt(COUNT_SHARE * robot.limits.effort) / np.sqrt(beta3 * most * count)

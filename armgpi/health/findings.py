@@ -28,8 +28,10 @@ from armgpi.errors import Finding as Finding
 from armgpi.errors import Level as Level
 from armgpi.errors import Remedy
 from armgpi.gpi.margins import default_omega
+from armgpi.robot import rotors
 from armgpi.robot.meshes import MeshFinder
 from armgpi.robot.robot import Robot
+from armgpi.robot.robots import is_textbook
 from armgpi.robot.tree import Joint
 from armgpi.robot.urdf import Urdf
 
@@ -77,6 +79,13 @@ class Subject:
     def inertia(self) -> Array:
         """D(q) at these configurations, shape (501, n, n)."""
         return self.robot.dynamics.mass_matrix(self.q)
+
+    @cached_property
+    def run_inertia(self) -> Array:
+        """D(q) at these configurations of the arm that is run: with the rotor inertia that is assumed."""
+        if is_textbook(self.robot.name):
+            return self.inertia
+        return rotors.assume_rotors(self.robot).dynamics.mass_matrix(self.q)
 
     @cached_property
     def eigenvalues(self) -> Array:

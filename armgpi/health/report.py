@@ -311,14 +311,12 @@ def _untuned_facts(subject: Subject, known: Robot, drives: str | None) -> dict[s
         "rolloff": law.rolloff,
         "nominal_load": 0.0 if law.payload is None else law.payload.heaviest,
         "omega_c": law.gains.nominal().omega_c.tolist(),
-        "phase_margin": margins.phase,
-        "delay_margin": margins.delay,
+        "delay_margin": said.spare,  # of the loop that is run: that of stiff joints is none of an elastic arm
         "delta": list(margins.delta),
         "count_torque": torque.tolist(),
         "count_share": (torque / law.effort).tolist(),
         "limits": list(said.limits),
         "sensitivity": said.sensitivity,
-        "spare": said.spare,
         "verdict": said.describe(),
         "limited": said.explain(known.joint_names),
     }

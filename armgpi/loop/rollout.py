@@ -457,7 +457,8 @@ def describe_measurement(name: str, knows: str = "") -> str:
         "gravity": "inertia and gravity",
         "model": "model feedforward (D, C, G)",
     }
-    return f"{measured}, uses {known.get(knows, knows)}" if knows else measured
+    part, also, friction = knows.partition(" and ")
+    return f"{measured}, uses {known.get(part, part)}{also}{friction}" if knows else measured
 
 
 def save(rollout: xr.Dataset, path: str | PathLike[str]) -> Path:

@@ -18,6 +18,8 @@ import armgpi
 from armgpi.certification import check_certificate
 from armgpi.certification.certificate import seal
 from armgpi.cli import inspect
+from armgpi.cli.certify import unjudged_drives
+from armgpi.cli.experiment import resolved
 from armgpi.errors import RolloutError
 from armgpi.identification.text import judge_arm
 from armgpi.intervals import Estimate
@@ -102,10 +104,61 @@ def test_certify_and_bound_name_keys_of_a_file_that_they_leave_out(cli: Cli, tmp
     assert cli("bound", file, "--torque", "0.05", "--allow-part").code == 0
 
 
+#: Arm of a file whose drives and friction its user supplied.
+DRIVES = "drives: {q1: {rotor_inertia: 0.05}, q2: {rotor_inertia: 0.05}, q3: {rotor_inertia: 0.05}}"
+SUPPLIED = {
+    "friction": (f"{{name: anthropomorphic3, friction: {{viscous: 0.001}}, {DRIVES}}}", "joint friction"),
+    "elasticity": (
+        f"{{name: anthropomorphic3, {DRIVES.replace('0.05}', '0.05, stiffness: 900.0}')}}}",
+        "joint elasticity",
+    ),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("command", "options", "what"),
+    [
+        ("certify", ("--radius", "0.3"), "friction"),
+        ("certify", ("--radius", "0.3"), "elasticity"),
+        ("bound", ("--torque", "0.001"), "elasticity"),  # of a file, friction is judged
+    ],
+)
+def test_drives_that_the_user_supplied_and_that_are_not_judged_make_a_verdict_for_part(
+    command: str, options: tuple[str, ...], what: str, cli: Cli, tmp_path: Path
+) -> None:
+    robot, named = SUPPLIED[what]
+    file = tmp_path / "arm.yaml"
+    file.write_text(f"robot: {robot}\nideal: false\n")
+    words = (command, file, "--controller", "gpi", *options)
+    page = tmp_path / "page.html"
+    done = cli(*words, "--report", page)
+    assert done.code == 3, (done.out, done.err)
+    assert done.err.splitlines()[0].startswith("judged instead: stiff joints")
+    assert done.out.splitlines()[0].startswith("INCOMPLETE: ")
+    assert named in done.out.splitlines()[0]
+    assert "<p class=fair>INCOMPLETE" in page.read_text()
+    assert cli(*words, "--allow-part").code == 0
+
+
+def test_friction_that_a_urdf_contains_is_judged_or_named(tmp_path: Path) -> None:
+    source = Path(__file__).parents[1] / "fixtures" / "urdf_cases" / "00_good.urdf"
+    file = tmp_path / "rubs.urdf"
+    rubbing = source.read_text().replace("</joint>", '<dynamics damping="0.2" friction="0.1"/></joint>')
+    file.write_text(rubbing)
+    how = dict.fromkeys(("lock", "keep", "mimic", "repair", "effort", "rotor_inertia", "drives"))
+    known = resolved(str(file), how)
+    assert unjudged_drives(known, friction_is_judged=False) == ["joint friction (--friction includes it)"]
+    assert unjudged_drives(known, friction_is_judged=True) == []
+    assert unjudged_drives(resolved(str(source), how), friction_is_judged=False) == []
+
+
 def test_certify_does_not_judge_an_arm_with_assumed_rotors(cli: Cli) -> None:
     done = cli("certify", "ur5", "--drives", "stiff")
     assert done.code == 3
     assert done.out.startswith("NOT JUDGED: ")
+    data = json.loads(cli("certify", "ur5", "--drives", "stiff", "--json").out)
+    assert data["verdict"]["outcome"] == "not judged"
 
 
 @pytest.mark.slow
