@@ -238,7 +238,7 @@ def _check_linear(controller: GPI) -> None:
     """Refuse what is not a linear law of the error."""
     one = {"realisation": "bumpless", "friction_feedforward": False, "rotor_factor": 1.0}
     for name, value in one.items():
-        if getattr(controller, name) != value:
+        if np.any(getattr(controller, name) != value):
             raise ParameterError(
                 name, getattr(controller, name), f"{value} where there is to be a certificate"
             )

@@ -222,14 +222,16 @@ class GPI(Controller):
         default=1.0,
         least=0.0,
         above=True,
-        structural=True,
+        log=True,
+        search=(0.1, 2.0),
     )
     rotor_factor: float = parameter(
         "factor of the rotors' inertia in the nominal model of the feedback",
         default=1.0,
         least=0.0,
         above=True,
-        structural=True,
+        log=True,
+        search=(0.3, 10.0),
     )
     force_limit: float = parameter(
         "largest force at the tool beyond the model's torque and Coulomb friction, at rest",

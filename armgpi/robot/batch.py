@@ -37,12 +37,39 @@ def with_heavier_rotors(robot: AnyRobot, factor: float) -> AnyRobot:
     return robot.with_drives(robot.drives.scaled("rotor_inertia", factor))
 
 
-def feedback_model(robot: AnyRobot, link_factor: float, rotor_factor: float) -> AnyRobot:
-    """Return a robot with the inertia of its links and that of its rotors multiplied by a factor each."""
+def feedback_model(robot: AnyRobot, link_factor: Any, rotor_factor: Any) -> AnyRobot:
+    """Return a robot with the inertia of its links and that of its rotors multiplied by a factor each.
+
+    Args:
+        robot: the robot, or one for each rollout.
+        link_factor: factor of the links' inertia [-], or one for each rollout, (batch, 1).
+        rotor_factor: factor of the rotors' inertia [-], likewise.
+
+    Raises:
+        ParameterError: for factors that differ by rollout of robots that are listed one by one.
+    """
+    if isinstance(link_factor, np.ndarray) or isinstance(rotor_factor, np.ndarray):
+        return _varied_feedback(robot, link_factor, rotor_factor)
     if link_factor != 1.0:
         robot = robot.scaled_inertia(link_factor)  # rotors too
         rotor_factor = rotor_factor / link_factor
     return robot if rotor_factor == 1.0 else with_heavier_rotors(robot, rotor_factor)
+
+
+def _varied_feedback(robot: AnyRobot, link_factor: Any, rotor_factor: Any) -> AnyRobot:
+    """Return what :func:`feedback_model` does where a factor differs by rollout."""
+    known = robot.variation if isinstance(robot, VariedRobots) else {}
+    if isinstance(robot, RobotBatch) and not isinstance(robot, VariedRobots):
+        expected = "one number where each rollout has a robot of its own"
+        raise ParameterError("link_factor", link_factor, expected)
+    base = robot.base if isinstance(robot, VariedRobots) else robot
+    rows = max(np.shape(each)[0] for each in (link_factor, rotor_factor) if isinstance(each, np.ndarray))
+    links, rotors = (np.broadcast_to(np.ravel(each), (rows,)) for each in (link_factor, rotor_factor))
+    scale = links * known.get("inertia_scale", 1.0)
+    varied: VariedRobots = base.varied(
+        **{**known, "inertia_scale": scale, "rotor_inertia": rotors[:, None] * robot.armature}
+    )
+    return varied
 
 
 def check_robot(robot: Any, name: str = "robot") -> None:

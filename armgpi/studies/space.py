@@ -19,7 +19,13 @@ from armgpi.robot.changes import CHANGES
 from armgpi.studies.evaluation import with_keys
 
 #: Searched where nothing is said only while the key that each is for is not zero, or asked for by name alone.
-_NEEDS = {"rolloff_ratio": "rolloff", "second_ratio": "", "second_zeta": ""}
+_NEEDS = {
+    "rolloff_ratio": "rolloff",
+    "second_ratio": "",
+    "second_zeta": "",
+    "link_factor": "",
+    "rotor_factor": "",
+}
 #: Parts of an experiment that scenarios have of their own; what to do about their numbers, and others'.
 _DRAWN = ("robot", "plant", "reference", "supervisor", "reality")
 _ELSE = "scenarios are drawn, and a controller's numbers searched: `armgpi sweep` varies all others"

@@ -323,7 +323,7 @@ def proportional_gain(law: Controller) -> Array | None:
     None for a law that is not stiff: all but those that were made for encoders at the motors, which have a
     share of the links' inertia in their feedback, and start without a kick.
     """
-    if getattr(law, "start", "") != "rest" or law.link_factor == 1.0:  # type: ignore[attr-defined]
+    if getattr(law, "start", "") != "rest" or np.all(law.link_factor == 1.0):  # type: ignore[attr-defined]
         return None
     robot: Any = law.robot
     shape = (robot.n,) if law.batch is None else (law.batch, robot.n)

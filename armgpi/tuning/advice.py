@@ -60,6 +60,26 @@ def mixed_batch(kinds: Sequence[str]) -> Iterator[Finding]:
     yield Finding("warning", "robot", message, len(rows), 1, repair)
 
 
+def sensitive_arms(peaks: Sequence[float], most: float) -> Iterator[Finding]:
+    """Find arms with stiff joints whose loop is sensitive under the controller of a mixed batch.
+
+    Args:
+        peaks: peak sensitivity of each arm [-]; NaN where its joints are elastic.
+        most: that is no finding [-].
+    """
+    # An unstable loop has an infinite peak.
+    sharp = [k for k, peak in enumerate(peaks) if peak > most]
+    if not sharp:
+        return
+    worst = max(peaks[k] for k in sharp)
+    message = (
+        f"arms {_numbered(sharp)} of the batch have stiff joints, and a peak sensitivity Ms of up to "
+        f"{worst:.3g} under the controller for elastic joints (usual: 1.2 to 2): they may oscillate"
+    )
+    repair = "make a RobotBatch of the arms of each kind, or sample faster"
+    yield Finding("warning", "robot", message, worst, most, repair)
+
+
 def _numbered(rows: Sequence[int]) -> str:
     """Return the numbers of some arms, the first few of many."""
     shown = ", ".join(map(str, rows[:_SHOWN]))

@@ -5,10 +5,11 @@ above -180 degrees there. What limits it is not the resonance but the delay T of
 loop, together with how much more inertia the feedback has than the rotor alone, which is all that the torque
 moves at high frequencies. So the derivative filter is kept apart from the bandwidth. With
 
-    C(s) = w s / (1 + s/f) + w^2 / 2.5 + w^3 / (25 s)
+    C(s) = w s / (1 + s/f) + w^2 / 2 + w^3 / (15 s)
 
-the characteristic polynomial of one joint has a pair of poles at some w/2, a slow real one at some w/7 and a
-fast one near f. It is the member of the GPI family with one integrator and no roll-off.
+the characteristic polynomial of one joint has a pair of poles at 0.58 w, a slow real one at 0.2 w and a fast
+one near f. Loops that are late have w^2 / 2.5 and w^3 / 25. It is the member of the GPI family with one
+integrator and no roll-off.
 """
 
 from __future__ import annotations
@@ -38,6 +39,16 @@ ROTOR_FACTOR = 1.5
 #: holds a load with w^2 times them: with less inertia and more w the same stiffness needs less damping.
 LATE_LINK_FACTOR = 0.2
 LATE_ROTOR_FACTOR = 1.0
+#: Divisors p and i of the proportional and integral gains, w^2 / p and w^3 / i [-]. A joint that friction
+#: holds beside its reference moves on when the integral has grown by that friction: with these it does so
+#: soon enough to be at rest where with 2.5 and 25 it still creeps (tools/first_rule.py, seed 501).
+PROPORTIONAL, INTEGRAL = 2.0, 15.0
+#: The same where the loop is late.
+LATE_PROPORTIONAL, LATE_INTEGRAL = 2.5, 25.0
+#: Error that is not integrated while the reference rests [rad or m], but no less than so many counts.
+REST_ZONE, REST_COUNTS = 1e-4, 2.0
+#: The same where the loop is late, and at most.
+LATE_REST_ZONE = 3e-4
 #: Highest velocity gain w [rad/s]; faster loops bring little and step the torque more.
 FASTEST = 45.0
 #: Lowest velocity gain w [rad/s]: an arm that is slower falls under a load.
@@ -79,6 +90,9 @@ class Collocated(NamedTuple):
             "gears" (elasticity) or "crossover".
         link_factor: share of the links' inertia in the feedback [-].
         rotor_factor: share of the rotors' inertia in the feedback [-].
+        proportional: divisor of the proportional gain [-].
+        integral: divisor of the integral gain [-].
+        rest_zone: error that is not integrated while the reference rests [rad or m].
     """
 
     w: Array
@@ -86,11 +100,15 @@ class Collocated(NamedTuple):
     limits: tuple[str, ...]
     link_factor: float = LINK_FACTOR
     rotor_factor: float = ROTOR_FACTOR
+    proportional: float = PROPORTIONAL
+    integral: float = INTEGRAL
+    rest_zone: float = REST_ZONE
 
     @property
     def poles(self) -> Poles:
         """The poles of each joint's loop, as parameters of the GPI family."""
-        return Poles(*np.array([poles_of(w, f) for w, f in zip(self.w, self.f, strict=True)]).T)
+        joints = zip(self.w, self.f, strict=True)
+        return Poles(*np.array([poles_of(w, f, self.proportional, self.integral) for w, f in joints]).T)
 
 
 class Poles(NamedTuple):
@@ -114,19 +132,23 @@ class Poles(NamedTuple):
         return Member(1, 0, 4.0, self.second_ratio, self.second_zeta)
 
 
-def poles_of(w: float, f: float) -> tuple[float, float, float, float]:
-    """Return pair and second factor of s^3 (1 + s/f) + w s^2 + (w^2 s/2.5 + w^3/25) (1 + s/f).
+def poles_of(
+    w: float, f: float, proportional: float = PROPORTIONAL, integral: float = INTEGRAL
+) -> tuple[float, float, float, float]:
+    """Return pair and second factor of s^3 (1 + s/f) + w s^2 + (w^2 s/p + w^3/i) (1 + s/f).
 
     Args:
         w: velocity gain [rad/s].
         f: filter frequency [rad/s], five times w at least: then two roots are real.
+        proportional: divisor p of the proportional gain [-].
+        integral: divisor i of the integral gain [-].
 
     Returns:
         Natural frequency [rad/s] and damping ratio of the pair, ratio and damping ratio of the other factor.
     """
-    stiff = w * w / 2.5
-    integral = w**3 / 25.0
-    roots = np.roots([1.0 / f, 1.0, w + stiff / f, stiff + integral / f, integral])
+    stiffness = w * w / proportional
+    rate = w**3 / integral
+    roots = np.roots([1.0 / f, 1.0, w + stiffness / f, stiffness + rate / f, rate])
     order = np.argsort(np.abs(roots.imag))
     slow, fast = np.sort(-roots[order[:2]].real)
     pair = roots[order[2]]
@@ -188,12 +210,20 @@ def choose(
     fast_enough = w
     nominal = feedback_model(carried, own.link_factor, own.rotor_factor)
     cases = _loops(robot, dt, late, current, own.damping)
-    while not _all_stable(cases, nominal, robot, Collocated(w, f, ()).poles, dt):
+    shape = (own.link_factor, own.rotor_factor, own.proportional, own.integral)
+    while not _all_stable(cases, nominal, robot, Collocated(w, f, (), *shape).poles, dt):
         w = w / SLOWER
         if float(w.min()) < SLOWEST / SLOWER:
             return None
     limits = np.where(w < fast_enough, "gears", limits)
-    return Collocated(w, f, tuple(limits.tolist()), own.link_factor, own.rotor_factor)
+    return Collocated(w, f, tuple(limits.tolist()), *shape, _rest_zone(own.rest_zone, counts))
+
+
+def _rest_zone(least: float, counts: Array | None) -> float:
+    """Return the error that is not integrated at rest [rad or m]: above what encoders cannot tell."""
+    if counts is None:
+        return least
+    return min(max(least, REST_COUNTS * float(np.max(counts))), LATE_REST_ZONE)
 
 
 def _all_stable(cases: tuple[geared.Case, ...], nominal: Any, robot: Robot, poles: Poles, dt: float) -> bool:
@@ -202,18 +232,31 @@ def _all_stable(cases: tuple[geared.Case, ...], nominal: Any, robot: Robot, pole
 
 
 class _Feedback(NamedTuple):
-    """Shares of inertia in the feedback, and the damping ratio of the joints that loops need, all [-]."""
+    """What suits a delay.
+
+    Attributes:
+        link_factor: share of the links' inertia in the feedback [-].
+        rotor_factor: share of the rotors' inertia [-].
+        damping: damping ratio of the joints that loops need [-].
+        proportional: divisor of the proportional gain [-].
+        integral: divisor of the integral gain [-].
+        rest_zone: error that is not integrated at rest [rad or m].
+    """
 
     link_factor: float
     rotor_factor: float
     damping: float
+    proportional: float
+    integral: float
+    rest_zone: float
 
     @classmethod
     def of(cls, delay: float) -> _Feedback:
         """Return what suits a delay [s]."""
         if delay < COMPARED:
-            return cls(LINK_FACTOR, ROTOR_FACTOR, DAMPING)
-        return cls(LATE_LINK_FACTOR, LATE_ROTOR_FACTOR, LATE_DAMPING)
+            return cls(LINK_FACTOR, ROTOR_FACTOR, DAMPING, PROPORTIONAL, INTEGRAL, REST_ZONE)
+        late = (LATE_LINK_FACTOR, LATE_ROTOR_FACTOR, LATE_DAMPING, LATE_PROPORTIONAL, LATE_INTEGRAL)
+        return cls(*late, LATE_REST_ZONE)
 
 
 def has_feedback(link_factor: float, rotor_factor: float) -> bool:

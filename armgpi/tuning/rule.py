@@ -209,7 +209,24 @@ def _of_batch(robot: RobotBatch, dt: float, delay: float, bits: Any, given: Mapp
             return _without(given, _with_structure(common, one, dt, delay, own_bits, own))
 
         rows = _for_each(robot.robots, bits, given, with_common)
+        peaks = [
+            math.nan if geared.is_known(one) else _rigid_sensitivity(one, dt, delay, {**row, **given})
+            for one, row in zip(robot.robots, rows, strict=True)
+        ]
+        findings += tuple(advice.sensitive_arms(peaks, geared.SENSITIVITIES[-1]))
     return Choice(_stacked(rows), findings)
+
+
+def _rigid_sensitivity(robot: Robot, dt: float, delay: float, every: Mapping[str, Any]) -> float:
+    """Return the peak sensitivity of an arm with stiff joints under a controller for elastic ones [-]."""
+    own, loads = Member.chosen_by(every), every.get("payload")
+    if "omega_c" not in every:  # whoever brings gains looks after them
+        return math.nan
+    loaded: Any = robot if loads is None else loads.choose(robot, dt, delay, 1e-9, own).nominal
+    nominal: Any = with_heavier_rotors(loaded, every.get("rotor_factor", 1.0))
+    bias = robot if every["feedforward"] == "computed" else None
+    loops = geared.Loops(geared.rigid_cases(robot, dt, samples_late(dt, delay)), nominal, bias, own, dt)
+    return float(loops.sensitivity(every["omega_c"] * np.ones(robot.n)))
 
 
 def _each_alone(
@@ -474,7 +491,7 @@ def _choose_collocated(
         "link_factor": numbers.link_factor,
         "rotor_factor": numbers.rotor_factor,
         "friction_feedforward": _knows_friction(robot),
-        "rest_dead_zone": REST_ZONE,
+        "rest_dead_zone": numbers.rest_zone,
         "start": START,
         **numbers.poles._asdict(),
     }

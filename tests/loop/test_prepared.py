@@ -273,6 +273,36 @@ def test_other_numbers_trace_and_compile_nothing(name: str, monkeypatch: pytest.
         loop.run({})
 
 
+@pytest.mark.parametrize("scale", [1.0, 0.9])
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+def test_factors_of_the_feedbacks_inertia_by_rollout_are_those_of_single_runs(
+    backend: str, scale: float
+) -> None:
+    """The nominal model of each rollout has its own links and rotors, also where it is scaled already."""
+    arm = ARM.with_armature(0.04)
+    plant = RigidBodyPlant(arm)
+
+    def law(link_factor: float = 1.0, rotor_factor: float = 1.0) -> GPI:
+        return GPI(
+            arm.scaled_inertia(scale),
+            DT,
+            FixedGains(12.0),
+            bias_robot=arm,
+            feedforward="computed",
+            integrators=1,
+            link_factor=link_factor,
+            rotor_factor=rotor_factor,
+        )
+
+    links, rotors = np.array([0.4, 0.7, 1.0]), np.array([1.5, 1.0, 2.0])
+    loop = armgpi.prepare(plant, law(), MOVE, 0.05, backend=backend)
+    found = loop.run({"controller.link_factor": links, "controller.rotor_factor": rotors}, progress=False)
+    for row in range(3):
+        single = law(float(links[row]), float(rotors[row]))
+        one = armgpi.simulate(plant, single, MOVE, 0.05, backend="numpy", progress=False)
+        np.testing.assert_allclose(found["tau"].values[row], one["tau"].values, rtol=1e-9, atol=1e-9)
+
+
 @pytest.mark.parametrize("backend", ["numpy", "compiled"])
 def test_delays_by_rollout_are_those_of_single_runs(backend: str) -> None:
     late = np.array([0, 3, 1])

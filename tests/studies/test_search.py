@@ -156,7 +156,9 @@ def test_what_cannot_be_searched_is_named(free: Any, error: type[Exception], nam
 def test_what_has_no_effect_is_not_free_by_default() -> None:
     assert "rolloff_ratio" not in space({"type": "gpi"}).names
     assert "rolloff_ratio" in space({"type": "gpi", "rolloff": 1}).names
-    assert "second_ratio" in numbers(config.controller({"type": "gpi"}, DRAWS[0].context))
+    assert "link_factor" not in space({"type": "gpi"}).names
+    known = numbers(config.controller({"type": "gpi"}, DRAWS[0].context))
+    assert {"second_ratio", "second_zeta", "link_factor", "rotor_factor"} <= set(known)
 
 
 # What is wanted.

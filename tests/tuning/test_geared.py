@@ -161,6 +161,31 @@ def test_a_stiff_arm_in_a_batch_with_an_elastic_one_is_judged_on_stiff_joints() 
         assert max(peaks) <= geared.RIGID_SENSITIVITY
 
 
+@pytest.mark.filterwarnings("ignore:.*different controllers alone")
+def test_a_stiff_arm_that_a_mixed_batch_makes_sensitive_is_named_with_its_peak() -> None:
+    """Wrists without rotors are so light that the controller for elastic joints shakes them."""
+    stiff = PANDA
+    arms = RobotBatch([rotors.assume_gears(PANDA), stiff])
+    with pytest.warns(ArmgpiWarning, match="arms 1 of the batch have stiff joints, and a peak") as warned:
+        law = GPI.auto(arms, DT, delay=DT, bits=16)
+    (said,) = (str(each.message) for each in warned if "peak sensitivity" in str(each.message))
+    one = GPI(
+        stiff,
+        DT,
+        delay=DT,
+        gains=FixedGains(law.gains.nominal().omega_c[1]),
+        integrators=law.integrators,
+        rolloff=law.rolloff,
+        second_zeta=0.7,
+        rotor_factor=law.rotor_factor,
+        feedforward="computed",
+    )
+    cases = geared.rigid_cases(stiff, DT, 1)
+    peak = max(case.arm.sensitivity(two_mass.law(one, case.q)) for case in cases)
+    assert float(said.partition("up to ")[2].split()[0]) == pytest.approx(peak, rel=0.02)
+    assert peak > 6.3
+
+
 def test_heavier_rotors_are_those_of_the_feedback_alone() -> None:
     arm = UR5.with_armature(ROTORS[UR5])
     law = GPI(arm, DT, rotor_factor=3.0, feedforward="computed")

@@ -32,6 +32,8 @@ _HEAVIEST, _LOADS = 0.15, 5
 #: Rotor inertia and friction of the plant, in percent of the inertia at the start and of the effort limits.
 _ROTORS = (0.0, 10.0, 30.0, 100.0)
 _COULOMB, _VISCOUS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0), (0.0, 0.5, 1.0, 2.0, 5.0)
+#: Numbers of a controller that make another nominal model: it has no slider but that of the whole inertia.
+_OF_THE_MODEL = ("link_factor", "rotor_factor")
 #: Bandwidths, in percent of those of the experiment, where they differ by joint.
 _BANDWIDTHS = (
     30.0,
@@ -246,7 +248,9 @@ def _controllers(sections: Mapping[str, dict[str, Any]], robot: Robot) -> Iterat
     keys = dict.fromkeys(key for kind in sections for key in _declared_parameters(kind))
     for key, kind in itertools.product(keys, sections):
         declared = _declared_parameters(kind).get(key)
-        if declared is not None and declared.varies and declared.kind in ("number", "integer", "box"):
+        if key in _OF_THE_MODEL or declared is None or not declared.varies:
+            continue
+        if declared.kind in ("number", "integer", "box"):
             yield from _declared_slider(kind, key, declared, sections[kind][key])
     yield from _nominal(sections, robot)
 

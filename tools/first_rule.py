@@ -1,0 +1,396 @@
+"""Compare automatic controllers on the same drawn arms: today's, with and without the side, and an older one.
+
+    python tools/first_rule.py --arms ur5 panda --per-arm 48 --seed 31337
+    python tools/first_rule.py --requests requests.json; see tools/old_rule.py
+    python tools/first_rule.py --old old.json --out outcomes.json
+    python tools/first_rule.py --variants '{rest_dead_zone: 1.0e-3}' '{PROPORTIONAL: 2.5, INTEGRAL: 25.0}'
+
+Variants change parameters of the controller, or, in capitals, numbers of armgpi/tuning/collocated.py.
+
+Draws are those of the uncertainty model `owned` with encoders of 15 to 18 bits at the motors, whose side the
+first controller knows. All controllers have the same encoders, and all assume a gear ratio of 100. Draws
+count where the motors can follow; others are not run. ITAE is that of the links, and that of what encoders at
+the motors see: without what gravity lets the links sink by. The tables have Wilson's intervals of 95 %, and
+ratios draw by draw: geometric means by arm, then over the arms, with an interval by resampling the draws of
+each arm.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import yaml
+
+import armgpi
+from armgpi import Robot
+from armgpi.escape import markdown_table
+from armgpi.gpi.gains import FixedGains
+from armgpi.gpi.payload import LoadRange
+from armgpi.health import reality as health
+from armgpi.health.zoo import fingers
+from armgpi.loop.prepared import prepare
+from armgpi.plants.reality import Reality, Scenario, batches, stack_draws
+from armgpi.robot import rotors
+from armgpi.tuning import collocated, rule
+
+#: Arms of docs/drives.md; romeo's has 2.4 kg.
+ARMS = ("ur5", "ur10", "panda", "z1", "g1_left_arm", "romeo_left_arm")
+#: Gear ratio that controllers assume.
+ASSUMED_RATIO = 100.0
+#: Final error [rad or m] below which an arm is where it should be.
+SMALL_ERROR = 5e-4
+#: Resamplings of an interval.
+_RESAMPLED = 2000
+#: Classes of the delay T [s].
+CLASSES = {"T < 5 ms": (0.0, 5e-3), "T 5-8 ms": (5e-3, 8e-3), "T >= 8 ms": (8e-3, math.inf)}
+
+
+class Kind(NamedTuple):
+    """What is drawn: name of the uncertainty model, and changes of its parameters."""
+
+    name: str
+    changes: Mapping[str, Any]
+
+    def reality(self, seed: int, dts: Sequence[float], delays: Sequence[float]) -> Reality:
+        """Return the uncertainty model, with sample times [s] and a range of delays [samples]."""
+        both = {"sample_time": np.array(dts), "delay": tuple(delays)}
+        return Reality(self.name, seed, block=12, **both, **self.changes)
+
+
+KINDS = {
+    "owned": Kind("owned", {"side_known": 1.0, "encoder_bits": (15.0, 18.0)}),
+    "undriven": Kind("undriven", {"side_known": 1.0, "motor_share": 1.0, "encoder_bits": (15.0, 18.0)}),
+    "link": Kind("elastic", {"motor_share": 0.0}),
+    "joint": Kind("owned", {"side_known": 1.0, "encoder_bits": (12.0, 20.0), "gear_ratio": (1.0, 1.0)}),
+}
+
+
+class Rest(NamedTuple):
+    """How a draw ends, beside its outcome.
+
+    Attributes:
+        outcome: of the draw.
+        itae_seen: ITAE of what encoders at the motors see [rad s^2].
+        final_seen: largest error at the end, likewise [rad or m].
+        moved: largest motion of a joint at the end [rad or m].
+    """
+
+    outcome: health.Outcome
+    itae_seen: float
+    final_seen: float
+    moved: float
+
+
+Chooser = Callable[[Scenario], dict[str, Any]]
+
+
+def known(changes: Mapping[str, Any]) -> Chooser:
+    """Return today's rule with other numbers, in capitals, and what is changed of its choice."""
+    numbers = {key: value for key, value in changes.items() if key.isupper()}
+    overrides = {key: value for key, value in changes.items() if not key.isupper()}
+
+    def choose(draw: Scenario) -> dict[str, Any]:
+        kept = {key: vars(collocated)[key] for key in numbers}
+        vars(collocated).update(numbers)
+        try:
+            values, _ = rule._chosen(draw.nominal, draw.dt, draw.delay * draw.dt, draw.encoder_bits, {})
+        finally:
+            vars(collocated).update(kept)
+        return {**values, **overrides}
+
+    return choose
+
+
+def bare(draw: Scenario, name: str) -> Robot:
+    """Return the nominal model of a draw whose side nobody knows."""
+    robot = rotors.assume_drives(Robot.load(name, fingers(name)))
+    return robot.with_limits(effort=draw.model.limits.effort).scaled_inertia(draw.numbers.inertia_scale)
+
+
+def bits_at_joint(draw: Scenario) -> float:
+    """Return the bits at the joint that the controller takes the encoders to have."""
+    at_motor = draw.gears is not None and draw.gears.side == "motor" and draw.numbers.side_known
+    geared = at_motor and draw.numbers.gear_ratio > 1.0
+    return draw.encoder_bits + (math.log2(ASSUMED_RATIO) if geared else 0.0)
+
+
+def unknown(names: Mapping[int, str]) -> Chooser:
+    """Return today's rule for a side that is not known."""
+
+    def choose(draw: Scenario) -> dict[str, Any]:
+        robot = bare(draw, names[draw.index])
+        values, _ = rule._chosen(robot, draw.dt, draw.delay * draw.dt, bits_at_joint(draw), {})
+        return values
+
+    return choose
+
+
+def stiff(names: Mapping[int, str]) -> Chooser:
+    """Return today's rule for joints that are specified to be stiff."""
+
+    def choose(draw: Scenario) -> dict[str, Any]:
+        name = names[draw.index]
+        robot = rotors.assume_drives(Robot.load(name, fingers(name)), "stiff")
+        robot = robot.with_limits(effort=draw.model.limits.effort).scaled_inertia(draw.numbers.inertia_scale)
+        values, _ = rule._chosen(robot, draw.dt, draw.delay * draw.dt, bits_at_joint(draw), {})
+        return values
+
+    return choose
+
+
+def stored(name: str, rows: Sequence[Mapping[str, Any]]) -> Chooser:
+    """Return what another version chose for the draws of an arm."""
+    by_index = {row["index"]: row["values"] for row in rows if row["arm"] == name}
+
+    def choose(draw: Scenario) -> dict[str, Any]:
+        values = dict(by_index[draw.index])
+        values["omega_c"] = np.array(values["omega_c"])
+        loads = values.pop("payload", None)
+        if loads is not None:
+            values["payload"] = LoadRange(heaviest=loads[0], com=tuple(loads[1]))
+        return values
+
+    return choose
+
+
+def structure_of(values: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Return what draws of one batch have to have in common."""
+    return tuple(sorted((k, v) for k, v in values.items() if isinstance(v, (int, str, bool, float))))
+
+
+def controller(draws: Sequence[Scenario], chosen: Sequence[Mapping[str, Any]]) -> armgpi.GPI:
+    """Return one controller of draws that run together."""
+    context = stack_draws(draws).context
+    own: dict[str, Any] = {}
+    single = len(draws) == 1
+    for name, first in chosen[0].items():
+        each = [values[name] for values in chosen]
+        if isinstance(first, LoadRange):
+            heaviest = [load.heaviest for load in each]
+            most: Any = heaviest[0] if single else np.array([[x] for x in heaviest])
+            own[name] = LoadRange(heaviest=most, com=first.com)
+        elif isinstance(first, np.ndarray):
+            own[name] = first if single else np.stack(each)
+        else:
+            own[name] = first
+    gains = FixedGains(own.pop("omega_c"), own.pop("zeta_c", 1.0))
+    fed: Any = None if own.get("feedforward", "none") == "none" else context.robot
+    return armgpi.GPI(context.nominal, context.dt, delay=context.delay, gains=gains, bias_robot=fed, **own)
+
+
+def run(name: str, draws: Sequence[Scenario], choose: Chooser) -> list[Rest]:
+    """Return what a controller comes to on draws of an arm."""
+    found = {}
+    for group in batches(draws):
+        parts: dict[Any, list[tuple[Scenario, dict[str, Any]]]] = {}
+        for draw in group:
+            values = choose(draw)
+            parts.setdefault(structure_of(values), []).append((draw, values))
+        for part in parts.values():
+            here = [draw for draw, _ in part]
+            law = controller(here, [values for _, values in part])
+            every = stack_draws(here)
+            loop = prepare(every.plant, law, every.reference, every.t_final, backend="compiled")
+            rollout = health.in_rows(loop.run(progress=False))
+            for row, draw in enumerate(here):
+                found[draw.index] = at_rest(rollout.isel(rollout=row), draw, name)
+    return [found[draw.index] for draw in draws]
+
+
+def at_rest(rollout: Any, draw: Scenario, name: str) -> Rest:
+    """Return what came of one rollout."""
+    outcome = health.outcome(rollout, draw, name)
+    outcome = outcome._replace(lag=health.loop_lag(draw), sample_time=draw.dt, delay=draw.delay)
+    if not math.isfinite(outcome.itae):
+        return Rest(outcome, math.inf, math.inf, math.inf)
+    seen = np.abs((rollout["q"] - rollout["q_ref"]).values + health.sunk(draw, rollout["q_ref"].values))
+    time = rollout["time"].values
+    end = time > time[-1] - health.END
+    itae = float((time[:, None] * seen).sum() * draw.dt)
+    moved = float(np.ptp(rollout["q"].values[end], axis=0).max())
+    return Rest(outcome, itae, float(seen[-1].max()), moved)
+
+
+def ratio(found: Sequence[Rest], reference: Sequence[Rest], column: str) -> str:
+    """Return a column over a reference: geometric means by arm, then over arms, with an interval."""
+    logs: dict[str, list[float]] = {}
+    for each, other in zip(found, reference, strict=True):
+        if each.outcome.failed or other.outcome.failed:
+            continue
+        pair = [x.itae_seen if column == "itae_seen" else getattr(x.outcome, column) for x in (each, other)]
+        logs.setdefault(each.outcome.arm, []).append(math.log(pair[0] / pair[1]))
+    if not logs:
+        return "-"
+    rows = [np.array(values) for values in logs.values()]
+    rng = np.random.default_rng(0)
+    means = [np.mean([rng.choice(row, row.size).mean() for row in rows]) for _ in range(_RESAMPLED)]
+    low, high = np.exp(np.quantile(means, (0.025, 0.975)))
+    return f"{math.exp(np.mean([row.mean() for row in rows])):.2f} ({low:.2f} to {high:.2f})"
+
+
+HEAD = (
+    "controller",
+    "draws",
+    "failed [%]",
+    "hunting [%]",
+    "chatter [%]",
+    "final error, median [mrad]",
+    "within 0.5 mrad [%]",
+    "ITAE of links",
+    "ITAE seen",
+    "variation",
+)
+
+
+def table(found: Mapping[str, Sequence[Rest]], least: float, most: float) -> str:
+    """Return, as Markdown, controllers on the draws of a class of delays, over the first one."""
+    first = next(iter(found.values()))
+    here = [k for k, x in enumerate(first) if least <= x.outcome.lag < most]
+    if not here:
+        return "no draws\n"
+    reference = [first[k] for k in here]
+    lines = []
+    for label, every in found.items():
+        rows = [every[k] for k in here]
+        shares = [
+            health.share([getattr(x.outcome, key) for x in rows]) for key in ("failed", "hunting", "chatter")
+        ]
+        final = f"{1e3 * np.median([x.final_seen for x in rows]):.2g}"
+        small = health.share([x.final_seen <= SMALL_ERROR for x in rows])
+        ratios = [ratio(rows, reference, column) for column in ("itae", "itae_seen", "variation")]
+        lines.append((label, str(len(rows)), *shares, final, small, *ratios))
+    return markdown_table(HEAD, lines)
+
+
+def by_arm(found: Mapping[str, Sequence[Rest]], least: float, most: float) -> str:
+    """Return, as Markdown, the same arm by arm: counts and ratios."""
+    first = next(iter(found.values()))
+    lines = []
+    for name in dict.fromkeys(x.outcome.arm for x in first):
+        for label, every in found.items():
+            pairs = [
+                (x, y)
+                for x, y in zip(every, first, strict=True)
+                if x.outcome.arm == name and least <= x.outcome.lag < most
+            ]
+            if not pairs:
+                continue
+            rows, reference = zip(*pairs, strict=True)
+            counts = [
+                str(sum(getattr(x.outcome, key) for x in rows)) for key in ("failed", "hunting", "chatter")
+            ]
+            ratios = [ratio(rows, reference, column) for column in ("itae", "itae_seen")]
+            median = f"{np.median([x.outcome.itae for x in rows]):.3g}"
+            lines.append((name, label, str(len(rows)), *counts, median, *ratios))
+    head = (
+        "arm",
+        "controller",
+        "draws",
+        "failed",
+        "hunting",
+        "chatter",
+        "median ITAE",
+        "ITAE of links",
+        "seen",
+    )
+    return markdown_table(head, lines)
+
+
+def able_draws(reality: Reality, name: str, count: int, most: float) -> list[Scenario]:
+    """Return the draws of an arm that its motors can follow, with delays below one [s]."""
+    drawn = [draw for draw in health.draws(reality, name, count) if health.loop_lag(draw) < most]
+    return [draw for draw in drawn if health.demand(draw) <= 1.0]
+
+
+def requests(names: Sequence[str], draws: Mapping[str, Sequence[Scenario]]) -> list[dict[str, Any]]:
+    """Return what the rule of another version has to know of each draw."""
+    rows = []
+    for name in names:
+        for draw in draws[name]:
+            effort = [x if math.isfinite(x) else None for x in draw.model.limits.effort.tolist()]
+            rows.append(
+                {
+                    "arm": name,
+                    "index": draw.index,
+                    "locked": list(fingers(name)),
+                    "effort": effort,
+                    "inertia_scale": draw.numbers.inertia_scale,
+                    "dt": draw.dt,
+                    "delay": draw.delay * draw.dt,
+                    "bits": bits_at_joint(draw),
+                }
+            )
+    return rows
+
+
+def options() -> argparse.Namespace:
+    """Return what is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--arms", nargs="+", default=list(ARMS))
+    parser.add_argument("--per-arm", type=int, default=48)
+    parser.add_argument("--seed", type=int, default=31337)
+    parser.add_argument("--kind", default="owned", choices=tuple(KINDS))
+    parser.add_argument("--sample-times", type=float, nargs="+", default=[5e-4, 1e-3, 2e-3], help="[s]")
+    parser.add_argument("--delays", type=float, nargs=2, default=[1.0, 3.0], help="least and most samples")
+    parser.add_argument("--most-delay", type=float, default=8e-3, help="delays T below it alone [s]")
+    parser.add_argument("--requests", type=Path, help="write what another version's rule needs, and end")
+    parser.add_argument("--old", type=Path, help="what another version chose for these draws")
+    parser.add_argument("--stiff", action="store_true", help="the controller for stiff joints as well")
+    parser.add_argument("--alone", action="store_true", help="without the controller for an unknown side")
+    parser.add_argument("--variants", type=yaml.safe_load, nargs="+", default=[], help="changed parameters")
+    parser.add_argument("--out", type=Path, help="write outcomes as JSON")
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Print the tables."""
+    given = options()
+    warnings.simplefilter("ignore")
+    reality = KINDS[given.kind].reality(given.seed, given.sample_times, given.delays)
+    draws = {name: able_draws(reality, name, given.per_arm, given.most_delay) for name in given.arms}
+    if given.requests:
+        given.requests.write_text(json.dumps(requests(given.arms, draws)), encoding="utf-8")
+        return
+    old = json.loads(given.old.read_text("utf-8")) if given.old else None
+    found: dict[str, list[Rest]] = {}
+    for name in given.arms:
+        here = draws[name]
+        names = {draw.index: name for draw in here}
+        kinds: dict[str, Chooser] = {}
+        if not given.alone:
+            kinds["side unknown"] = unknown(names)
+        kinds["automatic"] = known({})
+        if given.stiff:
+            kinds["stiff joints"] = stiff(names)
+        if old is not None:
+            kinds = {"older version": stored(name, old), **kinds}
+        for change in given.variants:
+            kinds[json.dumps(change)] = known(change)
+        for label, choose in kinds.items():
+            print(f"{name}, {label}", file=sys.stderr, flush=True)
+            found.setdefault(label, []).extend(run(name, here, choose))
+    for label, (least, most) in CLASSES.items():
+        print(f"\n{label}\n\n{table(found, least, most)}\n{by_arm(found, least, most)}", flush=True)
+    if given.out:
+        rows = {
+            label: [
+                {**x.outcome._asdict(), **{k: v for k, v in x._asdict().items() if k != "outcome"}}
+                for x in each
+            ]
+            for label, each in found.items()
+        }
+        given.out.write_text(
+            json.dumps({"arguments": vars(given), "outcomes": rows}, default=str) + "\n", "utf-8"
+        )
+
+
+if __name__ == "__main__":
+    main()
