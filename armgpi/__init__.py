@@ -20,7 +20,8 @@ Simulated arms (plants), sensors, actuators, loads, faults, contact
     Differentiated, SingleTurn, Unwrapped, Saturated, RateLimited, MotorFault, SensorFault, Load, Step,
     Pulse, Ramp, Sine, Contact, ToolForce, Wall, Spring, Reality, Scenario
 Runs
-    simulate, compare, Comparison, prepare, PreparedLoop, ClosedLoop, Status, load, save, metrics
+    simulate, compare, Comparison, prepare, PreparedLoop, ClosedLoop, Status, load, save, metrics,
+    tool_wrench, WrenchEstimator, ToolWrench
 Pictures
     plots, view, report
 Supervisor and export
@@ -73,6 +74,8 @@ if TYPE_CHECKING:
     from armgpi.control.pid_positions import PIDPositions as PIDPositions
     from armgpi.control.slotineli import SlotineLi as SlotineLi
     from armgpi.control.supertwisting import SuperTwisting as SuperTwisting
+    from armgpi.control.wrench import ToolWrench as ToolWrench
+    from armgpi.control.wrench import WrenchEstimator as WrenchEstimator
     from armgpi.errors import ArmgpiError as ArmgpiError
     from armgpi.errors import ArmgpiWarning as ArmgpiWarning
     from armgpi.gpi.gains import FixedGains as FixedGains
@@ -101,6 +104,7 @@ if TYPE_CHECKING:
     from armgpi.loop.weights import learned_weights as learned_weights
     from armgpi.loop.weights import load_weights as load_weights
     from armgpi.loop.weights import save_weights as save_weights
+    from armgpi.loop.wrench import tool_wrench as tool_wrench
     from armgpi.plants.actuators import RateLimited as RateLimited
     from armgpi.plants.actuators import Saturated as Saturated
     from armgpi.plants.elastic import ElasticPlant as ElasticPlant
@@ -177,6 +181,8 @@ _NAMES = {
     "control.ctdob": ("ComputedTorqueDOB",),
     "control.force_limit": ("ForceBound",),
     "control.force_limited": ("ForceLimited",),
+    "control.wrench": ("ToolWrench", "WrenchEstimator"),
+    "loop.wrench": ("tool_wrench",),
     "control.impedance": ("CartesianImpedance", "JointImpedance"),
     "control.impedance_limits": ("ImpedanceLimits",),
     "control.pid_positions": ("PIDPositions",),

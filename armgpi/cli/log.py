@@ -38,8 +38,11 @@ def log(file: Path, replay: Path | None = None, csv: Path | None = None, as_json
     from armgpi.loop.log import replay as compare
 
     there = read(file)
-    played = None if replay is None else compare(there, _law(replay))
+    law = None if replay is None else _law(replay)
+    played = None if law is None else compare(there, law)
     facts = _facts(there, played)
+    if law is not None and len(there.samples) > 1:
+        facts["wrench"] = _wrench(there, law.robot)
     if csv is not None:
         files.write(csv, _table(there))
     say(json.dumps(facts)) if as_json else _print(file, facts)
@@ -98,6 +101,36 @@ def _facts(there: ArmLog, played: Replay | None) -> dict[str, Any]:
     return facts
 
 
+def _wrench(there: ArmLog, robot: Any) -> dict[str, Any]:
+    """Return the force on the tool that the torques of a log tell, where it was largest and at the end."""
+    import numpy as np
+
+    from armgpi.loop.log import to_rollout
+    from armgpi.loop.wrench import tool_wrench
+
+    found = tool_wrench(to_rollout(there, robot), robot)
+    names = ("estimated_force", "estimated_force_low", "estimated_force_high")
+    force, low, high = (found[name].values for name in names)
+    largest = int(np.argmax(np.linalg.norm(force, axis=-1)))
+    return {
+        word: {
+            "time": float(found["time"].values[at]),
+            "force": force[at].tolist(),
+            "low": low[at].tolist(),
+            "high": high[at].tolist(),
+        }
+        for word, at in (("largest", largest), ("last", len(force) - 1))
+    }
+
+
+def _print_wrench(wrench: dict[str, Any]) -> None:
+    """Print the force on the tool, axis by axis with its interval."""
+    for word, each in wrench.items():
+        axes = zip("xyz", each["force"], each["low"], each["high"], strict=True)
+        parts = ", ".join(f"{axis} {force:.3g} ({low:.3g} to {high:.3g})" for axis, force, low, high in axes)
+        say(f"  {word + ' force':15} {parts} N on the tool at {each['time']:.4g} s, estimated")
+
+
 def _print(file: Path, facts: dict[str, Any]) -> None:
     """Print the summary of a log."""
     from armgpi.supervisor.reasons import remedy
@@ -121,6 +154,8 @@ def _print(file: Path, facts: dict[str, Any]) -> None:
         if values:
             joint = max(values, key=values.__getitem__)
             say(f"  {name:15} {values[joint]:.4g} ({joint})")
+    if "wrench" in facts:
+        _print_wrench(facts["wrench"])
     if (played := facts.get("replay")) is None:
         return
     if played["first"] is None:

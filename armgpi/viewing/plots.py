@@ -361,6 +361,8 @@ def plot_tool_angle(axes: Axes, rollout: xr.Dataset) -> None:
 def plot_force(axes: Axes, rollout: xr.Dataset) -> None:
     """Draw the largest force of a contact over time [N]; zero where nothing touches.
 
+    An estimate of :func:`armgpi.tool_wrench` is drawn beside it, with the band of its interval.
+
     Args:
         axes: axes of Matplotlib to draw into.
         rollout: one or several rollouts, as :func:`armgpi.simulate` returns them.
@@ -375,7 +377,31 @@ def plot_force(axes: Axes, rollout: xr.Dataset) -> None:
         return _length(data["contact_force"]).max("contact", skipna=False)
 
     _draw(axes, _tool_traces(rollout), largest)
+    if "estimated_force" in rollout:
+        _draw_estimate(axes, rollout)
     axes.set_ylabel("force [N]")
+
+
+def _draw_estimate(axes: Axes, rollout: xr.Dataset) -> None:
+    """Draw the length of estimated forces, and from where to where they may be."""
+    for trace in _tool_traces(rollout):
+        if "rollout" in trace.data["estimated_force"].dims:
+            continue
+        low, high = trace.data["estimated_force_low"], trace.data["estimated_force_high"]
+        # The box of the intervals: its nearest point to zero, and its farthest corner.
+        nearest = low.clip(min=0.0) - high.clip(max=0.0)
+        farthest = abs(low).where(abs(low) > abs(high), abs(high))
+        time = trace.data["time"].values
+        axes.fill_between(
+            time,
+            _length(nearest).values,
+            _length(farthest).values,
+            color=style.REFERENCE,
+            alpha=0.25,
+            linewidth=0,
+        )
+        estimate = _length(trace.data["estimated_force"])
+        axes.plot(time, estimate, color=style.REFERENCE, linestyle="--", label=text("estimated"))
 
 
 def plot_torque(
@@ -684,7 +710,11 @@ def tool(rollout: xr.Dataset) -> Figure:
     Raises:
         RolloutError: when the rollout has no tool.
     """
-    rows = [plot_tool_error, plot_tool_angle, *([plot_force] if "contact_force" in rollout else [])]
+    rows = [
+        plot_tool_error,
+        plot_tool_angle,
+        *([plot_force] if {"contact_force", "estimated_force"} & {*rollout} else []),
+    ]
     with styled():
         figure, axes = panels(len(rows), 1)
         for place, draw in zip(axes[:, 0], rows, strict=True):

@@ -478,6 +478,18 @@ CASES: dict[str, Case] = {
         },
         controlled,
     ),
+    "WrenchEstimator": Case(
+        armgpi.WrenchEstimator,
+        {
+            "robot": ARM,
+            "dt": DT,
+            "frame": TIP,
+            "bandwidth": 30.0,
+            "friction_within": 1.2,
+            "uncertain_mass": 0.1,
+        },
+        lambda made: made.step(np.array(Q), np.array(V), made.init(np.array(Q))),
+    ),
     "ForceLimited": Case(
         armgpi.ForceLimited,
         {
@@ -888,6 +900,17 @@ CASES: dict[str, Case] = {
         {"weights": armgpi.Weights(omega_c=[1.0, 2.0]), "path": NOWHERE, "robot": ARM},
     ),
     "load_weights": Case(armgpi.load_weights, {"path": NOWHERE, "robot": ARM}),
+    "tool_wrench": Case(
+        armgpi.tool_wrench,
+        {
+            "rollout": rollout(),
+            "robot": ARM,
+            "frame": TIP,
+            "bandwidth": 30.0,
+            "friction_within": 1.2,
+            "uncertain_mass": 0.1,
+        },
+    ),
     "learned_weights": Case(armgpi.learned_weights, {"rollout": rollout()}),
     "metrics.summary": Case(metrics.summary, {"rollout": rollout()}, slow=True),
     **{f"metrics.{name}": Case(getattr(metrics, name), {"rollout": rollout()}) for name in metrics.ALL},
@@ -988,6 +1011,7 @@ PLAIN = {
         "Scenario",
         "ImpedanceLimits",
         "ForceBound",
+        "ToolWrench",
         "InverseSolution",
         "LargestPayload",
         "PathBound",
