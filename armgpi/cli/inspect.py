@@ -304,6 +304,19 @@ def _compliance_part(facts: Mapping[str, Any]) -> list[_Part]:
 
 def _automatic_part(facts: Mapping[str, Any]) -> list[_Part]:
     """Return the GPI controller that automatic tuning chooses for the arm; none where it cannot."""
+    from armgpi.health.report import MOST_TUNED
+
+    heading = "Controller gpi_auto (automatic, model-based tuning)"
+    if facts["n"] > MOST_TUNED:
+        return [
+            _Part(
+                heading,
+                [
+                    f"not worked out for {facts['n']} joints, as that takes long (at most {MOST_TUNED}): "
+                    "choose an arm of the robot with --keep"
+                ],
+            )
+        ]
     if (law := facts["gpi_auto"]) is None:
         return []
     name = [joint["name"] for joint in facts["joints"]]
@@ -314,7 +327,7 @@ def _automatic_part(facts: Mapping[str, Any]) -> list[_Part]:
     order = "integrator" if law["integrators"] == 1 else "integrators"
     return [
         _Part(
-            "Controller gpi_auto (automatic, model-based tuning)",
+            heading,
             [
                 f"bandwidth omega_c = {slowest:.3g} to {fastest:.3g} rad/s, {law['integrators']} {order}, "
                 f"roll-off {law['rolloff']}, nominal load {law['nominal_load']:.2g} kg",

@@ -36,6 +36,10 @@ from armgpi.robot.robot import Robot
 from armgpi.robot.urdf import Urdf
 from armgpi.tuning.verdict import verdict
 
+#: Of a robot with more joints than this, as a humanoid's whole body, no controller is worked out only to be
+#: described: the time grows with the cube of their number (8 joints: 0.5 s, 18 joints: up to a minute).
+MOST_TUNED = 14
+
 
 @dataclass(frozen=True)
 class HealthReport:
@@ -284,7 +288,7 @@ def _facts(subject: Subject, drives: str | None) -> dict[str, Any]:
             "encoder_bits": subject.encoder_bits,
             "omega_c": subject.omega,
         },
-        "gpi_auto": _untuned_facts(subject, known, drives),
+        "gpi_auto": None if robot.n > MOST_TUNED else _untuned_facts(subject, known, drives),
         "compliance": compliance.plain(_compliance(subject, known)),
     }
 

@@ -441,3 +441,11 @@ def test_what_an_impedance_controller_may_be_asked_for_is_said_before_one_is_mad
     assert finding.value == pytest.approx(slow.facts["compliance"]["stiffness"])
     assert isinstance(finding.value, float)
     assert finding.value < 500.0
+
+
+def test_no_controller_is_worked_out_only_to_describe_a_whole_body(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("armgpi.health.report.MOST_TUNED", 5)
+    monkeypatch.setattr(GPI, "auto", lambda *_, **__: pytest.fail("a controller is worked out"))
+    found = health.inspect("ur5")
+    assert found.facts["gpi_auto"] is None
+    assert health.with_payload(found, 0.5).facts["payload"]["mass"] == 0.5
