@@ -46,6 +46,7 @@ from armgpi.robot import rotors
 from armgpi.robot.kinematics import random_configurations
 from armgpi.supervisor import Reason, complete_settings
 from armgpi.tuning import geared, two_mass
+from armgpi.viewing.style import look
 
 DT, BITS, LATE = 1e-3, 16, 1
 #: Rotors [kg m^2] and stiffness [N m/rad] of typical size: assumed, not identified.
@@ -323,40 +324,47 @@ def largest_error(plant: Any, law: GPI) -> tuple[Array, Array]:
 
 
 def picture(seed: int) -> None:
-    """Draw what rotors and gears do to a law, on UR5."""
+    """Draw what rotors and elastic joints do to a controller, on UR5."""
     import matplotlib.pyplot as plt
 
     rotor, stiffness = map(np.array, ARMS["ur5"])
     bare = arm("ur5")
     robot = bare.with_armature(rotor)
     laws = {
-        "rotors told not to be": untuned(bare, drives="none"),
-        "rotors believed": untuned(bare, drives="stiff"),
-        "rotors and gears believed": untuned(bare),
+        "designed without rotors": untuned(bare, drives="none"),
+        "for stiff joints (rotors assumed)": untuned(bare, drives="stiff"),
+        "for elastic joints (rotors and stiffness assumed)": untuned(bare),
     }
-    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(11.0, 3.4), layout="constrained")
+    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(13.0, 3.8), layout="constrained")
     elastic = ElasticPlant(robot, gear_stiffness=stiffness, current_bandwidth=500.0)
     factors, q = np.geomspace(0.1, 300.0, 40), robot.middle()
     links = robot.mass_matrix(q) - np.diag(rotor)
     for i, (name, law) in enumerate(laws.items()):
-        left.semilogy(*largest_error(RigidBodyPlant(robot), law), color=f"C{i}", label=name)
+        color, dashes = look(i)  # colours and dashes: to be told apart in grey too
+        line = {"color": color, "linestyle": dashes, "label": name}
+        left.semilogy(*largest_error(RigidBodyPlant(robot), law), **line)
         if i == 0:
             continue
         linear = two_mass.law(law, q)
-        for side, style in (("motor", "-"), ("link", "--")):
+        for side, marker in (("motor", ""), ("link", "o")):
             every = [two_mass.Gears(rotor, factor * stiffness, 0.03, 500.0, side) for factor in factors]
             modes = [rotors.lowest_mode(links, rotor, gears.stiffness) for gears in every]
             peaks = [two_mass.ArmLoop(robot, q, gears, DT, LATE).sensitivity(linear) for gears in every]
-            middle.loglog(modes, peaks, style, color=f"C{i}", label=f"encoder at the {side}")
-        right.semilogy(*largest_error(elastic, law), color=f"C{i}", label=name)
-    left.set(title="Rotors of 0.2 to 1.2 kg m², rigid gears", xlabel="time [s]", ylabel="largest error [rad]")
+            words = f"for {'stiff' if i == 1 else 'elastic'} joints, encoders at the {side}s"
+            middle.loglog(modes, peaks, **{**line, "label": words}, marker=marker, markersize=3, markevery=2)
+        right.semilogy(*largest_error(elastic, law), **line)
+    left.set(title="Arm with rotors, stiff joints", xlabel="time [s]", ylabel="largest error [rad]")
     middle.set(
-        title="Gears: a line ends where unstable",
+        title="Peak sensitivity: a line ends where unstable",
         xlabel="lowest resonance [Hz]",
-        ylabel="Ms",
+        ylabel="Ms (usual: 1.2 to 2)",
         ylim=(1.0, 20.0),
     )
-    right.set(title="Rotors and gears, encoders at motors", xlabel="time [s]", ylabel="largest error [rad]")
+    right.set(
+        title="Arm with elastic joints, encoders at the motors",
+        xlabel="time [s]",
+        ylabel="largest error [rad]",
+    )
     for axes in (left, middle):
         axes.legend(fontsize=7)
     for axes in (left, right):

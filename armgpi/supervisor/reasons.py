@@ -71,7 +71,7 @@ REASONS = {
         "unwrap; specify bits and noise; report missed samples by `armgpi_step_late`, or raise `jump`",
     ),
     Reason.NOT_FINITE: Cause(
-        "a measurement, or the law's torque, is not finite",
+        "a measurement, or the controller's torque, is not finite",
         "a driver that has no value yet, another unit",
         "start when all values are there; look at the first rows of the log",
     ),
@@ -87,7 +87,7 @@ REASONS = {
         "look which way the torque pointed (`armgpi bringup check`)",
     ),
     Reason.CAP: Cause(
-        "a torque is as far from what holds the model as it may be",
+        "a torque differs from the model's holding torque by the limit",
         "in a commissioning stage: a joint that does not move, a payload, gravity, friction above "
         "the stage limit",
         "`armgpi bringup check` names the cause; if it is friction, raise the limit in the file of the stage",
@@ -103,11 +103,22 @@ def remedy(reason: str) -> str:
     return f"{cause.when}. Mostly: {cause.cause}. {cause.remedy[0].upper()}{cause.remedy[1:]} ({PAGE})"
 
 
-def table(when: Mapping[Reason, str] | None = None) -> str:
-    """Return the table as Markdown, with what one controller has for a check, if told; "" for none."""
-    known = {reason: cause.when for reason, cause in REASONS.items() if reason} | dict(when or {})
-    rows = [
-        (f"`{reason.name}`", text or "never: it is not checked here", *REASONS[reason][1:])
-        for reason, text in known.items()
-    ]
+def table() -> str:
+    """Return the causes and remedies of all reasons, as Markdown."""
+    rows = [(f"`{reason.name}`", *cause) for reason, cause in REASONS.items() if reason]
     return markdown_table(("reason", "when", "mostly because of", "what to do"), rows)
+
+
+def checks(when: Mapping[Reason, str]) -> str:
+    """Return what one controller checks, as a list in Markdown.
+
+    Args:
+        when: reason -> its check in numbers; "" where the controller does not check it.
+    """
+    lines = [
+        f"- `{reason.name}` is reported when {text}.\n"
+        if text
+        else f"- `{reason.name}` is not checked here.\n"
+        for reason, text in when.items()
+    ]
+    return "".join(lines)

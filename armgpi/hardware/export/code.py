@@ -45,15 +45,15 @@ MEANING = {
 #: Version of the interface of exported code: of functions and of what the state and the info begin with.
 ABI = 3
 _STATES = {
-    State.INIT: "the torque ramps to the law's first one",
-    State.RUN: "the law follows the reference",
-    State.STOPPING: "the law follows a reference that decelerates",
-    State.HOLD: "that reference has stopped and the arm rests; the law holds it there",
+    State.INIT: "the torque ramps to the controller's first one",
+    State.RUN: "the controller follows the reference",
+    State.STOPPING: "the controller follows a reference that decelerates",
+    State.HOLD: "that reference has stopped and the arm is at rest; the controller holds it there",
     State.FAULT: "open loop: engage the brakes",
 }
 _ACTIONS = {
-    "brake": "the model's along the reference that decelerates, then its weight there",
-    "hold": "what carries the arm's weight at the last good position",
+    "brake": "the model's along the reference that decelerates, then its gravity torque",
+    "hold": "the gravity torque at the last good position",
     "zero": "zero",
 }
 _KERNEL_NOTES = {

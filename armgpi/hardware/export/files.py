@@ -443,7 +443,7 @@ def _contains(robot: Any) -> str:
         text = (
             "**The torque is without gravity**: the robot adds what carries the arm, as libfranka's and UR's "
             "torque interfaces do. On a robot that does not, the arm falls. The weight of a load that the "
-            "robot was not told of is a disturbance."
+            "robot does not know is a disturbance."
         )
     if fingers := moving_gripper(robot):
         listed = ", ".join(f"`{plain(joint)}`" for joint in fingers)
@@ -459,8 +459,8 @@ def _faults(controller: Supervised) -> dict[str, str]:
     """Return what the README says of faults: name -> text."""
     given, bounds, robot = controller.supervisor, controller.bounds, controller.robot
     action = {
-        "brake": "the model's torque along the decelerating reference, then the arm's weight where it ends",
-        "hold": "the torque that carries the arm's weight at the last good position",
+        "brake": "the model's torque along the decelerating reference, then its gravity torque where it ends",
+        "hold": "the gravity torque at the last good position",
         "zero": "zero torque",
     }[given.on_fault]
     rate = ""
@@ -481,21 +481,22 @@ def _faults(controller: Supervised) -> dict[str, str]:
         "since it last changed its reference has moved by more than "
         f"{_few(bounds.travel)} rad or m, and its torque by more "
         f"than {_few(controller.frozen.sticking)} N m or N, or is at its limit; at once where the joint was "
-        "moving with its reference. An arm at rest is no fault" * bool(controller.frozen_samples),
+        "moving with its reference (an arm at rest is no fault)" * bool(controller.frozen_samples),
         Reason.JUMP: _jump_text(bounds.jump, robot, "a position") * bool(given.jump),
         Reason.RESPONSE: f"a joint ran away from its reference for eight samples and {given.response:g} s "
-        "while its torque pushed back; the state is FAULT, and that joint brakes by its torque turned round"
+        "while its torque pushed back; the state is FAULT, and that joint brakes with its torque reversed"
         * bool(given.response),
         Reason.SPEED: f"a joint was faster than {_few(bounds.speed / controller.dt)} rad/s or m/s"
         * (given.speed is not None or given.speed_cap is not None),
-        Reason.CAP: f"the law asked for a torque that is {_few(bounds.cap)} N m or N from what holds the "
-        "model; the state is FAULT" * (given.torque_cap is not None),
+        Reason.CAP: f"the controller asked for a torque that differs by {_few(bounds.cap)} N m or N from "
+        "the model's holding torque; the state is FAULT" * (given.torque_cap is not None),
     }
     return {
         "action": action,
         "rate": rate,
         "deceleration": f"{_few(bounds.slowing / controller.dt**2)} rad/s^2 or m/s^2{built}",
-        "reasons": reasons.table(when),
+        "reasons": reasons.table(),
+        "checks": reasons.checks(when),
     }
 
 
