@@ -361,7 +361,7 @@ def picture(seed: int) -> None:
         ylim=(1.0, 20.0),
     )
     right.set(
-        title="Arm with elastic joints, encoders at the motors",
+        title="Arm with elastic joints",
         xlabel="time [s]",
         ylabel="largest error [rad]",
     )
