@@ -15,6 +15,7 @@ from armgpi.cli import app
 from armgpi.errors import ConfigError
 from armgpi.hardware.export.code import generate
 from armgpi.hardware.export.files import _readme
+from armgpi.hardware.realtime import judge as judging
 from armgpi.hardware.realtime import run, stages
 from armgpi.hardware.realtime.judge import QUESTIONS, judge
 from armgpi.hardware.realtime.stages import CAPS, Folder, Stage
@@ -215,6 +216,33 @@ def test_a_mounting_is_tested_where_a_tilted_base_would_show(
     upside_down = found(robot.with_gravity((0.0, 0.0, 9.81)))
     assert upside_down.findings
     assert not upside_down.passed["mounting"]
+
+
+def test_friction_that_a_robot_may_bear_is_that_of_where_it_begins(
+    folder: Folder, dry: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a dry run and in a stage: later the arm may have moved, by hand or by its torques."""
+    places = []
+    plain = judging.moving_torque
+
+    def seen(robot: Robot, q: Any) -> Any:
+        places.append(np.array(q))
+        return plain(robot, q)
+
+    monkeypatch.setattr(judging, "moving_torque", seen)
+    joint = kinds(folder, "joint")[0]
+    for stage, log in ((folder.stages[0], dry.log), (joint, recorded(folder, joint)[1].log)):
+        rows = log.rows.copy()
+        rows["q_measured"][1] = rows["q_measured"][0] + 1e-6
+        if stage.kind == "dry":  # as a robot does that carries its own weight
+            rows["applied"] = folder.experiment(stage).robot.gravity(rows["q_measured"])
+        changed = log._replace(rows=rows)
+        path = logs.write(changed, folder.path / f"{stage.name}.armlog")
+        places.clear()
+        judge(folder, [path])
+        assert places
+        for place in places:
+            np.testing.assert_array_equal(place, changed.samples["q_measured"][0])
 
 
 def test_a_log_is_identified_from_memory_as_from_its_file(folder: Folder, dry: Any, tmp_path: Path) -> None:

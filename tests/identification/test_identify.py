@@ -120,6 +120,15 @@ def test_friction_that_grows_with_the_load_or_towards_rest_is_found_where_it_is(
     assert not {"load", "stribeck"} & {row.quantity for row in found().table()}
 
 
+def test_a_lag_of_each_joint_and_other_frictions_are_not_taken_where_noise_alone_is_left() -> None:
+    """Each of them explains a little of any noise; who takes what explains nothing finds it everywhere."""
+    rng = np.random.default_rng(5)
+    noise = 0.02 * log().tau.std(axis=0) * rng.normal(size=log().tau.shape)
+    result = identify(log()._replace(tau=log().tau + noise), file())
+    assert np.ptp(result.lag) == 0.0
+    assert not {"load", "stribeck"} & {row.quantity for row in result.table()}
+
+
 def test_what_cannot_be_told_apart_is_told_as_a_sum() -> None:
     (base,) = (row for row in found().table() if (row.joint, row.quantity) == ("q1", "rotor"))
     both = found().sums()[0]
@@ -198,6 +207,8 @@ def test_written_and_loaded_again_it_is_the_same_arm(tmp_path: Path) -> None:
     assert data["validation"]["identified"]["q1"] < 0.02 < data["validation"]["file"]["q1"]
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "The model leaves" in page
+    for name in ("identification.json", "drives.yaml"):  # a text file ends with its last line
+        assert (tmp_path / name).read_bytes().endswith(b"\n")
 
 
 @cache
