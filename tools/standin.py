@@ -198,9 +198,9 @@ def run_python(folder: Path, arm: Arm, words: list[str], version: str = VERSION)
 def build(folder: Path, made: Path) -> Path:
     """Build the program of a folder beside the stubs, and return it."""
     if (folder / "package.xml").exists():
-        sources = [str(folder / f"armgpi_{x}.c") for x in ("controller", "move", "log")]
+        sources = [str(folder / f"armgpi_{x}.c") for x in ("controller", "move", "follow", "log")]
         run(["cc", "-std=c99", "-O2", "-ffp-contract=off", "-c", *sources], made)
-        objects = [f"armgpi_{x}.o" for x in ("controller", "move", "log")]
+        objects = [f"armgpi_{x}.o" for x in ("controller", "move", "follow", "log")]
         where = [f"-I{folder / x}" for x in ("", "include")] + [f"-I{STUBS}"]
         source = str(STUBS / "ros2_manager.cpp")
         run(["g++", *FLAGS, "-DARMGPI_ROS2_STUBS", *where, source, *objects, "-o", "program"], made)

@@ -575,3 +575,17 @@ void armgpi_follow_next(armgpi_follow_t *follow, uint32_t elapsed, armgpi_real_t
         a_ref[i] = (armgpi_real_t)follow->a[i];
     }
 }
+
+uint32_t armgpi_follow_moves(const armgpi_follow_t *follow)
+{
+    uint32_t moves = ((follow->waiting != 0U) || (follow->settled == 0U)) ? 1U : 0U;
+    uint32_t i;
+
+    for (i = 0U; i < N; ++i) {
+        const uint32_t rests = ((fabs(follow->goal[i] - follow->q[i]) < RESTS) && (fabs(follow->v[i]) < RESTS)
+            && (fabs(follow->a[i]) < (follow->rate * RESTS))) ? 1U : 0U;
+
+        moves = (rests != 0U) ? moves : 1U;
+    }
+    return moves;
+}

@@ -81,6 +81,9 @@ uint32_t armgpi_follow_pose(armgpi_follow_t *follow, const double position[3], c
 void armgpi_follow_next(armgpi_follow_t *follow, uint32_t elapsed, armgpi_real_t q_ref[ARMGPI_N],
     armgpi_real_t v_ref[ARMGPI_N], armgpi_real_t a_ref[ARMGPI_N]);
 
+/* Return 0 where the reference rests at the configuration of the last pose, 1 while it moves. */
+uint32_t armgpi_follow_moves(const armgpi_follow_t *follow);
+
 #ifdef __cplusplus
 }
 #endif

@@ -30,6 +30,8 @@ from armgpi.version import VERSION
 
 #: Positions of poses beyond this are no positions of an arm's tool [m].
 _FARTHEST = 1e6
+#: How near to its goal, and how slow, the reference of a stream counts as at rest [rad or m, per s].
+_RESTS = 1e-4
 _DIALECT = Dialect("double", "uint32_t", literal)
 #: What a step calls, by name.
 _HELPERS = {
@@ -106,7 +108,7 @@ def follow_code(
         dt: sample time [s].
         feedforward: whether the poses' own speed is anticipated.
     """
-    numbers = {**constants(), "SMALLEST": SMALLEST, "FARTHEST": _FARTHEST}
+    numbers = {**constants(), "SMALLEST": SMALLEST, "FARTHEST": _FARTHEST, "RESTS": _RESTS}
     whole = {"ITERATIONS", "RETRIES"}
     defined = [
         f"#define {name} {int(value)}U" if name in whole else f"#define {name} {literal(float(value))}"

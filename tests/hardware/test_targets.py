@@ -18,6 +18,7 @@ import pytest
 import yaml
 from commands import Answer, fork_script
 from sampling import for_search
+from scipy.spatial.transform import Rotation
 from test_grippers import J, text
 
 from armgpi import (
@@ -33,6 +34,8 @@ from armgpi import (
 )
 from armgpi.errors import ParameterError
 from armgpi.loop import log as logs
+from armgpi.references.following import SetpointInverse, Setpoints
+from armgpi.robot.frames import Pose
 from armgpi.robot.rotors import assume_rotors
 from armgpi.supervisor import State
 
@@ -40,7 +43,7 @@ pytest.importorskip("casadi", reason="casadi writes the C")
 from armgpi.hardware.export.files import record
 from armgpi.hardware.export.interfaces import table
 from armgpi.hardware.export.names import rename
-from armgpi.hardware.export.targets import _tests
+from armgpi.hardware.export.targets import _tests, follow_limits
 
 compiled = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 ARM = Robot.load("anthropomorphic3")
@@ -273,7 +276,7 @@ def figures(said: str) -> dict[str, float]:
     return {name: float(value) for name, value in found}
 
 
-PARTS = ("controller", "move", "log")
+PARTS = ("controller", "move", "follow", "log")
 
 #: A dry run beside stubs whose arm is moved by hand: there is nothing that a torque could be sent by.
 LOOK = """
@@ -402,7 +405,16 @@ def test_a_package_follows_the_motion_of_its_log(target: str, tmp_path: Path) ->
     if target == "ur":
         (tmp_path / "followed.cpp").write_text(FOLLOWED)
         run(need("g++"), "-std=c++17", *WARNINGS, "-I.", "-c", "followed.cpp", folder=tmp_path)
-        run("cc", "-std=c99", "-c", "armgpi_log.c", "armgpi_controller.c", "armgpi_move.c", folder=tmp_path)
+        run(
+            "cc",
+            "-std=c99",
+            "-c",
+            "armgpi_log.c",
+            "armgpi_controller.c",
+            "armgpi_move.c",
+            "armgpi_follow.c",
+            folder=tmp_path,
+        )
         run(
             "g++",
             *(f"{x}.o" for x in ("followed", *(f"armgpi_{y}" for y in PARTS))),
@@ -418,6 +430,91 @@ def test_a_package_follows_the_motion_of_its_log(target: str, tmp_path: Path) ->
         said = run_python(script, folder=tmp_path)
         same = np.array([[float(x) for x in line.split()] for line in said.splitlines()])
         np.testing.assert_allclose(lines[:, 1:], same, atol=1e-12)
+
+
+@compiled
+@pytest.mark.usefixtures("compile_quickly")
+@pytest.mark.parametrize("target", ["fci", "ur"])
+def test_a_package_follows_poses_as_they_arrive(target: str, tmp_path: Path) -> None:
+    robot, dt, rate = interface(target)
+    law = Supervised(GPI.auto(assume_rotors(robot), dt, bits=18), rate)
+    export_controller(law, tmp_path, measure=False, target=target)
+    wished = poses_of(robot, tmp_path / "poses.csv", timed=True)
+    load, rotors = ".with_gravity((0, 0, 0))\n", "robot = armgpi.robot.rotors.assume_rotors(robot)\n"
+    script = LOOP.replace(load, load + rotors).replace("import armgpi\n", "import armgpi.robot.rotors\n")
+    goal = ",".join(map(str, ROOM[robot.n]))
+    said = run_python(script, target, f"--poses poses.csv {goal}", 0, folder=tmp_path)
+    assert said.startswith("run none")
+    assert ends_at(robot, wished, logs.read(tmp_path / "motion.armlog"))
+    assert robot.tip in (tmp_path / "README.md").read_text()
+
+
+#: A stream through the Python of an export: poses with a gap, a jump, one without norm; joints out.
+STREAM = """
+import json
+import armgpi_controller as c
+
+poses = json.load(open("poses.json"))
+moves = c.Moves(poses["start"])
+refused = moves.follow([0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0])
+rows, k = [], 0
+for sample in range(poses["samples"]):
+    t = sample * c.DT
+    while k < len(poses["times"]) and poses["times"][k] <= t + 1e-9:
+        assert moves.follow(*poses["poses"][k], age=t - poses["times"][k])
+        k += 1
+    rows.append(moves.next())
+    assert not moves.move_to(poses["start"]) or not moves.moving
+print(json.dumps([refused, rows]))
+"""
+
+
+@compiled
+@pytest.mark.parametrize(("real", "near"), [("double", 1e-9), ("float", 1e-5)])
+def test_an_exported_stream_is_that_of_python(real: str, near: float, tmp_path: Path) -> None:
+    robot = ur5().with_armature(0.5)
+    controller = Supervised(GPI(robot, 1e-3))
+    export_controller(controller, tmp_path, measure=False, real=real)
+    random, start = np.random.default_rng(0), robot.middle() + 0.2
+    here = robot.frame_pose(robot.tip, start)
+    times, poses = [], []
+    for i in range(40):
+        if 12 <= i < 18:
+            continue  # a gap of 200 ms
+        shift = 0.1 * np.sin([0.05 * i, 0.03 * i, 0.07 * i]) + 1e-3 * random.normal(size=3)
+        turn = Rotation.from_rotvec(0.02 * i * np.array([1.0, -0.5, 0.3]))
+        at = here.translation + shift + (i > 30) * np.array([0.0, 0.2, 0.0])
+        times.append(i / 30.0 + random.uniform(0.0, 8e-3))
+        poses.append([at, (Rotation.from_matrix(here.rotation) * turn).as_quat()])
+    if real == "float":
+        start = start.astype(np.float32).astype(float)
+    data = {
+        "start": start.tolist(),
+        "samples": 1800,
+        "times": times,
+        "poses": [[list(map(float, at)), list(map(float, turn))] for at, turn in poses],
+    }
+    (tmp_path / "poses.json").write_text(json.dumps(data))
+    refused, rows = json.loads(run_python(STREAM, folder=tmp_path))
+    assert refused is False
+    stream = Setpoints(
+        robot,
+        robot.tip,
+        times,
+        np.array([[*at, *turn] for at, turn in poses]),
+        follow_limits(controller),
+        start=start,
+        inverse=SetpointInverse(robot, robot.tip),
+    )
+    wished = stream.at(np.arange(1, 1801) * 1e-3)
+    scales: tuple[Any, ...] = (1.0, *map(np.asarray, follow_limits(controller)[:2]))
+    for i, scale in enumerate(scales):
+        found = np.array([row[i] for row in rows])
+        np.testing.assert_allclose(found / scale, np.asarray(wished[i]) / scale, rtol=0.0, atol=near)
+    for compiler in ("gcc", "clang"):
+        if shutil.which(compiler):
+            flags = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")
+            run(compiler, *flags, "-Wdouble-promotion", "-c", "armgpi_follow.c", folder=tmp_path)
 
 
 #: A program where a share of all packets is lost, each way, and a command is in flight, with 14 to 18 bits.
@@ -527,12 +624,45 @@ def test_the_cpp_program_moves_a_simulated_arm_too(
     is_stopped(arm.report(goal), tmp_path)
     if target == "ur":
         looks_on(program, robot)
+    wished = poses_of(robot, tmp_path / "poses.csv", timed=False)
+    arm = tool["Arm"](RigidBodyPlant(robot), dt, robot.middle())
+    goal = ",".join(map(str, ROOM[robot.n]))
+    assert tool["run_cpp"](tmp_path, arm, [goal, "--poses", "poses.csv"]) == 0
+    assert ends_at(robot, wished, logs.read(tmp_path / "motion.armlog"))
     # A motion begins with a move to where it begins.
     arm = tool["Arm"](RigidBodyPlant(robot), dt, robot.middle() + 0.05)
     assert tool["run_cpp"](tmp_path, arm, ["--motion", "motion.csv", "--log", "stage.armlog"]) == 0
     assert figures(arm.report(",".join(map(str, robot.middle()))))["away"] < 1e-3
     rows = logs.read(tmp_path / "stage.armlog").samples["q_ref"]
     np.testing.assert_allclose(rows[-1], robot.middle(), atol=1e-12)
+
+
+#: A configuration of each target's robot that is far from singular ones.
+ROOM = {6: [0.0, -1.2, 1.5, -1.87, -1.57, 0.3], 7: [0.0, -0.4, 0.0, -2.0, 0.0, 1.7, 0.8]}
+
+
+def poses_of(robot: Robot, file: Path, timed: bool) -> Pose:
+    """Write poses of the tip, in the end 50 mm and 0.1 rad from where it has room; return the last."""
+    start = robot.frame_pose(robot.tip, ROOM[robot.n])
+    rows = []
+    for i in range(20):
+        shift = 0.05 * (i + 1) / 20 * np.array([0.6, 0.0, -0.8])
+        turned = Rotation.from_matrix(start.rotation) * Rotation.from_rotvec([0.1 * (i + 1) / 20, 0.0, 0.0])
+        rows.append([*[i / 30.0] * timed, *(start.translation + shift), *turned.as_quat()])
+    head = ["time"] * timed + ["x", "y", "z", "qx", "qy", "qz", "qw"]
+    lines = [",".join(head), *(",".join(f"{x:.17g}" for x in row) for row in rows)]
+    file.write_text("\n".join(lines) + "\n")
+    return Pose(translation=start.translation + shift, rotation=turned.as_matrix())
+
+
+def ends_at(robot: Robot, wished: Pose, log: Any) -> bool:
+    """Whether the reference of a log ends at a pose, and the arm with it, without a fault."""
+    samples = log.samples
+    at = robot.frame_pose(robot.tip, np.asarray(samples["q_ref"][-1], dtype=float))
+    turn = Rotation.from_matrix(at.rotation.T @ wished.rotation).magnitude()
+    away = float(np.linalg.norm(at.translation - wished.translation))
+    near = np.abs(samples["q_measured"][-1] - samples["q_ref"][-1]).max()
+    return log.fault is None and away < 2e-4 and turn < 2e-3 and near < 2e-3
 
 
 def is_stopped(said: str, folder: Path) -> None:
@@ -558,6 +688,11 @@ def test_a_topic_moves_the_ros2_controller_and_a_service_stops_it(
     program = tool["build"](tmp_path, tmp_path / "built")
     monkeypatch.setitem(tool["run_cpp"].__globals__, "build", lambda *given: program)
     goal = ",".join(f"{x:.3f}" for x in ARM.middle() + 0.2)
+    here = ARM.frame_pose(ARM.tip, ARM.middle() + 0.15)
+    pose = [*here.translation, *Rotation.from_matrix(here.rotation).as_quat()]
+    arm = tool["Arm"](RigidBodyPlant(ARM), 1e-3, ARM.middle())
+    assert tool["run_cpp"](tmp_path, arm, [f"pose:{','.join(map(repr, map(float, pose)))}"]) == 0
+    assert ends_at(ARM, here, logs.read(tmp_path / "motion.armlog"))
     for ctrl_c in (0, 150):
         arm = tool["Arm"](RigidBodyPlant(ARM), 1e-3, ARM.middle(), ctrl_c=ctrl_c)
         assert tool["run_cpp"](tmp_path, arm, [goal]) == 0

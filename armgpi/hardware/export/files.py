@@ -404,6 +404,7 @@ def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | Non
             arrays=", ".join(f"{name}[ARMGPI_N]" for name in law.inputs),
             arguments=", ".join(law.inputs),
             dt=f"{controller.dt:g}",
+            frame=plain(robot.tip),
             argument_notes="\n".join(f"- `{name}`: {MEANING[name]}." for name in law.inputs),
             joints="\n".join(joints),
             start=f"{start} " if start else "",
@@ -428,7 +429,12 @@ def _running(controller: Supervised, target: str) -> str:
     robot: Any = controller.robot
     lower, upper, _, _ = robot.limits
     goal = ",".join(f"{x:.2f}" for x in robot.middle() + np.minimum(0.1, 0.25 * (upper - lower)))
-    fill = {"goal": goal, "rate": f"{1.0 / controller.dt:.0f}", "position": position_of(target, robot)}
+    fill = {
+        "frame": plain(robot.tip),
+        "goal": goal,
+        "rate": f"{1.0 / controller.dt:.0f}",
+        "position": position_of(target, robot),
+    }
     fill["side"] = "the motors' positions" if fill["position"] == "theta" else "the links' positions"
     return Template(template(f"README.{target}.md")).substitute(fill) + "\n"
 

@@ -13,7 +13,7 @@ from armgpi.robot.robot import Robot
 _FILES = ("main", "math", "float", "stdint", "stdio", "stdlib", "time")
 #: Names of an export: those of files, of functions and types, and of macros. Other strings are left alone.
 _OURS = re.compile(
-    r'"(?!armgpi_(?:controller|move|log))[^"\n]*"'
+    r'"(?!armgpi_(?:controller|move|follow|log))[^"\n]*"'
     r"|armgpi_controller(?=\.[cho]\b)|\b(?:armgpi|ARMGPI)_(?:CONTROLLER_(?=H\b))?"
 )
 

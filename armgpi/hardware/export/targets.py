@@ -9,11 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array
+from armgpi.codegen.following import follow_code
 from armgpi.control.controller import FullState, Measurement
 from armgpi.errors import ParameterError, Remedy
 from armgpi.hardware.export.code import ABI, Code, template
 from armgpi.hardware.export.interfaces import COMPENSATING, Interface
 from armgpi.hardware.export.names import plain
+from armgpi.references.following import FollowLimits, SetpointInverse
 from armgpi.references.reference import Target
 from armgpi.supervisor import FARTHEST, Reason, State, Supervised, least_acceleration
 from armgpi.supervisor.bounds import COUNTS
@@ -227,6 +229,7 @@ def package(code: Code, state_bytes: int, target: str) -> dict[str, str]:
         "faults": ",\n".join(_tests(law.controller)),
     }
     texts = {name: Template(template(name)).substitute(fill) for name in (*_PACKAGE, "test_faults.c")}
+    texts |= _follow(law.controller)
     own = TARGETS[target].items()
     return texts | {place: Template(template(name)).safe_substitute(fill) for name, place in own}
 
@@ -244,6 +247,21 @@ def move_limits(controller: Supervised) -> Array:
     acceleration = np.minimum(_MOVE_EFFORT * able, _MOVE_STOP * bounds.slowing / dt**2)
     jerk = np.minimum(acceleration / _MOVE_ONSET, _MOVE_RATE * able * bounds.rate / dt / effort)
     return np.stack([np.broadcast_to(row, robot.n) for row in (speed, acceleration, jerk)])
+
+
+def follow_limits(controller: Supervised) -> FollowLimits:
+    """Return the limits of streams of poses: as :meth:`FollowLimits.of`, and as fast as moves at most."""
+    robot: Any = controller.robot
+    limits = FollowLimits.of(robot, controller.supervisor.torque_rate)
+    return limits._replace(velocity=np.minimum(limits.velocity, move_limits(controller)[0]))
+
+
+def _follow(controller: Supervised) -> dict[str, str]:
+    """Return the C that follows poses of the arm's tip: name -> text."""
+    robot: Any = controller.robot
+    inverse = SetpointInverse(robot, robot.tip)
+    code = follow_code(robot, follow_limits(controller), inverse, controller.dt)
+    return {"armgpi_follow.h": code.header, "armgpi_follow.c": code.source}
 
 
 def _move(controller: Supervised, suffix: str) -> dict[str, str]:

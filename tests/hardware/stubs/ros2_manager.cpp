@@ -1,6 +1,6 @@
 // What a controller manager does with the plugin, around ros2_stubs.hpp: configure, activate, update, deactivate. Its
 // hardware is at the other end of the wire: seconds since the last update, positions -> torques. Arguments: goals, the first
-// by the topic, later ones when they are taken. Ctrl-C calls the service that stops the arm.
+// by the topic, later ones when they are taken, or pose:x,y,z,qx,qy,qz,qw, a pose by its topic. Ctrl-C calls the service that stops the arm.
 #include <csignal>
 
 #include "armgpi_controller/ros2_control.hpp"
@@ -37,6 +37,20 @@ int main(int argc, char* argv[]) {
   for (int given = 1; wire::take(seen);) {
     for (std::size_t i = 0; i < ARMGPI_N; ++i) manager.measured(i, seen[1U + i]);
     active = active || manager.on_activate(none) == Return::SUCCESS;
+    if (given < argc && std::string(argv[given]).rfind("pose:", 0) == 0) {
+      const char* number = argv[given] + 5;
+      double x[7] = {};
+      for (double& each : x) {
+        char* end = nullptr;
+        each = std::strtod(number, &end);
+        number = *end == ',' ? end + 1 : end;
+      }
+      auto message = std::make_shared<geometry_msgs::msg::PoseStamped>();
+      message->pose.position = {x[0], x[1], x[2]};
+      message->pose.orientation = {x[3], x[4], x[5], x[6]};
+      rclcpp::Subscription<geometry_msgs::msg::PoseStamped>::callback(message);
+      given = argc;
+    }
     armgpi_controller::Vector goal{};
     const char* at = given < argc ? argv[given] : "";
     for (auto& x : goal) {

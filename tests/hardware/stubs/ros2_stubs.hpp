@@ -36,6 +36,7 @@ struct Params {
   double log_seconds = 60.0;
   bool dry_run = false;
   std::string motion = "";
+  std::string base_frame = "";
 };
 class ParamListener {
  public:
@@ -112,6 +113,34 @@ struct String {
   std::string data;
 };
 }  // namespace std_msgs::msg
+
+namespace std_msgs::msg {
+struct Header {
+  std::string frame_id;
+};
+}  // namespace std_msgs::msg
+
+namespace geometry_msgs::msg {
+struct Point {
+  double x = 0.0;
+  double y = 0.0;
+  double z = 0.0;
+};
+struct Quaternion {
+  double x = 0.0;
+  double y = 0.0;
+  double z = 0.0;
+  double w = 1.0;
+};
+struct Pose {
+  Point position;
+  Quaternion orientation;
+};
+struct PoseStamped {
+  std_msgs::msg::Header header;
+  Pose pose;
+};
+}  // namespace geometry_msgs::msg
 
 namespace std_srvs::srv {
 struct Trigger {

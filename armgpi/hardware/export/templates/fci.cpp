@@ -6,6 +6,8 @@
 //   --recover         lead the robot back from its last reflex first
 //   --dry-run         send nothing: look on while the arm is moved by hand
 //   --motion FILE     move to where a file such as motion.csv begins, and follow it
+//   --poses FILE      follow poses of the tool from a file or a pipe: lines of x,y,z,qx,qy,qz,qw [m] as they arrive, or with a
+//                     time [s] before them
 //   --log FILE        where the log goes; motion.armlog
 //
 // Each GOAL is seven positions with commas between them [rad]; without any the arm is held where it is. Ctrl-C stops the arm.

@@ -3,7 +3,7 @@
 //   armgpi_controller::Fci arm;
 //   armgpi_controller::prepare(robot, {});   // thresholds, load, recovery: Setup
 //   arm->move_to(goal);      // before `control`, or from another thread; or arm->via(reference, samples) for a stream of
-//                            // setpoints; or give Fci a function of time
+//                            // setpoints; or arm->follow(pose) for poses as they arrive; or give Fci a function of time
 //   Fci arm(Motion("motion.csv"));   // or a motion from a file, from where it begins
 //   arm->finish();           // end the motion when all goals are reached and the arm rests; arm->stop() stops it before
 //   robot.control(arm, false, franka::kMaxCutoffFrequency);   // franka::Robot::control of a torque callback

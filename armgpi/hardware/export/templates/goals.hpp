@@ -4,14 +4,18 @@
 
 #include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
+#include <filesystem>
+#include <fstream>
 #include <functional>
 #include <limits>
 #include <memory>
 #include <optional>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "armgpi_controller.hpp"
@@ -39,10 +43,72 @@ inline std::vector<double> numbers(const std::string& text) {
   return found;
 }
 
-// What a command line asks for, but for a program's own options: [GOAL ...] [--motion FILE] [--log FILE].
+// Poses of the tool from a file or a pipe, one in a line: x,y,z,qx,qy,qz,qw as they arrive, or time,x,y,z,qx,qy,qz,qw of a
+// recording, each waited for. A thread of its own reads; the loop takes them and never waits.
+class Poses {
+ public:
+  explicit Poses(const std::string& path) {
+    if (!std::filesystem::exists(path)) {
+      throw std::runtime_error(path + ": expected a file or a pipe of poses");
+    }
+    std::thread([path, slot = slot_]() { read(path, *slot); }).detach();
+  }
+  // The pose that arrived since the last one; false where none did.
+  bool take(Pose& pose) noexcept {
+    if (!slot_->full.load(std::memory_order_acquire)) {
+      return false;
+    }
+    pose = slot_->pose;
+    slot_->full.store(false, std::memory_order_release);
+    return true;
+  }
+  [[nodiscard]] bool ended() const noexcept { return slot_->ended.load() && !slot_->full.load(); }
+  // Whether a line was no pose.
+  [[nodiscard]] bool refused() const noexcept { return slot_->refused.load(); }
+
+ private:
+  struct Slot {
+    Pose pose{};
+    std::atomic<bool> full{false};
+    std::atomic<bool> ended{false};
+    std::atomic<bool> refused{false};
+  };
+
+  static void read(const std::string& path, Slot& slot) {
+    using Clock = std::chrono::steady_clock;
+    std::ifstream file(path);
+    std::optional<Clock::time_point> begun;
+    double first = 0.0;
+    for (std::string line; std::getline(file, line);) {
+      std::vector<double> row = numbers(line);
+      if (row.size() != 7U && row.size() != 8U) {
+        slot.refused = slot.refused || !row.empty();  // a heading has no numbers
+        continue;
+      }
+      if (row.size() == 8U) {
+        first = begun ? first : row[0];
+        begun = begun ? begun : Clock::now();
+        std::this_thread::sleep_until(*begun + std::chrono::duration_cast<Clock::duration>(
+                                                   std::chrono::duration<double>(row[0] - first)));
+        row.erase(row.begin());
+      }
+      while (slot.full.load(std::memory_order_acquire)) {
+        std::this_thread::sleep_for(std::chrono::microseconds(200));
+      }
+      slot.pose = {{{row[0], row[1], row[2]}}, {{row[3], row[4], row[5], row[6]}}};
+      slot.full.store(true, std::memory_order_release);
+    }
+    slot.ended = true;
+  }
+
+  std::shared_ptr<Slot> slot_{std::make_shared<Slot>()};
+};
+
+// What a command line asks for, but for a program's own options: [GOAL ...] [--motion FILE] [--poses FILE] [--log FILE].
 struct Asked {
   std::vector<Vector> goals{};
   std::optional<Motion> motion{};
+  std::optional<Poses> poses{};
   std::string log{"motion.armlog"};
 
   // Take word k, and the one after it where it belongs to it; false, and a message, for what is not known.
@@ -59,6 +125,14 @@ struct Asked {
         std::fprintf(stderr, "%s\n", error.what());
       }
       return motion.has_value();
+    }
+    if (word == "--poses" && k + 1 < argc) {
+      try {
+        poses = Poses(argv[++k]);
+      } catch (const std::exception& error) {
+        std::fprintf(stderr, "%s\n", error.what());
+      }
+      return poses.has_value();
     }
     const std::vector<double> given = numbers(word);
     Vector goal{};
@@ -81,12 +155,14 @@ class Loop {
 
   bool move_to(const Vector& goal, double share = 0.5) noexcept { return moves_.move_to(goal, share); }
   bool via(const Reference& to, std::uint32_t samples) noexcept { return moves_.via(to, samples); }
-  // Before it runs: goals to move to one after the other, or a motion to move to and to follow, and to end there. Without any
-  // the arm is held where it is.
+  bool follow(const Pose& pose) noexcept { return moves_.follow(pose); }
+  // Before it runs: goals to move to one after the other, then poses to follow as they arrive; or a motion to move to and to
+  // follow; and to end there. Without any the arm is held where it is.
   void visit(const Asked& asked) {
     motion_ = asked.motion;
+    poses_ = asked.poses;
     goals_ = motion_ ? std::vector<Vector>{(*motion_)(0.0).q} : asked.goals;
-    finish_ = !goals_.empty();
+    finish_ = !goals_.empty() || poses_;
     log_ = std::make_unique<Log>(motion_ ? std::max($log_seconds, 2.0 * motion_->length()) : $log_seconds);
   }
   // End when all goals are reached and the arm rests.
@@ -105,8 +181,9 @@ class Loop {
       refused_ = refused_ || moves_.refused();
       moves_.move_to(goals_[visited_++]);
     }
+    hear();
     Reference to = reference ? reference(time_) : moves_.next(elapsed);
-    bool arrived = visited_ == goals_.size() && !moves_.moving();
+    bool arrived = visited_ == goals_.size() && !moves_.moving() && (!poses_ || poses_->ended());
     if (motion_ && arrived) {
       played_ += elapsed * Controller::dt;
       to = (*motion_)(played_);
@@ -126,9 +203,19 @@ class Loop {
   [[nodiscard]] const Controller& controller() const noexcept { return controller_; }
   [[nodiscard]] const Log& log() const noexcept { return *log_; }
   // Whether a goal of `visit`, or the last one, was refused: not finite, or beyond the joint limits.
-  [[nodiscard]] bool refused() const noexcept { return refused_ || moves_.refused(); }
+  [[nodiscard]] bool refused() const noexcept {
+    return refused_ || moves_.refused() || (poses_ && poses_->refused());
+  }
 
  private:
+  // Take the pose that arrived, once all goals are reached.
+  void hear() noexcept {
+    Pose pose;
+    streams_ = streams_ || (poses_ && visited_ == goals_.size() && !moves_.moving());
+    if (streams_ && poses_->take(pose)) {
+      moves_.follow(pose);
+    }
+  }
   armgpi_status_t step(std::uint32_t elapsed, const Vector& q, Reference to, Vector& tau, const Vector* applied,
                        bool sent) noexcept {
     if (stop_ || interrupted != 0) {
@@ -155,6 +242,8 @@ class Loop {
   std::vector<Vector> goals_{};
   std::size_t visited_{0U};
   std::optional<Motion> motion_{};
+  std::optional<Poses> poses_{};
+  bool streams_{false};
   double played_{0.0};
   bool refused_{false};
   std::atomic<bool> finish_{false};
@@ -171,7 +260,7 @@ inline int report(const Loop& arm, bool ended, const std::string& log) {
     std::fprintf(stderr, interrupted != 0 ? "stopped by Ctrl-C\n" : "README.md says what to do\n");
   }
   if (arm.refused()) {
-    std::fprintf(stderr, "a goal was refused, beyond the limits\n");
+    std::fprintf(stderr, "a goal or a pose was refused: beyond the limits, or no numbers\n");
   }
   if (!arm.log().write(log)) {
     std::fprintf(stderr, "%s could not be written\n", log.c_str());

@@ -3,6 +3,8 @@
 // It claims <joint>/effort, reads <joint>/position, and stands where it is activated. Two ways to move it:
 // - by its topic ~/goal (std_msgs/Float64MultiArray), positions in the order of the joints: a move within
 //   armgpi_move_limits times `share`, which begins when the last one is over;
+// - by its topic ~/target_pose (geometry_msgs/PoseStamped), poses of the tool in the arm's base frame as they arrive, at 10 to
+//   60 Hz, late, noisy or not at all: the kinematics are in armgpi_follow.c, its limits in armgpi_follow_limits;
 // - chained: joint_trajectory_controller writes its references <name>/<joint>/position, velocity and acceleration
 //   (command_joints: [<name>/<joint>, ...]). It stands until the first of them comes; what is not written is zero.
 // Or it follows a file: its parameter `motion`, as motion.csv is, from a move to where that begins.
@@ -16,6 +18,7 @@
 #include "ros2_stubs.hpp"
 #else
 #include <controller_interface/chainable_controller_interface.hpp>
+#include <geometry_msgs/msg/pose_stamped.hpp>
 #include <std_msgs/msg/float64_multi_array.hpp>
 #include <std_msgs/msg/string.hpp>
 #include <std_srvs/srv/trigger.hpp>
@@ -86,6 +89,23 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
         RCLCPP_WARN(get_node()->get_logger(), "goal refused: it has not %u positions, another waits, or a motion is followed",
                     ARMGPI_N);
       }
+    });
+    const std::string base = given.base_frame;
+    poses_ = get_node()->create_subscription<Target>("~/target_pose", 1, [this, base](const std::shared_ptr<const Target> target) {
+      const std::string& frame = target->header.frame_id;
+      const auto& at = target->pose.position;
+      const auto& turn = target->pose.orientation;
+      if (motion_ || is_in_chained_mode() || (!base.empty() && !frame.empty() && frame != base)) {
+        RCLCPP_WARN(get_node()->get_logger(), "pose refused: frame_id is %s and base_frame %s, or a motion or another "
+                    "controller is followed", frame.c_str(), base.c_str());
+        return;
+      }
+      const double norm = turn.x * turn.x + turn.y * turn.y + turn.z * turn.z + turn.w * turn.w;
+      if (!std::isfinite(at.x + at.y + at.z + norm) || norm <= 0.0) {
+        RCLCPP_WARN(get_node()->get_logger(), "pose refused: a number is not finite, or its quaternion has norm 0");
+        return;
+      }
+      moves_.follow({{{at.x, at.y, at.z}}, {{turn.x, turn.y, turn.z, turn.w}}});  // while the last one waits, that counts
     });
     // By a timer, which is not in the loop: publishing may wait.
     said_ = get_node()->create_publisher<Text>("~/status", 1);
@@ -202,6 +222,7 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
 
  private:
   using Goal = std_msgs::msg::Float64MultiArray;
+  using Target = geometry_msgs::msg::PoseStamped;
   using Text = std_msgs::msg::String;
   using Stop = std_srvs::srv::Trigger;
 
@@ -300,6 +321,7 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
   std::shared_ptr<rclcpp::Publisher<Text>> said_;
   std::shared_ptr<rclcpp::TimerBase> timer_;
   std::shared_ptr<rclcpp::Subscription<Goal>> goals_;
+  std::shared_ptr<rclcpp::Subscription<Target>> poses_;
   std::shared_ptr<rclcpp::Service<Stop>> stops_;
   Vector tau_{};
   Controller controller_{};
