@@ -17,6 +17,7 @@ from armgpi.codegen.algebra import ca
 from armgpi.codegen.emit import CallSite, Dialect, straight_line
 from armgpi.codegen.model import SymbolicModel, varied_table, varying
 from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat
+from armgpi.plants.environment import Environment
 from armgpi.plants.friction import (
     MOST_STEPS,
     Braked,
@@ -36,6 +37,7 @@ from armgpi.robot.dynamics import (
     VariedDynamics,
 )
 from armgpi.robot.equations import Friction
+from armgpi.robot.frame_motion import Chain
 
 #: How far a generated model may be from Pinocchio's, relative to the largest entry.
 _AGREEMENT = 1e-9
@@ -398,6 +400,115 @@ class TracedFriction:
         kernel = _friction_kernel(self._friction.sticks, self._friction.braking, width, inertia.shape[-1])
         return _note_call(self._calls, kernel, [], v_free, *numbers, inertia.reshape(inertia.size), *arm)
 
+
+@dataclass(frozen=True, kw_only=True)
+class Guarded(Kernel):
+    """A kernel that works out its last result first, and the others only where that is positive in a lane.
+
+    Attributes:
+        state: the symbols of what the first part works out, the last result first.
+        begin: what they are.
+    """
+
+    state: Sequence[Any]
+    begin: Sequence[Any]
+
+    def _body(self, dialect: Dialect) -> list[str]:
+        """Work out the lines."""
+        count = self.size - 1
+        return [
+            f"V s[{len(self.state)}];",
+            "{",
+            *self._assign(self.begin, [f"s[{i}]" for i in range(len(self.state))], dialect),
+            "}",
+            f"y[{count}] = s[0];",
+            f"for (int i = 0; i < {count}; ++i) y[i] = v_set(0.0);",
+            "if (!v_any(v_lt(v_set(0.0), s[0]))) return;",
+            *self._assign(self.outputs, [f"y[{i}]" for i in range(count)], dialect, self.state),
+        ]
+
+
+class TracedEnvironment:
+    """What an arm touches, that notes its uses: each contact is one function in C.
+
+    A contact that acts behind a surface alone is worked out where a rollout of a lane is behind it. How far
+    it is at the first stage of a sample says where the next stages need not look.
+    """
+
+    def __init__(self, environment: Environment, calls: list[Call]) -> None:
+        """Note the uses of an environment, whose numbers are symbols, among other calls."""
+        self._environment = environment
+        self._calls = calls
+        self._kernels: dict[int, Kernel] = {}
+        self._first: dict[int, tuple[Any, Any]] = {}
+
+    def torque(self, q: Any, v: Any, t: Any) -> Any:
+        """Return the joint torque of all contacts; see :meth:`Environment.torque`."""
+        n = q.shape[-1]
+        time = Symbols(np.array([t], dtype=object))
+        total: Any = 0.0
+        for i, contact in enumerate(self._environment.contacts):
+            numbers = [x for part in vars(contact).values() if isinstance(part, Symbols) for x in flat(part)]
+            given = Symbols(np.array([Scalar(x) for x in numbers], dtype=object))
+            if i not in self._kernels:
+                self._kernels[i] = self._kernel(i, n, numbers)
+            kernel = self._kernels[i]
+            if kernel.skip is None:
+                total = total + _note_call(self._calls, kernel, [], q, v, time, given)
+                continue
+            found = _note_call(self._calls, kernel, [], q, v, time, self._reached(i, q), given)
+            self._first.setdefault(i, (q, found[n:]))
+            total = total + found[:n]
+        return total
+
+    def touched(self, q: Any, v: Any, t: Any) -> Any:
+        """Return every contact with its wrench; see :meth:`Environment.touched`."""
+        return self._environment.touched(q, v, t)
+
+    def _reached(self, i: int, q: Any) -> Any:
+        """Return what is positive where a contact may act: how deep its point is at most."""
+        levers = self._environment.motions[i].lever_bounds()
+        if i not in self._first or levers is None:
+            return np.ones(1)
+        first, depth = self._first[i]
+        way: Any = _ROUNDING
+        for joint in range(q.shape[-1]):
+            way = way + float(levers[joint]) * abs(q[joint : joint + 1] - first[joint : joint + 1])
+        return np.maximum(depth + way, 0.0)
+
+    def _kernel(self, i: int, n: int, numbers: list[Any]) -> Kernel:
+        """Return the kernel of a contact: its joint torque, and its depth where it has one."""
+        contact, points = self._environment.contacts[i], self._environment.motions[i]
+        q, v, t, reached = (cast(Any, Symbols.new(f"x{k}_", (size,))) for k, size in enumerate((n, n, 1, 1)))
+        name = f"contact{i}_{points.digest}"
+        chain = points.chain(q)
+        depth = contact.depth_at(chain.position)
+        if depth is None:
+            motion = points.at(q, v)
+            torque = motion.torque(q, *contact.wrench(motion, t))
+            inputs = [*flat(q), *flat(v), *flat(t), *numbers]
+            return Kernel(name, (n, n, 1, len(numbers)), n, (), inputs, flat(torque))
+        parts = [np.broadcast_to(depth, (1,)), chain.rotation, chain.position, *chain.axes, *chain.origins]
+        state = [Symbols.new(f"s{k}_", np.shape(part)) for k, part in enumerate(parts)]
+        joints = len(chain.axes)
+        known = Chain(state[1], state[2], cast(Any, state[3 : 3 + joints]), cast(Any, state[3 + joints :]))
+        motion = points.moving(known, q, v)
+        torque = motion.torque(q, *contact.wrench(motion, t))
+        return Guarded(
+            name,
+            (n, n, 1, 1, len(numbers)),
+            n + 1,
+            (),
+            [*flat(q), *flat(v), *flat(t), *flat(reached), *numbers],
+            flat(np.broadcast_to(torque, (n,))),
+            skip=3,
+            state=[x for part in state for x in flat(part.reshape(-1))],
+            begin=[x for part in parts for x in flat(part.reshape(-1))],
+        )
+
+
+#: What a depth may be off by rounding [m].
+_ROUNDING = 1e-9
 
 #: Arguments besides velocities: viscous, coulomb, h, stick and inertia. Vectors of the arm follow.
 _BESIDE = 5

@@ -24,7 +24,7 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.codegen.algebra import ca
 from armgpi.codegen.effects import SideEffects
-from armgpi.codegen.kernels import Arm, Call, TracedDynamics, TracedFriction, arm_of
+from armgpi.codegen.kernels import Arm, Call, TracedDynamics, TracedEnvironment, TracedFriction, arm_of
 from armgpi.codegen.state import flatten, leaves_like, numbers, unflatten
 from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat, is_bool
 from armgpi.control.controller import ControlStep
@@ -33,6 +33,7 @@ from armgpi.gpi.weights import Weights
 from armgpi.loop.running import TOTALS, Running
 from armgpi.parameter import parameters
 from armgpi.plants.arm import LoadTable
+from armgpi.plants.environment import Environment
 from armgpi.plants.friction import ImplicitFriction
 from armgpi.plants.loads import Load
 from armgpi.references.reference import Reference, Target
@@ -256,6 +257,8 @@ class Tracer:
             return self._note(value, self._loads(self(value.plant, numbers), value.substeps))
         if isinstance(value, ImplicitFriction):
             return self._note(value, self._friction(value))
+        if isinstance(value, Environment):
+            return self._environment(value, numbers)
         kind: Any = type(value)
         # What has a __new__ of its own, as arrays or files, has something that is not in __dict__.
         if kind.__new__ is object.__new__ and hasattr(value, "__dict__"):
@@ -271,6 +274,11 @@ class Tracer:
     def _friction(self, friction: ImplicitFriction) -> Any:
         """Return friction that notes its uses."""
         return TracedFriction(friction, self.trace.calls)
+
+    def _environment(self, environment: Environment, numbers: bool) -> Any:
+        """Return what an arm touches, that notes its uses."""
+        made = self._object(environment, numbers)
+        return self._note(environment, TracedEnvironment(made, self.trace.calls))
 
     def kind(self, values: Array) -> str:
         """Return what an array is: "shared" by rollouts, each rollout's "own", or part of the "structure"."""
@@ -528,6 +536,9 @@ class Inventory(LoopTracer):
     def _friction(self, friction: ImplicitFriction) -> Any:
         self.structure += [friction.sticks, friction.braking.__name__]
         return friction
+
+    def _environment(self, environment: Environment, numbers: bool) -> Any:
+        return self._object(environment, numbers)
 
     def _kind_of(self, value: Any) -> None:
         names = [name for name in vars(value) if name not in _unused_attributes(value)]

@@ -73,6 +73,17 @@ class Contact(Parametrised, ABC):
             t: time [s], a number or (..., 1).
         """
 
+    def depth_at(self, position: Array) -> Array | None:
+        """Return a depth [m], (..., 1), below 0 where nothing acts; None for what acts everywhere.
+
+        Between two points it differs by their distance at most, so generated code knows from one depth where
+        it need not look.
+
+        Args:
+            position: of the point [m], (..., 3).
+        """
+        return None
+
     def describe(self) -> dict[str, Any]:
         """Return the contact as plain data."""
         values = {f.name: plain(getattr(self, f.name)) for f in fields(self)}
@@ -145,6 +156,10 @@ class Wall(Contact):
         along = (position * self._normal)[..., 0:1] + (position * self._normal)[..., 1:2]
         depth: Array = self.distance - (along + (position * self._normal)[..., 2:3])
         return depth
+
+    def depth_at(self, position: Array) -> Array:
+        """Return how far a position is behind the plane; see :meth:`Contact.depth_at`."""
+        return self.depth(position)
 
     def wrench(self, motion: Motion, t: Array) -> Wrench:
         """Return the force of the wall; see :meth:`Contact.wrench`."""

@@ -14,6 +14,7 @@ from armgpi import columns, files, hdf5
 from armgpi.arrays import SMALLEST, Array, ArrayLike, as_sized_array, as_times, check_path
 from armgpi.errors import ArrayError, MissingPackage, ParameterError, UnreadableTrajectory
 from armgpi.references.paths import Path, PathPoint, Turning
+from armgpi.robot.frame_motion import cross_matrix
 
 #: How far a matrix may be from a rotation.
 _SLACK = 1e-6
@@ -233,14 +234,6 @@ def jacobian_of_exp(r: Array) -> Array:
     safe = np.where(small, 1.0, angle)
     c = np.where(small, (1.0 - angle**2 / 20.0) / 6.0, (safe - np.sin(safe)) / safe**3)
     return np.asarray(np.eye(3) + b * cross + c * (cross @ cross))
-
-
-def cross_matrix(r: Array) -> Array:
-    """Return the matrices K (..., 3, 3) with K x = r cross x."""
-    zero = np.zeros(r.shape[:-1])
-    x, y, z = r[..., 0], r[..., 1], r[..., 2]
-    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def _continuous(rotations: Array) -> Array:

@@ -6,6 +6,7 @@ batches at once and becomes generated C, so a plant may ask it at every stage of
 
 from __future__ import annotations
 
+import zlib
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -98,6 +99,22 @@ class DampedJacobian(NamedTuple):
     square: Array
 
 
+class Chain(NamedTuple):
+    """Where a point is, and the joints before it, in the base frame.
+
+    Attributes:
+        rotation: rotation matrix of the frame, (..., 3, 3).
+        position: of the point [m], (..., 3).
+        axes: of the joints, from the base on, each (..., 3).
+        origins: a point on each axis [m], likewise.
+    """
+
+    rotation: Any
+    position: Any
+    axes: list[Any]
+    origins: list[Any]
+
+
 class FrameMotion:
     """The kinematics of one point of an arm.
 
@@ -143,7 +160,7 @@ class FrameMotion:
             motion[3:] if turns else motion[:3] for motion, turns in zip(motions, self._turns, strict=True)
         ]
         self._axes = np.array([_snapped(axis).reshape(3, 1) for axis in axes])
-        self._crosses = np.array([_cross_matrix(axis.ravel()) for axis in self._axes])
+        self._crosses = cross_matrix(self._axes[:, :, 0])
         self._ratio: Array | None = None
         self._offset: Array | None = None
         if robot.coupling is not None:
@@ -167,8 +184,30 @@ class FrameMotion:
         Args:
             q: positions [rad or m], (..., n).
         """
-        rotation, position, _, _ = self._chain(self._whole(q, q)[0])
-        return Pose(rotation, position)
+        chain = self.chain(q)
+        return Pose(chain.rotation, chain.position)
+
+    @property
+    def digest(self) -> str:
+        """A name for what is equal for equal kinematics."""
+        arrays = (self._rotations, self._positions, self._axes, self._ratio, self._offset)
+        content = [b"" if array is None else array.tobytes() for array in arrays]
+        return f"{zlib.crc32(repr([self._turns, self._places, *content]).encode()):08x}"
+
+    def lever_bounds(self) -> Array | None:
+        """Return how far the point moves at most for a rad of each joint [m/rad], (n,), at any configuration.
+
+        None for an arm with slides, whose levers have no such bound.
+        """
+        if not all(self._turns):
+            return None
+        lengths = np.linalg.norm(self._positions[:, :, 0], axis=1)
+        longest = np.zeros(self._n if self._ratio is None else self._ratio.shape[1])
+        for i, place in enumerate(self._places):
+            longest[place] = lengths[i + 1 :].sum()
+        if self._ratio is None:
+            return longest
+        return np.asarray(longest @ np.abs(self._ratio[0]))
 
     def at(self, q: Array, v: Array) -> Motion:
         """Return where the point is and how it moves.
@@ -177,8 +216,12 @@ class FrameMotion:
             q: positions [rad or m], (n,) or (batch, n).
             v: velocities [rad/s or m/s], likewise.
         """
-        all_q, all_v = self._whole(q, v)
-        rotation, position, axes, origins = self._chain(all_q)
+        return self.moving(self.chain(q), q, v)
+
+    def moving(self, chain: Chain, q: Array, v: Array) -> Motion:
+        """Return how the point moves, from where the joints are; arguments as of :meth:`at`."""
+        rotation, position, axes, origins = chain
+        _, all_v = self._whole(q, v)
         velocity: Any = 0.0
         rate: Any = 0.0
         levers: dict[int, tuple[Any, Any]] = {}
@@ -190,8 +233,9 @@ class FrameMotion:
             rate = rate + lever[1] * all_v[..., place, None]
         return Motion(rotation, position, velocity, rate, self._levers(levers))
 
-    def _chain(self, all_q: Array) -> tuple[Any, Any, list[Any], list[Any]]:
+    def chain(self, q: Array) -> Chain:
         """Return rotation and position of the point, and axis and origin of every joint before it."""
+        all_q, _ = self._whole(q, q)
         rotation: Any = np.eye(3)
         position: Any = np.zeros((3, 1))
         axes = []
@@ -211,7 +255,7 @@ class FrameMotion:
                 position = position + axes[-1][..., None] * x
         position = (position + np.matmul(rotation, self._positions[-1]))[..., 0]
         rotation = np.matmul(rotation, self._rotations[-1])
-        return rotation, position, axes, origins
+        return Chain(rotation, position, axes, origins)
 
     def _whole(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return all coordinates of the model, those of joints that follow others included."""
@@ -259,10 +303,12 @@ def _dot(a: Any, b: Any) -> Any:
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
-def _cross_matrix(axis: Array) -> Array:
-    """Return the matrix K of a cross product: K x = axis × x."""
-    x, y, z = axis
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+def cross_matrix(r: Array) -> Array:
+    """Return the matrices K (..., 3, 3) of cross products, K x = r cross x, of vectors (..., 3)."""
+    zero = np.zeros(r.shape[:-1])
+    x, y, z = r[..., 0], r[..., 1], r[..., 2]
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def _snapped(numbers: Any) -> Array:

@@ -860,6 +860,8 @@ def test_a_folder_of_another_name_replays_and_runs(tmp_path: Path) -> None:
         "arm2_move.h",
         "arm2_move.c",
         "test_faults.c",
+        "arm2_follow.h",
+        "arm2_follow.c",
         "log.armlog",
         "motion.csv",
         "SHA256SUMS",
@@ -867,7 +869,7 @@ def test_a_folder_of_another_name_replays_and_runs(tmp_path: Path) -> None:
     texts = {path.name: path.read_text() for path in done.files if path.suffix != ".armlog"}
     left = {name: re.findall(r"\w*armgpi_\w*", text, re.IGNORECASE) for name, text in texts.items()}
     assert set(left["arm2.c"]) == {"armgpi_q1"}
-    own = ("main.c", "Makefile", "arm2_move.h", "arm2_move.c", "arm2_log.h", "arm2_log.c")
+    own = ("main.c", "Makefile", "arm2_move.h", "arm2_move.c", "arm2_log.h", "arm2_log.c", "arm2_follow.h")
     assert not [word for name in own for word in left[name]]
     subprocess.run([need("make"), "-s", "all", "strict"], cwd=tmp_path, check=True, capture_output=True)
     exported = ExportedController(robot, tmp_path, "arm2")

@@ -17,7 +17,7 @@ from armgpi.control.pid_positions import PIDPositions
 from armgpi.errors import ArmgpiError, NameNotFound, ParameterError
 from armgpi.plants.environment import Contact, Wrench
 from armgpi.plants.plant import PlantState
-from armgpi.robot.frame_motion import Motion
+from armgpi.robot.frame_motion import FrameMotion, Motion
 
 Array = npt.NDArray[np.float64]
 DT = 1e-3
@@ -290,3 +290,44 @@ def test_an_arm_that_starts_inside_of_a_wall_is_refused_with_the_depth() -> None
         plant.init(np.array([0.3]), np.zeros(1))
     with pytest.raises(NameNotFound):
         RigidBodyPlant(sled(), environment=[Wall(normal=[1.0, 0.0, 0.0], distance=0.0, frame="x9")])
+
+
+@pytest.mark.parametrize("name", ["anthropomorphic3", "ur5", "panda"])
+def test_no_point_moves_farther_than_its_lever_bounds(name: str) -> None:
+    """What generated code leaves out where a wall is far rests on this."""
+    if name not in armgpi.robots.names():
+        pytest.skip("the robots extra is not installed")
+    fingers = ["panda_finger_joint1", "panda_finger_joint2"] if name == "panda" else ()
+    arm = armgpi.Robot.load(name, lock=fingers)
+    points = FrameMotion(arm, arm.tip, np.array([0.1, -0.2, 0.05]))
+    bounds = points.lever_bounds()
+    assert bounds is not None
+    random = np.random.default_rng(0)
+    q = random.uniform(-3.0, 3.0, (500, arm.n))
+    way = random.normal(scale=0.5, size=(500, arm.n))
+    moved = np.linalg.norm(points.pose(q + way).position - points.pose(q).position, axis=-1)
+    assert (moved <= np.abs(way) @ bounds + 1e-12).all()
+
+
+@pytest.mark.parametrize("substeps", [1, 3])
+def test_a_compiled_batch_touches_as_numpy_does(substeps: int) -> None:
+    """Some rollouts of a lane touch one wall or two, beside a spring and a push; others nothing."""
+    pytest.importorskip("casadi", reason="casadi writes the C")
+    arm = armgpi.Robot.load("anthropomorphic3")
+    start = np.array([0.1, 0.4, -0.4])
+    here = arm.frame_pose(arm.tip, start).translation
+    environment = (
+        armgpi.Wall([0, 0, 1], float(here[2]) - 0.03, 5e3, damping=50.0, friction=0.3),
+        armgpi.Wall([0, -1, 0.2], float(np.array([0, -1, 0.2]) @ here / np.sqrt(1.04)) - 0.05, 2e4),
+        armgpi.Spring(here + 0.1, 50.0, damping=2.0),
+        armgpi.ToolForce([0.0, 5.0, 0.0], onset=0.1, end=0.2),
+    )
+    plant = armgpi.RigidBodyPlant(arm, substeps=substeps, environment=environment)
+    ends = [start + shift for shift in np.linspace(-0.3, 0.3, 11)[:, None] * np.array([[1.0, 1.0, 0.5]])]
+    moves = armgpi.ReferenceBatch([armgpi.Bezier(start, end, 0.3) for end in ends])
+    law = armgpi.GPI(arm, 1e-3, armgpi.FixedGains(30.0))
+    runs = [armgpi.simulate(plant, law, moves, 0.4, backend=backend) for backend in ("numpy", "compiled")]
+    force = np.linalg.norm(runs[0]["contact_force"], axis=-1)
+    assert 0 < (force[..., 0].max(axis=-1) > 1.0).sum() < 11
+    for name in ("q", "v", "contact_force"):
+        np.testing.assert_allclose(runs[1][name], runs[0][name], rtol=1e-7, atol=1e-8)

@@ -143,7 +143,7 @@ class Prober:
         calls = []
         for call in found.calls:
             owner = owners.get(id(call.kernel), ("", call.kernel.name))
-            if not owner[0] and not call.kernel.name.startswith("friction_"):
+            if not owner[0] and not call.kernel.name.startswith(("friction_", "contact")):
                 raise BackendError(
                     f"{call.kernel.name}: the arm that it belongs to, and so its payload, is unknown"
                 )
