@@ -17,13 +17,16 @@ from armgpi.validation.diagnose import Cause
 from armgpi.validation.edits import ALL, ROWS, Change, Goal, Target
 from armgpi.validation.models import ARGUMENTS, States
 from armgpi.validation.problem import Problem
+from armgpi.validation.residual import Difference
 from armgpi.validation.search import BUDGET, Repaired, is_number
 from armgpi.validation.slopes import own_numbers, slopes, with_changes
 from armgpi.validation.tree import Tree, evaluate
-from armgpi.validation.units import numbers, with_numbers
+from armgpi.validation.units import grouped_numbers, with_numbers
 from armgpi.validation.worker import Worker
 
 Signs = tuple[tuple[float, str], ...]
+#: Kind of a change -> how the difference of an entry begins that it undoes.
+_SAID_BY_KIND = {"sign": ("wrong sign: ",), "factor": ("half is missing: ", "twice instead of once: ")}
 #: Time of the processor for a search [s], and where a convention explains all.
 LONG, SHORT = BUDGET, 0.3
 
@@ -84,6 +87,36 @@ def search(compared: Compared, budget: float = LONG) -> Repaired | None:
     return found._replace(sure=sure)
 
 
+def proved_for_other_numbers(compared: Compared, found: Repaired) -> Repaired:
+    """Return a repair with what the numbers of its source are in the robot, and whether that is sure."""
+    with compared.worker.again(found.source) as twin:
+        varied = twin.search(compared.goal, (), 0.0)
+    if varied is None:
+        return found
+    varied = varied._replace(changes=found.changes, source=found.source)
+    return varied._replace(sure=varied.confirmed and _agrees_renumbered(compared, varied))
+
+
+def confirmed_by_terms(compared: Compared, found: Repaired, differences: Sequence[Difference]) -> Repaired:
+    """Return a repair that is sure where it is what the difference says in the robot's own terms.
+
+    One change of a sign, or of a factor of two, may leave a doubt: a number that nothing reads is as large
+    as one that is read. Where the values lack just that sign or half of one term of the robot in every
+    entry, and the repaired model agrees with other numbers, there is nothing left to doubt.
+    """
+    if found.sure or found.checked == 0 or not found.holds or len(found.changes) != 1:
+        return found
+    of_kind = _SAID_BY_KIND.get(found.changes[0].kind, ())
+    texts = [one.text for one in differences]
+    single = all(text.startswith(of_kind) and ";" not in text for text in texts)
+    differing = compared.problem.elements_of(~compared.problem.agreeing)
+    told = {(one.function, one.label) for one in differences}
+    complete = all((e.function, e.label) in told for e in differing)
+    if not texts or not of_kind or not single or not complete:
+        return found
+    return found._replace(sure=_agrees_renumbered(compared, found))
+
+
 def odd_numbers(compared: Compared) -> Renumbered | None:
     """Return a model that agrees with other numbers, with which it no longer does; None where it does.
 
@@ -142,11 +175,11 @@ def _agrees_renumbered(compared: Compared, found: Repaired) -> bool:
 def _renumbered(found: Repaired, problem: Problem) -> tuple[str, Tree]:
     """Return a model's source with other numbers, and the robot with what they are in it."""
     source = found.spelled or found.source
-    named = [node for _, node in numbers(ast.parse(source))]
+    named = [places for _, places in grouped_numbers(ast.parse(source))]
     # Shares that no products or ratios of few of them make one again.
     draw = np.random.default_rng(20261123).uniform(0.75, 1.3, size=len(named))
-    own = {k: float(ast.literal_eval(named[k])) for k in found.standing}
-    changes = [(named[k], value * draw[k]) for k, value in own.items()]
+    own = {k: float(ast.literal_eval(named[k][0])) for k in found.standing}
+    changes = [(node, value * draw[k]) for k, value in own.items() for node in named[k]]
     known = [one.value for one, _ in own_numbers(problem.tree)]
     known.append(float(np.linalg.norm(problem.tree.gravity)))
     moved: dict[int, float] = {}
@@ -228,7 +261,7 @@ def causes(repair: Repaired, source: str, problem: Problem) -> Iterator[Cause]:
     before, after = source.splitlines(), repair.source.splitlines()
     proof = f"with {'this change' if len(repair.changes) == 1 else 'all changes'} the model agrees"
     proof += ", for other numbers too" if repair.confirmed else ": suggested, as other numbers may differ"
-    for change in repair.changes:
+    for change in _one_of_each(repair.changes):
         first, _, last, _ = change.span
         evidence = [f"{k}: {before[k - 1].strip()}" for k in range(first, last + 1)]
         if len(before) == len(after):
@@ -240,6 +273,17 @@ def causes(repair: Repaired, source: str, problem: Problem) -> Iterator[Cause]:
             line=first,
             confirmed=repair.confirmed,
         )
+
+
+def _one_of_each(changes: Sequence[Change]) -> Iterator[Change]:
+    """Yield changes; of one number that is stated at several places the first."""
+    seen = set[tuple[str, str, str]]()
+    for change in changes:
+        key = (change.name, change.old, change.new)
+        if change.kind == "value" and key in seen:
+            continue
+        seen.add(key)
+        yield change
 
 
 def _cause(change: Change) -> Cause:

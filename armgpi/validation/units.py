@@ -221,21 +221,22 @@ def check(
         whole: look at all numbers, also where one is found to be none of the robot's.
     """
     tree = ast.parse(source)
-    named = list(numbers(tree))
-    checked = _Checked(known, [float(ast.literal_eval(node)) for _, node in named])
+    named = grouped_numbers(tree)
+    checked = _Checked(known, [float(ast.literal_eval(places[0])) for _, places in named])
     words = set(re.findall(r"\w+", text))
 
     def is_new(name: str) -> bool:
         return re.findall(r"\w+", name)[-1] in words
 
     # The sort is stable: the others in their order.
-    for k, (name, node) in sorted(enumerate(named[:_MOST]), key=lambda one: not is_new(one[1][0])):
+    for k, (name, places) in sorted(enumerate(named[:_MOST]), key=lambda one: not is_new(one[1][0])):
         if not whole and checked.wrong + checked.other > 0 and not is_new(name):
             break
         value = checked.stated[k]
         if value == 0.0 or name in ("n", "N"):
             continue
-        ends = [values(with_numbers(source, [(node, value * (1.0 + s * STEP))])) for s in (1.0, -1.0)]
+        moved = [[(node, value * (1.0 + s * STEP)) for node in places] for s in (1.0, -1.0)]
+        ends = [values(with_numbers(source, changes)) for changes in moved]
         if ends[0] is not None and ends[1] is not None:
             checked.add(k, name, (ends[0] - ends[1]) / (2.0 * STEP))
     if whole:
@@ -261,6 +262,7 @@ class _Checked:
         #: Inertias that follow from masses and lengths, and from which number.
         self._scaled: dict[int, str] = {}
         self._families: dict[str, list[tuple[int, int]]] = {}
+        self._units: dict[str, set[str]] = {}
 
     def add(self, k: int, name: str, column: Array) -> None:
         """Take the derivative of all that the model gives by a number."""
@@ -289,6 +291,7 @@ class _Checked:
         family = _FAMILY.match(name.strip("'"))
         letter, place = (family[1], int(family[2])) if family else (name, k)
         self._families.setdefault(letter, []).append((place, min(links, default=0)))
+        self._units.setdefault(letter, set()).update(known.units[j] for j in self.standing.get(k, ()))
 
     def guess(self) -> None:
         """Take each number that is none of the robot's alone for those of its value that are nearest."""
@@ -304,7 +307,9 @@ class _Checked:
         """Tell whether each is of one link, families are in the links' order, and none may be forgotten."""
         # A number that is read nowhere may be what stands at half of another one: lc1, and l1 / 2.
         left = self._used - self._halves
-        in_order = [[link for _, link in sorted(rows)] for rows in self._families.values()]
+        # A list of numbers of several units is one of all parameters, in any order.
+        families = [rows for letter, rows in self._families.items() if len(self._units[letter]) < 2]
+        in_order = [[link for _, link in sorted(rows)] for rows in families]
         return (
             self._linked
             and not self.mixed()
@@ -313,9 +318,9 @@ class _Checked:
         )
 
 
-def _bare(tree: ast.AST, named: Sequence[tuple[str, ast.Constant]]) -> bool:
+def _bare(tree: ast.AST, named: Sequence[tuple[str, Sequence[ast.Constant]]]) -> bool:
     """Tell whether a source has numbers without a name that are no usual coefficients."""
-    known = {node for _, node in named}
+    known = {node for _, places in named for node in places}
     found = (x for x in ast.walk(tree) if isinstance(x, ast.Constant) and type(x.value) is float)
     return any(x not in known and x.value not in USUAL for x in found)
 
@@ -353,6 +358,29 @@ def numbers(tree: ast.AST) -> Iterator[tuple[str, ast.Constant]]:
         inner = getattr(x, "operand", x)  # -0.3
         if isinstance(inner, ast.Constant) and type(inner.value) in (int, float):
             yield text, inner
+
+
+def grouped_numbers(tree: ast.AST) -> list[tuple[str, tuple[ast.Constant, ...]]]:
+    """Return the numbers of a source, each with where it stands: defaults of several functions are one."""
+    defaults: dict[tuple[str, float], list[ast.Constant]] = {}
+    of_functions = {x for node in ast.walk(tree) if isinstance(node, ast.arguments) for x in _defaults(node)}
+    found: list[tuple[str, list[ast.Constant]]] = []
+    for name, node in numbers(tree):
+        key = (name, float(ast.literal_eval(node)))
+        if node in of_functions and key in defaults:
+            defaults[key].append(node)
+            continue
+        places = [node]
+        found.append((name, places))
+        if node in of_functions:
+            defaults[key] = places
+    return [(name, tuple(places)) for name, places in found]
+
+
+def _defaults(arguments: ast.arguments) -> list[ast.expr]:
+    """Return the default values of a function, without their signs."""
+    values = [*arguments.defaults, *(x for x in arguments.kw_defaults if x is not None)]
+    return [getattr(x, "operand", x) for x in values]
 
 
 def _of_keywords(function: ast.expr, words: list[ast.keyword]) -> list[tuple[str, Any]]:

@@ -19,6 +19,7 @@ from armgpi.validation import repair, samples
 from armgpi.validation.alternatives import names_with
 from armgpi.validation.diagnose import ALTERNATIVES, NOT_NAMED, UNNAMED, Cause, diagnose, join_equal
 from armgpi.validation.edits import harmless
+from armgpi.validation.friction import coulomb_friction
 from armgpi.validation.hypotheses import CONVENTIONS
 from armgpi.validation.naming import users_names
 from armgpi.validation.problem import Element, Mask, Problem
@@ -27,6 +28,7 @@ from armgpi.validation.residual import Difference, Residual
 from armgpi.validation.samples import Sampled
 from armgpi.validation.search import Repaired
 from armgpi.validation.summands import fits_other_bodies, without_inertias
+from armgpi.validation.typed import find_wrong_number
 from armgpi.validation.units import numbers
 
 #: Inertias that add at most this to any entry of D, relative, are neglected and not forgotten.
@@ -37,6 +39,8 @@ _ROUNDED = (9.81, 9.8, 9.80665, 9.82, 9.8067, 9.807, 10.0)
 _LISTED = 3
 #: Kinds of causes that are about more than the elements which differ.
 _WHOLE = ("consequence", "rotor-inertia", "triangle", "gravity", *CONVENTIONS)
+#: Share of a torque that is no polynomial of degree two in v, beyond rounding.
+_BENT = 1e-6
 #: Explanations up to this length are a summand or two of the robot's own, with usual shares.
 _OWN = 3.5
 #: Coefficients by which one quantity is another one by chance: 4 lc² is l² of a rod.
@@ -99,10 +103,19 @@ def find_causes(
         if set_aside:
             whole = diagnose(problem, follows, conventions=True)
     behind_residual = Residual(problem, names).differences(~problem.agreeing) if set_aside else differences
+    whole = _friction(compared, sampled, whole)
+    if _is_of_drives(whole, problem):
+        # Not a mistake of the formulas: the drives' part, which a search would only take away again.
+        return Found([*whole, *set_aside], None, differences, residual.legend(differences))
     # A convention of the whole model is seen at once; one line of the source that undoes it is found fast.
     budget = repair.SHORT if whole and whole[0].kind in CONVENTIONS else repair.LONG
-    found = repair.search(compared, budget)
-    values = _told_by_values(whole or diagnose(problem, follows), behind_residual)
+    by_values = whole or diagnose(problem, follows)
+    found = _find_repair(compared, by_values, whole, budget)
+    if found is not None:
+        found = repair.confirmed_by_terms(compared, found, behind_residual)
+    is_number = found is not None and all(change.kind == "value" for change in found.changes)
+    # Of a wrong number the values say which it is; its terms in every entry say less.
+    values = by_values if is_number else _told_by_values(by_values, behind_residual)
     if found is None and not whole:
         values = _with_other_bodies(problem, values)
     causes, repaired = _ranked(values, found, whole, worker.source, problem, behind_residual)
@@ -111,6 +124,39 @@ def find_causes(
         *(one for one in differences if one.label not in {d.label for d in behind_residual}),
     )
     return Found([*causes, *set_aside], repaired, shown, residual.legend(shown))
+
+
+def _friction(compared: Compared, sampled: Mapping[str, Sampled], whole: list[Cause]) -> list[Cause]:
+    """Return dry friction in place of viscous friction where the torque is no polynomial of v."""
+    if dry := coulomb_friction(compared, sampled):
+        return dry
+    bent = any(one.quadratic > _BENT * float(np.abs(one.values).max()) for one in sampled.values())
+    return [] if bent and whole and whole[0].kind == "friction" else whole
+
+
+def _is_of_drives(whole: list[Cause], problem: Problem) -> bool:
+    """Tell whether all that differs is rotor inertia or friction, of which the robot has none."""
+    tree = problem.tree
+    has_some = tree.armature.any() or (tree.viscous is not None and tree.viscous.any())
+    return bool(whole) and whole[0].kind in ("rotor-inertia", "friction") and not has_some
+
+
+def _find_repair(
+    compared: Compared, values: list[Cause], whole: list[Cause], budget: float
+) -> Repaired | None:
+    """Return the repair of the source: of one number first where the values say that a number is wrong."""
+    number = None
+    is_number = not whole and len(values) == 1 and not values[0].structural
+    if is_number:
+        number = find_wrong_number(compared)
+        if number is not None and number.confirmed:
+            return number
+    found = repair.search(compared, budget)
+    if found is not None and found.confirmed:
+        return found
+    if not is_number and not whole:
+        number = find_wrong_number(compared)
+    return number or found
 
 
 def with_other_numbers(compared: Compared, other: Renumbered) -> Found | None:
@@ -184,6 +230,9 @@ def _ranked(
             values = join_equal(_searched(cause, source) for cause in values)
         return values, None
     causes = list(repair.causes(found, source, problem))
+    numbers_alone = all(change.kind == "value" for change in found.changes)
+    if numbers_alone and len(values) == 1 and not values[0].structural:  # both say the same
+        return _beside(causes, values, VALUES), found.source
     plain = bool(differences) and all(one.bits <= _OWN for one in differences)
     if plain and _has_odd_coefficient(found, source):
         unsure = [cause._replace(confirmed=False) for cause in causes]

@@ -446,7 +446,7 @@ def renumbered(text: str, seed: int) -> str:
         (name, x) for name, x in found if isinstance(x, ast.Constant) and type(x.value) in (int, float)
     ]
     for name, x in sorted(numbers, key=lambda one: (-one[1].lineno, -one[1].col_offset)):
-        if name in ("n", "N", "g"):
+        if name in ("n", "N", "g") or abs(x.value) < 1e-8:  # the step of a derivative
             continue
         draw = np.random.default_rng([seed, *name.encode()]).uniform(0.7, 1.4)
         row = rows[x.lineno - 1].encode()

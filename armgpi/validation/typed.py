@@ -1,0 +1,228 @@
+"""A wrong number in the source: the one of which another value makes the model agree.
+
+Every number that a source states is varied by running the model with two others. What the model says of the
+arm (D, the products of velocities, G) is then known as a polynomial of it, and the value is solved for with
+which all agrees. A number that moves what agrees already is right. It needs no name of it in the robot, and
+finds a mistyped mass whose wrong value is that of another link, or a default of a dataclass.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from armgpi.arrays import Array
+from armgpi.errors import ModelError
+from armgpi.validation import samples
+from armgpi.validation.edits import ROWS, Change, apply_changes, harmless
+from armgpi.validation.problem import Problem
+from armgpi.validation.repair import Compared, agrees, proved_for_other_numbers
+from armgpi.validation.search import Repaired
+from armgpi.validation.units import numbers
+
+#: Numbers of a source that are varied, at most.
+_MOST = 40
+#: Shares of a number at which the model is looked at: of no symmetry.
+_SHARES = (1.0, 0.6, 1.5, 2.1)
+#: Digits that a typed number has, at most.
+_DIGITS = 9
+#: A value that is solved for is known to this share of itself.
+_EXACT = 1e-6
+#: A number inside of a text, which is read when the model runs (JSON, a table).
+_IN_TEXT = re.compile(r"(?<![\w.])-?\d+\.?\d*(?:[eE][-+]?\d+)?(?![\w.])")
+#: A text with fewer numbers is no table of them.
+_TABLE = 3
+
+
+class Typed(NamedTuple):
+    """A number that a source states.
+
+    Attributes:
+        name: what it is given to; "" inside of a text.
+        line: from 1.
+        start: first column, in UTF-8 bytes.
+        end: column after the last.
+        text: as it is written.
+    """
+
+    name: str
+    line: int
+    start: int
+    end: int
+    text: str
+
+    @property
+    def value(self) -> float:
+        """The number."""
+        return float(self.text)
+
+    def change(self, new: str) -> Change:
+        """Return the change that puts another number in its place."""
+        span = (self.line, self.start, self.line, self.end)
+        return Change("value", span, self.text, new, "", self.name or "number", 1.0)
+
+
+#: Where one number stands: once, or on several lines.
+Places = tuple[Typed, ...]
+
+
+def typed_numbers(source: str) -> list[Typed]:
+    """Return the numbers that a source states: those with a name, and those in tables of text."""
+    tree = ast.parse(source)
+    lines = source.splitlines()
+    found = []
+    for name, node in numbers(tree):
+        end = node.end_col_offset or 0
+        text = lines[node.lineno - 1].encode()[node.col_offset : end].decode()
+        found.append(Typed(name.strip("'"), node.lineno, node.col_offset, end, text))
+    found += _in_tables(tree, lines)
+    return [one for one in found if _is_varied(one)]
+
+
+def _is_varied(one: Typed) -> bool:
+    try:
+        return one.value != 0.0 and one.name not in ("n", "N")
+    except ValueError:  # 1_000, 0x10
+        return False
+
+
+def _in_tables(tree: ast.Module, lines: list[str]) -> Iterator[Typed]:
+    """Yield the numbers in texts that have several, but for docstrings."""
+    documentation = [x.value for x in ast.walk(tree) if isinstance(x, ast.Expr)]
+    for node in ast.walk(tree):
+        if not (isinstance(node, ast.Constant) and isinstance(node.value, str)) or node in documentation:
+            continue
+        if len(_IN_TEXT.findall(node.value)) < _TABLE:
+            continue
+        for line in range(node.lineno, (node.end_lineno or node.lineno) + 1):
+            text = lines[line - 1]
+            for match in _IN_TEXT.finditer(text):
+                start = len(text[: match.start()].encode())
+                yield Typed("", line, start, start + len(match.group()), match.group())
+
+
+def find_wrong_number(compared: Compared) -> Repaired | None:
+    """Return the one number of the source of which another value makes the model agree, None without one.
+
+    Where several would do, each alone, the source does not tell which is wrong. A number that several
+    functions have as the default of an argument is one number.
+    """
+    source = compared.worker.source
+    if source is None or not harmless(source) or compared.problem.is_passive:
+        return None
+    numbers_of_source = typed_numbers(source)
+    if len(numbers_of_source) > _MOST:
+        return None
+    search = _Search(compared, source)
+    for candidates in (_alone(numbers_of_source), _repeated(numbers_of_source)):
+        repairs = [repair for places in candidates if (repair := search.repair(places)) is not None]
+        if repairs:
+            return proved_for_other_numbers(compared, repairs[0]) if len(repairs) == 1 else None
+    return None
+
+
+def _alone(found: Sequence[Typed]) -> list[Places]:
+    """Return every number as a candidate of its own."""
+    return [(one,) for one in found]
+
+
+def _repeated(found: Sequence[Typed]) -> list[Places]:
+    """Return the numbers that are stated on several lines under one name."""
+    groups: dict[tuple[str, str], list[Typed]] = {}
+    for one in found:
+        if one.name:
+            groups.setdefault((one.name, one.text), []).append(one)
+    return [tuple(places) for places in groups.values() if len({one.line for one in places}) > 1]
+
+
+class _Search:
+    """A model that is run with other numbers."""
+
+    def __init__(self, compared: Compared, source: str) -> None:
+        self._compared, self._source = compared, source
+        problem = compared.problem
+        self._few = compared.states.first(ROWS)
+        self._right = problem.agreeing
+        self._target = problem.reference[:ROWS] / problem.tolerance
+        self._start = problem.user[:ROWS] / problem.tolerance
+
+    def repair(self, places: Places) -> Repaired | None:
+        """Return the change of a number with which the model agrees, None when there is none."""
+        values = [self._start]
+        for share in _SHARES[1:]:
+            columns = self._columns(places, share * places[0].value)
+            if columns is None or (share == _SHARES[1] and not self._may_be_wrong(columns)):
+                return None
+            values.append(columns)
+        nearest = _nearest_share(np.stack(values), self._target)
+        if nearest is None:
+            return None
+        new = _shortest(nearest * places[0].value)
+        changes = tuple(one.change(new) for one in places)
+        source = apply_changes(self._source, changes)
+        problem = self._compared.problem
+        if not agrees(self._compared.worker, source, self._compared.states, problem):
+            return None
+        return Repaired(changes, source)
+
+    def _may_be_wrong(self, columns: Array) -> bool:
+        """Tell whether a number moves something that differs, and nothing that agrees."""
+        moved = np.abs(columns - self._start).max(axis=0) > 1.0
+        return bool((moved & ~self._right).any()) and not (moved & self._right).any()
+
+    def _columns(self, places: Places, value: float) -> Array | None:
+        """Return what the model gives with another number, over the tolerances; None where it fails."""
+        problem = self._compared.problem
+        source = apply_changes(self._source, tuple(one.change(repr(value)) for one in places))
+        try:
+            with self._compared.worker.again(source) as twin:
+                sampled = samples.sample(twin, self._few)
+        except ModelError:
+            return None
+        given = Problem(problem.tree, self._few.q, sampled, problem.rtol)
+        if given.elements != problem.elements:
+            return None
+        return np.asarray(given.user / problem.tolerance)
+
+
+def _nearest_share(values: Array, target: Array) -> float | None:
+    """Return the share of a number with which values come nearest to a target; None where they stay away.
+
+    Args:
+        values: at the shares above, (4, ...), of a cubic polynomial.
+        target: what they should be.
+    """
+    powers = np.vander(np.array(_SHARES), len(_SHARES), increasing=True)
+    coefficients = np.linalg.solve(powers, values.reshape(len(_SHARES), -1))
+    coefficients[0] -= target.ravel()
+    if not np.isfinite(coefficients).all():
+        return None
+    # The squared distance is a polynomial of degree six; its least value is where its derivative is zero.
+    gram = coefficients @ coefficients.T
+    squared = np.zeros(2 * len(_SHARES) - 1)
+    for i, row in enumerate(gram):
+        squared[i : i + len(row)] += row
+    size = np.abs(squared).max()
+    derivative = (squared[1:] * np.arange(1, len(squared))) / max(size, 1e-300)
+    roots = np.roots(derivative[::-1])
+    real = roots.real[np.abs(roots.imag) <= 1e-4 * np.abs(roots)]
+    if not len(real):
+        return None
+    left = [float(np.abs((share ** np.arange(len(_SHARES))) @ coefficients).max()) for share in real]
+    best = int(np.argmin(left))
+    before = float(np.abs(coefficients.sum(axis=0)).max())
+    share = float(real[best])
+    return share if left[best] <= 1e-3 * before and abs(share - 1.0) > _EXACT else None
+
+
+def _shortest(value: float) -> str:
+    """Return a number with as few digits as it takes."""
+    for digits in range(1, _DIGITS):
+        text = f"{value:.{digits}g}"
+        if abs(float(text) - value) <= _EXACT * abs(value):
+            return text
+    return f"{value:.{_DIGITS}g}"

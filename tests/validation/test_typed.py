@@ -1,0 +1,109 @@
+"""A wrong number is named at its line, whatever holds it, also where another number is as large."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+import textbooks
+
+from armgpi import Robot, validate
+
+EQUATIONS = """
+
+def mass_matrix(q{arguments}):{unpacked}
+    k = m2 * l1 * c2 * np.cos(q[1])
+    d = I2 + m2 * c2**2
+    return np.array([[I1 + m1 * c1**2 + m2 * l1**2 + d + 2 * k, d + k], [d + k, d]])
+
+
+def gravity(q{arguments}):{unpacked}
+    b = m2 * g * c2 * np.cos(q[0] + q[1])
+    return np.array([(m1 * c1 + m2 * l1) * g * np.cos(q[0]) + b, b])
+"""
+NAMES = "m1, m2, l1, c1, c2, I1, I2, g"
+RIGHT = {"m1": 1.5, "m2": 1.0, "l1": 0.4, "c1": 0.2, "c2": 0.15, "I1": 0.02, "I2": 0.05, "g": 9.81}
+
+
+def arm() -> Robot:
+    """Return the robot that has these numbers."""
+    turn, ball = textbooks._turn, textbooks._round
+    joints = [
+        turn("0 -1 0", (0, 0, 0), 1.5, (0.2, 0, 0), ball(0.02)),
+        turn("0 -1 0", (0.4, 0, 0), 1.0, (0.15, 0, 0), ball(0.05)),
+    ]
+    return Robot.from_xml(textbooks.written("arm", joints))
+
+
+def written(style: str, numbers: dict[str, float]) -> str:
+    """Return a model that holds its numbers in some way."""
+    values = ", ".join(map(repr, numbers.values()))
+    head, arguments, unpacked = "import numpy as np\n", "", ""
+    if style == "names":
+        head += f"{NAMES} = {values}\n"
+    elif style == "defaults":
+        arguments = ", " + ", ".join(f"{name}={x!r}" for name, x in numbers.items())
+    elif style == "array":
+        head += f"p = np.array([{values}])\n"
+        unpacked = f"\n    {NAMES} = p"
+    elif style == "json":
+        rows = ", ".join(f'"{name}": {x!r}' for name, x in numbers.items())
+        head += f"import json\n\np = json.loads('{{{rows}}}')\n"
+        unpacked = f"\n    {NAMES} = p.values()"
+    elif style == "dataclass":
+        fields = "\n".join(f"    {name}: float = {x!r}" for name, x in numbers.items())
+        head += f"from dataclasses import astuple, dataclass\n\n\n@dataclass\nclass Arm:\n{fields}\n"
+        unpacked = f"\n    {NAMES} = astuple(Arm())"
+    return head + EQUATIONS.format(arguments=arguments, unpacked=unpacked)
+
+
+@pytest.mark.parametrize(
+    ("style", "name", "wrong"),
+    [
+        ("names", "I2", 0.02),  # which is I1
+        ("defaults", "c2", 0.2),  # which is c1
+        ("array", "I2", 0.005),
+        ("json", "m2", 1.5),  # which is m1
+        ("dataclass", "I2", 0.02),
+    ],
+)
+def test_a_wrong_number_is_named_and_repaired(style: str, name: str, wrong: float, tmp_path: Path) -> None:
+    path = tmp_path / "model.py"
+    path.write_text(written(style, {**RIGHT, name: wrong}))
+    report = validate(path, arm())
+    assert report.repaired is not None
+    assert validate(_saved(path, report.repaired, "repaired"), arm()).agrees
+    changed = [
+        (float(old), float(new))
+        for old, new in zip(_numbers(path.read_text()), _numbers(report.repaired), strict=True)
+        if float(old) != float(new)
+    ]
+    assert set(changed) == {(wrong, RIGHT[name])}
+    # What a text holds is not varied.
+    assert report.causes[0].confirmed == (style != "json")
+
+
+def _numbers(source: str) -> list[str]:
+    return re.findall(r"\d+\.?\d*", source)
+
+
+def _saved(path: Path, source: str, name: str) -> Path:
+    other = path.with_name(f"{name}.py")
+    other.write_text(source)
+    return other
+
+
+def test_where_two_numbers_would_do_none_is_named(tmp_path: Path) -> None:
+    """Gravity alone: another length l1 of the first link, or another mass, or centre, of it."""
+    path = tmp_path / "model.py"
+    path.write_text(
+        "import numpy as np\n"
+        "m1, m2, l1, c1, c2, g = 1.5, 1.0, 0.5, 0.2, 0.15, 9.81\n\n\n"
+        "def gravity(q):\n"
+        "    b = m2 * g * c2 * np.cos(q[0] + q[1])\n"
+        "    return np.array([(m1 * c1 + m2 * l1) * g * np.cos(q[0]) + b, b])\n"
+    )
+    report = validate(path, arm())
+    assert not report.agrees
+    assert not any(cause.confirmed for cause in report.causes)
