@@ -6,7 +6,7 @@ import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
@@ -16,6 +16,9 @@ from armgpi.cli.derive import write
 from armgpi.cli.parsing import INCOMPLETE, is_experiment, refusal
 from armgpi.cli.terminal import say
 from armgpi.errors import ArmgpiError, ArmgpiWarning
+
+if TYPE_CHECKING:
+    from armgpi.validation.template import Template
 
 #: Command -> the module and the package that it needs beside armgpi's own.
 _NEEDS = {
@@ -50,6 +53,11 @@ ROWS = {
         "Begin with a planar arm in place of ROBOT: its URDF, and a model in Python to fill in for "
         "`armgpi validate`."
     ),
+    "dh FILE": (
+        "Begin with an arm from a table of Denavit-Hartenberg parameters (CSV) in place of ROBOT: its URDF, "
+        "and a model in Python to fill in."
+    ),
+    "dh_convention standard|modified": "Convention of that table: standard by default, or modified (Craig).",
 }
 
 
@@ -89,6 +97,8 @@ def new(
     target: str | None = None,
     force: bool = False,
     planar: int | None = None,
+    dh: Path | None = None,
+    dh_convention: str | None = None,
     **how: Any,
 ) -> None:
     """Begin an experiment file for an arm: what its URDF contains, what you specify, and what is assumed.
@@ -100,15 +110,16 @@ def new(
     armgpi new my_arm.urdf
     armgpi new humanoid.urdf --keep left_arm --payload 2 --target ros2_control
     armgpi new --planar 2
+    armgpi new --dh my_arm.csv
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi import config
     from armgpi.hardware.export.targets import TARGETS
     from armgpi.health import findings, report
 
     typed = {"payload": payload, "encoder_bits": encoder_bits, "delay": delay, "dt": dt, "target": target}
-    if robot is None or planar is not None:
-        _begin_planar(robot, planar, out, force, {**typed, **how})
+    if _begins_template(robot, planar, dh, dh_convention, out, force, {**typed, **how}):
         return
+    assert robot is not None
     if target not in (None, *TARGETS):
         raise refusal("--target", f"must be one of {', '.join(TARGETS)}, got {target!r}")
     if is_experiment(robot):
@@ -142,6 +153,27 @@ def new(
     say(f"{arm.name}: {arm.n} joints; next: armgpi run {path}")
 
 
+def _begins_template(
+    robot: str | None,
+    planar: int | None,
+    table: Path | None,
+    convention: str | None,
+    out: Path | None,
+    force: bool,
+    others: dict[str, Any],
+) -> bool:
+    """Write an arm to begin with where one is asked for in place of a robot, and tell whether it was."""
+    if convention is not None and table is None:
+        raise refusal("--dh-convention", "is about a table: give it with --dh FILE")
+    if table is not None:
+        _begin_table(robot, table, convention or "standard", out, force, {**others, "planar": planar})
+    elif robot is None or planar is not None:
+        _begin_planar(robot, planar, out, force, others)
+    else:
+        return False
+    return True
+
+
 def _begin_planar(
     robot: str | None, joints: int | None, out: Path | None, force: bool, others: dict[str, Any]
 ) -> None:
@@ -149,22 +181,42 @@ def _begin_planar(
     from armgpi.validation import template
 
     if joints is None:
-        raise refusal("ROBOT", "is missing: give a URDF or the name of a robot, or --planar JOINTS")
-    if robot is not None:
-        raise refusal("--planar", f"takes the place of ROBOT; leave {robot} out")
-    if given := [f"--{name.replace('_', '-')}" for name, value in others.items() if value not in (None, [])]:
-        raise refusal("--planar", f"writes no experiment file, which {', '.join(given)} would be for")
+        raise refusal("ROBOT", "is missing: give a URDF or the name of a robot, --planar JOINTS or --dh FILE")
+    _refuse_others("--planar", robot, others)
     made = template.planar(joints)
-    urdf = out or Path(f"planar{joints}.urdf")
+    _write_template(made, out or Path(f"planar{joints}.urdf"), "--planar", force)
+
+
+def _begin_table(
+    robot: str | None, table: Path, convention: str, out: Path | None, force: bool, others: dict[str, Any]
+) -> None:
+    """Write the URDF of an arm from a table, and beside it a model to fill in."""
+    from armgpi.validation import denavit
+
+    _refuse_others("--dh", robot, others)
+    made = denavit.from_table(denavit.read_table(table), convention)
+    _write_template(made, out or Path(f"{table.stem}.urdf"), "--dh", force, f"{convention} convention; ")
+
+
+def _refuse_others(option: str, robot: str | None, others: dict[str, Any]) -> None:
+    """Refuse a robot, and options of an experiment file, beside an option that writes none."""
+    if robot is not None:
+        raise refusal(option, f"takes the place of ROBOT; leave {robot} out")
+    if given := [f"--{name.replace('_', '-')}" for name, value in others.items() if value not in (None, [])]:
+        raise refusal(option, f"writes no experiment file, which {', '.join(given)} would be for")
+
+
+def _write_template(made: Template, urdf: Path, option: str, force: bool, note: str = "") -> None:
+    """Write a URDF and beside it the model to fill in, and say what is next."""
     if urdf.suffix != ".urdf":
-        raise refusal("--out", f"expected a file that ends in .urdf with --planar, got {urdf}")
+        raise refusal("--out", f"expected a file that ends in .urdf with {option}, got {urdf}")
     model = urdf.with_suffix(".py")
     for path in (urdf, model):
         if path.exists() and not force:
             raise refusal("--out", f"{path} exists; choose another file, or add --force")
     write(urdf, made.urdf, "--out")
     write(model, made.model_for(urdf.stem), "--out")
-    say(f"{urdf}, {model}: fill in D, C v and G; next: armgpi validate {model} --robot {urdf}")
+    say(f"{urdf}, {model}: {note}fill in D, C v and G; next: armgpi validate {model} --robot {urdf}")
 
 
 def _assumed_bodies(arm: Any, how: dict[str, Any]) -> dict[str, str]:
