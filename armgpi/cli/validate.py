@@ -36,6 +36,9 @@ ROWS = {
     "viscous_friction NUMBERS": (
         "Viscous friction that its dynamics contain [N m s/rad or N s/m]: 'j1=0.1,j2=0.05', or a number."
     ),
+    "passive JOINT": (
+        "Joint without a motor: its torque is zero, or no argument of forward_dynamics; may be repeated."
+    ),
     "names --map NAME=FUNCTION": (
         "Name of a function in the model, such as M=mass_matrix; M, D, C and G are found by their names."
     ),
@@ -62,6 +65,7 @@ def validate(
     from_vertical: str | None = None,
     rotor_inertia: list[str] | None = None,
     viscous_friction: list[str] | None = None,
+    passive: list[str] | None = None,
     names: list[str] | None = None,
     allow_uncompared: bool = False,
     isolate: bool = False,
@@ -84,7 +88,7 @@ def validate(
 
     about_robot = {"--lock": lock, "--keep": keep, "--frame": frame, "--absolute": absolute}
     about_robot |= {"--from-vertical": from_vertical, "--rotor-inertia": rotor_inertia}
-    about_robot |= {"--viscous-friction": viscous_friction}
+    about_robot |= {"--viscous-friction": viscous_friction, "--passive": passive}
     if robot is None and any(about_robot.values()):
         *first, last = about_robot
         raise refusal("--robot", f"is missing: {', '.join(first)} and {last} are about it")
@@ -102,6 +106,7 @@ def validate(
         from_vertical=from_vertical,
         rotor_inertia=_per_joint(rotor_inertia, "--rotor-inertia"),
         viscous_friction=_per_joint(viscous_friction, "--viscous-friction"),
+        passive=passive or (),
         names=functions,
         isolate=isolate,
     )

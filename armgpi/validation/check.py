@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from typing import Any
@@ -49,6 +49,7 @@ def validate(
     from_vertical: str | None = None,
     rotor_inertia: PerJoint | None = None,
     viscous_friction: PerJoint | None = None,
+    passive: str | Sequence[str] = (),
     names: Mapping[str, str] | None = None,
     isolate: bool = False,
 ) -> DynamicsReport:
@@ -76,6 +77,7 @@ def validate(
             name -> value.
         viscous_friction: what the model's inverse and forward dynamics have in addition, linear in the
             joint velocities [N m s/rad or N s/m]; likewise.
+        passive: joints without a motor: their torque is zero, or no argument of the forward dynamics.
         names: what the model calls its functions -> what they are; M, D, C and G are known.
         isolate: the model has no network, sees no other process and writes no file; it needs Linux, with
             user namespaces or bubblewrap. The latter takes a model of a file or module alone.
@@ -100,7 +102,7 @@ def validate(
     tree = None if robot is None else from_robot(robot, frame)
     if robot is not None and tree is not None and viscous_friction is not None:
         tree = replace(tree, viscous=_friction_of(robot, viscous_friction))
-    convention = declare_convention(tree, names or {}, absolute, from_vertical, tuple(ARGUMENTS))
+    convention = declare_convention(tree, names or {}, absolute, from_vertical, tuple(ARGUMENTS), passive)
     check_type(isolate, "isolate", bool, "True or False")
     with Worker(model, name_of(model), time_limit, None, convention, isolate) as worker:
         if robot is None or tree is None:
@@ -110,10 +112,10 @@ def validate(
             lower, upper = robot.limits.lower, robot.limits.upper
             states = random_states(lower, upper, robot.prismatic, seed)
             _check_count(worker, robot)
-        passive = samples.passive_joints(worker, states)
-        states.tau[:, passive] = 0.0
+        unread = samples.passive_joints(worker, states)
+        states.tau[:, unread] = 0.0
         sampled = samples.sample(worker, states)
-        notes = tuple(_notes(worker, sampled, passive))
+        notes = tuple(_notes(worker, sampled, unread))
         if tree is not None:
             sampled, said = _in_plain_form(tree, states, sampled, rtol)
             notes = (*notes, *said)
@@ -126,9 +128,9 @@ def validate(
             )
             return _with_laws(replace(laws_alone, uncompared=worker.uncompared, left_out=_left_out(worker)))
         report = _with_laws(_compare(model, worker, robot, tree, rtol, states, sampled, own, found, notes))
-        if len(passive) == robot.n:  # an arm with motors is not compared where no torque is read
-            unread = "what torques do: forward_dynamics reads none of them"
-            report = replace(report, left_out=(*report.left_out, unread))
+        if len(unread) == robot.n:  # an arm with motors is not compared where no torque is read
+            missing = "what torques do: forward_dynamics reads none of them"
+            report = replace(report, left_out=(*report.left_out, missing))
         compares_frame = any(name in sampled for name in ("forward_kinematics", "jacobian"))
         return report if compares_frame else replace(report, frame=frame)
 

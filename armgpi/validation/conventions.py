@@ -7,7 +7,7 @@ coordinates, so that everything else need not know of it.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from difflib import get_close_matches
 from functools import wraps
 from typing import Any, NamedTuple
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from armgpi.arrays import Array
+from armgpi.arrays import Array, check_type
 from armgpi.errors import NameNotFound, ParameterError
 from armgpi.validation.tree import Tree, absolute_angles
 
@@ -62,6 +62,7 @@ class Convention(NamedTuple):
         b: offset of the model's coordinates [rad or m], (n,).
         mapped: those of the names that the user gave.
         n: number of joints of the robot; None without one.
+        passive: joints without a motor, whose torque is zero or no argument of its forward dynamics.
     """
 
     names: Mapping[str, str]
@@ -69,9 +70,12 @@ class Convention(NamedTuple):
     b: Array | None = None
     mapped: tuple[str, ...] = ()
     n: int | None = None
+    passive: tuple[int, ...] = ()
 
     def convert(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
         """Return a function of the model as one of the robot's coordinates."""
+        if name == "forward_dynamics" and self.passive:
+            function = _without_motors(function, self.passive)
         if self.A is None or self.b is None:
             return function
         A, b = self.A, self.b
@@ -127,12 +131,31 @@ def propose_map(name: str, known: Mapping[str, tuple[str, ...]], taken: Collecti
     return f"unknown function name. Is it {words}? --map {name}={function}"
 
 
+def _without_motors(function: Callable[..., Any], passive: tuple[int, ...]) -> Callable[..., Any]:
+    """Return a forward dynamics of all torques, from one in which some are zero, or no argument at all."""
+
+    @wraps(function)
+    def call(q: Array, v: Array, tau: Array) -> Any:
+        held = tau.copy()
+        held[[*passive]] = 0.0
+        try:
+            value = function(q, v, held)
+            if np.size(value) == len(q):
+                return value
+        except (IndexError, TypeError, ValueError):
+            pass  # it takes the torques of the motors alone
+        return function(q, v, np.delete(tau, passive))
+
+    return call
+
+
 def declare_convention(
     tree: Tree | None,
     names: Mapping[str, str],
     absolute: bool,
     from_vertical: str | None,
     known: tuple[str, ...],
+    passive: str | Sequence[str] = (),
 ) -> Convention:
     """Return the convention that a user declares.
 
@@ -142,15 +165,17 @@ def declare_convention(
         absolute: its angles are counted from the base.
         from_vertical: "up" or "down" when its first level axis is counted from there.
         known: names of the functions that there are.
+        passive: joints without a motor.
 
     Raises:
-        NameNotFound: when a function is named that there is not.
+        NameNotFound: when a function or a joint is named that there is not.
         ParameterError: when one of them is not possible.
     """
     _check_names(names, known)
     known_as, mapped = {**SHORT, **names}, tuple(names)
+    without_motor = _places(tree, passive)
     if not absolute and from_vertical is None:
-        return Convention(known_as, mapped=mapped, n=tree.n if tree else None)
+        return Convention(known_as, mapped=mapped, n=tree.n if tree else None, passive=without_motor)
     if tree is None:
         raise ParameterError("robot", None, "given, as `absolute` and `from_vertical` are about its joints")
     A, b = np.eye(tree.n), np.zeros(tree.n)
@@ -162,7 +187,29 @@ def declare_convention(
     if from_vertical is not None:
         joint, turn = _quarter(tree, from_vertical)
         b = -turn * A[:, joint]
-    return Convention(known_as, A, b, mapped, tree.n)
+    return Convention(known_as, A, b, mapped, tree.n, without_motor)
+
+
+def _places(tree: Tree | None, passive: str | Sequence[str]) -> tuple[int, ...]:
+    """Return the places of the joints without a motor.
+
+    Raises:
+        NameNotFound: when there is no such joint.
+        ParameterError: without a robot, for no names, or where no joint is left.
+    """
+    names = (passive,) if isinstance(passive, str) else passive
+    check_type(names, "passive", list | tuple, "names of joints")
+    if not names:
+        return ()
+    if tree is None:
+        raise ParameterError("robot", None, "given, as `passive` is about its joints")
+    for name in names:
+        if not isinstance(name, str) or name not in tree.joint_names:
+            raise NameNotFound("joint", name, tree.joint_names)
+    found = tuple(sorted({tree.joint_names.index(name) for name in names}))
+    if len(found) == tree.n:
+        raise ParameterError("passive", list(names), "fewer joints than there are: some joint has a motor")
+    return found
 
 
 def _check_names(names: Mapping[str, str], known: tuple[str, ...]) -> None:

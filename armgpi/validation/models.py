@@ -131,6 +131,9 @@ class Functions:
         if convention.n is not None and set(self.aliases) - set(convention.mapped):
             self._tell_torque(convention.n)
         if convention.A is None:
+            name = "forward_dynamics"
+            if convention.passive and name in self.calls:
+                self.calls[name] = convention.convert(name, self.calls[name])
             return self
         return Functions({name: convention.convert(name, call) for name, call in self.calls.items()}, self.n)
 

@@ -926,6 +926,7 @@ CASES: dict[str, Case] = {
             "joints": None,
             "time_limit": 5.0,
             "seed": 0,
+            "passive": (),
         },
         slow=True,
     ),

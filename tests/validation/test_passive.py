@@ -9,6 +9,7 @@ import pytest
 import textbooks
 
 from armgpi import Robot, validate
+from armgpi.errors import NameNotFound, ParameterError
 
 PENDUBOT = """
 import numpy as np
@@ -53,3 +54,29 @@ def test_a_point_mass_that_may_be_without_mass_is_no_error(tmp_path: Path) -> No
     report = validate(path, byhand.robot("beamball"))
     assert not report.agrees
     assert report.causes
+
+
+@pytest.mark.parametrize("torques", ["tau[0], 0.3 * tau[1]", "tau.item(), 0.0"])
+def test_a_joint_that_is_said_to_have_no_motor_has_no_torque(torques: str, tmp_path: Path) -> None:
+    """The torque of another joint may be read, or be no argument at all."""
+    path = tmp_path / "pendubot.py"
+    path.write_text(PENDUBOT.replace("TORQUES", torques))
+    arm = pendubot()
+    report = validate(path, arm, passive=arm.joint_names[1])
+    assert report.agrees, report
+    path.write_text(path.read_text().replace("(2 * v[0] + v[1])", "(v[0] + v[1])"))
+    wrong = validate(path, arm, passive=[arm.joint_names[1]])
+    assert not wrong.agrees
+    assert wrong.causes[0].line is not None
+
+
+def test_joints_without_a_motor_are_some_of_the_robots(tmp_path: Path) -> None:
+    path = tmp_path / "pendubot.py"
+    path.write_text(PENDUBOT.replace("TORQUES", "tau[0], 0.0"))
+    arm = pendubot()
+    with pytest.raises(NameNotFound, match="elbow"):
+        validate(path, arm, passive="elbow")
+    with pytest.raises(ParameterError, match="passive"):
+        validate(path, arm, passive=list(arm.joint_names))
+    with pytest.raises(ParameterError, match="robot"):
+        validate(path, passive="q1")
