@@ -209,7 +209,8 @@ def _nearest_share(values: Array, target: Array) -> float | None:
     size = np.abs(squared).max()
     derivative = (squared[1:] * np.arange(1, len(squared))) / max(size, 1e-300)
     roots = np.roots(derivative[::-1])
-    real = roots.real[np.abs(roots.imag) <= 1e-4 * np.abs(roots)]
+    # A sign that is wrong is wrong in a formula sooner than in a number.
+    real = roots.real[(np.abs(roots.imag) <= 1e-4 * np.abs(roots)) & (roots.real > 0.0)]
     if not len(real):
         return None
     left = [float(np.abs((share ** np.arange(len(_SHARES))) @ coefficients).max()) for share in real]

@@ -135,10 +135,16 @@ def _friction(compared: Compared, sampled: Mapping[str, Sampled], whole: list[Ca
 
 
 def _is_of_drives(whole: list[Cause], problem: Problem) -> bool:
-    """Tell whether all that differs is rotor inertia or friction, of which the robot has none."""
+    """Tell whether all that differs is rotor inertia or friction, of which the robot has none.
+
+    Where a joint slides, a wrong mass adds to the diagonal as well.
+    """
     tree = problem.tree
     has_some = tree.armature.any() or (tree.viscous is not None and tree.viscous.any())
-    return bool(whole) and whole[0].kind in ("rotor-inertia", "friction") and not has_some
+    kinds = {cause.kind for cause in whole[:1]}
+    if has_some or (kinds == {"rotor-inertia"} and any(tree.prismatic)):
+        return False
+    return bool(kinds & {"rotor-inertia", "friction"})
 
 
 def _find_repair(
