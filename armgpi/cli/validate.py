@@ -87,12 +87,11 @@ def validate(
     from armgpi.validation.check import validate as validated
 
     about_robot = {"--lock": lock, "--keep": keep, "--frame": frame, "--absolute": absolute}
-    about_robot |= {"--from-vertical": from_vertical, "--rotor-inertia": rotor_inertia}
-    about_robot |= {"--viscous-friction": viscous_friction, "--passive": passive}
+    about_robot |= {"--from-vertical": from_vertical, "--rotor-inertia": rotor_inertia, "--passive": passive}
+    about_robot |= {"--viscous-friction": viscous_friction}
     if robot is None and any(about_robot.values()):
         *first, last = about_robot
         raise refusal("--robot", f"is missing: {', '.join(first)} and {last} are about it")
-    functions = _read_map(names)
     arm = None if robot is None else load(robot, lock, keep)
     found = validated(
         model,
@@ -107,7 +106,7 @@ def validate(
         rotor_inertia=_per_joint(rotor_inertia, "--rotor-inertia"),
         viscous_friction=_per_joint(viscous_friction, "--viscous-friction"),
         passive=passive or (),
-        names=functions,
+        names=_read_map(names),
         isolate=isolate,
     )
     allow = allow_uncompared

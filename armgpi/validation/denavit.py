@@ -234,24 +234,35 @@ def _effort(rows: list[Row]) -> float:
     return round(max(_SPARE * _GRAVITY * mass * lever, _LEAST_EFFORT), 1)
 
 
+def _listed(values: list[float]) -> str:
+    """Return numbers as a list of Python."""
+    return f"[{', '.join(f'{x:.12g}' for x in values)}]"
+
+
+def _numbers(rows: list[Row]) -> str:
+    """Return the numbers of a table as assignments of Python."""
+    numbers = [
+        ("a", "[m]", _listed([row.a for row in rows])),
+        ("alpha", "[rad]", _listed([row.alpha for row in rows])),
+        ("d", "[m]", _listed([row.d for row in rows])),
+        ("theta", "[rad]", _listed([row.theta for row in rows])),
+        ("slides", "joints that slide", repr([row.slides for row in rows])),
+        ("m", "masses [kg]", _listed([row.mass for row in rows])),
+    ]
+    lines = [f"{name} = {text}  # {meaning}" for name, meaning, text in numbers]
+    lines += [
+        "# centres of mass, and inertias about them, in the frames of the links [m], [kg m²]",
+        "com = [",
+    ]
+    lines += [f"    {_listed(row.com.tolist())}," for row in rows]
+    lines += ["]", "inertia = ["]
+    lines += [f"    [{', '.join(map(_listed, row.inertia.tolist()))}]," for row in rows]
+    return "\n".join([*lines, "]"])
+
+
 def _model(rows: list[Row], convention: str) -> str:
     n = len(rows)
     joints = "one joint" if n == 1 else f"{n} joints"
-
-    def listed(values: list[float]) -> str:
-        return f"[{', '.join(f'{x:.12g}' for x in values)}]"
-
-    numbers = [
-        ("a", "[m]", listed([row.a for row in rows])),
-        ("alpha", "[rad]", listed([row.alpha for row in rows])),
-        ("d", "[m]", listed([row.d for row in rows])),
-        ("theta", "[rad]", listed([row.theta for row in rows])),
-        ("slides", "joints that slide", repr([row.slides for row in rows])),
-        ("m", "masses [kg]", listed([row.mass for row in rows])),
-    ]
-    coms = "\n".join(f"    {listed(row.com.tolist())}," for row in rows)
-    inertias = "\n".join(f"    [{', '.join(listed(line) for line in row.inertia.tolist())}]," for row in rows)
-    typed = "\n".join(f"{name} = {text}  # {meaning}" for name, meaning, text in numbers)
     product = "turn_z @ turn_x" if convention == "standard" else "turn_x @ turn_z"
     return f'''"""Arm of {joints} by Denavit and Hartenberg ({convention} convention); fill in D, C v and G:
 
@@ -262,14 +273,7 @@ Gravity points against z of the base. What an entry lacks is said as a formula.
 
 import numpy as np
 
-{typed}
-# centres of mass, and inertias about them, in the frames of the links [m], [kg m²]
-com = [
-{coms}
-]
-inertia = [
-{inertias}
-]
+{_numbers(rows)}
 g = {_GRAVITY}  # [m/s²]
 
 
