@@ -15,7 +15,6 @@ from armgpi.cli import app
 from armgpi.errors import ConfigError
 from armgpi.hardware.export.code import generate
 from armgpi.hardware.export.files import _readme
-from armgpi.hardware.realtime import judge as judging
 from armgpi.hardware.realtime import run, stages
 from armgpi.hardware.realtime.judge import QUESTIONS, judge
 from armgpi.hardware.realtime.stages import CAPS, Folder, Stage
@@ -223,13 +222,12 @@ def test_friction_that_a_robot_may_bear_is_that_of_where_it_begins(
 ) -> None:
     """In a dry run and in a stage: later the arm may have moved, by hand or by its torques."""
     places = []
-    plain = judging.moving_torque
 
     def seen(robot: Robot, q: Any) -> Any:
         places.append(np.array(q))
-        return plain(robot, q)
+        return stages.moving_torque(robot, q)
 
-    monkeypatch.setattr(judging, "moving_torque", seen)
+    monkeypatch.setattr("armgpi.hardware.realtime.judge.moving_torque", seen)
     joint = kinds(folder, "joint")[0]
     for stage, log in ((folder.stages[0], dry.log), (joint, recorded(folder, joint)[1].log)):
         rows = log.rows.copy()

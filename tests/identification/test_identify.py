@@ -24,6 +24,7 @@ from armgpi import config
 from armgpi.config.experiment import portable
 from armgpi.errors import ArmgpiError, ParameterError, UnfitLog
 from armgpi.identification import arm as identification
+from armgpi.identification import resonance
 from armgpi.identification.arm import Identified, Validation, identify
 from armgpi.identification.chirp import Side
 from armgpi.identification.estimate import Block, Prior, expect, fit
@@ -613,6 +614,22 @@ def test_the_first_mode_is_found_from_a_multisine(side: str, stiffness: float) -
     other.gears = part
     assert say_gears(other)[1].endswith("so the first mode may be lower: q1")
     assert part.stiffness[1:] == pytest.approx(stiffness * arm().armature[1:], rel=0.1)
+
+
+@pytest.mark.parametrize("side", ["motor", "link"])
+def test_the_derivative_of_the_torques_left_is_that_of_their_differences(
+    side: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(resonance, "_WEIGHINGS", 0)  # nothing is searched
+    given = shaken(side, 3e3)[0]
+    turns = list(resonance._turns(resample(given)))
+    fit_of_turns = resonance._Fit(rotors.assume_gears(arm()), turns, side, np.full(3, 2e-3), True)
+    x, h = 0.3 * np.random.default_rng(1).normal(size=len(fit_of_turns.x)), 1e-6
+    slopes = fit_of_turns._slopes(x)
+    for k in range(len(x)):
+        step = h * (np.arange(len(x)) == k)
+        difference = (fit_of_turns._residuals(x + step) - fit_of_turns._residuals(x - step)) / (2.0 * h)
+        assert slopes[:, k] == pytest.approx(difference, abs=1e-6 * max(np.abs(slopes[:, k]).max(), 1.0))
 
 
 def test_encoders_of_few_counts_and_lags_of_gears_spoil_no_first_mode() -> None:

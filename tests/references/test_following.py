@@ -15,6 +15,7 @@ import armgpi
 from armgpi import config
 from armgpi.config import experiment as experiments
 from armgpi.errors import ArrayError, ParameterError, ReachError
+from armgpi.references import following
 from armgpi.references.following import SetpointInverse
 
 HOMES = {
@@ -320,3 +321,20 @@ def test_a_wrong_experiment_of_poses_names_its_key(reference: dict[str, Any], me
     wanted = {"robot": {"name": "ur5"}, "reference": reference}
     with pytest.raises(armgpi.ArmgpiError, match=message):
         config.build(config.check(wanted, config.Origin("x")), config.Origin("x"))
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_step_within_bounds_costs_least_of_all(seed: int) -> None:
+    """No joint that is free to move, or may move inwards, would lower the cost: the conditions of Karush."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 8))
+    root = rng.normal(size=(n, n))
+    matrix, gradient = root @ root.T + 0.05 * np.eye(n), 3.0 * rng.normal(size=n)
+    lower, upper = -rng.uniform(0.0, 0.6, n), rng.uniform(0.0, 0.6, n)
+    x = following._bounded(matrix, gradient, lower, upper)
+    slope = matrix @ x - gradient
+    assert (x >= lower).all()
+    assert (x <= upper).all()
+    assert np.abs(slope[(x > lower) & (x < upper)]).max(initial=0.0) < 1e-9
+    assert slope[x == lower].min(initial=0.0) > -1e-9
+    assert slope[x == upper].max(initial=0.0) < 1e-9
