@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+import armgpi
 from armgpi import metrics
 from armgpi.loop.rollout import describe_end
 from armgpi.paper import published
@@ -146,3 +147,16 @@ def test_published_cells_stand_in_the_tables_as_they_are_printed() -> None:
     sheet = tables.comparison(published.TABLES[2], "ideal", [], runs.holding_cost())
     assert sheet.rows[0][2:8] == ("31.22", "11.78", "30.91", "8.84", "324.1", "41.06")
     assert sheet.rows[1][2:8] == ("3.01", "0.08", "0.0014", "35.53", "324.4972", "39.77")
+
+
+def test_a_horizon_counts_the_sample_at_its_end() -> None:
+    """The sums of a table run to the horizon, half of it and twice it, each of them included."""
+    robot = armgpi.Robot.load("anthropomorphic3")
+    start = [0.3, 0.3, -0.3]
+    gpi = armgpi.GPI(robot, 1e-3)
+    run = armgpi.simulate(armgpi.RigidBodyPlant(robot), gpi, armgpi.Hold([0.0] * 3), 0.024, q0=start)
+    result = run.expand_dims("rollout").assign(label=("rollout", ["as printed"]))
+    rows = {row[0]: row[1:4] for row in tables.sensitivity(result, 0.012).rows}
+    for name, samples in (("as printed", 12), ("horizon x 0.5", 6), ("horizon x 2", 24)):
+        expected = metrics.itae(run.isel(time=slice(0, samples + 1))).values
+        assert np.array(rows[name], dtype=float) == pytest.approx(expected, rel=0.02)
