@@ -10,7 +10,7 @@ it, must not bring the mode there; and a resonance of elastic joints that is bey
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +24,13 @@ _LEAST_LINK = 0.05
 #: Damping ratio of a gear whose damping is not known [-].
 _GEAR_DAMPING = 0.01
 #: Stiffness factors between which the largest one is looked for.
-_FACTORS, _LOOKS = (1e-3, 1e5), 60
+_FACTORS = (1e-3, 1e5)
+#: So many of them are looked at at once, then as many between the two where it ends, so many times: the last
+#: ones differ by a part of 2e-6.
+_LOOKS = 60
+_LEVELS = 4
+#: Halvings of the range of frequencies, to a part of 1e-9.
+_HALVINGS = 30
 
 
 class Mode(NamedTuple):
@@ -84,14 +90,14 @@ class ImpedanceLimits(NamedTuple):
 class _Loop(NamedTuple):
     """The controller of one mode, per unit of inertia: alpha [1/s], beta [s], filter [1/s], delay [s]."""
 
-    alpha: float
-    beta: float
+    alpha: Any
+    beta: Any
     bandwidth: float
     delay: float
 
-    def scaled(self, factor: float) -> _Loop:
-        """Return the damping that belongs to another stiffness."""
-        root = math.sqrt(factor)
+    def scaled(self, factor: Array) -> _Loop:
+        """Return the damping that belongs to other stiffnesses."""
+        root = np.sqrt(factor)
         return self._replace(alpha=self.alpha * root, beta=self.beta / root)
 
     def response(self, square: Any, frequency: Any) -> Any:
@@ -105,7 +111,7 @@ class _Loop(NamedTuple):
         low = np.full(np.shape(square), 1e-3)
         high = np.full(np.shape(square), math.pi / self.delay)
         low = np.where(self.response(square, low).imag > 0.0, low, 0.0)
-        for _ in range(45):
+        for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
             damps = (self.response(square, middle).imag > 0.0) & (low > 0.0)
             low, high = np.where(damps, middle, low), np.where(damps, high, middle)
@@ -138,8 +144,8 @@ def impedance_limits(
         drives: of the arm: their joint stiffness counts where it is known.
     """
     loop = _Loop(alpha, beta, bandwidth, delay + 0.5 * dt)
-    square = np.array([max(float(mode.square.max()) for mode in modes)])
-    factor = _largest(lambda factor: bool(loop.scaled(factor).spare(factor * square)[0] > 0.0))
+    square = max(float(mode.square.max()) for mode in modes)
+    factor = _largest(lambda factors: loop.scaled(factors).spare(factors * square) > 0.0)
     reason = f"beyond, the sample time of {dt:g} s, the delay and the filter leave no damping"
     link_factor = factor
     known = _Joints.of(modes, drives)
@@ -205,25 +211,28 @@ class _Joints(NamedTuple):
         """
         share = np.where(at_link, -1.0, self.share)
 
-        def damped(factor: float) -> bool:
-            added = share * loop.scaled(factor).response(factor * self.square, self.resonance).imag
-            return bool((added + self.own > 0.0).all())
+        def damped(factors: Array) -> Any:
+            each = factors[:, None, None]
+            added = share * loop.scaled(each).response(each * self.square, self.resonance).imag
+            return (added + self.own > 0.0).all(axis=(1, 2))
 
         return _largest(damped)
 
 
-def _largest(holds: Any) -> float:
-    """Return the factor up to which something holds, from small ones on; 0 for none."""
-    low = 0.0
-    for high in np.geomspace(*_FACTORS, _LOOKS).tolist():
-        if not holds(high):
-            break
-        low = high
-    else:
-        return math.inf
-    if not low:
-        return 0.0
-    for _ in range(25):
-        middle = math.sqrt(low * high)
-        low, high = (middle, high) if holds(middle) else (low, middle)
+def _largest(holds: Callable[[Array], Any]) -> float:
+    """Return the factor up to which something holds, from small ones on; 0 for none.
+
+    Args:
+        holds: tells it of several factors, (k,) -> booleans (k,).
+    """
+    low, high = _FACTORS
+    for level in range(_LEVELS):
+        factors = np.geomspace(low, high, _LOOKS)
+        held = holds(factors)
+        if level == 0 and held.all():
+            return math.inf
+        first = int(np.argmin(held))
+        if first == 0:
+            return 0.0
+        low, high = float(factors[first - 1]), float(factors[first])
     return low

@@ -161,7 +161,7 @@ def test_the_limits_in_closed_form_are_those_of_the_sampled_loop(late: int, freq
     damping = alpha + beta * square
     assert radius(square, damping, late, 0.93 * wall) < 1.0
     assert radius(square, damping, late, 1.05 * wall) > 1.0
-    most = _largest(lambda f: bool(loop.scaled(f).spare(f * np.array([square]))[0] > 0.0))
+    most = _largest(lambda factors: loop.scaled(factors).spare(factors * square) > 0.0)
     assert radius(0.97 * most * square, math.sqrt(0.97 * most) * damping, late, 0.0) < 1.0
     assert radius(1.03 * most * square, math.sqrt(1.03 * most) * damping, late, 0.0) > 1.0
 
