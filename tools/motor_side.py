@@ -4,6 +4,7 @@
     python tools/motor_side.py --torque-step [ARM ...]
     python tools/motor_side.py --late [ARM ...]
     python tools/motor_side.py --filters [ARM ...]
+    python tools/motor_side.py --others [ARM ...]
 
 Stability is that of the sampled linear loop (eigenvalues) at configurations that no rule looks at: with the
 assumed stiffness times 0.5, 1 and 2, at damping ratios of 5 and 1 %, and in the corners with the true rotors
@@ -11,6 +12,9 @@ assumed stiffness times 0.5, 1 and 2, at damping ratios of 5 and 1 %, and in the
 ``ElasticPlant`` with 16-bit encoders at the motors: the largest error of a link. ITAE and torque variation
 are those of a move of 0.5 rad in 2 s with 0.5 kg that the controller does not know, means over the stiffness
 times 0.5, 1 and 2.
+
+With ``--others``: the first table for light arms, one of 80 kg (a UR10 whose masses and efforts are scaled)
+and a SCARA with a slide, at 1 and 8 ms, one sample late.
 
 With ``--filters``: the first table with lower and higher filters of the derivative than the rule's.
 
@@ -34,11 +38,17 @@ import numpy as np
 
 import armgpi
 from armgpi.control.pid_positions import PIDPositions
+from armgpi.health.zoo import fingers
 from armgpi.loop import metrics
 from armgpi.robot.kinematics import random_configurations
 from armgpi.tuning import collocated, two_mass
 
 ARMS = ("panda", "ur5", "ur10", "ur3", "kinova", "xarm7", "z1")
+#: Arms of ``--others``: three below 4 kg, one of 80 kg, and one with a slide.
+OTHERS = ("so101", "romeo_left_arm", "g1_left_arm", "ur10_80kg", "scara")
+OTHER_LOOPS = ((1e-3, 1), (8e-3, 1))
+#: Mass of what moves of the heavy arm [kg].
+HEAVY = 80.0
 LOCKED = {"panda": ["panda_finger_joint1", "panda_finger_joint2"], "z1": ["jointGripper"]}
 STIFFNESS = (0.5, 1.0, 2.0)
 DAMPING = (0.05, 0.01)
@@ -47,6 +57,8 @@ ROTORS = (0.4, 1.0, 1.6)
 LOOPS = ((1e-3, 1), (2e-3, 1), (1e-3, 3))
 BITS = 16
 PAYLOAD = 0.5  # [kg]
+#: The payload of a light arm, as a share of the mass of what moves.
+LIGHTEST_SHARE = 0.15
 #: Highest filter frequencies that are tried [rad/s]; the rule has 1000.
 FILTERS = (250.0, 500.0, 1000.0, 2000.0)
 #: Loops that are late: sample time [s] and samples.
@@ -60,10 +72,50 @@ OFFSETS = (0.01, 0.03, 0.1, 0.19)
 PULSES = (0.1, 0.5)
 
 
+def scara() -> str:
+    """Return the URDF of a SCARA: two vertical axes, a slide that carries its weight, and a wrist."""
+    # Mass [kg], length or height [m], effort [N m or N], velocity [rad/s or m/s] of each joint.
+    rows = (
+        ("shoulder", "revolute", 8.0, 0.35, 200.0, 4.0),
+        ("elbow", "revolute", 6.0, 0.30, 100.0, 6.0),
+        ("slide", "prismatic", 1.5, 0.0, 120.0, 1.0),
+        ("wrist", "revolute", 0.4, 0.0, 10.0, 15.0),
+    )
+    links, joints, reach = ['<link name="base"/>'], [], 0.0
+    parent = "base"
+    for name, kind, mass, length, effort, velocity in rows:
+        tensor = mass * max(length, 0.08) ** 2 / 12.0
+        links.append(
+            f'<link name="{name}_link"><inertial><origin xyz="{0.5 * length} 0 0"/><mass value="{mass}"/>'
+            f'<inertia ixx="{0.3 * tensor}" iyy="{tensor}" izz="{tensor}" ixy="0" ixz="0" iyz="0"/>'
+            "</inertial></link>"
+        )
+        lower, upper = (-0.15, 0.15) if kind == "prismatic" else (-2.5, 2.5)
+        joints.append(
+            f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{name}_link"/>'
+            f'<origin xyz="{reach} 0 0"/><axis xyz="0 0 1"/>'
+            f'<limit lower="{lower}" upper="{upper}" effort="{effort}" velocity="{velocity}"/></joint>'
+        )
+        parent, reach = f"{name}_link", length
+    return '<robot name="scara">' + "".join((*links, *joints)) + "</robot>"
+
+
+def bare(name: str) -> armgpi.Robot:
+    """Return an arm as its URDF has it."""
+    if name == "scara":
+        return armgpi.Robot.from_xml(scara())
+    if name == "ur10_80kg":
+        robot = armgpi.Robot.load("ur10")
+        factor = HEAVY / robot.moving_mass
+        return robot.scaled_inertia(factor).with_limits(effort=factor * robot.limits.effort)
+    known = armgpi.robots.names()
+    lock = fingers(name) if name in OTHERS else LOCKED.get(name, [])
+    return armgpi.Robot.load(name, lock=lock if name in known else [])
+
+
 def load(name: str, side: str) -> armgpi.Robot:
     """Return an arm with assumed drives, its encoders where they are said to be."""
-    known = armgpi.robots.names()
-    robot = armgpi.Robot.load(name, lock=LOCKED.get(name, []) if name in known else [])
+    robot = bare(name)
     robot = armgpi.assume_drives(robot)
     if side:
         robot = robot.with_drives({joint: {"encoder_side": side} for joint in robot.joint_names})
@@ -111,7 +163,7 @@ def move(robot: armgpi.Robot, law: Any, late: int) -> tuple[float, float]:
     goal = np.clip(start + reach, robot.limits.lower, robot.limits.upper)
     rows = []
     for factor in STIFFNESS:
-        arm = robot.with_payload(robot.tip, PAYLOAD)
+        arm = robot.with_payload(robot.tip, min(PAYLOAD, LIGHTEST_SHARE * robot.moving_mass))
         plant: Any = armgpi.ElasticPlant(arm, gear_stiffness=factor * robot.drives.value("stiffness"))
         plant = armgpi.Delayed(armgpi.Encoder(plant, BITS), late)
         rollout = armgpi.simulate(plant, law, armgpi.Bezier(start, goal, 2.0), 4.0, backend="auto")
@@ -221,12 +273,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("arms", nargs="*", default=ARMS)
+    parser.add_argument("arms", nargs="*")
     parser.add_argument("--seed", type=int, default=55)
     parser.add_argument("--filters", action="store_true", help="other filters of the derivative")
+    parser.add_argument(
+        "--others", action="store_true", help="light arms, a heavy one and a SCARA; 1 and 8 ms"
+    )
     parser.add_argument("--late", action="store_true", help="late loops instead")
     parser.add_argument("--torque-step", action="store_true", help="steps of torque instead")
     wished = parser.parse_args()
+    wished.arms = wished.arms or (OTHERS if wished.others else ARMS)
     warnings.simplefilter("ignore")
     if wished.filters:
         print(
@@ -251,7 +307,7 @@ def main() -> None:
         return
     print("| arm | loop | controller | stable | rotors x 0.4-1.6 | push [mrad] | ITAE | variation [N m] |")
     print("|---|---|---|---|---|---|---|---|")
-    for name, (dt, late) in itertools.product(wished.arms, LOOPS):
+    for name, (dt, late) in itertools.product(wished.arms, OTHER_LOOPS if wished.others else LOOPS):
         arm = load(name, "motor")
         laws: dict[str, Any] = {
             "side unknown": armgpi.GPI.auto(load(name, ""), dt, delay=late * dt, bits=BITS),
