@@ -256,18 +256,33 @@ class EffortError(ArmgpiError):
         effort: its effort limit [N m or N].
     """
 
-    def __init__(self, joint: str, effort: float, others: Sequence[str] = (), enough: float = 10.0) -> None:
-        """Describe the joint without torque, and `others` that lack it too, and how to give them `enough`."""
+    def __init__(
+        self,
+        joint: str,
+        effort: float,
+        others: Sequence[str] = (),
+        enough: float = 10.0,
+        movable: bool = True,
+    ) -> None:
+        """Describe a joint without torque.
+
+        Args:
+            joint: its name.
+            effort: its effort limit [N m or N].
+            others: joints that lack it too.
+            enough: an effort limit that would suffice [N m or N].
+            movable: whether the arm can move with all of these joints locked, so that this can be proposed.
+        """
         self.joint = joint
         self.effort = float(effort)
         joints = (joint, *others)
-        self.remedies = (Remedy("effort", joints, enough), Remedy("lock", joints))
+        self.remedies = (Remedy("effort", joints, enough), *[Remedy("lock", joints)] * movable)
         besides = f" (nor have {', '.join(others)} more)" if others else ""
         them, it = ("them some", "them") if others else ("it one", "it")
         efforts = dict.fromkeys(joints, enough)
         super().__init__(
             f"joint {joint!r} has effort limit {effort:g}, so no controller can move it{besides}; "
-            f"give {them} with robot.with_limits(effort={efforts}), or lock {it}"
+            f"give {them} with robot.with_limits(effort={efforts}){f', or lock {it}' * movable}"
         )
 
 

@@ -354,17 +354,20 @@ def _warn_of_weak_motors(experiment: Experiment) -> None:
     """Say where the reference asks a joint for more torque than it has, to hold the arm or to move it."""
     import numpy as np
 
+    from armgpi.robot.equations import enough_efforts
+
     robot = experiment.plant.robot
     times = np.linspace(0.0, experiment.t_final, _LOOKS)
     target = experiment.reference.at(times)
     weak = robot.overloaded(target.q)
     if weak is not None:
         needed = abs(weak.torque)
+        enough = enough_efforts(robot, target.q, weak.joint)
+        proposed = ",".join(f"{joint}={effort:g}" for joint, effort in enough.items())
         say(
             f"warning: at {times[weak.place[0]]:.3g} s joint {weak.joint!r} needs {needed:.4g} to hold "
             f"the arm at the reference, and its effort limit is {weak.effort:g}, so it cannot hold the "
-            "arm there. Choose another goal, or specify the effort of its motor: --effort "
-            f"{weak.joint}={1.5 * needed:.3g}",
+            f"arm there. Choose another goal, or specify the effort of its motor: --effort {proposed}",
             err=True,
             fg="yellow",
         )

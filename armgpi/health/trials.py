@@ -20,7 +20,8 @@ Again = Callable[[Sequence[Remedy], Container[str]], Iterable[Finding]]
 def with_what_helps(findings: Sequence[Finding], again: Again) -> list[Finding]:
     """Return findings without those of their remedies that do not help.
 
-    All remedies of one kind are tried together, and one by one where that does not help.
+    All remedies of one kind are tried together. Where that does not help, one after the other: each is kept
+    that helps together with those before it, as they are typed together.
 
     Args:
         findings: what was found.
@@ -36,8 +37,11 @@ def with_what_helps(findings: Sequence[Finding], again: Again) -> list[Finding]:
         ]
         if not proposed or _help(proposed, findings, again):
             continue
-        tried = proposed[:_MOST] if len(proposed) > 1 else []
-        useless |= {*proposed} - {each for each in tried if _help([each], findings, again)}
+        helpful: list[tuple[int, Remedy]] = []
+        for each in proposed[:_MOST] if len(proposed) > 1 else []:
+            if _help([*helpful, each], findings, again):
+                helpful.append(each)
+        useless |= {*proposed} - {*helpful}
     return [
         finding._replace(remedies=tuple(x for x in finding.remedies if (place, x) not in useless))
         for place, finding in enumerate(findings)

@@ -113,7 +113,8 @@ def check_powered(robot: AnyRobot, effort: Array) -> None:
         if hasattr(robot, "random_positions"):  # one arm, no batch: what is proposed holds it
             q = np.vstack([robot.middle(), robot.random_positions(500, seed=1)])
             enough = enough_effort(float(np.abs(robot.dynamics.gravity(q))[:, joints].max()))
-        raise EffortError(robot.joint_names[index[-1]], effort[index], others, enough)
+        movable = len(joints) < robot.n  # an arm with all of its joints locked is none
+        raise EffortError(robot.joint_names[index[-1]], effort[index], others, enough, movable)
 
 
 def enough_effort(holding: float) -> float:

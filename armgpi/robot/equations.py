@@ -328,7 +328,7 @@ class Equations:
         if beyond is None:
             return
         _, joint, torque, effort = beyond
-        enough = float(f"{1.5 * abs(torque):.3g}")
+        enough = enough_efforts(self, q, joint)
         raise LimitError(
             f"the torque that holds the arm at {what}",
             joint,
@@ -336,8 +336,8 @@ class Equations:
             -effort,
             effort,
             "start at another configuration, or raise the effort limit with "
-            f"robot.with_limits(effort={{{joint!r}: {enough:g}}})",
-        ).suggesting(Remedy("effort", (joint,), enough))
+            f"robot.with_limits(effort={enough})",
+        ).suggesting(Remedy("effort", (*enough,), max(enough.values())))
 
     def overloaded(self, q: ArrayLike) -> Overload | None:
         """Return where gravity exceeds an effort limit the most, by more than rounding, if it does anywhere.
@@ -452,3 +452,21 @@ class Equations:
             f"left as it is: a {type(self).__name__} never changes, its with_... methods return another"
         )
         raise ParameterError(name, value, expected)
+
+
+def enough_efforts(arm: Equations, q: ArrayLike, first: str) -> dict[str, float]:
+    """Return effort limits that hold an arm, of each joint that cannot hold it, half as large again.
+
+    Args:
+        arm: one arm.
+        q: positions [rad or m], shape (n,) or (batch, n).
+        first: joint that comes first.
+    """
+    holding = np.abs(arm.gravity(q)).reshape(-1, arm.n).max(axis=0)
+    weak = (arm.holding_share(q) > 1.0 + _ROUNDING).reshape(-1, arm.n).any(axis=0)
+    enough = {
+        name: float(f"{1.5 * torque:.3g}")
+        for name, torque, is_weak in zip(arm.joint_names, holding, weak, strict=True)
+        if is_weak
+    }
+    return {first: enough.pop(first), **enough}
