@@ -463,10 +463,10 @@ def enough_efforts(arm: Equations, q: ArrayLike, first: str) -> dict[str, float]
         first: joint that comes first.
     """
     holding = np.abs(arm.gravity(q)).reshape(-1, arm.n).max(axis=0)
-    weak = (arm.holding_share(q) > 1.0 + _ROUNDING).reshape(-1, arm.n).any(axis=0)
+    weak = np.any((arm.holding_share(q) > 1.0 + _ROUNDING).reshape(-1, arm.n), axis=0)
     enough = {
         name: float(f"{1.5 * torque:.3g}")
-        for name, torque, is_weak in zip(arm.joint_names, holding, weak, strict=True)
+        for name, torque, is_weak in zip(arm.joint_names, holding, weak.tolist(), strict=True)
         if is_weak
     }
     return {first: enough.pop(first), **enough}
