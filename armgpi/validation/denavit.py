@@ -11,6 +11,7 @@ from __future__ import annotations
 import ast
 import csv
 import math
+import re
 from os import PathLike
 from pathlib import Path
 from typing import NamedTuple
@@ -29,7 +30,13 @@ CONVENTIONS = ("standard", "modified")
 _MOST_BYTES = 100_000
 #: Columns that a table has to have, and those that it may have.
 _NEEDED = ("a", "alpha", "d", "theta", "mass", "cx", "cy", "cz", "ixx", "iyy", "izz")
-_OPTIONAL = ("ixy", "ixz", "iyz", "type")
+_OPTIONAL = ("ixy", "ixz", "iyz", "type", "joint")
+#: Columns of angles in degrees -> what they stand for.
+_DEGREES = {"alpha_deg": "alpha", "theta_deg": "theta"}
+#: Columns that are no numbers.
+_WORDS = ("type", "joint")
+#: A name that a joint may have.
+_NAME = re.compile(r"[A-Za-z_][\w.-]*")
 #: Gravity [m/s²], how much more torque than that which holds the arm its motors have, and the least [N m].
 _GRAVITY, _SPARE, _LEAST_EFFORT = 9.81, 3.0, 1.0
 #: Range of a joint that turns [rad] and of one that slides [m], each way, and largest speeds.
@@ -48,6 +55,7 @@ class Row(NamedTuple):
         com: centre of mass in the link's frame [m], shape (3,).
         inertia: about the centre of mass, along the axes of that frame [kg m²], shape (3, 3).
         slides: whether the joint is prismatic.
+        name: of the joint; q1, q2 and so on where it has none.
     """
 
     a: float
@@ -58,6 +66,7 @@ class Row(NamedTuple):
     com: Array
     inertia: Array
     slides: bool
+    name: str
 
 
 def read_table(path: str | PathLike[str]) -> list[Row]:
@@ -65,7 +74,8 @@ def read_table(path: str | PathLike[str]) -> list[Row]:
 
     Args:
         path: of the file. Its columns are a, alpha, d, theta, mass, cx, cy, cz, ixx, iyy, izz in SI units, in
-            any order, and, where wanted, ixy, ixz, iyz and type (R or P). Angles may be written as pi/2.
+            any order, and, where wanted, ixy, ixz, iyz, type (R or P) and joint (its name). Angles may be
+            written as pi/2; of columns named alpha_deg and theta_deg they are in degrees.
 
     Raises:
         ParameterError: when it cannot be read, or a number is none.
@@ -80,16 +90,20 @@ def read_table(path: str | PathLike[str]) -> list[Row]:
     table = csv.reader(lines, skipinitialspace=True)
     header = [name.strip().lower() for name in next(table, [])]
     for name in header:
-        if name not in (*_NEEDED, *_OPTIONAL):
-            raise NameNotFound("column", name, (*_NEEDED, *_OPTIONAL))
+        if name not in (*_NEEDED, *_OPTIONAL, *_DEGREES):
+            raise NameNotFound("column", name, (*_NEEDED, *_OPTIONAL, *_DEGREES))
+    meant = [_DEGREES.get(name, name) for name in header]
     for name in _NEEDED:
-        if name not in header:
-            raise NameNotFound("column", name, header, f"; {Path(path).name} needs {', '.join(_NEEDED)}")
-    if len(set(header)) < len(header):
+        if name not in meant:
+            raise NameNotFound("column", name, header, f"{Path(path).name} needs {', '.join(_NEEDED)}")
+    if len(set(meant)) < len(meant):
         raise ParameterError("dh", ", ".join(header), "every column once")
     rows = [_row(k, dict(zip(header, cells, strict=False)), len(cells)) for k, cells in enumerate(table, 1)]
     if not 1 <= len(rows) <= MOST_JOINTS:
         raise ParameterError("dh", len(rows), f"1 to {MOST_JOINTS} rows, one for each joint")
+    names = [row.name for row in rows]
+    if len(set(names)) < len(names):
+        raise ParameterError("dh, joint", ", ".join(names), "a name of its own for every joint")
     return rows
 
 
@@ -101,11 +115,7 @@ def _row(joint: int, cells: dict[str, str], count: int) -> Row:
     """
     if count < len(_NEEDED):
         raise ParameterError(f"row {joint} of the table", ", ".join(cells.values()), "one cell per column")
-    x = {
-        name: _number(joint, name, cells.get(name) or "0")
-        for name in (*_NEEDED, *_OPTIONAL)
-        if name != "type"
-    }
+    x = _numbers_of(joint, cells)
     kind = cells.get("type", "").strip().lower() or "r"
     if kind[0] not in "rp":
         raise ParameterError(f"row {joint}, type", kind, "R (turns) or P (slides)")
@@ -121,7 +131,41 @@ def _row(joint: int, cells: dict[str, str], count: int) -> Row:
     if np.linalg.eigvalsh(inertia)[0] < -1e-12:
         raise ParameterError(f"row {joint}, inertia", inertia.tolist(), "no negative principal moment")
     com = np.array([x["cx"], x["cy"], x["cz"]])
-    return Row(x["a"], x["alpha"], x["d"], x["theta"], x["mass"], com, inertia, kind[0] == "p")
+    own = _name(joint, cells.get("joint", "").strip())
+    return Row(x["a"], x["alpha"], x["d"], x["theta"], x["mass"], com, inertia, kind[0] == "p", own)
+
+
+def _numbers_of(joint: int, cells: dict[str, str]) -> dict[str, float]:
+    """Return the numbers of a row by the names of their columns, angles in radians.
+
+    Raises:
+        ParameterError: when one is no number, or an angle can only be in degrees.
+    """
+    x = {}
+    for name in (*_NEEDED, *_OPTIONAL):
+        if name not in _WORDS:
+            x[name] = _number(joint, name, cells.get(name) or "0")
+    for column, angle in _DEGREES.items():
+        if column in cells:
+            x[angle] = math.radians(_number(joint, column, cells[column] or "0"))
+    for angle in _DEGREES.values():
+        if abs(x[angle]) > 2.0 * math.pi + 1e-9:
+            expected = f"an angle in radians, at most 2 pi; degrees stand in a column named {angle}_deg"
+            raise ParameterError(f"row {joint}, {angle}", x[angle], expected)
+    return x
+
+
+def _name(joint: int, text: str) -> str:
+    """Return the name of a joint: its own, or q and its number where there is none, or its number alone.
+
+    Raises:
+        ParameterError: for what is no name.
+    """
+    if text in ("", str(joint)):
+        return f"q{joint}"
+    if not _NAME.fullmatch(text):
+        raise ParameterError(f"row {joint}, joint", text, "a name of letters, digits, '_', '-' and '.'")
+    return text
 
 
 def _number(joint: int, name: str, text: str) -> float:
@@ -202,7 +246,7 @@ def _urdf(rows: list[Row], convention: str) -> str:
             f"    <inertial>{_origin(pin.SE3(frame.rotation, com))}",
             f'      <mass value="{row.mass:.12g}"/><inertia {moments}/></inertial>',
             "  </link>",
-            f'  <joint name="q{k}" type="{kind}">',
+            f'  <joint name="{row.name}" type="{kind}">',
             f'    <parent link="{parent}"/><child link="link{k}"/>',
             f'    {_origin(origin)}<axis xyz="0 0 1"/>',
             f'    <limit lower="-{reach}" upper="{reach}" effort="{effort}" velocity="{_SPEED}"/>',

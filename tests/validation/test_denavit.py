@@ -123,6 +123,30 @@ def test_bad_tables_are_refused(old: str, new: str, tmp_path: Path) -> None:
         rows(tmp_path, TABLE.replace(old, new, 1))
 
 
+def test_degrees_stand_in_columns_of_their_own_name(tmp_path: Path) -> None:
+    own = rows(tmp_path)
+    text = TABLE.replace("alpha,", "alpha_deg,", 1).replace("theta,", "theta_deg,", 1)
+    text = text.replace("pi/2, 0.34, 0", "90, 0.34, 0").replace("0, 0.05, -pi/2", "0, 0.05, -90")
+    about_x, about_z = (float(np.degrees(angle)) for angle in (-0.4, 0.3))
+    text = text.replace("-0.4, 0.1, 0.3", f"{about_x!r}, 0.1, {about_z!r}")
+    for one, other in zip(own, rows(tmp_path, text), strict=True):
+        assert (one.alpha, one.theta) == pytest.approx((other.alpha, other.theta), abs=1e-15)
+    with pytest.raises(ParameterError, match="alpha_deg"):
+        rows(tmp_path, TABLE.replace("pi/2", "90", 1))
+
+
+def test_joints_may_have_names(tmp_path: Path) -> None:
+    lines = TABLE.splitlines()
+    body = [f"{name}, {line}" for name, line in zip(("shoulder", "2", ""), lines[2:], strict=True)]
+    text = "\n".join([f"joint, {lines[1]}", *body])
+    assert [row.name for row in rows(tmp_path, text)] == ["shoulder", "q2", "q3"]
+    arm = Robot.from_xml(denavit.from_table(rows(tmp_path, text)).urdf)
+    assert arm.joint_names == ("shoulder", "q2", "q3")
+    for bad in ("q2", "<joint>", "a b"):
+        with pytest.raises(ParameterError, match="joint"):
+            rows(tmp_path, text.replace("shoulder", bad))
+
+
 def test_files_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
     for path in (tmp_path, tmp_path / "none.csv"):
         with pytest.raises(ParameterError):
