@@ -317,6 +317,8 @@ def _automatic_part(facts: Mapping[str, Any]) -> list[_Part]:
                 ],
             )
         ]
+    from armgpi.cli.tables import describe_ratios
+
     if (law := facts["gpi_auto"]) is None:
         return []
     name = [joint["name"] for joint in facts["joints"]]
@@ -333,17 +335,12 @@ def _automatic_part(facts: Mapping[str, Any]) -> list[_Part]:
                 f"roll-off {law['rolloff']}, nominal load {law['nominal_load']:.2g} kg",
                 law["verdict"],
                 law["limited"],
-                f"stable for inertia ratios delta {_ratios(low, high)} if joints are stiff",
+                f"stable for inertia ratios delta {describe_ratios(low, high)} if joints are stiff",
                 f"one encoder count changes the torque of {printable(name[j])} by "
                 f"{law['count_torque'][j]:.2g}, {100 * shares[j]:.2g} % of its effort",
             ],
         )
     ]
-
-
-def _ratios(low: float, high: float) -> str:
-    """Return a range of inertia ratios in words."""
-    return f"from {low:.2g} to {high:.2g}" if math.isfinite(high) else f"above {low:.2g}"
 
 
 def _page(report: HealthReport, judged: Verdict) -> str:

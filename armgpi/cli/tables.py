@@ -183,10 +183,15 @@ def _margins(controller: GPI, tuned: Verdict | None, experiment: Experiment) -> 
     phase, delay, delta = controller.margins()
     spent = 0.5 * controller.dt + controller.delay
     return (
-        f"loop: phase margin {math.degrees(phase):.3g} deg, stable for inertia ratio delta "
-        f"{delta.lower:.2g} to {delta.upper:.2g}, delay margin {1e3 * delay:.3g} ms (of which sampling "
+        f"loop: phase margin {math.degrees(phase):.3g} deg, stable for inertia ratios delta "
+        f"{describe_ratios(delta.lower, delta.upper)}, delay margin {1e3 * delay:.3g} ms (of which sampling "
         f"and transport use {1e3 * spent:.3g})"
     )
+
+
+def describe_ratios(low: float, high: float) -> str:
+    """Return in words for which inertia ratios a loop is stable."""
+    return f"from {low:.2g} to {high:.2g}" if math.isfinite(high) else f"above {low:.2g}"
 
 
 def _count(controller: GPI, experiment: Experiment) -> str:
