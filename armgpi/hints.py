@@ -110,7 +110,8 @@ class MissingAttribute(AttributeError):
 
     def __str__(self) -> str:
         """Return the message with its hint."""
-        names = [name for name in dir(self._kind) if not name.startswith("_")]
+        every = {*dir(self._kind), *getattr(self._kind, "__dataclass_fields__", ())}
+        names = sorted(name for name in every if not name.startswith("_"))
         return missing(f"{self._kind.__name__!r} object", self._missing, self._known, names)
 
 

@@ -38,7 +38,7 @@ from armgpi.arrays import (
     sizes,
 )
 from armgpi.errors import ArrayError, NameNotFound, ParameterError, show_value
-from armgpi.hints import with_keyword_hints
+from armgpi.hints import MissingAttribute, with_keyword_hints
 
 if sys.version_info >= (3, 11):  # quick to import
     from typing import dataclass_transform
@@ -493,6 +493,15 @@ class Parametrised:
     def values(self) -> dict[str, Any]:
         """Return the parameters as plain data."""
         return {name: plain(getattr(self, name)) for name in parameters(type(self))}
+
+    #: Names that users of other libraries type -> what to write in their place; see :mod:`armgpi.hints`.
+    _hints: ClassVar[Mapping[str, str]] = {}
+
+    if not TYPE_CHECKING:  # type checkers would take any name for one that exists
+
+        def __getattr__(self, name: str) -> Any:
+            """Name what to use in place of an attribute that does not exist."""
+            raise MissingAttribute(self, name, type(self)._hints)
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Refuse to set a field again."""

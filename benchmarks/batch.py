@@ -78,7 +78,7 @@ def main() -> None:
     print(table(["", "goal", "found", "kept"], rows))
     for missing, label in ((_arms.mujoco, "MuJoCo"),):
         if missing is None:
-            print(f"\n{label} is not installed and so not in the tables: pip install 'armgpi[mujoco]'.")
+            print(f"\n{label} is not installed and so not in the tables: pip install '.[mujoco]'.")
     page.write()
 
 

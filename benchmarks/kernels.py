@@ -71,7 +71,7 @@ def main() -> None:
     _page.say("In parallel: abaInParallel and rneaInParallel, whose threads run C++ alone.")
     for missing, word in ((_arms.dynibo, "dynibo"), (_arms.mujoco, "MuJoCo"), (_arms.drake, "Drake")):
         if missing is None:
-            print(f"\n{word} is not installed and so not in the tables: pip install 'armgpi[bench,peers]'.")
+            print(f"\n{word} is not installed and so not in the tables: pip install '.[bench,peers]'.")
     page.write()
 
 

@@ -198,7 +198,7 @@ def _print(sweep: Sweep, said: dict[str, Any], sentences: list[str]) -> None:
     from armgpi.studies.results import failure_words
 
     say(f"{sweep.label} on {sweep.robot.name}, {said['rollouts']} rollouts")
-    say(f"A rollout has failed if: {failure_words(sweep)}")
+    say(f"failed means: {failure_words(sweep)}")
     for sentence in sentences:
         say(sentence)
     _print_quantiles(sweep, said["quantiles"])

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from armgpi.errors import show_value
 from armgpi.escape import html_table
-from armgpi.hints import CONTROLLER, MissingAttribute
+from armgpi.hints import CONTROLLER
 from armgpi.parameter import Parametrised, parameters, plain
 
 if TYPE_CHECKING:
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 class Shown(Parametrised):
     """Something with a robot and a sample time that prints its numbers."""
+
+    _hints: ClassVar[Mapping[str, str]] = CONTROLLER
 
     if TYPE_CHECKING:
 
@@ -50,12 +52,6 @@ class Shown(Parametrised):
         joints = zip(self.robot.joint_names, *(values for _, values in columns), strict=True)
         whole = html_table(title, ("parameter", "value", "unit", "meaning"), rows) if rows else ""
         return whole + html_table("Joint by joint" if rows else title, head, joints)
-
-    if not TYPE_CHECKING:  # type checkers would take any name for one that exists
-
-        def __getattr__(self, name: str) -> Any:
-            """Name what to use in place of an attribute that does not exist."""
-            raise MissingAttribute(self, name, CONTROLLER)
 
     def _numbers(self) -> dict[str, str]:
         """Return tunings, gains, and other parameters that are not at their defaults, as short texts."""

@@ -70,3 +70,14 @@ def test_every_keyword_of_other_libraries_leads_to_one_that_is_not_itself() -> N
     for name, here in hints.KEYWORDS.items():
         assert here
         assert name not in here
+
+
+def test_plants_references_and_gains_have_hints_as_well() -> None:
+    plant: Any = armgpi.Encoder(armgpi.RigidBodyPlant(ARM), bits=16)
+    with pytest.raises(
+        AttributeError, match=r"'Encoder' object has no attribute 'bit'; did you mean 'bits'\?"
+    ):
+        _ = plant.bit
+    gains: Any = armgpi.FixedGains(20.0)
+    with pytest.raises(AttributeError, match=r"did you mean 'omega_c'\?"):
+        _ = gains.omega
