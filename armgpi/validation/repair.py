@@ -236,6 +236,8 @@ def agrees(worker: Worker, source: str, states: States, problem: Problem) -> boo
 
 #: More elements than these are not listed: a mistake in what many share shows everywhere.
 _FEW = 4
+#: Kinds of changes that are told by their own text: see `slips`.
+_SLIPS = ("overwritten", "everywhere")
 #: Kind of a change -> what was wrong.
 _WRONG = {
     "sign": "the sign",
@@ -279,8 +281,9 @@ def _one_of_each(changes: Sequence[Change]) -> Iterator[Change]:
     """Yield changes; of one number that is stated at several places the first."""
     seen = set[tuple[str, str, str]]()
     for change in changes:
-        key = (change.name, change.old, change.new)
-        if change.kind == "value" and key in seen:
+        # All places of one slip are one mistake.
+        key = (change.name, *(("", "") if change.kind in _SLIPS else (change.old, change.new)))
+        if change.kind in ("value", *_SLIPS) and key in seen:
             continue
         seen.add(key)
         yield change
@@ -288,6 +291,10 @@ def _one_of_each(changes: Sequence[Change]) -> Iterator[Change]:
 
 def _cause(change: Change) -> Cause:
     """Return the mistake that a change undoes."""
+    if change.kind in _SLIPS:
+        return Cause(
+            change.kind, change.name, "", (), formulas=(("stands", change.old), ("belongs", change.new))
+        )
     if change.kind in ("unit", "value"):
         value, expected = float(change.old), float(change.new)
         text = f"the model's {change.name} is {value:.6g}; with {expected:.6g} it agrees"

@@ -27,6 +27,7 @@ from armgpi.validation.repair import Compared, Renumbered
 from armgpi.validation.residual import Difference, Residual
 from armgpi.validation.samples import Sampled
 from armgpi.validation.search import Repaired
+from armgpi.validation.slips import everywhere, find_slip, overwritten
 from armgpi.validation.summands import fits_other_bodies, without_inertias
 from armgpi.validation.typed import find_wrong_number
 from armgpi.validation.units import numbers
@@ -151,17 +152,21 @@ def _find_repair(
     compared: Compared, values: list[Cause], whole: list[Cause], budget: float
 ) -> Repaired | None:
     """Return the repair of the source: of one number first where the values say that a number is wrong."""
-    number = None
+    number: Repaired | None = None
     is_number = not whole and len(values) == 1 and not values[0].structural
     if is_number:
         number = find_wrong_number(compared)
         if number is not None and number.confirmed:
             return number
+    if not whole and (slip := find_slip(compared, overwritten)) is not None:
+        return slip
     found = repair.search(compared, budget)
     if found is not None and found.confirmed:
         return found
     if not is_number and not whole:
         number = find_wrong_number(compared)
+    if number is None and (found is None or found.doubtful) and not whole:
+        number = find_slip(compared, everywhere)
     return number or found
 
 
