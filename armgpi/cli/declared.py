@@ -29,7 +29,7 @@ _META = "armgpi.declared"
 #: Where it keeps whether a declared option may be among its words.
 _WANTED = "armgpi.wanted"
 #: Kinds of parameters that have an option.
-_KINDS = ("number", "integer", "choice", "group")
+_KINDS = ("number", "integer", "choice", "text", "group")
 
 
 class Option(NamedTuple):
@@ -57,7 +57,7 @@ class Option(NamedTuple):
         Raises:
             ConfigError: when it has another form.
         """
-        if self.kind == "choice":
+        if self.kind in ("choice", "text"):
             return text
         numbers = per_joint(text, self.flag)
         if self.kind == "group":
@@ -197,7 +197,7 @@ def _option(flag: str, key: str, owners: tuple[str, ...], each: Parameter) -> Op
     from armgpi.parameter import REQUIRED
 
     numbers = "NUMBERS" if each.per_joint else "NUMBER"
-    metavars = {"group": ",".join(_members(each)).upper(), "choice": "NAME"}
+    metavars = {"group": ",".join(_members(each)).upper(), "choice": "NAME", "text": "NAME"}
     said = f"{each.text[0].upper()}{each.text[1:]}{f' [{each.unit}]' if each.unit else ''}"
     if each.choices:
         said += f": {' or '.join(each.choices)}"

@@ -301,7 +301,11 @@ class Recorded(NamedTuple):
 
         dims = (*per_rollout, "time")
         made: dict[str, Any] = {
-            "tool": ((*dims, "axis"), first(track.actual.position), _tool("position of the tip", "m")),
+            "tool": (
+                (*dims, "axis"),
+                first(track.actual.position),
+                _tool(f"position of {self.tool.frame}", "m"),
+            ),
             "tool_ref": ((*dims, "axis"), first(track.wished.position), _tool("wished position", "m")),
             "tool_turn": (dims, first(angle_of(track.sample().turn)[..., 0]), _tool("angle off", "rad")),
         }

@@ -1,7 +1,8 @@
 """What the tool of an arm does in a run: how far it is from where it should be, and what it touches.
 
-The tool is the arm's tip. Its error is that of the links, wherever the encoders sit. All of it is elementwise
-NumPy on positions and velocities, of one sample or of many, so a loop without trajectories folds it as well.
+The tool is the arm's tip, or the plant's `metrics_frame`. Its error is that of the links, wherever the
+encoders sit. All of it is elementwise NumPy on positions and velocities, of one sample or of many, so a loop
+without trajectories folds it as well.
 """
 
 from __future__ import annotations
@@ -75,7 +76,7 @@ class Tool:
         """
         robot = plant.robot
         arm = robot if isinstance(robot, Robot) else robot.first
-        self.frame = arm.tip
+        self.frame = getattr(inside(plant), "metrics_frame", None) or arm.tip
         self.motion: FrameMotion | None
         try:
             self.motion = FrameMotion(arm, self.frame)

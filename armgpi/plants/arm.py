@@ -20,6 +20,8 @@ from armgpi.plants.plant import Plant, PlantState
 from armgpi.registry import Context
 from armgpi.robot.batch import AnyRobot, check_robot
 from armgpi.robot.equations import Friction
+from armgpi.robot.frame_motion import FrameMotion
+from armgpi.robot.robot import Robot
 
 _Same = TypeVar("_Same", bound="Arm")
 
@@ -34,6 +36,7 @@ class Arm(Parametrised, Plant):
         robot: the arm that it really is; with a payload, say, that the controller does not know.
         loads: disturbance torques, each (n,) or (batch, n).
         environment: what its tool touches: forces, walls and springs (:mod:`armgpi.plants.environment`).
+        metrics_frame: the frame that metrics of the tool are of; the tip when not given.
         friction: "urdf" for the coefficients in the robot's URDF (which Pinocchio's dynamics ignore),
             ``Friction(viscous, coulomb)`` for others, None for none.
         substeps: integration steps per sample.
@@ -50,6 +53,9 @@ class Arm(Parametrised, Plant):
     loads: Any = field(default=())
     friction: Any = field(default=None)
     environment: Any = field(default=(), kw_only=True)
+    metrics_frame: str | None = parameter(
+        "frame that is the tool in metrics", kind="text", default=None, none="the tip", kw_only=True
+    )
     substeps: int = parameter(
         "integration steps per sample", kind="integer", default=1, least=1, most=10_000, structural=True
     )
@@ -64,6 +70,7 @@ class Arm(Parametrised, Plant):
         check_robot(self.robot)
         self.keep("loads", tuple(self.loads) if isinstance(self.loads, Sequence) else (self.loads,))
         self.check_parameters(self.robot.joint_names)
+        self._check_metrics_frame()
         self.keep("friction", self._friction(self.friction))
         given = self.environment
         self.keep("environment", tuple(given) if isinstance(given, Sequence) else (given,))
@@ -79,6 +86,12 @@ class Arm(Parametrised, Plant):
         # What differs by rollout was declared to vary, whatever it is.
         coulomb = np.zeros(0) if self.friction is None else self.friction.coulomb
         self._brake = ImplicitFriction(coulomb.ndim == 2 or bool(coulomb.any()))
+
+    def _check_metrics_frame(self) -> None:
+        """Refuse a frame for metrics that the arm has not, or that no joint moves."""
+        if self.metrics_frame is not None:
+            robot = self.robot
+            FrameMotion(robot if isinstance(robot, Robot) else robot.first, self.metrics_frame)
 
     @classmethod
     def configured(

@@ -199,7 +199,7 @@ class ElasticPlant(Arm):
         return sag(self.robot, self.gear_stiffness, self._at_motor > 0.5)
 
     def static_deflection(self, q: Array) -> float:
-        """Return how far gravity moves the tip of a single arm at rest while its encoders stay at `q` [mm].
+        """Return how far gravity moves the tool of a single arm at rest while its encoders stay at `q` [mm].
 
         Args:
             q: positions at the encoders [rad or m], (n,).
@@ -210,7 +210,8 @@ class ElasticPlant(Arm):
         if not isinstance(self.robot, Robot) or self.gear_stiffness.ndim != 1:
             return math.nan
         link = self.init(q, np.zeros_like(q)).q
-        there, here = (self.robot.frame_pose(self.robot.tip, x).translation for x in (q, link))
+        frame = self.metrics_frame or self.robot.tip
+        there, here = (self.robot.frame_pose(frame, x).translation for x in (q, link))
         return 1e3 * float(np.linalg.norm(there - here))
 
     def init(self, q: Array, v: Array) -> ElasticState:  # type: ignore[override]

@@ -50,6 +50,28 @@ def test_the_error_is_that_of_pinocchios_poses(arm: armgpi.Robot) -> None:
     assert max(away) > 1e-3
 
 
+@pytest.mark.parametrize("how", [{}, {"record": "metrics"}])
+def test_metrics_are_of_the_frame_that_was_asked_for(arm: armgpi.Robot, how: dict[str, Any]) -> None:
+    frame = "wrist_1_link"
+    plant = armgpi.RigidBodyPlant(arm, metrics_frame=frame)
+    move = armgpi.Bezier(Q0, Q0 + 0.15, 0.3)
+    whole = armgpi.simulate(plant, armgpi.GPI(arm, dt=1e-3), move, 0.4)
+    places = [arm.frame_pose(frame, whole[name].values).translation for name in ("q", "q_ref")]
+    away = 1e3 * float(np.linalg.norm(places[0] - places[1], axis=-1).max())
+    found = metrics.tool_error(whole)
+    if how:
+        loop = armgpi.prepare(plant, armgpi.GPI(arm, dt=1e-3), move, 0.4, **how)
+        found = loop.run()["tool_error"]
+    np.testing.assert_allclose(found, away, rtol=1e-9)
+    assert frame in str(whole["tool"].attrs)
+
+
+@pytest.mark.parametrize(("frame", "said"), [("nope", "no frame named"), ("base_link", "a joint moves")])
+def test_a_frame_of_metrics_that_does_not_move_is_refused(arm: armgpi.Robot, frame: str, said: str) -> None:
+    with pytest.raises(armgpi.ArmgpiError, match=said):
+        armgpi.RigidBodyPlant(arm, metrics_frame=frame)
+
+
 def test_angles_of_rotations_are_pinocchios() -> None:
     random = np.random.default_rng(0)
     for size in (1e-6, 0.1, 1.0, 3.1):
