@@ -501,6 +501,9 @@ class Parametrised:
 
         def __getattr__(self, name: str) -> Any:
             """Name what to use in place of an attribute that does not exist."""
+            declared = getattr(type(self), name, None)
+            if isinstance(declared, property):  # Python comes here when it lacks something itself
+                return declared.fget(self)
             raise MissingAttribute(self, name, type(self)._hints)
 
     def __setattr__(self, name: str, value: Any) -> None:

@@ -81,3 +81,13 @@ def test_plants_references_and_gains_have_hints_as_well() -> None:
     gains: Any = armgpi.FixedGains(20.0)
     with pytest.raises(AttributeError, match=r"did you mean 'omega_c'\?"):
         _ = gains.omega
+
+
+def test_a_property_that_lacks_something_says_what_it_lacks() -> None:
+    class Broken(armgpi.FixedGains):
+        @property
+        def broken(self) -> float:
+            return self.nothing_of_that_name  # type: ignore[attr-defined]
+
+    with pytest.raises(AttributeError, match="has no attribute 'nothing_of_that_name'"):
+        _ = Broken(20.0).broken
