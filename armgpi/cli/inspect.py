@@ -249,7 +249,8 @@ def _what_follows(facts: Mapping[str, Any]) -> list[_Part]:
             "Controller gpi (fixed gains, stiff joints)",
             [
                 f"default bandwidth omega_c = {control['omega_c']:.4g} rad/s at {1e3 * control['dt']:g} ms "
-                f"with a delay of {control['delay']} sample{'s' * (control['delay'] != 1)}; the last column of the table is the largest "
+                f"with a delay of {control['delay']} sample{'s' * (control['delay'] != 1)}; "
+                f"the last column of the table is the largest "
                 f"bandwidth for {control['encoder_bits']}-bit encoders"
             ],
         ),
