@@ -18,7 +18,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, new
+from armgpi.arrays import Array, as_float_array, check_type, new
 from armgpi.control.controller import Controller, ControlStep, Measurement
 from armgpi.control.force_limit import LEVER, ForceBound, ForceLimit
 from armgpi.control.impedance_limits import ImpedanceLimits, Mode, impedance_limits
@@ -46,6 +46,12 @@ _ROUNDED = 0.95
 #: Square of a natural frequency below which there is no spring: the tool cannot move that way
 #: [1/s^2].
 _STILL = 1e-6
+#: Time constant of changes of stiffness, limit and target [s], and of the target that follows a hand.
+_CHANGE, _GUIDE = 0.1, 0.05
+#: Least share of the damping that is left where the stiffness goes to zero.
+_LEAST_DAMPING = 0.3
+#: Most by which a stiffness may be raised while it runs, where no limit is nearer.
+_RAISED = 1e3
 #: Sine below which the logarithm of a rotation is its sine.
 _SMALL = 1e-6
 
@@ -56,10 +62,24 @@ class ImpedanceState(NamedTuple):
     Attributes:
         e: position error of the last sample [rad or m].
         rate: filtered difference of it [rad/s or m/s].
+        root: root of the stiffness now, (6,) of a tool, (n,) of joints; damping goes with it.
+        goal: stiffness that it changes to, likewise.
+        limit: largest force [N] or torques of the springs now; None without a limit.
+        limit_goal: limit that it changes to; None likewise.
+        offset: what is added to the positions of the target [rad or m].
+        guided: 1 while a hand guides the arm, (1,).
+        kept: 1 where the offset stays, 0 where it goes back to zero, (1,).
     """
 
     e: Array
     rate: Array
+    root: Array
+    goal: Array
+    limit: Any
+    limit_goal: Any
+    offset: Array
+    guided: Array
+    kept: Array
 
 
 class Frequencies(NamedTuple):
@@ -90,6 +110,12 @@ class Impedance(Controller):
         "_beta": "damping in proportion to the stiffness [s]",
         "_viscous": "viscous friction of the nominal model [N m s/rad or N s/m]",
         "_coulomb": "Coulomb friction of the nominal model [N m or N]",
+        "_share": "share of a change of stiffness that a sample makes [-]",
+        "_follows": "share of the way to the hand that a sample makes [-]",
+        "_most": "largest stiffness",
+        "_springs": "stiffness that was specified",
+        "_roots": "roots of it",
+        "_weights": "share of each spring in the damping",
     }
 
     damping_ratio: float = parameter(
@@ -160,6 +186,12 @@ class Impedance(Controller):
         self._beta = 2.0 * self.damping_ratio / (slowest + fastest)
         found = self._choose_filter(modes, arm)
         self._limits = found
+        self._springs = np.array(vars(self)["stiffness"], dtype=np.float64)
+        self._most = np.minimum(_ROUNDED * found.factor, _RAISED) * self._springs
+        self._roots = np.sqrt(self._springs)
+        count = (self._springs > 0.0).sum(axis=-1, keepdims=True)
+        self._weights = np.where(self._roots > 0.0, 1.0 / np.maximum(self._roots, 1e-150), 0.0) / count
+        self._share, self._follows = -np.expm1(-self.dt / _CHANGE), -np.expm1(-self.dt / _GUIDE)
         half = 0.5 * self.velocity_filter * self.dt
         self._decay = (1.0 - half) / (1.0 + half)
         self._drive = self.velocity_filter / (1.0 + half)
@@ -209,24 +241,101 @@ class Impedance(Controller):
     def init(self, measurement: Measurement, target: Target) -> ImpedanceState:
         """Return the state before the first sample, at rest; see :meth:`Controller.init`."""
         e = measurement.q - target.q
-        return ImpedanceState(e, np.zeros_like(e))
+        zero = 0.0 * e[..., :1]
+        stiffness, limit = zero + self._springs, self._first_limit(zero)
+        still = np.zeros_like(e)
+        return ImpedanceState(e, still, np.sqrt(stiffness), stiffness, limit, limit, still, zero, zero)
+
+    def changed(
+        self,
+        state: ImpedanceState,
+        stiffness: Any = None,
+        limit: Any = None,
+        guided: bool | None = None,
+        moved: Any = None,
+    ) -> ImpedanceState:
+        """Return a state from which on it has another stiffness, limit or target, without a step of torque.
+
+        Stiffness and limit go to their new values with a time constant of 0.1 s. What is not given stays.
+
+        Args:
+            state: of the running controller.
+            stiffness: as the constructor takes it, up to the largest one; 0 lets the arm go.
+            limit: force limit [N] or torque limit; of a controller that has one.
+            guided: True lets a hand guide the arm: the springs are gone, and the target follows the arm.
+                False ends that: the arm stays where it was left.
+            moved: old minus new positions of the target [rad or m], (n,): the target was set elsewhere at
+                once. The wished position stays, and goes to the new one with the time constant. Zeros let
+                an arm that was guided go back to its target.
+
+        Raises:
+            ParameterError: for a stiffness that is not from 0 to the largest, a limit that is not positive,
+                or one of a controller without.
+            ArrayError: when a shape does not fit.
+        """
+        given: dict[str, Any] = {}
+        if stiffness is not None:
+            given["goal"] = self._checked(stiffness, state.goal)
+        if limit is not None:
+            if state.limit is None:
+                raise ParameterError("limit", limit, "left out of a controller without a limit")
+            value = as_float_array(limit, "limit")
+            if not (value > 0.0).all():
+                raise ParameterError("limit", value.tolist(), "positive")
+            given["limit_goal"] = _like(value, state.limit, "limit")
+        if guided is not None:
+            check_type(guided, "guided", bool, "True or False")
+            now = np.full_like(state.guided, float(guided))
+            given |= {"guided": now, "kept": np.ones_like(now)}
+        if moved is not None:
+            by = _like(as_float_array(moved, "moved"), state.offset, "moved")
+            given |= {"offset": state.offset + by, "kept": np.zeros_like(state.kept)}
+        return state._replace(**given)
+
+    def _checked(self, stiffness: Any, like: Array) -> Array:
+        """Return a stiffness that the loop is fast enough for."""
+        value = _like(as_float_array(stiffness, "stiffness"), like, "stiffness")
+        if not ((value >= 0.0) & (value <= self._most)).all():
+            most = np.asarray(self._most).tolist()
+            raise ParameterError("stiffness", value.tolist(), f"from 0 to the largest one, {most}")
+        return value
 
     def signals(self, state: ImpedanceState) -> Mapping[str, Array]:
         """Return the filtered rate of the error."""
         return {"rate": state.rate}
 
     def _moved(self, q: Array, target: Target, state: ImpedanceState) -> ImpedanceState:
-        """Return error and filtered rate at a measured position."""
+        """Return the state at a measured position."""
         e = q - target.q
-        return new(ImpedanceState, (e, self._decay * state.rate + self._drive * (e - state.e)))
+        rate = self._decay * state.rate + self._drive * (e - state.e)
+        wanted = np.minimum(np.maximum(state.goal, 0.0), self._most) * (1.0 - state.guided)
+        root = state.root + self._share * (np.sqrt(wanted) - state.root)
+        limit = state.limit
+        if limit is not None:
+            limit = limit + self._share * (state.limit_goal - limit)
+        back = self._share * (1.0 - state.guided) * (1.0 - state.kept)
+        offset = state.offset + (self._follows * state.guided) * (e - state.offset) - back * state.offset
+        parts = (e, rate, root, state.goal, limit, state.limit_goal, offset, state.guided, state.kept)
+        return new(ImpedanceState, parts)
 
-    def _ahead(self, q: Array, target: Target, rate: Array) -> Array:
+    def _damping(self, root: Array) -> tuple[Array, Array]:
+        """Return alpha [1/s], (..., 1), and beta K of the root of a stiffness: damping goes with it."""
+        share: Any = 0.0
+        for i in range(root.shape[-1]):
+            share = share + self._weights[..., i : i + 1] * root[..., i : i + 1]
+        return self._alpha * np.maximum(share, _LEAST_DAMPING), self._beta * root * self._roots
+
+    def _ahead(self, q: Array, target: Target, rate: Array, alpha: Array) -> Array:
         """Return the model's torque along the reference, less the damping in proportion to the inertia."""
         _, v, a = (part + np.zeros_like(q) for part in target)  # one reference may be for a whole batch
-        tau = self._dynamics.inverse(q, v, a - self._alpha * rate)
+        tau = self._dynamics.inverse(q, v, a - alpha * rate)
         if self.friction_feedforward:
             tau = add_smooth_friction(tau, v, self._viscous, self._coulomb, self.friction_smoothing)
         return tau
+
+    @abstractmethod
+    def _first_limit(self, zero: Array) -> Any:
+        """Return the limit of the springs before the first sample; None without one."""
 
     @abstractmethod
     def _prepare(self, arm: Robot) -> None:
@@ -283,13 +392,17 @@ class JointImpedance(Impedance):
         """Return torque and next state; see :meth:`Controller.step`."""
         q = measurement.q
         state = self._moved(q, target, state)
-        spring = -self.stiffness * state.e
-        limit: Any = self.torque_limit
-        if limit is not None:
-            spring = np.minimum(np.maximum(spring, -limit), limit)
-        damper = self._beta * self.stiffness * state.rate
-        tau = self._ahead(q, target, state.rate) + spring - damper
+        alpha, damping = self._damping(state.root)
+        spring = -state.root * state.root * (state.e - state.offset)
+        if state.limit is not None:
+            spring = np.minimum(np.maximum(spring, -state.limit), state.limit)
+        tau = self._ahead(q, target, state.rate, alpha) + spring - damping * state.rate
         return new(ControlStep, (self.limited(tau), state))
+
+    def _first_limit(self, zero: Array) -> Any:
+        """Return the largest torques of the springs; None without a limit."""
+        limit: Any = self.torque_limit
+        return None if limit is None else zero + limit
 
     def _modes(self, arm: Robot, configurations: Array) -> list[Mode]:
         """Return the modes of the joint springs."""
@@ -375,22 +488,30 @@ class CartesianImpedance(Impedance):
         q = measurement.q
         state = self._moved(q, target, state)
         motion = self._motion.at(q, state.rate)
-        spring = self._spring(motion, self._motion.pose(target.q))
-        force = spring[0] - self._beta * (self._linear * motion.velocity)
-        moment = spring[1] - self._beta * (self._angular * motion.rate)
-        tau = self._ahead(q, target, state.rate) + motion.torque(q, force, moment)
+        alpha, damping = self._damping(state.root)
+        spring = self._spring(motion, self._motion.pose(target.q + state.offset), state)
+        force = spring[0] - damping[..., :3] * motion.velocity
+        moment = spring[1] - damping[..., 3:] * motion.rate
+        tau = self._ahead(q, target, state.rate, alpha) + motion.torque(q, force, moment)
         if self._redundant:
-            tau = tau - self.nullspace_stiffness * self._in_null_space(motion, state.e)
+            posture = self._in_null_space(motion, state.e - state.offset)
+            tau = tau - self.nullspace_stiffness * posture
         return new(ControlStep, (self.limited(tau), state))
 
-    def _spring(self, motion: Motion, wished: Pose) -> tuple[Array, Array]:
-        """Return force [N] and moment [N m] of the spring."""
-        force = -self._linear * (motion.position - wished.position)
-        moment = -self._angular * rotation_between(motion.rotation, wished.rotation)
+    def _first_limit(self, zero: Array) -> Any:
+        """Return the largest force of the spring; None without a limit."""
         limit: Any = self.force_limit
-        if limit is None:
+        return None if limit is None else zero + limit
+
+    def _spring(self, motion: Motion, wished: Pose, state: ImpedanceState) -> tuple[Array, Array]:
+        """Return force [N] and moment [N m] of the spring."""
+        stiffness = state.root * state.root
+        linear, angular = stiffness[..., :3], stiffness[..., 3:]
+        force = -linear * (motion.position - wished.position)
+        moment = -angular * rotation_between(motion.rotation, wished.rotation)
+        if state.limit is None:
             return force, moment
-        return _shortened(force, limit), _shortened(moment, LEVER * limit)
+        return _shortened(force, state.limit), _shortened(moment, LEVER * state.limit)
 
     def _in_null_space(self, motion: Motion, e: Array) -> Array:
         """Return the part of a joint error that does not move the tool [rad or m]."""
@@ -432,6 +553,18 @@ def rotation_between(actual: Array, wished: Array) -> Array:
     angle = 2.0 * np.arctan(length / np.maximum(0.5 * (trace + 1.0), 1e-12))
     rotation: Array = sine * np.where(length > _SMALL, angle / np.maximum(length, _SMALL), 1.0)
     return rotation
+
+
+def _like(value: Array, like: Array, name: str) -> Array:
+    """Return an array in the shape of another one.
+
+    Raises:
+        ArrayError: when it does not fit.
+    """
+    try:
+        return np.array(np.broadcast_to(value, like.shape))
+    except ValueError:
+        raise ArrayError(name, f"expected shape {like.shape}, got {value.shape}") from None
 
 
 def _shortened(vector: Array, most: Any) -> Array:
