@@ -153,7 +153,8 @@ def _experiment(name: str, drives: dict[str, Any], controller: str | None) -> An
     from armgpi.plants.rigid_body import RigidBodyPlant
     from armgpi.plants.sensors import Delayed, Encoder
 
-    data: dict[str, Any] = {"robot": {"name": name}}
+    # Of an arm by name: stiff joints and exact positions, along the default move of the other commands.
+    data: dict[str, Any] = {"robot": {"name": name}, "ideal": True}
     origin = config.Origin("command line")
     if is_experiment(name):
         said, origin = config.read(Path(name))

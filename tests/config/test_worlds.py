@@ -18,6 +18,7 @@ from armgpi.config import building
 from armgpi.identification import arm as identification
 from armgpi.identification import writing
 from armgpi.plants.plant import inside
+from armgpi.references.waypoints import Waypoints
 
 #: A pendulum with friction on its joint, and a motor that bears it.
 ARM = """<robot name="rough"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 -0.2"/>
@@ -103,27 +104,61 @@ COMMANDS = {
 }
 
 
-def test_eleven_commands_say_the_same_line_of_one_file(
-    arm: Path, tmp_path: Path, cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch
+#: Commands without a move.
+STILL = {"inspect", "certify", "identify"}
+#: Commands that need a section of an experiment file.
+STUDIES = {"sweep": "vary: {plant.delay: {choices: [1, 1]}}\n", "tune": "tune: {scenarios: 1, held_out: 1}\n"}
+
+
+def named(kind: str, arm: Path, cli: Callable[..., Answer]) -> dict[str, object]:
+    """Return what each command is given in the place of a robot, for an arm of a kind."""
+    name = {"name": "finger_edu", "urdf": arm, "file": "arm.yaml"}[kind]
+    given: dict[str, object] = dict.fromkeys([*COMMANDS, "identify"], name)
+    if kind == "file":
+        assert cli("new", arm, "-o", "arm.yaml").code == 0
+    for command, section in STUDIES.items():
+        text = f"robot: {{name: {name}}}\nideal: false\n{section}"
+        if kind == "file":
+            own = Path("arm.yaml").read_text(encoding="utf-8")
+            text = own if command == "sweep" else own + section
+        given[command] = Path(f"{command}.yaml")
+        Path(f"{command}.yaml").write_text(text, encoding="utf-8")
+    return given
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["name", "urdf", "file"])
+def test_eleven_commands_have_the_same_arm_line_and_move(
+    kind: str, arm: Path, tmp_path: Path, cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    if kind == "name" and "finger_edu" not in robots.names():
+        pytest.skip("the robots extra is not installed")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(pictures, "page_to_play_with", lambda experiment, frame: experiment.robot.name)
-    assert cli("new", arm, "-o", "arm.yaml").code == 0
-    with Path("arm.yaml").open("a", encoding="utf-8") as file:
-        file.write("tune: {scenarios: 1, held_out: 1}\n")
-    said = {}
-    for command, options in COMMANDS.items():
-        answer = cli(command, "arm.yaml", *options)
-        (said[command],) = [line for line in answer.err.splitlines() if line.startswith("world:")]
     monkeypatch.setattr(identification, "identify", lambda *_, **__: SimpleNamespace())
     monkeypatch.setattr(writing, "write_identified", lambda *_: sys.exit(0))
-    answer = cli("identify", "log.csv", "--robot", "arm.yaml")
-    (said["identify"],) = [line for line in answer.err.splitlines() if line.startswith("world:")]
+    moves: list[str] = []
+
+    def record(points: Any, durations: Any, holds: Any) -> Waypoints:
+        moves.append(str([np.round([*map(np.ravel, points)], 12).tolist(), durations, holds]))
+        return Waypoints(points, durations, holds)
+
+    monkeypatch.setattr(building, "Waypoints", record)
+    said, moved = {}, {}
+    for command, robot in named(kind, arm, cli).items():
+        moves.clear()
+        first = ("log.csv", "--robot") if command == "identify" else ()
+        answer = cli(command, *first, robot, *COMMANDS.get(command, ()))
+        (said[command],) = [line for line in answer.err.splitlines() if line.startswith("world:")]
+        moved[command] = set(moves)
     compared = said.pop("compare")
     arm_alone, _ = said["inspect"].split("; controller ")
     assert compared.startswith(arm_alone)
     assert {line.removesuffix(". Values: --explain") for line in said.values()} == {said["inspect"]}
     assert "elastic joints, rotors assumed" in said["run"]
+    assert len(moved["run"]) == 1
+    for command in moved.keys() - STILL:
+        assert moved[command] == moved["run"], command
 
 
 @pytest.mark.parametrize("command", ["certify", "bound"])
