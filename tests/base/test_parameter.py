@@ -176,12 +176,12 @@ def test_options_written_down_are_those_of_the_classes(tmp_path: Path) -> None:
     }
     owners: dict[str, list[str]] = {}
     for cls in classes_of(Arm).values():
-        kinds = ("number", "integer", "choice")
+        kinds = ("number", "integer", "choice", "text")
         wanted |= {n: each for n, each in parameters(cls).items() if each.in_file and each.kind in kinds}
     for kind, made in schema.KINDS.items():
         for name, each in made.parameters.items():
             tables = each.group and not any(x.kind == "number" for x in parameters(each.group).values())
-            if each.kind in ("number", "integer", "choice", "group") and not tables:
+            if each.kind in (*kinds, "group") and not tables:
                 owners.setdefault(each.key or name, []).append(kind)
                 wanted[each.key or name] = each
     found = {option.key.removeprefix("plant."): option for option in declared.options()}
