@@ -624,7 +624,19 @@ class Editor:
                 for other in names_of(function.__code__):
                     both = (function.__globals__.get(other), getattr(owner, other, None))
                     todo += filter(callable, both)
+                todo += self._methods_called(function, owner)
         return found
+
+    def _methods_called(self, function: FunctionType, owner: Any) -> Iterator[Any]:
+        """Yield the methods of the file's objects that a function calls: of globals, and of what it owns."""
+        names = names_of(function.__code__)
+        held = [function.__globals__.get(name) for name in names]
+        held += [vars(owner).get(name) for name in names] if hasattr(owner, "__dict__") else []
+        for thing in held:
+            of_file = getattr(type(thing), "__module__", None) == self._module.__name__
+            for name in names if of_file else ():
+                if isinstance(inspect.getattr_static(type(thing), name, None), FunctionType):
+                    yield getattr(thing, name)
 
     def _node_of(self, function: FunctionType) -> ast.FunctionDef | None:
         """Return where a function stands in the file, None when it is none of it."""
