@@ -39,11 +39,6 @@ _SINGLE = {
     "link": ("inertial",),
     "joint": ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic"),
 }
-#: Elements of shapes, their attributes and how many numbers are in each.
-_SHAPES = (
-    *(("origin", "xyz", 3), ("origin", "rpy", 3), ("box", "size", 3), ("sphere", "radius", 1)),
-    *(("cylinder", "radius", 1), ("cylinder", "length", 1), ("capsule", "radius", 1), ("mesh", "scale", 3)),
-)
 
 
 @check("repair", "what was repaired on request when the file was loaded", "info")
@@ -440,18 +435,15 @@ def whole(subject: Subject) -> Iterator[Finding]:
         yield Finding("warning", "robot", chains.describe(several), len(several), 1, repair, remedies)
 
 
-@check("shape", "a size or origin of a shape that is not a number", "warning")
+@check("shape", "a shape without a solid, or a size or origin that is not a number", "warning")
 def shape(subject: Subject) -> Iterator[Finding]:
-    """Find shapes whose numbers cannot be read. Dynamics need none."""
+    """Find shapes that cannot be read. Dynamics need none."""
     for element in subject.document.root.findall("link"):
         where = f"link {element.get('name')!r}"
         for drawn in (*element.findall("visual"), *element.findall("collision")):
-            for tag, key, count in _SHAPES:
-                for each in drawn.iter(tag):
-                    problem = urdf.bad_numbers(each, key, count, positive=key not in ("xyz", "rpy"))
-                    if problem:
-                        message = f"<{drawn.tag}>, <{tag}>: {problem} (dynamics need none)"
-                        yield Finding("warning", where, message, each.get(key), None, "correct or remove it")
+            for problem, value in urdf.shape_problems(drawn):
+                message = f"<{drawn.tag}>{problem} (dynamics need none)"
+                yield Finding("warning", where, message, value, None, "correct or remove it")
 
 
 @check("mesh", "it is missing or may not be read; every path tried is named", "warning")

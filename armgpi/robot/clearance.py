@@ -53,7 +53,7 @@ class Clearance:
         floor: height of the floor [m]; None for none.
         box: two opposite corners [m], (2, 3), the lower one first; None for none.
         checked: whether the arm has shapes, so that its own links were compared.
-        missing: links whose collision mesh was not found or cannot be read.
+        missing: links of which a collision shape is invalid, or its mesh was not found or cannot be read.
         overlapping: pairs of links whose shapes overlap by design, which were not compared.
     """
 
@@ -115,7 +115,8 @@ class Clearance:
         else:
             lines.append("NOT CHECKED: collision of the arm with itself, as was specified.")
         if self.missing:
-            lines.append(f"NOT CHECKED, their collision mesh was not found: {', '.join(self.missing)}.")
+            why = "their collision shape is invalid or its mesh was not found"
+            lines.append(f"NOT CHECKED, {why}: {', '.join(self.missing)}.")
         if self.overlapping:
             pairs = ", ".join(f"{first} and {second}" for first, second in self.overlapping)
             lines.append(f"Not compared, their shapes overlap in most configurations: {pairs}.")

@@ -15,7 +15,7 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.errors import UrdfError
-from armgpi.robot import markup
+from armgpi.robot import markup, urdf
 from armgpi.robot.meshes import MeshFinder
 from armgpi.robot.robot import Robot
 
@@ -28,7 +28,7 @@ class Shapes(NamedTuple):
 
     Attributes:
         model: Pinocchio's geometry model, with the pairs of links to look at; None where nothing was read.
-        missing: links of which a collision mesh was not found or cannot be read.
+        missing: links of which a collision shape is none, or its mesh was not found or cannot be read.
     """
 
     model: Any
@@ -159,6 +159,10 @@ def _read_shapes(robot: Robot, package_dirs: tuple[str, ...]) -> Shapes:
     missing: dict[str, None] = {}
     for link in root.findall("link"):
         for shape in link.findall("collision"):
+            if any(urdf.shape_problems(shape)):  # urdfdom would print them, and read the rest by half
+                link.remove(shape)
+                missing[link.get("name", "")] = None
+                continue
             if (mesh := shape.find("geometry/mesh")) is None:
                 continue
             if (path := finder.find(mesh.get("filename", "")).path) is None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, SubElement
@@ -30,6 +30,19 @@ MAX_JOINTS = 2_000
 _HUGEST = 1e15
 #: Ratios of mimic joints are between these, or 0.
 _LEAST_RATIO, _MOST_RATIO = 1e-6, 1e6
+#: Solids of shapes, and the attributes without which they have no size.
+_SOLIDS = {
+    "box": ("size",),
+    "sphere": ("radius",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),
+    "mesh": ("filename",),
+}
+#: Elements of shapes, their attributes and how many numbers are in each.
+_SHAPE_NUMBERS = (
+    *(("origin", "xyz", 3), ("origin", "rpy", 3), ("box", "size", 3), ("sphere", "radius", 1)),
+    *(("cylinder", "radius", 1), ("cylinder", "length", 1), ("capsule", "radius", 1), ("mesh", "scale", 3)),
+)
 #: Versions of the format, of which urdfdom 6 knows these; without one a file has the first.
 _VERSIONS = ("1.0", "1.1", "1.2")
 #: Quaternions of a smaller norm, or of one as much larger, are none [-].
@@ -250,6 +263,26 @@ def bad_numbers(element: Element, key: str, count: int, positive: bool) -> str:
         if element.tag != "mesh" and min(values) <= 0.0:
             return f"{key}={text!r} is not positive"
     return ""
+
+
+def shape_problems(drawn: Element) -> Iterator[tuple[str, str | None]]:
+    """Yield what is wrong with a <visual> or <collision>, and the value that is: no solid, or bad numbers."""
+    geometry = drawn.find("geometry")
+    if geometry is None:
+        yield " has no <geometry>", None
+    elif not len(geometry):
+        yield " has an empty <geometry>", None
+    elif geometry[0].tag not in _SOLIDS:
+        yield f" has the shape <{geometry[0].tag}>; expected one of {', '.join(_SOLIDS)}", geometry[0].tag
+    else:
+        for key in _SOLIDS[geometry[0].tag]:
+            if geometry[0].get(key) is None:
+                yield f", <{geometry[0].tag}>: {key} is missing", None
+    for tag, key, count in _SHAPE_NUMBERS:
+        for each in drawn.iter(tag):
+            problem = bad_numbers(each, key, count, positive=key not in ("xyz", "rpy"))
+            if problem:
+                yield f", <{tag}>: {problem}", each.get(key)
 
 
 def _check_version(root: Element, source: str) -> None:

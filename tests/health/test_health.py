@@ -130,6 +130,10 @@ WARNED = [  # kind, level, place, what stands there, what to write instead
     ("mesh", "warning", "link 'fore'", BODY, BODY + SHAPE.format('<mesh filename="x.stl"/>')),
     ("shape", "warning", "link 'fore'", BODY, BODY + SHAPE.format('<box size="big"/>')),
     ("shape", "warning", "link 'fore'", BODY, BODY + SHAPE.format('<sphere radius="-1"/>')),
+    ("shape", "warning", "link 'fore'", BODY, BODY + SHAPE.format('<cone radius="1"/>')),
+    ("shape", "warning", "link 'fore'", BODY, BODY + SHAPE.format("")),
+    ("shape", "warning", "link 'fore'", BODY, BODY + SHAPE.format('<cylinder radius="1"/>')),
+    ("shape", "warning", "link 'fore'", BODY, BODY + "<collision/>"),
 ]  # fmt: skip
 
 

@@ -109,7 +109,7 @@ def test_a_mesh_that_is_not_found_is_named(tmp_path: Path) -> None:
     robot = arm(tmp_path / "package", '<mesh filename="nowhere.stl"/>')
     clear = Clearance(robot)
     assert clear.missing == ("a", "b", "c")
-    assert "their collision mesh was not found: a, b, c" in clear.describe()
+    assert "their collision shape is invalid or its mesh was not found: a, b, c" in clear.describe()
 
 
 @pytest.mark.parametrize("name", ["so101", "tiago_arm"])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from armgpi import Robot
-from armgpi.robot.collisions import Contact, self_collisions, shape_files
+from armgpi.robot.collisions import Contact, read_shapes, self_collisions, shape_files
 from armgpi.robot.usual import usual_ends
 
 #: Three links of 1 m in a plane, each a ball of 0.2 m at its end; the third can come back to the base.
@@ -55,6 +55,27 @@ def test_shapes_that_cannot_be_had_are_no_contact(tmp_path: Path) -> None:
     bent = np.array([[0.0, 0.0, 0.0], [0.0, 2.094, 2.094]])
     assert self_collisions(arm(tmp_path / "package", '<mesh filename="../../secret.stl"/>'), bent) == []
     assert self_collisions(Robot.load("anthropomorphic3"), np.zeros((2, 3))) is None
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        *('<box size="a b"/>', '<cone r="1"/>', "", "<sphere/>", '<sphere radius="-1"/>'),
+        *('<cylinder radius="1"/>', "<mesh/>", '<box size="1 1"/>', '<mesh filename="a" scale="x"/>'),
+    ],
+)
+def test_a_shape_that_is_none_is_left_out_and_nothing_else_prints_it(
+    shape: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    robot = arm(tmp_path)
+    path = Path(str(robot.provenance["source"]))
+    odd = f"<collision><geometry>{shape}</geometry></collision>"
+    path.write_text(path.read_text().replace('<link name="b">', f'<link name="b">{odd}'))
+    shapes = read_shapes(Robot.load(path))
+    assert shapes.missing == ("b",)
+    assert len(shapes.model.geometryObjects) == 4
+    captured = capfd.readouterr()
+    assert captured.out + captured.err == ""
 
 
 @pytest.mark.parametrize("head", ["\n\n", "\n<?xml version='1.0'?>\n"])
