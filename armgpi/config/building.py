@@ -187,7 +187,8 @@ def _supervisor(config: ExperimentConfig, controllers: Iterable[Controller], pla
     with place.error_context():
         given = _given_values(config.supervisor, parameters(Supervisor), robot, place)
         supervisor = complete_settings(Supervisor(**given), config.plant, first)
-        return Supervised(first, supervisor).supervisor  # which checks that it fits the arm
+        Supervised(first, supervisor)  # which checks that it fits the arm
+        return supervisor
 
 
 def robot(config: ExperimentConfig, origin: Origin | None = None) -> Robot:

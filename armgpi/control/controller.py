@@ -73,12 +73,14 @@ class Controller(Shown, ABC):
         config_name: its `type` in experiment files and name on the command line; None for one that has none.
         knows: what it needs of the nominal model: "inertia" (D(q)), "gravity" (G(q) as well) or "model" (all
             of it); empty where it does not say.
+        compliant: whether it gives way like a spring: to a supervisor an error is no fault then.
         derived: what is worked out from the parameters: name -> meaning, for comments in exported C.
     """
 
     measurement_type: ClassVar[type[Measurement] | type[FullState]] = Measurement
     config_name: ClassVar[str | None] = None
     knows: ClassVar[str] = ""
+    compliant: ClassVar[bool] = False
     derived: ClassVar[Mapping[str, str]] = {
         "_floor": "lower torque limits [N m or N]",
         "inertia_scale": "factor of all masses and inertias [-]",

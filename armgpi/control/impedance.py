@@ -103,6 +103,7 @@ class Impedance(Controller):
 
     measurement_type: ClassVar[type[Measurement]] = Measurement
     knows: ClassVar[str] = "model"
+    compliant: ClassVar[bool] = True
     derived: ClassVar[Mapping[str, str]] = {
         "_decay": "share of the rate that a sample leaves [-]",
         "_drive": "from a difference of positions into the rate [1/s]",

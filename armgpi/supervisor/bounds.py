@@ -136,7 +136,7 @@ class Supervisor(Parametrised):
         per_joint=True,
     )
     following: PerJoint = parameter(
-        "FOLLOWING: largest distance from the reference",
+        "FOLLOWING: largest distance from the reference; impedance controllers pass the default",
         unit="rad or m",
         default=0.5,
         least=0.0,
@@ -161,7 +161,7 @@ class Supervisor(Parametrised):
     speed: float | None = parameter(
         "SPEED: share of its velocity limit by which a joint may be faster",
         default=None,
-        none="no check",
+        none="no check; 0 for impedance controllers",
         least=0.0,
     )
     speed_cap: PerJoint = parameter(
@@ -224,6 +224,22 @@ class Bounds(NamedTuple):
     rate: Array
     speed: Array
     cap: Array
+
+
+def suited(law: Controller, given: Supervisor) -> Supervisor:
+    """Return settings that suit a controller: a spring is off its reference by force over stiffness.
+
+    The default of FOLLOWING is not checked then, another one is. That it moves faster than its joints may is
+    a fault where nothing else is specified.
+    """
+    if not law.compliant:
+        return given
+    changes: dict[str, Any] = {}
+    if np.all(given.following == parameters(Supervisor)["following"].default):
+        changes["following"] = FARTHEST
+    if given.speed is None:
+        changes["speed"] = 0.0
+    return given.with_values(**changes) if changes else given
 
 
 def bounds_of(law: Controller, given: Supervisor) -> Bounds:

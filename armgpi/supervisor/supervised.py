@@ -16,7 +16,7 @@ from armgpi.escape import html_table
 from armgpi.parameter import parameters
 from armgpi.references.reference import Target
 from armgpi.supervisor import checks
-from armgpi.supervisor.bounds import FARTHEST, SMOOTHING, Supervisor, bounds_of, smoothing
+from armgpi.supervisor.bounds import FARTHEST, SMOOTHING, Supervisor, bounds_of, smoothing, suited
 from armgpi.supervisor.joints import (
     Mask,
     all_joints,
@@ -71,6 +71,7 @@ class Supervised(Controller):
             raise ParameterError("law", law, "a controller that is not supervised yet")
         supervisor = Supervisor() if supervisor is None else supervisor
         check_type(supervisor, "supervisor", Supervisor, "a Supervisor")
+        supervisor = suited(law, supervisor)
         # Checked by the law; its arrays, as one array is one table in exported C.
         for name in ("robot", "dt", "effort"):
             self.keep(name, getattr(law, name))

@@ -95,6 +95,21 @@ def test_exported_c_changes_as_python_does() -> None:
     )
 
 
+def test_to_a_supervisor_being_off_the_reference_is_no_fault_and_speed_is() -> None:
+    plant = armgpi.RigidBodyPlant(ARM, environment=[armgpi.ToolForce([0.0, 0.0, -60.0], onset=0.1, end=1.2)])
+    soft = armgpi.CartesianImpedance(ARM, DT, stiffness=[80.0] * 3 + [30.0] * 3)
+    run = armgpi.simulate(plant, armgpi.Supervised(soft), armgpi.Hold(HOME), 1.5, backend="auto")
+    off = np.abs(run["q"].values - HOME).max()
+    assert off > 0.5
+    assert run["status"] == armgpi.Status.FINISHED
+    strict = armgpi.Supervised(soft, armgpi.Supervisor(following=0.3))
+    stopped = armgpi.simulate(plant, strict, armgpi.Hold(HOME), 1.5, backend="auto")
+    assert stopped["status"] == armgpi.Status.STOPPED
+    thrown = armgpi.RigidBodyPlant(ARM, environment=[armgpi.ToolForce([0.0, 900.0, 0.0], onset=0.1, end=0.5)])
+    caught = armgpi.simulate(thrown, armgpi.Supervised(soft), armgpi.Hold(HOME), 0.5, backend="auto")
+    assert caught["status"] == armgpi.Status.STOPPED
+
+
 def test_what_cannot_be_is_refused() -> None:
     state = LAW.init(Measurement(HOME), CALM)
     with pytest.raises(ParameterError, match="from 0 to the largest"):
