@@ -118,7 +118,11 @@ class FollowLimits(NamedTuple):
         """
         check_type(robot, "robot", Robot, "a single Robot")
         effort = np.where(np.isfinite(robot.limits.effort), robot.limits.effort, 100.0)
-        rate = effort / _RISE if torque_rate is None else _per_joint(torque_rate, "torque_rate", robot.n)
+        rate = (
+            effort / _RISE
+            if torque_rate is None
+            else _per_joint(torque_rate, "torque_rate", robot.n, robot.joint_names)
+        )
         inertias = robot.mass_matrix(random_configurations(robot, _CONFIGURATIONS, seed=0))
         own = np.diagonal(inertias, axis1=1, axis2=2).max(axis=0)
         velocity = np.minimum(_SPEED_SHARE * robot.limits.velocity, _FASTEST)
