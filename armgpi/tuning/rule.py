@@ -78,6 +78,9 @@ CROSSOVER = 70.0
 TORQUE_SHARE = 0.005
 #: Error that is not integrated while the reference rests [rad or m].
 REST_ZONE = 3e-4
+#: Bandwidth of the slowest joint from which on the controller for encoders at the motors is taken unseen
+#: [rad/s]: a slower one yields more than the other may, as on arms whose rotors are light beside the links.
+FAST_ENOUGH = 2.0 * geared.SLOWEST
 #: How a controller for encoders at the motors starts beside its reference, and any where a supervisor limits
 #: the rate of the torque: with no kick. Under the 1 N m per ms that libfranka takes, a Panda that starts 30
 #: mrad beside it is driven away otherwise (tools/motor_side.py --torque-step).
@@ -421,12 +424,13 @@ def _choose_geared(
     """Return what is chosen for an arm whose gears twist."""
     stiff = _choose_collocated(robot, dt, delay, bits, given)
     early = _collocated_delay(robot, dt, delay) < collocated.COMPARED
-    # Encoder counts or late loops may leave the stiff one less than the soft one has anyway.
-    if stiff is not None and early and float(np.min(stiff["omega_c"])) > geared.SLOWEST:
+    fast_enough = stiff is not None and float(np.min(stiff["omega_c"])) >= FAST_ENOUGH
+    if stiff is not None and early and fast_enough:
         return stiff
     soft = _choose_soft(robot, dt, delay, bits, given)
     if stiff is None:
         return soft
+    # Light rotors, encoder counts or late loops may leave the stiff one less than the soft one has anyway.
     # Late loops: the stiff one is stable at the least usual damping. The soft one is taken where it is stable
     # there as well and yields less.
     if early or _is_stable(robot, dt, delay, soft, given):
