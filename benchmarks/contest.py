@@ -25,6 +25,7 @@ import math
 import sys
 import time
 import warnings
+from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -188,14 +189,24 @@ def medians(rows: list[dict[str, Any]], arm: str) -> dict[str, list[float]]:
     return {name: np.median(np.array(errors), axis=0).tolist() for name, errors in found.items()}
 
 
+def seeds_of(rows: list[dict[str, Any]], arm: str) -> str:
+    """Return how many seeds the controllers of an arm have, in words."""
+    counts = Counter(row["rival"] for row in rows if row["arm"] == arm)
+    low, high = min(counts.values()), max(counts.values())
+    return f"seeds: {high}" if low == high else f"seeds: {low} to {high}"
+
+
 def table(rows: list[dict[str, Any]]) -> str:
     """Return, as Markdown, errors arm by arm, and how GPI compares in each cell."""
-    parts, cells, first = [], [], 0
+    parts, cells = [], []
     for arm in dict.fromkeys(row["arm"] for row in rows):
         errors = medians(rows, arm)
         budgets = next(row["budgets"] for row in rows if row["arm"] == arm)
-        seeds = len({row["seed"] for row in rows if row["arm"] == arm})
-        head = (f"{arm} ({seeds} seeds): variation up to [N m]", "knows", *(f"{x:.0f}" for x in budgets))
+        head = (
+            f"{arm} ({seeds_of(rows, arm)}): variation up to [N m]",
+            "knows",
+            *(f"{x:.0f}" for x in budgets),
+        )
         lines = []
         ratios: dict[str, list[str]] = {}
         for knows in ("model", "inertia"):
