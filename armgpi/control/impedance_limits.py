@@ -63,7 +63,8 @@ class Mode(NamedTuple):
         masses = np.empty(0)
         if jacobian is not None:
             mobility = np.linalg.eigvalsh(jacobian @ np.linalg.solve(inertia, jacobian.T))
-            masses = 1.0 / np.maximum(mobility, _LEAST * mobility.max())
+            with np.errstate(divide="ignore"):  # a tool on the axis of the only joint does not yield
+                masses = 1.0 / np.maximum(mobility, _LEAST * mobility.max())
         return cls(np.maximum(square[-count:], 0.0), np.diag(inertia), np.diag(stiffness), masses)
 
 

@@ -282,3 +282,16 @@ def test_two_centres_outside_of_four_are_named_each() -> None:
     for link in links[1:3]:
         link["centre"] = [0.0, 0.0, -link["centre"][2]]
     assert [finding.where for finding in find(links)] == ["link 'l1'", "link 'l2'"]
+
+
+def test_centres_of_mass_in_the_frame_of_the_base_are_no_millimetres() -> None:
+    """Doosan's arms: each centre is as high as the link stands, and one of them fits in millimetres."""
+    heights = np.cumsum([0.3, 0.25, 0.28, 0.3, 0.22])
+    links = [box((0.09 + 0.01 * k, 0.1, 0.24), 2600.0) for k in range(5)]
+    for link, height in zip(links, heights, strict=True):
+        link["centre"] = [0.0, 0.0, float(height) + 0.3]
+    links[4]["edges"] = [0.05, 0.05, 0.1]
+    links[4]["mass"], links[4]["moments"] = box((0.05, 0.05, 0.1), 2600.0)["mass"], [1e-3, 1e-3, 3e-4]
+    (finding,) = find(links)
+    assert finding.where == "robot"
+    assert "another frame" in finding.message

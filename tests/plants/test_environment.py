@@ -104,6 +104,19 @@ def test_a_wall_with_damping_never_pulls() -> None:
     assert motion[-1, 1] < 0.0
 
 
+@pytest.mark.parametrize("along", [[0.3, 0.0, 0.0], [0.0, 0.2, 0.0], [-0.1, 0.4, 0.0], [0.0, 0.5, -0.2]])
+def test_the_friction_of_a_surface_is_a_share_of_its_force_against_any_way_it_is_slid(
+    along: list[float],
+) -> None:
+    floor = Wall(normal=[0.0, 0.0, 1.0], distance=0.2, stiffness=50.0, friction=0.3)
+    motion = Motion(np.eye(3), np.array([0.4, 0.1, 0.15]), np.array(along), np.zeros(3), ())
+    force = floor.wrench(motion, np.zeros(())).force
+    sliding = np.array([*along[:2], 0.0])
+    np.testing.assert_allclose(
+        force[:2], -0.3 * force[2] * (sliding / np.linalg.norm(sliding))[:2], rtol=2e-3
+    )
+
+
 def test_the_friction_of_a_surface_brakes_what_slides_on_it() -> None:
     # A sled along x that a floor of normal z carries: pressed by its depth, 0.2 m times 50 N/m.
     floor = Wall(normal=[0.0, 0.0, 1.0], distance=0.2, stiffness=50.0, friction=0.3)
