@@ -44,6 +44,8 @@ _RATE_SHARE = 0.55
 #: Distance that configurations of set-points keep from joint limits, as a follower may overshoot [rad or m].
 #: It is at most this share of the range.
 _MARGIN, _MARGIN_SHARE = 0.03, 0.05
+#: Effort where the URDF has none [N m or N].
+_EFFORT = 100.0
 #: Limits where neither the URDF nor the arm's effort say less [rad/s or m/s, rad/s^2 or m/s^2].
 _FASTEST, _QUICKEST = 3.2, 10.0
 #: Share of the velocity limits that is used.
@@ -117,7 +119,9 @@ class FollowLimits(NamedTuple):
             ArrayError: for a rate of another shape.
         """
         check_type(robot, "robot", Robot, "a single Robot")
-        effort = np.where(np.isfinite(robot.limits.effort), robot.limits.effort, 100.0)
+        effort, fastest = robot.limits.effort, robot.limits.velocity
+        # A limit of 0 is one that the URDF leaves blank.
+        effort = np.where(np.isfinite(effort) & (effort > 0.0), effort, _EFFORT)
         rate = (
             effort / _RISE
             if torque_rate is None
@@ -125,7 +129,7 @@ class FollowLimits(NamedTuple):
         )
         inertias = robot.mass_matrix(random_configurations(robot, _CONFIGURATIONS, seed=0))
         own = np.diagonal(inertias, axis1=1, axis2=2).max(axis=0)
-        velocity = np.minimum(_SPEED_SHARE * robot.limits.velocity, _FASTEST)
+        velocity = np.minimum(_SPEED_SHARE * np.where(fastest > 0.0, fastest, np.inf), _FASTEST)
         acceleration = np.minimum(_EFFORT_SHARE * effort / own, _QUICKEST)
         return cls(velocity, acceleration, _RATE_SHARE * rate / own)
 

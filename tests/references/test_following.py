@@ -72,6 +72,21 @@ def test_it_reaches_a_goal_and_overshoots_by_little(jump: float) -> None:
     assert ((q / goal) <= (1.13 if jump < 0.2 else 1.02)).all()
 
 
+def test_limits_that_a_urdf_leaves_blank_do_not_stop_the_follower() -> None:
+    link = (
+        '<link name="{}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" '
+        'iyz="0"/></inertial></link>'
+    )
+    joint = (
+        '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>'
+        '<limit lower="-1" upper="1" velocity="0" effort="0"/></joint>'
+    )
+    arm = armgpi.Robot.from_xml(f'<robot name="r"><link name="a"/>{link.format("b")}{joint}</robot>')
+    limits = armgpi.FollowLimits.of(arm)
+    assert limits.velocity == pytest.approx([3.2])
+    assert (np.array(limits) > 0.0).all()
+
+
 def test_a_batch_is_followed_as_each_alone() -> None:
     follower = armgpi.Follower(LIMITS, 1e-3)
     random = np.random.default_rng(0)
