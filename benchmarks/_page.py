@@ -13,6 +13,8 @@ import _timing
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "build" / "benchmarks"
 PACKAGES = ("armgpi", "casadi", "pin", "numpy", "mujoco", "drake", "dynibo")
+#: World of plants that are made in Python, of which nothing is assumed.
+EXPLICIT = "ideal: stiff joints, no rotors, no friction, exact positions, but for what a table names"
 
 
 class Page(NamedTuple):
@@ -42,8 +44,14 @@ def say(text: str) -> None:
     print("\n" + textwrap.fill(text, 105, break_long_words=False, break_on_hyphens=False))
 
 
-def begin(file: str, title: str) -> Page:
-    """Read the options and print the head of the page."""
+def begin(file: str, title: str, world: str = EXPLICIT) -> Page:
+    """Read the options and print the head of the page.
+
+    Args:
+        file: of the script.
+        title: of the page.
+        world: what is assumed of the arms that are simulated.
+    """
     parser = argparse.ArgumentParser(description=title)
     parser.add_argument("--quick", action="store_true", help="a look, not to judge by")
     quick = parser.parse_args().quick
@@ -51,7 +59,8 @@ def begin(file: str, title: str) -> Page:
     facts = _timing.machine(PACKAGES)
     print(f"# {title}")
     print(f"\n`python benchmarks/{name}.py{' --quick' if quick else ''}`\n")
+    print(f"World: {world}.\n")
     print(_timing.machine_table(facts))
     if quick:
         print("\nQuick: too few rounds to judge by.")
-    return Page(name, quick, facts, {})
+    return Page(name, quick, {**facts, "world": world}, {})

@@ -103,7 +103,9 @@ class Way(NamedTuple):
 
 def main() -> None:
     warnings.simplefilter("ignore", armgpi.ArmgpiWarning)
-    page = _page.begin(__file__, "Compliance")
+    page = _page.begin(
+        __file__, "Compliance", "realistic: rotors, stiffness, friction and encoders of the tables"
+    )
     names = ARMS[:1] if page.quick else ARMS
     places = [_place(name) for name in names]
     stiff = [STIFFNESS] * 3 + [TURNING] * 3

@@ -40,7 +40,9 @@ QUICK = {"joints": (2, 7), "rollouts": (1, 64, 1024), "samples": (50, 500)}
 
 
 def main() -> None:
-    page = _page.begin(__file__, "How cost grows")
+    page = _page.begin(
+        __file__, "How cost grows", "assumed rotors; stiff joints, elastic where a row says so"
+    )
     rounds = 2 if page.quick else 5
     _page.say(
         f"Microseconds per rollout-step of compiled loops, {rounds} rounds in turns. All else is "

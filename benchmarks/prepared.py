@@ -25,7 +25,9 @@ BATCH, STEPS, LONG = 4096, 1000, 2000
 
 
 def main() -> None:
-    page = _page.begin(__file__, "Prepared loops")
+    page = _page.begin(
+        __file__, "Prepared loops", "stiff joints, no rotors, 16-bit encoders, a sample of delay"
+    )
     rounds, batch = (3, 512) if page.quick else (7, BATCH)
     _page.say(
         f"{rounds} rounds, one thread. The bare loop records the first and the last sample alone. Batches "

@@ -58,7 +58,7 @@ SHOWN = 8
 
 
 def main() -> None:
-    page = _page.begin(__file__, "Where a start goes")
+    page = _page.begin(__file__, "Where a start goes", "that of each command")
     rounds = 2 if page.quick else 7
     _page.say(
         f"Processor time of fresh processes [s], {rounds} rounds. Ratios are of the least times: what else "

@@ -65,7 +65,9 @@ class Trade(NamedTuple):
 
 def main() -> None:
     warnings.simplefilter("ignore", armgpi.ArmgpiWarning)
-    page = _page.begin(__file__, "The tool")
+    page = _page.begin(
+        __file__, "The tool", "realistic: rotors, stiffness, friction and encoders of the tables"
+    )
     names = ARMS[:2] if page.quick else ARMS
     places = [_place(name) for name in names]
     draws = 1 if page.quick else 3

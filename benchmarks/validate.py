@@ -31,7 +31,7 @@ GOALS = ((PYTHON, "times the import", 2.5), (COMMAND, "times the import", 2.5), 
 
 
 def main() -> None:
-    page = _page.begin(__file__, "How long validate takes")
+    page = _page.begin(__file__, "How long validate takes", "none, as nothing is simulated")
     rounds = 2 if page.quick else 7
     _page.say(
         f"Processor time of fresh processes and of those that they start [s], {rounds} rounds. Ratios are of "

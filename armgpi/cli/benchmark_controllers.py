@@ -66,4 +66,5 @@ def benchmark_controllers(
     paths = [files.write(out / "contest.md", text)]
     data = json_data([entry._asdict() for entry in entries]) if as_json else None
     picture = out / "contest.png", lambda pictures: pictures.contest_picture(entries)
+    say(f"world: arms of the uncertainty model {reality}, the same for every controller", err=True)
     show("Comparison of tuned controllers", text, data, paths, report, picture)

@@ -80,9 +80,22 @@ def benchmark_robots(
         table, failed = realities.markdown({**by_arm, "all": rows}, "robot"), not rows
     text = "\n\n".join([table, *remarks])
     data = json_data([row._asdict() for row in rows]) if as_json else None
+    say(_world(reality), err=True)
     show("Every arm", text, data, [] if out is None else [files.write(out / "zoo.md", text)], report)
     if failed:
         sys.exit(FAILED)
+
+
+def _world(reality: str | None) -> str:
+    """Return the world of the arms, in the words of the other commands."""
+    from armgpi.health.zoo import BITS, DELAY
+
+    if reality is not None:
+        return f"world: arms of the uncertainty model {reality}; controller gpi_auto"
+    return (
+        f"world: ideal but for its sensors: stiff joints, no rotors, no friction, {BITS}-bit encoders, delay "
+        f"{DELAY} sample{'s' * (DELAY != 1)}; controller gpi"
+    )
 
 
 def _reality(name: str, seed: int) -> Reality:

@@ -7,6 +7,11 @@ from pathlib import Path
 from armgpi.cli.parsing import known_backend, stoppable
 from armgpi.cli.terminal import say
 
+#: What the paper simulates, in the words of the other commands.
+WORLD = (
+    "world: ideal: stiff joints, no rotors, no friction, exact positions (and velocities, of controllers "
+    "that measure them), no delay; the controllers as printed in the paper, and tuned"
+)
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
     "out --out -o FOLDER": "Folder for tables and figures.",
@@ -38,6 +43,7 @@ def reproduce(
         done=lambda name: say(f"done: {name}", err=True),
         backend=known_backend(backend),
     )
+    say(WORLD, err=True)
     say(done.summary, lines=True)
     say(f"wrote {len(done.files)} files to {out}, {out / 'reproduction.md'} first", err=True)
     if report is not None:

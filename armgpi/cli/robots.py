@@ -45,7 +45,7 @@ def robots(
     armgpi robots
     armgpi robots --check
     """  # noqa: D301 (\b keeps the lines apart)
-    from armgpi.robot.robots import EXAMPLE_ROBOT_DATA, description_names, names
+    from armgpi.robot.robots import EXAMPLE_ROBOT_DATA, description_names, is_textbook, names
 
     found = names()
     rows = [_row(name) if check else _known_facts(name) for name in found]
@@ -55,7 +55,8 @@ def robots(
         _show(rows)
     else:
         for row in rows:
-            say("  ".join((row["name"].ljust(max(map(len, found))), *row["remarks"])).rstrip())
+            world = ["ideal: stiff joints, exact positions"] if is_textbook(row["name"]) else []
+            say("  ".join((row["name"].ljust(max(map(len, found))), *row["remarks"], *world)).rstrip())
     if not set(EXAMPLE_ROBOT_DATA) & set(found):
         say("more robots come with: pip install example-robot-data", err=True)
     described = description_names()
