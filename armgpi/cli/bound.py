@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from armgpi.cli import options as opt
 from armgpi.cli.certify import (
@@ -38,7 +38,8 @@ ROWS = {
     "payload KG:KG": "Lightest and heaviest payload at the tip [kg], such as '0:1'.",
     "start NAME": "How the run starts. wrong-load: the first torque is that of the controller's model; "
     "held: the loop has held the arm.",
-    "tool_speed NUMBER": "Also bound the stopping distance of the supervisor from this tool speed [m/s].",
+    "tool_speed NUMBER": "Also bound the stopping distance of the supervisor from this tool speed [m/s]; "
+    "with a force limit, the speed of the impact.",
     "controller --controller --controllers NAME": "gpi or gpi_auto. Default: the file's, else gpi; gpi_auto "
     "with an encoder or delay.",
     "out --out -o FILE": "Write the bound (JSON).",
@@ -46,6 +47,10 @@ ROWS = {
 
 #: What a bound leaves out where the experiment has a supervisor.
 _STOP = "a stop by the supervisor of the file (--tool-speed bounds it)"
+
+
+#: What a bound of the force leaves out, and configurations of the reference that it looks at.
+_PATH, _PLACES = "the error along the reference, of a controller with a force limit", 101
 
 
 @stoppable
@@ -82,6 +87,7 @@ def bound(
     settings, loads = experiment.config.plant, load_ends(payload)
     drawn = possible_arms(identified, experiment.robot)
     rubs = friction or friction_within is not None or has_friction(settings)
+    _end_with_force(experiment, loads, (friction_within, tool_speed), (report, out), (as_json, allow_part))
     found = bound_path(
         next(iter(experiment.controllers.values())),
         experiment.reference,
@@ -103,8 +109,7 @@ def bound(
     supervised = experiment.supervisor is not None and stop is None
     left_out = [*[_STOP] * supervised, *unjudged_drives(known, rubs)]
     verdict = judge(found.holds, "the bound holds", left_out, accepted=allow_part)
-    stopping = None if stop is None else stop._asdict()
-    data = json_data({**found.plain(), "stop": stopping, "verdict": verdict.plain()})
+    data = json_data({**found.plain(), "stop": stop and stop._asdict(), "verdict": verdict.plain()})
     if out is not None:
         write(out, json.dumps(data, indent=1) + "\n", "--out")
     notes = [*filter(None, (str(stop or ""), *_gears(found)))]
@@ -114,6 +119,75 @@ def bound(
     text = "\n".join([*unseen, "\n  ".join([str(found), *notes])])
     say(json.dumps(data) if as_json else text, lines=True)
     sys.exit(verdict.exit_code)
+
+
+class _Judged(NamedTuple):
+    """What is said of a controller with a force limit: plain data, text and exit code."""
+
+    data: dict[str, Any]
+    text: str
+    exit_code: int
+
+
+def _end_with_force(
+    experiment: Any,
+    loads: tuple[float, float] | None,
+    given: tuple[float | None, float | None],
+    files: tuple[Path | None, Path | None],
+    how: tuple[bool, bool],
+) -> None:
+    """End the command with what is said of a controller with a force limit; go on without one.
+
+    Args:
+        experiment: of the arm.
+        loads: lightest and heaviest payload [kg].
+        given: share that friction is known within, and speed of the impact [m/s].
+        files: of --report and --out.
+        how: --json and --allow-part.
+    """
+    if getattr(next(iter(experiment.controllers.values())), "force_limit", None) is None:
+        return
+    (report, out), (as_json, accepted) = files, how
+    if report is not None:
+        raise refusal("--report", "is not written for a controller with a force limit")
+    judged = _judge_force(experiment, loads, *given, accepted)
+    if out is not None:
+        write(out, json.dumps(judged.data, indent=1) + "\n", "--out")
+    say(json.dumps(judged.data) if as_json else judged.text, lines=True)
+    sys.exit(judged.exit_code)
+
+
+def _judge_force(
+    experiment: Any,
+    loads: tuple[float, float] | None,
+    within: float | None,
+    speed: float | None,
+    accepted: bool,
+) -> _Judged:
+    """Return what a tool presses with at rest at most along the reference; its error is not bounded.
+
+    That is the limit, friction at the tool in the worst configuration and direction of the reference, and the
+    weight of a payload that may be there or not.
+    """
+    import numpy as np
+
+    from armgpi.control.force_limit import FREE_FALL
+
+    law = next(iter(experiment.controllers.values()))
+    configurations = experiment.reference.at(np.linspace(0.0, experiment.t_final, _PLACES)).q
+    given: dict[str, Any] = {"configurations": configurations, "speed": speed}
+    known = law.robot.friction.coulomb
+    if within is not None and known.any():
+        given["friction"] = (1.0 + within) * known
+    bound = law.force_bound(**given)
+    weight = 0.0 if loads is None else FREE_FALL * (loads[1] - loads[0])
+    more = max(weight - bound.gravity, 0.0)
+    bound = bound._replace(gravity=bound.gravity + more, total=bound.total + more)
+    verdict = judge(
+        True, f"at rest the tool presses with at most {bound.total:.3g} N", [_PATH], accepted=accepted
+    )
+    data = json_data({"force": bound._asdict(), "verdict": verdict.plain()})
+    return _Judged(data, f"{verdict.line}\n{bound}", verdict.exit_code)
 
 
 def _check_options(report: Path | None, friction_within: float | None) -> None:
@@ -166,6 +240,8 @@ def _experiment(name: str, drives: dict[str, Any], controller: str | None) -> An
     data["plant"] = {"engine": "armgpi", **(data.get("plant") or {})}
     experiment = config.build(config.check(data, origin), origin)
     law, plant = next(iter(experiment.controllers.values())), experiment.plant
+    if getattr(law, "force_limit", None) is not None:
+        return experiment  # its force is bounded, which no plant decides
     if not isinstance(law, GPI):
         raise origin.error(
             ("controllers", 0, "type"),

@@ -252,21 +252,21 @@ class ForceLimit:
         acts = np.minimum(over / np.maximum(_FULL * whole, 1e-9), 1.0)
         return new(_Excess, (left, much, acts, jacobian))
 
-    def force_of(self, robot: Robot, torque: Array) -> float:
+    def force_of(self, robot: Robot, torque: Array, configurations: Array | None = None) -> float:
         """Return the largest force at the tool [N] of torques within +- `torque` (n,).
 
-        It is the median of some configurations away from singular ones.
+        It is the median of some configurations away from singular ones, or the largest of given ones (k, n).
         """
         few = robot.n <= _MOST_SIGNS
         signs = np.array(list(product((-1.0, 1.0), repeat=robot.n))) if few else np.eye(robot.n)
         forces = []
-        for q in self._usual(robot):
+        for q in self._usual(robot) if configurations is None else configurations:
             jacobian = self._motion.at(q, 0.0 * q).damped_jacobian(self._length)
             wrenches = np.linalg.solve(jacobian.square, jacobian.matrix @ (signs * torque).T)[:3]
             if not few:  # the sum of all joints, which is not less than any combination of signs
                 wrenches = np.abs(wrenches).sum(axis=1, keepdims=True)
             forces.append(float(np.linalg.norm(wrenches, axis=0).max()) / self._length)
-        return float(np.median(forces))
+        return float(np.median(forces) if configurations is None else np.max(forces))
 
     def _usual(self, robot: Robot) -> Array:
         """Return configurations away from singular ones, where forces have no bounds: the best of some."""
@@ -292,6 +292,7 @@ class ForceLimit:
         weight: float = 0.0,
         speed: float | None = None,
         wall: float = HIT,
+        configurations: Array | None = None,
     ) -> ForceBound:
         """Return what the tool presses with at rest at most, and the impact at a speed beside it.
 
@@ -302,12 +303,14 @@ class ForceLimit:
             weight: that the model is uncertain by [N].
             speed: of the approach [m/s]; the speed limit when not given.
             wall: stiffness of what is hit [N/m].
+            configurations: where the friction counts [rad or m], (k, n): the worst of them; usual ones when
+                not given.
         """
         limit = float(np.min(self.force))
         level = np.atleast_2d(self.friction).max(axis=0) if friction is None else friction
         if friction is None:
             level = KNOWN_WITHIN * level if level.any() else USUAL_WITHIN * usual_friction(robot)
-        rubbed, mass = self.force_of(robot, level), self.mass_of(robot)
+        rubbed, mass = self.force_of(robot, level, configurations), self.mass_of(robot)
         fast = float(np.max(self.speed)) if speed is None else speed
         pressed = limit + rubbed
         impact = pressed + float(np.sqrt(pressed**2 + wall * mass * fast**2))

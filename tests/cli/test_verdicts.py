@@ -89,6 +89,25 @@ def test_inspect_names_a_second_reading_that_could_not_be_had(
 
 
 @pytest.mark.slow
+def test_bound_sums_limit_friction_and_payload_of_a_force_limit(cli: Cli, tmp_path: Path) -> None:
+    file = tmp_path / "pressing.yaml"
+    file.write_text(
+        "robot: {name: ur5, friction: {coulomb: 1.0}}\ncontrollers: [{type: pid, force_limit: 20}]\n",
+        encoding="utf-8",
+    )
+    found = cli("bound", file, "--payload", "0:0.5", "--json")
+    assert found.code == 3
+    force = json.loads(found.out)["force"]
+    assert force["gravity"] == pytest.approx(0.5 * 9.81)
+    assert force["total"] == pytest.approx(20.0 + force["friction"] + 0.5 * 9.81)
+    less = json.loads(cli("bound", file, "--friction-within", "0.1", "--json").out)["force"]
+    assert less["friction"] == pytest.approx(force["friction"] * 1.1 / 1.2)
+    text = cli("bound", file, "--allow-part")
+    assert text.code == 0
+    assert "not judged: the error along the reference" in text.out.splitlines()[0]
+    assert "no safety function" in text.out
+
+
 def test_certify_and_bound_name_keys_of_a_file_that_they_leave_out(cli: Cli, tmp_path: Path) -> None:
     file = tmp_path / "arm.yaml"
     file.write_text(ARM + "controllers: [{type: gpi, omega: 25.0}]\nsupervisor: {}\n")
