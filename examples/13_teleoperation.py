@@ -79,4 +79,6 @@ with tempfile.TemporaryDirectory() as folder:
     follow(recording, "with the poses' own speed", limits=limits, feedforward=True)
     if pink is not None:
         follow(recording, "Pink's tasks", limits=limits, inverse=by_pink)
+    else:
+        print("Pink's tasks: left out, as Pink is not installed (pip install pin-pink proxsuite)")
 print("a gap of 0.2 s and 1 mm of tremor moved the arm within its limits")
