@@ -27,7 +27,7 @@ import armgpi
 from armgpi.arrays import Array
 from armgpi.errors import ArmgpiError, ParameterError, UnfitLog
 from armgpi.health.zoo import fingers
-from armgpi.identification.arm import Identified, identify
+from armgpi.identification.arm import Identified, identify, mean_inertia
 from armgpi.identification.estimate import expect
 from armgpi.identification.excitation import FIRST_SHARE, excite
 from armgpi.identification.logs import Log
@@ -63,6 +63,8 @@ DT = 1e-3
 FREE: dict[str, Any] = {"floor": None, "collisions": False}
 #: Where encoders are, in turn; and bandwidths at which an arm is tried again that swings [rad/s].
 SIDES, SLOWER = ("link", "motor"), (5.0, 3.0)
+#: Stiffness of joints that are fitted as stiff ones [N m/rad], and shortest log of a soft arm [s].
+RIGID, SHORTEST = 1e9, 3.0
 
 
 @with_parameters
@@ -342,16 +344,8 @@ def measure_resonance(name: str, count: int, seed: int) -> dict[str, Any]:
     robot, off, inside, lost, sides = armgpi.Robot.load(name, lock=fingers(name)), [], 0, [], 0
     for i in range(count):
         arm, side = truth(robot, seed + i), SIDES[i % 2]
-        rng = np.random.default_rng([seed + i, *name.encode()])
-        mode = float(3.0 * 10.0 ** ((i // 2 + rng.uniform()) / math.ceil(count / 2)))
-        links = arm.mass_matrix(arm.middle()) - np.diag(arm.armature)
-        stiffness = arm.armature * np.exp(rng.uniform(-0.5, 0.5, arm.n))
-        stiffness *= (mode / lowest_mode(links, arm.armature, stiffness)) ** 2
-        plant: Any = armgpi.ElasticPlant(
-            arm, gear_stiffness=stiffness, friction=arm.friction, encoder_side=side
-        )
-        plant = TorqueNoise(plant, std=0.005 * scales(robot).effort, seed=seed + i)
-        plant = armgpi.Delayed(armgpi.Encoder(armgpi.Saturated(plant, robot.limits.effort), 16), 1)
+        bin_of = (i // 2, math.ceil(count / 2))
+        plant, mode = elastic_plant(robot, arm, side, seed + i, name, bin_of, 30.0)
         row = f"| {name} | {side} | {mode:.3g} |"
         try:
             first = follow(robot, plant, excite(robot, 20.0, FIRST_SHARE, 1, **FREE).reference, side)
@@ -382,6 +376,72 @@ def measure_resonance(name: str, count: int, seed: int) -> dict[str, Any]:
         "intervals_hold": inside,
         "sides_found": sides,
     }
+
+
+def measure_soft(name: str, count: int, seed: int) -> dict[str, Any]:
+    """Return how well D is found by a first log of an arm whose first mode is 3 to 10 Hz.
+
+    Stiffness is drawn, encoders are at links and motors in turn, and the side is known, as by a data sheet.
+    The same log is fitted by stiff joints as well (stiffness specified as large): the error of each joint's
+    mean diagonal of D, of the worst joint, before and after. Each arm prints a row.
+    """
+    robot, errors = armgpi.Robot.load(name, lock=fingers(name)), []
+    for i in range(count):
+        arm, side = truth(robot, seed + i), SIDES[i % 2]
+        plant, mode = elastic_plant(robot, arm, side, seed + i, name, (i // 2, math.ceil(count / 2)))
+        log = follow(robot, plant, excite(robot, 20.0, FIRST_SHARE, 1, **FREE).reference, side)
+        if log.t[-1] < SHORTEST:
+            print(f"| {name} | {side} | {mode:.3g} | a log of {log.t[-1]:.2g} s alone | |", flush=True)
+            continue
+        told = robot.with_drives(robot.drives.with_value("encoder_side", side))
+        rigid = told.with_drives(told.drives.with_value("stiffness", RIGID))
+        both = [identify(log, each, check_first=False) for each in (rigid, told)]
+        off = [np.abs(mean_inertia(each.robot) / mean_inertia(arm) - 1.0) for each in both]
+        errors.append([each.max() for each in off])
+        found = "" if both[1].twist is None else f"{both[1].twist.mode(robot.middle()):.3g}"
+        cells = " | ".join(f"{100.0 * each.max():.2g}" for each in off)
+        print(f"| {name} | {side} | {mode:.3g} | {found} | {cells} |", flush=True)
+    table = np.array(errors)
+    return {
+        "arm": name,
+        "case": "soft",
+        "arms": len(errors),
+        "stiff_median": float(np.median(table[:, 0])),
+        "stiff_largest": table[:, 0].max(),
+        "elastic_median": float(np.median(table[:, 1])),
+        "elastic_largest": table[:, 1].max(),
+    }
+
+
+def elastic_plant(
+    robot: armgpi.Robot,
+    arm: armgpi.Robot,
+    side: str,
+    seed: int,
+    name: str,
+    bin_of: tuple[int, int],
+    most: float = 10.0,
+) -> tuple[Any, float]:
+    """Return an elastic arm and its first mode of 3 Hz to `most`, drawn from one bin of several.
+
+    Args:
+        robot: as its file has it.
+        arm: as it is.
+        side: where the encoders are.
+        seed: of the draw.
+        name: of the arm, for the draw.
+        bin_of: which bin of how many, in equal ratios.
+        most: largest first mode [Hz].
+    """
+    rng = np.random.default_rng([seed, *name.encode()])
+    mode = float(3.0 * (most / 3.0) ** ((bin_of[0] + rng.uniform()) / bin_of[1]))
+    links = arm.mass_matrix(arm.middle()) - np.diag(arm.armature)
+    stiffness = arm.armature * np.exp(rng.uniform(-0.5, 0.5, arm.n))
+    stiffness *= (mode / lowest_mode(links, arm.armature, stiffness)) ** 2
+    plant: Any = armgpi.ElasticPlant(arm, gear_stiffness=stiffness, friction=arm.friction, encoder_side=side)
+    plant = TorqueNoise(plant, std=0.005 * scales(robot).effort, seed=seed)
+    plant = armgpi.Delayed(armgpi.Encoder(armgpi.Saturated(plant, robot.limits.effort), 16), 1)
+    return plant, mode
 
 
 def follow(known: armgpi.Robot, plant: Any, reference: Any, side: str) -> Log:
@@ -468,6 +528,7 @@ OWN = {
     "current": measure_current,
     "first": measure_first,
     "resonance": measure_resonance,
+    "soft": measure_soft,
     "written": measure_written,
 }
 

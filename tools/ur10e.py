@@ -8,6 +8,9 @@ here: clone it yourself, and name the folder.
 
 Currents become torques by the drive gains that are named there (De Luca). Rows without motion are cut.
 
+``--load`` identifies the known load of two pairs of logs, without and with it, by the constants as they are
+and by those that the known load of the other pair gives.
+
 ``--control MOVES`` runs random moves under `gpi_auto` laws on the arm that the whole log gives: laws for the
 file without rotors, for the rotors of the rule, for the first 20 s, and for that arm itself.
 """
@@ -37,15 +40,29 @@ TRAIN, HELD_OUT, SLOW = (
     ("ur-20_02_12-40sec_12harm", "ur-20_02_10-30sec_12harm", "ur-20_02_05-20sec_8harm"),
     "ur-20_01_17-ptp_10_points",
 )
+#: Pairs of logs without and with a load of this mass [kg], as the scripts there say.
+PAIRS, LOAD = (
+    (
+        ("ur-20_02_19_14harm50sec", "ur-20_02_19_14harm50secLoad"),
+        ("ur-20_02_19_15harm50sec", "ur-20_02_19_15harm50secLoad"),
+    ),
+    2.805,
+)
 #: Sample time of the law [s], log that it is made from [s], and the seed of its moves.
 DT, PART, SEED = 2e-3, 20.0, 1
+#: Largest step of the times in a file [s].
+_JUMP = 1.0
 #: Slower than this the arm rests [rad/s].
 _STILL = 0.01
 
 
 def read(path: Path) -> Log:
     """Return a log from where the arm begins to move until it rests; currents in place of torques."""
-    table = np.loadtxt(path, delimiter=",")
+    lines = path.read_text(encoding="ascii").splitlines()
+    whole = [line for line in lines if line.count(",") == lines[0].count(",")]  # one ends in the middle
+    table = np.loadtxt(whole, delimiter=",")
+    jumps = np.flatnonzero(np.abs(np.diff(table[:, 0])) > _JUMP) + 1  # the file is damaged there
+    table = max(np.split(table, jumps), key=len)
     keep = np.append(True, np.diff(table[:, 0]) > 0.0)
     t, q = table[keep, 0], table[keep, POSITIONS]
     moves = np.flatnonzero(np.abs(np.gradient(q, t, axis=0)).max(axis=1) > _STILL)
@@ -89,6 +106,24 @@ def control(file: armgpi.Robot, part: armgpi.Robot, truth: armgpi.Robot, moves: 
         print(f"{label}: {lost[label]} lost, {np.median(each / itae['50 s']):.3g}")
 
 
+def loads(folder: Path, robot: armgpi.Robot) -> None:
+    """Print the load of each pair of logs, by the torque constants as they are and by the other pair's."""
+    pairs = [[read(find(folder, f"{name}.csv")) for name in pair] for pair in PAIRS]
+    found = [identify(bare, robot, current=GAINS, torque="motor").load(carried) for bare, carried in pairs]
+    for (bare, carried), own, other in zip(pairs, found, reversed(found), strict=True):
+        wide = 1.96 * own.mass_std
+        print(
+            f"{bare.source}: load {own.mass:.3f} ± {wide:.2f} kg ({100.0 * wide / own.mass:.1f} %) by the "
+            f"constants as they are; {LOAD} kg are there"
+        )
+        constants = tuple(LOAD / other.mass * np.array(GAINS))
+        known = identify(bare, robot, current=constants, torque="motor").load(carried, scale_known=True)
+        print(
+            f"  {known.mass:.3f} ± {1.96 * known.mass_std:.3f} kg by those of the other pair, "
+            f"{100.0 * (known.mass / LOAD - 1.0):+.2f} %"
+        )
+
+
 def _torque_share(arm: armgpi.Robot, path: armgpi.Bezier) -> float:
     """Return the largest share of a motor's torque that a move takes."""
     tau = torques_of(arm, path.at(np.linspace(0.0, path.duration, 100)), arm.friction)
@@ -108,9 +143,15 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, nargs="+", default=[5.0, 10.0, 20.0, 30.0, 50.0])
     parser.add_argument("--control", type=int, default=0, metavar="MOVES", help="random moves that are run")
     parser.add_argument("--drives", default="stiff", help="what laws believe: stiff gears, or 'elastic'")
+    parser.add_argument(
+        "--load", action="store_true", help="identify the known load of two pairs of logs alone"
+    )
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     robot = armgpi.Robot.load(find(given.folder, "ur10e.urdf"))
+    if given.load:
+        loads(given.folder, robot)
+        return
     train = read(find(given.folder, f"{TRAIN}.csv"))
     judges = {name: read(find(given.folder, f"{name}.csv")) for name in (*HELD_OUT, SLOW)}
 

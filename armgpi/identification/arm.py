@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from typing import Any, NamedTuple
@@ -26,6 +27,14 @@ from armgpi.identification.check import (
     refuse,
 )
 from armgpi.identification.chirp import Side, find_side
+from armgpi.identification.elastic import (
+    MOST_SOFT,
+    SOFT,
+    Twist,
+    Twisted,
+    expected_compliance,
+    knows_stiffness,
+)
 from armgpi.identification.estimate import Block, Fit, Prior
 from armgpi.identification.logs import TORQUES, Grid, Log, read_log, resample
 from armgpi.identification.posterior import Posterior, with_parameters
@@ -47,7 +56,7 @@ from armgpi.robot.batch import RobotBatch
 from armgpi.robot.drives import Drives
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
-from armgpi.robot.rotors import SCATTER
+from armgpi.robot.rotors import SCATTER, assume_gears
 
 #: Widths over which the sign of velocity may be smoothed [rad/s or m/s], and the one to begin with.
 WIDTHS, _FIRST_WIDTH = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2), 5e-3
@@ -67,6 +76,12 @@ _STRIBECK = 0.05
 #: A motor that turns with its neighbour's joint, as those of wrists do, is taken where it explains so much of
 #: what is left of either joint; what it has then, each beside its own.
 _COUPLED, MOTOR = 0.3, ("rotor", "viscous", "coulomb")
+#: Elastic joints are taken where they explain so much of what is left, all joints together, or where their
+#: stiffness is known; rounds in which the twist of the gears settles, and the change of a compliance that
+#: ends them, as a share.
+_ELASTIC, _TWIST_ROUNDS, _TWIST_SETTLED = 0.3, 8, 2e-2
+#: Lower and upper end of the interval of a stiffness from slow motions, over it.
+_STIFFNESS_WITHIN = (0.5, 2.0)
 #: What is estimated of drives -> its name there; and the share of the data from which it is identified.
 _DRIVES, _DECIDED = (
     {"rotor": "rotor_inertia", "coulomb": "coulomb", "viscous": "viscous", "offset": "offset"},
@@ -94,7 +109,8 @@ class Estimate(NamedTuple):
 
     Attributes:
         joint: its name.
-        quantity: "mass", ..., "rotor", "coulomb", "viscous", "offset", "load", "stribeck", "lag", "inertia".
+        quantity: "mass", ..., "rotor", "coulomb", "viscous", "offset", "load", "stribeck", "stiffness",
+            "lag", "inertia".
         value: the estimate, in SI units.
         lower: lower end of its 95 % interval.
         upper: upper end.
@@ -180,6 +196,7 @@ class Identified:
         torque: what the torques of the logs are: "motor", "joint" or "commanded"; empty where nobody said.
         hidden: joints whose rotor and motor friction are not in the torques, (n,): these stay assumed.
         gears: their stiffness and the first mode, where a log of a multisine was given; else None.
+        twist: the elastic joints with which the logs were fitted, as their first mode is low; else None.
         side: what chirps say of the side of the encoders, where a log of them was given; else None.
         simulated: residual over torque of the arm simulated with the experiment of the first log, (n,), where
             that was given, infinite where it fails; else None.
@@ -196,6 +213,7 @@ class Identified:
         self.gears: Gears | None = None
         self.simulated: Array | None = None
         self.side: Side | None = None
+        self._shaken: Log | None = None  # the log that the gears are of
         self._data, self._fit, self._prior = data, fitted, prior
         self.file, self.findings = data.robot, tuple(findings)
         own = np.arange(data.robot.n)[data.hidden] * len(COLUMNS) + ROTOR
@@ -209,6 +227,7 @@ class Identified:
         self.sources = tuple(data.sources)
         self.dt = data.grids[0].dt
         self.torque, self.hidden = data.torque, data.hidden.copy()
+        self.twist = data.twist
         self.robot = with_parameters(data.robot, self.theta[:joints])
         self.robot = self.robot.with_drives(self.drives)
         self.residuals = frozen(_shares(fitted.residuals, data.torques(self.lag)))
@@ -252,11 +271,33 @@ class Identified:
                 upper = max(upper, row.value + float(stds[place]))
             value, low, high = ({row.joint: x} for x in (row.value, row.lower, upper))
             drives = drives.with_value(name, value, low, high, "identified" if decided else "assumed")
+        drives = self._add_stiffness(drives)
         if self.side is not None:
             undecided = [each != "identified" for each in drives.sources("rotor_inertia")]
             chirped = self.side.identified & np.array(undecided)
             drives = self.side._replace(identified=chirped).add_to(drives)
-        return drives if self.gears is None else self.gears.add_to(drives)
+        return drives
+
+    def _add_stiffness(self, drives: Drives) -> Drives:
+        """Return drives with the stiffness that the logs show, and the side that it was found for.
+
+        That of slow motions is no more than a better assumption: it counts as assumed. That of a multisine
+        comes before it. Chirps, which are added later, overrule the side: they alone are made to tell it.
+        """
+        if self.twist is not None:
+            soft = assume_gears(self.file).drives.data.get("stiffness", {})
+            value = {joint: datum.value for joint, datum in soft.items() if datum.source == "assumed"}
+            for row in self.table():
+                if row.quantity == "stiffness" and row.joint in value and math.isfinite(row.upper):
+                    value[row.joint] = row.value
+            if value:
+                low, high = ({joint: f * x for joint, x in value.items()} for f in _STIFFNESS_WITHIN)
+                drives = drives.with_value("stiffness", value, low, high, "assumed")
+        if self.gears is not None:
+            drives = self.gears.add_to(drives)
+            if self.gears.measured.any():
+                drives = drives.with_value("encoder_side", self.gears.side, source="identified")
+        return drives
 
     def with_resonance(self, log: Any) -> Identified:
         """Return the same with the gears that a log of ``armgpi excite --resonance`` shows.
@@ -268,7 +309,8 @@ class Identified:
             UnfitLog: when it shows no joint's multisine.
         """
         other = copy.copy(self)
-        other.gears = find_gears(self.robot, self._data.read(log), self.lag, self._data.gravity)
+        other._shaken = self._data.read(log)
+        other.gears = find_gears(self.robot, other._shaken, self.lag, self._data.gravity)
         return other._with_own_drives()
 
     def with_side(self, log: Any) -> Identified:
@@ -285,6 +327,11 @@ class Identified:
         """
         other = copy.copy(self)
         other.side = find_side(self.robot, self._data.with_rotors(self._data.read(log)))
+        shaken, side = self._shaken, other.side.side
+        if shaken is not None and self.gears is not None and side not in ("", self.gears.side):
+            # The stiffness was found for the other side.
+            robot = self.robot.with_drives(self.robot.drives.with_value("encoder_side", side))
+            other.gears = find_gears(robot, shaken, self.lag, self._data.gravity)
         return other._with_own_drives()
 
     def _with_own_drives(self) -> Identified:
@@ -334,8 +381,10 @@ class Identified:
                     for m, kind in enumerate(MOTOR)
                     if other == i
                 ]
-            place = len(self.theta) - self._data.lags + min(i, self._data.lags - 1)
-            rows.append(self._estimate(joint, "lag", place))
+            end = len(self.theta) - self._data.lags
+            if self.twist is not None:
+                rows.append(self._stiffness(joint, end - len(names) + i))
+            rows.append(self._estimate(joint, "lag", end + min(i, self._data.lags - 1)))
         return rows
 
     def sums(self) -> list[Estimate]:
@@ -456,7 +505,7 @@ class Identified:
 
     def _judge(self, data: _Data) -> Validation:
         """Return how well the arm predicts the torques of the first of some logs."""
-        block, form = data.blocks(self.lag)[0], data.forms[0]
+        block, form = data.blocks(self.lag, linear=False)[0], data.forms[0]
         weight = block.rows[0, 0, OFFSET]
         moments = block.torque - block.rows[..., -data.lags :] @ self.theta[-data.lags :]
         torque = np.where(block.valid, moments, np.nan)
@@ -480,6 +529,27 @@ class Identified:
         if quantity == "rotor" and self.hidden[self.file.joint_names.index(joint)]:
             ends = (value / SCATTER, value * SCATTER)
         return Estimate(joint, quantity, value, *ends, learned, expected)
+
+    def _stiffness(self, joint: str, place: int) -> Estimate:
+        """Return the stiffness of a joint, 1 / compliance; endless where the log does not bound it."""
+        row = self._estimate(joint, "compliance", place)
+        with np.errstate(divide="ignore"):
+            value, lower, upper, expected = (
+                float(1.0 / np.maximum(x, 0.0)) for x in (row.value, row.upper, row.lower, row.expected)
+            )
+        return row._replace(quantity="stiffness", value=value, lower=lower, upper=upper, expected=expected)
+
+    def _twist_findings(self) -> list[Finding]:
+        """Return that the logs were fitted with elastic joints, where they were."""
+        if self.twist is None:
+            return []
+        mode = self.twist.mode(self.file.middle())
+        said = (
+            f"the joints are elastic: the logs were fitted with their stiffness, encoders at the "
+            f"{self.twist.side}s, and a first mode of {mode:.2g} Hz in the middle; armgpi excite --resonance "
+            "measures it"
+        )
+        return [Finding("warning", "", said)]
 
     def _rotor_findings(self) -> list[Finding]:
         """Return which rotors that the log decided are not plausible for a motor."""
@@ -569,6 +639,7 @@ def identify(
     unknowns = found._fit.physical[: len(COLUMNS) * robot.n].reshape(robot.n, -1)
     bodies = np.sqrt((unknowns[:, : len(BODY)] ** 2).mean(axis=1))
     coulomb = np.array([row.lower for row in found.table() if row.quantity == "coulomb"])
+    found.findings += tuple(found._twist_findings())
     found.findings += tuple(found._lag_findings())
     found.findings += tuple(found._rotor_findings())
     found.findings += tuple(check_friction(robot.joint_names, data.expected, coulomb))
@@ -580,12 +651,19 @@ def _fit(data: _Data, findings: Sequence[Finding]) -> Identified:
     """Return the fit of some logs, with the terms of friction, motors and lags that they ask for."""
     n = data.robot.n
     data.width, data.frictions, data.coupled, data.lags = np.full(n, _FIRST_WIDTH), {}, [], 1
+    data.set_twist(None)
     lag = _settle(data, np.zeros(n))
     data.width = _choose_widths(data, lag)
+    lag = _choose_elasticity(data, lag)
     _choose_frictions(data, lag)
     _choose_couplings(data, lag)
     lag = _settle(data, lag)
+    if data.twist is not None:
+        lag, _ = _settle_twist(data, data.twist, lag)
     fitted, prior = _with_lags(data, lag)
+    if data.twist is not None:
+        compliance = (prior.mean + prior.std * fitted.physical)[: len(prior.mean) - data.lags][-n:]
+        data.set_twist(_twist_of(data, fitted, lag, data.twist.side, compliance))
     return Identified(data, fitted, prior, findings)
 
 
@@ -633,8 +711,12 @@ class _Data:
         self.frictions: dict[str, npt.NDArray[np.bool_]] = {}
         self.coupled: list[tuple[int, int, float]] = []  # joints, and which way the motor of the second turns
         self.heavy = robot  # whose gravity is the load of the gears
+        self.twist: Twist | None = None  # where joints are elastic
+        self.compliance = expected_compliance(robot)
         self.grids: list[Grid] = []
+        self.rigid: list[WeakForm] = []  # as if links and motors were one
         self.forms: list[WeakForm] = []
+        self.twisted: list[Twisted] = []  # where joints are elastic
         self.phases: list[npt.NDArray[np.intp]] = []
         self.sources: list[str] = []
         self.torque = ""
@@ -659,6 +741,7 @@ class _Data:
         other.width, other.lags, other.frictions = self.width, self.lags, self.frictions
         other.heavy, other.coupled = self.heavy, self.coupled
         other.torque, other.hidden, other.expected = self.torque, self.hidden, self.expected
+        other.compliance = self.compliance
         for each in logs:
             log = self.read(each)
             other.torque = other.kind(log)
@@ -667,14 +750,22 @@ class _Data:
             if not len(form.starts):
                 raise UnfitLog([f"no second of it is without a gap: log longer ({log.source})"])
             other.grids.append(grid)
-            other.forms.append(form)
+            other.rigid.append(form)
             # The phase of each test function in the period of the motion, if it has one; else its number.
             phase: npt.NDArray[np.intp] = np.rint((form.times - form.times[:1]) / form.hop).astype(np.intp)
             if (period := _period(grid)) is not None:
                 phase = np.remainder(phase, max(1, round(period / form.hop)))
             other.phases.append(phase)
             other.sources.append(log.source)
+        other.set_twist(self.twist)
         return other
+
+    def set_twist(self, twist: Twist | None) -> None:
+        """Take the joints for elastic ones, or for stiff ones."""
+        self.twist, self.forms, self.twisted = twist, list(self.rigid), []
+        if twist is not None:
+            self.twisted = [twist.apply(form) for form in self.rigid]
+            self.forms = [each.form for each in self.twisted]
 
     def read(self, log: Any) -> Log:
         """Return a log with torques."""
@@ -707,13 +798,14 @@ class _Data:
     def join(self, logs: Sequence[Any]) -> _Data:
         """Return the same with more logs."""
         other = self.with_logs(logs)
-        other.grids, other.forms = self.grids + other.grids, self.forms + other.forms
+        other.grids, other.rigid = self.grids + other.grids, self.rigid + other.rigid
+        other.forms, other.twisted = self.forms + other.forms, self.twisted + other.twisted
         other.phases, other.sources = self.phases + other.phases, self.sources + other.sources
         return other
 
     def findings(self, count: int) -> list[Finding]:
         """Return what the check says of the last logs."""
-        pairs = list(zip(self.sources, self.grids, self.forms, strict=True))[-count:]
+        pairs = list(zip(self.sources, self.grids, self.rigid, strict=True))[-count:]
         return [x for each in pairs for x in check(self.robot, self.gravity, self.expected, *each)]
 
     def inertias(self) -> Array:
@@ -741,13 +833,22 @@ class _Data:
         stds = [FRICTIONS[name] * sizes[name] for name in self.frictions]
         own = self.expected.std.reshape(self.robot.n, -1)[:, [ROTOR, VISCOUS, COULOMB]]
         stds += [own[j] for _, j, _ in self.coupled]
-        return estimate.extend(self.expected, np.concatenate([*stds, estimate.lag_std(self.lags)]))
+        prior = estimate.extend(self.expected, np.concatenate([*stds, np.empty(0)]))
+        if self.twist is not None:
+            prior = estimate.extend_positive(prior, *self.compliance)
+        return estimate.extend(prior, estimate.lag_std(self.lags))
 
-    def blocks(self, lag: Array, width: Array | None = None) -> list[Block]:
-        """Return the regressions, linear in the lag around one [s], (n,)."""
+    def blocks(self, lag: Array, width: Array | None = None, linear: bool = True) -> list[Block]:
+        """Return the regressions, linear in the lag around one [s], (n,).
+
+        Args:
+            lag: that one.
+            width: speed over which friction changes its sign [rad/s or m/s], (n,).
+            linear: whether the twist of elastic joints follows the unknowns; else it stays.
+        """
         width = self.width if width is None else width
         n, found = self.robot.n, []
-        for form, phase in zip(self.forms, self.phases, strict=True):
+        for index, (form, phase) in enumerate(zip(self.forms, self.phases, strict=True)):
             rows = form.rows.copy()
             j = np.arange(n)
             rows[:, j, j, ROTOR] *= ~self.hidden
@@ -763,6 +864,13 @@ class _Data:
                     size = np.exp(-((form.velocity / _STRIBECK) ** 2))
                 more.append(np.eye(n) * (asked * form.signs(width, size))[:, None])
             more += [self._coupling(form, width, *each) for each in self.coupled]
+            if self.twist is not None:
+                twisted, own = self.twisted[index], float(linear)
+                more.append(own * twisted.slope)
+                rows += own * twisted.rows
+                torque = torque + own * twisted.known
+                late = twisted.late if self.lags == n else twisted.late.sum(axis=-1, keepdims=True)
+                lagged += own * late
             whole = np.concatenate([rows.reshape(len(torque), n, -1), *more, lagged], axis=-1)
             valid = form.moving(_STILL)
             found.append(Block(whole, torque - slope * lag, valid, phase))
@@ -809,6 +917,74 @@ def _choose_widths(data: _Data, lag: Array) -> Array:
         blocks = data.blocks(lag, np.full(data.robot.n, width))
         left.append(_power(estimate.fit(blocks, data.prior, physical=False)))
     return np.asarray(np.array(WIDTHS)[np.argmin(left, axis=0)], dtype=np.float64)
+
+
+def _choose_elasticity(data: _Data, lag: Array) -> Array:
+    """Take the joints for elastic ones where they are soft; return the lag then [s], (n,).
+
+    Soft is a first mode below :data:`SOFT` by a stiffness that is known, or by one that explains much of what
+    stiff joints leave.
+    """
+    known = knows_stiffness(data.robot)
+    if not data.compliance[1].any():  # direct drives
+        return lag
+    fitted = estimate.fit(data.blocks(lag), data.prior)
+    left = _power(fitted)
+    stiff = _twist_of(data, fitted, lag, "motor", np.zeros(data.robot.n))
+    expected = stiff._replace(compliance=data.compliance[0]).mode(data.robot.middle())
+    if known.all() and not expected < SOFT:
+        return lag
+    side = set(data.robot.drives.value("encoder_side").tolist())
+    sides = side if len(side) == 1 and "" not in side else ("motor", "link")
+    best: tuple[float, Twist, Array] | None = None
+    for each in sides:
+        data.set_twist(stiff._replace(side=each))
+        at_once = estimate.fit(data.blocks(lag), data.prior, physical=False)
+        share = float(np.mean(np.log(_power(at_once) / left)))
+        if share < math.log(1.0 - _WORTH) or known.all():
+            own, less = _settle_twist(data, stiff._replace(side=each), lag)
+            share = float(np.mean(np.log(less / left)))
+            assert data.twist is not None
+            if best is None or share < best[0]:
+                best = share, data.twist, own
+    data.set_twist(None)
+    if best is None or best[1].mode(data.robot.middle()) >= MOST_SOFT:
+        return lag
+    if best[0] > math.log(1.0 - _ELASTIC) and not known.all():
+        return lag
+    data.set_twist(best[1])
+    return best[2]
+
+
+def _twist_of(data: _Data, fitted: Fit, lag: Array, side: str, compliance: Array) -> Twist:
+    """Return what the twist of gears is computed from by a fit."""
+    n = data.robot.n
+    joints = len(COLUMNS) * n
+    theta = data.prior.mean + data.prior.std * fitted.physical
+    arm = with_parameters(data.robot, theta[:joints]).with_armature(np.zeros(n)).pinocchio_model()
+    arm.gravity = data.model.gravity
+    return Twist(side, compliance, theta[:joints].reshape(n, -1), arm, data.width, lag, data.hidden)
+
+
+def _settle_twist(data: _Data, twist: Twist, lag: Array) -> tuple[Array, Array]:
+    """Find the compliance around which the regression is linear.
+
+    Returns:
+        The lag then [s] and the power of what is left, each (n,).
+    """
+    for _ in range(_TWIST_ROUNDS):
+        data.set_twist(twist)
+        fitted = estimate.fit(data.blocks(lag), data.prior)
+        theta = data.prior.mean + data.prior.std * fitted.physical
+        n, end = data.robot.n, len(theta) - data.lags
+        compliance = theta[end - n : end]
+        lag = np.broadcast_to(theta[end:], n).copy()
+        change = np.abs(compliance - twist.compliance) / np.maximum(compliance, twist.compliance)
+        twist = _twist_of(data, fitted, lag, twist.side, compliance)
+        if change.max() < _TWIST_SETTLED:
+            break
+    data.set_twist(twist)
+    return lag, _power(estimate.fit(data.blocks(lag), data.prior, physical=False))
 
 
 def _choose_frictions(data: _Data, lag: Array) -> None:

@@ -147,6 +147,16 @@ def extend(prior: Prior, std: Array, body: bool = False) -> Prior:
     return prior._replace(mean=mean, std=np.append(prior.std, std), body_places=places)
 
 
+def extend_positive(prior: Prior, mean: Array, std: Array) -> Prior:
+    """Return a prior with more unknowns that cannot be negative."""
+    places = range(len(prior.mean), len(prior.mean) + len(mean))
+    return prior._replace(
+        mean=np.append(prior.mean, mean),
+        std=np.append(prior.std, std),
+        positive=(*prior.positive, *places),
+    )
+
+
 def lag_std(count: int) -> Array:
     """Return the standard deviations of lags [s]."""
     return np.full(count, _LAG)

@@ -81,7 +81,7 @@ class Gears(NamedTuple):
     misfit: Array
 
     def add_to(self, drives: Drives) -> Drives:
-        """Return drives with these gears."""
+        """Return drives with the stiffness and damping of these gears."""
         for row, (name, values) in enumerate((("stiffness", self.stiffness), ("damping", self.damping))):
             spread = np.exp(_95 * self.std[row])
             value, low, high = (
@@ -93,11 +93,7 @@ class Gears(NamedTuple):
                 for each in (values, values / spread, values * spread)
             )
             drives = drives.with_value(name, value, low, high, "identified")
-        return (
-            drives.with_value("encoder_side", self.side, source="identified")
-            if self.measured.any()
-            else drives
-        )
+        return drives
 
 
 class _Turn(NamedTuple):
@@ -219,8 +215,8 @@ def find_gears(robot: Robot, log: Log, lag: Array, gravity: bool = True) -> Gear
         wanted = f"expected the motion of armgpi excite --resonance, {TURN:g} s for each joint"
         raise UnfitLog([f"shows no joint's multisine: {wanted} ({log.source})"])
     soft = assume_gears(robot)
-    side = set(robot.drives.value("encoder_side").tolist())
-    sides = tuple(side) if len(side) == 1 and "" not in side else ("motor", "link")
+    known = set(robot.drives.value("encoder_side").tolist()) - {""}
+    sides = tuple(known) if len(known) == 1 else ("motor", "link")
     found = [_Fit(soft, turns, each, lag + 0.5 * grid.dt, gravity) for each in sides]
     return min(found, key=lambda each: each.cost).gears()
 

@@ -10,6 +10,7 @@ Velocity is needed inside D(q) v and C alone, where little depends on it.
 
 from __future__ import annotations
 
+import copy
 from functools import cached_property
 from typing import Any
 
@@ -68,9 +69,12 @@ class WeakForm:
         low_pass = signal.butter(4, cutoff, fs=1.0 / dt, output="sos")
         pad = min(len(grid.q) - 1, round(1.0 / dt))
         self._q = signal.sosfiltfilt(low_pass, grid.q, axis=0, padlen=pad)
+        self._low_pass, self._pad = low_pass, pad
         self._v = CubicSpline(np.arange(len(self._q)) * dt, self._q).derivative()(
             np.arange(len(self._q)) * dt
         )
+        # Of motors and links apart by the twist of gears: where the motors are, and how fast.
+        self._motor_q, self._motor_v = grid.q, self._v
         last = len(grid.q) - self._first - self._count
         starts = np.arange(self._first, last, self._hop)
         gaps = np.append(0, np.cumsum(grid.bad))
@@ -85,7 +89,7 @@ class WeakForm:
         weights = [bump(u, k) * self._grid.dt / self.length**k for k in range(3)]
         rows = np.zeros((len(self.starts), n, n, len(COLUMNS)))
         rows[..., : len(BODY)] = self._bodies()
-        q, j = self._grid.q, np.arange(n)
+        q, j = self._motor_q, np.arange(n)
         rows[:, j, j, ROTOR] = self._moments(q, weights[2])
         rows[:, j, j, VISCOUS] = -self._moments(q, weights[1])
         rows[:, j, j, OFFSET] = weights[0].sum()
@@ -108,13 +112,72 @@ class WeakForm:
 
     @property
     def velocity(self) -> Array:
-        """Velocities, filtered [rad/s or m/s], shape (samples, n)."""
-        return np.asarray(self._v)
+        """Velocities of the motors, filtered [rad/s or m/s], shape (samples, n)."""
+        return np.asarray(self._motor_v)
 
     @property
     def position(self) -> Array:
-        """Positions, filtered [rad or m], shape (samples, n)."""
+        """Positions of the links, filtered [rad or m], shape (samples, n)."""
         return np.asarray(self._q)
+
+    @property
+    def links(self) -> tuple[Array, Array, Array]:
+        """Positions, velocities and accelerations of the links, filtered, each (samples, n)."""
+        return self._q, self._v, self.derivative(self._v)
+
+    def derivative(self, values: Array, order: int = 1) -> Array:
+        """Return a derivative of values (samples, n) by time."""
+        from scipy.interpolate import CubicSpline
+
+        times = np.arange(len(values)) * self._grid.dt
+        return np.asarray(CubicSpline(times, values)(times, order))
+
+    def torque_at_positions(self, lag: Array) -> Array:
+        """Return the torques of the times of the positions, filtered like these [N m or N], (samples, n).
+
+        Args:
+            lag: time by which measured positions lag behind torques [s], shape (n,).
+        """
+        times = np.arange(len(self._q)) * self._grid.dt
+        middle = times + 0.5 * self._grid.dt
+        shifted = [
+            np.interp(times - late, middle, column)
+            for late, column in zip(lag, self._grid.tau.T, strict=True)
+        ]
+        return self.smooth(np.stack(shifted, axis=-1))
+
+    def smooth(self, values: Array) -> Array:
+        """Return values (samples, n) behind the filter of the positions."""
+        from scipy import signal
+
+        return np.asarray(signal.sosfiltfilt(self._low_pass, values, axis=0, padlen=self._pad))
+
+    def with_twist(self, twist: Array, side: str) -> WeakForm:
+        """Return the moments of the same log where the motors are ahead of the links by a twist.
+
+        Args:
+            twist: of the gears, filtered [rad or m], (samples, n).
+            side: where the log's positions were measured: "motor" or "link".
+        """
+        other = copy.copy(self)
+        other.__dict__.pop("rows", None)
+        change = self.derivative(twist)
+        if side == "motor":
+            other._q, other._v = self._q - twist, self._v - change
+        else:
+            other._motor_q, other._motor_v = self._grid.q + twist, self._v + change
+        return other
+
+    def thin(self, values: Array) -> Array:
+        """Return the samples (samples, ...) at which bodies are worked out."""
+        return values[:: self._step]
+
+    def moments(self, values: Array) -> Array:
+        """Return the moments of torques at these, (thin samples, ...): [N m s or N s], (k, ...)."""
+        count = self._count // self._step
+        weights = bump(np.arange(count + 1) / count) * self._grid.dt * self._step
+        windows = sliding_window_view(values, count + 1, axis=0)[self.starts // self._step]
+        return np.asarray(windows @ weights, dtype=np.float64)
 
     def signs(self, width: Array, factor: Array | float = 1.0, velocity: Array | None = None) -> Array:
         """Return the moments of sign(v), smoothed over a width [rad/s or m/s] (n,); shape (k, n).
@@ -124,14 +187,14 @@ class WeakForm:
             factor: of each sample and joint, (samples, n).
             velocity: others than those of the joints, likewise.
         """
-        u, v = np.arange(self._count + 1) / self._count, self._v if velocity is None else velocity
+        u, v = np.arange(self._count + 1) / self._count, self._motor_v if velocity is None else velocity
         return self._moments(factor * v / np.sqrt(v**2 + width**2), bump(u) * self._grid.dt)
 
     def moving(self, speed: float) -> npt.NDArray[np.bool_]:
         """Return which moments are of joints faster than a speed, (k, n): at rest friction has no sign."""
         u = np.arange(self._count + 1) / self._count
         weights = bump(u)
-        fast = (np.abs(self._v) > speed).astype(np.float64)
+        fast = (np.abs(self._motor_v) > speed).astype(np.float64)
         moving: npt.NDArray[np.bool_] = self._moments(fast, weights / weights.sum()) > _MOVING
         return moving
 

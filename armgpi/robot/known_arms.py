@@ -522,8 +522,12 @@ def describe_arm(robot: Any) -> str:
         said.append(f"not found published: {', '.join(missing)}")
     if known.interface:
         said.append(known.interface)
-    if "encoder_side" not in quantities and robot.drives.sources("encoder_side")[0] == "":
-        said.append("armgpi excite --side finds the side of the encoders")
+    joints = robot.joint_names[: _joints(known)]
+    sides = dict(zip(robot.joint_names, robot.drives.sources("encoder_side"), strict=True))
+    open_ = [joint for joint in joints if not sides[joint]]
+    if "encoder_side" not in quantities and open_:
+        of = "" if len(open_) == len(joints) else f" of {', '.join(open_)}"
+        said.append(f"armgpi excite --side finds the side of the encoders{of}")
     return "; ".join(said)
 
 

@@ -25,7 +25,7 @@ from armgpi.config.experiment import portable
 from armgpi.errors import ArmgpiError, ParameterError, UnfitLog
 from armgpi.identification import arm as identification
 from armgpi.identification import resonance
-from armgpi.identification.arm import Identified, Validation, identify
+from armgpi.identification.arm import Identified, Validation, identify, mean_inertia
 from armgpi.identification.chirp import Side
 from armgpi.identification.estimate import Block, Prior, expect, fit
 from armgpi.identification.excitation import excite
@@ -661,6 +661,62 @@ def test_a_log_without_a_multisine_says_what_is_expected() -> None:
         found().with_resonance(Log(*(x[:100] for x in log()[:3])))
     with pytest.raises(UnfitLog, match="excite --resonance"):  # 10 Hz: no line is below half of it
         find_gears(arm(), Log(*(x[::50] for x in shaken("link", 3e3)[0][:3])), np.full(3, 2e-3))
+
+
+def slow_log_of(side: str, stiffness: float) -> tuple[Log, armgpi.Robot, armgpi.Robot]:
+    """Return a slow log of an elastic arm, the arm as its file has it with the side, and as it is."""
+    given = armgpi.Robot.load("z1")
+    known = given.with_drives(given.drives.with_value("encoder_side", side))
+    rotors = expect(given).mean.reshape(given.n, -1)[:, ROTOR]
+    real = given.with_armature(1.2 * rotors).with_friction(viscous=0.5, coulomb=0.5)
+    K = stiffness * rotors / rotors[0]
+    plant: Any = armgpi.ElasticPlant(real, gear_stiffness=K, friction=real.friction, encoder_side=side)
+    law = armgpi.GPI.auto(
+        armgpi.assume_drives(known), 2e-3, delay=2e-3, bits=16, gains=armgpi.FixedGains(5.0)
+    )
+    motion = excite(given, 10.0, 0.3, seed=3, floor=None, collisions=False).reference
+    run = armgpi.simulate(armgpi.Encoder(plant, 16), law, motion, 10.0, progress=False)
+    return Log(run["time"].values, run["q_measured"].values, run["tau_command"].values), known, real
+
+
+@pytest.mark.parametrize("side", ["link", "motor"])
+def test_a_slow_log_of_soft_joints_is_fitted_with_elastic_ones_and_that_is_said(side: str) -> None:
+    slow, known, real = slow_log_of(side, 500.0)
+    stiff = known.with_drives(known.drives.with_value("stiffness", 1e9))
+    off = []
+    for robot in (stiff, known):
+        result = identify(slow, robot, check_first=False)
+        off.append(np.abs(mean_inertia(result.robot) / mean_inertia(real) - 1.0).max())
+    assert off[1] < 0.5 * off[0]
+    assert off[1] < 0.05
+    assert result.twist is not None
+    assert result.twist.side == side
+    assert any("joints are elastic" in line for line in say_findings(result))
+    assert "stiffness" in {row.quantity for row in result.table()}
+    assert set(result.drives.sources("stiffness")) == {"assumed"}
+    judged = result.validate(slow)  # the same torques, without the slopes by what is known
+    assert np.median(judged.identified) == pytest.approx(np.median(result.residuals), rel=0.3)
+
+
+def test_stiff_joints_are_fitted_as_stiff_ones() -> None:
+    assert found().twist is None
+    assert not any(row.quantity == "stiffness" for row in found().table())
+
+
+@pytest.mark.parametrize("chirps_first", [True, False])
+def test_chirps_decide_the_side_and_the_multisine_follows(
+    chirps_first: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given, _ = shaken("motor", 3e3)
+    monkeypatch.setattr(identification, "find_side", lambda robot, log: chirped("link"))
+    both = (
+        found().with_side(given).with_resonance(given)
+        if chirps_first
+        else found().with_resonance(given).with_side(given)
+    )
+    assert both.gears is not None
+    assert both.gears.side == "link"
+    assert both.robot.drives.value("encoder_side").tolist() == ["link"] * 3
 
 
 def chirped(side: str, identified: bool = True) -> Side:
