@@ -135,6 +135,10 @@ def validate(
         return report if compares_frame else replace(report, frame=frame)
 
 
+#: Structural properties that have to hold before an arm of other lengths is suggested.
+_ENOUGH_PROPERTIES = 4
+
+
 def _friction_of(robot: Robot, viscous: PerJoint) -> Array:
     """Return viscous friction per joint [N m s/rad or N s/m], refusing what is none."""
     return robot.with_friction(viscous=viscous).friction.viscous
@@ -224,6 +228,7 @@ def _compare(
     if not all(one.agrees for one in seen):
         told = find_causes(compared, sampled, dict(_follows(problem, sampled, own)))
         told = told._replace(causes=[*told.causes, *_undiagnosed(seen, told.causes)])
+        told = told._replace(causes=[_of_other_arm(cause, found) for cause in told.causes])
     elif (other := repair.odd_numbers(compared)) is not None:
         seen_with_others = with_other_numbers(compared, other)
         if seen_with_others is not None:
@@ -248,6 +253,18 @@ def _compare(
         symbols=told.symbols,
         left_out=_left_out(worker),
     )
+
+
+def _of_other_arm(cause: Cause, properties: list[laws.Law]) -> Cause:
+    """Return a cause without a name with what may be: equations of motion of an arm with other lengths."""
+    judged = {law.verdict for law in properties}
+    if cause.text != NOT_NAMED or judged != {"holds"} or len(properties) < _ENOUGH_PROPERTIES:
+        return cause
+    text = (
+        "another arm: all structural properties hold, so the formulas may be right for other lengths; "
+        "--suggest-urdf FILE without --robot looks for it"
+    )
+    return cause._replace(alternatives=(text, *cause.alternatives))
 
 
 def name_of(model: Any) -> str:

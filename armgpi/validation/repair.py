@@ -84,7 +84,27 @@ def search(compared: Compared, budget: float = LONG) -> Repaired | None:
     if found is None or not agrees(worker, found.source, compared.states, problem):
         return None
     sure = found.confirmed and _agrees_renumbered(compared, found)
+    if sure and len(found.changes) > 1:
+        sure = _has_christoffel_matrix(compared, found.source)
     return found._replace(sure=sure)
+
+
+def _has_christoffel_matrix(compared: Compared, source: str) -> bool:
+    """Tell whether a repaired C(q, v) is the matrix of Christoffel symbols; yes where there is none.
+
+    Several changes may make its product with v right, and another matrix than the one that was meant.
+    """
+    name, few = "coriolis_matrix", compared.states.first(ROWS)
+    if name not in compared.names:
+        return True
+    try:
+        with compared.worker.again(source) as repaired:
+            C = samples.call(repaired, name, few.q, few.v)
+    except ModelError:
+        return False
+    H = evaluate(compared.problem.tree, few.q, ["H"])["H"]
+    meant = np.einsum("Nijk,Nk->Nij", H, few.v)
+    return bool(np.abs(C - meant).max() <= 1e-6 * max(float(np.abs(meant).max()), 1e-3))
 
 
 def proved_for_other_numbers(compared: Compared, found: Repaired) -> Repaired:

@@ -18,7 +18,7 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.errors import ModelError
 from armgpi.validation import samples
-from armgpi.validation.edits import ROWS, Change, apply_changes, harmless
+from armgpi.validation.edits import GRAVITY, ROWS, Change, apply_changes, harmless
 from armgpi.validation.problem import Problem
 from armgpi.validation.repair import Compared, agrees, proved_for_other_numbers
 from armgpi.validation.search import Repaired
@@ -79,6 +79,8 @@ def typed_numbers(source: str) -> list[Typed]:
         end = node.end_col_offset or 0
         text = lines[node.lineno - 1].encode()[node.col_offset : end].decode()
         found.append(Typed(name.strip("'"), node.lineno, node.col_offset, end, text))
+    named = {(one.line, one.start) for one in found}
+    found += [one for one in _gravities(tree, lines) if (one.line, one.start) not in named]
     found += _in_tables(tree, lines)
     return [one for one in found if _is_varied(one)]
 
@@ -88,6 +90,15 @@ def _is_varied(one: Typed) -> bool:
         return one.value != 0.0 and one.name not in ("n", "N")
     except ValueError:  # 1_000, 0x10
         return False
+
+
+def _gravities(tree: ast.Module, lines: list[str]) -> Iterator[Typed]:
+    """Yield what stands for gravity inside of formulas, where it needs no name."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, float) and node.value in GRAVITY:
+            end = node.end_col_offset or 0
+            text = lines[node.lineno - 1].encode()[node.col_offset : end].decode()
+            yield Typed("gravity", node.lineno, node.col_offset, end, text)
 
 
 def _in_tables(tree: ast.Module, lines: list[str]) -> Iterator[Typed]:

@@ -132,14 +132,15 @@ def mass_matrix(q):
 """
 
 
-def test_a_number_that_nothing_else_reads_is_not_renamed_for_sure(tmp_path: Path) -> None:
-    # The other link's inertia is as large by chance: its name in this one's place makes all agree.
+def test_a_wrong_default_is_mended_at_its_line_where_another_is_as_large(tmp_path: Path) -> None:
+    # The other link's name in this one's place would make all agree as well.
     arm = _arm(tmp_path, np.array([1.5, 1.0]), np.array([0.2, 0.17]), np.full(2, 0.02), 0.4)
     right = validate(_file(tmp_path, _DATACLASS), arm)
     assert right.agrees
     wrong = validate(_file(tmp_path, _DATACLASS.replace("J2: float = 0.02", "J2: float = 0.002")), arm)
     assert not wrong.agrees
-    assert not any(cause.confirmed for cause in wrong.causes)
+    assert wrong.repaired is not None
+    assert wrong.repaired.endswith(_DATACLASS)
     assert "0.002 kg m² in the model, 0.02 kg m² in the robot" in str(wrong)
 
 
