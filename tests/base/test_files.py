@@ -17,11 +17,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 
 import armgpi
-from armgpi import files
+from armgpi import files, hdf5
 from armgpi.errors import RolloutError
 
 #: An earlier and a later set of files.
@@ -354,3 +355,9 @@ def test_nothing_in_the_package_writes_files_by_itself() -> None:
         if any(way in path.read_text(encoding="utf-8") for way in ways)
     }
     assert found == {"files.py", "codegen/build.py", "loop/memory.py", "validation/containment.py"}
+
+
+@pytest.mark.parametrize("size", [1, 16, 1000])
+def test_texts_of_a_file_are_counted_as_numpy_keeps_them(size: int) -> None:
+    kind = h5py.h5t.py_create(np.dtype(f"S{size}"))
+    assert hdf5._memory(kind, 7, "names") >= np.zeros(7, f"U{size}").nbytes

@@ -241,3 +241,16 @@ def test_a_stiffness_along_a_direction_that_no_joint_moves_is_refused() -> None:
         armgpi.CartesianImpedance(planar, 1e-3, stiffness=stiffness.tolist())
     with pytest.raises(ParameterError, match="less than a thousandth of that"):
         armgpi.CartesianImpedance(armgpi.Robot.load("ur5"), 1e-3, stiffness=[1e12] * 6)
+
+
+def test_an_arm_of_six_joints_has_no_posture_beside_its_pose() -> None:
+    """All of its joints hold the tool, so a stiffness of the posture changes no torque."""
+    arm, home = arm_of("ur5"), HOMES["ur5"]
+    torques = []
+    for stiffness in (0.0, 50.0):
+        law = armgpi.CartesianImpedance(arm, DT, nullspace_stiffness=stiffness)
+        rollout = armgpi.simulate(
+            armgpi.RigidBodyPlant(arm), law, armgpi.Hold(home), 0.02, q0=home + 0.05, backend="numpy"
+        )
+        torques.append(rollout["tau"].values)
+    np.testing.assert_array_equal(*torques)

@@ -288,3 +288,16 @@ def test_what_is_no_bring_up_is_said(folder: Folder, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no list that"):
         stages.read(tmp_path)
     assert {"pulse", "joint", "excite", "slow"} == set(CAPS)
+
+
+def test_a_torque_that_is_off_in_one_joint_is_no_other_scale_of_the_weight(folder: Folder, dry: Any) -> None:
+    """The first joint carries no weight: what it reports beside it leaves the sum over all joints at 1."""
+    rows = dry.log.rows.copy()
+    weight = folder.experiment(folder.stages[0]).robot.gravity(rows["q_measured"])
+    path = folder.path / f"{folder.stages[0].name}.armlog"
+    for applied, said in ((weight + np.array([20.0, 0.0, 0.0]), False), (2.0 * weight, True)):
+        rows["applied"] = applied
+        logs.write(dry.log._replace(rows=rows), path)
+        findings = [each for each in judge(folder, [path]).findings if each.question == "weight"]
+        assert findings
+        assert all(("times the weight" in each.seen) is said for each in findings)

@@ -147,3 +147,9 @@ def test_what_mujoco_does_otherwise_is_said(loop: Callable[..., Answer]) -> None
     assert done.code == 0, done.err
     assert "note: MuJoCo: what" in done.err
     assert "carries has an inertia that MuJoCo refuses" in done.err
+
+
+def test_a_controller_that_is_killed_answers_every_sample_before_that_one_and_none_after() -> None:
+    outcome = run(*PARTS, 0.5, clock="simulated", injected=Injected(kill=0.2))
+    assert outcome.answered[:100].all()
+    assert not outcome.answered[100:].any()
