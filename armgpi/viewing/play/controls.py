@@ -250,7 +250,8 @@ def _controllers(sections: Mapping[str, dict[str, Any]], robot: Robot) -> Iterat
         declared = _declared_parameters(kind).get(key)
         if key in _OF_THE_MODEL or declared is None or not declared.varies:
             continue
-        if declared.kind in ("number", "integer", "box"):
+        # Keys of a force limit that is not set are left out of files.
+        if declared.kind in ("number", "integer", "box") and key in sections[kind]:
             yield from _declared_slider(kind, key, declared, sections[kind][key])
     yield from _nominal(sections, robot)
 
