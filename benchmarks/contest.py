@@ -189,21 +189,26 @@ def medians(rows: list[dict[str, Any]], arm: str) -> dict[str, list[float]]:
     return {name: np.median(np.array(errors), axis=0).tolist() for name, errors in found.items()}
 
 
-def seeds_of(rows: list[dict[str, Any]], arm: str) -> str:
-    """Return how many seeds the controllers of an arm have, in words."""
-    counts = Counter(row["rival"] for row in rows if row["arm"] == arm)
-    low, high = min(counts.values()), max(counts.values())
-    return f"seeds: {high}" if low == high else f"seeds: {low} to {high}"
+def complete(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the rows of the seeds that all controllers of an arm have."""
+    names: dict[str, set[str]] = {}
+    counts: Counter[tuple[str, int]] = Counter()
+    for row in rows:
+        names.setdefault(row["arm"], set()).add(row["rival"])
+        counts[row["arm"], row["seed"]] += 1
+    return [row for row in rows if counts[row["arm"], row["seed"]] == len(names[row["arm"]])]
 
 
 def table(rows: list[dict[str, Any]]) -> str:
     """Return, as Markdown, errors arm by arm, and how GPI compares in each cell."""
     parts, cells = [], []
+    rows = complete(rows)
     for arm in dict.fromkeys(row["arm"] for row in rows):
         errors = medians(rows, arm)
         budgets = next(row["budgets"] for row in rows if row["arm"] == arm)
+        seeds = len({row["seed"] for row in rows if row["arm"] == arm})
         head = (
-            f"{arm} ({seeds_of(rows, arm)}): variation up to [N m]",
+            f"{arm} (seeds: {seeds}): variation up to [N m]",
             "knows",
             *(f"{x:.0f}" for x in budgets),
         )

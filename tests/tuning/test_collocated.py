@@ -454,3 +454,15 @@ def test_a_blocked_joint_is_not_one_whose_motor_turns_the_other_way() -> None:
     for joint in (3, 4):
         _, reason = after_a_fault(Robot.load("z1", ["jointGripper"]), joint, "blocked")
         assert reason != "response"
+
+
+def test_light_rotors_leave_the_arm_the_controller_that_yields_less() -> None:
+    """G1's rotors are a fiftieth of its links: delay and elasticity would leave its shoulder some 5 rad/s."""
+    known = at(armgpi.assume_drives(Robot.load("g1_left_arm")), "motor")
+    dt, bits = 5e-4, 18
+    law = auto(known, bits=bits, dt=dt)
+    counts = known.encoder_count(np.array(float(bits)))
+    slow = collocated.choose(known, known, dt, 1, counts, known.limits.effort)
+    assert slow is not None
+    assert slow.poles.omega_c.min() < 9.0
+    assert law.link_factor == 1.0
