@@ -123,12 +123,14 @@ def assume_drives(robot: Robot, drives: str | None = None) -> Robot:
 def _is_assumed_already(robot: Robot) -> bool:
     """Tell whether rotors or joint elasticity of an arm were assumed before.
 
-    Logs that do not determine a number leave it "assumed" as well: that says nothing of the elasticity.
+    Logs that do not determine a number leave it "assumed" as well: that says nothing of the elasticity. They
+    have friction too, which nothing else assumes: of sensors behind the gears no rotor is "identified".
     """
     if "assumed" in robot.drives.sources("stiffness"):
         return True
     sources = robot.drives.sources("rotor_inertia")
-    return "assumed" in sources and "identified" not in sources
+    from_logs = "identified" in sources or "assumed" in robot.drives.sources("coulomb")
+    return "assumed" in sources and not from_logs
 
 
 def assume_rotors(robot: Robot) -> Robot:

@@ -128,6 +128,13 @@ def test_joints_of_an_identified_arm_are_elastic_whatever_its_logs_leave_open(le
     assert set(assumed.drives.sources("stiffness")) == {"assumed"}
 
 
+def test_joints_of_an_arm_with_torque_sensors_are_elastic_though_all_its_rotors_stay_assumed() -> None:
+    rotor = assume_drives(UR5, "stiff").drives
+    hidden = UR5.with_drives(rotor.with_value("coulomb", np.full(6, 1.0), source="assumed"))
+    assert set(assume_drives(hidden).drives.sources("stiffness")) == {"assumed"}
+    np.testing.assert_array_equal(assume_drives(hidden).armature, hidden.armature)
+
+
 @pytest.mark.filterwarnings("ignore::armgpi.errors.ArmgpiWarning")
 def test_a_gear_twists_by_an_angle_and_a_belt_stretches_by_a_length_under_the_limit() -> None:
     panda = Robot.load("panda")
