@@ -123,7 +123,9 @@ def test_a_lower_triangle_alone_is_mirrored() -> None:
     np.testing.assert_array_equal(robot.mass_matrix(np.zeros(1)), same.mass_matrix(np.zeros(1)))
 
 
-@pytest.mark.parametrize(("soft", "named"), [("-0.9 0.8", True), ("-1 1", False), ("0 0", False)])
+@pytest.mark.parametrize(
+    ("soft", "named"), [("-0.9 0.8", True), ("-1 1", False), ("0 0", False), ("-0.9995 0.9995", False)]
+)
 def test_narrower_soft_limits_are_named(soft: str, named: bool, tmp_path: Path) -> None:
     lower, upper = soft.split()
     more = f'<safety_controller k_velocity="1" soft_lower_limit="{lower}" soft_upper_limit="{upper}"/>'

@@ -24,6 +24,7 @@ from armgpi.errors import MissingPackage, NameNotFound, ParameterError, RolloutE
 from armgpi.parameter import Parameter
 from armgpi.plants.reality import stack_draws
 from armgpi.studies import contend, found, pictures
+from armgpi.studies import space as spaces
 from armgpi.studies.evaluation import Evaluated, Evaluator, by_rollout, with_keys
 from armgpi.studies.objective import Constraint, Expression, Judged, Objective
 from armgpi.studies.optimise import KEPT, Problem, Row, Search, Validated
@@ -664,3 +665,14 @@ def test_a_candidate_that_cannot_be_made_fails_alone() -> None:
     assert found.failed.tolist() == [[False] * 3, [True] * 3]
     with pytest.raises(Exception, match="leak"):
         Evaluator(DRAWS, ["itae"], "numpy")(section, candidates[1:])
+
+
+def test_a_box_of_two_ends_begins_at_each_of_them() -> None:
+    """Its lower numbers begin at the lower end, its upper ones at the upper; one end alone is one number."""
+    declared = Parameter("a bandwidth")
+    asked = Range()
+    low, high = np.full(3, 10.0), np.full(3, 40.0)
+    found = spaces._dimensions("omega", declared, (low, high), 0.0, 100.0, asked)
+    assert [(each.end, each.start) for each in found] == [("lower", 10.0), ("upper", 40.0)]
+    found = spaces._dimensions("omega", declared, (low, low), 0.0, 100.0, asked)
+    assert [(each.end, each.start) for each in found] == [("", 10.0)]
