@@ -323,7 +323,7 @@ def _file(
         *([printed] if ideal else [automatic, _RIVAL]),
         "  - type: pid  # for armgpi compare; the other commands take the first controller",
         f"sample_time: {step:g}  # s{step_note}",
-        *_vary_lines(assumed, load),
+        *_vary_lines(arm, assumed, load),
     ]
 
 
@@ -451,10 +451,11 @@ def _friction_line(arm: Any, robot_compensates: bool) -> str:
     )
 
 
-def _vary_lines(assumed: Any, load: float) -> list[str]:
+def _vary_lines(arm: Any, assumed: Any, load: float) -> list[str]:
     """Return what a sweep draws: what is assumed of the drives, within its intervals, and the load.
 
     Args:
+        arm: the arm.
         assumed: the drives with what is assumed of them; None where they depend on what is left blank.
         load: heaviest load [kg]; 0 for none.
     """
@@ -465,7 +466,9 @@ def _vary_lines(assumed: Any, load: float) -> list[str]:
         ("rotor_inertia", "plant.rotor_inertia", rotors.SCATTER),
         ("stiffness", "plant.gear_stiffness", rotors.TWIST_SCATTER),
     ):
-        if assumed is not None and set(assumed.sources(quantity)) == {"assumed"}:
+        # With blanks, all that is not known will be assumed as soon as they are filled in.
+        sources = set(assumed.sources(quantity)) if assumed is not None else set(arm.drives.sources(quantity))
+        if sources == ({"assumed"} if assumed is not None else {""}):
             varied.append(
                 f"  {key}: {{factor: {factor:g}, each: joint}}  # from 1/{factor:g} to {factor:g} times"
             )
