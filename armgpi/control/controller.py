@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import field
 from typing import Any, ClassVar, NamedTuple
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from armgpi.arrays import Array, PerJointInput
 from armgpi.control.shown import Shown
-from armgpi.errors import ParameterError
+from armgpi.control.sizes import batches, common_batch
 from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
@@ -235,14 +235,7 @@ class Controller(Shown, ABC):
         return {}
 
     def reported(self, state: Any) -> Mapping[str, Array]:
-        """Return those of its signals that every recording has, name -> array (..., n); none by default.
-
-        Args:
-            state: of the controller, as :meth:`step` returned it.
-
-        Returns:
-            Name -> values, shape (..., n).
-        """
+        """Return those of its :meth:`signals` that every recording has; arguments and result are the same."""
         return {}
 
     def describe(self) -> dict[str, Any]:
@@ -253,31 +246,3 @@ class Controller(Shown, ABC):
             if isinstance(value, Robot | RobotBatch)
         }
         return {"controller": type(self).__name__, **self.values(), **models}
-
-
-def batches(made: object) -> Iterator[int | Array | None]:
-    """Yield what says, in a controller or wrapper, for how many rollouts it is: arrays, and other parts."""
-    for value in vars(made).values():
-        if isinstance(value, np.ndarray):
-            yield value
-        elif isinstance(value, tuple):
-            yield from (part for part in value if isinstance(part, np.ndarray))
-        elif not isinstance(value, type):
-            yield getattr(value, "batch", None)
-
-
-def common_batch(*sources: int | Array | None) -> int | None:
-    """Return the one batch size of several numbers or arrays (batch, n), None when none has one.
-
-    Raises:
-        ParameterError: when two of them differ.
-    """
-    sizes = set()
-    for source in sources:
-        if isinstance(source, int):
-            sizes.add(source)
-        elif source is not None and source.ndim == 2:
-            sizes.add(len(source))
-    if len(sizes) > 1:
-        raise ParameterError("batch", sorted(sizes), "the same size everywhere")
-    return sizes.pop() if sizes else None

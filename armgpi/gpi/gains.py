@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 from armgpi.arrays import Array
-from armgpi.control.controller import common_batch
+from armgpi.control.sizes import common_batch
 from armgpi.parameter import Parametrised, PerJoint, again, parameter, with_parameters
 from armgpi.registry import Context
 

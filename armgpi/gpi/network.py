@@ -10,7 +10,7 @@ import numpy as np
 
 from armgpi.arrays import Array, PerJointInput, check_type
 from armgpi.control.bandwidth import error_scales
-from armgpi.control.controller import batches, common_batch
+from armgpi.control.sizes import batches, common_batch
 from armgpi.errors import ArrayError, NameNotFound, ParameterError
 from armgpi.gpi.gains import GainStep, Poles, Quadratics, Tuning
 from armgpi.gpi.splines import BSplineBasis

@@ -9,7 +9,7 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.control.bandwidth import ErrorSchedule
-from armgpi.control.controller import batches, common_batch
+from armgpi.control.sizes import batches, common_batch
 from armgpi.gpi.gains import GainStep, Tuning
 from armgpi.gpi.network import Boxes, BSplineNetwork
 from armgpi.parameter import with_parameters

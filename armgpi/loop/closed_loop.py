@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array, ArrayLike, as_joint_array, new
-from armgpi.control.controller import Controller, FullState, Measurement, common_batch
+from armgpi.control.controller import Controller, FullState, Measurement
+from armgpi.control.sizes import common_batch
 from armgpi.errors import ArrayError, ParameterError
 from armgpi.plants.plant import Plant, PlantState
 from armgpi.references.batch import ReferenceBatch

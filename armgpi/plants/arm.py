@@ -10,7 +10,8 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from armgpi.arrays import Array, new, not_negative, per_joint
-from armgpi.control.controller import FullState, batches, common_batch
+from armgpi.control.controller import FullState
+from armgpi.control.sizes import batches, common_batch
 from armgpi.errors import ArrayError, ParameterError
 from armgpi.parameter import Parametrised, parameter, with_parameters
 from armgpi.plants.environment import Contact, Environment
