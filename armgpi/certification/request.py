@@ -99,7 +99,7 @@ def ask(
         law, rule = GPI(robot, dt, delay=delay * dt, payload=payload, **options), None
     else:
         law, rule = _untuned_law(robot, dt, delay * dt, bits, payload, options)
-    _check_linear(law)
+    _check_chosen(law, controller)
 
     def each(value: Any, name: str, above: bool = False) -> Array:
         array = quantity(value, name, robot.joint_names)
@@ -232,6 +232,20 @@ def inputs_of(asked: Asked, found: Numbers) -> dict[str, str]:
     torque = sum(shares_of(asked, found).values())
     sizes = {"shift": found.shift, "reference": found.velocity, "count": found.encoder, "zone": found.zone}
     return {"torque": _text(torque), **{name: _text(x.value) for name, x in sizes.items()}}
+
+
+def _check_chosen(law: GPI, controller: str) -> None:
+    """Refuse what is not a linear law of the error; of the rule's choice nobody gave the parameters."""
+    try:
+        _check_linear(law)
+    except ParameterError as error:
+        if controller == "gpi":
+            raise
+        own = f"as its {error.name} is {error.value!r}"
+        expected = (
+            f"gpi: what gpi_auto chooses for this arm has no certificate, {own}; `armgpi bound` bounds it"
+        )
+        raise ParameterError("controller", controller, expected) from None
 
 
 def _check_linear(controller: GPI) -> None:

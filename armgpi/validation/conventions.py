@@ -132,19 +132,31 @@ def propose_map(name: str, known: Mapping[str, tuple[str, ...]], taken: Collecti
 
 
 def _without_motors(function: Callable[..., Any], passive: tuple[int, ...]) -> Callable[..., Any]:
-    """Return a forward dynamics of all torques, from one in which some are zero, or no argument at all."""
+    """Return a forward dynamics of all torques, from one in which some are zero, or no argument at all.
+
+    Those of the motors alone are an array, or a number where there is one motor.
+    """
 
     @wraps(function)
     def call(q: Array, v: Array, tau: Array) -> Any:
-        held = tau.copy()
+        held, alone = tau.copy(), np.delete(tau, passive)
         held[[*passive]] = 0.0
-        try:
-            value = function(q, v, held)
+        forms = [held, alone, *map(float, alone if len(alone) == 1 else ())]
+        found, errors = [], []
+        for given in forms:
+            try:
+                value = function(q, v, given)
+            except (IndexError, TypeError, ValueError) as error:
+                errors.append(error)
+                continue
             if np.size(value) == len(q):
-                return value
-        except (IndexError, TypeError, ValueError):
-            pass  # it takes the torques of the motors alone
-        return function(q, v, np.delete(tau, passive))
+                found.append(value)
+                # A first entry that is a passive joint's may be meant as that of the first motor.
+                if given is not held or not np.array_equal(value, function(q, v, np.zeros_like(held))):
+                    return value
+        if not found and errors:
+            raise errors[0]
+        return found[0] if found else value
 
     return call
 

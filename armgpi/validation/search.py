@@ -565,6 +565,9 @@ class _Trials:
             # A sign that is there is wrong sooner than one that is not.
             if kind == "sign":
                 rank = rank + 1 if isinstance(site.choices[c][1], ast.UnaryOp) else 1
+            # 2 (v1 + v2) v2 - v2² is 2 v1 v2 + v2²: a wrong sign is likelier than a rate that is forgotten.
+            if kind == "angle" and isinstance(site.node, ast.Subscript):
+                rank += 1
             yield Pick(block, k, c, self._bits(rank), None, kind)
 
     def _bits(self, rank: float) -> float:

@@ -63,6 +63,15 @@ def test_no_rollout_of_the_untuned_law_exceeds_its_certificate() -> None:
         ask(robot, 1e-3, speed=0.2, controller="gpi_auto", payload=(0.05, 0.1))
 
 
+def test_what_the_rule_chooses_for_elastic_joints_is_refused_by_the_name_of_the_controller() -> None:
+    """Nobody gave its `rotor_factor`."""
+    rigid = armgpi.Robot.load("anthropomorphic3")
+    own = {"rotor_inertia": 0.1, "stiffness": 3000.0}
+    elastic = rigid.with_drives(dict.fromkeys(rigid.joint_names, own))
+    with pytest.raises(armgpi.errors.ParameterError, match=r"controller must be gpi: .*rotor_factor"):
+        ask(elastic, 1e-3, speed=0.2, controller="gpi_auto")
+
+
 def test_each_generation_keeps_the_best_and_is_better() -> None:
     """Genes of 1 are best here: half of them at first, nearly all of them after some generations."""
     rng = np.random.default_rng(0)

@@ -70,6 +70,20 @@ def test_a_joint_that_is_said_to_have_no_motor_has_no_torque(torques: str, tmp_p
     assert wrong.causes[0].line is not None
 
 
+@pytest.mark.parametrize(
+    ("torques", "passive"), [("0.0, tau[0]", 0), ("0.0, tau", 0), ("tau, 0.0", 1), ("0.0, tau[1]", 0)]
+)
+def test_the_torque_of_the_one_motor_may_be_a_number_or_the_first_entry(
+    torques: str, passive: int, tmp_path: Path
+) -> None:
+    path = tmp_path / "acrobot.py"
+    path.write_text(PENDUBOT.replace("TORQUES", torques))
+    arm = pendubot()
+    report = validate(path, arm, passive=arm.joint_names[passive])
+    assert report.agrees, report
+    assert not report.left_out, report  # its torque was compared
+
+
 def test_joints_without_a_motor_are_some_of_the_robots(tmp_path: Path) -> None:
     path = tmp_path / "pendubot.py"
     path.write_text(PENDUBOT.replace("TORQUES", "tau[0], 0.0"))
@@ -80,3 +94,13 @@ def test_joints_without_a_motor_are_some_of_the_robots(tmp_path: Path) -> None:
         validate(path, arm, passive=list(arm.joint_names))
     with pytest.raises(ParameterError, match="robot"):
         validate(path, passive="q1")
+
+
+def test_a_wrong_sign_is_named_before_a_rate_that_gives_the_same(tmp_path: Path) -> None:
+    """2 (v1 + v2) v2 - v2² is 2 v1 v2 + v2²."""
+    path = tmp_path / "pendubot.py"
+    right = "-h * v[1] * (2 * v[0] + v[1])"
+    text = PENDUBOT.replace("TORQUES", "tau[0], tau[1]")
+    path.write_text(text.replace(right, "-h * (2 * v[0] * v[1] - v[1] ** 2)"))
+    (cause,) = validate(path, pendubot()).causes
+    assert "(the sign)" in cause.text
