@@ -108,6 +108,10 @@ class MissingAttribute(AttributeError):
         super().__init__(f"{type(owner).__name__!r} object has no attribute {name!r}", name=name, obj=None)
         self._missing, self._kind, self._known = name, type(owner), known
 
+    def __reduce__(self) -> tuple[type[AttributeError], tuple[str]]:
+        """Copy and pickle it as its message, such as from another process; its owner stays there."""
+        return AttributeError, (str(self),)
+
     def __str__(self) -> str:
         """Return the message with its hint."""
         every = {*dir(self._kind), *getattr(self._kind, "__dataclass_fields__", ())}

@@ -87,7 +87,8 @@ def bound(
     settings, loads = experiment.config.plant, load_ends(payload)
     drawn = possible_arms(identified, experiment.robot)
     rubs = friction or friction_within is not None or has_friction(settings)
-    _end_with_force(experiment, loads, (friction_within, tool_speed), (report, out), (as_json, allow_part))
+    given = (friction_within, tool_speed, _of_errors(torque, force, start, identified))
+    _end_with_force(experiment, loads, given, (report, out), (as_json, allow_part))
     found = bound_path(
         next(iter(experiment.controllers.values())),
         experiment.reference,
@@ -113,12 +114,22 @@ def bound(
     if out is not None:
         write(out, json.dumps(data, indent=1) + "\n", "--out")
     notes = [*filter(None, (str(stop or ""), *_gears(found)))]
-    unseen = [verdict.line] * (verdict.outcome == "holds for part")
     if report is not None:
         write(report, _page(found, experiment, notes, verdict), "--report")
-    text = "\n".join([*unseen, "\n  ".join([str(found), *notes])])
-    say(json.dumps(data) if as_json else text, lines=True)
+    heading = f"{verdict.line}\n" if verdict.outcome == "holds for part" else ""
+    say(json.dumps(data) if as_json else heading + "\n  ".join([str(found), *notes]), lines=True)
     sys.exit(verdict.exit_code)
+
+
+def _of_errors(torque: str, force: float, start: str, identified: Path | None) -> list[str]:
+    """Return the options that are typed and change nothing but a bound of the error."""
+    typed = {
+        "--torque": torque != "0",
+        "--force": force != 0.0,
+        "--start": start != "wrong-load",
+        "--identified": identified is not None,
+    }
+    return [option for option, there in typed.items() if there]
 
 
 class _Judged(NamedTuple):
@@ -132,7 +143,7 @@ class _Judged(NamedTuple):
 def _end_with_force(
     experiment: Any,
     loads: tuple[float, float] | None,
-    given: tuple[float | None, float | None],
+    given: tuple[float | None, float | None, list[str]],
     files: tuple[Path | None, Path | None],
     how: tuple[bool, bool],
 ) -> None:
@@ -141,16 +152,21 @@ def _end_with_force(
     Args:
         experiment: of the arm.
         loads: lightest and heaviest payload [kg].
-        given: share that friction is known within, and speed of the impact [m/s].
+        given: share that friction is known within, speed of the impact [m/s], and options of what is not
+            bounded then.
         files: of --report and --out.
         how: --json and --allow-part.
     """
     if getattr(next(iter(experiment.controllers.values())), "force_limit", None) is None:
         return
-    (report, out), (as_json, accepted) = files, how
+    (report, out), (as_json, accepted), (within, speed, useless) = files, how, given
     if report is not None:
         raise refusal("--report", "is not written for a controller with a force limit")
-    judged = _judge_force(experiment, loads, *given, accepted)
+    if useless:
+        raise refusal(
+            useless[0], "is for a bound of the error; of a controller with a force limit it is the force"
+        )
+    judged = _judge_force(experiment, loads, within, speed, accepted)
     if out is not None:
         write(out, json.dumps(judged.data, indent=1) + "\n", "--out")
     say(json.dumps(judged.data) if as_json else judged.text, lines=True)
@@ -173,11 +189,16 @@ def _judge_force(
 
     from armgpi.control.force_limit import FREE_FALL
 
+    if speed is not None and not 0.0 < speed < np.inf:
+        raise refusal("--tool-speed", f"expected a positive speed [m/s], got {speed:g}")
     law = next(iter(experiment.controllers.values()))
     configurations = experiment.reference.at(np.linspace(0.0, experiment.t_final, _PLACES)).q
     given: dict[str, Any] = {"configurations": configurations, "speed": speed}
     known = law.robot.friction.coulomb
-    if within is not None and known.any():
+    if within is not None:
+        if not known.any():
+            expected = "the controller's model has no Coulomb friction: specify it (robot.friction, --drives)"
+            raise refusal("--friction-within", expected)
         given["friction"] = (1.0 + within) * known
     bound = law.force_bound(**given)
     weight = 0.0 if loads is None else FREE_FALL * (loads[1] - loads[0])

@@ -979,7 +979,8 @@ def _settle_twist(data: _Data, twist: Twist, lag: Array) -> tuple[Array, Array]:
         n, end = data.robot.n, len(theta) - data.lags
         compliance = theta[end - n : end]
         lag = np.broadcast_to(theta[end:], n).copy()
-        change = np.abs(compliance - twist.compliance) / np.maximum(compliance, twist.compliance)
+        larger = np.maximum(compliance, twist.compliance)  # 0 of a joint without a gear, or of a stiff one
+        change = np.abs(compliance - twist.compliance) / np.maximum(larger, np.finfo(float).tiny)
         twist = _twist_of(data, fitted, lag, twist.side, compliance)
         if change.max() < _TWIST_SETTLED:
             break

@@ -292,7 +292,7 @@ class Recorded(NamedTuple):
         """Return the variables of the tool: name -> dimensions, values, attributes."""
         names = self.recording.names
         track = self.track() if names is None else None
-        if track is None:
+        if track is None or self.tool is None:
             return {}
 
         def first(x: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import pickle
 from typing import Any
 
 import pytest
@@ -30,6 +31,11 @@ def test_what_asks_for_attributes_is_answered_as_ever() -> None:
     assert getattr(LAW, "omega", 3.0) == 3.0
     assert copy.copy(LAW).dt == LAW.dt
     assert str(hints.MissingAttribute(LAW, "xyzzy", {})) == "'GPI' object has no attribute 'xyzzy'"
+
+
+def test_a_missing_attribute_is_reported_from_another_process() -> None:
+    error = hints.MissingAttribute(LAW, "gain", {})
+    assert str(pickle.loads(pickle.dumps(error))) == str(copy.copy(error)) == str(error)
 
 
 def call(name: str, *args: Any, **kwargs: Any) -> None:

@@ -108,6 +108,24 @@ def test_bound_sums_limit_friction_and_payload_of_a_force_limit(cli: Cli, tmp_pa
     assert "no safety function" in text.out
 
 
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        *(("--torque", "5"), ("--force", "50"), ("--start", "held"), ("--tool-speed", "-1")),
+        *(("--tool-speed", "nan"), ("--friction-within", "0.2")),
+    ],
+)
+def test_bound_of_a_force_limit_refuses_options_that_change_nothing(
+    option: str, value: str, cli: Cli, tmp_path: Path
+) -> None:
+    file = tmp_path / "pressing.yaml"
+    controller = "controllers: [{type: pid, force_limit: 200, limit_friction: 0.1}]\n"
+    file.write_text("robot: {name: anthropomorphic3}\n" + controller, encoding="utf-8")
+    done = cli("bound", file, option, value)
+    assert done.code == 2
+    assert f"command line: {option}: " in done.err.splitlines()[-1]
+
+
 def test_certify_and_bound_name_keys_of_a_file_that_they_leave_out(cli: Cli, tmp_path: Path) -> None:
     file = tmp_path / "arm.yaml"
     file.write_text(ARM + "controllers: [{type: gpi, omega: 25.0}]\nsupervisor: {}\n")
