@@ -70,9 +70,11 @@ def recorded_names(traced: Trace) -> list[str]:
     return [*_ORDER, *(name for name in traced.recorded if name not in _ORDER)]
 
 
-def trace_used(loop: Any, state: Any, signals: bool, running: Running | None = None) -> Trace:
+def trace_used(
+    loop: Any, state: Any, signals: bool, running: Running | None = None, contacts: bool = False
+) -> Trace:
     """Return one sample of a loop, with the parameters that it uses alone; see :func:`trace`."""
-    traced = trace(loop, state, signals, running)
+    traced = trace(loop, state, signals, running, contacts)
     forms = [traced] if traced.usual is None else [traced, traced.usual]
     expressions = [x for form in forms for x in (*form.after, *form.summed)]
     expressions += [x for form in forms for xs in (*form.recorded.values(), *form.holds) for x in xs]

@@ -36,6 +36,7 @@ from armgpi.plants.arm import LoadTable
 from armgpi.plants.environment import Environment
 from armgpi.plants.friction import ImplicitFriction
 from armgpi.plants.loads import Load
+from armgpi.plants.plant import inside
 from armgpi.references.reference import Reference, Target
 from armgpi.robot.batch import AnyRobot, RobotBatch
 from armgpi.robot.dynamics import Dynamics, ScaledDynamics
@@ -665,7 +666,9 @@ def check_repeatable(text: str, again: Callable[[], str]) -> None:
         raise NotElementwise("it gives something else each time that it is asked (random numbers?)")
 
 
-def trace(loop: Any, state: Any, signals: bool, running: Running | None = None) -> Trace:
+def trace(
+    loop: Any, state: Any, signals: bool, running: Running | None = None, contacts: bool = False
+) -> Trace:
     """Return one sample of a closed loop as expressions.
 
     Args:
@@ -673,13 +676,14 @@ def trace(loop: Any, state: Any, signals: bool, running: Running | None = None) 
         state: its state at the start.
         signals: whether the controller's inner signals are recorded.
         running: what adds up samples, where that is all that a run keeps.
+        contacts: whether forces of contacts and where they act are recorded, see :func:`contact_names`.
 
     Raises:
         NotElementwise: when the loop does what has no expression.
     """
-    result = _one_sample(loop, state, signals, running)
+    result = _one_sample(loop, state, signals, running, contacts=contacts)
     if isinstance(loop.controller, Supervised):
-        result.usual = _one_sample(loop, state, signals, running, usual=True)
+        result.usual = _one_sample(loop, state, signals, running, usual=True, contacts=contacts)
     return result
 
 
@@ -705,7 +709,9 @@ def _conditions(x: Any) -> list[Any]:
     return [y for i in range(2) for y in _conditions(x.dep(i))] if x.is_op(ca.OP_AND) else [x]
 
 
-def _one_sample(loop: Any, state: Any, signals: bool, running: Any, usual: bool = False) -> Trace:
+def _one_sample(
+    loop: Any, state: Any, signals: bool, running: Any, usual: bool = False, contacts: bool = False
+) -> Trace:
     """Return a sample of a loop as expressions."""
     n = loop.plant.robot.n
     result = Trace(n, k=ca.SX.sym("k"))
@@ -727,6 +733,8 @@ def _one_sample(loop: Any, state: Any, signals: bool, running: Any, usual: bool 
     result.values.start = columns(parts, rollouts)
     with tracer.undo_writes():
         result.recorded = _trace_sample(loop, before, tracer, result, signals, usual)
+        if contacts:
+            result.recorded.update(_touched(loop, before, tracer, result))
     if running is not None:
         _add_up(tracer(running), result)
     return result
@@ -791,6 +799,37 @@ def _trace_sample(
     said = looked.controller.signals if signals else looked.controller.reported
     recorded.update(said(controller))
     return {name: flat(np.broadcast_to(x, (n,))) for name, x in recorded.items()}
+
+
+def contact_names(contacts: int, n: int) -> list[str]:
+    """Return the names under which contacts are recorded.
+
+    What is recorded has n numbers under a name. The numbers of contacts, force [N] and position [m] in the
+    base frame of one after the other, are cut into as many names as they need; the last one ends in zeros.
+
+    Args:
+        contacts: their number.
+        n: number of joints.
+    """
+    return [f"contacts.{i}" for i in range(-(-6 * contacts // n))]
+
+
+def _touched(loop: Any, before: Any, tracer: Tracer, result: Trace) -> dict[str, list[Any]]:
+    """Return what contacts do at a sample; see :func:`contact_names`."""
+    plant = tracer(loop.plant)
+    surroundings = getattr(inside(plant), "_surroundings", None)
+    if surroundings is None:
+        return {}
+    truth = plant.true_state(before[0])
+    time = Symbols(np.array(Scalar(result.k), dtype=object)) * loop.dt
+    numbers: list[Any] = []
+    touched = surroundings.touched(truth.q, truth.v, time)
+    for each in touched:
+        numbers += flat(np.broadcast_to(each.wrench.force, (3,)))
+        numbers += flat(np.broadcast_to(each.motion.position, (3,)))
+    names = contact_names(len(touched), result.n)
+    numbers += [ca.SX(0.0)] * (len(names) * result.n - len(numbers))
+    return {name: numbers[i * result.n : (i + 1) * result.n] for i, name in enumerate(names)}
 
 
 def state_part(after: Any, shape: tuple[int, ...]) -> Any:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 from xml.etree import ElementTree
@@ -278,17 +278,27 @@ def clip(rollout: xr.Dataset, robot: Robot) -> Clip:
         disturbance=pushed,
         onsets={name: onset for name, onset in onsets.items() if onset is not None},
         left_out=len(traces) - len(shown),
-        walls=_walls(rollout) if actors[0].forces.size else (),
+        walls=_recorded_walls(rollout) if actors[0].forces.size else (),
     )
 
 
-def _walls(rollout: xr.Dataset) -> tuple[Wall, ...]:
-    """Return the walls that a rollout's provenance contains, those of one number for all rollouts."""
+def _recorded_walls(rollout: xr.Dataset) -> tuple[Wall, ...]:
+    """Return the walls that a rollout's provenance contains."""
     plant = Provenance.from_rollout(rollout).first.data.get("plant", {})
+    return walls(plant.get("environment", ()))
+
+
+def walls(environment: Sequence[Mapping[str, Any]]) -> tuple[Wall, ...]:
+    """Return the walls among contacts, those of one number for all rollouts.
+
+    Args:
+        environment: descriptions of the contacts, see :meth:`armgpi.plants.environment.Contact.describe`.
+    """
     found = []
-    for i, contact in enumerate(plant.get("environment", ())):
-        normal, distance = contact.get("normal"), contact.get("distance")
+    for i, contact in enumerate(environment):
+        distance = contact.get("distance")
         if contact.get("type") == "Wall" and isinstance(distance, float):
+            normal = contact["normal"]
             length = float(np.linalg.norm(normal))
             found.append(Wall(tuple(float(x) / length for x in normal), distance, i))
     return tuple(found)

@@ -42,6 +42,19 @@ seed: 7
 TWISTING = PLAYED.replace(
     "anthropomorphic3}", "anthropomorphic3, rotor_inertia: [0.02, 0.02, 0.01]}"
 ).replace("plant: {", "plant: {engine: elastic, gear_stiffness: [300.0, 300.0, 200.0], ")
+#: The tool (0.86 m, 0, 0.56 m) is pushed, and goes down into a floor.
+TOUCHING = """
+robot: {name: ur5}
+plant:
+  environment:
+    - {type: force, force: [0.0, 20.0, 0.0], onset: 0.1, end: 0.3}
+    - {type: wall, normal: [0.0, 0.0, 2.0], distance: 0.2, stiffness: 10000.0, damping: 100.0}
+controllers: [{type: gpi}]
+reference:
+  points: [[0.0, -1.2, 1.5, -1.87, -1.57, 0.0], [0.0, -1.05, 1.5, -1.87, -1.57, 0.0]]
+  durations: [1.0]
+t_final: 1.2
+"""
 #: Numbers of the page, as they are in memory.
 BITS = """(name) => {
     const x = armgpi.page.result.values[name];
@@ -260,6 +273,37 @@ def test_a_click_on_the_arm_pushes_it(page: browsers.Page, touch: bool) -> None:
     page.wait(f"armgpi.page.count > {before}")
     loads = page.eval("armgpi.page.numbers.short().plant.loads")
     assert {load["type"] for load in loads} == {"pulse"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [TOUCHING], indirect=True)
+def test_walls_are_drawn_and_contacts_are_arrows(page: browsers.Page) -> None:
+    rollout = run(page.eval("armgpi.page.numbers.yaml()"))
+    samples = rollout.sizes["time"]
+    assert float(abs(rollout["contact_force"]).max()) > 50.0
+    pieces = [np.frombuffer(base64.b64decode(page.eval(f"({BITS})('contacts.{i}')"))) for i in range(2)]
+    found = np.concatenate([piece.reshape(samples, 6) for piece in pieces], axis=1).reshape(samples, 2, 2, 3)
+    # The last sample is that before, as of torques: they act until then.
+    for i, name in enumerate(("contact_force", "contact_point")):
+        assert found[:-1, :, i] == pytest.approx(rollout[name].values[:-1], rel=1e-9, abs=1e-9), name
+    for time, visible in ((0.05, [False, False]), (0.2, [True, False]), (1.1, [False, True])):
+        page.eval(f"armgpi.scene.show({time})")
+        assert page.eval("armgpi.scene.arrows[0].map((arrow) => arrow.visible)") == visible
+    at = page.eval("armgpi.scene.arrows[0][1].position.toArray()")
+    assert at == pytest.approx(rollout["tool"].sel(time=1.1, method="nearest").values, abs=1e-4)
+    pressed = rollout["contact_force"].sel(time=1.1, method="nearest").values[1]
+    up = page.eval(
+        "(() => { const s = armgpi.scene; const v = new s.THREE.Vector3(0, 1, 0);"
+        " return v.applyQuaternion(s.arrows[0][1].quaternion).toArray(); })()"
+    )
+    assert up == pytest.approx(pressed / np.linalg.norm(pressed), abs=1e-6)
+    walls = page.eval("armgpi.scene.clip.walls")
+    assert [(x["normal"], x["distance"], x["contact"]) for x in walls] == [([0.0, 0.0, 1.0], 0.2, 1)]
+    # What is moved changes the arrows, too.
+    change(page, "(() => { armgpi.page.push_part(4); })()")
+    page.wait("armgpi.scene.clip.actors[0].forces.some((x) => x !== 0)")
+    page.eval("armgpi.scene.show(1.1)")
+    assert page.eval("armgpi.scene.arrows[0].map((arrow) => arrow.visible)") == [False, True]
 
 
 @pytest.mark.slow

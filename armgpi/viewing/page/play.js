@@ -9,6 +9,21 @@
   const ROUNDING = 1e-12;
   const number = (x) => !Number.isFinite(x) ? "∞" : Math.abs(x) < ROUNDING ? "0" : Math.abs(x) < 1e-3 ? x.toExponential(2) : x.toPrecision(4);
 
+  /** Return the forces of contacts and where they act at the frames; a run has them cut into pieces of n. */
+  function touched(result, play, n, every, frames) {
+    const { contacts } = play, size = 6 * contacts;
+    const forces = new Float32Array(3 * contacts * frames), points = new Float32Array(3 * contacts * frames);
+    for (let f = 0; f < frames; f++) {
+      for (let i = 0; i < size; i++) {
+        const value = result.values[`contacts.${Math.floor(i / n)}`][f * every * n + (i % n)];
+        const to = 3 * (contacts * f + Math.floor(i / 6)) + (i % 3);
+        // There is no force any more where a run has diverged.
+        (i % 6 < 3 ? forces : points)[to] = Number.isFinite(value) ? clamp(value, -1e30, 1e30) : 0;
+      }
+    }
+    return { contacts, forces, points };
+  }
+
   /** Return a run as the scene has it: frames of single precision. */
   function actor(result, play, joints) {
     const n = joints.length;
@@ -33,6 +48,7 @@
     }
     const times = Float32Array.from({ length: frames }, (_, f) => f * every * play.dt);
     const stopped = result.stopped >= 0;
+    Object.assign(made, touched(result, play, n, every, frames));
     return { ...made, times, end: stopped ? "diverged" : "finished", t_end: (stopped ? result.stopped : play.steps) * play.dt };
   }
 
@@ -56,7 +72,7 @@
       const first = actor(this.result, this.play, this.joints);
       const [own, other] = this.play.colors;
       this.meta.clip = {
-        times: first.times, disturbance: new Float32Array(first.q.length), onsets: {},
+        times: first.times, disturbance: new Float32Array(first.q.length), onsets: {}, walls: this.play.walls,
         actors: [{ ...first, label: "now", color: own, plain: true }, { ...first, label: "frozen", color: other, opacity: 0.5, hidden: true }],
       };
       this.scene = new Armgpi.ArmScene(by("scene"), this.meta, this.array);

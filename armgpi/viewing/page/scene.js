@@ -106,9 +106,10 @@ const Armgpi = (() => {
     }
 
     /** Show another rollout in the place of one, over the same times. */
-    replace(i, { q, q_ref, tau, saturated, end, t_end }, disturbance) {
-      Object.assign(this.clip.actors[i], { q, q_ref, tau, saturated, end, t_end, contacts: 0 });
+    replace(i, { q, q_ref, tau, saturated, end, t_end, contacts = 0, forces, points }, disturbance) {
+      Object.assign(this.clip.actors[i], { q, q_ref, tau, saturated, end, t_end, contacts, forces, points });
       this.clip.disturbance = disturbance;
+      this.scale_arrows();
       this.draw_path(i);
       this.set_apart(this.apart);
       this.show(this.time);
@@ -117,6 +118,7 @@ const Armgpi = (() => {
     /** Show one of the rollouts, or do not. */
     show_actor(i, shown) {
       this.clip.actors[i].hidden = !shown;
+      this.scale_arrows();
       const robot = this.robots[i];
       for (const thing of [robot.root.object, robot.desired, robot.drawn, robot.bead]) thing.visible = shown;
       this.show(this.time);
@@ -406,11 +408,16 @@ const Armgpi = (() => {
       this.dispatchEvent(new CustomEvent("time", { detail: this.time }));
     }
 
+    /** Note the largest force of the rollouts that are shown, which the length of arrows is relative to. */
+    scale_arrows() {
+      const largest = ({ contacts, forces, hidden }) => (contacts && !hidden ? forces.reduce((most, x) => Math.max(most, Math.abs(x)), 0) : 0);
+      this.largest_force = Math.max(1e-9, ...this.clip.actors.map(largest));
+    }
+
     /** Make an arrow for every contact, and draw the walls. */
     draw_contacts() {
       const T = this.THREE;
-      const largest = (actor) => (actor.contacts ? actor.forces.reduce((most, x) => Math.max(most, Math.abs(x)), 0) : 0);
-      this.largest_force = Math.max(1e-9, ...this.clip.actors.map(largest));
+      this.scale_arrows();
       this.arrows = this.clip.actors.map((actor, i) => Array.from({ length: actor.contacts || 0 }, () => {
         const arrow = new T.ArrowHelper(new T.Vector3(0, 0, 1), new T.Vector3(), 1, 0xcc3311);
         this.robots[i].root.object.add(arrow);
@@ -426,6 +433,23 @@ const Armgpi = (() => {
         wall.quaternion.setFromUnitVectors(new T.Vector3(0, 0, 1), up);
         this.robots[0].root.object.add(wall);
       }
+    }
+
+    /** Return where the longest arrow of each contact of an arm ends. */
+    longest_arrows(i) {
+      const T = this.THREE, { contacts = 0, forces, points } = this.clip.actors[i];
+      const vector = (values, at) => new T.Vector3(...values.slice(at, at + 3));
+      const ends = [];
+      for (let c = 0; c < contacts; c++) {
+        let longest = new T.Vector3(), where = 0;
+        for (let at = 3 * c; at < forces.length; at += 3 * contacts) {
+          const force = vector(forces, at);
+          if (force.length() > longest.length()) [longest, where] = [force, at];
+        }
+        const share = longest.length() / this.largest_force;
+        if (share > 1e-3) ends.push(vector(points, where).addScaledVector(longest.normalize(), 0.5 * this.size * share));
+      }
+      return ends;
     }
 
     /** Put the arrows of an arm's contacts where they act, as long as their forces; half the arm for the largest. */
@@ -540,6 +564,7 @@ const Armgpi = (() => {
             what.geometry.computeBoundingBox();
             surround(what.geometry.boundingBox.clone().translate(what.position));
           }
+          points.push(...this.longest_arrows(r).map((end) => end.add(robot.root.object.position)));
         }
       });
       const box = new T.Box3().setFromPoints(points);

@@ -20,6 +20,7 @@ from armgpi.errors import ArmgpiError, ArmgpiWarning, BackendError, ParameterErr
 from armgpi.escape import json_data
 from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.loop.runner import DIVERGENCE
+from armgpi.plants.plant import inside
 from armgpi.robot.markup import read_file
 from armgpi.viewing import page, scene, style
 from armgpi.viewing.play import module
@@ -101,7 +102,10 @@ def _data(found: Module, experiment: Experiment, arrays: page.Arrays) -> dict[st
     if path.is_file():  # it lies beside the configuration that is copied from the page
         config = {**config, "robot": {**config["robot"], "name": path.name}}
         urdf = [path.name, read_file(path)]
+    contacts = [each.describe() for each in getattr(inside(experiment.plant), "environment", ())]
     return {
+        "walls": [wall._asdict() for wall in scene.walls(contacts)],
+        "contacts": len(contacts),
         "steps": steps,
         "dt": loop.dt,
         "divergence": DIVERGENCE,

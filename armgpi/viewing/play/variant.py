@@ -131,9 +131,10 @@ class Prober:
         """Return one sample of the loop, and what a page knows of its code."""
         loop = self._traced
         with tracing():
-            found = trace_used(loop, loop.init(), True)
+            found = trace_used(loop, loop.init(), True, contacts=True)
         recorded = found.recorded
-        found.recorded = {name: recorded[name] for name in _RECORDED if name in recorded}
+        shown = [*_RECORDED, *(name for name in recorded if name.startswith("contacts."))]
+        found.recorded = {name: recorded[name] for name in shown if name in recorded}
         owners = {
             id(kernel): (name, method)
             for side in self._arms
