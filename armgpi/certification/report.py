@@ -122,6 +122,7 @@ def _nyquist(made: Certificate) -> str:
     low, high, sigma = (float(numbers[x]) for x in ("delta_low", "delta_high", "sigma"))
     omega, zeta, pole = (float(x) for x in (law["omega"][0], law["zeta"], law["pole_ratio"]))
     loop = open_loop(Tuning(np.array(omega), np.array(zeta), np.array(pole * omega)), member_of(law))
+    # In units of omega, as the open loop is.
     s = 1j * np.geomspace(1e-2, 1e3, 4000) - 0.5 * sigma / omega
     curve = np.polyval(loop.numerator, s) / np.polyval(loop.denominator, s)
     near = np.abs(curve) < 2.0 * _REACH

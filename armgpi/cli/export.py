@@ -126,13 +126,13 @@ def _export(options: dict[str, Any]) -> int:
         check_name(options["prefix"], code.source)
     except ParameterError as error:
         raise refusal(option, str(error)) from error
-    experiments.prepare(options["out"])
-    note_drives(experiment, options["explain"])
-    _note_contacts(experiment, options["package_dir"])
-    log = record(experiment.plant, supervised, experiment.reference, experiment.t_final)
-    config, copied = experiments.portable(experiment.config)
-    beside: dict[str, str | bytes] = {"experiment.yaml": config, **copied}
-    done = write_code(code, options["out"], log, name=options["prefix"], target=target, beside=beside)
+    with experiments.prepared(options["out"]):
+        note_drives(experiment, options["explain"])
+        _note_contacts(experiment, options["package_dir"])
+        log = record(experiment.plant, supervised, experiment.reference, experiment.t_final)
+        config, copied = experiments.portable(experiment.config)
+        beside: dict[str, str | bytes] = {"experiment.yaml": config, **copied}
+        done = write_code(code, options["out"], log, name=options["prefix"], target=target, beside=beside)
     _say(done, log, label, options["as_json"])
     out = options["out"]
     say(f"wrote {', '.join(str(file.relative_to(out)) for file in done.files)} in {out}", err=True)

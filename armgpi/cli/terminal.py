@@ -94,7 +94,10 @@ def say_markdown(text: str) -> None:
     rows: list[list[str]] = []
     for line in [*text.splitlines(), ""]:
         if line.startswith("|"):
-            cells = re.split(r"(?<!\\)\|", line.strip().strip("|"))
+            # A row begins and ends with a bar; one that is escaped belongs to a cell.
+            cells = re.split(r"(?<!\\)\|", line.strip())[1:]
+            if cells and not cells[-1]:
+                cells.pop()
             rows.append([cell.strip().replace(r"\|", "|") for cell in cells])
             continue
         if rows:

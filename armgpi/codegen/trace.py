@@ -111,7 +111,8 @@ class Counter(Scalar):
         """Return symbols of random numbers; see :func:`armgpi.plants.noise.uniform`."""
         # What is asked for twice is drawn once.
         for known in self.draws:
-            if known[:3] == (seed, stream, self.offset) and len(known.symbols) == shape[-1]:
+            same = (known.seed, known.stream, known.offset) == (seed, stream, self.offset)
+            if same and len(known.symbols) == shape[-1]:
                 return Symbols(np.array([Scalar(s) for s in known.symbols], dtype=object))
         drawn = Symbols.new(f"u{len(self.draws)}", shape)
         self.draws.append(Draws(seed, stream, self.offset, flat(drawn)))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -197,6 +198,24 @@ def prepare(folder: Path) -> None:
         raise RolloutError(
             f"{folder}: cannot be written to: {error.strerror or error}; choose another folder"
         ) from None
+
+
+@contextmanager
+def prepared(folder: Path) -> Iterator[None]:
+    """Make a folder for results, and take it away again where what follows fails and left it empty.
+
+    Raises:
+        RolloutError: when the folder cannot be made or written to.
+    """
+    is_new = not folder.exists()
+    prepare(folder)
+    try:
+        yield
+    except BaseException:  # an interruption too
+        if is_new:
+            with suppress(OSError):  # there is something in it
+                folder.rmdir()
+        raise
 
 
 def save(

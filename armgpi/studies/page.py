@@ -59,8 +59,8 @@ def html(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any], unseen: str =
     parts += [
         page.bullets([*sentences(said), f"A rollout has failed that {failure_words(sweep)}."]),
         _quantiles(sweep, said),
-        "<h3>Distribution of every metric</h3>",
-        _figures((_histogram(of_arm(found, name)), heading(sweep, name)) for name in sweep.metrics),
+        "<h3>Distribution of every metric that differs between rollouts</h3>",
+        *_distributions(sweep, found),
     ]
     if found["failed"].values.any():
         parts += _failures(sweep, said)
@@ -84,6 +84,22 @@ def _quantiles(sweep: Sweep, said: Mapping[str, Any]) -> str:
         estimates = said["quantiles"][name]
         rows.append([heading(sweep, name), *(quantile_words(estimates[str(share)]) for share in QUANTILES)])
     return page.table(head, rows, label="Quantiles of the metrics with 95 % intervals")
+
+
+def _distributions(sweep: Sweep, found: xr.Dataset) -> list[str]:
+    """Return a histogram of each metric that differs between rollouts, and a line of those that do not."""
+    pictures = []
+    alike = []
+    for name in sweep.metrics:
+        values = of_arm(found, name)
+        if (values == values[0]).all():
+            alike.append(f"{heading(sweep, name)}: {metrics.short(float(values[0]), 3)}")
+        else:
+            pictures.append((_histogram(values), heading(sweep, name)))
+    parts = [_figures(pictures)]
+    if alike:
+        parts.append(f"<p>The same in all rollouts: {page.text('; '.join(alike))}.</p>")
+    return parts
 
 
 def _failures(sweep: Sweep, said: Mapping[str, Any]) -> list[str]:

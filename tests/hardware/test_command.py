@@ -237,3 +237,19 @@ def test_another_law_for_a_geared_robot_is_told(export: Callable[..., Answer], t
     assert code == 0, out + err
     assert "gears" not in err
     assert "type: gpi" in (tmp_path / "experiment.yaml").read_text()
+
+
+def test_an_export_that_is_interrupted_leaves_no_empty_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Callable[..., Answer]
+) -> None:
+    def interrupted(*_: Any) -> Any:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("armgpi.hardware.export.files.record", interrupted)
+    for there in (False, True):
+        out = tmp_path / f"export{there}"
+        if there:
+            out.mkdir()
+        said = cli("export", "ur5", "--out", out)
+        assert said.code == 130, said
+        assert out.exists() == there
