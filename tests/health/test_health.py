@@ -346,6 +346,19 @@ def test_a_joint_locked_outside_its_limits_is_found(report: Any) -> None:
     )
 
 
+def test_a_follower_locked_at_the_end_of_its_limits_is_within_them(report: Any) -> None:
+    text = changed("<limit lower", '<mimic joint="shoulder" multiplier="-2" offset="0.1"/><limit lower')
+
+    def outside(value: float) -> list[Any]:
+        found = report(text, lock={"elbow": value}).findings
+        return [f for f in found if f.kind == "mimic" and "outside its limits" in f.message]
+
+    assert not outside(2.5)
+    assert not outside(-1.5)
+    assert outside(2.5 + 1e-6)
+    assert outside(-1.5 - 1e-6)
+
+
 # --- The registry of checks ----------------------------------------------------------------------
 
 

@@ -14,7 +14,7 @@ import armgpi
 from armgpi.errors import ParameterError, UnfitLog
 from armgpi.identification import chirp
 from armgpi.identification.chirp import CHIRP, HIGHEST, LOWEST, TURN, find_side
-from armgpi.identification.logs import Log
+from armgpi.identification.logs import Grid, Log
 from armgpi.robot.drives import Drives
 
 DT = 1e-3
@@ -123,6 +123,25 @@ def test_counts_are_those_of_the_log_and_not_of_positions_between_its_samples() 
     assert said.count("smallest step of its position 0.0015 rad") == 2
     assert said.count("its position never changed") == 1
     assert "encoder count" not in said.partition("automatic controller")[0]
+
+
+def test_a_gap_within_a_tenth_of_a_second_before_a_chirp_leaves_that_joint_out() -> None:
+    known = arm()
+    t = DT * np.arange(round(known.n * TURN / DT))
+    own = t[:, None] - TURN * np.arange(known.n) - 0.5
+    wave = np.where((own > 0.0) & (own < CHIRP), np.sin(2.0 * np.pi * (10.0 + 30.0 * own) * own), 0.0)
+    whole = Grid(DT, np.cumsum(np.cumsum(wave, axis=0), axis=0) * DT**2, wave, np.zeros(len(t), dtype=bool))
+
+    def joints(seconds: float) -> list[int]:
+        """Return the joints that are seen with a gap so long before the chirp of the second one."""
+        begin, bad = chirp._begin(known, whole), whole.bad.copy()
+        assert begin is not None
+        bad[begin + round((TURN + 0.5 - seconds) / DT)] = True
+        found = chirp._responses(known, whole._replace(bad=bad), np.full(known.n, 1e-12), [])
+        return [each.joint for each in found]
+
+    assert joints(0.05) == [0, 2]
+    assert joints(0.15) == [0, 1, 2]
 
 
 def test_of_joints_without_a_chirp_the_side_stays_what_it_was() -> None:

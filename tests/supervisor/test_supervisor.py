@@ -487,6 +487,29 @@ def test_a_link_that_swings_on_its_gear_is_no_encoder_that_counts_backwards(hert
             assert supervised.report(state).reason == "none", (fastest, k)
 
 
+def test_nor_is_one_that_moves_all_at_once_and_goes_back() -> None:
+    check = Supervised(GPI(ARM, DT), Supervisor()).jump
+    check.bounds = check.bounds._replace(jump=1e9 * np.ones(3))
+    change = 2.0 * (check.bounds.turn + check.pushed + check.driven) * np.ones(3)
+    moved = started()[1].supervisor._replace(change=change, v=change, bad=np.zeros(3), late=np.zeros(1))
+    # Of one that rested, the first change is also by how much that missed where the one before led.
+    assert check.passes(-change, moved._replace(miss=change)).all()
+    assert not check.passes(-change, moved._replace(miss=0.9 * change)).any()
+
+
+@pytest.mark.parametrize("way", [-1.0, 1.0])
+def test_the_model_is_not_asked_while_a_torque_is_at_either_limit(way: float) -> None:
+    supervised, state = started(following=100.0, saturated=0.0, position_margin=100.0, frozen_samples=0)
+    q_ref, asked = Q.copy(), []
+    for k in range(1500):  # it swings a little, so that the model's torque differs from sample to sample
+        q_ref = q_ref + way * np.array([0.0, 0.3, 0.0]) * DT
+        tau, state = held(supervised, state, Q + 0.01 * np.sin(10.0 * k * DT), q_ref)
+        if way * tau[1] >= ARM.limits.effort[1]:
+            asked.append(state.supervisor.response.model_torque_lowpass.copy())
+    assert len(asked) > 100
+    np.testing.assert_array_equal(asked, asked[:1] * len(asked))
+
+
 def test_nor_is_one_that_swings_within_five_samples() -> None:
     h, count = 2e-3, ARM.encoder_count(16)
     weak = ARM.with_gravity((0.0, 0.0, 0.0)).with_limits(effort=0.01 * ARM.limits.effort)
