@@ -89,6 +89,10 @@ def read_table(path: str | PathLike[str]) -> list[Row]:
     lines = [line for line in text.lstrip("\ufeff").splitlines() if line.strip() and line.lstrip()[0] != "#"]
     table = csv.reader(lines, skipinitialspace=True)
     header = [name.strip().lower() for name in next(table, [])]
+    if len(header) == 1 and ";" in header[0]:
+        raise ParameterError(
+            "dh", header[0], "a table with commas between its cells, and points in its numbers"
+        )
     for name in header:
         if name not in (*_NEEDED, *_OPTIONAL, *_DEGREES):
             raise NameNotFound("column", name, (*_NEEDED, *_OPTIONAL, *_DEGREES))
@@ -98,7 +102,7 @@ def read_table(path: str | PathLike[str]) -> list[Row]:
             raise NameNotFound("column", name, header, f"{Path(path).name} needs {', '.join(_NEEDED)}")
     if len(set(meant)) < len(meant):
         raise ParameterError("dh", ", ".join(header), "every column once")
-    rows = [_row(k, dict(zip(header, cells, strict=False)), len(cells)) for k, cells in enumerate(table, 1)]
+    rows = [_row(k, _cells(k, header, cells)) for k, cells in enumerate(table, 1)]
     if not 1 <= len(rows) <= MOST_JOINTS:
         raise ParameterError("dh", len(rows), f"1 to {MOST_JOINTS} rows, one for each joint")
     names = [row.name for row in rows]
@@ -107,14 +111,25 @@ def read_table(path: str | PathLike[str]) -> list[Row]:
     return rows
 
 
-def _row(joint: int, cells: dict[str, str], count: int) -> Row:
+def _cells(joint: int, header: list[str], cells: list[str]) -> dict[str, str]:
+    """Return the cells of a row by the names of their columns.
+
+    Raises:
+        ParameterError: when there are more or fewer than columns.
+    """
+    if len(cells) < len(header) or any(cell.strip() for cell in cells[len(header) :]):
+        # The numbers behind a comma that is forgotten, or too much, would be taken for others.
+        expected = f"one cell for each of its {len(header)} columns"
+        raise ParameterError(f"row {joint} of the table", f"{len(cells)} cells", expected)
+    return dict(zip(header, cells, strict=False))
+
+
+def _row(joint: int, cells: dict[str, str]) -> Row:
     """Return a row of a table.
 
     Raises:
         ParameterError: when a number is none, or no body has such a mass and inertia.
     """
-    if count < len(_NEEDED):
-        raise ParameterError(f"row {joint} of the table", ", ".join(cells.values()), "one cell per column")
     x = _numbers_of(joint, cells)
     kind = cells.get("type", "").strip().lower() or "r"
     if kind[0] not in "rp":
@@ -237,14 +252,14 @@ def _urdf(rows: list[Row], convention: str) -> str:
         com = frame * row.com
         effort = _effort(rows[k - 1 :])
         moments = " ".join(
-            f'i{"xyz"[i]}{"xyz"[j]}="{row.inertia[i, j]:.12g}"' for i in range(3) for j in range(i, 3)
+            f'i{"xyz"[i]}{"xyz"[j]}="{float(row.inertia[i, j])!r}"' for i in range(3) for j in range(i, 3)
         )
         parent = f"link{k - 1}" if k > 1 else "base"
         kind, reach = ("prismatic", _SLIDE) if row.slides else ("revolute", _TURN)
         lines += [
             f'  <link name="link{k}">',
             f"    <inertial>{_origin(pin.SE3(frame.rotation, com))}",
-            f'      <mass value="{row.mass:.12g}"/><inertia {moments}/></inertial>',
+            f'      <mass value="{row.mass!r}"/><inertia {moments}/></inertial>',
             "  </link>",
             f'  <joint name="{row.name}" type="{kind}">',
             f'    <parent link="{parent}"/><child link="link{k}"/>',
@@ -252,10 +267,12 @@ def _urdf(rows: list[Row], convention: str) -> str:
             f'    <limit lower="-{reach}" upper="{reach}" effort="{effort}" velocity="{_SPEED}"/>',
             "  </joint>",
         ]
+    taken = {row.name for row in rows}
+    fixed = next(name for name in ("tip", *(f"tip{k}" for k in range(len(rows)))) if name not in taken)
     tip = before if convention == "standard" else pin.SE3.Identity()
     lines += [
         '  <link name="tool"/>',
-        '  <joint name="tip" type="fixed">',
+        f'  <joint name="{fixed}" type="fixed">',
         f'    <parent link="link{len(rows)}"/><child link="tool"/>{_origin(tip)}',
         "  </joint>",
         "</robot>",
@@ -280,7 +297,7 @@ def _effort(rows: list[Row]) -> float:
 
 def _listed(values: list[float]) -> str:
     """Return numbers as a list of Python."""
-    return f"[{', '.join(f'{x:.12g}' for x in values)}]"
+    return f"[{', '.join(repr(float(x) + 0.0) for x in values)}]"  # all digits, as the URDF has them
 
 
 def _numbers(rows: list[Row]) -> str:

@@ -19,6 +19,7 @@ from armgpi.arrays import Array
 from armgpi.errors import ModelError
 from armgpi.validation import samples
 from armgpi.validation.edits import GRAVITY, ROWS, Change, apply_changes, harmless
+from armgpi.validation.phrasing import known_numbers
 from armgpi.validation.problem import Problem
 from armgpi.validation.repair import Compared, agrees, proved_for_other_numbers
 from armgpi.validation.search import Repaired
@@ -119,8 +120,9 @@ def _in_tables(tree: ast.Module, lines: list[str]) -> Iterator[Typed]:
 def find_wrong_number(compared: Compared) -> Repaired | None:
     """Return the one number of the source of which another value makes the model agree, None without one.
 
-    Where several would do, each alone, the source does not tell which is wrong. A number that several
-    functions have as the default of an argument is one number.
+    Where several would do, each alone, the one is that becomes a number of the robot: without one, or with
+    several, nothing tells which is wrong. A number that several functions have as the default of an argument
+    is one number.
     """
     source = compared.worker.source
     if source is None or not harmless(source) or compared.problem.is_passive:
@@ -131,8 +133,12 @@ def find_wrong_number(compared: Compared) -> Repaired | None:
     search = _Search(compared, source)
     for candidates in (_alone(numbers_of_source), _repeated(numbers_of_source)):
         repairs = [repair for places in candidates if (repair := search.repair(places)) is not None]
-        if repairs:
+        if len(repairs) > 1:  # a mass and a length, say, of which one becomes a number of the robot
+            robots = [value for value, _ in known_numbers(compared.problem.tree)]
+            repairs = [one for one in repairs if any(np.isclose(robots, float(one.changes[0].new), _EXACT))]
             return proved_for_other_numbers(compared, repairs[0]) if len(repairs) == 1 else None
+        if repairs:
+            return proved_for_other_numbers(compared, repairs[0])
     return None
 
 

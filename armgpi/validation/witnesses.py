@@ -318,6 +318,7 @@ def unread_names(source: str) -> list[str]:
     """Return where names are given numbers that nothing reads: what uses them may have been forgotten."""
     tree = ast.parse(source)
     read = {x.id for x in names_with(ast.Load, tree)}
+    read |= {x.attr for x in ast.walk(tree) if isinstance(x, ast.Attribute)}  # of a class, or a module
     stored = {x.id: x.lineno for x in names_with(ast.Store, tree) if x.id not in read}
     given = (name for name, _ in numbers(tree) if name in stored)
     return [f"{stored[name]}: {name} is read nowhere" for name in given][:ALTERNATIVES]

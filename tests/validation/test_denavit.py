@@ -176,3 +176,34 @@ def test_the_command_writes_both_files(
     ):
         refused = cli(*arguments)
         assert (refused.code, refused.err.count("\n")) == (2, 1), arguments
+
+
+@pytest.mark.parametrize("convention", denavit.CONVENTIONS)
+def test_the_kinematics_of_a_new_model_agree_to_the_last_digit(convention: str, tmp_path: Path) -> None:
+    """A quarter turn of twelve digits leaves a height of 1e-12 where there is none."""
+    header = "a, alpha_deg, d, theta_deg, mass, cx, cy, cz, ixx, iyy, izz"
+    made = denavit.from_table(
+        rows(tmp_path, f"{header}\n0.07, 90, 0.3, 0, 1, 0, 0, 0, 0.1, 0.1, 0.1\n"), convention
+    )
+    path = tmp_path / "model.py"
+    path.write_text(made.model)
+    kinematics = validate(path, Robot.from_xml(made.urdf)).functions[-1]
+    assert kinematics.function == "forward_kinematics"
+    assert kinematics.agrees
+
+
+def test_a_joint_may_have_the_name_of_the_tip(tmp_path: Path) -> None:
+    header = "a, alpha, d, theta, mass, cx, cy, cz, ixx, iyy, izz, joint"
+    table = rows(tmp_path, f"{header}\n0.07, 0, 0.3, 0, 1, 0, 0, 0, 0.1, 0.1, 0.1, tip\n")
+    assert Robot.from_xml(denavit.from_table(table).urdf).joint_names == ("tip",)
+
+
+@pytest.mark.parametrize(
+    "row", ["0.07, 0, 0.3, 0, 1, 0, 0, 0, 0.1, 0.1", "0, 0, 0.3, 0, 1, 0, 0, 0, 1, 1, 1, 5"]
+)
+def test_a_row_has_a_cell_for_every_column(row: str, tmp_path: Path) -> None:
+    header = "a, alpha, d, theta, mass, cx, cy, cz, ixx, iyy, izz"
+    with pytest.raises(ParameterError, match=r"row 1 .*11 columns"):
+        rows(tmp_path, f"{header}\n{row}\n")
+    with pytest.raises(ParameterError, match="commas"):
+        rows(tmp_path, header.replace(",", ";"))

@@ -9,6 +9,7 @@ import pytest
 import textbooks
 
 from armgpi import Robot, validate
+from armgpi.validation.witnesses import unread_names
 
 EQUATIONS = """
 
@@ -107,3 +108,22 @@ def test_where_two_numbers_would_do_none_is_named(tmp_path: Path) -> None:
     report = validate(path, arm())
     assert not report.agrees
     assert not any(cause.confirmed for cause in report.causes)
+
+
+def test_of_several_numbers_the_one_that_becomes_the_robots_is_named(tmp_path: Path) -> None:
+    """Gravity alone, of the attributes of a class: another mass would agree, but is none of the robot's."""
+    path = tmp_path / "model.py"
+    path.write_text(
+        "import numpy as np\n\n\n"
+        "class P:\n"
+        "    m1 = 1.5\n"
+        "    c1 = 0.32\n\n\n"
+        "def gravity(q):\n"
+        "    b = 1.0 * 9.81 * 0.15 * np.cos(q[0] + q[1])\n"
+        "    return np.array([(P.m1 * P.c1 + 1.0 * 0.4) * 9.81 * np.cos(q[0]) + b, b])\n"
+    )
+    (cause,) = validate(path, arm()).causes
+    assert cause.line == 6
+    assert "0.2" in cause.text
+    assert not any("read nowhere" in line for line in cause.evidence)
+    assert unread_names(path.read_text()) == []
