@@ -132,6 +132,7 @@ class ForceLimited(Controller):
         self.law, self.settings = law, settings
         self.measurement_type = law.measurement_type  # type: ignore[misc]  # of this one, not of the class
         self.knows = "model"  # type: ignore[misc]
+        self.compliant = law.compliant  # type: ignore[misc]
         self.batch = law.batch
         self.bias_robot: AnyRobot = getattr(law, "bias_robot", law.robot)
         self._known = self.bias_robot.dynamics

@@ -20,6 +20,8 @@ _ASKED = (500.0, 5.0)
 _TURNING = 0.06
 #: A wall below which a table without damping may be too stiff [N/m].
 _TABLE = 1e4
+#: No wall is stiffer [N/m]: a tool that cannot move in a direction has no limit there.
+_RIGID = 1e9
 
 
 class Compliance(NamedTuple):
@@ -50,9 +52,14 @@ class Compliance(NamedTuple):
             link = f" ({self.link_stiffness:.3g} N/m if the encoders sit at the links)"
         return [
             f"largest stiffness {self.stiffness:.3g} N/m at the tool{link}",
-            f"at {self.asked:g} N/m the stiffest wall without damping is {self.wall / 1e3:.3g} kN/m in the "
-            f"worst direction, {self.usual_wall / 1e3:.3g} kN/m in the median",
+            f"at {self.asked:g} N/m the stiffest wall without damping is {_describe_wall(self.wall)} in the "
+            f"worst direction, {_describe_wall(self.usual_wall)} in the median",
         ]
+
+
+def _describe_wall(stiffness: float) -> str:
+    """Return the stiffness of a wall with its unit [N/m]; "any" where the arm hardly moves against it."""
+    return "any" if stiffness > _RIGID else f"{stiffness / 1e3:.3g} kN/m"
 
 
 def compliance_of(robot: Robot, dt: float, delay: float) -> Compliance | None:

@@ -172,3 +172,11 @@ def test_bad_input_is_refused_and_friction_is_asked_for() -> None:
     with pytest.warns(ArmgpiWarning, match="friction is uncertain by"):
         armgpi.ForceLimited(pid, 1.0, limit_friction=2.0 * usual_friction(ARM))
     armgpi.Supervised(armgpi.ForceLimited(pid, 10.0))
+
+
+def test_a_spring_under_a_force_limit_is_a_spring_to_a_supervisor() -> None:
+    limited = armgpi.Supervised(armgpi.ForceLimited(LAWS["joints"](), 20.0))
+    alone = armgpi.Supervised(LAWS["joints"]())
+    assert limited.supervisor.values() == alone.supervisor.values()
+    stiff = armgpi.Supervised(armgpi.ForceLimited(LAWS["pid_positions"](), 20.0))
+    assert stiff.supervisor.following == armgpi.Supervisor().following

@@ -31,6 +31,7 @@ from armgpi import (
 from armgpi.cli.parsing import as_option
 from armgpi.errors import ArmgpiError, NameNotFound, ParameterError, Remedy, UrdfError
 from armgpi.health import findings
+from armgpi.health.compliance import Compliance
 from armgpi.health.findings import Finding
 from armgpi.robot import rotors, urdf
 from armgpi.robot.meshes import MeshFinder
@@ -458,6 +459,12 @@ def test_what_an_impedance_controller_may_be_asked_for_is_said_before_one_is_mad
     assert finding.value == pytest.approx(slow.facts["compliance"]["stiffness"])
     assert isinstance(finding.value, float)
     assert finding.value < 500.0
+
+
+def test_a_wall_that_a_tool_hardly_moves_against_has_no_stiffest_one() -> None:
+    """4.3e11 kN/m was the median of an arm of two joints, whose tool moves in two directions alone."""
+    found = Compliance(1e5, 1e5, 4.3e5, 4.3e14, 500.0, "")
+    assert "is 430 kN/m in the worst direction, any in the median" in found.describe()[1]
 
 
 def test_no_controller_is_worked_out_only_to_describe_a_whole_body(monkeypatch: pytest.MonkeyPatch) -> None:
