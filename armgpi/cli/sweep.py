@@ -93,9 +93,10 @@ def _read(file: Path) -> Loaded:
 
     if find_identified(file) is None:
         return read(file)
-    data = {"robot": str(file), "plant": {"friction": "urdf"}, "vary": {IDENTIFICATION: {}}}
+    # The arm and controller that `armgpi run` has of the same folder.
+    data = {"robot": str(file), "ideal": False, "vary": {IDENTIFICATION: {}}}
     origin = Origin(str(file))
-    return Loaded(check({**data, "controllers": [{"type": "gpi_auto"}]}, origin), origin)
+    return Loaded(check(data, origin), origin)
 
 
 def _run_sweep(

@@ -276,3 +276,11 @@ def _assumed_rows(robot: Robot, quantity: str) -> str:
         if joint in data and data[joint].source == "assumed"
     )
     return ", ".join(rows)
+
+
+def __getattr__(name: str) -> object:
+    """Return what an old name stands for, with a warning; it works until the next minor version."""
+    if name == "believe":
+        renamed.warn_renamed(name, "assume_rotors")
+        return assume_rotors
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -293,6 +293,14 @@ def sweep_of(vary: str = "{identification: {}}", robot: str = "", plant: str = "
     return Sweep.of(*config.parse(text, "sweep.yaml"))
 
 
+def test_a_sweep_of_the_folder_has_the_world_of_a_run(cli: Callable[..., Answer], tmp_path: Path) -> None:
+    run = cli("run", folder())
+    swept = cli("sweep", folder(), "--rollouts", 2, "--out", tmp_path / "swept")
+    (world,) = (line for line in run.err.splitlines() if line.startswith("world:"))
+    (other,) = (line for line in swept.err.splitlines() if line.startswith("world:"))
+    assert world.partition(". Values")[0] == other
+
+
 def test_a_sweep_draws_the_arms_that_were_left_open_and_each_runs_alone() -> None:
     sweep = sweep_of("{identification: {}, plant.payload.mass: {uniform: [0.0, 0.3]}}")
     drawn = sweep.numbers(0, 4)
