@@ -4,9 +4,10 @@ Each mutant is one change of one module, in a copy of the tree: a sign, an index
 a matrix that is not transposed, two factors of a matrix product swapped; as many of each package, or all of
 the modules that are named. First the tests run once and tell which of them reach which lines (`--reach FILE`
 keeps that for as long as the lines stay, and takes in new tests). Then each mutant meets those of its line,
-of its own module first, until one fails, in a fork of the process that has collected the tests. What they
-take is counted in processor time, so a busy machine finds nothing. `--planted` takes the five that once
-survived the whole suite. What survives may be a change of no result.
+of its own module first, until one fails, in a fork of the process that has collected the tests; who survives
+there, in a process of its own as well. What they take is counted in processor time, so a busy machine finds
+nothing. `--planted` takes the five that once survived the whole suite. What survives may be a change of no
+result.
 """
 
 from __future__ import annotations
@@ -41,6 +42,8 @@ TOP = "."
 PACKAGES = (*sorted(p.parent.name for p in Path(__file__).parents[1].glob("armgpi/*/__init__.py")), TOP)
 #: The tests of the modules that are in no package.
 BASE = "base"
+#: What pytest takes at most to begin, and to collect the files of some tests [s].
+_STARTS = 60.0
 #: How pytest runs the tests of these packages.
 PYTEST = ("-n", "0", "-p", "no:cacheprovider", "-o", "timeout=0", "-m", "not slow and not search")
 
@@ -338,10 +341,13 @@ class Judge:
         text = whole[: mutant.begin] + mutant.new.encode() + whole[mutant.end :]
         place.write_bytes(text)
 
+        def passes_alone() -> bool:
+            command = [sys.executable, "-m", "pytest", *PYTEST, "-x", *(item.nodeid for item in items)]
+            return subprocess.run(command, check=False).returncode == 0
+
         def passes() -> bool:
             if not take(whole, text, self.functions.get(str(place), [])):
-                command = [sys.executable, "-m", "pytest", *PYTEST, "-x", *(item.nodeid for item in items)]
-                return subprocess.run(command, check=False).returncode == 0
+                return passes_alone()
             for item, following in zip(items, [*items[1:], None], strict=True):
                 item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
                 if item.session.testsfailed:
@@ -349,7 +355,9 @@ class Judge:
             return True
 
         try:
-            return not items or aside(passes, seconds)
+            # What a module of tests worked out, or a cache kept, when tests were collected is without the
+            # mutant in a fork: who survives there meets the same tests in a process of its own.
+            return not items or (aside(passes, seconds) and aside(passes_alone, seconds + _STARTS))
         finally:
             place.write_bytes(whole)
             os.utime(place, (when.st_atime, when.st_mtime))

@@ -283,7 +283,7 @@ class _Builder:
             return f"line {line} has <{tag[:80]}>"
         if not _BESIDE_DYNAMICS.intersection(self.open):
             for key, value in attributes.items():
-                if "${" in value:
+                if "${" in value or "$(" in value:
                     return f"line {line} has {key[:80]}={value[:80]!r}"
         return ""
 

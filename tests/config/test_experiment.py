@@ -347,3 +347,9 @@ def test_rollouts_of_a_batch_without_labels_are_told_apart(compared: xr.Dataset)
     batch = compared.drop_vars("label").assign_attrs(provenance=json.dumps(own))
     names = [record["label"] for record in records(batch)]
     assert names == [f"rollout {i}" for i in range(compared.sizes["rollout"])]
+
+
+def test_a_drawn_arm_moves_in_armgpis_own_simulator() -> None:
+    text = "robot: {name: anthropomorphic3}\nreality: {name: geared}\ncontrollers: [{type: gpi, rolloff: 1}]"
+    drawn = build(text)
+    assert list(drawn.plants.items()) == [("armgpi", drawn.plant)]

@@ -543,6 +543,7 @@ REFUSED = [  # element, what stands there, what to write instead, what the error
     ("fore", 'value="1.0"', 'value="1,5"', "'1,5' is not a number"),
     ("fore", 'value="1.0"', 'value="heavy"', "'heavy' is not a number"),
     ("fore", 'value="1.0"', 'value="${m}"', "has value='${m}' in 'fore': expand"),
+    ("fore", 'value="1.0"', 'value="$(arg m)"', "has value='$(arg m)' in 'fore': expand"),
     ("fore", 'value="1.0"', 'value="1_0"', "'1_0' is not a number"),
     ("fore", 'value="1.0"', 'value="٢"', "'٢' is not a number"),
     ("fore", 'value="1.0"', 'value="1 2"', "2 numbers, expected 1"),
