@@ -183,7 +183,7 @@ def _judge_force(
     """Return what a tool presses with at rest at most along the reference; its error is not bounded.
 
     That is the limit, friction at the tool in the worst configuration and direction of the reference, and the
-    weight of a payload that may be there or not.
+    weight of a payload that the model may lack, or have too much.
     """
     import numpy as np
 
@@ -201,7 +201,11 @@ def _judge_force(
             raise refusal("--friction-within", expected)
         given["friction"] = (1.0 + within) * known
     bound = law.force_bound(**given)
-    weight = 0.0 if loads is None else FREE_FALL * (loads[1] - loads[0])
+    weight = 0.0
+    if loads is not None:
+        range_ = getattr(law, "payload", None)  # what the model carries; without it, nothing
+        low, high = (0.0, 0.0) if range_ is None else (float(range_.lightest), float(range_.heaviest))
+        weight = FREE_FALL * max(loads[1] - low, high - loads[0])
     more = max(weight - bound.gravity, 0.0)
     bound = bound._replace(gravity=bound.gravity + more, total=bound.total + more)
     verdict = judge(

@@ -129,6 +129,10 @@ class WrenchEstimator:
         gravity = robot.pinocchio_model().gravity.linear
         self._weight = mass * FREE_FALL * np.abs(gravity) / max(float(np.linalg.norm(gravity)), 1e-9)
 
+    def __repr__(self) -> str:
+        """Return a one-line description."""
+        return f"WrenchEstimator({self.robot.name!r}, dt={self.dt:g}, frame={self.frame!r})"
+
     def init(self, q: ArrayLike) -> WrenchState:
         """Return the state before the first sample: the arm at rest, held by its motors.
 

@@ -100,6 +100,8 @@ def test_bound_sums_limit_friction_and_payload_of_a_force_limit(cli: Cli, tmp_pa
     force = json.loads(found.out)["force"]
     assert force["gravity"] == pytest.approx(0.5 * 9.81)
     assert force["total"] == pytest.approx(20.0 + force["friction"] + 0.5 * 9.81)
+    always = json.loads(cli("bound", file, "--payload", "0.5:0.5", "--json").out)["force"]
+    assert always["gravity"] == force["gravity"]  # the model carries none
     less = json.loads(cli("bound", file, "--friction-within", "0.1", "--json").out)["force"]
     assert less["friction"] == pytest.approx(force["friction"] * 1.1 / 1.2)
     text = cli("bound", file, "--allow-part")
