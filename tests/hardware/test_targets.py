@@ -432,6 +432,25 @@ def test_a_package_follows_the_motion_of_its_log(target: str, tmp_path: Path) ->
         np.testing.assert_allclose(lines[:, 1:], same, atol=1e-12)
 
 
+#: A recording begins with the first pose that is taken, after the moves before it; a folder is refused.
+POSES_READ = """
+import time
+import goals
+poses = goals.Poses("poses.csv")
+time.sleep(0.4)
+start, count = time.monotonic(), 0
+while count == 0:
+    count += poses.take() is not None
+while poses.take() is not None:
+    count += 1
+print(count <= 2 + 30 * (time.monotonic() - start))
+folder = goals.Poses(".")
+while not folder.ended:
+    folder.take()
+print(folder.refused, folder.ended)
+"""
+
+
 @compiled
 @pytest.mark.usefixtures("compile_quickly")
 @pytest.mark.parametrize("target", ["fci", "ur"])
@@ -447,6 +466,7 @@ def test_a_package_follows_poses_as_they_arrive(target: str, tmp_path: Path) -> 
     assert said.startswith("run none")
     assert ends_at(robot, wished, logs.read(tmp_path / "motion.armlog"))
     assert robot.tip in (tmp_path / "README.md").read_text()
+    assert run_python(POSES_READ, folder=tmp_path).split() == ["True", "True", "True"]
 
 
 #: A stream through the Python of an export: poses with a gap, a jump, one without norm; joints out.

@@ -44,7 +44,8 @@ inline std::vector<double> numbers(const std::string& text) {
 }
 
 // Poses of the tool from a file or a pipe, one in a line: x,y,z,qx,qy,qz,qw as they arrive, or time,x,y,z,qx,qy,qz,qw of a
-// recording, each waited for. A thread of its own reads; the loop takes them and never waits.
+// recording, each waited for. A thread of its own reads; the loop takes them and never waits. Nothing is read before the first
+// `take`: the times of a recording begin there.
 class Poses {
  public:
   explicit Poses(const std::string& path) {
@@ -55,6 +56,7 @@ class Poses {
   }
   // The pose that arrived since the last one; false where none did.
   bool take(Pose& pose) noexcept {
+    slot_->begun = true;
     if (!slot_->full.load(std::memory_order_acquire)) {
       return false;
     }
@@ -69,6 +71,7 @@ class Poses {
  private:
   struct Slot {
     Pose pose{};
+    std::atomic<bool> begun{false};
     std::atomic<bool> full{false};
     std::atomic<bool> ended{false};
     std::atomic<bool> refused{false};
@@ -76,6 +79,9 @@ class Poses {
 
   static void read(const std::string& path, Slot& slot) {
     using Clock = std::chrono::steady_clock;
+    while (!slot.begun) {
+      std::this_thread::sleep_for(std::chrono::microseconds(200));
+    }
     std::ifstream file(path);
     std::optional<Clock::time_point> begun;
     double first = 0.0;
