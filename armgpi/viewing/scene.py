@@ -292,7 +292,7 @@ def walls(environment: Sequence[Mapping[str, Any]]) -> tuple[Wall, ...]:
     """Return the walls among contacts, those of one number for all rollouts.
 
     Args:
-        environment: descriptions of the contacts, see :meth:`armgpi.plants.environment.Contact.describe`.
+        environment: descriptions of the contacts, see ``describe()`` of each contact.
     """
     found = []
     for i, contact in enumerate(environment):
