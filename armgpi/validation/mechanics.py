@@ -300,6 +300,8 @@ class Kane:
         self._q, self._u = ([_now(x) for x in _list(each)] for each in (q_ind, u_ind))
         rates = [_rate(x) for x in self._q]
         zero = dict.fromkeys((x.name for x in rates), _constant(0.0))
+        #: Velocities by their identity, each with its components in the speeds.
+        self._in_speeds: dict[int, tuple[Vector, list[Expression]]] = {}
         #: Rate of a coordinate, by its name -> what it is of the speeds.
         self._rates: dict[str, Expression] = {}
         for rate, equation in zip(rates, _list(kd_eqs), strict=True):
@@ -347,7 +349,7 @@ class Kane:
         partials = self._partials(velocity)
         still = dict.fromkeys((_rate(u).name for u in self._u), _constant(0.0))
         # The rest of the acceleration: what is left where the speeds do not change.
-        acceleration = [x.diff().subs(still).subs(self._rates) for x in velocity]
+        acceleration = _substituted([x.diff() for x in velocity], {**self._rates, **still})
         force = momentum(acceleration)
         if turning is not None:
             (a, b, c), (x, y, z) = turning, momentum(turning)
@@ -359,7 +361,10 @@ class Kane:
                 mass[r][s] = mass[r][s] + _dot(row, momentum(column))
 
     def _of_speeds(self, vector: Vector) -> list[Expression]:
-        return [x.subs(self._rates) for x in vector.in_root()]
+        """Return a velocity's components in the speeds, formed once for a point's body and load."""
+        if id(vector) not in self._in_speeds:
+            self._in_speeds[id(vector)] = vector, _substituted(vector.in_root(), self._rates)
+        return self._in_speeds[id(vector)][1]
 
     def _partials(self, velocity: list[Expression]) -> list[list[Expression]]:
         return [[x.diff(u) for x in velocity] for u in self._u]
@@ -387,6 +392,11 @@ def _dot(one: Sequence[Expression], other: Sequence[Expression]) -> Expression:
 
 def _times(matrix: Sequence[Sequence[Expression]], x: Sequence[Expression]) -> list[Expression]:
     return [_dot(row, x) for row in matrix]
+
+
+def _substituted(x: Sequence[Expression], swap: Mapping[str, Expression]) -> list[Expression]:
+    """Return expressions with others in place of symbols; what they share stays shared."""
+    return list(np.ravel(Matrix(list(x)).subs(swap)).view(np.ndarray))
 
 
 def _scaled(factor: Expression, x: Sequence[Expression]) -> list[Expression]:
