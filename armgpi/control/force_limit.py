@@ -306,7 +306,7 @@ class ForceLimit:
             configurations: where the friction counts [rad or m], (k, n): the worst of them; usual ones when
                 not given.
         """
-        limit = float(np.min(self.force))
+        limit = float(np.max(self.force))  # of rollouts with limits of their own, the one that presses most
         level = np.atleast_2d(self.friction).max(axis=0) if friction is None else friction
         if friction is None:
             level = KNOWN_WITHIN * level if level.any() else USUAL_WITHIN * usual_friction(robot)

@@ -188,7 +188,8 @@ class Impedance(Controller):
         found = self._choose_filter(modes, arm)
         self._limits = found
         self._springs = np.array(vars(self)["stiffness"], dtype=np.float64)
-        self._most = np.minimum(_ROUNDED * found.factor, _RAISED) * self._springs
+        # What was specified is no more than it may be, however near to the bound.
+        self._most = max(1.0, min(_ROUNDED * found.factor, _RAISED)) * self._springs
         self._roots = np.sqrt(self._springs)
         count = (self._springs > 0.0).sum(axis=-1, keepdims=True)
         self._weights = np.where(self._roots > 0.0, 1.0 / np.maximum(self._roots, 1e-150), 0.0) / count

@@ -63,8 +63,11 @@ def _varied_feedback(robot: AnyRobot, link_factor: Any, rotor_factor: Any) -> An
         expected = "one number where each rollout has a robot of its own"
         raise ParameterError("link_factor", link_factor, expected)
     base = robot.base if isinstance(robot, VariedRobots) else robot
-    rows = max(np.shape(each)[0] for each in (link_factor, rotor_factor) if isinstance(each, np.ndarray))
-    links, rotors = (np.broadcast_to(np.ravel(each), (rows,)) for each in (link_factor, rotor_factor))
+    given = {"link_factor": np.ravel(link_factor), "rotor_factor": np.ravel(rotor_factor)}
+    rows = common_batch({name: len(each) for name, each in given.items()} | {"robot": robot.batch or 1})
+    links, rotors = (np.broadcast_to(each, (rows,)) for each in given.values())
+    if "payload" in known:  # a load is a part of the last link
+        known = {**known, "payload": links * known["payload"]}
     scale = links * known.get("inertia_scale", 1.0)
     varied: VariedRobots = base.varied(
         **{**known, "inertia_scale": scale, "rotor_inertia": rotors[:, None] * robot.armature}

@@ -13,6 +13,7 @@ from scipy.linalg import expm
 
 import armgpi
 from armgpi import config
+from armgpi.control.controller import Measurement
 from armgpi.control.impedance import rotation_between
 from armgpi.control.impedance_limits import _largest, _Loop
 from armgpi.errors import ArrayError, NameNotFound, ParameterError
@@ -254,3 +255,15 @@ def test_an_arm_of_six_joints_has_no_posture_beside_its_pose() -> None:
         )
         torques.append(rollout["tau"].values)
     np.testing.assert_array_equal(*torques)
+
+
+def test_a_stiffness_just_below_the_largest_stays() -> None:
+    arm = arm_of("panda")
+    largest = armgpi.JointImpedance(arm, DT, 100.0, velocity_filter=250.0).limits.factor
+    law = armgpi.JointImpedance(arm, DT, 99.0 * largest, velocity_filter=250.0)
+    measured, target = Measurement(HOMES["panda"]), armgpi.Hold(HOMES["panda"]).at(0.0)
+    first = law.init(measured, target)
+    state = law.changed(first, stiffness=law.stiffness)
+    for _ in range(5):
+        state = law.step(measured, target, state).state
+    np.testing.assert_allclose(state.root, first.root, rtol=1e-12)

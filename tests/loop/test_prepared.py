@@ -54,7 +54,7 @@ from armgpi.errors import ArrayError, LimitError, NameNotFound, ParameterError
 from armgpi.loop import prepared as preparing
 from armgpi.parameter import with_parameters
 from armgpi.plants.plant import Wrapper
-from armgpi.robot.batch import VariedRobots
+from armgpi.robot.batch import VariedRobots, feedback_model
 
 DT, SECONDS = 1e-3, 0.3
 ARM = Robot.load("anthropomorphic3")
@@ -596,3 +596,17 @@ def test_a_bar_is_shown_of_what_takes_long_alone(monkeypatch: pytest.MonkeyPatch
         assert not shown
         advance(1)
     assert len(shown) == 1
+
+
+def test_factors_by_rollout_scale_the_load_as_one_factor_does() -> None:
+    arm = armgpi.Robot.load("ur5").with_armature(0.5)
+    loaded = arm.varied(payload=np.array([1.0, 2.0]))
+    links = np.array([[0.5], [1.5]])
+    q, push = np.tile(arm.middle(), (2, 1)), np.ones((2, arm.n))
+    many = feedback_model(loaded, links, 1.0).dynamics.inertia_times(q, push)
+    for row, factor in enumerate(links[:, 0]):
+        one = feedback_model(loaded.robots[row], float(factor), 1.0)
+        np.testing.assert_allclose(many[row], one.dynamics.inertia_times(q[row], push[row]), rtol=1e-12)
+    for factors in ((np.ones((3, 1)), 1.0), (links, np.ones((3, 1)))):
+        with pytest.raises(ArrayError, match="a row for each of 3 rollouts"):
+            feedback_model(loaded, *factors)
