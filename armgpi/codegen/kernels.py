@@ -17,6 +17,7 @@ from armgpi.codegen.algebra import ca
 from armgpi.codegen.emit import CallSite, Dialect, straight_line
 from armgpi.codegen.model import SymbolicModel, varied_table, varying
 from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat
+from armgpi.loop.tool import Tool, most_apart
 from armgpi.plants.environment import Environment
 from armgpi.plants.friction import (
     MOST_STEPS,
@@ -37,7 +38,7 @@ from armgpi.robot.dynamics import (
     VariedDynamics,
 )
 from armgpi.robot.equations import Friction
-from armgpi.robot.frame_motion import Chain
+from armgpi.robot.frame_motion import Chain, FrameMotion
 
 #: How far a generated model may be from Pinocchio's, relative to the largest entry.
 _AGREEMENT = 1e-9
@@ -505,6 +506,36 @@ class TracedEnvironment:
             state=[x for part in state for x in flat(part.reshape(-1))],
             begin=[x for part in parts for x in flat(part.reshape(-1))],
         )
+
+
+class TracedTool(Tool):
+    """A tool that notes its uses: its kinematics are one function in C.
+
+    They are worked out where the errors of the joints are so large in a lane that the tool may be farther off
+    than ever before.
+    """
+
+    def __init__(self, tool: Tool, calls: list[Call]) -> None:
+        """Note the uses of a tool among other calls."""
+        vars(self).update(vars(tool))
+        self._calls = calls
+        self._kernels: dict[int, Kernel] = {}
+
+    def apart(self, motion: FrameMotion, q: Any, q_ref: Any, largest: Any) -> tuple[Any, Any]:
+        """Return offset and turn, 0 where neither can be the largest; see :meth:`Tool.apart`."""
+        n = q.shape[-1]
+        if n not in self._kernels:
+            now, wished = (cast(Any, Symbols.new(f"x{i}_", (n,))) for i in range(2))
+            asked = Symbols.new("x2_", (1,))
+            outputs = [x for part in super().apart(motion, now, wished, None) for x in flat(part)]
+            inputs = [*flat(now), *flat(wished), *flat(asked)]
+            self._kernels[n] = Kernel(f"tool_{motion.digest}", (n, n, 1), 2, (), inputs, outputs, skip=2)
+        most = most_apart(motion, q, q_ref)
+        needed: Any = np.ones(1)
+        if most is not None and largest is not None:
+            needed = np.where((most[0] > largest[0]) | (most[1] > largest[1]), 1.0, 0.0)
+        found = _note_call(self._calls, self._kernels[n], [], q, q_ref, needed)
+        return found[0:1], found[1:2]
 
 
 #: What a depth may be off by rounding [m].

@@ -5,13 +5,13 @@ from __future__ import annotations
 import ctypes
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib.resources import files
 from typing import Any, NamedTuple
 
 from armgpi.codegen.algebra import ca
 from armgpi.codegen.emit import CallSite, Dialect, straight_line
-from armgpi.codegen.kernels import Call, Kernel, place_calls
+from armgpi.codegen.kernels import Call, Kernel, Placed, place_calls
 from armgpi.codegen.trace import Seed, Trace, trace
 from armgpi.loop.running import Running
 
@@ -78,7 +78,7 @@ def trace_used(
     forms = [traced] if traced.usual is None else [traced, traced.usual]
     expressions = [x for form in forms for x in (*form.after, *form.summed)]
     expressions += [x for form in forms for xs in (*form.recorded.values(), *form.holds) for x in xs]
-    calls = [call for form in forms for call in form.calls]
+    calls = [call for form in forms for call in (*form.calls, *form.summed_calls, *form.early_calls)]
     expressions += [x for call in calls for x in call.arguments]
     used = {str(symbol) for symbol in ca.symvar(ca.SX(ca.vertcat(*expressions)))}
     for call in calls:
@@ -97,6 +97,7 @@ def source(traced: Trace, lanes: int) -> str:
     """Return the C of a closed loop, whole; no number of :class:`armgpi.codegen.trace.Values` is in it."""
     dialect = Dialect()
     calls = [*traced.calls, *(traced.usual.calls if traced.usual else ())]
+    calls += [*traced.summed_calls, *traced.early_calls]
     kernels = {call.kernel.name: call.kernel for call in calls}
     parts = [f"const char *const layout = {json.dumps(json.dumps(layout(traced)))};"]
     parts += [f"#define {name} {value}" for name, value in sizes(traced, lanes).items()]
@@ -176,18 +177,7 @@ _CONSTANT = re.compile(r"[zr]\[\d+\] = v_set\([^a-z]*\);")
 
 def _lines(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:
     """Return the lines that take one sample."""
-    own = {str(symbol): i for i, symbol in enumerate(traced.own)}
-
-    def used(i: int, call: Call) -> list[str]:
-        return _call(i, call.kernel, own[str(call.parameters[0])] if call.parameters else 0)
-
-    calls = place_calls(
-        traced.calls,
-        # The arguments of a kernel are one array here, one after the other.
-        lambda i, k, j: f"x_{i}[{sum(traced.calls[i].kernel.sizes[:k]) + j}]",
-        lambda i, j: f"y{i}[{j}]",
-        used,
-    )
+    calls = _placed(traced, traced.calls)
     recorded = [x for name in names for x in traced.recorded[name]]
     targets = [*calls.targets, *_entry_names("z", traced.after), *_entry_names("r", recorded)]
     outputs = [*calls.outputs, *traced.after, *recorded]
@@ -204,10 +194,28 @@ def _lines(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:
         order += [i * traced.n // len(conditions) for i in range(len(conditions))]  # joint after joint
     inputs = [*_inputs(traced), *calls.inputs]
     lines = straight_line(inputs, outputs, targets, dialect, sites, order).lines
-    buffers = [
-        f"V x_{i}[{len(call.arguments)}], y{i}[{call.kernel.size}];" for i, call in enumerate(traced.calls)
-    ]
-    return [*buffers, *(["M held = v_not((M){0});"] if traced.holds else ()), *lines]
+    return [*_buffers(traced.calls), *(["M held = v_not((M){0});"] if traced.holds else ()), *lines]
+
+
+def _placed(traced: Trace, calls: Sequence[Call]) -> Placed:
+    """Return calls of a trace as a straight line takes them."""
+    own = {str(symbol): i for i, symbol in enumerate(traced.own)}
+
+    def used(i: int, call: Call) -> list[str]:
+        return _call(i, call.kernel, own[str(call.parameters[0])] if call.parameters else 0)
+
+    return place_calls(
+        calls,
+        # The arguments of a kernel are one array here, one after the other.
+        lambda i, k, j: f"x_{i}[{sum(calls[i].kernel.sizes[:k]) + j}]",
+        lambda i, j: f"y{i}[{j}]",
+        used,
+    )
+
+
+def _buffers(calls: Sequence[Call]) -> list[str]:
+    """Return the lines that declare arguments and results of calls."""
+    return [f"V x_{i}[{len(call.arguments)}], y{i}[{call.kernel.size}];" for i, call in enumerate(calls)]
 
 
 def _sums(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:
@@ -221,21 +229,26 @@ def _sums(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:
         first = names.index(name) * traced.n
         inputs += [(symbol, f"r[{first + j}]") for j, symbol in enumerate(symbols)]
     made = []
-    for name, expressions in (("add_up", traced.summed), ("add_early", traced.early)):
+    for name, expressions, calls in (
+        ("add_up", traced.summed, traced.summed_calls),
+        ("add_early", traced.early, traced.early_calls),
+    ):
+        placed = _placed(traced, calls)
         # A sum that stays is not written.
         changed = [i for i, x in enumerate(expressions) if str(x) != str(traced.sums[i])]
         lines = straight_line(
-            inputs,
-            [expressions[i] for i in changed],
-            [f"z[{i}]" for i in changed],
+            [*inputs, *placed.inputs],
+            [*placed.outputs, *(expressions[i] for i in changed)],
+            [*placed.targets, *(f"z[{i}]" for i in changed)],
             dialect,
-            order=[i % traced.n for i in changed],
+            placed.sites,
+            [*placed.order, *(i % traced.n for i in changed)],
         ).lines
         made += [
             f"static __attribute__((noinline)) void {name}(",
             "    const V *restrict r, const double *p, const V *o, V k, const V *restrict a, V *restrict z)",
             "{",
-            *(lines if changed else ()),
+            *((*_buffers(calls), *lines) if changed else ()),
             "}",
         ]
     return made

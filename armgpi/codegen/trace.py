@@ -24,13 +24,22 @@ import numpy as np
 from armgpi.arrays import Array
 from armgpi.codegen.algebra import ca
 from armgpi.codegen.effects import SideEffects
-from armgpi.codegen.kernels import Arm, Call, TracedDynamics, TracedEnvironment, TracedFriction, arm_of
+from armgpi.codegen.kernels import (
+    Arm,
+    Call,
+    TracedDynamics,
+    TracedEnvironment,
+    TracedFriction,
+    TracedTool,
+    arm_of,
+)
 from armgpi.codegen.state import flatten, leaves_like, numbers, unflatten
 from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat, is_bool
 from armgpi.control.controller import ControlStep
 from armgpi.gpi.splines import BSplineBasis
 from armgpi.gpi.weights import Weights
 from armgpi.loop.running import TOTALS, Running
+from armgpi.loop.tool import Tool
 from armgpi.parameter import parameters
 from armgpi.plants.arm import LoadTable
 from armgpi.plants.environment import Environment
@@ -160,6 +169,8 @@ class Trace:
         seen: name -> n symbols of what is added to them.
         summed: expressions of the sums after a sample.
         early: expressions of them before the last seconds; a symbol of `sums` where nothing changes.
+        summed_calls: uses of kernels in `summed`, in order.
+        early_calls: those in `early`.
         places: of the parameters, shared and own, among all that the loop has.
         usual: the same sample where its controller's usual step will do; see :meth:`Supervised.usual`.
         holds: of that one: all that has to hold before it is taken, and all after it.
@@ -182,6 +193,8 @@ class Trace:
     seen: dict[str, list[Any]] = field(default_factory=dict)
     summed: list[Any] = field(default_factory=list)
     early: list[Any] = field(default_factory=list)
+    summed_calls: list[Call] = field(default_factory=list)
+    early_calls: list[Call] = field(default_factory=list)
     places: tuple[list[int], list[int]] = ([], [])
     usual: Trace | None = None
     holds: list[list[Any]] = field(default_factory=list)
@@ -261,6 +274,8 @@ class Tracer:
             return self._note(value, self._friction(value))
         if isinstance(value, Environment):
             return self._environment(value, numbers)
+        if isinstance(value, Tool):
+            return self._tool(value, numbers)
         kind: Any = type(value)
         # What has a __new__ of its own, as arrays or files, has something that is not in __dict__.
         if kind.__new__ is object.__new__ and hasattr(value, "__dict__"):
@@ -281,6 +296,11 @@ class Tracer:
         """Return what an arm touches, that notes its uses."""
         made = self._object(environment, numbers)
         return self._note(environment, TracedEnvironment(made, self.trace.calls))
+
+    def _tool(self, tool: Tool, numbers: bool) -> Any:
+        """Return what works out what the tool does, that notes its uses."""
+        made = self._object(tool, numbers)
+        return self._note(tool, TracedTool(made, self.trace.summed_calls))
 
     def kind(self, values: Array) -> str:
         """Return what an array is: "shared" by rollouts, each rollout's "own", or part of the "structure"."""
@@ -542,6 +562,9 @@ class Inventory(LoopTracer):
     def _environment(self, environment: Environment, numbers: bool) -> Any:
         return self._object(environment, numbers)
 
+    def _tool(self, tool: Tool, numbers: bool) -> Any:
+        return self._object(tool, numbers)
+
     def _kind_of(self, value: Any) -> None:
         names = [name for name in vars(value) if name not in _unused_attributes(value)]
         self.structure.append((type(value), vars(value).get("remade", False), *names))
@@ -748,13 +771,16 @@ def _add_up(running: Any, result: Trace) -> None:
     seen = {name: Symbols.new(f"seen_{name}", (result.n,)) for name in ("q", "q_ref", "tau", "v")}
     result.seen = {name: flat(part) for name, part in seen.items()}
     k = Symbols(np.array(Scalar(result.k), dtype=object))
-    result.summed, result.early = (
-        [x for part in after for x in flat(np.broadcast_to(part, (result.n,)))]
-        for after in (
-            running.add(k, seen["q"], seen["q_ref"], seen["tau"], before, late, v=seen["v"])
-            for late in (True, False)
-        )
-    )
+
+    def added(late: bool) -> list[Any]:
+        after = running.add(k, seen["q"], seen["q_ref"], seen["tau"], before, late, v=seen["v"])
+        return [x for part in after for x in flat(np.broadcast_to(part, (result.n,)))]
+
+    # Uses of kernels are noted in one list.
+    result.early = added(False)
+    result.early_calls = result.summed_calls[:]
+    result.summed_calls.clear()
+    result.summed = added(True)
 
 
 def columns(state: Any, rollouts: tuple[int, ...]) -> Array:

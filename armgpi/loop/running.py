@@ -186,7 +186,9 @@ class Running:
         weight, e = np.where(later, 1.0, 0.5), q - q_ref
         sample = Sample(
             *(k, weight, 1.0, later, e, np.abs(e), before["e"], q, q_ref, tau, before["tau"], self._limit),
-            self._at_tool(k * self.dt, q, v, q_ref),
+            self._at_tool(
+                k * self.dt, q, v, q_ref, (before["tool_offset"][..., 0:1], before["tool_turn"][..., 0:1])
+            ),
         )
 
         def next_value(total: Total, value: Any) -> Any:
@@ -197,11 +199,13 @@ class Running:
 
         return tuple(next_value(total, value) for total, value in zip(TOTALS.values(), sums, strict=True))
 
-    def _at_tool(self, t: Any, q: Array, v: Array | None, q_ref: Array) -> ToolSample:
-        """Return what the tool does at times [s], a number or (..., 1)."""
+    def _at_tool(
+        self, t: Any, q: Array, v: Array | None, q_ref: Array, largest: tuple[Any, Any] | None = None
+    ) -> ToolSample:
+        """Return what the tool does at times [s], a number or (..., 1); see :meth:`Tool.at`."""
         if self.tool is None or v is None:
             return _NO_TOOL
-        return self.tool.at(q, v, q_ref, t)
+        return self.tool.at(q, v, q_ref, t, largest)
 
     def add_all(
         self, first: int, q: Array, q_ref: Array, tau: Array, sums: Sums, *, v: Array | None = None

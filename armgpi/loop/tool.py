@@ -19,6 +19,8 @@ from armgpi.robot.robot import Robot
 
 #: Numbers of samples times rollouts of which poses are worked out at once, so that they stay in memory.
 _AT_ONCE = 1 << 15
+#: What a distance [m] or an angle [rad] may be off by rounding, much enlarged.
+_ROUNDING = 1e-9
 #: More than these in all are not worked out for a dataset: 5 microseconds each.
 MOST = 400_000
 
@@ -84,7 +86,9 @@ class Tool:
             self.motion = None
         self._surroundings: Any = getattr(inside(plant), "_surroundings", None)
 
-    def at(self, q: Array, v: Array, q_ref: Array, t: Any) -> ToolSample:
+    def at(
+        self, q: Array, v: Array, q_ref: Array, t: Any, largest: tuple[Any, Any] | None = None
+    ) -> ToolSample:
         """Return what metrics are made from.
 
         Args:
@@ -92,15 +96,30 @@ class Tool:
             v: their velocities [rad/s or m/s], likewise.
             q_ref: wished positions [rad or m], likewise.
             t: time [s], a number or (..., 1).
+            largest: offset and turn that were the largest so far, (..., 1): generated code has 0 for those
+                that cannot be larger.
         """
         zero = 0.0 * q[..., 0:1]
         offset, turn, force = zero, zero, zero
         if self.motion is not None:
-            offset, turn = _apart(self.motion.pose(q), self.motion.pose(q_ref))
+            offset, turn = self.apart(self.motion, q, q_ref, largest)
         if self._surroundings is not None:
             for touched in self._surroundings.touched(q, v, t):
                 force = np.maximum(force, inner(touched.wrench.force, touched.wrench.force))
         return ToolSample(offset, turn, force)
+
+    def apart(
+        self, motion: FrameMotion, q: Array, q_ref: Array, largest: tuple[Any, Any] | None
+    ) -> tuple[Any, Any]:
+        """Return offset and turn of :class:`ToolSample`, (..., 1).
+
+        Args:
+            motion: kinematics of the tool.
+            q: positions [rad or m], (..., n).
+            q_ref: wished positions [rad or m], likewise.
+            largest: as for :meth:`at`.
+        """
+        return _apart(motion.pose(q), motion.pose(q_ref))
 
     def track(self, q: Array, v: Array, q_ref: Array, times: Array) -> ToolTrack | None:
         """Return the tool over a run, of all rollouts; None where there is none.
@@ -140,6 +159,33 @@ class Tool:
         sizes = ((3, 3), (3,), (3, 3), (3,))
         full = (np.broadcast_to(x, (*q.shape[:-1], *size)) for x, size in zip(poses, sizes, strict=True))
         return (*full, *stacks)
+
+
+def most_apart(motion: FrameMotion, q: Any, q_ref: Any) -> tuple[Any, Any] | None:
+    """Return what offset and turn of :class:`ToolSample` are at most, by the errors of the joints alone.
+
+    A joint that is off by e moves the tool by its longest lever times e at most, and turns it by e: the
+    Frobenius norm of R - R* is at most sqrt(2) times the angle.
+
+    Args:
+        motion: kinematics of the tool.
+        q: positions [rad], (..., n).
+        q_ref: wished positions [rad], likewise.
+
+    Returns:
+        The two, (..., 1); None for an arm with slides.
+    """
+    levers = motion.lever_bounds()
+    if levers is None:
+        return None
+    turns = motion.turn_bounds()
+    way: Any = _ROUNDING
+    angle: Any = _ROUNDING
+    for joint in range(q.shape[-1]):
+        error = np.abs(q[..., joint : joint + 1] - q_ref[..., joint : joint + 1])
+        way = way + float(levers[joint]) * error
+        angle = angle + float(turns[joint]) * error
+    return way * way, 2.0 * (angle * angle)
 
 
 def angle_of(turn: Array) -> Array:

@@ -209,6 +209,15 @@ class FrameMotion:
             return longest
         return np.asarray(longest @ np.abs(self._ratio[0]))
 
+    def turn_bounds(self) -> Array:
+        """Return by how much the frame turns at most for a rad of each joint [rad/rad], (n,)."""
+        turned = np.zeros(self._n if self._ratio is None else self._ratio.shape[1])
+        for place, turns in zip(self._places, self._turns, strict=True):
+            turned[place] = float(turns)
+        if self._ratio is None:
+            return turned
+        return np.asarray(turned @ np.abs(self._ratio[0]))
+
     def at(self, q: Array, v: Array) -> Motion:
         """Return where the point is and how it moves.
 

@@ -12,7 +12,8 @@ import xarray as xr
 
 import armgpi
 from armgpi.loop import metrics
-from armgpi.loop.tool import angle_of
+from armgpi.loop.tool import Tool, angle_of, most_apart
+from armgpi.robot.kinematics import random_configurations
 
 TOOL = ("tool_error", "tool_angle", "peak_force", "final_force")
 Q0 = np.array([0.0, -1.2, 1.5, -1.87, -1.57, 0.3])
@@ -167,3 +168,40 @@ def test_the_static_deflection_is_how_far_links_hang_below_their_motors() -> Non
     sunk = 1e3 * float(np.linalg.norm(wished.translation - there.translation))
     assert plant.static_deflection(Q0) == pytest.approx(sunk, rel=1e-6)
     assert armgpi.ElasticPlant(arm, encoder_side="link").static_deflection(Q0) == 0.0
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "xarm7"])
+@pytest.mark.parametrize("size", [1e-6, 1e-3, 0.3])
+def test_no_tool_is_farther_off_than_the_errors_of_its_joints_allow(name: str, size: float) -> None:
+    robot = armgpi.Robot.load(name, lock=["panda_finger_joint1"] if name == "panda" else ())
+    tool = Tool(armgpi.RigidBodyPlant(robot))
+    assert tool.motion is not None
+    wished = random_configurations(robot, 500, seed=3)
+    q = wished + np.random.default_rng(4).normal(0.0, size, wished.shape)
+    sample = tool.at(q, 0.0 * q, wished, 0.0)
+    most = most_apart(tool.motion, q, wished)
+    assert most is not None
+    assert np.all(sample.offset <= most[0])
+    assert np.all(sample.turn <= most[1])
+    # One joint alone turns the tool by its own error.
+    alone = wished.copy()
+    alone[:, 0] += 0.5 * size
+    one = most_apart(tool.motion, alone, wished)
+    assert one is not None
+    turned = tool.at(alone, 0.0 * q, wished, 0.0).turn
+    np.testing.assert_allclose(angle_of(turned), np.sqrt(one[1] / 2.0), rtol=0.01 + 1e-8 / size)
+
+
+def test_what_cannot_be_the_largest_is_left_out_and_changes_no_metric(arm: armgpi.Robot) -> None:
+    starts = Q0 + np.random.default_rng(5).normal(0.0, 0.01, (11, 6))
+    plant = armgpi.RigidBodyPlant(arm)
+    move = armgpi.Bezier(Q0, Q0 + 0.15, 0.3)
+    how: dict[str, Any] = {"q0": starts, "backend": "compiled"}
+    whole = armgpi.simulate(plant, armgpi.GPI(arm, dt=1e-3), move, 1.0, **how)
+    prepared = armgpi.prepare(
+        plant, armgpi.GPI(arm, dt=1e-3), move, 1.0, record="metrics", backend="compiled"
+    )
+    found = prepared.run(q0=starts)
+    for name in ("tool_error", "tool_angle"):
+        wanted = getattr(metrics, name)(whole)
+        np.testing.assert_allclose(found[name].values, wanted.values, rtol=1e-9)
