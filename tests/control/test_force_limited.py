@@ -185,9 +185,3 @@ def test_a_spring_under_a_force_limit_is_a_spring_to_a_supervisor() -> None:
 def test_of_limits_that_differ_by_rollout_the_largest_bounds_the_force() -> None:
     law = armgpi.CartesianImpedance(ARM, DT, force_limit=np.array([[10.0], [40.0]]))
     assert law.force_bound().limit == 40.0
-
-
-def test_a_limited_spring_is_a_spring_to_a_supervisor() -> None:
-    spring = armgpi.JointImpedance(ARM, DT)
-    assert armgpi.ForceLimited(spring, 20.0).compliant
-    assert not armgpi.ForceLimited(LAWS["pid"](), 20.0).compliant
