@@ -76,10 +76,14 @@ _STRIBECK = 0.05
 #: A motor that turns with its neighbour's joint, as those of wrists do, is taken where it explains so much of
 #: what is left of either joint; what it has then, each beside its own.
 _COUPLED, MOTOR = 0.3, ("rotor", "viscous", "coulomb")
-#: Elastic joints are taken where they explain so much of what is left, all joints together, or where their
-#: stiffness is known; rounds in which the twist of the gears settles, and the change of a compliance that
-#: ends them, as a share.
-_ELASTIC, _TWIST_ROUNDS, _TWIST_SETTLED = 0.3, 8, 2e-2
+#: Elastic joints are taken where they explain so much of what is left, all joints together (geometric mean of
+#: powers), or where their stiffness is known. The first share is for a known side of the encoders, the second
+#: for an unknown one, as then more is free to fit. Soft arms had 70 % and more, a stiff one with sharp
+#: friction 35 %.
+_ELASTIC, _ELASTIC_BLIND = 0.55, 0.8
+#: Rounds in which the twist of the gears settles, and the change of a compliance that ends them, as a share.
+_TWIST_ROUNDS = 8
+_TWIST_SETTLED = 2e-2
 #: Lower and upper end of the interval of a stiffness from slow motions, over it.
 _STIFFNESS_WITHIN = (0.5, 2.0)
 #: What is estimated of drives -> its name there; and the share of the data from which it is identified.
@@ -950,7 +954,8 @@ def _choose_elasticity(data: _Data, lag: Array) -> Array:
     data.set_twist(None)
     if best is None or best[1].mode(data.robot.middle()) >= MOST_SOFT:
         return lag
-    if best[0] > math.log(1.0 - _ELASTIC) and not known.all():
+    least = _ELASTIC if len(sides) == 1 else _ELASTIC_BLIND
+    if best[0] > math.log(1.0 - least) and not known.all():
         return lag
     data.set_twist(best[1])
     return best[2]

@@ -687,6 +687,29 @@ def slow_log_of(side: str, stiffness: float) -> tuple[Log, armgpi.Robot, armgpi.
     return Log(run["time"].values, run["q_measured"].values, run["tau_command"].values), known, real
 
 
+def test_friction_that_changes_its_sign_sharply_is_not_taken_for_elastic_joints() -> None:
+    """Slow sines of a stiff arm: what its friction leaves is fitted by compliances too, but badly."""
+    rng = np.random.default_rng(4)
+    arm = armgpi.Robot.load("ur5")
+    rotors = np.array([1.2, 0.9, 1.3, 0.2, 0.25, 0.2])  # [kg m^2]
+    coulomb = arm.limits.effort * [0.02, 0.02, 0.02, 0.05, 0.05, 0.05]  # [N m]
+    length = 40.0  # [s]
+    t = np.arange(0.0, length, 0.002)
+    size = rng.normal(size=(5, arm.n))
+    size *= 0.8 / np.abs(size).sum(axis=0)
+    w = 2.0 * np.pi * np.arange(1, 6) / length
+    sines, cosines = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
+    q = arm.middle() + (1.0 - cosines) @ size
+    v, a = (sines * w) @ size, (cosines * w**2) @ size
+    tau = arm.with_armature(rotors).inverse_dynamics(q, v, a)
+    tau += 0.5 * coulomb * v + coulomb * np.tanh(v / 0.003)
+    tau += 0.001 * arm.limits.effort * rng.normal(size=tau.shape)
+    count = 2.0 * np.pi / 2**16  # [rad]
+    result = identify(Log(t, count * np.round(q / count), tau, "sines"), arm)
+    assert result.twist is None
+    assert result.robot.armature == pytest.approx(rotors, rel=0.25)
+
+
 @pytest.mark.parametrize("side", ["link", "motor"])
 def test_a_slow_log_of_soft_joints_is_fitted_with_elastic_ones_and_that_is_said(side: str) -> None:
     slow, known, real = slow_log_of(side, 500.0)
