@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from armgpi.cli import options as opt
 from armgpi.cli.certify import (
@@ -23,6 +23,9 @@ from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import say
 from armgpi.escape import json_data
 from armgpi.verdict import Verdict, judge
+
+if TYPE_CHECKING:
+    from armgpi.robot.robot import Robot
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
@@ -229,17 +232,22 @@ def _read(
     """Return the experiment that a bound is of, and what is run; say which arms these are."""
     from armgpi.config import world
 
-    experiment = _experiment(robot, opt.drives_given(rotor_inertia, drives), controller)
     how = {"rotor_inertia": rotor_inertia, "drives": drives}
-    arm = experiment.robot
-    known = resolved(robot, how, arm)
-    note_world(*known, world.describe_arm(experiment.config, arm))
+    known = resolved(robot, how)
+    experiment = _experiment(robot, opt.drives_given(rotor_inertia, drives), controller, known[1])
+    note_world(*known, world.describe_arm(experiment.config, experiment.robot))
     note_assumed(experiment.robot, as_json)
     return experiment, known
 
 
-def _experiment(name: str, drives: dict[str, Any], controller: str | None) -> Any:
+def _experiment(name: str, drives: dict[str, Any], controller: str | None, known: Robot) -> Any:
     """Return an experiment that a bound can be of.
+
+    Args:
+        name: of a robot, or path of a URDF or of an experiment file.
+        drives: what options say of the drives.
+        controller: its type; None for the file's, or gpi.
+        known: the arm that `armgpi run` has.
 
     Raises:
         ConfigError: when something in it is not as it should be.
@@ -252,8 +260,9 @@ def _experiment(name: str, drives: dict[str, Any], controller: str | None) -> An
     from armgpi.plants.rigid_body import RigidBodyPlant
     from armgpi.plants.sensors import Delayed, Encoder
 
-    # Of an arm by name: stiff joints and exact positions, along the default move of the other commands.
-    data: dict[str, Any] = {"robot": {"name": name}, "ideal": True}
+    # Of an arm by name: stiff joints and exact positions, along the default move of the other commands; the
+    # automatic controller is the one that is run, which is for elastic joints.
+    data: dict[str, Any] = {"robot": {"name": name}, "reference": _default_reference(known)}
     origin = config.Origin("command line")
     if is_experiment(name):
         said, origin = config.read(Path(name))
@@ -292,6 +301,16 @@ def _experiment(name: str, drives: dict[str, Any], controller: str | None) -> An
         )
     # A motor may give less than its law assumes.
     return experiment._replace(controllers={name: law.with_values(effort=effort)})
+
+
+def _default_reference(robot: Robot) -> dict[str, Any]:
+    """Return the default move of an arm as a section of an experiment file."""
+    from armgpi.config.default_move import HOLD, ends, gentle_duration
+
+    start, goal = ends(robot)
+    duration = gentle_duration(robot, start, goal)
+    points = [start.tolist(), goal.tolist(), start.tolist()]
+    return {"points": points, "durations": [duration, duration], "holds": HOLD}
 
 
 def _arms(arms: list[Any], loads: tuple[float, float] | None, within: float | None) -> list[Any]:

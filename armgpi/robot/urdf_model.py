@@ -217,7 +217,7 @@ def _refuse_shapes_alone(urdf: Urdf, moved: Collection[str]) -> None:
         urdf.source,
         f"has no mass in any moving link ({listed}), so it describes the kinematics only; add an "
         "<inertial> with mass and inertia to each link, or take a URDF that has them, from the robot's "
-        f"maker or from CAD; or identify it from a log: armgpi identify --repair {SUPPOSE}",
+        f"maker or from CAD; or identify it from a log by armgpi identify, with --repair {SUPPOSE}",
         names[0],
     ).suggesting(Remedy("repair", (), SUPPOSE))
 

@@ -167,7 +167,7 @@ def test_without_data_the_file_stays() -> None:
 def test_an_arm_of_which_the_file_tells_no_mass_is_found(tmp_path: Path) -> None:
     path = tmp_path / "bare.urdf"
     path.write_bytes(_without_inertials(robots.locate("anthropomorphic3")[0].read_bytes()))
-    with pytest.raises(ArmgpiError, match="armgpi identify --repair assume-bodies"):
+    with pytest.raises(ArmgpiError, match="armgpi identify, with --repair assume-bodies"):
         armgpi.Robot.load(path, repair="all")
     result = identify(log(), armgpi.Robot.load(path, repair="assume-bodies"))
     z = excite(file(), 10.0, 0.6, seed=9, floor=None).reference.at(np.linspace(0.5, 9.5, 100))
