@@ -161,7 +161,7 @@ def _note_judged(
     data = {"robot": {"name": arm.name}, "plant": plant, "controllers": [{"type": controller}]}
     judged = world.describe_arm(config.check(data, config.Origin("certificate")), arm)
     note_world(*known, judged)
-    note_assumed(arm, as_json)
+    note_assumed(arm, as_json, controller)
 
 
 #: Sources of a number that the user supplied: with "" it is the URDF's.
@@ -247,8 +247,14 @@ def possible_arms(file: Path | None, arm: Any) -> dict[str, list[Any]]:
     return {"arms": drawn[:_DRAWN], "others": drawn[_DRAWN:]}
 
 
-def note_assumed(arm: Any, as_json: bool) -> None:
-    """Refuse an arm with assumed rotors, and say of a file without them what a certificate is worth."""
+def note_assumed(arm: Any, as_json: bool, certified: str = "") -> None:
+    """Refuse an arm with assumed rotors, and say of a file without them what a certificate is worth.
+
+    Args:
+        arm: the arm.
+        as_json: whether the verdict is printed as JSON.
+        certified: type of the controller that is to be certified; empty for a bound, which takes each.
+    """
     from armgpi.gpi.payload import certified_sector
     from armgpi.robot import rotors
 
@@ -259,6 +265,8 @@ def note_assumed(arm: Any, as_json: bool) -> None:
             f"certificate needs the exact D(q); without payload, a factor of up to {ratio:.2g} could be "
             "certified. Identify the rotor inertias and specify them by --rotor-inertia or --drives FILE"
         )
+        if certified == "gpi_auto":
+            text += ", with --controller gpi: what gpi_auto chooses for elastic joints has no certificate"
         verdict = Verdict("not judged", text)
         say(json.dumps({"verdict": verdict.plain()}) if as_json else verdict.line)
         sys.exit(verdict.exit_code)

@@ -134,3 +134,16 @@ def test_a_near_name_that_is_proposed_is_taken(words: tuple[str, ...], cli: Cli)
     typed = [re.sub(rf"(?<![\w]){re.escape(wrong)}(?![\w])", right, word) for word in words]
     assert typed != list(words)
     assert cli(*typed, *short).code == 0
+
+
+def test_what_an_arm_that_cannot_be_certified_is_told_leads_to_a_certificate(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Callable[..., Answer]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli("new", "ur5", "--out", "arm.yaml").code == 0
+    refused = cli("certify", "arm.yaml")
+    assert refused.code == 3
+    assert "--rotor-inertia or --drives FILE, with --controller gpi" in refused.out
+    judged = cli("certify", "arm.yaml", "--rotor-inertia", "1", "--controller", "gpi", "--allow-part")
+    assert judged.code == 0, judged
+    assert "ertified" in judged.out
