@@ -236,7 +236,9 @@ def _read(
     known = resolved(robot, how)
     experiment = _experiment(robot, opt.drives_given(rotor_inertia, drives), controller, known[1])
     note_world(*known, world.describe_arm(experiment.config, experiment.robot))
-    note_assumed(experiment.robot, as_json)
+    law = next(iter(experiment.controllers.values()))
+    if getattr(law, "force_limit", None) is None:  # the bound of a force does not use the inertia
+        note_assumed(experiment.robot, as_json)
     return experiment, known
 
 

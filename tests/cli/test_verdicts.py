@@ -110,6 +110,15 @@ def test_bound_sums_limit_friction_and_payload_of_a_force_limit(cli: Cli, tmp_pa
     assert "no safety function" in text.out
 
 
+def test_bound_of_a_force_limit_needs_no_rotor_inertia(cli: Cli, tmp_path: Path) -> None:
+    file = tmp_path / "pressing.yaml"
+    text = "robot: {name: ur5, friction: {coulomb: 1.0}}\nideal: false\n"
+    file.write_text(text + "controllers: [{type: gpi_auto, force_limit: 20}]\n", encoding="utf-8")
+    found = cli("bound", file, "--json")
+    assert found.code == 3
+    assert json.loads(found.out)["force"]["total"] > 20.0
+
+
 @pytest.mark.parametrize(
     ("option", "value"),
     [
