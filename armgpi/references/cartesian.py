@@ -178,7 +178,7 @@ class CartesianReference(Reference):
                 try:
                     self._inverse(point[None])
                 except ReachError as error:
-                    text = f"the path at t = {time:.4g} s: {error}"
+                    text = f"the path at {self.path.describe_time(time)}: {error}"
                     raise ReachError(error.point, error.distance, text) from None
             raise whole from None
 

@@ -76,6 +76,10 @@ class Path(Parametrised, ABC):
         """Return how the orientation moves at time(s) `t` [s]; None for a path of positions alone."""
         return None
 
+    def describe_time(self, t: float) -> str:
+        """Return where on the path a time [s] is, in words for messages."""
+        return f"t = {t:.4g} s"
+
     @classmethod
     def fitted(cls, point: Array, size: float) -> dict[str, Any]:
         """Return what an experiment takes for `chosen` parameters.

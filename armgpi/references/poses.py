@@ -187,6 +187,13 @@ class PosePath(Path):
         alpha = alpha + np.einsum("...ij,...j->...i", first @ change, rate)
         return Turning(first @ exponential(r), omega, alpha)
 
+    def describe_time(self, t: float) -> str:
+        """Return between which poses a time [s] is; they are counted from 0."""
+        after = int(np.searchsorted(self.times, t - 1e-9))
+        if after < len(self.times) and abs(self.times[after] - t) <= 1e-9:
+            return f"t = {t:.4g} s (pose {after})"
+        return f"t = {t:.4g} s (between poses {after - 1} and {after})"
+
     def describe(self) -> dict[str, Any]:
         """Return the path as plain data."""
         poses = np.concatenate([self.poses.positions, self.poses.rotations.reshape(-1, 9)], axis=-1)

@@ -173,7 +173,7 @@ class Track:
         """Refuse configurations outside the joint limits, naming the first time."""
         outside = self.inverse.robot.outside(q)
         if outside is not None:
-            what = f"on the path at t = {times[outside.place[0]]:.4g} s the position"
+            what = f"on the path at {self._path.describe_time(times[outside.place[0]])} the position"
             remedy = "begin in another configuration (near=...), or hold less of the tool"
             raise LimitError(what, *outside[1:], remedy)
 
@@ -182,11 +182,13 @@ class Track:
         try:
             self.inverse.begin(point)
         except ReachError as error:
-            raise ReachError(error.point, error.distance, f"the path at t = {t:.4g} s: {error}") from None
+            text = f"the path at {self._path.describe_time(t)}: {error}"
+            raise ReachError(error.point, error.distance, text) from None
         text = ", ".join(f"{x:.6g}" for x in point)
         raise ReachError(
             tuple(point),
             0.0,
-            f"the path at t = {t:.4g} s: ({text}) m can be reached, but not from where the path begins: a "
-            "singular configuration is between; begin in another one (near=...), or hold less of the tool",
+            f"the path at {self._path.describe_time(t)}: ({text}) m can be reached, but not from where the "
+            "path begins: a singular configuration is between; begin in another one (near=...), or hold less "
+            "of the tool",
         )

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 import armgpi
-from armgpi.errors import ArmgpiError, ArrayError, ParameterError, UnreadableTrajectory
+from armgpi.errors import ArmgpiError, ArrayError, ParameterError, ReachError, UnreadableTrajectory
 from armgpi.references.poses import NUMBERS, as_poses, exponential, jacobian_of_exp, load_poses
 
 HOMES = {
@@ -174,3 +174,13 @@ def test_a_path_of_poses_needs_an_inverse_that_holds_its_rotation() -> None:
     path = armgpi.PosePath(TIMES, some_poses(start))
     with pytest.raises(ParameterError, match="or none for a path of poses"):
         armgpi.CartesianReference(arm, arm.tip, path, armgpi.TrackingInverse(arm, arm.tip))
+
+
+def test_a_pose_out_of_reach_is_named_by_its_number() -> None:
+    robot, start = start_of("ur5")
+    poses = some_poses(start, size=0.1)
+    poses[2] = pin.SE3(poses[2].rotation, start.translation + np.array([0.0, 0.0, 3.0]))
+    path = armgpi.PosePath(TIMES, poses)
+    reference = armgpi.CartesianReference(robot, robot.tip, path)
+    with pytest.raises(ReachError, match=r"t = .* s \(between poses 1 and 2\)"):
+        reference.at(np.linspace(0.0, path.t_end, 50))
