@@ -15,6 +15,7 @@ from armgpi.errors import ModelError
 from armgpi.validation import phrasing, samples
 from armgpi.validation.diagnose import Cause
 from armgpi.validation.edits import ALL, ROWS, Change, Goal, Target
+from armgpi.validation.entries import shown
 from armgpi.validation.models import ARGUMENTS, States
 from armgpi.validation.problem import Problem
 from armgpi.validation.residual import Difference
@@ -288,7 +289,11 @@ def causes(repair: Repaired, source: str, problem: Problem) -> Iterator[Cause]:
         evidence = [f"{k}: {before[k - 1].strip()}" for k in range(first, last + 1)]
         if len(before) == len(after):
             evidence += [f"{k}: {after[k - 1].strip()}   <- so it has to be" for k in range(first, last + 1)]
-        yield _cause(change)._replace(
+        is_number_given = change.kind in ("unit", "value")
+        name = shown(source, change.name, change.span) if is_number_given else change.name
+        cause = _cause(change._replace(name=name))
+        yield cause._replace(
+            text=f"{cause.text}; {repair.instead}" if repair.instead else cause.text,
             scope="elements" if len(differing) <= _FEW else "model",
             elements=tuple(one for one in differing if one.function in change.reaches) or differing,
             evidence=(*evidence, proof),

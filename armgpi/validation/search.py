@@ -101,6 +101,8 @@ class Repaired(NamedTuple):
     spelled: str = ""
     #: Names of numbers that mean nothing in the robot.
     odd: tuple[str, ...] = ()
+    #: What may be wrong in place of it, and leaves it a candidate; "" without such.
+    instead: str = ""
 
     @property
     def rank(self) -> tuple[int, int, int, bool, float]:

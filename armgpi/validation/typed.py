@@ -19,6 +19,7 @@ from armgpi.arrays import Array
 from armgpi.errors import ModelError
 from armgpi.validation import samples
 from armgpi.validation.edits import GRAVITY, ROWS, Change, apply_changes, harmless
+from armgpi.validation.entries import alike, entry_at
 from armgpi.validation.phrasing import known_numbers
 from armgpi.validation.problem import Problem
 from armgpi.validation.repair import Compared, agrees, proved_for_other_numbers
@@ -63,8 +64,12 @@ class Typed(NamedTuple):
 
     def change(self, new: str) -> Change:
         """Return the change that puts another number in its place."""
-        span = (self.line, self.start, self.line, self.end)
-        return Change("value", span, self.text, new, "", self.name or "number", 1.0)
+        return Change("value", self.span, self.text, new, "", self.name or "number", 1.0)
+
+    @property
+    def span(self) -> tuple[int, int, int, int]:
+        """First line, first column, last line, last column."""
+        return self.line, self.start, self.line, self.end
 
 
 #: Where one number stands: once, or on several lines.
@@ -142,6 +147,51 @@ def find_wrong_number(compared: Compared) -> Repaired | None:
     return None
 
 
+def doubted(compared: Compared, found: Repaired) -> Repaired:
+    """Return a wrong number as a candidate where another number of the source may belong in its place.
+
+    A model that reads l[1] where l[0] belongs agrees with another l[1]: that of l[0]. Nothing tells the two
+    mistakes apart where the value that is missing stands in the same list, or beside it in the same
+    dictionary or record under a name that differs by its digits, or anywhere and nothing depends on it.
+    """
+    source = compared.worker.source
+    if source is None:
+        return found
+    typed = typed_numbers(source)
+    names = {one.span: one.name for one in typed}
+    if any(change.kind != "value" and change.span not in names for change in found.changes):
+        return found
+    tree, search = ast.parse(source), _Search(compared, source)
+    spans = {one.span for one in found.changes}
+    others = [one for one in typed if one.span not in spans]
+    for change in found.changes:
+        entry = entry_at(tree, change.span)
+        called = entry.named(names.get(change.span) or change.name.strip("'"))
+        for other in others:
+            at = entry_at(tree, other.span)
+            name = at.named(other.name)
+            # One number that is the default of an argument of several functions has one name.
+            if not _is_as_large(other, change.new) or (name == called and at.holder is None):
+                continue
+            same = [x for x in others if (x.name, x.text) == (other.name, other.text)]
+            unread = search.is_unread((other,) if at.holder else tuple(same))
+            beside = entry.holder is not None and entry.holder is at.holder
+            if unread or (beside and (entry.indices or alike(called, name))):
+                which = f"another {name}" if name == called else name or other.text
+                which += f" in line {other.line} has that value"
+                which += ", and nothing depends on it" if unread else ""
+                return found._replace(sure=False, instead=f"{which}: it may belong in place of {called}")
+    return found
+
+
+def _is_as_large(one: Typed, new: str) -> bool:
+    """Tell whether a number is what another becomes, up to its sign; what is no plain number is none."""
+    try:
+        return bool(np.isclose(abs(one.value), abs(float(new)), _EXACT, 0.0))
+    except ValueError:
+        return False
+
+
 def _alone(found: Sequence[Typed]) -> list[Places]:
     """Return every number as a candidate of its own."""
     return [(one,) for one in found]
@@ -185,6 +235,11 @@ class _Search:
         if not agrees(self._compared.worker, source, self._compared.states, problem):
             return None
         return Repaired(changes, source)
+
+    def is_unread(self, places: Places) -> bool:
+        """Tell whether another value of a number leaves all that the model gives."""
+        columns = self._columns(places, _SHARES[2] * places[0].value)
+        return columns is not None and bool((np.abs(columns - self._start) <= 1.0).all())
 
     def _may_be_wrong(self, columns: Array) -> bool:
         """Tell whether a number moves something that differs, and nothing that agrees."""

@@ -19,6 +19,7 @@ from armgpi.validation import repair, samples
 from armgpi.validation.alternatives import names_with
 from armgpi.validation.diagnose import ALTERNATIVES, NOT_NAMED, UNNAMED, Cause, diagnose, join_equal
 from armgpi.validation.edits import harmless
+from armgpi.validation.entries import shown
 from armgpi.validation.friction import coulomb_friction
 from armgpi.validation.hypotheses import CONVENTIONS
 from armgpi.validation.naming import users_names
@@ -29,7 +30,7 @@ from armgpi.validation.samples import Sampled
 from armgpi.validation.search import Repaired
 from armgpi.validation.slips import everywhere, find_slip, overwritten
 from armgpi.validation.summands import fits_other_bodies, without_inertias
-from armgpi.validation.typed import find_wrong_number
+from armgpi.validation.typed import doubted, find_wrong_number
 from armgpi.validation.units import numbers
 
 #: Inertias that add at most this to any entry of D, relative, are neglected and not forgotten.
@@ -155,19 +156,37 @@ def _find_repair(
     number: Repaired | None = None
     is_number = not whole and len(values) == 1 and not values[0].structural
     if is_number:
-        number = find_wrong_number(compared)
+        number = _wrong_number(compared)
         if number is not None and number.confirmed:
             return number
     if not whole and (slip := find_slip(compared, overwritten)) is not None:
         return slip
     found = repair.search(compared, budget)
+    found = None if found is None else doubted(compared, found)
     if found is not None and found.confirmed:
-        return found
+        if number is None or not number.instead:
+            return found
+        if any(change.kind not in ("index", "name") for change in found.changes):
+            return number  # which says as well that the other number may belong there
+        return found._replace(sure=False, instead=_or_number(compared.worker.source or "", number))
     if not is_number and not whole:
-        number = find_wrong_number(compared)
+        number = _wrong_number(compared)
     if number is None and (found is None or found.doubtful) and not whole:
         number = find_slip(compared, everywhere)
     return number or found
+
+
+def _wrong_number(compared: Compared) -> Repaired | None:
+    """Return the one wrong number of a source; a candidate where another number may belong there."""
+    found = find_wrong_number(compared)
+    return None if found is None else doubted(compared, found)
+
+
+def _or_number(source: str, number: Repaired) -> str:
+    """Return that a number may be wrong instead of the place where it is read."""
+    change = number.changes[0]
+    name = shown(source, change.name, change.span)
+    return f"or {name} in line {change.span[0]} is wrong: with {change.new} the model agrees as well"
 
 
 def with_other_numbers(compared: Compared, other: Renumbered) -> Found | None:

@@ -9,6 +9,7 @@ import pytest
 import textbooks
 
 from armgpi import Robot, validate
+from armgpi.validation.diagnose import Cause
 from armgpi.validation.witnesses import unread_names
 
 EQUATIONS = """
@@ -27,12 +28,12 @@ NAMES = "m1, m2, l1, c1, c2, I1, I2, g"
 RIGHT = {"m1": 1.5, "m2": 1.0, "l1": 0.4, "c1": 0.2, "c2": 0.15, "I1": 0.02, "I2": 0.05, "g": 9.81}
 
 
-def arm() -> Robot:
-    """Return the robot that has these numbers."""
+def arm(centre: float = 0.15) -> Robot:
+    """Return the robot that has these numbers; its second centre of mass may be elsewhere [m]."""
     turn, ball = textbooks._turn, textbooks._round
     joints = [
         turn("0 -1 0", (0, 0, 0), 1.5, (0.2, 0, 0), ball(0.02)),
-        turn("0 -1 0", (0.4, 0, 0), 1.0, (0.15, 0, 0), ball(0.05)),
+        turn("0 -1 0", (0.4, 0, 0), 1.0, (centre, 0, 0), ball(0.05)),
     ]
     return Robot.from_xml(textbooks.written("arm", joints))
 
@@ -127,3 +128,85 @@ def test_of_several_numbers_the_one_that_becomes_the_robots_is_named(tmp_path: P
     assert "0.2" in cause.text
     assert not any("read nowhere" in line for line in cause.evidence)
     assert unread_names(path.read_text()) == []
+
+
+LISTS = """import numpy as np
+p = {{"m": [1.5, 1.0], "l": {lengths}, "c": {centres}, "I": [0.02, 0.05], "g": 9.81}}
+
+
+def mass_matrix(q):
+    m, c, I = p["m"], p["c"], p["I"]
+    k = m[1] * p["l"][{read}] * c[1] * np.cos(q[1])
+    d = I[1] + m[1] * c[1] ** 2
+    a = I[0] + m[0] * c[0] ** 2 + m[1] * p["l"][{read}] ** 2
+    return np.array([[a + d + 2 * k, d + k], [d + k, d]])
+
+
+def gravity(q):
+    m, c, g = p["m"], p["c"], p["g"]
+    b = m[1] * g * c[1] * np.cos(q[0] + q[1])
+    return np.array([(m[0] * c[0] + m[1] * p["l"][{read}]) * g * np.cos(q[0]) + b, b])
+"""
+
+
+def _cause_of(source: str, path: Path, robot: Robot | None = None) -> Cause:
+    path.write_text(source)
+    (cause,) = validate(path, robot or arm()).causes
+    return cause
+
+
+def test_a_wrong_index_is_no_confirmed_wrong_number(tmp_path: Path) -> None:
+    """The second length is read where the first belongs, which nothing reads."""
+    source = LISTS.format(lengths=[0.4, 0.3], centres=[0.2, 0.15], read=1)
+    cause = _cause_of(source, tmp_path / "model.py")
+    assert not cause.confirmed
+    assert "l[1]" in cause.text
+    assert "l[0] in line 2 has that value, and nothing depends on it" in cause.text
+
+
+def test_a_wrong_name_is_no_confirmed_wrong_number(tmp_path: Path) -> None:
+    """The same where the two lengths are keys, or names."""
+    lists = LISTS.format(lengths=[0.4, 0.3], centres=[0.2, 0.15], read=1)
+    keys = lists.replace('"l": [0.4, 0.3]', '"l1": 0.4, "l2": 0.3').replace('p["l"][1]', 'p["l2"]')
+    names = lists.replace("\n\n\n", "\nl1 = 0.4\nl2 = 0.3\n\n\n", 1).replace('p["l"][1]', "l2")
+    names = names.replace('"l": [0.4, 0.3], ', "")
+    for style, source in (("keys", keys), ("names", names)):
+        cause = _cause_of(source, tmp_path / f"{style}.py")
+        assert not cause.confirmed, style
+        assert "l1 in line" in cause.text, style
+        assert "nothing depends on it" in cause.text, style
+
+
+def test_a_wrong_link_is_no_confirmed_wrong_number(tmp_path: Path) -> None:
+    """The same in a list of dictionaries."""
+    source = LISTS.format(lengths=[0.4, 0.3], centres=[0.2, 0.15], read=1)
+    links = "\nlinks = [dict(l=0.4), dict(l=0.3)]\n\n\n"
+    source = source.replace("\n\n\n", links, 1).replace('p["l"][1]', 'links[1]["l"]')
+    cause = _cause_of(source.replace('"l": [0.4, 0.3], ', ""), tmp_path / "model.py")
+    assert not cause.confirmed
+    assert "another l in line 3 has that value, and nothing depends on it" in cause.text
+
+
+def test_a_value_of_the_same_list_is_suggested(tmp_path: Path) -> None:
+    """Both entries are read, so that another index may be wrong as well as the number."""
+    source = LISTS.format(lengths=[0.4, 0.3], centres=[0.2, 0.25], read=0)
+    cause = _cause_of(source, tmp_path / "model.py", arm(0.2))
+    assert not cause.confirmed
+    assert "the model's c[1] is 0.25; with 0.2 it agrees; c[0] in line 2 has that value: it" in cause.text
+
+
+def test_a_wrong_entry_of_a_list_is_named_with_its_index(tmp_path: Path) -> None:
+    """Of a dictionary, a name, and an attribute."""
+    source = LISTS.format(lengths=[0.4, 0.3], centres=[0.2, 0.18], read=0)
+    cause = _cause_of(source, tmp_path / "key.py")
+    assert cause.confirmed
+    assert "the model's c[1] is 0.18; with 0.15 it agrees" in cause.text
+    named = source.replace("\n\n\n", "\nr = np.array([0.2, 0.18])\n\n\n", 1).replace('p["c"]', "r")
+    cause = _cause_of(named.replace('"c": [0.2, 0.18], ', ""), tmp_path / "name.py")
+    assert cause.confirmed
+    assert "the model's r[1] is 0.18; with 0.15 it agrees" in cause.text
+    record = "class Arm:\n    def __init__(self):\n        self.c = [0.2, 0.18]\n\n\narm = Arm()"
+    held = source.replace("\n\n\n", f"\n\n\n{record}\n\n\n", 1).replace('p["c"]', "arm.c")
+    cause = _cause_of(held.replace('"c": [0.2, 0.18], ', ""), tmp_path / "attribute.py")
+    assert cause.confirmed
+    assert "the model's self.c[1] is 0.18; with 0.15 it agrees" in cause.text
