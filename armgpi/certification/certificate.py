@@ -29,8 +29,10 @@ from armgpi.certification.text import table
 from armgpi.errors import ConfigError, ParameterError
 from armgpi.escape import html_text
 from armgpi.gpi.gains import FixedGains
+from armgpi.gpi.law import GPI
 from armgpi.gpi.network import BSplineNetwork
 from armgpi.hints import check_keywords
+from armgpi.parameter import parameters
 from armgpi.robot.robot import Robot
 from armgpi.version import other_format
 
@@ -179,10 +181,11 @@ class Certificate:
         return Certificate(data)
 
 
-#: Keywords that a certificate passes on: to :func:`ask`, and to the controller.
+#: Keywords that a certificate passes on: to :func:`ask`, and to the controller. What of it has no certificate
+#: is refused by its name.
 _OPTIONS = (
     *[each.name for each in signature(ask).parameters.values() if each.kind == each.KEYWORD_ONLY],
-    *("gains", "integrators", "rolloff", "rolloff_ratio", "second_ratio", "second_zeta", "feedforward"),
+    *parameters(GPI),
 )
 
 

@@ -32,6 +32,8 @@ _MOST = 40
 _SHARES = (1.0, 0.6, 1.5, 2.1)
 #: Digits that a typed number has, at most.
 _DIGITS = 9
+#: A number of more digits than this that the robot does not have was meant by nobody.
+_MEANT_DIGITS = 4
 #: A value that is solved for is known to this share of itself.
 _EXACT = 1e-6
 #: A number inside of a text, which is read when the model runs (JSON, a table).
@@ -136,15 +138,29 @@ def find_wrong_number(compared: Compared) -> Repaired | None:
     if len(numbers_of_source) > _MOST:
         return None
     search = _Search(compared, source)
+    robots = np.array([value for value, _ in known_numbers(compared.problem.tree)])
     for candidates in (_alone(numbers_of_source), _repeated(numbers_of_source)):
         repairs = [repair for places in candidates if (repair := search.repair(places)) is not None]
         if len(repairs) > 1:  # a mass and a length, say, of which one becomes a number of the robot
-            robots = [value for value, _ in known_numbers(compared.problem.tree)]
-            repairs = [one for one in repairs if any(np.isclose(robots, float(one.changes[0].new), _EXACT))]
+            repairs = [one for one in repairs if _is_of(robots, one.changes[0].new)]
             return proved_for_other_numbers(compared, repairs[0]) if len(repairs) == 1 else None
-        if repairs:
+        # A formula is wrong sooner than a number is that nobody typed and the robot does not have.
+        if repairs and (
+            _may_be_typed(repairs[0].changes[0].new) or _is_of(robots, repairs[0].changes[0].new)
+        ):
             return proved_for_other_numbers(compared, repairs[0])
     return None
+
+
+def _is_of(robots: Array, new: str) -> bool:
+    """Tell whether a number is one of the robot's, shape (k,)."""
+    return bool(np.isclose(robots, float(new), _EXACT).any())
+
+
+def _may_be_typed(new: str) -> bool:
+    """Tell whether a number has so few digits that somebody may have meant it."""
+    digits = new.lower().partition("e")[0].replace(".", "").replace("-", "").strip("0")
+    return len(digits) <= _MEANT_DIGITS
 
 
 def doubted(compared: Compared, found: Repaired) -> Repaired:

@@ -924,7 +924,7 @@ BAD: dict[str, tuple[list[str], str]] = {
     "a gain for nobody": (["run", ARM, "--controller", "pid", "--omega", "20"], "--omega: is for gpi"),
     "no torque": (["run", ARM, "--effort", "0"], "--effort: joint 'q1' has effort limit 0"),
     "a robot without torque": (["run", "double_pendulum"], "joint 'joint1' has effort limit 0"),
-    "what gives it torque": (["run", "double_pendulum"], "lock them (--lock joint1,joint2)"),
+    "what gives it torque": (["run", "double_pendulum"], "with --effort joint1=10.0,joint2=10.0"),
     "an unknown joint to lock": (["run", ARM, "--lock", "q4"], "--lock: there is no moving joint named 'q4'"),
     "a value to lock at that is none": (["run", ARM, "--lock", "q1=x"], "--lock: expected 'name' or"),
     "an unknown joint to keep": (["run", ARM, "--keep", "q4"], "--keep: there is no moving joint named 'q4'"),

@@ -64,7 +64,7 @@ MISTAKES = {
     "certify arm.urdf --payload 3": "as '0:3'",
     "identify log.csv --robot arm.urdf": "known: time, q",
     "validate nothing.py --robot arm.urdf": "in that folder there is dynamics.py",
-    "run weak.urdf": "--effort q1=10.0,q2=10.0,q3=10.0, or lock them (--lock q1,q2,q3)",
+    "run weak.urdf": "--effort q1=10.0,q2=10.0,q3=10.0",  # all of its joints cannot be locked
     "sweep weak.yaml": "robot.effort: {q1: 10.0, q2: 10.0, q3: 10.0}",  # it has no --effort
     "new arm.urdf --target uur": "bare, fci, ur, ros2_control",
     "sweep exp.yaml --rollouts many --out x": "a whole number from 1",
