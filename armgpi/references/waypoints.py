@@ -15,6 +15,9 @@ from armgpi.errors import ArrayError, ParameterError
 from armgpi.references.bezier import Bezier, time
 from armgpi.references.reference import Reference, Target
 
+#: Share of a time by which rounding may move the end of a move, with much to spare [-].
+_BORDER = 1e-12
+
 
 class Waypoints(Reference):
     """Go from configuration to configuration by Bezier moves, standing still at each for a while.
@@ -95,8 +98,10 @@ class Waypoints(Reference):
         """
         if isinstance(t, float) and math.isfinite(t) and self._legs:
             leg = self._legs[max(bisect_right(self._legs, t, key=_begin) - 1, 0)]
-            q, v, a = leg.move.at(float(t))
-            return Target(q if leg.reached is None else leg.reached + (q - leg.move.start), v, a)
+            # Where one begins, rounding may leave the move before it short of its end by a last bit.
+            if leg.reached is None or t > leg.begin + _BORDER * (1.0 + abs(t)):
+                q, v, a = leg.move.at(float(t))
+                return Target(q if leg.reached is None else leg.reached + (q - leg.move.start), v, a)
         first, *rest = (move.at(t) for move in self._parts)
         # Each move adds its own way to where the one before it ends.
         q, v, a = first

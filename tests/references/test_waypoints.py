@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from armgpi import Bezier, Hold, Waypoints
@@ -56,6 +56,9 @@ def test_it_is_one_move_and_hold_after_the_other(plan: Plan, times: list[float])
 
 
 @given(plans(), st.lists(st.floats(-1.0, 25.0), min_size=1, max_size=20))
+@example(
+    ([np.zeros(2)] * 3 + [np.array([0.0, 1.0]), np.zeros(2)], [1.0, 1.0, 0.99999, 1.0], [0.0] * 5), [0.0]
+)
 def test_a_single_time_has_the_bits_of_an_array_of_times(plan: Plan, times: list[float]) -> None:
     waypoints = Waypoints(*plan)
     exactly = [*times, *(float(move.t_start) for move in waypoints.moves), waypoints.t_end]
