@@ -396,6 +396,23 @@ def again(text: str | None = None, *, default: Any = REQUIRED, **facts: Any) -> 
     return field(default=MISSING if default is REQUIRED else default, metadata={"again": changed})
 
 
+def same(owner: type, name: str, *, default: Any = REQUIRED, kw_only: bool = False, **facts: Any) -> Any:
+    """Declare a parameter that a class which is no base declares, with some facts changed.
+
+    Args:
+        owner: the class that declares it.
+        name: of the parameter there.
+        default: its default; it must be given when there is none.
+        kw_only: whether the constructor takes it by its name alone.
+        **facts: attributes of :class:`Parameter` that are not as there.
+    """
+    return field(
+        default=MISSING if default is REQUIRED else default,
+        kw_only=kw_only,
+        metadata={"parameter": replace(parameters(owner)[name], default=default, **facts)},
+    )
+
+
 def parameters(cls: type) -> Mapping[str, Parameter]:
     """Return the declared parameters of a class, name -> parameter."""
     found: Mapping[str, Parameter] = _parameters(cls)
@@ -415,7 +432,7 @@ def _parameters(cls: type) -> Mapping[str, Parameter]:
 
 
 # Not frozen_default=True: mypy then takes an inherited per-joint field for what the constructor takes.
-@dataclass_transform(eq_default=False, field_specifiers=(parameter, again, field))
+@dataclass_transform(eq_default=False, field_specifiers=(parameter, again, same, field))
 def with_parameters(cls: _Class) -> _Class:
     """Make the constructor of a class from its fields; they are checked, and cannot be set again."""
     dataclass(eq=False, repr=False)(cls)

@@ -18,7 +18,7 @@ from armgpi.robot.batch import AnyRobot, one_of
 
 @with_parameters
 class ForceSettings(Parametrised):
-    """What a force limit is, as parameters of every controller that has none of its own."""
+    """What a force limit is, as parameters: of the wrapper around a controller, and of GPI."""
 
     force_limit: float = parameter(
         "largest force at the tool beyond the model's torque and Coulomb friction, at rest",

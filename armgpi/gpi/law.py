@@ -13,6 +13,7 @@ import numpy as np
 from armgpi.arrays import Array, ArrayLike, as_float_array, new
 from armgpi.control.controller import Controller, ControlStep, Measurement
 from armgpi.control.force_limit import FREE_FALL, SPEED, ForceBound, ForceLimit, Gentle, check_weight
+from armgpi.control.force_limited import ForceSettings
 from armgpi.errors import ParameterError
 from armgpi.gpi import advice
 from armgpi.gpi.family import Member
@@ -21,7 +22,7 @@ from armgpi.gpi.margins import Margins, default_omega, worst_margins
 from armgpi.gpi.payload import LoadRange, load_range, most_inertia, served_omega
 from armgpi.gpi.realisation import REALISATIONS, Bumpless, Resting
 from armgpi.hints import check_keywords
-from armgpi.parameter import PerJoint, Vector, parameter, plain, with_parameters
+from armgpi.parameter import PerJoint, Vector, parameter, plain, same, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
 from armgpi.renamed import warn_renamed
@@ -233,51 +234,11 @@ class GPI(Controller):
         log=True,
         search=(0.3, 10.0),
     )
-    force_limit: float = parameter(
-        "largest force at the tool beyond the model's torque and Coulomb friction, at rest",
-        unit="N",
-        default=None,
-        none="no limit",
-        least=0.0,
-        above=True,
-        log=True,
-        structural=True,
-        kw_only=True,
-    )
-    moment_limit: float = parameter(
-        "largest moment at the tool, with a force limit",
-        unit="N m",
-        default=None,
-        none="0.2 m times the force limit",
-        least=0.0,
-        above=True,
-        log=True,
-        structural=True,
-        kw_only=True,
-    )
-    force_frame: str | None = parameter(
-        "frame that the force limit is of", kind="text", default=None, none="the tip", kw_only=True
-    )
-    speed_limit: float = parameter(
-        "speed of the tool beside its reference while the force limit acts",
-        unit="m/s",
-        default=None,
-        none="0.25",
-        least=0.0,
-        above=True,
-        log=True,
-        structural=True,
-        kw_only=True,
-    )
-    limit_friction: PerJoint = parameter(
-        "Coulomb friction that comes on top of the force limit",
-        unit="N m or N",
-        default=None,
-        none="the model's",
-        least=0.0,
-        per_joint=True,
-        kw_only=True,
-    )
+    force_limit: float = same(ForceSettings, "force_limit", default=None, kw_only=True)
+    moment_limit: float = same(ForceSettings, "moment_limit", default=None, kw_only=True)
+    force_frame: str | None = same(ForceSettings, "force_frame", default=None, kw_only=True)
+    speed_limit: float = same(ForceSettings, "speed_limit", default=None, kw_only=True, structural=True)
+    limit_friction: PerJoint = same(ForceSettings, "limit_friction", default=None, kw_only=True)
     bias_robot: AnyRobot = field(default=None, kw_only=True)  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
