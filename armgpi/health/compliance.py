@@ -13,6 +13,7 @@ from armgpi.errors import ArmgpiError, ArmgpiWarning
 from armgpi.health.findings import Finding, Subject, check
 from armgpi.robot import rotors
 from armgpi.robot.robot import Robot
+from armgpi.tuning.kept import remember
 
 #: Stiffness at which limits are worked out: usual ones, and what any loop is fast enough for [N/m, N m/rad].
 _ASKED = (500.0, 5.0)
@@ -65,11 +66,21 @@ def _describe_wall(stiffness: float) -> str:
 def compliance_of(robot: Robot, dt: float, delay: float) -> Compliance | None:
     """Return what an impedance controller may be asked for; None for an arm that cannot have one.
 
+    The check and the facts of one report ask for the same: it is worked out once.
+
     Args:
         robot: the nominal model, with what is known or assumed of its drives.
         dt: sample time [s].
         delay: transport delay [s].
     """
+    parts = {"robot": robot, "dt": dt, "delay": delay}
+    # In the process alone: on the disk it would outlive changes of the controller's code.
+    found = remember("compliance", parts, lambda: _worked_out(robot, dt, delay), on_disk=False)
+    return None if found is None else Compliance(*found)
+
+
+def _worked_out(robot: Robot, dt: float, delay: float) -> Compliance | None:
+    """Return what :func:`compliance_of` does."""
     for asked in _ASKED:
         stiffness = np.repeat([asked, _TURNING * asked], 3)
         try:
