@@ -223,7 +223,8 @@ class ForceLimit:
     def _given_way(self, much: _Excess, acceleration: Array) -> Array:
         """Return the part of an acceleration of the joints that is along what was too much."""
         twist = np.matmul(much.jacobian.matrix, acceleration[..., None])[..., 0]
-        parts = [_along(twist[..., 3 * i : 3 * i + 3], much.wrench[..., 3 * i : 3 * i + 3]) for i in range(2)]
+        linear, angular = slice(0, 3), slice(3, 6)
+        parts = [_along(twist[..., part], much.wrench[..., part]) for part in (linear, angular)]
         solved = np.linalg.solve(much.jacobian.square, np.concatenate(parts, axis=-1)[..., None])
         given_way: Array = np.matmul(much.jacobian.transposed, solved)[..., 0]
         return given_way

@@ -304,12 +304,13 @@ def cross(a: Any, b: Any) -> Any:
 
 def inner(a: Any, b: Any) -> Any:
     """Return the products of vectors (..., 3) and (..., 3), (..., 1)."""
-    return a[..., 0:1] * b[..., 0:1] + a[..., 1:2] * b[..., 1:2] + a[..., 2:3] * b[..., 2:3]
+    x, y, z = (a[..., axis : axis + 1] * b[..., axis : axis + 1] for axis in range(3))
+    return x + y + z
 
 
 def _dot(a: Any, b: Any) -> Any:
     """Return the product of (..., 3) and (..., 3), a number each."""
-    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
+    return inner(a, b)[..., 0]
 
 
 def cross_matrix(r: Array) -> Array:
