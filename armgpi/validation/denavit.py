@@ -22,7 +22,7 @@ import pinocchio as pin
 from armgpi import files
 from armgpi.arrays import Array
 from armgpi.errors import NameNotFound, ParameterError
-from armgpi.validation.template import MOST_JOINTS, Template
+from armgpi.validation.template import MOST_JOINTS, Template, equations_to_fill_in
 
 #: Conventions of a table.
 CONVENTIONS = ("standard", "modified")
@@ -354,17 +354,4 @@ def forward_kinematics(q):
     return pose
 
 
-def mass_matrix(q):
-    D = np.zeros(({n}, {n}))
-    return D
-
-
-def coriolis_torque(q, v):
-    h = np.zeros({n})
-    return h
-
-
-def gravity(q):
-    G = np.zeros({n})
-    return G
-'''
+{equations_to_fill_in(n)}'''

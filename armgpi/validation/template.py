@@ -100,6 +100,9 @@ def _model(links: list[_Link]) -> str:
         )
     ]
     joints = "one joint" if n == 1 else f"{n} joints"
+    first = f"D[0, 0] = I1 + m1 * lc1**2{' + ...' if n > 1 else ''}"
+    angle = " + ".join(f"q[{k}]" for k in range(n))
+    last = f"G[{n - 1}] = m{n} * g * lc{n} * np.cos({angle})"
     return f'''"""Planar arm of {joints} in a vertical plane; fill in D, C v and G, and compare them:
 
 armgpi validate {names}.py --robot {names}.urdf
@@ -114,10 +117,22 @@ import numpy as np
 g = {_GRAVITY}  # [m/s²]
 
 
-def mass_matrix(q):
+{equations_to_fill_in(n, first, last)}'''
+
+
+def equations_to_fill_in(n: int, inertia: str = "", gravity: str = "") -> str:
+    """Return the equations of motion of a model, all zero.
+
+    Args:
+        n: number of joints.
+        inertia: an entry of D to begin with, as a comment; empty for none.
+        gravity: an entry of G, likewise.
+    """
+    inertia_line = f"    # {inertia}\n" if inertia else ""
+    gravity_line = f"    # {gravity}\n" if gravity else ""
+    return f"""def mass_matrix(q):
     D = np.zeros(({n}, {n}))
-    # D[0, 0] = I1 + m1 * lc1**2{" + ..." if n > 1 else ""}
-    return D
+{inertia_line}    return D
 
 
 def coriolis_torque(q, v):
@@ -127,6 +142,5 @@ def coriolis_torque(q, v):
 
 def gravity(q):
     G = np.zeros({n})
-    # G[{n - 1}] = m{n} * g * lc{n} * np.cos({" + ".join(f"q[{k}]" for k in range(n))})
-    return G
-'''
+{gravity_line}    return G
+"""
