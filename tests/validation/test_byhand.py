@@ -14,10 +14,18 @@ from armgpi import validate
 from armgpi.validation import alternatives, edits, units, witnesses
 
 
-@pytest.mark.parametrize("style", [*byhand.STYLES, *byhand.FOURTH, *byhand.FIFTH, *byhand.HALVED])
+@pytest.mark.parametrize(
+    "style", [*byhand.STYLES, *byhand.FOURTH, *byhand.FIFTH, *byhand.HALVED, *byhand.NINTH]
+)
 def test_every_mistake_can_be_made(style: str) -> None:
     sources = [mistake.source for mistake in byhand.mistakes(style)]
-    least = 12 if style in (*byhand.SEVENTH, *byhand.EIGHTH) else 17 if style in byhand.SIXTH else 25
+    least = (
+        12
+        if style in (*byhand.SEVENTH, *byhand.EIGHTH, *byhand.NINTH)
+        else 17
+        if style in byhand.SIXTH
+        else 25
+    )
     assert len(set(sources)) == len(sources) >= least
     assert byhand.source(style) not in sources
 
@@ -34,6 +42,7 @@ def test_every_mistake_can_be_made(style: str) -> None:
                 *(style for style in byhand.SIXTH if style != "craig"),
                 *byhand.SEVENTH,
                 *byhand.EIGHTH,
+                *byhand.NINTH,
             ]
         ),
         for_search("craig"),  # 5 s
