@@ -115,7 +115,7 @@ def validate(
         unread = samples.passive_joints(worker, states)
         states.tau[:, unread] = 0.0
         sampled = samples.sample(worker, states)
-        notes = tuple(_notes(worker, sampled, unread))
+        notes = tuple(_notes(worker, sampled, unread, bool(passive)))
         if tree is not None:
             sampled, said = _in_plain_form(tree, states, sampled, rtol)
             notes = (*notes, *said)
@@ -156,7 +156,9 @@ def load_robot(robot: Robot | str | PathLike[str] | None) -> Robot | None:
     return robot if robot is None or isinstance(robot, Robot) else Robot.load(robot)
 
 
-def _notes(worker: Worker, sampled: Mapping[str, Sampled], passive: tuple[int, ...]) -> Iterator[str]:
+def _notes(
+    worker: Worker, sampled: Mapping[str, Sampled], passive: tuple[int, ...], declared: bool
+) -> Iterator[str]:
     """Yield what else was seen of a model: that it prints, computes with few digits, forms of its arrays."""
     yield from containment.gaps()
     if worker.means:
@@ -168,6 +170,8 @@ def _notes(worker: Worker, sampled: Mapping[str, Sampled], passive: tuple[int, .
         text = f"forward_dynamics does not read {torques}: it is compared with {torques} = 0"
         some = len(passive) < sampled["forward_dynamics"].values.shape[1]
         yield f"{text} ({'passive joints' if some else 'it has no torque at all'})"
+    if declared and "forward_dynamics" not in sampled:
+        yield "--passive changed nothing: the model has no forward_dynamics"
     if worker.printed:
         yield "the model prints while it computes; that is not shown"
     worst = max(sampled.values(), key=lambda s: s.digits)

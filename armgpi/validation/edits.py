@@ -42,7 +42,7 @@ from armgpi.validation.units import Slopes
 
 #: Time of the processor that one changed call of the model may take [s]: a change may make it endless.
 PATIENCE = 0.5
-#: A trial that takes so long is rare: the search of such a model takes three times as long [s].
+#: A trial that takes so long is rare: equations of motion that are derived anew [s].
 _LONG = 0.03
 #: Configurations at which changes are tried.
 ROWS = 8
@@ -113,6 +113,11 @@ class Goal(NamedTuple):
     targets: Mapping[str, Target]
     slopes: Slopes | None = None
     passive: bool = False
+
+    def away(self, name: str, values: Array) -> Any:
+        """Return which values differ from what a function should give, (rows, m)."""
+        target = self.targets[name]
+        return ~(np.abs(values - target.values[: len(values)]) <= target.tolerance)
 
     def arguments(self, function: str, label: str, row: int) -> list[Array]:
         """Return the arguments of a call, as copies."""
@@ -882,11 +887,6 @@ class Editor:
             return False
         value = abs(float(ast.literal_eval(site.node)))
         return bool((np.abs(self._known - value) <= 1e-7 * value).any())
-
-    def is_known(self, change: Change) -> bool:
-        """Tell whether a change puts a number that the robot has too."""
-        value = abs(float(change.new))
-        return value in (0.0, 1.0) or bool((np.abs(self._known - value) <= 1e-6 * value).any())
 
     def is_constant(self, block: Block, site: int) -> bool:
         """Tell whether a term is the same number at all states."""

@@ -18,8 +18,9 @@ from armgpi.validation.edits import ALL, ROWS, Change, Goal, Target
 from armgpi.validation.entries import shown
 from armgpi.validation.models import ARGUMENTS, States
 from armgpi.validation.problem import Problem
+from armgpi.validation.proofs import Repaired, is_number
 from armgpi.validation.residual import Difference
-from armgpi.validation.search import BUDGET, Repaired, is_number
+from armgpi.validation.search import BUDGET
 from armgpi.validation.slopes import own_numbers, slopes, with_changes
 from armgpi.validation.tree import Tree, evaluate
 from armgpi.validation.units import grouped_numbers, with_numbers

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.arrays import Array
-from armgpi.validation.alternatives import function_name, is_sum, names_in
+from armgpi.validation.alternatives import function_name, is_sum
 from armgpi.validation.dictionary import Dictionary
 from armgpi.validation.edits import (
     ALL,
@@ -37,11 +37,11 @@ from armgpi.validation.edits import (
     Site,
     apply_changes,
     impatient,
-    stack_values,
 )
 from armgpi.validation.graph import joint_of
 from armgpi.validation.models import POSITIONS, Functions
-from armgpi.validation.units import USUAL, check, readings, spell_out
+from armgpi.validation.proofs import Again, Proofs, Repaired
+from armgpi.validation.units import USUAL
 
 #: Time of the processor that all the searching may take [s].
 BUDGET = 20.0
@@ -82,52 +82,7 @@ _LISTED = 0.3
 #: A digit of a number costs so many bits.
 _DIGIT_BITS = 3.32
 
-Again = Callable[[str], Functions]
 Wrong = Mapping[str, Any]
-
-
-class Repaired(NamedTuple):
-    """Changes with which a model agrees, and its whole source with them."""
-
-    changes: tuple[Change, ...]
-    source: str
-    doubts: int = 0  # numbers for which it does not hold
-    checked: int = 0  # numbers that were changed to see that
-    other: int = 0  # numbers that stand for others than those of the robot that are as large
-    sure: bool = False  # whether nothing else is as good, as far as the numbers tell
-    #: Place among the source's numbers -> the robot's that it is, and how they change with it.
-    standing: Mapping[int, Mapping[int, float]] = {}
-    #: The source with a number of its own for every name: what `standing` counts.
-    spelled: str = ""
-    #: Names of numbers that mean nothing in the robot.
-    odd: tuple[str, ...] = ()
-    #: What may be wrong in place of it, and leaves it a candidate; "" without such.
-    instead: str = ""
-
-    @property
-    def rank(self) -> tuple[int, int, int, bool, float]:
-        """What makes a repair better than another: it holds for other numbers, its description is short."""
-        return self.doubts, len(self.changes), self.other, not self.sure, self.bits
-
-    @property
-    def holds(self) -> bool:
-        """Whether it holds for other numbers, and they are those of the robot."""
-        return self.doubts == self.other == 0
-
-    @property
-    def confirmed(self) -> bool:
-        """Whether it holds for other numbers than those of the file, and has right units."""
-        return self.sure and self.checked > 0 and self.holds
-
-    @property
-    def doubtful(self) -> bool:
-        """Whether it hardly is what was meant: two changes may agree at the numbers of a file by chance."""
-        return self.doubts > 0 or (self.other > 0 and len(self.changes) > 1)
-
-    @property
-    def bits(self) -> float:
-        """How long the description of the changes is."""
-        return sum(change.bits for change in self.changes)
 
 
 def find_repair(
@@ -152,13 +107,13 @@ def find_repair(
     """
     assert functions.origin is not None
     editor = Editor(functions.origin, goal, known)
-    until += 2.0 * BUDGET if extra and editor.is_slow() else 0.0
-    trials = _Trials(editor, again, until, most)
+    trials = _Trials(editor, again, until, most, known)
     best, steps = _search_stages(trials, known, most)
     if best is not None or most == 1:
         return best
-    # What brings some of it into agreement deserves time of its own.
-    late = max(until, time.process_time() + 0.75 * BUDGET) if extra and steps else until
+    # What brings some of it into agreement deserves time of its own, but where each trial takes long.
+    more = extra and steps and not editor.is_slow()
+    late = max(until, time.process_time() + 0.75 * BUDGET) if more else until
     best = _go_on(trials, steps, known, most, late)
     return best or (trials.first_that_agrees(trials.tried_pairs()) if most == MOST else None)
 
@@ -170,8 +125,8 @@ def vary_numbers(functions: Functions, again: Again, goal: Goal) -> Repaired | N
     again(functions.origin.source)
     if time.process_time() - start > _READ:
         return None  # it is read twice for every number
-    trials = _Trials(Editor(functions.origin, goal, ()), again, start + BUDGET, 0)
-    return trials.with_doubts(Repaired((), functions.origin.source))
+    source = functions.origin.source
+    return Proofs(source, again, goal, ()).with_doubts(Repaired((), source))
 
 
 def _search_stages(trials: _Trials, known: Sequence[float], most: int) -> tuple[Repaired | None, list[_Step]]:
@@ -254,9 +209,13 @@ class _Tried(NamedTuple):
 class _Trials:
     """Everything that is tried on one source."""
 
-    def __init__(self, editor: Editor, again: Again, until: float, most: int) -> None:
-        """Take a source with its switches, what reads a changed one, when to give up [s], most changes."""
+    def __init__(self, editor: Editor, again: Again, until: float, most: int, known: Sequence[float]) -> None:
+        """Take a source with its switches, what reads a changed one, when to give up [s], most changes, ...
+
+        ... and numbers that the robot has.
+        """
         self.editor, self.again, self._until = editor, again, until
+        self.proofs, self._goal = Proofs(editor.source, again, editor.goal, known), editor.goal
         self._doubted = _DOUBTED if most == MOST else 40
         self._targets, self._blocks = editor.targets, editor.blocks
         #: Changes that touch nothing that agrees, and were not looked at part by part yet.
@@ -267,7 +226,7 @@ class _Trials:
         self._tried: list[_Tried] = []
         self._proved: dict[Any, Repaired | None] = {}
         self._start = editor.outputs(editor.targets, ROWS) or {}
-        self._wrong = {name: self._away(name, x).any(axis=0) for name, x in self._start.items()}
+        self._wrong = {name: self._goal.away(name, x).any(axis=0) for name, x in self._start.items()}
 
     def is_short(self, one: Repaired | None) -> bool:
         """Tell whether a repair holds and is no longer than two usual changes: others need not be tried."""
@@ -306,8 +265,8 @@ class _Trials:
             self._proved[key] = None
             changes = tuple(self.editor.change(pick) for pick in picks)
             repair = Repaired(changes, apply_changes(self.editor.source, changes))
-            if self._agrees(repair.source):
-                self._proved[key] = self.with_doubts(repair)
+            if self.proofs.agrees(repair.source):
+                self._proved[key] = self.proofs.with_doubts(repair)
         return self._proved[key]
 
     def without_idle(self, repair: Repaired) -> Repaired:
@@ -315,94 +274,15 @@ class _Trials:
         for change in repair.changes if len(repair.changes) > 1 else ():
             fewer = Repaired(tuple(one for one in repair.changes if one is not change), "")
             fewer = fewer._replace(source=apply_changes(self.editor.source, fewer.changes))
-            if self._agrees(fewer.source):
-                return self.without_idle(self.with_doubts(fewer))
+            if self.proofs.agrees(fewer.source):
+                return self.without_idle(self.proofs.with_doubts(fewer))
         return repair
-
-    def _agrees(self, source: str) -> bool:
-        """Tell whether the functions of another source give what they should."""
-        found = self._values(source)
-        return found is not None and not any(self._away(name, x).any() for name, x in found.items())
-
-    def _values(self, source: str) -> dict[str, Array] | None:
-        """Return what the functions of another source give at all rows, None when they do not work."""
-        goal = self.editor.goal
-        try:
-            with impatient(), np.errstate(all="ignore"):
-                given = partial(goal.call, self.again(source).calls)
-                names = (name for name, x in goal.targets.items() if x.whole)
-                return {name: stack_values(goal.targets[name], given, ROWS) for name in names}
-        except BaseException:  # a name that is not there yet, or a module that never ends
-            return None
-
-    def with_doubts(self, repair: Repaired) -> Repaired:
-        """Return a repair with its doubts."""
-        slopes = self.editor.goal.slopes
-        if slopes is None:
-            return repair
-
-        def values(source: str) -> Array | None:
-            found = self._values(source)
-            if found is None:
-                return None
-            sizes = zip(slopes.names, slopes.sizes, strict=True)
-            return np.concatenate([found[name].ravel() / size for name, size in sizes])
-
-        text = " ".join(f"{one.old} {one.new}" for one in repair.changes)
-        spelled = self._spelled(repair.source)
-        found = check(spelled, values, slopes, text, whole=not repair.changes)
-        wrong = found.wrong + sum(self._is_guess(one, found.seen > 0) for one in repair.changes)
-        sure = found.sure and wrong == found.other == 0
-        # Numbers in each other's place may as well be names in each other's place.
-        swapped = [ast.parse(one.old.strip()) for one in repair.changes if one.kind == "swapped"]
-        sure = sure and all(map(names_in, swapped))
-        # A name that nothing reads any more was meant to be read: its number may be wrong, not its use.
-        renamed = [one.old for one in repair.changes if one.kind == "name"]
-        sure = sure and all(is_read(old, repair.source) for old in renamed)
-        for other in _by_ratios(self.editor.source, repair.changes) if sure else ():
-            as_good = check(other, values, slopes)
-            sure = sure and as_good.wrong + as_good.other > 0
-        return repair._replace(
-            doubts=wrong,
-            checked=found.seen,
-            other=found.other,
-            sure=sure,
-            standing=found.standing,
-            spelled=spelled,
-            odd=found.names,
-        )
-
-    def _spelled(self, source: str) -> str:
-        """Return a source with a number for every name, so that each can be varied alone."""
-        try:
-            with impatient():
-                origin = self.again(source).origin
-            return source if origin is None else spell_out(source, vars(origin.module))
-        except BaseException:  # as everywhere, where a model runs
-            return source
-
-    def _is_guess(self, change: Change, named: bool) -> bool:
-        """Tell whether a change puts a number that may explain anything: it is neither known nor a unit's.
-
-        Args:
-            change: the change.
-            named: whether numbers have names: a formula in names lacks no bare number.
-        """
-        term = named and change.kind == "term"
-        if change.kind == "value" or (term and is_number(change.old) and is_number(change.new)):
-            return not self.editor.is_known(change)
-        return term and _is_bare(change.new)
 
     def _over(self) -> bool:
         return time.process_time() > self._until
 
-    def _away(self, name: str, values: Array) -> Any:
-        """Return which values differ from the reference's, (rows, m)."""
-        target = self._targets[name]
-        return ~(np.abs(values - target.values[: len(values)]) <= target.tolerance)
-
     def _off(self, outputs: Mapping[str, Array]) -> Wrong:
-        return {name: self._away(name, values).any(axis=0) for name, values in outputs.items()}
+        return {name: self._goal.away(name, values).any(axis=0) for name, values in outputs.items()}
 
     def _matters(self, off: Wrong) -> bool:
         """Tell whether something differs that makes a model wrong."""
@@ -778,7 +658,11 @@ class _Trials:
                 if self._over():
                     return
                 outputs = self.editor.outputs_with([name], _rows_of([name]), one, two)
-                if outputs is not None and not self._away(name, outputs[name]).any() and self._both(one, two):
+                if (
+                    outputs is not None
+                    and not self._goal.away(name, outputs[name]).any()
+                    and self._both(one, two)
+                ):
                     yield one, two
 
     def _both(self, one: Pick, two: Pick) -> bool:
@@ -796,31 +680,6 @@ def _is_usual(pick: Pick) -> bool:
 def _rows_of(names: Sequence[str]) -> int:
     """Return at how many states functions are looked at first: a potential is counted from the first one."""
     return _FEW if "potential_energy" in names else 1
-
-
-def is_read(expression: str, source: str) -> bool:
-    """Tell whether a source reads a name, an attribute of that name of any object, or an entry.
-
-    Args:
-        expression: such as ``l1``, ``p.l1`` or ``l[0]``.
-        source: of a module.
-    """
-    try:
-        wanted = ast.parse(expression.strip(), mode="eval").body
-        tree = ast.parse(source)
-    except SyntaxError:
-        return True
-    if not isinstance(wanted, ast.Name | ast.Attribute | ast.Subscript):
-        return True
-    for node in ast.walk(tree):
-        if not isinstance(getattr(node, "ctx", None), ast.Load):
-            continue
-        if isinstance(wanted, ast.Attribute) and isinstance(node, ast.Attribute):
-            if node.attr == wanted.attr:
-                return True
-        elif type(node) is type(wanted) and ast.unparse(node) == ast.unparse(wanted):
-            return True
-    return False
 
 
 def _has_joints(node: ast.expr) -> bool:
@@ -888,45 +747,6 @@ def _at_every(code: CodeType, namespace: dict[str, Any], seen: Sequence[dict[str
     except Exception:  # a name that is not there yet
         return np.zeros(0)
     return values if values.any() else np.zeros(0)
-
-
-def _by_ratios(source: str, changes: Sequence[Change]) -> Iterator[str]:
-    """Yield sources with a ratio of two names for a number that a change puts: 4 may be (N1 / N2)²."""
-    names = readings(source)
-    for k, change in enumerate(changes):
-        text, before = change.new.strip(), {value for value, _ in _numbers_in(change.old.strip())}
-        for value, node in _numbers_in(text):
-            if value in before:
-                continue
-            for (one, a), (two, b), power in itertools.product(names.items(), names.items(), (1, 2)):
-                if a != b and a * b and abs(value * (b / a) ** power - 1.0) <= 1e-9:
-                    ratio = f"({one} / {two}) ** {power}"
-                    new = change._replace(new=text[: node.col_offset] + ratio + text[node.end_col_offset :])
-                    yield apply_changes(source, (*changes[:k], new, *changes[k + 1 :]))
-
-
-def is_number(text: str) -> bool:
-    """Tell whether a text is a number."""
-    return text.lstrip("-").replace(".", "", 1).isdigit()
-
-
-def _numbers_in(text: str) -> Iterator[tuple[float, ast.Constant]]:
-    """Yield the numbers in an expression but for zeros, and where they stand."""
-    for node in ast.walk(ast.parse(text)):
-        match node:
-            case ast.Constant(value=int() | float() as value) if value:
-                yield value, node
-
-
-def _is_bare(text: str) -> bool:
-    """Tell whether a text is, or adds, a number that means something only where no numbers have names."""
-    statement: Any = ast.parse(text.strip()).body[0]
-    node = statement.value
-    added = is_sum(node)
-    turns = any(isinstance(x, ast.Call) for x in ast.walk(node))  # 1 - cos(q) is usual
-    parts = [node, node.right] if added and not turns else [node]
-    bare = [x.value for x in parts if isinstance(x, ast.Constant) and type(x.value) in (int, float)]
-    return any(x != 0 and (added or x not in (0.5, 1, 2)) for x in bare)
 
 
 def _missing_terms(block: Block, site: Site, values: Array) -> Iterator[tuple[str, float]]:

@@ -15,8 +15,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from armgpi.validation.edits import ROWS, Change, apply_changes, harmless
+from armgpi.validation.proofs import Repaired
 from armgpi.validation.repair import Compared, agrees, proved_for_other_numbers
-from armgpi.validation.search import Repaired
 
 #: Slips that are tried, at most.
 _MOST = 80

@@ -22,8 +22,8 @@ from armgpi.validation.edits import GRAVITY, ROWS, Change, apply_changes, harmle
 from armgpi.validation.entries import alike, entry_at
 from armgpi.validation.phrasing import known_numbers
 from armgpi.validation.problem import Problem
+from armgpi.validation.proofs import Repaired
 from armgpi.validation.repair import Compared, agrees, proved_for_other_numbers
-from armgpi.validation.search import Repaired
 from armgpi.validation.units import numbers
 
 #: Numbers of a source that are varied, at most.

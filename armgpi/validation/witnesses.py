@@ -24,10 +24,10 @@ from armgpi.validation.friction import coulomb_friction
 from armgpi.validation.hypotheses import CONVENTIONS
 from armgpi.validation.naming import users_names
 from armgpi.validation.problem import Element, Mask, Problem
+from armgpi.validation.proofs import Repaired
 from armgpi.validation.repair import Compared, Renumbered
 from armgpi.validation.residual import Difference, Residual
 from armgpi.validation.samples import Sampled
-from armgpi.validation.search import Repaired
 from armgpi.validation.slips import everywhere, find_slip, overwritten
 from armgpi.validation.summands import fits_other_bodies, without_inertias
 from armgpi.validation.typed import doubted, find_wrong_number

@@ -33,7 +33,7 @@ import numpy as np
 
 from armgpi.arrays import Array
 from armgpi.errors import ModelError, ParameterError, Remedy
-from armgpi.validation import containment, edits, mechanics, models, search, units
+from armgpi.validation import containment, edits, mechanics, models, proofs, search, units
 from armgpi.validation.conventions import Convention
 from armgpi.validation.forms import Adapted, Form
 from armgpi.validation.line import Counter, Line, pair
@@ -193,7 +193,7 @@ class Worker:
                 values.append(value)
         return values
 
-    def search(self, goal: edits.Goal, known: Sequence[float], budget: float) -> search.Repaired | None:
+    def search(self, goal: edits.Goal, known: Sequence[float], budget: float) -> proofs.Repaired | None:
         """Return changes of the source with which the model gives what it should, None without such.
 
         Numbers that are `known` to be right stay. The model is of no use afterwards. With a budget of 0
@@ -340,7 +340,7 @@ def _read_call(answer: Any) -> tuple[Array, bool, float, Form]:
     return values, bool(printed), float(took), Form(*(bool(each) for each in form))
 
 
-def _read_repaired(answer: Any, own_source: str | None) -> search.Repaired | None:
+def _read_repaired(answer: Any, own_source: str | None) -> proofs.Repaired | None:
     """Return changes of a source that were sent as JSON, if they are changes of that source."""
     if answer is None or own_source is None:
         return None
@@ -352,7 +352,7 @@ def _read_repaired(answer: Any, own_source: str | None) -> search.Repaired | Non
     rates: dict[int, dict[int, float]] = {}
     for k, each in standing:
         rates[_whole(k, count - 1)] = {_whole(j, _MOST_NUMBERS): float(rate) for j, rate in each}
-    return search.Repaired(
+    return proofs.Repaired(
         made,
         source,
         doubts=_whole(doubts, _MOST_NUMBERS),
@@ -385,7 +385,7 @@ def _read_change(change: Any, lines: int) -> edits.Change:
     )
 
 
-def _plain_repaired(found: search.Repaired | None) -> Any:
+def _plain_repaired(found: proofs.Repaired | None) -> Any:
     """Return changes of a source as JSON has them; see :func:`_read_repaired`."""
     if found is None:
         return None
@@ -547,8 +547,8 @@ def _prepare(model: Any) -> _Silent:
 
 
 def _search(
-    functions: models.Functions, again: search.Again, goal: edits.Goal, known: Sequence[float], budget: float
-) -> search.Repaired | None:
+    functions: models.Functions, again: proofs.Again, goal: edits.Goal, known: Sequence[float], budget: float
+) -> proofs.Repaired | None:
     """Return changes of a source with which the model gives what it should, None without such."""
     origin = functions.origin
     try:
@@ -564,7 +564,7 @@ def _search(
         return None  # a source that is too odd to be changed
 
 
-def _as_graph(functions: models.Functions, again: search.Again, goal: edits.Goal) -> models.Functions:
+def _as_graph(functions: models.Functions, again: proofs.Again, goal: edits.Goal) -> models.Functions:
     """Return a model read anew, drawn as a graph, which is changed fast, if that gives the same.
 
     Anew, as `from numpy import cross` has another one.

@@ -85,9 +85,8 @@ EIGHTH = (
 NINTH = ("duals", "flat", "formulas", "gibbs", "quaternions")
 #: Styles of which half of the lines are set aside.
 HALVED = (*SIXTH, *SEVENTH, *EIGHTH)
-STYLES = tuple(
-    sorted({path.stem for path in FOLDER.glob("*.txt")} - {*THIRD, *FOURTH, *FIFTH, *HALVED, *NINTH})
-)
+LATER = (*THIRD, *FOURTH, *FIFTH, *HALVED, *NINTH)
+STYLES = tuple(sorted({path.stem for path in FOLDER.glob("*.txt")} - {*LATER}))
 #: Every so many lines one line was looked at while the diagnosis was changed.
 SEEN = 4
 

@@ -10,7 +10,7 @@ import pytest
 
 from armgpi.errors import ModelError
 from armgpi.validation.edits import Change
-from armgpi.validation.search import Repaired
+from armgpi.validation.proofs import Repaired
 from armgpi.validation.worker import Worker, _plain_repaired, _read_repaired
 
 MODEL = """

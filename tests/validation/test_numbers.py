@@ -12,7 +12,7 @@ import pytest
 from armgpi import Robot, validate
 from armgpi.arrays import Array
 from armgpi.validation import units
-from armgpi.validation.search import is_read
+from armgpi.validation.proofs import is_read
 
 _LINK = (
     '<link name="{name}"><inertial><origin xyz="{c} 0 0"/><mass value="{m}"/>'

@@ -104,3 +104,14 @@ def test_a_wrong_sign_is_named_before_a_rate_that_gives_the_same(tmp_path: Path)
     path.write_text(text.replace(right, "-h * (2 * v[0] * v[1] - v[1] ** 2)"))
     (cause,) = validate(path, pendubot()).causes
     assert "(the sign)" in cause.text
+
+
+def test_a_model_without_forward_dynamics_is_told_that_passive_joints_change_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "weight.py"
+    path.write_text(
+        "import math\n\ndef gravity(q):\n    b = 9.81 * 0.15 * math.cos(q[0] + q[1])\n"
+        "    return [(1.5 * 0.2 + 0.4) * 9.81 * math.cos(q[0]) + b, b]\n"
+    )
+    report = validate(path, pendubot(), passive="q2")
+    assert report.agrees
+    assert any("--passive changed nothing" in note for note in report.notes)
