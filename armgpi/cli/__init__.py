@@ -24,7 +24,7 @@ import typer
 
 from armgpi.cli.commands import Commands
 from armgpi.cli.parsing import BAD_INPUT, INTERRUPTED, in_options, with_options
-from armgpi.cli.terminal import say
+from armgpi.cli.terminal import lines_held, say
 from armgpi.escape import printable
 
 #: How often Python looks for garbage.
@@ -50,7 +50,7 @@ class _Commands(Commands):
 
     def invoke(self, ctx: Any) -> Any:
         """Read the options of a command, and run it."""
-        with _usage_shown():
+        with _usage_shown(), lines_held():
             return super().invoke(ctx)
 
 

@@ -15,7 +15,7 @@ from armgpi.cli.derive import write
 from armgpi.cli.experiment import note_world, resolved
 from armgpi.cli.parsing import FAILED, OK, is_experiment, per_joint, refusal, stoppable
 from armgpi.cli.pictures import check_file
-from armgpi.cli.terminal import progress, say
+from armgpi.cli.terminal import hold, progress, say
 from armgpi.errors import require_extra
 from armgpi.escape import json_data
 from armgpi.renamed import current_name
@@ -271,10 +271,9 @@ def note_assumed(arm: Any, as_json: bool, certified: str = "") -> None:
         say(json.dumps({"verdict": verdict.plain()}) if as_json else verdict.line)
         sys.exit(verdict.exit_code)
     if names := rotors.silent(arm):
-        say(
+        hold(
             f"note: the URDF contains no rotor inertia of {', '.join(names)}, so this certificate is of "
-            "an arm without rotors; geared motors have them",
-            err=True,
+            "an arm without rotors; geared motors have them"
         )
 
 

@@ -15,7 +15,7 @@ import typer
 from armgpi.cli import options as opt
 from armgpi.cli.declared import values_of
 from armgpi.cli.parsing import FAILED, INTERRUPTED, OK, is_experiment, known_backend, refusal, stoppable
-from armgpi.cli.terminal import say
+from armgpi.cli.terminal import hold, print_held, say
 
 #: Engines of plants of which `armgpi play` makes a page.
 PLAYED = ("armgpi", "elastic")
@@ -112,6 +112,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     note_differences(experiment)
     if len(experiment.runs) > 1 and not compare:
         raise refusal("--plant", "armgpi run takes one plant; armgpi compare takes both")
+    print_held()
     runs = experiments.record_all(experiment, backend=backend)
     result: Any = None
     # A table on the terminal needs no dataset; what has all digits is to the last bit what is written.
@@ -243,8 +244,8 @@ def note_world(config: ExperimentConfig, arm: Any, judged: str = "") -> None:
     from armgpi.config import world
 
     if judged and judged != world.describe_arm(config, arm):
-        say(f"judged instead: {judged}", err=True)
-    say(world.describe(config, arm), err=True)
+        hold(f"judged instead: {judged}")
+    hold(world.describe(config, arm))
 
 
 def note_drives(experiment: Experiment, explain: bool = True) -> None:
@@ -265,24 +266,20 @@ def note_drives(experiment: Experiment, explain: bool = True) -> None:
 
     robot = experiment.robot
     line = world.describe(experiment.config, experiment.robot, every=True)
-    say(line if explain or not assumed_something(robot) else f"{line}. Values: --explain", err=True)
+    hold(line if explain or not assumed_something(robot) else f"{line}. Values: --explain")
     if published := describe_published(robot.drives, values=explain):
-        say(published, err=True)
+        hold(published)
     if explain:
         _explain_drives(experiment)
     stiff = [name for name, plant in experiment.plants.items() if not isinstance(inside(plant), ElasticPlant)]
     if stiff and is_known(experiment.robot):
-        say(
+        hold(
             f"note: the plant {' and '.join(stiff)} simulates stiff joints, but this arm is assumed to "
-            "have elastic joints, so its errors will differ. Use --plant elastic to simulate them",
-            err=True,
+            "have elastic joints, so its errors will differ. Use --plant elastic to simulate them"
         )
     automatic = any(section.type == world.AUTOMATIC for section in experiment.config.controllers)
     if automatic and getattr(experiment.config.plant, "encoder_bits", None) is None:
-        say(
-            f"note: the encoder resolution is not specified; {BITS} bits assumed: --encoder-bits",
-            err=True,
-        )
+        hold(f"note: the encoder resolution is not specified; {BITS} bits assumed: --encoder-bits")
     _note_force(experiment)
 
 
@@ -291,7 +288,7 @@ def _note_force(experiment: Experiment) -> None:
     for label, law in experiment.controllers.items():
         if getattr(law, "force_limit", None) is not None:
             bound: Any = law.force_bound()  # type: ignore[attr-defined]
-            say(f"{label}: {bound}".replace("\n", " "), err=True)
+            hold(f"{label}: {bound}".replace("\n", " "))
 
 
 def _explain_drives(experiment: Experiment) -> None:
@@ -302,14 +299,14 @@ def _explain_drives(experiment: Experiment) -> None:
 
     robot = experiment.robot
     for said in filter(None, (describe(robot), describe_gears(robot), describe_ratio(robot))):
-        say(said, err=True)
+        hold(said)
     for plant in experiment.plants.values():
         if sag := getattr(inside(plant), "sag", ""):
-            say(sag, err=True)
+            hold(sag)
             break
     for label, each in verdicts(experiment).items():
-        say(f"{label}: {each.describe()}", err=True)
-        say(f"{label}: {each.explain(robot.joint_names)}", err=True)
+        hold(f"{label}: {each.describe()}")
+        hold(f"{label}: {each.explain(robot.joint_names)}")
 
 
 def check_out(options: dict[str, Any], experiment: Experiment) -> None:
@@ -334,7 +331,7 @@ def note_differences(experiment: Experiment) -> None:
         inner = inside(plant)
         if (differences := getattr(inner, "differences", None)) is not None:
             for said in differences or ("what it does differs by rounding alone",):
-                say(f"note: MuJoCo: {said}", err=True)
+                hold(f"note: MuJoCo: {said}")
             return
 
 
@@ -343,11 +340,11 @@ def _note_end_and_load(experiment: Experiment) -> None:
     moves = getattr(experiment.reference, "moves", ())
     end = moves[-1].t_start + moves[-1].duration if moves else 0.0
     if experiment.t_final < end - experiment.config.sample_time:
-        say(f"note: the run ends at {experiment.t_final:g} s, the last move at {end:g} s", err=True)
+        hold(f"note: the run ends at {experiment.t_final:g} s, the last move at {end:g} s")
     load, robot = experiment.config.plant.payload, experiment.robot
     if load is not None and load.frame is None and (fingers := robot.provenance.get("grippers")):
         lock = " ".join(f"--lock {name}" for name in fingers)
-        say(f"note: the load is at {robot.tip!r}, before the gripper, which moves: {lock} locks it", err=True)
+        hold(f"note: the load is at {robot.tip!r}, before the gripper, which moves: {lock} locks it")
 
 
 def _warn_of_weak_motors(experiment: Experiment) -> None:

@@ -12,7 +12,7 @@ import typer
 from armgpi.cli import options as opt
 from armgpi.cli.declared import values_of
 from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
-from armgpi.cli.terminal import say
+from armgpi.cli.terminal import print_held, say
 
 if TYPE_CHECKING:
     from armgpi.config import Experiment
@@ -129,6 +129,7 @@ def _export(options: dict[str, Any]) -> int:
     with experiments.prepared(options["out"]):
         note_drives(experiment, options["explain"])
         _note_contacts(experiment, options["package_dir"])
+        print_held()
         log = record(experiment.plant, supervised, experiment.reference, experiment.t_final)
         config, copied = experiments.portable(experiment.config)
         beside: dict[str, str | bytes] = {"experiment.yaml": config, **copied}

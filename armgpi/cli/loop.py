@@ -14,7 +14,7 @@ import typer
 from armgpi.cli import options as opt
 from armgpi.cli.declared import values_of
 from armgpi.cli.parsing import FAILED, INTERRUPTED, OK, per_joint, refusal, stoppable
-from armgpi.cli.terminal import say
+from armgpi.cli.terminal import print_held, say
 
 if TYPE_CHECKING:
     from armgpi.config import Experiment
@@ -93,6 +93,7 @@ def loop(
     stretches = _stretch(outage, "--outage"), _stretch(stall, "--stall")
     injected = Injected(loss, *stretches, kill, experiment.config.seed)
     how: dict[str, Any] = {"clock": clock, "policy": policy, "exported": exported, "dry_run": dry_run}
+    print_held()
     with ExitStack() as stack:
         outcome = run(
             *experiment.runs[label],

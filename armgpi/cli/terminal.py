@@ -18,6 +18,41 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
+#: Lines for stderr that wait until a command prints something else; an error in between drops them.
+_HELD: list[str] = []
+
+
+def hold(text: str) -> None:
+    """Print a line to stderr before whatever is printed next, or at the end, but never before an error.
+
+    A command says which arm and controller it judges as soon as it knows them. Where it then fails, its error
+    is the only line.
+    """
+    _HELD.append(text)
+
+
+@contextmanager
+def lines_held() -> Iterator[None]:
+    """Let lines wait within a command: its end prints those that still do, an error drops them."""
+    try:
+        yield
+    except typer.Exit:
+        print_held()
+        raise
+    except BaseException:
+        _HELD.clear()
+        raise
+    print_held()
+
+
+def print_held() -> None:
+    """Print the lines that wait."""
+    held = _HELD.copy()
+    _HELD.clear()
+    for line in held:
+        typer.secho(printable(line), err=True)
+
+
 def say(text: object, *, err: bool = False, fg: str | None = None, lines: bool = False) -> None:
     """Print a line.
 
@@ -27,12 +62,14 @@ def say(text: object, *, err: bool = False, fg: str | None = None, lines: bool =
         fg: its colour, on a terminal.
         lines: whether it is several lines, of which the last may be ended already.
     """
+    print_held()
     line = printable(text, lines=lines)
     typer.secho(line, err=err, fg=fg, nl=not (lines and line.endswith("\n")))
 
 
 def say_data(text: str) -> None:
     """Print the content of a file: as it is to a file or a pipe, safe to look at on a terminal."""
+    print_held()
     if sys.stdout.isatty():
         say(text, lines=True)
     else:
@@ -41,6 +78,8 @@ def say_data(text: str) -> None:
 
 #: Seconds after which a pipe gets its first line of progress, and between two lines.
 _FIRST_LINE, _NEXT_LINE = 5.0, 30.0
+#: Seconds of a long task after which lines that were held are printed, when refusals are unlikely.
+_HELD_AT_MOST = 1.0
 
 
 @contextmanager
@@ -54,10 +93,13 @@ def progress(task: str = "") -> Iterator[Callable[[str], None]]:
         task: what is being done, the beginning of each line.
     """
     on_terminal = sys.stderr is not None and sys.stderr.isatty()
-    due = monotonic() + _FIRST_LINE
+    begun = monotonic()
+    due = begun + _FIRST_LINE
 
     def show(text: str) -> None:
         nonlocal due
+        if text and monotonic() >= begun + _HELD_AT_MOST:
+            print_held()
         line = f"{task}: {text}" if task and text else text
         if on_terminal:
             typer.secho(f"\r{printable(line):<40}" + ("" if line else "\r"), err=True, nl=False)
@@ -83,6 +125,7 @@ def console(**options: Any) -> Console:
             """Return text as it may be shown."""
             return super().render_str(printable(text, lines=True), **options)
 
+    print_held()
     options.setdefault("width", None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120)
     return Plain(markup=False, emoji=False, highlight=False, **options)
 
