@@ -41,8 +41,8 @@ import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from armgpi.renamed import MEMBERS, warn_renamed
-from armgpi.version import VERSION
+from armgpi.base.renamed import MEMBERS, warn_renamed
+from armgpi.base.version import VERSION
 
 if sys.platform == "win32":  # forks, signals and the cache's permissions are POSIX's; Pinocchio has no wheels
     raise ImportError("armgpi runs on Linux and macOS; on Windows use it inside WSL 2 (wsl --install)")
@@ -254,7 +254,7 @@ def __getattr__(name: str) -> object:
     elif name in _HOME:
         value = getattr(import_module(f"armgpi.{_HOME[name]}"), name)
     else:
-        from armgpi.hints import MODULE, missing
+        from armgpi.base.hints import MODULE, missing
 
         raise AttributeError(missing("module 'armgpi'", name, MODULE, __dir__()))
     globals()[name] = value  # the next use finds it without coming here

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import Array, check_number
+from armgpi.base.arrays import Array, check_number
 from armgpi.control.controller import Controller
 from armgpi.errors import MissingPackage, ParameterError
 from armgpi.loop.closed_loop import ClosedLoop

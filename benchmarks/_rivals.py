@@ -11,7 +11,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
+from armgpi.base.parameter import PerJoint, parameter, with_parameters
 from armgpi.control.bandwidth import ErrorSchedule, error_scales
 from armgpi.control.controller import ControlStep, Measurement
 from armgpi.control.observer import (
@@ -23,7 +24,6 @@ from armgpi.control.observer import (
 )
 from armgpi.control.pid import PIDInversion
 from armgpi.control.pid_positions import PIDPositions
-from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
 

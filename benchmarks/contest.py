@@ -33,7 +33,7 @@ import _rivals  # noqa: F401 (its controllers have to be there before experiment
 import numpy as np
 
 from armgpi import Robot, config
-from armgpi.escape import markdown_table
+from armgpi.base.escape import markdown_table
 from armgpi.health.zoo import fingers
 from armgpi.plants.reality import scales
 from armgpi.studies.contend import draws

@@ -30,7 +30,7 @@ import numpy as np
 from scipy import signal
 
 import armgpi
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.health.zoo import fingers
 from armgpi.identification.estimate import expect
 from armgpi.identification.excitation import excite

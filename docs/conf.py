@@ -6,13 +6,14 @@ from dataclasses import replace as _replace
 from importlib.resources import files as _files
 from pathlib import Path as _FilePath
 
+from armgpi.base.parameter import REQUIRED as _REQUIRED
+from armgpi.base.parameter import parameters as _parameters
+from armgpi.base.version import VERSION as _VERSION
 from armgpi.cli import declared as _declared
 from armgpi.config.schema import KINDS as _KINDS
 from armgpi.health import findings as _findings
 from armgpi.health import report as _report  # noqa: F401  # registers the checks
 from armgpi.loop import metrics as _metrics
-from armgpi.parameter import REQUIRED as _REQUIRED
-from armgpi.parameter import parameters as _parameters
 from armgpi.plants.arm import Arm as _Arm
 from armgpi.plants.environment import Contact as _Contact
 from armgpi.plants.loads import Load as _Load
@@ -23,7 +24,6 @@ from armgpi.registry import classes_of as _all_registered
 from armgpi.robot import known_arms as _known_arms
 from armgpi.supervisor import Supervisor as _Supervisor
 from armgpi.supervisor import reasons as _reasons
-from armgpi.version import VERSION as _VERSION
 
 project = "armgpi"
 author = "The armgpi developers"

@@ -28,10 +28,10 @@ import xarray as xr
 import yaml
 
 from armgpi import Reality, Supervisor
+from armgpi.base.intervals import clopper_pearson
+from armgpi.base.parameter import parameters
 from armgpi.errors import ArmgpiError
 from armgpi.health import reality as health
-from armgpi.intervals import clopper_pearson
-from armgpi.parameter import parameters
 from armgpi.plants.reality import Scenario
 from armgpi.supervisor import Reason
 

@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from armgpi import Robot, config
-from armgpi.arrays import Array
-from armgpi.escape import markdown_table
+from armgpi.base.arrays import Array
+from armgpi.base.escape import markdown_table
 from armgpi.health.zoo import fingers
 from armgpi.studies.contend import (
     _APART,

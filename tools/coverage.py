@@ -13,8 +13,8 @@ from collections.abc import Callable
 import numpy as np
 from scipy.stats import chi2, norm
 
-from armgpi.arrays import Array
-from armgpi.intervals import clopper_pearson
+from armgpi.base.arrays import Array
+from armgpi.base.intervals import clopper_pearson
 from armgpi.studies import rare
 
 

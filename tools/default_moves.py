@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 import armgpi
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.config import default_move
 from armgpi.robot.clearance import Clearance, usual_floor
 from armgpi.robot.kinematics import random_configurations

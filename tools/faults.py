@@ -48,9 +48,9 @@ from armgpi import (
     config,
     simulate,
 )
+from armgpi.base.parameter import parameters
 from armgpi.hardware.realtime.datagram import TORQUE, Datagram
 from armgpi.hardware.realtime.ends import ArmEnd, Watchdog
-from armgpi.parameter import parameters
 from armgpi.supervisor import Reason, State, Supervisor
 
 DOCS = Path(__file__).parents[1] / "docs"

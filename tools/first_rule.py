@@ -31,7 +31,7 @@ import yaml
 
 import armgpi
 from armgpi import Robot
-from armgpi.escape import markdown_table
+from armgpi.base.escape import markdown_table
 from armgpi.gpi.gains import FixedGains
 from armgpi.gpi.payload import LoadRange
 from armgpi.health import reality as health

@@ -39,7 +39,7 @@ from armgpi import (
     Supervisor,
     simulate,
 )
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.config.schema import PlantSection
 from armgpi.errors import ArmgpiWarning
 from armgpi.robot import rotors

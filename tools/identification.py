@@ -24,7 +24,8 @@ import numpy as np
 import pinocchio as pin
 
 import armgpi
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
+from armgpi.base.parameter import PerJoint, parameter, with_parameters
 from armgpi.errors import ArmgpiError, ParameterError, UnfitLog
 from armgpi.health.zoo import fingers
 from armgpi.identification.arm import Identified, identify, mean_inertia
@@ -34,7 +35,6 @@ from armgpi.identification.logs import Log
 from armgpi.identification.resonance import shake
 from armgpi.identification.weak_form import BODY, COLUMNS, COULOMB, ROTOR, VISCOUS, inverse_rows
 from armgpi.identification.writing import write_identified
-from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.plants import noise
 from armgpi.plants.plant import Wrapper
 from armgpi.plants.reality import scales

@@ -84,7 +84,7 @@ PLANTED = (
         "model.armature = 1.0 * model.armature",
     ),
     (
-        "armgpi/intervals.py",
+        "armgpi/base/intervals.py",
         "high = int(binom.ppf(1.0 - tail, n, share))",
         "high = int(binom.ppf(1.0 - tail, n, share)) - 1",
     ),
@@ -93,7 +93,7 @@ PLANTED = (
         "np.where(k > 0.0, 1.0, 0.5), np.ones",
         "np.where(k > 0.0, 1.0, 1.0), np.ones",
     ),
-    ("armgpi/files.py", "            _sync(partial)\n", "            pass\n"),
+    ("armgpi/base/files.py", "            _sync(partial)\n", "            pass\n"),
 )
 
 

@@ -21,13 +21,13 @@ import numpy as np
 
 import armgpi
 from armgpi import config
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
+from armgpi.base.intervals import wilson
 from armgpi.errors import ParameterError
 from armgpi.health import reality as health
 from armgpi.identification.arm import identify, mean_inertia
 from armgpi.identification.excitation import FIRST_SHARE, excite
 from armgpi.identification.logs import Log
-from armgpi.intervals import wilson
 from armgpi.plants.reality import Scenario, stack_draws
 
 #: A log ends where a joint is so far from where it should be [rad or m].

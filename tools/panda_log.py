@@ -22,7 +22,7 @@ import pinocchio as pin
 from scipy import signal
 
 import armgpi
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.health.reality import has_failed
 from armgpi.identification.arm import Identified, identify
 from armgpi.identification.logs import Log

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 import armgpi
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.certification.channels import sampled_loops
 from armgpi.certification.path import PathBound, Wish, bound_path
 from armgpi.certification.quantities import slopes

@@ -27,11 +27,11 @@ import numpy as np
 import yaml
 
 from armgpi import ArmgpiWarning, Reality, Robot, config
+from armgpi.base.escape import markdown_table
+from armgpi.base.parameter import parameters
 from armgpi.errors import ArmgpiError, ParameterError
-from armgpi.escape import markdown_table
 from armgpi.health import reality as health
 from armgpi.health.zoo import fingers
-from armgpi.parameter import parameters
 from armgpi.plants.reality import Scenario
 from armgpi.robot import robots
 

@@ -24,8 +24,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi import Reality, files
-from armgpi.arrays import Array
+from armgpi import Reality
+from armgpi.base import files
+from armgpi.base.arrays import Array
 from armgpi.errors import ArmgpiError
 from armgpi.gpi import payload
 from armgpi.health import reality as health

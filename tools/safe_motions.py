@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 import armgpi
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import ArmgpiError
 from armgpi.identification.excitation import Excitation, excite
 from armgpi.robot.clearance import Clearance, usual_floor

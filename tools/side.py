@@ -19,7 +19,7 @@ import numpy as np
 from identification import TorqueNoise, fingers, truth
 
 import armgpi
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import UnfitLog
 from armgpi.identification.chirp import Side, chirp, find_side
 from armgpi.identification.logs import Log

@@ -36,12 +36,12 @@ from armgpi import (
     config,
     simulate,
 )
+from armgpi.base.intervals import clopper_pearson
+from armgpi.base.parameter import with_parameters
 from armgpi.hardware.export.targets import compensates_gravity
 from armgpi.hardware.realtime import judge, stages
 from armgpi.hardware.realtime.ends import UPRIGHT
-from armgpi.intervals import clopper_pearson
 from armgpi.loop import log as logs
-from armgpi.parameter import with_parameters
 from armgpi.plants.plant import Wrapper
 from armgpi.supervisor import Reason
 

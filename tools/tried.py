@@ -16,7 +16,8 @@ from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
-from armgpi import Robot, files
+from armgpi import Robot
+from armgpi.base import files
 from armgpi.errors import ArmgpiError
 
 #: How long a file may take [s], and how large it may be [bytes].

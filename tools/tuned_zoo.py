@@ -22,8 +22,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi import config
+from armgpi.base.escape import markdown_table
 from armgpi.errors import ArmgpiError, ArmgpiWarning, RolloutError
-from armgpi.escape import markdown_table
 from armgpi.health import reality as health
 from armgpi.health.zoo import BITS, DELAY, DT, fingers
 from armgpi.loop import metrics

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.certification import check_certificate
 from armgpi.certification.quantities import resting, slopes
 from armgpi.certification.request import Asked, law_of

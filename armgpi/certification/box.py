@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, quantity
+from armgpi.base.arrays import Array, quantity
+from armgpi.base.yaml_text import read_yaml
 from armgpi.errors import ConfigError, NameNotFound, ParameterError
 from armgpi.robot.robot import Robot
-from armgpi.yaml_text import read_yaml
 
 #: Characters of a task file that are read: a line for each of a hundred joints is a hundredth of it.
 _MOST = 1_000_000

@@ -17,8 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from armgpi import files
-from armgpi.arrays import Array, check_choice, check_number, check_path, check_type
+from armgpi.base import files
+from armgpi.base.arrays import Array, check_choice, check_number, check_path, check_type
+from armgpi.base.escape import html_text
+from armgpi.base.hints import check_keywords
+from armgpi.base.parameter import parameters
+from armgpi.base.version import other_format
 from armgpi.certification import check_certificate
 from armgpi.certification.diagnosis import beyond, explain_unsolved
 from armgpi.certification.proofs import prove_numbers
@@ -27,14 +31,10 @@ from armgpi.certification.request import NOTHING, Asked, ask, inputs_of, law_of,
 from armgpi.certification.solve import Solution, merge_facts, solvable, solve
 from armgpi.certification.text import table
 from armgpi.errors import ConfigError, ParameterError
-from armgpi.escape import html_text
 from armgpi.gpi.gains import FixedGains
 from armgpi.gpi.law import GPI
 from armgpi.gpi.network import BSplineNetwork
-from armgpi.hints import check_keywords
-from armgpi.parameter import parameters
 from armgpi.robot.robot import Robot
-from armgpi.version import other_format
 
 checker: Any = check_certificate  # generic over number types, so without annotations
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import ParameterError
 from armgpi.gpi.gains import Tuning
 from armgpi.gpi.law import GPI

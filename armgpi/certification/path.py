@@ -14,7 +14,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, check_choice, check_number, check_type, check_whole, not_negative, quantity
+from armgpi.base.arrays import (
+    Array,
+    check_choice,
+    check_number,
+    check_type,
+    check_whole,
+    not_negative,
+    quantity,
+)
+from armgpi.base.hints import with_keyword_hints
+from armgpi.base.renamed import warn_renamed
 from armgpi.certification.channels import Channel, channel
 from armgpi.certification.quantities import MARGIN, christoffel, slopes
 from armgpi.certification.text import share_covered
@@ -22,10 +32,8 @@ from armgpi.control.controller import Measurement
 from armgpi.errors import ParameterError
 from armgpi.gpi.gains import FixedGains
 from armgpi.gpi.law import GPI
-from armgpi.hints import with_keyword_hints
 from armgpi.loop.units import POSITION, TORQUE
 from armgpi.references.reference import Reference, Target
-from armgpi.renamed import warn_renamed
 from armgpi.robot.batch import RobotBatch
 from armgpi.robot.robot import Robot
 

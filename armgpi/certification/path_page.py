@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from armgpi.base.verdict import Verdict
 from armgpi.certification.path import PathBound, describe
 from armgpi.loop.units import POSITION, TORQUE
-from armgpi.verdict import Verdict
 from armgpi.viewing import page, style
 from armgpi.viewing.drawing import Drawing, figure
 

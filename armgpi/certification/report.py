@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
+from armgpi.base.verdict import Verdict
 from armgpi.certification.adversary import worst
 from armgpi.certification.certificate import Certificate
 from armgpi.certification.quantities import functions, points, ranges
@@ -14,7 +15,6 @@ from armgpi.gpi.advice import COUNT_SHARE
 from armgpi.gpi.gains import Tuning
 from armgpi.gpi.margins import open_loop
 from armgpi.loop.units import POSITION, TORQUE
-from armgpi.verdict import Verdict
 from armgpi.viewing import page, style
 from armgpi.viewing.drawing import LINE, Drawing, figure
 

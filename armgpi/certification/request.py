@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi import renamed
-from armgpi.arrays import Array, check_choice, check_whole, not_negative, positive, quantity
+from armgpi.base import renamed
+from armgpi.base.arrays import Array, check_choice, check_whole, not_negative, positive, quantity
+from armgpi.base.renamed import current_name
 from armgpi.certification.box import Box, box_of
 from armgpi.certification.quantities import PER_JOINT, Numbers, Setting
 from armgpi.errors import ParameterError
@@ -18,7 +19,6 @@ from armgpi.gpi.family import Member
 from armgpi.gpi.gains import FixedGains
 from armgpi.gpi.law import GPI
 from armgpi.gpi.network import BSplineNetwork
-from armgpi.renamed import current_name
 from armgpi.robot.robot import Robot
 
 #: Nothing disturbs.

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import linalg, sparse
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.certification import check_certificate
 from armgpi.errors import import_extra
 

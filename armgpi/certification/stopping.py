@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, check_number
+from armgpi.base.arrays import Array, check_number
 from armgpi.certification.path import PathBound, Wish, bound_wish
 from armgpi.errors import ParameterError
 from armgpi.references.reference import Reference, Target

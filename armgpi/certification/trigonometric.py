@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import ParameterError
 from armgpi.robot.robot import Robot
 

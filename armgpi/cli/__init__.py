@@ -4,7 +4,8 @@ Takes the words of a command.
 Gives what rooms return, as tables, files and pages; what joins two leaves is here.
 
 Exit codes: 0 fine, 1 what was asked failed (a rollout diverged, findings that stop a run, a model that
-differs), 2 bad input, 3 something was not judged (:mod:`armgpi.verdict`), 130 interrupted, 143 terminated.
+differs), 2 bad input, 3 something was not judged (:mod:`armgpi.base.verdict`), 130 interrupted,
+143 terminated.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ from typing import Annotated, Any
 
 import typer
 
+from armgpi.base.escape import printable
 from armgpi.cli.commands import Commands
 from armgpi.cli.parsing import BAD_INPUT, INTERRUPTED, in_options, with_options
 from armgpi.cli.terminal import lines_held, say
-from armgpi.escape import printable
 
 #: How often Python looks for garbage.
 _USUAL = gc.get_threshold()

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from armgpi.base.escape import json_data
 from armgpi.cli.parsing import refusal, split, stoppable
 from armgpi.cli.terminal import say
 from armgpi.cli.tune import show
 from armgpi.errors import require_extra
-from armgpi.escape import json_data
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
@@ -43,7 +43,7 @@ def benchmark_controllers(
     armgpi benchmark controllers --out contest
     armgpi benchmark controllers anthropomorphic3 --quick --out quick
     """  # noqa: D301 (\b keeps the lines apart)
-    from armgpi import files
+    from armgpi.base import files
     from armgpi.robot import robots
     from armgpi.studies import contend as contests
 

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from armgpi import files
+from armgpi.base import files
+from armgpi.base.escape import json_data
 from armgpi.cli.parsing import FAILED, refusal, stoppable
 from armgpi.cli.terminal import say
 from armgpi.cli.tune import show
-from armgpi.escape import json_data
 
 if TYPE_CHECKING:
     from armgpi.plants.reality import Reality

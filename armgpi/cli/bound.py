@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from armgpi.base.escape import json_data
+from armgpi.base.verdict import Verdict, judge
 from armgpi.cli import options as opt
 from armgpi.cli.certify import (
     joint_numbers,
@@ -21,8 +23,6 @@ from armgpi.cli.experiment import note_world, resolved
 from armgpi.cli.parsing import is_experiment, refusal, stoppable
 from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import say
-from armgpi.escape import json_data
-from armgpi.verdict import Verdict, judge
 
 if TYPE_CHECKING:
     from armgpi.robot.robot import Robot

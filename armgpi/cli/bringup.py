@@ -7,10 +7,10 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from armgpi.base.verdict import Verdict
+from armgpi.base.verdict import judge as judged
 from armgpi.cli.parsing import refusal, stoppable
 from armgpi.cli.terminal import say
-from armgpi.verdict import Verdict
-from armgpi.verdict import judge as judged
 
 if TYPE_CHECKING:
     from armgpi.hardware.realtime.judge import Verdict as Seen

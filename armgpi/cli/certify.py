@@ -9,7 +9,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from armgpi import renamed
+from armgpi.base import renamed
+from armgpi.base.escape import json_data
+from armgpi.base.renamed import current_name
+from armgpi.base.verdict import Verdict, judge
 from armgpi.cli import options as opt
 from armgpi.cli.derive import write
 from armgpi.cli.experiment import note_world, resolved
@@ -17,9 +20,6 @@ from armgpi.cli.parsing import FAILED, OK, is_experiment, per_joint, refusal, st
 from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import hold, progress, say
 from armgpi.errors import require_extra
-from armgpi.escape import json_data
-from armgpi.renamed import current_name
-from armgpi.verdict import Verdict, judge
 
 if TYPE_CHECKING:
     from armgpi.certification.certificate import Certificate

@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 import typer
 from typer.core import TyperGroup
 
+from armgpi.base.renamed import COMMANDS, current_name
 from armgpi.cli.layout import WIDEST, Command, read_as_typed
 from armgpi.cli.options import with_rows
-from armgpi.renamed import COMMANDS, current_name
 
 
 class Entry(NamedTuple):

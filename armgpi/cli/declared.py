@@ -22,7 +22,7 @@ from armgpi.cli.parsing import per_joint, refusal
 from armgpi.errors import ConfigError
 
 if TYPE_CHECKING:
-    from armgpi.parameter import Parameter
+    from armgpi.base.parameter import Parameter
 
 #: Where a context keeps the options that were given.
 _META = "armgpi.declared"
@@ -154,8 +154,8 @@ def read_classes() -> Declared:
 
 def _read_options() -> list[Option]:
     """Return the options of sensors and actuators, of controllers, and of plants."""
+    from armgpi.base.parameter import parameters
     from armgpi.config.schema import KINDS, SENSORS
-    from armgpi.parameter import parameters
     from armgpi.plants.arm import Arm
     from armgpi.plants.plant import Wrapper
 
@@ -186,7 +186,7 @@ def _having(declared: Mapping[str, Parameter]) -> Iterator[tuple[str, Parameter]
 
 def _members(group: Parameter) -> list[str]:
     """Return the numbers of a group."""
-    from armgpi.parameter import parameters
+    from armgpi.base.parameter import parameters
 
     below = parameters(group.group).items() if group.group else ()
     return [name for name, part in below if part.kind == "number"]
@@ -194,7 +194,7 @@ def _members(group: Parameter) -> list[str]:
 
 def _option(flag: str, key: str, owners: tuple[str, ...], each: Parameter) -> Option:
     """Return the option of a parameter."""
-    from armgpi.parameter import REQUIRED
+    from armgpi.base.parameter import REQUIRED
 
     numbers = "NUMBERS" if each.per_joint else "NUMBER"
     metavars = {"group": ",".join(_members(each)).upper(), "choice": "NAME", "text": "NAME"}

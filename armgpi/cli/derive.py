@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from armgpi import files
+from armgpi.base import files
 from armgpi.cli.parsing import locks, refusal, split
 from armgpi.cli.terminal import say
 from armgpi.errors import RolloutError

@@ -11,9 +11,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
+from armgpi.base.version import ADDRESS
 from armgpi.cli.parsing import FAILED
 from armgpi.cli.terminal import say
-from armgpi.version import ADDRESS
 
 #: Extra -> the packages that it brings, by distribution and module.
 _EXTRAS = {

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from armgpi import files
+from armgpi.base import files
 from armgpi.cli import options as opt
 from armgpi.cli.certify import load_arm
 from armgpi.cli.experiment import note_world, resolved
@@ -16,11 +16,11 @@ from armgpi.cli.terminal import console, say, widen
 from armgpi.errors import ParameterError, require_extra
 
 if TYPE_CHECKING:
+    from armgpi.base.verdict import Verdict
     from armgpi.identification.arm import Identified, Load, Validation
     from armgpi.identification.excitation import Excitation
     from armgpi.robot.clearance import Clearance
     from armgpi.robot.robot import Robot
-    from armgpi.verdict import Verdict
 
 #: Duration of a motion by default [s].
 _SECONDS = 20.0
@@ -232,7 +232,7 @@ def _with_load(
     Raises:
         ParameterError: for a mass without a log of the load or without torque constants, or none.
     """
-    from armgpi.arrays import check_number, quantity
+    from armgpi.base.arrays import check_number, quantity
     from armgpi.identification.arm import identify as identified
 
     if mass is not None:

@@ -9,14 +9,14 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from armgpi.base.escape import printable
+from armgpi.base.verdict import Verdict, judge
 from armgpi.cli import options as opt
 from armgpi.cli.experiment import note_world, resolved
 from armgpi.cli.parsing import OFFERED, as_option, is_experiment
 from armgpi.cli.terminal import console as console_of
 from armgpi.cli.terminal import natural_width, say, widen
 from armgpi.errors import require_extra
-from armgpi.escape import printable
-from armgpi.verdict import Verdict, judge
 
 if TYPE_CHECKING:
     from armgpi.config import ExperimentConfig

@@ -33,7 +33,7 @@ def log(file: Path, replay: Path | None = None, csv: Path | None = None, as_json
     armgpi log motion.armlog --replay controller
     armgpi report motion.armlog --robot my.urdf
     """  # noqa: D301 (\b keeps the lines apart)
-    from armgpi import files
+    from armgpi.base import files
     from armgpi.loop.log import read
     from armgpi.loop.log import replay as compare
 

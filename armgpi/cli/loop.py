@@ -72,26 +72,24 @@ def loop(
     armgpi loop ur5 --loss 0.2
     armgpi loop panda --kill 2 --policy fifo --out results
     """  # noqa: D301 (\b keeps the lines apart)
-    from armgpi import config as configuration
     from armgpi.cli import pictures
     from armgpi.cli.experiment import check_out, note_differences, note_drives
     from armgpi.cli.settings import settings
+    from armgpi.config import build
     from armgpi.config import experiment as experiments
     from armgpi.hardware.realtime import Injected, Watchdog, run
 
     as_json = options.pop("as_json")
-    options |= {"robot": robot, "controllers": controller, "declared": values_of(context)}
-    options |= {"out": out, "force": force}
-    experiment = configuration.build(*settings(options, compare=False))
+    options |= {"robot": robot, "controllers": controller, "declared": values_of(context), "out": out}
+    options["force"] = force
+    experiment = build(*settings(options, compare=False))
     check_out(options, experiment)
     pictures.check(view=view, report=report)
     note_drives(experiment, explain)
     note_differences(experiment)
-    label, *others = experiment.runs
-    if others:
-        raise refusal("--plant", "armgpi loop takes one plant")
-    stretches = _stretch(outage, "--outage"), _stretch(stall, "--stall")
-    injected = Injected(loss, *stretches, kill, experiment.config.seed)
+    label = _only_label(experiment)
+    seed = experiment.config.seed
+    injected = Injected(loss, _stretch(outage, "--outage"), _stretch(stall, "--stall"), kill, seed)
     how: dict[str, Any] = {"clock": clock, "policy": policy, "exported": exported, "dry_run": dry_run}
     print_held()
     with ExitStack() as stack:
@@ -111,6 +109,14 @@ def loop(
         say(f"wrote {path}", err=True)
     say(json.dumps(found)) if as_json else _print(label, outcome, found)
     sys.exit(_code(outcome))
+
+
+def _only_label(experiment: Experiment) -> str:
+    """Return the label of the one run that an experiment has."""
+    label, *others = experiment.runs
+    if others:
+        raise refusal("--plant", "armgpi loop takes one plant")
+    return label
 
 
 def _write_files(

@@ -119,7 +119,7 @@ def robot_given(how: Mapping[str, Any]) -> dict[str, Any]:
 
 def drives_given(rotor_inertia: list[str] | None, path: Path | None) -> dict[str, Any]:
     """Return what --drives and --rotor-inertia give, as keys of the section `robot`; the latter wins."""
-    from armgpi import renamed
+    from armgpi.base import renamed
     from armgpi.cli.parsing import per_joint, refusal
 
     found: dict[str, Any] = {}

@@ -10,13 +10,13 @@ from typing import Any, TypeVar, cast
 
 import typer
 
+from armgpi.base.escape import in_si
 from armgpi.cli.terminal import say
 from armgpi.errors import ConfigError, Remedy
-from armgpi.escape import in_si
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
-#: INCOMPLETE: something that was supplied or asked for was not judged (:mod:`armgpi.verdict`).
+#: INCOMPLETE: something that was supplied or asked for was not judged (:mod:`armgpi.base.verdict`).
 OK, FAILED, BAD_INPUT, INCOMPLETE, INTERRUPTED = 0, 1, 2, 3, 130
 
 #: Kind of a remedy -> the option that does it, and how its value is shown where none is proposed.

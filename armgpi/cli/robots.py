@@ -7,10 +7,10 @@ import math
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
+from armgpi.base.escape import json_data
 from armgpi.cli.parsing import as_option
 from armgpi.cli.terminal import console as console_of
 from armgpi.cli.terminal import say
-from armgpi.escape import json_data
 
 if TYPE_CHECKING:
     from armgpi.health.findings import Finding

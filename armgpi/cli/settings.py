@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from armgpi import config as configuration
-from armgpi import renamed
+from armgpi.base import renamed
+from armgpi.base.renamed import current_name
 from armgpi.cli.declared import Option, whole
 from armgpi.cli.options import robot_given
 from armgpi.cli.parsing import is_experiment, per_joint, refusal
 from armgpi.config import Loaded, Origin, keys
 from armgpi.errors import ConfigError
 from armgpi.paper import scenarios
-from armgpi.renamed import current_name
 from armgpi.robot import robots
 from armgpi.robot.repairs import SUPPOSE
 
@@ -186,7 +186,7 @@ def _set(over: _Overlay, text: str) -> None:
 def _value(text: str) -> Any:
     """Return what was typed as an experiment file has it: numbers, a word, null, a list in brackets."""
     if text[0] in "[{":
-        from armgpi.yaml_text import parse_text
+        from armgpi.base.yaml_text import parse_text
 
         return parse_text(f"value: {text}", "command line: --set")[0]["value"]
     if text in (words := {"true": True, "false": False, "null": None}):

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from armgpi import files
+from armgpi.base import files
+from armgpi.base.escape import json_data
+from armgpi.base.verdict import Verdict, judge
 from armgpi.cli.parsing import refusal, stoppable
 from armgpi.cli.terminal import progress, say
 from armgpi.errors import require_extra
-from armgpi.escape import json_data
-from armgpi.verdict import Verdict, judge
 
 # What takes long to import is imported by the command, so that --help answers at once.
 if TYPE_CHECKING:

@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from armgpi import files
-from armgpi.arrays import quantity
+from armgpi.base import files
+from armgpi.base.arrays import quantity
+from armgpi.base.escape import csv_table, latex_text, printable
+from armgpi.base.parameter import parameters
 from armgpi.cli.parsing import refusal
 from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import console as console_of
@@ -21,14 +23,12 @@ from armgpi.cli.terminal import natural_width, widen
 from armgpi.config import Experiment
 from armgpi.config.building import verdicts
 from armgpi.config.experiment import describe_saturation
-from armgpi.escape import csv_table, latex_text, printable
 from armgpi.gpi.advice import COUNT_SHARE
 from armgpi.gpi.gains import FixedGains
 from armgpi.gpi.law import GPI
 from armgpi.loop import metrics, units
 from armgpi.loop.rollout import describe_measurement
 from armgpi.loop.running import ROUNDING
-from armgpi.parameter import parameters
 from armgpi.plants.elastic import ElasticPlant
 from armgpi.plants.plant import inside
 from armgpi.plants.sensors import Encoder

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from armgpi.escape import printable
+from armgpi.base.escape import printable
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -10,10 +10,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from armgpi import files
+from armgpi.base import files
+from armgpi.base.escape import json_data
 from armgpi.cli.parsing import FAILED, known_backend, refusal, stoppable
 from armgpi.cli.terminal import say, say_markdown
-from armgpi.escape import json_data
 
 if TYPE_CHECKING:
     from armgpi.studies.optimise import Search

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from armgpi.base.files import check_set, read_bytes
 from armgpi.cli import options as opt
 from armgpi.cli.parsing import refusal, stoppable
 from armgpi.cli.terminal import progress, say
-from armgpi.files import check_set, read_bytes
 
 if TYPE_CHECKING:
     import xarray as xr

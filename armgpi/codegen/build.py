@@ -23,7 +23,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Generic, NamedTuple, TypeVar
 
-from armgpi.cache import RESULTS, Untrusted, cache_folder, open_folder, why_shared
+from armgpi.base.cache import RESULTS, Untrusted, cache_folder, open_folder, why_shared
 from armgpi.errors import ArmgpiWarning, BackendError
 
 #: Strict arithmetic: no reordering and no fused multiply-add, so every machine and number of lanes gives the

@@ -15,7 +15,8 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from armgpi.arrays import SMALLEST, Array
+from armgpi.base.arrays import SMALLEST, Array
+from armgpi.base.version import VERSION
 from armgpi.codegen import build
 from armgpi.codegen.emit import Dialect, literal, straight_line
 from armgpi.codegen.source import library_text
@@ -26,7 +27,6 @@ from armgpi.references.following import Follower, FollowLimits, SetpointInverse,
 from armgpi.references.reference import Reference, Target
 from armgpi.robot.frame_motion import FrameMotion
 from armgpi.robot.robot import Robot
-from armgpi.version import VERSION
 
 #: Positions of poses beyond this are no positions of an arm's tool [m].
 _FARTHEST = 1e6

@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.codegen.algebra import ca
 from armgpi.codegen.emit import CallSite, Dialect, straight_line
 from armgpi.codegen.model import SymbolicModel, varied_table, varying

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.codegen.algebra import ca
 from armgpi.codegen.symbols import Scalar, solve
 from armgpi.robot.dynamics import VariedDynamics

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.codegen import build
 from armgpi.codegen.source import HELD, Layout, layout_of, source, trace_used
 from armgpi.codegen.state import map_leaves

@@ -21,7 +21,8 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
+from armgpi.base.parameter import parameters
 from armgpi.codegen.algebra import ca
 from armgpi.codegen.effects import SideEffects
 from armgpi.codegen.kernels import (
@@ -40,7 +41,6 @@ from armgpi.gpi.splines import BSplineBasis
 from armgpi.gpi.weights import Weights
 from armgpi.loop.running import TOTALS, Running
 from armgpi.loop.tool import Tool
-from armgpi.parameter import parameters
 from armgpi.plants.arm import LoadTable
 from armgpi.plants.environment import Environment
 from armgpi.plants.friction import ImplicitFriction

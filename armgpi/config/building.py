@@ -12,7 +12,8 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from armgpi.arrays import Array, quantity
+from armgpi.base.arrays import Array, quantity
+from armgpi.base.parameter import REQUIRED, Parameter, Parametrised, parameters
 from armgpi.config import default_move, world
 from armgpi.config.reading import Origin, check
 from armgpi.config.schema import (
@@ -28,7 +29,6 @@ from armgpi.config.section import Path_, Section
 from armgpi.control.controller import Controller
 from armgpi.control.force_limited import ForceLimited, ForceSettings
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ArrayError, ConfigError, EffortError, NameNotFound
-from armgpi.parameter import REQUIRED, Parameter, Parametrised, parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.environment import Contact
 from armgpi.plants.loads import Load, Step
@@ -933,7 +933,7 @@ def _per_joint(
     place: _Place,
     default: Array | float | None,
 ) -> Array:
-    """Return a per-joint quantity as an array (n,); see :func:`armgpi.arrays.quantity`."""
+    """Return a per-joint quantity as an array (n,); see :func:`armgpi.base.arrays.quantity`."""
     name = str(place.path[-1])
     try:
         return quantity(value, name, robot.joint_names, default)

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
+from armgpi.base.hints import with_keyword_hints
 from armgpi.errors import ParameterError
-from armgpi.hints import with_keyword_hints
 from armgpi.references.bezier import Bezier, minimum_duration
 from armgpi.references.waypoints import Waypoints
 from armgpi.robot.collisions import shape_files

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from armgpi import files
+from armgpi.base import files
+from armgpi.base.escape import json_data
 from armgpi.config import Experiment, ExperimentConfig, dump
 from armgpi.config.building import expand
 from armgpi.config.reading import with_nominals
 from armgpi.config.schema import REFERENCE_FILES
 from armgpi.errors import RolloutError
-from armgpi.escape import json_data
 from armgpi.gpi.law import GPI
 from armgpi.loop import metrics, rollout
 from armgpi.loop.prepared import prepare as prepare_loop

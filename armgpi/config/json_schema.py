@@ -9,10 +9,10 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from armgpi.base.parameter import Parameter, notes
+from armgpi.base.renamed import CONTROLLERS as OLD_CONTROLLERS
 from armgpi.config.schema import CONTACTS, CONTROLLERS, LOADS, PATHS, ExperimentConfig
 from armgpi.config.section import Key, Section
-from armgpi.parameter import Parameter, notes
-from armgpi.renamed import CONTROLLERS as OLD_CONTROLLERS
 
 #: Keys of sections that are told apart by their `type` -> group of definitions, whether it is a list.
 _VARIANTS: Mapping[str, tuple[str, bool]] = {

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from armgpi.base.parameter import Parameter
 from armgpi.config.section import Section
-from armgpi.parameter import Parameter
 from armgpi.robot.drives import QUANTITIES
 
 #: Kinds of parameters that are no numbers.

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from armgpi import files
+from armgpi.base import files
 from armgpi.config.schema import FORMAT, REFERENCE_FILES, ExperimentConfig
 from armgpi.config.section import Path_, Section, Wrong
 from armgpi.errors import ConfigError
@@ -123,7 +123,9 @@ def parse(text: str, source: str) -> Loaded:
 
 def _data(text: str, source: str) -> tuple[dict[str, Any], Origin]:
     """Return the text of a file as plain data, and where its keys are; errors as :func:`read`."""
-    from armgpi.yaml_text import parse_text  # here: YAML takes long to import, and most runs have no file
+    from armgpi.base.yaml_text import (
+        parse_text,  # here: YAML takes long to import, and most runs have no file
+    )
 
     if text.lstrip("\ufeff \n").startswith("<"):
         raise ConfigError(

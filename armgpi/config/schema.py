@@ -1,7 +1,7 @@
 """What an experiment file may contain: its sections and keys, from what classes declare.
 
 Sections of controllers, loads, sensors, actuators and paths are made from the parameters that their classes
-declare (:mod:`armgpi.parameter`); the others are below.
+declare (:mod:`armgpi.base.parameter`); the others are below.
 
 Every quantity is in SI units. A per-joint quantity is a number for all joints, a list, or a mapping from
 joint names.
@@ -13,7 +13,9 @@ import inspect
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
-from armgpi import renamed
+from armgpi.base import renamed
+from armgpi.base.parameter import REQUIRED, Parameter, parameters
+from armgpi.base.version import other_format
 from armgpi.config.section import (
     Key,
     Path_,
@@ -38,7 +40,6 @@ from armgpi.config.section import (
 )
 from armgpi.control.controller import Controller
 from armgpi.control.force_limited import ForceSettings
-from armgpi.parameter import REQUIRED, Parameter, parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.environment import Contact
 from armgpi.plants.loads import Load
@@ -48,7 +49,6 @@ from armgpi.references.paths import Path
 from armgpi.registry import classes_of, subclasses
 from armgpi.robot.changes import CHANGES
 from armgpi.supervisor import Supervisor
-from armgpi.version import other_format
 
 #: The format of experiment files.
 FORMAT = 1

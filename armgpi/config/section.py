@@ -10,10 +10,10 @@ from numbers import Integral, Real
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar
 
+from armgpi.base.escape import in_si, quote
+from armgpi.base.parameter import REQUIRED, Parameter, parameters
+from armgpi.base.renamed import current_name
 from armgpi.errors import ConfigError, NameNotFound
-from armgpi.escape import in_si, quote
-from armgpi.parameter import REQUIRED, Parameter, parameters
-from armgpi.renamed import current_name
 
 Path_ = tuple[str | int, ...]
 #: Reads a value at a path: returns it as it is kept, or raises `Wrong`.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+from armgpi.base.parameter import parameter, with_parameters
 from armgpi.control.observer import ScheduledController
-from armgpi.parameter import parameter, with_parameters
 
 
 @with_parameters

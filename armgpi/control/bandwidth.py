@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import Array, check_number
+from armgpi.base.arrays import Array, check_number
+from armgpi.base.parameter import Parametrised, PerJoint, parameter, with_parameters
 from armgpi.errors import ParameterError
-from armgpi.parameter import Parametrised, PerJoint, parameter, with_parameters
 from armgpi.registry import Context
 
 #: Resolution [bits] whose count is the scale of small errors without an encoder.

@@ -9,10 +9,10 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, PerJointInput
+from armgpi.base.arrays import Array, PerJointInput
+from armgpi.base.parameter import PerJoint, parameter, with_parameters
 from armgpi.control.shown import Shown
 from armgpi.control.sizes import batches, common_batch
-from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
 from armgpi.robot.batch import AnyRobot, RobotBatch, check_powered, check_robot

@@ -20,7 +20,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, new
+from armgpi.base.arrays import Array, new
 from armgpi.errors import ArmgpiWarning, Finding, ParameterError
 from armgpi.references.reference import Target
 from armgpi.robot.frame_motion import DampedJacobian, FrameMotion, inner

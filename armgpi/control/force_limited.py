@@ -7,11 +7,11 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, check_number, check_type, new
+from armgpi.base.arrays import Array, check_number, check_type, new
+from armgpi.base.parameter import Parametrised, PerJoint, parameter, with_parameters
 from armgpi.control.controller import Controller, ControlStep
 from armgpi.control.force_limit import FREE_FALL, SPEED, ForceBound, ForceLimit, check_weight, warn
 from armgpi.errors import ParameterError
-from armgpi.parameter import Parametrised, PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
 from armgpi.robot.batch import AnyRobot, one_of
 

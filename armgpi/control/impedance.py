@@ -18,12 +18,12 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, as_float_array, check_type, new
+from armgpi.base.arrays import Array, as_float_array, check_type, new
+from armgpi.base.parameter import PerJoint, parameter, with_parameters
 from armgpi.control.controller import Controller, ControlStep, Measurement
 from armgpi.control.force_limit import LEVER, ForceBound, ForceLimit
 from armgpi.control.impedance_limits import ImpedanceLimits, Mode, impedance_limits
 from armgpi.errors import ArrayError, ParameterError
-from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
 from armgpi.robot.batch import one_of

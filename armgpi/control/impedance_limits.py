@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 
 #: Smallest eigenvalue of an inertia beside the largest that a mode is taken of.
 _LEAST = 1e-9

@@ -6,10 +6,10 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
+from armgpi.base.parameter import PerJoint, parameter, with_parameters
 from armgpi.control.controller import ControlStep, FullState, Measurement
 from armgpi.control.pid import PIDInversion, PIDState
-from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
 
 

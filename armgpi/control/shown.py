@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from armgpi.base.escape import html_table
+from armgpi.base.hints import CONTROLLER
+from armgpi.base.parameter import Parametrised, parameters, plain
 from armgpi.errors import show_value
-from armgpi.escape import html_table
-from armgpi.hints import CONTROLLER
-from armgpi.parameter import Parametrised, parameters, plain
 
 if TYPE_CHECKING:
     from armgpi.robot.batch import AnyRobot

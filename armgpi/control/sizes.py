@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import ParameterError
 
 

@@ -7,9 +7,9 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
+from armgpi.base.parameter import PerJoint, parameter, with_parameters
 from armgpi.control.observer import Estimate, SmoothedController
-from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
 
 #: Speed and acceleration that the regressor counts in [rad/s, rad/s^2].

@@ -6,9 +6,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
+from armgpi.base.parameter import PerJoint, parameter, with_parameters
 from armgpi.control.observer import Estimate, SmoothedController
-from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.references.reference import Target
 
 

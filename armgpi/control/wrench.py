@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, ArrayLike, as_joint_array, check_number, check_type
+from armgpi.base.arrays import Array, ArrayLike, as_joint_array, check_number, check_type
 from armgpi.control.force_limit import FREE_FALL, KNOWN_WITHIN, USUAL_WITHIN, usual_friction
 from armgpi.robot.frame_motion import FrameMotion
 from armgpi.robot.robot import Robot

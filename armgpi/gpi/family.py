@@ -18,7 +18,7 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-from armgpi.arrays import Array, PerJointInput, as_sized_array, check_whole, positive
+from armgpi.base.arrays import Array, PerJointInput, as_sized_array, check_whole, positive
 from armgpi.errors import ParameterError
 from armgpi.gpi.gains import Tuning, betas
 

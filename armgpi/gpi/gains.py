@@ -6,9 +6,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
+from armgpi.base.parameter import Parametrised, PerJoint, again, parameter, with_parameters
 from armgpi.control.sizes import common_batch
-from armgpi.parameter import Parametrised, PerJoint, again, parameter, with_parameters
 from armgpi.registry import Context
 
 

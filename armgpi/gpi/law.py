@@ -10,7 +10,10 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, ArrayLike, as_float_array, new
+from armgpi.base.arrays import Array, ArrayLike, as_float_array, new
+from armgpi.base.hints import check_keywords
+from armgpi.base.parameter import PerJoint, Vector, parameter, plain, same, with_parameters
+from armgpi.base.renamed import warn_renamed
 from armgpi.control.controller import Controller, ControlStep, Measurement
 from armgpi.control.force_limit import FREE_FALL, SPEED, ForceBound, ForceLimit, Gentle, check_weight
 from armgpi.control.force_limited import ForceSettings
@@ -21,11 +24,8 @@ from armgpi.gpi.gains import FixedGains, Gains
 from armgpi.gpi.margins import Margins, default_omega, worst_margins
 from armgpi.gpi.payload import LoadRange, load_range, most_inertia, served_omega
 from armgpi.gpi.realisation import REALISATIONS, Bumpless, Resting
-from armgpi.hints import check_keywords
-from armgpi.parameter import PerJoint, Vector, parameter, plain, same, with_parameters
 from armgpi.references.reference import Target
 from armgpi.registry import Context
-from armgpi.renamed import warn_renamed
 from armgpi.robot.batch import AnyRobot, check_robot, check_same_joints, feedback_model, one_of
 from armgpi.robot.equations import ASSUMED_BITS, add_smooth_friction
 from armgpi.robot.robot import Robot

@@ -8,14 +8,14 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, PerJointInput, check_type
+from armgpi.base.arrays import Array, PerJointInput, check_type
+from armgpi.base.parameter import PerJoint, again, parameter, plain, with_parameters
 from armgpi.control.bandwidth import error_scales
 from armgpi.control.sizes import batches, common_batch
 from armgpi.errors import ArrayError, NameNotFound, ParameterError
 from armgpi.gpi.gains import GainStep, Poles, Quadratics, Tuning
 from armgpi.gpi.splines import BSplineBasis
 from armgpi.gpi.weights import Weights
-from armgpi.parameter import PerJoint, again, parameter, plain, with_parameters
 from armgpi.registry import Context
 
 #: Ends of omega_c's box that an experiment takes, in default bandwidths: 22 and 60 rad/s at 30 rad/s.

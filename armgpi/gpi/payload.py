@@ -19,7 +19,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, ArrayLike, as_float_array, check_number
+from armgpi.base.arrays import Array, ArrayLike, as_float_array, check_number
+from armgpi.base.hints import with_keyword_hints
+from armgpi.base.parameter import Parametrised, Vector, parameter, with_parameters
 from armgpi.errors import ParameterError, PayloadError
 from armgpi.gpi.family import PRINTED, Member
 from armgpi.gpi.gains import Tuning
@@ -33,8 +35,6 @@ from armgpi.gpi.margins import (
     sector,
     tolerated_phase,
 )
-from armgpi.hints import with_keyword_hints
-from armgpi.parameter import Parametrised, Vector, parameter, with_parameters
 from armgpi.robot.batch import AnyRobot, RobotBatch, VariedRobots
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot

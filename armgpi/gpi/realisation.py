@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from armgpi.arrays import Array, new
+from armgpi.base.arrays import Array, new
 from armgpi.gpi.family import PRINTED, Member, partial_fractions
 from armgpi.gpi.gains import Tuning, betas
 

@@ -7,12 +7,12 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
+from armgpi.base.parameter import with_parameters
 from armgpi.control.bandwidth import ErrorSchedule
 from armgpi.control.sizes import batches, common_batch
 from armgpi.gpi.gains import GainStep, Tuning
 from armgpi.gpi.network import Boxes, BSplineNetwork
-from armgpi.parameter import with_parameters
 from armgpi.registry import Context
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from armgpi.arrays import Array, as_sized_array, check_whole
+from armgpi.base.arrays import Array, as_sized_array, check_whole
 from armgpi.errors import ArrayError, ParameterError
 
 

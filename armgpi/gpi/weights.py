@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from armgpi.parameter import Parametrised, parameter, with_parameters
+from armgpi.base.parameter import Parametrised, parameter, with_parameters
 
 
 @with_parameters

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import Remedy
 from armgpi.gpi.advice import COUNT_SHARE, slow_default
 from armgpi.gpi.gains import Tuning, betas

@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import pinocchio as pin
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import MissingPackage, Remedy
 from armgpi.health.findings import Finding, Subject, check
 from armgpi.robot import mesh_files, tensors

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import ArmgpiError, import_extra
 from armgpi.health.findings import Finding
 from armgpi.health.report import HealthReport

@@ -23,7 +23,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from armgpi import registry
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import Finding as Finding
 from armgpi.errors import Level as Level
 from armgpi.errors import Remedy

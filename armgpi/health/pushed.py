@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, check_number
+from armgpi.base.arrays import Array, check_number
 from armgpi.control.controller import Controller
 from armgpi.errors import ArmgpiWarning, ParameterError
 from armgpi.gpi.law import GPI

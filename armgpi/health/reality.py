@@ -23,21 +23,21 @@ import numpy as np
 import xarray as xr
 
 from armgpi import config
-from armgpi.arrays import Array, check_whole
+from armgpi.base.arrays import Array, check_whole
+from armgpi.base.escape import markdown_table
+from armgpi.base.intervals import Estimate, wilson
+from armgpi.base.renamed import warn_renamed
 from armgpi.config.schema import KINDS, PlantSection
 from armgpi.control.controller import Controller
 from armgpi.errors import ArmgpiWarning
-from armgpi.escape import markdown_table
 from armgpi.gpi.family import Member
 from armgpi.gpi.law import KNOWS
 from armgpi.health.zoo import fingers
-from armgpi.intervals import Estimate, wilson
 from armgpi.loop import metrics
 from armgpi.loop.prepared import PreparedLoop, prepare
 from armgpi.loop.rollout import Status, describe_measurement
 from armgpi.plants.reality import Reality, Scenario, batches, stack_draws
 from armgpi.references.reference import Target
-from armgpi.renamed import warn_renamed
 from armgpi.robot import rotors
 from armgpi.robot.batch import with_heavier_rotors
 from armgpi.robot.equations import Friction

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import check_number, check_path, check_type, check_whole
+from armgpi.base.arrays import check_number, check_path, check_type, check_whole
+from armgpi.base.escape import html_table, json_data
 from armgpi.errors import ArmgpiWarning, ParameterError, Remedy, UrdfError
-from armgpi.escape import html_table, json_data
 from armgpi.gpi.advice import light_model
 from armgpi.gpi.law import GPI
 from armgpi.gpi.payload import largest_payload

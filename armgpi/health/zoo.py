@@ -9,8 +9,8 @@ from typing import NamedTuple
 import xarray as xr
 
 from armgpi import config
+from armgpi.base.escape import markdown_table
 from armgpi.errors import ArmgpiError, ArmgpiWarning
-from armgpi.escape import markdown_table
 from armgpi.gpi.gains import FixedGains
 from armgpi.gpi.law import GPI
 from armgpi.gpi.payload import largest_payload, payload_range

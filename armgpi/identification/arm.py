@@ -12,9 +12,10 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from armgpi.arrays import Array, PerJointInput, check_choice, check_type, frozen, quantity
+from armgpi.base.arrays import Array, PerJointInput, check_choice, check_type, frozen, quantity
+from armgpi.base.hints import with_keyword_hints
+from armgpi.base.renamed import warn_renamed
 from armgpi.errors import ParameterError, UnfitLog
-from armgpi.hints import with_keyword_hints
 from armgpi.identification import estimate
 from armgpi.identification.check import (
     LIGHT,
@@ -51,7 +52,6 @@ from armgpi.identification.weak_form import (
     inverse_rows,
 )
 from armgpi.plants.reality import scales
-from armgpi.renamed import warn_renamed
 from armgpi.robot.batch import RobotBatch
 from armgpi.robot.drives import Drives
 from armgpi.robot.kinematics import random_configurations

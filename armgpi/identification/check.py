@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import optimize
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import UnfitLog
 from armgpi.identification.estimate import Prior, is_supposed
 from armgpi.identification.logs import Grid

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import optimize
 
-from armgpi.arrays import Array, PerJointInput, check_number, check_type, quantity
+from armgpi.base.arrays import Array, PerJointInput, check_number, check_type, quantity
+from armgpi.base.verdict import Verdict, judge
 from armgpi.errors import ArmgpiError, ParameterError, UnfitLog
 from armgpi.gpi.law import GPI
 from armgpi.identification.excitation import Excitation, blocked, free_configuration, ranges, surroundings
@@ -26,7 +27,6 @@ from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import assume_gears
 from armgpi.tuning.rule import BITS, usual_effort
 from armgpi.tuning.verdict import verdict
-from armgpi.verdict import Verdict, judge
 
 #: Ends of the chirp [Hz], its length, the time to settle before it and to come to rest after it [s].
 LOWEST, HIGHEST = 4.0, 160.0

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.identification.weak_form import COLUMNS, COULOMB, OFFSET, ROTOR, VISCOUS, WeakForm
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import assume_gears, lowest_mode

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pinocchio as pin
 from scipy import linalg, sparse
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import ParameterError, import_extra
 from armgpi.identification.weak_form import BODY, COLUMNS, COULOMB, OFFSET, ROTOR, VISCOUS
 from armgpi.plants.reality import scales

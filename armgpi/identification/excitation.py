@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, ArrayLike, as_sized_array, check_number, check_type, check_whole
+from armgpi.base.arrays import Array, ArrayLike, as_sized_array, check_number, check_type, check_whole
 from armgpi.errors import ParameterError
 from armgpi.identification.estimate import expect
 from armgpi.identification.weak_form import COLUMNS, ROTOR

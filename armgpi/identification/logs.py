@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from armgpi import files
-from armgpi.arrays import Array, as_sized_array, check_choice, check_path, check_type
-from armgpi.columns import read_table
+from armgpi.base import files
+from armgpi.base.arrays import Array, as_sized_array, check_choice, check_path, check_type
+from armgpi.base.columns import read_table
 from armgpi.errors import ArrayError, NameNotFound, ParameterError, UnreadableTrajectory
 from armgpi.loop.log import ENDING, ArmLog, read
 from armgpi.references.recorded import joint_states

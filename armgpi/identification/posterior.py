@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import LARGEST, Array, check_whole
+from armgpi.base.arrays import LARGEST, Array, check_whole
 from armgpi.errors import UrdfError
 from armgpi.identification import estimate
 from armgpi.identification.estimate import Prior

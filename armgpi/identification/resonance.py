@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import optimize
 
-from armgpi.arrays import Array, check_number, check_type, check_whole
+from armgpi.base.arrays import Array, check_number, check_type, check_whole
 from armgpi.errors import ParameterError, UnfitLog
 from armgpi.identification.estimate import expect
 from armgpi.identification.excitation import Excitation, blocked, free_configuration, ranges, surroundings

@@ -7,7 +7,7 @@ from os import PathLike
 import numpy as np
 
 from armgpi import config
-from armgpi.arrays import Array, check_path
+from armgpi.base.arrays import Array, check_path
 from armgpi.errors import ParameterError
 from armgpi.identification.logs import Grid
 from armgpi.loop.simulation import simulate

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
+from armgpi.base.verdict import Verdict, judge
 from armgpi.errors import ArmgpiError
 from armgpi.gpi.law import GPI
 from armgpi.identification.arm import Estimate, Identified, Load, Validation
@@ -15,7 +16,6 @@ from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import assume_gears
 from armgpi.tuning.rule import BITS
 from armgpi.tuning.verdict import verdict
-from armgpi.verdict import Verdict, judge
 
 #: Residual over torque up to which a model is good enough to control by, and from which it explains little.
 _GOOD, _POOR = 0.1, 0.25

@@ -19,7 +19,7 @@ import numpy.typing as npt
 import pinocchio as pin
 from numpy.lib.stride_tricks import sliding_window_view
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.identification.logs import Grid
 
 #: What is estimated of each joint: its body (mass, first moments, second moments about the joint's frame),

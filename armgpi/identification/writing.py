@@ -14,11 +14,11 @@ from xml.parsers import expat
 import numpy as np
 import pinocchio as pin
 
-from armgpi import files
-from armgpi.arrays import check_path
+from armgpi.base import files
+from armgpi.base.arrays import check_path
+from armgpi.base.escape import json_data
 from armgpi.config import schema
 from armgpi.errors import UrdfError
-from armgpi.escape import json_data
 from armgpi.identification.arm import Identified, Load, Validation
 from armgpi.identification.estimate import expect
 from armgpi.identification.excitation import Excitation

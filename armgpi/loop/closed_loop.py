@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, ArrayLike, as_joint_array, new
+from armgpi.base.arrays import Array, ArrayLike, as_joint_array, new
 from armgpi.control.controller import Controller, FullState, Measurement
 from armgpi.control.sizes import common_batch
 from armgpi.errors import ArrayError, ParameterError

@@ -33,13 +33,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from armgpi import files
-from armgpi.arrays import Array, check_path, check_type
+from armgpi.base import files
+from armgpi.base.arrays import Array, check_path, check_type
+from armgpi.base.version import VERSION, other_format
 from armgpi.control.controller import FullState, Measurement
 from armgpi.errors import NameNotFound, ParameterError, RolloutError
 from armgpi.references.reference import Target
 from armgpi.supervisor import Reason, State
-from armgpi.version import VERSION, other_format
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from armgpi import files
-from armgpi.arrays import check_path, check_type
+from armgpi.base import files
+from armgpi.base.arrays import check_path, check_type
 from armgpi.errors import ParameterError, import_extra
 
 #: Topic or entity -> variables of a rollout: its position, velocity and effort, as a joint state has them.

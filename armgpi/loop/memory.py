@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armgpi import registry
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import NameNotFound, RolloutError
 from armgpi.loop.rollout import Recorded, Status
 from armgpi.loop.running import ROUNDING, Totals, fold

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from armgpi import files
-from armgpi.arrays import (
+from armgpi.base import files
+from armgpi.base.arrays import (
     Array,
     ArrayLike,
     check_choice,
@@ -24,6 +24,7 @@ from armgpi.arrays import (
     check_whole,
     is_listing,
 )
+from armgpi.base.hints import with_keyword_hints
 from armgpi.control.controller import Controller
 from armgpi.errors import (
     ArmgpiWarning,
@@ -34,7 +35,6 @@ from armgpi.errors import (
     NameNotFound,
     ParameterError,
 )
-from armgpi.hints import with_keyword_hints
 from armgpi.loop import metrics
 from armgpi.loop.backends import BACKENDS, runner, sample_streams
 from armgpi.loop.closed_loop import ClosedLoop, LoopState

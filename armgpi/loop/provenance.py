@@ -9,9 +9,9 @@ from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
+from armgpi.base.escape import json_data
+from armgpi.base.version import VERSION
 from armgpi.errors import RolloutError
-from armgpi.escape import json_data
-from armgpi.version import VERSION
 
 if TYPE_CHECKING:
     import xarray as xr

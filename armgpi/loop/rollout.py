@@ -36,17 +36,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from armgpi import files, hdf5
-from armgpi.arrays import Array, check_path, check_type
+from armgpi.base import files, hdf5
+from armgpi.base.arrays import Array, check_path, check_type
+from armgpi.base.files import machine_bytes
+from armgpi.base.version import other_format
 from armgpi.errors import RolloutError
-from armgpi.files import machine_bytes
 from armgpi.loop.memory import Memory
 from armgpi.loop.provenance import Provenance, versions
 from armgpi.loop.tool import MOST, Tool, ToolTrack, angle_of
 from armgpi.loop.units import POSITION, TORQUE, VELOCITY
 from armgpi.robot.batch import AnyRobot
 from armgpi.supervisor import SIGNALS, Reason
-from armgpi.version import other_format
 
 if TYPE_CHECKING:  # functions that need it import it: with pandas it takes twice as long as Pinocchio
     import xarray as xr
@@ -532,7 +532,7 @@ def read_netcdf(source: Path) -> xr.Dataset:
     """Return all of a NetCDF file.
 
     Raises:
-        RolloutError: when it is missing or broken, or declares what :mod:`armgpi.hdf5` does not load.
+        RolloutError: when it is missing or broken, or declares what :mod:`armgpi.base.hdf5` does not load.
     """
     try:
         return hdf5.load(source)

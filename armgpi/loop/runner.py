@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.arrays import Array, new
+from armgpi.base.arrays import Array, new
 from armgpi.control.controller import FullState
 from armgpi.loop.closed_loop import ClosedLoop, LoopState
 from armgpi.loop.rollout import Recording

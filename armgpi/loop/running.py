@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.loop.tool import Tool, ToolSample
 
 #: Hunting is looked for in the last seconds, but in no more than this share of the horizon.

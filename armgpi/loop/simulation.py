@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from armgpi.arrays import ArrayLike
+from armgpi.base.arrays import ArrayLike
+from armgpi.base.hints import with_keyword_hints
 from armgpi.control.controller import Controller
 from armgpi.errors import ParameterError
-from armgpi.hints import with_keyword_hints
 from armgpi.loop.prepared import prepare
 from armgpi.loop.runner import DIVERGENCE
 from armgpi.plants.plant import Plant

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import ParameterError
 from armgpi.plants.plant import Plant, inside
 from armgpi.robot.frame_motion import FrameMotion, Pose, inner

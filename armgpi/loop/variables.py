@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import as_sized_array, is_listing
+from armgpi.base.arrays import as_sized_array, is_listing
+from armgpi.base.parameter import Parameter, Parametrised, parameters
 from armgpi.control.controller import Controller
 from armgpi.errors import ArmgpiWarning, ArrayError, NameNotFound, ParameterError
 from armgpi.gpi.weights import Weights
 from armgpi.loop.closed_loop import ClosedLoop
-from armgpi.parameter import Parameter, Parametrised, parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.plant import Plant, Wrapper
 from armgpi.robot.batch import AnyRobot, VariedRobots

@@ -7,15 +7,15 @@ from os import PathLike
 import numpy as np
 import xarray as xr
 
-from armgpi import files
-from armgpi.arrays import check_path, check_type
+from armgpi.base import files
+from armgpi.base.arrays import check_path, check_type
+from armgpi.base.parameter import parameters
+from armgpi.base.version import other_format
 from armgpi.errors import ArrayError, RolloutError
 from armgpi.gpi.gains import Tuning
 from armgpi.gpi.weights import Weights
 from armgpi.loop.rollout import netcdf, read_netcdf
-from armgpi.parameter import parameters
 from armgpi.robot.batch import AnyRobot, check_robot
-from armgpi.version import other_format
 
 _FORMAT = "armgpi_weights"
 

@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from armgpi.arrays import Array, ArrayLike, as_float_array
+from armgpi.base.arrays import Array, ArrayLike, as_float_array
 from armgpi.errors import ArrayError, ParameterError, ReachError
 
 #: A point outside the workspace by no more than this counts as on its boundary: rounding [m].

@@ -7,10 +7,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
+from armgpi.base.parameter import with_parameters
 from armgpi.errors import ParameterError
 from armgpi.paper.arm import PaperArm
-from armgpi.parameter import with_parameters
 from armgpi.plants.loads import Load, paper_disturbances
 from armgpi.references.cartesian import ClosedForm
 from armgpi.registry import Context

@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from armgpi.arrays import Array
-from armgpi.parameter import PerJoint, parameter, with_parameters
+from armgpi.base.arrays import Array
+from armgpi.base.parameter import PerJoint, parameter, with_parameters
 from armgpi.plants.plant import Plant, StatefulWrapper, Wrapped, Wrapper
 from armgpi.registry import Context
 

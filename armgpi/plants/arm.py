@@ -9,11 +9,11 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from armgpi.arrays import Array, new, not_negative, per_joint
+from armgpi.base.arrays import Array, new, not_negative, per_joint
+from armgpi.base.parameter import Parametrised, parameter, with_parameters
 from armgpi.control.controller import FullState
 from armgpi.control.sizes import batches, common_batch
 from armgpi.errors import ArrayError, ParameterError
-from armgpi.parameter import Parametrised, parameter, with_parameters
 from armgpi.plants.environment import Contact, Environment
 from armgpi.plants.friction import STICK_VELOCITY, ImplicitFriction
 from armgpi.plants.loads import Load

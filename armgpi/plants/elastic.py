@@ -9,10 +9,10 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, new
+from armgpi.base.arrays import Array, new
+from armgpi.base.parameter import PerJoint, parameter, with_parameters
 from armgpi.control.controller import FullState
 from armgpi.errors import ParameterError
-from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.friction import STICK_VELOCITY, Braked, ImplicitFriction, solve
 from armgpi.plants.plant import PlantState

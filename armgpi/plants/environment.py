@@ -15,9 +15,9 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
+from armgpi.base.parameter import Parametrised, Vector, parameter, plain, with_parameters
 from armgpi.errors import ParameterError
-from armgpi.parameter import Parametrised, Vector, parameter, plain, with_parameters
 from armgpi.plants.loads import check_times
 from armgpi.registry import Context
 from armgpi.robot.batch import AnyRobot, VariedRobots

@@ -7,9 +7,9 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
+from armgpi.base.parameter import PerJoint, parameter, with_parameters
 from armgpi.control.controller import FullState
-from armgpi.parameter import PerJoint, parameter, with_parameters
 from armgpi.plants.loads import check_times
 from armgpi.plants.plant import PlantState, StatefulWrapper, Wrapped, Wrapper
 

@@ -8,7 +8,7 @@ from typing import NamedTuple, cast
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.robot.equations import Friction
 
 #: Newton steps for Coulomb friction at most: 1e-9 of it is left after 16 for all of 12,000 random arms.

@@ -14,9 +14,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from armgpi.arrays import Array, PerJointInput, as_times, is_listing
+from armgpi.base.arrays import Array, PerJointInput, as_times, is_listing
+from armgpi.base.parameter import Parametrised, PerJoint, parameter, plain, with_parameters
 from armgpi.errors import ParameterError
-from armgpi.parameter import Parametrised, PerJoint, parameter, plain, with_parameters
 from armgpi.registry import Context
 
 

@@ -17,10 +17,10 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
 
-from armgpi import files
-from armgpi.arrays import Array, check_path, is_listing, new
+from armgpi.base import files
+from armgpi.base.arrays import Array, check_path, is_listing, new
+from armgpi.base.parameter import parameter, with_parameters
 from armgpi.errors import ParameterError, UrdfError, import_extra
-from armgpi.parameter import parameter, with_parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.plant import PlantState
 from armgpi.robot import repairs, urdf

@@ -9,11 +9,11 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, check_type
+from armgpi.base.arrays import Array, check_type
+from armgpi.base.parameter import Parametrised, parameters, with_parameters
 from armgpi.control.controller import FullState
 from armgpi.control.sizes import batches, common_batch
 from armgpi.errors import ArrayError, show_value
-from armgpi.parameter import Parametrised, parameters, with_parameters
 from armgpi.registry import Context
 from armgpi.robot.batch import AnyRobot
 

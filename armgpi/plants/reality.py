@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import LARGEST, Array, check_whole
+from armgpi.base.arrays import LARGEST, Array, check_whole
+from armgpi.base.parameter import Parametrised, parameter, with_parameters
 from armgpi.errors import ParameterError
-from armgpi.parameter import Parametrised, parameter, with_parameters
 from armgpi.plants import noise
 from armgpi.plants.actuators import Saturated
 from armgpi.plants.elastic import ElasticPlant

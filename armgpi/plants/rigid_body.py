@@ -8,8 +8,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, new
-from armgpi.parameter import parameter, with_parameters
+from armgpi.base.arrays import Array, new
+from armgpi.base.parameter import parameter, with_parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.friction import STICK_VELOCITY
 from armgpi.plants.plant import PlantState

@@ -6,10 +6,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
+from armgpi.base.parameter import PerJoint, parameter, plain, with_parameters
 from armgpi.control.controller import FullState
 from armgpi.errors import ParameterError
-from armgpi.parameter import PerJoint, parameter, plain, with_parameters
 from armgpi.plants import noise
 from armgpi.plants.plant import StatefulWrapper, Wrapped, Wrapper
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.control.controller import FullState
 from armgpi.plants.plant import Plant, StatefulWrapper, Wrapped, Wrapper
 

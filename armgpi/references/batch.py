@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, as_times, is_listing
+from armgpi.base.arrays import Array, as_times, is_listing
 from armgpi.errors import ArrayError, ParameterError
 from armgpi.references.bezier import Bezier
 from armgpi.references.recorded import Recorded

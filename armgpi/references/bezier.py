@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, ArrayLike, as_sized_array, as_times, check_number, positive
+from armgpi.base.arrays import Array, ArrayLike, as_sized_array, as_times, check_number, positive
+from armgpi.base.hints import with_keyword_hints
 from armgpi.errors import ArrayError, ParameterError
-from armgpi.hints import with_keyword_hints
 from armgpi.references.reference import Reference, Target
 
 #: Peak of the first derivative of the blend, at x = 4/9: 1260 (4/9)^4 (5/9)^5.

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import Array, as_float_array
+from armgpi.base.arrays import Array, as_float_array
 from armgpi.errors import ArrayError, ParameterError, ReachError
 from armgpi.references.paths import Path
 from armgpi.references.reference import Reference, Target

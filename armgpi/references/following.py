@@ -17,7 +17,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from armgpi.arrays import SMALLEST, Array, ArrayLike, as_float_array, as_sized_array, check_number, check_type
+from armgpi.base.arrays import (
+    SMALLEST,
+    Array,
+    ArrayLike,
+    as_float_array,
+    as_sized_array,
+    check_number,
+    check_type,
+)
 from armgpi.errors import ArrayError, ParameterError, ReachError
 from armgpi.references.poses import Poses, as_poses, check_pose_times, load_poses
 from armgpi.references.reference import Reference, Target

@@ -10,9 +10,9 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import SMALLEST, Array, ArrayLike, as_sized_array, as_times, check_type, is_listing
+from armgpi.base.arrays import SMALLEST, Array, ArrayLike, as_sized_array, as_times, check_type, is_listing
+from armgpi.base.parameter import Parametrised, Vector, parameter, plain, with_parameters
 from armgpi.errors import ArrayError, ParameterError
-from armgpi.parameter import Parametrised, Vector, parameter, plain, with_parameters
 from armgpi.references.waypoints import Waypoints
 
 #: What an experiment takes for the place and size of a path that is not given.

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi import columns, files, hdf5
-from armgpi.arrays import SMALLEST, Array, ArrayLike, as_sized_array, as_times, check_path
+from armgpi.base import columns, files, hdf5
+from armgpi.base.arrays import SMALLEST, Array, ArrayLike, as_sized_array, as_times, check_path
 from armgpi.errors import ArrayError, MissingPackage, ParameterError, UnreadableTrajectory
 from armgpi.references.paths import Path, PathPoint, Turning
 from armgpi.robot.frame_motion import cross_matrix

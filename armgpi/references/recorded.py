@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from armgpi import columns, files, hdf5
-from armgpi.arrays import (
+from armgpi.base import columns, files, hdf5
+from armgpi.base.arrays import (
     SMALLEST,
     Array,
     ArrayLike,

@@ -6,7 +6,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import LimitError, ParameterError, ReachError
 from armgpi.references.paths import Path
 from armgpi.references.reference import Target

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, ArrayLike, as_sized_array, is_listing
+from armgpi.base.arrays import Array, ArrayLike, as_sized_array, is_listing
 from armgpi.errors import ArrayError, ParameterError
 from armgpi.references.bezier import Bezier, time
 from armgpi.references.reference import Reference, Target

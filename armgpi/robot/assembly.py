@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 import pinocchio as pin
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.robot import tensors
 from armgpi.robot.tree import Joint, Link
 

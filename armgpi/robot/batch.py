@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import Array, check_type
+from armgpi.base.arrays import Array, check_type
 from armgpi.errors import EffortError, ParameterError
 from armgpi.robot.robot import Robot
 from armgpi.robot.several import RobotBatch, VariedRobots, common_batch

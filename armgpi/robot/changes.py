@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from armgpi.parameter import Parameter
+from armgpi.base.parameter import Parameter
 from armgpi.robot.edits import Edits
 
 _Same = TypeVar("_Same", bound=Edits)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import Remedy, UrdfError
 from armgpi.robot.frames import Frames
 

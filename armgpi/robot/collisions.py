@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import UrdfError
 from armgpi.robot import markup, urdf
 from armgpi.robot.meshes import MeshFinder

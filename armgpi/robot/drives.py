@@ -17,11 +17,11 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from armgpi import files, renamed
-from armgpi.arrays import LARGEST, Array, check_choice, quantity
+from armgpi.base import files, renamed
+from armgpi.base.arrays import LARGEST, Array, check_choice, quantity
+from armgpi.base.parameter import Parameter, plain
+from armgpi.base.renamed import current_name
 from armgpi.errors import ArmgpiError, ConfigError, NameNotFound, ParameterError, UrdfError, show_value
-from armgpi.parameter import Parameter, plain
-from armgpi.renamed import current_name
 from armgpi.robot.markup import GEAR_RATIO, ROTOR_INERTIA
 
 #: Whose word a number is: a user's or a file's, a rule's where nobody said anything, a measurement's, or that
@@ -236,7 +236,7 @@ class Drives:
         Raises:
             ConfigError: when it cannot be read, or something in it is not as it should be.
         """
-        from armgpi.yaml_text import read_yaml  # here: YAML takes long to import
+        from armgpi.base.yaml_text import read_yaml  # here: YAML takes long to import
 
         data = read_yaml(Path(path), _MAX_BYTES)
         return cls.from_plain(data, joint_names, str(path))

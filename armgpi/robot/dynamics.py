@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 import pinocchio as pin
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 
 if not hasattr(pin, "aba"):  # PyPI's `pinocchio` is a plug-in for nose
     raise ImportError(f"{pin.__file__} is another package named pinocchio; armgpi needs the one of `pin`")

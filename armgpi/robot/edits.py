@@ -11,9 +11,9 @@ from typing import Any, TypeVar
 import numpy as np
 import pinocchio as pin
 
-from armgpi.arrays import SMALLEST, Array, ArrayLike, as_number, as_sized_array, frozen, quantity
+from armgpi.base.arrays import SMALLEST, Array, ArrayLike, as_number, as_sized_array, frozen, quantity
+from armgpi.base.hints import with_keyword_hints
 from armgpi.errors import ArrayError, LimitError, ParameterError
-from armgpi.hints import with_keyword_hints
 from armgpi.robot.assembly import Assembly
 from armgpi.robot.drives import Drives
 from armgpi.robot.dynamics import (

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, NoReturn, TypeVar, cast
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.arrays import Array, ArrayLike, as_joint_array, check_type
+from armgpi.base.arrays import Array, ArrayLike, as_joint_array, check_type
 from armgpi.errors import ArrayError, LimitError, ParameterError, Remedy
 from armgpi.robot.drives import Drives
 from armgpi.robot.dynamics import Dynamics

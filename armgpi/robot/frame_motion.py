@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import NameNotFound, ParameterError
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from armgpi.arrays import Array, ArrayLike
+from armgpi.base.arrays import Array, ArrayLike
 from armgpi.errors import NameNotFound
 from armgpi.robot.dynamics import Workspace
 from armgpi.robot.equations import Equations

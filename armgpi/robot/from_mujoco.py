@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import UrdfError, import_extra
 from armgpi.robot import mjcf_files, urdf
 from armgpi.robot.tree import Joint, Link

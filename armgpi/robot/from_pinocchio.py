@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import ParameterError, UrdfError
 from armgpi.robot import tensors, urdf
 from armgpi.robot.tree import Joint, Link

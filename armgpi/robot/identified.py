@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from armgpi import files
-from armgpi.arrays import LARGEST
+from armgpi.base import files
+from armgpi.base.arrays import LARGEST
+from armgpi.base.version import other_format
 from armgpi.errors import UrdfError
-from armgpi.version import other_format
 
 #: The file that makes a folder one of an identified arm, its version, and its largest size [bytes].
 NAME, FORMAT = "identification.json", 2

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.arrays import (
+from armgpi.base.arrays import (
     SMALLEST,
     Array,
     ArrayLike,
@@ -22,8 +22,8 @@ from armgpi.arrays import (
     check_number,
     check_whole,
 )
+from armgpi.base.hints import with_keyword_hints
 from armgpi.errors import ArrayError, ParameterError, ReachError
-from armgpi.hints import with_keyword_hints
 from armgpi.robot.frames import Pose
 from armgpi.robot.robot import Robot
 

@@ -20,8 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from armgpi.arrays import Array
-from armgpi.escape import markdown_table
+from armgpi.base.arrays import Array
+from armgpi.base.escape import markdown_table
 from armgpi.robot.drives import Drives
 
 #: Lengths [m] and angles [degrees] of an arm may differ by so much from those of a product: URDFs are

@@ -11,7 +11,7 @@ from pathlib import Path
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
-from armgpi import files
+from armgpi.base import files
 from armgpi.errors import Remedy, UrdfError
 
 MAX_BYTES = 32 * 1024 * 1024

@@ -20,8 +20,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from armgpi import interrupts
-from armgpi.arrays import Array
+from armgpi.base import interrupts
+from armgpi.base.arrays import Array
 from armgpi.errors import ArmgpiError, MissingPackage, import_extra
 from armgpi.robot.meshes import Found
 

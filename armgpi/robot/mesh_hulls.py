@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi import files
-from armgpi.arrays import Array
-from armgpi.cache import keep_result, read_result
+from armgpi.base import files
+from armgpi.base.arrays import Array
+from armgpi.base.cache import keep_result, read_result
 from armgpi.robot import mesh_files
 from armgpi.robot.meshes import Found
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import unquote
 
-from armgpi import files
+from armgpi.base import files
 
 MAX_MESH_BYTES = 256 * 1024 * 1024
 MESHES = frozenset({".stl", ".dae", ".obj", ".ply", ".glb", ".gltf", ".off", ".3mf", ".mesh", ".stlb"})

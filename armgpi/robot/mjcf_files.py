@@ -15,7 +15,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-from armgpi import files
+from armgpi.base import files
 from armgpi.errors import UrdfError
 from armgpi.robot.markup import MAX_ELEMENTS, read_file
 from armgpi.robot.meshes import MeshFinder

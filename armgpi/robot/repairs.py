@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any, NamedTuple
 
-from armgpi import renamed
+from armgpi.base import renamed
+from armgpi.base.renamed import current_name
 from armgpi.errors import NameNotFound, ParameterError, Remedy, UrdfError
-from armgpi.renamed import current_name
 
 ALL = "all"
 #: The repair that is no correction but a start.

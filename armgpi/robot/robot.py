@@ -13,10 +13,10 @@ from typing import Any, NoReturn
 import numpy as np
 import pinocchio as pin
 
-from armgpi.arrays import Array, ArrayLike, check_path, check_type, check_whole, frozen
+from armgpi.base.arrays import Array, ArrayLike, check_path, check_type, check_whole, frozen
+from armgpi.base.escape import html_table
+from armgpi.base.hints import ROBOT, missing, with_keyword_hints
 from armgpi.errors import UrdfError, import_extra
-from armgpi.escape import html_table
-from armgpi.hints import ROBOT, missing, with_keyword_hints
 from armgpi.robot import (
     chains,
     from_mujoco,

@@ -15,10 +15,10 @@ import math
 
 import numpy as np
 
-from armgpi import renamed
-from armgpi.arrays import Array, check_choice, check_type
-from armgpi.hints import with_keyword_hints
-from armgpi.renamed import current_name
+from armgpi.base import renamed
+from armgpi.base.arrays import Array, check_choice, check_type
+from armgpi.base.hints import with_keyword_hints
+from armgpi.base.renamed import current_name
 from armgpi.robot.drives import Drives
 from armgpi.robot.equations import ASSUMED_GEAR_RATIO
 from armgpi.robot.kinematics import random_configurations

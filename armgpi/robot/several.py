@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import SMALLEST, Array, as_sized_array, check_type, frozen, is_listing
+from armgpi.base.arrays import SMALLEST, Array, as_sized_array, check_type, frozen, is_listing
+from armgpi.base.parameter import plain
 from armgpi.errors import ArrayError, NameNotFound, ParameterError
-from armgpi.parameter import plain
 from armgpi.robot.changes import CHANGES, change
 from armgpi.robot.drives import Drives
 from armgpi.robot.dynamics import stack_dynamics

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 
 #: By how much of the largest moment a tensor may violate what a rigid body's obeys, by rounding of the file.
 _ROUNDING = 0.01

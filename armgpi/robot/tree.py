@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 
 MOVING_TYPES = ("revolute", "continuous", "prismatic")
 #: Types with more than one coordinate: to be locked, or refused.

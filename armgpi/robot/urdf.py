@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element, SubElement
 
+from armgpi.base.escape import in_si, quote
 from armgpi.errors import UrdfError
-from armgpi.escape import in_si, quote
 from armgpi.robot import tree
 from armgpi.robot.markup import MAX_BYTES as MAX_BYTES
 from armgpi.robot.markup import parse_xml, xacro_hint

@@ -17,7 +17,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from armgpi.arrays import Array, as_number, check_choice, frozen
+from armgpi.base.arrays import Array, as_number, check_choice, frozen
 from armgpi.errors import ArmgpiWarning, NameNotFound, ParameterError, Remedy, UrdfError
 from armgpi.robot import tensors, tree
 from armgpi.robot.assembly import Assembly, join

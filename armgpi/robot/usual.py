@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.robot.clearance import Clearance, usual_floor
 from armgpi.robot.collisions import shape_files
 from armgpi.robot.kinematics import random_configurations

@@ -17,8 +17,8 @@ import numpy as np
 import yaml
 
 from armgpi import config
+from armgpi.base.escape import markdown_table
 from armgpi.errors import NameNotFound
-from armgpi.escape import markdown_table
 from armgpi.health.reality import describe_knowledge as described
 from armgpi.health.zoo import fingers
 from armgpi.plants.reality import Reality, Scenario, scales

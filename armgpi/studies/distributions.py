@@ -12,9 +12,9 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
+from armgpi.base.parameter import Parameter
 from armgpi.errors import ParameterError
-from armgpi.parameter import Parameter
 
 #: Kinds of distributions, by their names in experiment files.
 KINDS = ("uniform", "log_uniform", "normal", "choices", "factor")

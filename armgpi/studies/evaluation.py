@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.config import controller, keys
 from armgpi.errors import ArmgpiError, ArmgpiWarning
 from armgpi.health.reality import in_rows, prepare_draws

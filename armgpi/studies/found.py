@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import yaml
 
-from armgpi import files
-from armgpi.arrays import Array
+from armgpi.base import files
+from armgpi.base.arrays import Array
+from armgpi.base.escape import csv_table, markdown_table
 from armgpi.config import experiment as experiments
 from armgpi.errors import RolloutError
-from armgpi.escape import csv_table, markdown_table
 from armgpi.loop import metrics
 from armgpi.studies.optimise import Row, Search, Validated
 from armgpi.studies.setup import Wanted, best_file

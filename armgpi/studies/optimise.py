@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import ParameterError, RolloutError
 from armgpi.studies.evaluation import Evaluator
 from armgpi.studies.objective import Judged, Objective

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import import_extra
 
 #: First step size, as a share of the range.

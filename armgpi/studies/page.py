@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.config import build, dump, keys
 from armgpi.config import experiment as experiments
 from armgpi.loop import metrics

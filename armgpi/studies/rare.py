@@ -17,15 +17,15 @@ import numpy as np
 from scipy.special import ndtr
 from scipy.stats import norm as normal
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
+from armgpi.base.intervals import LEVEL, Estimate, clopper_pearson
+from armgpi.base.verdict import Verdict, judge
 from armgpi.config import ExperimentConfig
 from armgpi.errors import ConfigError, ParameterError
-from armgpi.intervals import LEVEL, Estimate, clopper_pearson
 from armgpi.studies.distributions import draw_key
 from armgpi.studies.results import WORST
 from armgpi.studies.sample import Sweep
 from armgpi.studies.study import Study
-from armgpi.verdict import Verdict, judge
 
 #: Share of a level from which the next one starts, and so one over the length of a chain.
 _SHARE = 0.1

@@ -15,13 +15,13 @@ import numpy as np
 import xarray as xr
 from xarray.backends import H5NetCDFStore
 
-from armgpi import files
-from armgpi.arrays import Array
+from armgpi.base import files
+from armgpi.base.arrays import Array
+from armgpi.base.escape import json_data
+from armgpi.base.intervals import clopper_pearson, quantile, wilson
 from armgpi.config import ExperimentConfig
 from armgpi.config import experiment as experiments
 from armgpi.errors import RolloutError
-from armgpi.escape import json_data
-from armgpi.intervals import clopper_pearson, quantile, wilson
 from armgpi.loop import metrics
 from armgpi.loop.rollout import FAULTS, Status
 from armgpi.studies.sample import FAILURE_SHARES, Sweep, chunk_name

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
+from armgpi.base.parameter import parameters
 from armgpi.config import Experiment, ExperimentConfig, Origin, build, check, keys, read
 from armgpi.config.building import IDENTIFICATION, real_arm
 from armgpi.errors import ArmgpiWarning, BackendError, ConfigError, NameNotFound, ParameterError
@@ -23,7 +24,6 @@ from armgpi.loop import metrics
 from armgpi.loop.prepared import PreparedLoop, prepare
 from armgpi.loop.rollout import FAULTS, Status
 from armgpi.loop.variables import Variable, current
-from armgpi.parameter import parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.plant import Wrapper, inside
 from armgpi.plants.reality import Reality, Scenario, batches

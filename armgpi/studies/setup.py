@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi import config
+from armgpi.base.parameter import parameters
 from armgpi.config import Experiment, ExperimentConfig, Origin
 from armgpi.config.building import expand
 from armgpi.config.reading import beside, check_section, read_data
 from armgpi.errors import ArmgpiError, ArmgpiWarning, NameNotFound, ParameterError, require_extra
 from armgpi.loop import metrics
-from armgpi.parameter import parameters
 from armgpi.plants.reality import Reality
 from armgpi.robot import rotors
 from armgpi.studies.evaluation import Evaluator

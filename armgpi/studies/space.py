@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
+from armgpi.base.parameter import Parameter
 from armgpi.config.schema import KINDS
 from armgpi.control.controller import Controller
 from armgpi.errors import NameNotFound, ParameterError
 from armgpi.loop.variables import Variable, of_controller
-from armgpi.parameter import Parameter
 from armgpi.robot.changes import CHANGES
 from armgpi.studies.evaluation import with_keys
 

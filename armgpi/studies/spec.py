@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
+from armgpi.base.parameter import Parameter
 from armgpi.config.schema import SECTIONS
 from armgpi.config.section import (
     Key,
@@ -19,7 +20,6 @@ from armgpi.config.section import (
     text,
     word,
 )
-from armgpi.parameter import Parameter
 
 
 def _whole(default: Any, least: int, most: int, none: str = "") -> Key:

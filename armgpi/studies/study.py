@@ -22,15 +22,16 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from armgpi import files, registry
-from armgpi.arrays import Array
+from armgpi import registry
+from armgpi.base import files
+from armgpi.base.arrays import Array
+from armgpi.base.version import other_format
 from armgpi.codegen import build
 from armgpi.config.experiment import portable
 from armgpi.config.schema import ExperimentConfig
 from armgpi.errors import BackendError, RolloutError
 from armgpi.loop.provenance import versions
 from armgpi.robot import robots
-from armgpi.version import other_format
 
 #: The file of a folder that says what study it holds, and its format.
 IDENTITY, FORMAT = "study.json", 1

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import LARGEST, Array, per_joint, quantity
+from armgpi.base.arrays import LARGEST, Array, per_joint, quantity
+from armgpi.base.parameter import Parametrised, PerJoint, parameter, parameters, with_parameters
 from armgpi.control.controller import Controller, Measurement
-from armgpi.parameter import Parametrised, PerJoint, parameter, parameters, with_parameters
 from armgpi.references.reference import Target
 
 #: Positions beyond this are no measurements: sine and cosine would lose digits and time [rad or m]. Set by

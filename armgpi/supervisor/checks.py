@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import LARGEST, Array
+from armgpi.base.arrays import LARGEST, Array
 from armgpi.control.controller import Controller, FullState, Measurement
 from armgpi.references.reference import Target
 from armgpi.supervisor.bounds import (

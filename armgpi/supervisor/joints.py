@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 
 #: Which joints, or rollouts (..., 1).
 Mask = npt.NDArray[np.bool_]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from armgpi.escape import markdown_table
+from armgpi.base.escape import markdown_table
 from armgpi.supervisor.state import Reason
 
 #: Where the table is.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Any, NamedTuple
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.supervisor.joints import Mask
 
 #: What a rollout records of the supervisor: status, reason and joint of a fault, samples since then.

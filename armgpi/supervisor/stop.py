@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.control.controller import Controller
 from armgpi.references.reference import Target
 from armgpi.supervisor.bounds import (

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import LARGEST, SMALLEST, Array, check_type, check_whole
+from armgpi.base.arrays import LARGEST, SMALLEST, Array, check_type, check_whole
+from armgpi.base.escape import html_table
+from armgpi.base.parameter import parameters
 from armgpi.control.controller import Controller, ControlStep, FullState, Measurement
 from armgpi.errors import ParameterError, show_value
-from armgpi.escape import html_table
-from armgpi.parameter import parameters
 from armgpi.references.reference import Target
 from armgpi.supervisor import checks
 from armgpi.supervisor.bounds import FARTHEST, SMOOTHING, Supervisor, bounds_of, smoothing, suited

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import Finding
 from armgpi.gpi.margins import SLOWEST_DEFAULT
 from armgpi.robot.robot import Robot

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.gpi.advice import COUNT_SHARE
 from armgpi.gpi.family import Member
 from armgpi.robot.batch import feedback_model

@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import Array
-from armgpi.cache import keep_result, read_result
+from armgpi.base.arrays import Array
+from armgpi.base.cache import keep_result, read_result
 from armgpi.gpi.family import Member
 from armgpi.gpi.payload import LoadRange
 from armgpi.robot.kinematics import random_configurations

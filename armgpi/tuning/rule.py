@@ -15,7 +15,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, as_float_array, check_number
+from armgpi.base.arrays import Array, as_float_array, check_number
+from armgpi.base.parameter import with_parameters
 from armgpi.errors import Finding, ParameterError
 from armgpi.gpi import advice as of_controllers
 from armgpi.gpi.family import PARAMETERS, Member
@@ -37,7 +38,6 @@ from armgpi.gpi.payload import (
     plausible_load,
 )
 from armgpi.gpi.realisation import Bumpless
-from armgpi.parameter import with_parameters
 from armgpi.registry import Context
 from armgpi.robot.batch import (
     AnyRobot,

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.robot.robot import Robot
 
 #: Bandwidth of a current loop of which nothing is known [Hz]; 300 to 1000 are usual.

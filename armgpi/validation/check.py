@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import Array, check_number, check_type, check_whole
+from armgpi.base.arrays import Array, check_number, check_type, check_whole
+from armgpi.base.hints import with_keyword_hints
 from armgpi.errors import ModelError, ParameterError, Remedy
-from armgpi.hints import with_keyword_hints
 from armgpi.robot.equations import PerJoint
 from armgpi.robot.robot import Robot
 from armgpi.validation import containment, forms, laws, repair, samples

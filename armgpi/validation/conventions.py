@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from armgpi.arrays import Array, check_type
+from armgpi.base.arrays import Array, check_type
 from armgpi.errors import NameNotFound, ParameterError
 from armgpi.validation.tree import Tree, absolute_angles
 

@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from armgpi import files
-from armgpi.arrays import Array
+from armgpi.base import files
+from armgpi.base.arrays import Array
 from armgpi.errors import NameNotFound, ParameterError
 from armgpi.validation.template import MOST_JOINTS, Template, equations_to_fill_in
 

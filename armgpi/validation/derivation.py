@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import Array, check_type
+from armgpi.base.arrays import Array, check_type
+from armgpi.base.escape import latex_text
+from armgpi.base.hints import with_keyword_hints
 from armgpi.errors import MissingPackage, ParameterError, Remedy
-from armgpi.escape import latex_text
-from armgpi.hints import with_keyword_hints
 from armgpi.robot.robot import Robot
 from armgpi.validation.tree import Tree, from_robot
 from armgpi.validation.trig import Trig

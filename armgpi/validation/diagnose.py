@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.validation import harmonics, phrasing, terms
 from armgpi.validation.hypotheses import (
     CONVENTIONS,

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 
 #: Coefficients that formulas have, the usual ones first.
 COEFFICIENTS = (1.0, 2.0, 0.5, 4.0, 0.25, 3.0, 1.0 / 3.0, 1.0 / 12.0)

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.validation.alternatives import (
     Scope,
     alternatives,

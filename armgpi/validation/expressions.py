@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.validation.graph import Expression, equations_of, joint_of
 
 #: Names that torques have in SymPy's mechanics, apart from those of :func:`.graph.joint_of`.

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 
 #: Coordinates of a base that moves, which stand before those of the joints.
 BASE = 6

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.validation.diagnose import Cause
 from armgpi.validation.repair import Compared
 from armgpi.validation.samples import Sampled

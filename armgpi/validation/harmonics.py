@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 
 #: More terms than this are no explanation: nobody finds a mistake in them.
 MOST_TERMS = 8

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.validation.tree import (
     PARALLEL,
     Affine,

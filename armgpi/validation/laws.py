@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.validation.models import States
 from armgpi.validation.samples import SAFETY, Sampled, rows_of, slopes, torque_of
 from armgpi.validation.tree import christoffel

@@ -25,8 +25,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi import files
-from armgpi.arrays import Array
+from armgpi.base import files
+from armgpi.base.arrays import Array
 from armgpi.validation import expressions, forms
 from armgpi.validation.conventions import SHORT, Convention, near_function
 from armgpi.validation.graph import Program, is_drawn, joint_of, states_of

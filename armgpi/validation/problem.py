@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.validation.hypotheses import Hypothesis
 from armgpi.validation.models import States
 from armgpi.validation.samples import SAFETY, Sampled, rows_of

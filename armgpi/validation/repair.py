@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import ModelError
 from armgpi.validation import phrasing, samples
 from armgpi.validation.diagnose import Cause

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from itertools import chain
 from typing import Any, NamedTuple
 
-from armgpi.escape import html_table, json_data, latex_text
+from armgpi.base.escape import html_table, json_data, latex_text
+from armgpi.base.verdict import Verdict, judge
 from armgpi.validation import typeset
 from armgpi.validation.conventions import propose_map
 from armgpi.validation.diagnose import Cause
 from armgpi.validation.laws import Law
 from armgpi.validation.models import ARGUMENTS
 from armgpi.validation.residual import Difference
-from armgpi.verdict import Verdict, judge
 
 #: Elements listed in a line of text, and lines of differences, at most: the JSON has all.
 _LISTED, _LINES = 8, 12

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.validation.naming import UserName, describe
 from armgpi.validation.problem import Element, Mask, Problem
 from armgpi.validation.summands import Shape, Shapes, Summand, is_weight, numbers_of, summands

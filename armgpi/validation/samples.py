@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import ModelError
 from armgpi.validation.models import ARGUMENTS, States
 from armgpi.validation.tree import Quantities

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.validation.alternatives import function_name, is_sum
 from armgpi.validation.dictionary import Dictionary
 from armgpi.validation.edits import (

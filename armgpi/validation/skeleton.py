@@ -19,7 +19,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from scipy.optimize import least_squares
 
-from armgpi.arrays import Array, check_type
+from armgpi.base.arrays import Array, check_type
 from armgpi.errors import ModelError, Remedy
 from armgpi.robot.robot import Robot
 from armgpi.validation import check, laws, samples

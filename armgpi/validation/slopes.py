@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.validation.hypotheses import Parameter, parameters, steiner
 from armgpi.validation.models import States
 from armgpi.validation.problem import Problem, function_of

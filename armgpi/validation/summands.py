@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.validation import harmonics
 from armgpi.validation.problem import Problem
 from armgpi.validation.terms import _alone

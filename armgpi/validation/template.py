@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from armgpi.arrays import check_whole
+from armgpi.base.arrays import check_whole
 
 #: Joints of a planar arm that is written, at most: a model by hand of more is rare.
 MOST_JOINTS = 7

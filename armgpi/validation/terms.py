@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.validation.hypotheses import Names
 from armgpi.validation.problem import Problem
 from armgpi.validation.tree import Tree, evaluate

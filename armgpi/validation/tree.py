@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.robot.robot import Robot
 
 Quantities = dict[str, Array]

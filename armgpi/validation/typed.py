@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import ModelError
 from armgpi.validation import samples
 from armgpi.validation.edits import GRAVITY, ROWS, Change, apply_changes, harmless

@@ -10,7 +10,7 @@ import ast
 import re
 from collections.abc import Sequence
 
-from armgpi.escape import html_text, latex_text
+from armgpi.base.escape import html_text, latex_text
 from armgpi.validation.alternatives import function_name
 
 #: Names of Greek letters, which are set as such.

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 
 #: Step of a derivative, of the number itself; what it leaves out is far below what counts as the same, and so
 #: is what the rounding of finite differences leaves.

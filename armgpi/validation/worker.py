@@ -31,7 +31,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import ModelError, ParameterError, Remedy
 from armgpi.validation import containment, edits, mechanics, models, proofs, search, units
 from armgpi.validation.conventions import Convention

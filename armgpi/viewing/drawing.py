@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from armgpi.arrays import Array
-from armgpi.escape import html_text
+from armgpi.base.arrays import Array
+from armgpi.base.escape import html_text
 
 #: Colours of what is drawn: an axis, and words.
 LINE, WORDS = "#1b2127", "#5a6570"

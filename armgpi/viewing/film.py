@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from armgpi import files
-from armgpi.arrays import Array
+from armgpi.base import files
+from armgpi.base.arrays import Array
 from armgpi.errors import ParameterError, RolloutError, import_extra
 from armgpi.robot.robot import Robot
 from armgpi.viewing import meshes, plots, scene, style, tracks

@@ -17,8 +17,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from armgpi import files
-from armgpi.arrays import ArrayLike, as_joint_array
+from armgpi.base import files
+from armgpi.base.arrays import ArrayLike, as_joint_array
 from armgpi.errors import ArmgpiError, ParameterError, Remedy
 from armgpi.robot.robot import Robot
 from armgpi.viewing import page, scene

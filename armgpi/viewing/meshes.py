@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from armgpi import files
-from armgpi.arrays import Array
+from armgpi.base import files
+from armgpi.base.arrays import Array
 from armgpi.robot.mesh_files import KINDS as KINDS
 from armgpi.robot.mesh_files import MAX_BYTES, MeshError, checked, guarded, read_parts, toolbox, unit
 from armgpi.robot.meshes import Found, MeshFinder

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.escape import html_text, printable
+from armgpi.base.escape import html_text, printable
 from armgpi.loop.provenance import versions
 from armgpi.loop.units import POSITION, TORQUE
 from armgpi.viewing.meshes import Triangles

@@ -52,8 +52,8 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from armgpi import files
-from armgpi.arrays import Array
+from armgpi.base import files
+from armgpi.base.arrays import Array
 from armgpi.errors import MissingPackage, NameNotFound, ParameterError, RolloutError
 from armgpi.loop.rollout import Status
 from armgpi.loop.units import POSITION, TORQUE, TORQUE_RATE, VELOCITY, Unit, prismatic

@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 import xarray as xr
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.config import experiment
 from armgpi.errors import ArmgpiError, RolloutError
 from armgpi.gpi.gains import Tuning

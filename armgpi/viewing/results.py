@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from armgpi.base.escape import html_table
+from armgpi.base.hints import with_keyword_hints
 from armgpi.control.controller import Controller
 from armgpi.errors import ParameterError
-from armgpi.escape import html_table
-from armgpi.hints import with_keyword_hints
 from armgpi.loop import metrics
 from armgpi.loop.simulation import simulate
 from armgpi.plants.plant import Plant
@@ -137,7 +137,7 @@ def report(
     """
     import xarray as xr
 
-    from armgpi.arrays import check_path
+    from armgpi.base.arrays import check_path
     from armgpi.viewing import report as reports
 
     file = Path(check_path(path, "path"))
@@ -174,7 +174,7 @@ def view(
     """
     import xarray as xr
 
-    from armgpi.arrays import check_path
+    from armgpi.base.arrays import check_path
     from armgpi.viewing import film, meshcat, page
     from armgpi.viewing import report as reports
 

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError, Remedy, RolloutError
 from armgpi.loop.provenance import Provenance
 from armgpi.loop.rollout import Status, describe_end

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import RolloutError
 from armgpi.loop.rollout import Status
 from armgpi.robot.robot import Robot

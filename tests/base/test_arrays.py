@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from armgpi.arrays import (
+from armgpi.base.arrays import (
     as_float_array,
     as_joint_array,
     as_number,

@@ -18,8 +18,8 @@ import yaml
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from armgpi.base.escape import in_si, printable
 from armgpi.cli import main
-from armgpi.escape import in_si, printable
 from armgpi.viewing.page import text as in_html
 
 #: What commands a terminal, hides, or turns other text around; a few that are known for it.

@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 import armgpi
-from armgpi import files, hdf5
+from armgpi.base import files, hdf5
 from armgpi.errors import RolloutError
 
 #: An earlier and a later set of files.
@@ -342,7 +342,7 @@ def test_a_rollout_of_another_run_is_refused(tmp_path: Path) -> None:
 
 
 def test_nothing_in_the_package_writes_files_by_itself() -> None:
-    """Whatever a user asks for goes through `armgpi.files`; what is left is in temporary folders.
+    """Whatever a user asks for goes through `armgpi.base.files`; what is left is in temporary folders.
 
     loop/memory.py fills a file that `files.replace_files` gave it, and validation/containment.py tells the
     kernel which user a namespace has.
@@ -354,7 +354,7 @@ def test_nothing_in_the_package_writes_files_by_itself() -> None:
         for path in root.rglob("*.py")
         if any(way in path.read_text(encoding="utf-8") for way in ways)
     }
-    assert found == {"files.py", "codegen/build.py", "loop/memory.py", "validation/containment.py"}
+    assert found == {"base/files.py", "codegen/build.py", "loop/memory.py", "validation/containment.py"}
 
 
 @pytest.mark.parametrize("size", [1, 16, 1000])

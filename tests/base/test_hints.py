@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 import armgpi
-from armgpi import hints
+from armgpi.base import hints
 
 ARM = armgpi.Robot.load("anthropomorphic3")
 LAW: Any = armgpi.GPI(ARM, 1e-3)

@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from armgpi import interrupts
+from armgpi.base import interrupts
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

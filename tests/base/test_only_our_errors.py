@@ -23,11 +23,11 @@ from hypothesis.extra import numpy as npst
 
 import armgpi
 from armgpi import ArmgpiError, ArmgpiWarning, FullState, Measurement, Robot, Target, health, metrics, robots
-from armgpi.arrays import LARGEST
+from armgpi.base.arrays import LARGEST
+from armgpi.base.parameter import Parameter, parameters
 from armgpi.gpi.family import Member
 from armgpi.gpi.payload import LoadRange
 from armgpi.hardware.export.files import record
-from armgpi.parameter import Parameter, parameters
 from armgpi.plants.loads import multi_sine
 from armgpi.references import paths
 from armgpi.references.bezier import minimum_duration

@@ -16,12 +16,12 @@ import pytest
 
 import armgpi
 from armgpi import GPI, PIDInversion, RigidBodyPlant, Robot, config
+from armgpi.base.parameter import REQUIRED, PerJoint, again, parameter, parameters, with_parameters
 from armgpi.cli import declared
 from armgpi.config import schema
 from armgpi.config.section import union
 from armgpi.control.controller import Controller
 from armgpi.errors import ArmgpiError, ArrayError, ConfigError, ParameterError
-from armgpi.parameter import REQUIRED, PerJoint, again, parameter, parameters, with_parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.loads import Load
 from armgpi.plants.plant import StatefulWrapper, Wrapper
@@ -207,7 +207,7 @@ PLUGIN = '''
 from typing import ClassVar
 
 import armgpi
-from armgpi.parameter import PerJoint, parameter, with_parameters
+from armgpi.base.parameter import PerJoint, parameter, with_parameters
 
 
 @with_parameters

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +13,13 @@ import pytest
 import yaml
 
 import armgpi
-from armgpi import config, renamed
+from armgpi import config
+from armgpi.base import renamed
+from armgpi.base.renamed import RenamedWarning
 from armgpi.certification.path import PathBound
 from armgpi.certification.request import ask
 from armgpi.health.reality import Outcome
 from armgpi.identification.arm import Estimate
-from armgpi.renamed import RenamedWarning
 from armgpi.robot.drives import Drives
 from armgpi.robot.repairs import repair_names
 
@@ -28,6 +31,17 @@ def test_old_members_of_the_package_are_the_new_ones() -> None:
         with pytest.warns(DeprecationWarning, match=f"armgpi.{old}' is now called 'armgpi.{new}'"):
             assert getattr(armgpi, old) is getattr(armgpi, new)
         assert old not in dir(armgpi)
+
+
+@pytest.mark.parametrize("module", ["arrays", "parameter"])
+def test_old_modules_are_the_new_ones(module: str) -> None:
+    sys.modules.pop(f"armgpi.{module}", None)
+    with pytest.warns(DeprecationWarning, match=f"'armgpi.{module}' is now called 'armgpi.base.{module}'"):
+        old = vars(import_module(f"armgpi.{module}"))
+    new = {
+        name: value for name, value in vars(import_module(f"armgpi.base.{module}")).items() if name[0] != "_"
+    }
+    assert new.items() <= old.items()
 
 
 def test_the_old_method_makes_the_same_controller() -> None:

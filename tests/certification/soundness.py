@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array, as_times
+from armgpi.base.arrays import Array, as_times
 from armgpi.certification.adversary import Worst, worst
 from armgpi.certification.quantities import resting
 from armgpi.certification.request import Asked

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.certification import check_certificate
 
 checker: Any = check_certificate

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from strategies import FOLLOWS, robots
 
 from armgpi import Robot, certify
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.certification import check_certificate, quantities
 from armgpi.certification.quantities import Points, Setting
 from armgpi.certification.solve import _ALPHAS, _lyapunov, _matrix, _Problem, _split, _svec, solve

@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 from strategies import robots
 
 import armgpi
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.certification import quantities, request
 from armgpi.certification.box import box_of
 from armgpi.certification.quantities import (

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from strategies import FOLLOWS, robots
 
 from armgpi import Robot
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.certification import check_certificate, quantities
 from armgpi.certification.certificate import Certificate, certificate
 from armgpi.certification.quantities import Points, Setting, resting, search_numbers

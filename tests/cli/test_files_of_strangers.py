@@ -454,7 +454,7 @@ def test_a_set_of_files_names_none_outside_its_folder(tmp_path: Path) -> None:
     save_rollout(folder / "rollout.nc")
     (folder / "SHA256SUMS").write_text(f"{'0' * 64}  ../secret\n")
     with pytest.raises(armgpi.errors.RolloutError, match="outside its folder"):
-        armgpi.files.check_set(folder)
+        armgpi.base.files.check_set(folder)
 
 
 def test_good_files_are_read(good: Callable[[str], Ended]) -> None:

@@ -15,6 +15,8 @@ import pytest
 from commands import Answer
 
 import armgpi
+from armgpi.base.intervals import Estimate
+from armgpi.base.verdict import Verdict, judge
 from armgpi.certification import check_certificate
 from armgpi.certification.certificate import seal
 from armgpi.cli import inspect
@@ -22,9 +24,7 @@ from armgpi.cli.certify import unjudged_drives
 from armgpi.cli.experiment import resolved
 from armgpi.errors import RolloutError
 from armgpi.identification.text import judge_arm
-from armgpi.intervals import Estimate
 from armgpi.studies.study import Identity, Study
-from armgpi.verdict import Verdict, judge
 
 Cli = Callable[..., Answer]
 

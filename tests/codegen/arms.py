@@ -23,7 +23,7 @@ from armgpi import (
     config,
     default_omega,
 )
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.health import zoo
 
 DT = 1e-3

@@ -21,7 +21,7 @@ import pytest
 from loops import compiled
 
 from armgpi import GPI, ArmgpiWarning, Bezier, RigidBodyPlant, Robot, prepare, simulate
-from armgpi.cache import cache_folder
+from armgpi.base.cache import cache_folder
 from armgpi.codegen import build
 from armgpi.codegen import run as generated
 from armgpi.codegen.trace import _text

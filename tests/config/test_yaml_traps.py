@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from armgpi import config
+from armgpi.base.yaml_text import parse
 from armgpi.errors import ConfigError
-from armgpi.yaml_text import parse
 
 
 @pytest.mark.parametrize("number", ["1:30", "-1:30", "1:30.5", "1:00:00", "010", "-017", "0_7"])

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import armgpi
+from armgpi.base.parameter import with_parameters
 from armgpi.control.controller import Controller, ControlStep, FullState
 from armgpi.errors import ParameterError
 from armgpi.health.pushed import _judge, describe, pushed, roomy
-from armgpi.parameter import with_parameters
 
 Q = np.array([0.0, -1.2, 1.5, -1.87, -1.57, 0.3])
 #: Joint stiffness [N m/rad] and damping [N m s/rad] of a controller without integrators.

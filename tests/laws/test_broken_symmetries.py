@@ -22,11 +22,11 @@ from armgpi import (
     RigidBodyPlant,
     Robot,
     Step,
-    files,
     load,
     save,
     simulate,
 )
+from armgpi.base import files
 from armgpi.certification import check_certificate
 from armgpi.errors import ArrayError, EffortError, ParameterError, UrdfError
 from armgpi.loop import metrics

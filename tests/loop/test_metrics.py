@@ -17,7 +17,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.integrate import quad, trapezoid
 
 from armgpi import Status, config, metrics
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.config.experiment import compare, save
 from armgpi.errors import ArmgpiError, RolloutError
 from armgpi.loop.running import TOTALS, Running, Totals, fold

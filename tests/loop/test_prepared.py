@@ -49,10 +49,10 @@ from armgpi import (
     prepare,
     simulate,
 )
+from armgpi.base.parameter import with_parameters
 from armgpi.codegen import build
 from armgpi.errors import ArrayError, LimitError, NameNotFound, ParameterError
 from armgpi.loop import prepared as preparing
-from armgpi.parameter import with_parameters
 from armgpi.plants.plant import Wrapper
 from armgpi.robot.batch import VariedRobots, feedback_model
 

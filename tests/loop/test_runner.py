@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armgpi import GPI, Bezier, Delayed, Encoder, Hold, PIDInversion, RigidBodyPlant, Robot, simulate
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import RolloutError
 from armgpi.hardware.export.files import record
 from armgpi.loop.closed_loop import ClosedLoop

@@ -12,6 +12,7 @@ import pytest
 
 import armgpi
 from armgpi import config
+from armgpi.base.parameter import Parameter, parameters
 from armgpi.config import experiment as experiments
 from armgpi.config import keys
 from armgpi.config.schema import VarySection
@@ -19,7 +20,6 @@ from armgpi.errors import ArmgpiWarning, ConfigError, NameNotFound, ParameterErr
 from armgpi.gpi.law import GPI
 from armgpi.loop import metrics
 from armgpi.loop.variables import robot_with
-from armgpi.parameter import Parameter, parameters
 from armgpi.studies import space
 from armgpi.studies.distributions import distribution
 from armgpi.studies.sample import Sweep

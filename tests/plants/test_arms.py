@@ -9,10 +9,10 @@ import pytest
 import yaml
 
 import armgpi
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
+from armgpi.base.parameter import with_parameters
 from armgpi.config import build, parse
 from armgpi.errors import ParameterError
-from armgpi.parameter import with_parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.plant import inside
 from armgpi.registry import classes_of

@@ -15,10 +15,10 @@ from machines import swing
 from scipy import linalg, stats
 
 from armgpi import GPI, PIDInversion, Reality, Robot, Supervisor, config, robots, simulate
+from armgpi.base.intervals import clopper_pearson, wilson
+from armgpi.base.parameter import parameters
 from armgpi.errors import ArmgpiError, ConfigError, ParameterError
 from armgpi.health import reality as health
-from armgpi.intervals import clopper_pearson, wilson
-from armgpi.parameter import parameters
 from armgpi.plants.reality import Gears, Numbers, Scenario, batches, scales, stack_draws
 from armgpi.references.bezier import PEAK_VELOCITY
 from armgpi.robot import rotors

@@ -26,12 +26,12 @@ from sampling import for_search
 
 import armgpi
 from armgpi import config
+from armgpi.base.parameter import parameters
 from armgpi.cli import app, declared, main
 from armgpi.config import schema
 from armgpi.config.section import Section
 from armgpi.hardware.export.targets import TARGETS
 from armgpi.loop.backends import BACKENDS
-from armgpi.parameter import parameters
 from armgpi.plants.arm import Arm
 from armgpi.plants.loads import Load
 from armgpi.plants.plant import Wrapper

@@ -13,7 +13,7 @@ from commands import fork_script
 from sampling import for_search
 
 from armgpi import GPI, Hold, RigidBodyPlant, Robot, simulate, validate
-from armgpi.escape import html_table
+from armgpi.base.escape import html_table
 from armgpi.hardware.realtime import run
 from armgpi.health import inspect
 from armgpi.paper.arm import PaperArm

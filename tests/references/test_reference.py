@@ -22,7 +22,7 @@ from armgpi import (
     Waypoints,
     simulate,
 )
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import ArrayError, ParameterError
 
 ARM = Robot.load("anthropomorphic3")

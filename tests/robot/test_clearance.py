@@ -9,7 +9,7 @@ import pytest
 from test_collisions import arm
 
 from armgpi import Robot
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import ParameterError
 from armgpi.identification.excitation import excite
 from armgpi.identification.resonance import shake

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armgpi import cache
+from armgpi.base import cache
 from armgpi.robot import mesh_files
 from armgpi.robot.mesh_hulls import hull_of
 from armgpi.robot.meshes import Found

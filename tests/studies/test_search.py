@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 from matplotlib.colors import to_hex
 
 from armgpi import ArmgpiWarning, Reality, Robot, config, metrics, simulate
+from armgpi.base.parameter import Parameter
 from armgpi.config.schema import KINDS
 from armgpi.errors import MissingPackage, NameNotFound, ParameterError, RolloutError
-from armgpi.parameter import Parameter
 from armgpi.plants.reality import stack_draws
 from armgpi.studies import contend, found, pictures
 from armgpi.studies import space as spaces

@@ -23,7 +23,7 @@ import pytest
 from sampling import for_search
 from test_sweep import RARE, TEXT, called, contents
 
-from armgpi import files
+from armgpi.base import files
 from armgpi.codegen import build as compilers
 from armgpi.config import build, parse, read
 from armgpi.config import experiment as experiments

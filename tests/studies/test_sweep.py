@@ -20,7 +20,9 @@ import pytest
 import xarray as xr
 from scipy.stats import binom, loguniform, norm, uniform
 
-from armgpi import files
+from armgpi.base import files
+from armgpi.base.intervals import clopper_pearson, quantile, wilson
+from armgpi.base.parameter import Parameter, parameters
 from armgpi.cli import main
 from armgpi.codegen import build
 from armgpi.config import build as build_experiment
@@ -28,10 +30,8 @@ from armgpi.config import experiment as experiments
 from armgpi.config import parse, read
 from armgpi.errors import ArmgpiError, ConfigError, ParameterError, RolloutError
 from armgpi.health import reality as health
-from armgpi.intervals import clopper_pearson, quantile, wilson
 from armgpi.loop import metrics
 from armgpi.loop.rollout import Status
-from armgpi.parameter import Parameter, parameters
 from armgpi.plants.reality import Reality
 from armgpi.studies import distributions, page, rare, results, sample, workers
 from armgpi.studies.distributions import Distribution, distribution, shares

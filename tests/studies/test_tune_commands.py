@@ -14,7 +14,7 @@ import pytest
 import yaml
 from commands import Answer
 
-from armgpi import files
+from armgpi.base import files
 from armgpi.cli import main
 from armgpi.errors import ArmgpiWarning
 from armgpi.studies import contend, setup
@@ -176,7 +176,7 @@ def test_a_full_disk_is_one_line_and_loses_nothing(
 
     def write(path: Path, content: Any) -> Path:
         if len(written) > 2:
-            monkeypatch.setattr("armgpi.files._fill", full)
+            monkeypatch.setattr("armgpi.base.files._fill", full)
         written.append(path)
         return real(path, content)
 
@@ -187,7 +187,7 @@ def test_a_full_disk_is_one_line_and_loses_nothing(
     monkeypatch.setattr(files, "write", write)
     answer = cli("tune", *NUMPY, study_file(tmp_path), "--out", tmp_path / "out")
     assert (answer.code, "No space left" in answer.err) == (2, True)
-    monkeypatch.setattr("armgpi.files._fill", fill)
+    monkeypatch.setattr("armgpi.base.files._fill", fill)
     monkeypatch.setattr(files, "write", real)
     assert cli("tune", *NUMPY, study_file(tmp_path), "--out", tmp_path / "out", "--resume").code == 0
 

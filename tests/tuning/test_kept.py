@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from armgpi import GPI, FixedGains, Robot, RobotBatch, assume_drives
-from armgpi.cache import RESULTS, keep_result, read_result
+from armgpi.base.cache import RESULTS, keep_result, read_result
 from armgpi.gpi.payload import LoadRange
 from armgpi.tuning import geared, kept, rule, verdict
 

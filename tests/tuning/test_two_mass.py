@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from armgpi import Robot
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.tuning.two_mass import Gears, gravity_stiffness, plant
 
 ROTOR, STIFFNESS = np.array([0.4, 0.3, 0.1]), np.array([900.0, 700.0, 300.0])

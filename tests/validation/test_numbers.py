@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from armgpi import Robot, validate
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.validation import units
 from armgpi.validation.proofs import is_read
 

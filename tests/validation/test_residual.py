@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import armgpi
 from armgpi import Robot, validate
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.validation.report import DynamicsReport
 
 G = 9.81

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from armgpi.escape import latex_text
+from armgpi.base.escape import latex_text
 from armgpi.validation.typeset import mathml, tex
 
 #: Python -> LaTeX, written by hand.

@@ -19,7 +19,7 @@ import xarray as xr
 
 import armgpi
 from armgpi import config
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.cli import main
 from armgpi.codegen import build
 from armgpi.config import Experiment

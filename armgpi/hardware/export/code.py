@@ -13,7 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import check_choice, check_type
+from armgpi.base.arrays import check_choice, check_type
+from armgpi.base.parameter import meaning
+from armgpi.base.version import VERSION
 from armgpi.codegen.algebra import ca
 from armgpi.codegen.emit import Dialect, straight_line
 from armgpi.codegen.kernels import Call, Kernel, place_calls
@@ -25,10 +27,8 @@ from armgpi.hardware.export.law import Law, Routine, Table, trace_controller
 from armgpi.hardware.export.layout import block, comma_lines, elementary, members, rows
 from armgpi.hardware.export.names import identifiers, plain, source_of
 from armgpi.loop.log import INPUTS
-from armgpi.parameter import meaning
 from armgpi.supervisor import COUNTED, Reason, State, Supervised, Supervisor
 from armgpi.supervisor.reasons import REASONS
-from armgpi.version import VERSION
 
 #: Number types: C's name, ending of literals and functions, largest number.
 _REALS = {"double": ("double", "", "DBL_MAX"), "float": ("float", "F", "FLT_MAX")}

@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from armgpi import files
-from armgpi.arrays import LARGEST, check_path, check_type, check_whole
+from armgpi.base import files
+from armgpi.base.arrays import LARGEST, check_path, check_type, check_whole
 from armgpi.codegen import build
 from armgpi.control.controller import Controller, ControlStep, FullState, Measurement
 from armgpi.errors import BackendError, ParameterError

@@ -14,8 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi import files
-from armgpi.arrays import Array, check_choice, check_number, check_path, check_type
+from armgpi.base import files
+from armgpi.base.arrays import Array, check_choice, check_number, check_path, check_type
+from armgpi.base.hints import with_keyword_hints
+from armgpi.base.version import VERSION
 from armgpi.codegen import build
 from armgpi.control.controller import Controller, FullState, Measurement
 from armgpi.errors import BackendError, RolloutError
@@ -30,7 +32,6 @@ from armgpi.hardware.export.targets import (
     package,
     position_of,
 )
-from armgpi.hints import with_keyword_hints
 from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.loop.log import INPUTS, ArmLog, of_samples, pack, preamble, row_type
 from armgpi.loop.rollout import Recording
@@ -38,7 +39,6 @@ from armgpi.loop.runner import DIVERGENCE, NumPyRun, drive, in_control
 from armgpi.plants.plant import Plant
 from armgpi.references.reference import Reference, Target
 from armgpi.supervisor import FARTHEST, SIGNALS, Reason, Supervised, Supervisor, reasons
-from armgpi.version import VERSION
 
 #: What a package says of a controller whose first torque is the weight.
 _HOLDS = "The first torque of the controller holds the arm: release the brakes under it."

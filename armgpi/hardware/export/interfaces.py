@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from armgpi.escape import markdown_table
+from armgpi.base.escape import markdown_table
 
 
 class Interface(NamedTuple):

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.codegen.algebra import ca
 from armgpi.codegen.kernels import Call
 from armgpi.codegen.state import children, flatten, join, leaves_like, numbers, unflatten

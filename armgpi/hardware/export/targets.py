@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
+from armgpi.base.version import VERSION
 from armgpi.codegen.following import follow_code
 from armgpi.control.controller import FullState, Measurement
 from armgpi.errors import ParameterError, Remedy
@@ -19,7 +20,6 @@ from armgpi.references.following import FollowLimits, SetpointInverse
 from armgpi.references.reference import Target
 from armgpi.supervisor import FARTHEST, Reason, State, Supervised, least_acceleration
 from armgpi.supervisor.bounds import COUNTS
-from armgpi.version import VERSION
 
 #: Files of every export.
 _PACKAGE = (

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 
 _HEADER = struct.Struct("<4sBBHQd")
 _MAGIC, _VERSION = b"AGPI", 2

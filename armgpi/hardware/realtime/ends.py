@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
+from armgpi.base.parameter import Parametrised, parameter, with_parameters
 from armgpi.control.controller import Controller, FullState, Measurement
 from armgpi.hardware.export.controller import ExportedController
 from armgpi.hardware.export.targets import compensates_gravity
 from armgpi.hardware.realtime.datagram import SAMPLE, TORQUE, Datagram
 from armgpi.loop.log import INPUTS, Event, LogWriter
-from armgpi.parameter import Parametrised, parameter, with_parameters
 from armgpi.plants.plant import Plant
 from armgpi.references.reference import Reference, Target
 from armgpi.robot.robot import Robot

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from armgpi.arrays import as_sized_array, check_number, check_whole
+from armgpi.base.arrays import as_sized_array, check_number, check_whole
 from armgpi.errors import ArrayError, ParameterError
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.errors import ArmgpiError, MissingPackage, ParameterError, RolloutError, UnfitLog
 from armgpi.hardware.export.targets import compensates_gravity
 from armgpi.hardware.realtime.ends import UPRIGHT

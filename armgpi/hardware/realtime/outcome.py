@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from armgpi.arrays import Array
-from armgpi.escape import html_table
+from armgpi.base.arrays import Array
+from armgpi.base.escape import html_table
 from armgpi.hardware.realtime.datagram import Datagram
 from armgpi.hardware.realtime.ends import ArmEnd
 from armgpi.loop.log import ArmLog

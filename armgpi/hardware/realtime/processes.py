@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi import interrupts
-from armgpi.arrays import Array
+from armgpi.base import interrupts
+from armgpi.base.arrays import Array
 from armgpi.control.controller import FullState, Measurement
 from armgpi.errors import ArmgpiError, BackendError
 from armgpi.hardware.realtime.datagram import END, LONGEST, TORQUE, Datagram, unpack

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.arrays import ArrayLike, check_choice, check_type
+from armgpi.base.arrays import ArrayLike, check_choice, check_type
 from armgpi.control.controller import Controller, FullState
 from armgpi.errors import ParameterError
 from armgpi.hardware.realtime import processes

@@ -13,8 +13,9 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from armgpi import files
-from armgpi.arrays import Array
+from armgpi.base import files
+from armgpi.base.arrays import Array
+from armgpi.base.version import other_format
 from armgpi.config import Experiment, build, check
 from armgpi.config.reading import Loaded, Origin, read_data
 from armgpi.config.schema import FORMAT
@@ -26,7 +27,6 @@ from armgpi.references.bezier import minimum_duration
 from armgpi.references.reference import Reference
 from armgpi.references.waypoints import Waypoints
 from armgpi.tuning.rule import usual_effort
-from armgpi.version import other_format
 
 #: The list of stages in a folder, of the format of their experiments.
 INDEX = "stages.yaml"

@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import xarray as xr
 
+from armgpi.base.files import write_set
 from armgpi.config.experiment import prepare
-from armgpi.files import write_set
 from armgpi.paper import published
 from armgpi.paper.reproduction import figures, runs, tables
 from armgpi.paper.reproduction.tables import Sheet

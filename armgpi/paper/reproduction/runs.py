@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from armgpi import config
-from armgpi.arrays import Array, PerJointInput
+from armgpi.base.arrays import Array, PerJointInput
 from armgpi.control.pid import PIDInversion
 from armgpi.errors import ArmgpiWarning
 from armgpi.gpi.law import GPI

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from armgpi.arrays import Array
-from armgpi.escape import csv_table, latex_text, markdown_table
+from armgpi.base.arrays import Array
+from armgpi.base.escape import csv_table, latex_text, markdown_table
 from armgpi.loop import metrics
 from armgpi.loop.rollout import describe_end, describe_measurement
 from armgpi.paper import published

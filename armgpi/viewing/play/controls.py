@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from armgpi.base.parameter import Parameter, parameters
 from armgpi.config import keys
 from armgpi.config.building import Experiment
 from armgpi.config.schema import KINDS, ExperimentConfig
 from armgpi.errors import ArmgpiError
 from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.loop.variables import variables, with_values
-from armgpi.parameter import Parameter, parameters
 from armgpi.plants.plant import inside
 from armgpi.plants.sensors import Delayed, DropOut, Encoder
 from armgpi.robot.robot import Robot

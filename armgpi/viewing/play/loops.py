@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.codegen.trace import Inventory, Trace, columns
 from armgpi.gpi.gains import Tuning
 from armgpi.gpi.law import GPI

@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from armgpi.base.escape import json_data
 from armgpi.codegen.symbols import NotElementwise
 from armgpi.config import Origin, check, keys
 from armgpi.config import build as build_experiment
 from armgpi.config.building import Experiment, Parts
 from armgpi.config.schema import SECTIONS, PlantSection, RobotSection
 from armgpi.errors import ArmgpiError, ArmgpiWarning, BackendError, ParameterError
-from armgpi.escape import json_data
 from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.loop.runner import DIVERGENCE
 from armgpi.plants.plant import inside

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.codegen.kernels import Arm, Kernel, arm_of
 from armgpi.codegen.source import Layout, layout, trace_used
 from armgpi.codegen.trace import Inventory, Trace, tracing

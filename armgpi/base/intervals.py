@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import beta, binom
 from scipy.stats import norm as normal
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 
 #: Share of all sweeps in which an interval holds the true value.
 LEVEL = 0.95

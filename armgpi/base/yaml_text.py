@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from armgpi import files
+from armgpi.base import files
 from armgpi.errors import ConfigError
 
 #: Most keys and values of a file, aliases written out, and the longest of them [characters].

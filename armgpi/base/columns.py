@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi import files
-from armgpi.arrays import Array
+from armgpi.base import files
+from armgpi.base.arrays import Array
 from armgpi.errors import import_extra
 
 #: Longest line of a CSV file [characters], and most columns.
