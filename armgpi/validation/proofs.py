@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.arrays import Array
+from armgpi.base.arrays import Array
 from armgpi.validation.alternatives import is_sum, names_in
 from armgpi.validation.edits import ROWS, Change, Goal, apply_changes, impatient, stack_values
 from armgpi.validation.models import Functions
