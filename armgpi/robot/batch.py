@@ -44,9 +44,6 @@ def feedback_model(robot: AnyRobot, link_factor: Any, rotor_factor: Any) -> AnyR
         robot: the robot, or one for each rollout.
         link_factor: factor of the links' inertia [-], or one for each rollout, (batch, 1).
         rotor_factor: factor of the rotors' inertia [-], likewise.
-
-    Raises:
-        ParameterError: for factors that differ by rollout of robots that are listed one by one.
     """
     if isinstance(link_factor, np.ndarray) or isinstance(rotor_factor, np.ndarray):
         return _varied_feedback(robot, link_factor, rotor_factor)
@@ -58,10 +55,9 @@ def feedback_model(robot: AnyRobot, link_factor: Any, rotor_factor: Any) -> AnyR
 
 def _varied_feedback(robot: AnyRobot, link_factor: Any, rotor_factor: Any) -> AnyRobot:
     """Return what :func:`feedback_model` does where a factor differs by rollout."""
-    known = robot.variation if isinstance(robot, VariedRobots) else {}
     if isinstance(robot, RobotBatch) and not isinstance(robot, VariedRobots):
-        expected = "one number where each rollout has a robot of its own"
-        raise ParameterError("link_factor", link_factor, expected)
+        return _each_feedback(robot, link_factor, rotor_factor)
+    known = robot.variation if isinstance(robot, VariedRobots) else {}
     base = robot.base if isinstance(robot, VariedRobots) else robot
     given = {"link_factor": np.ravel(link_factor), "rotor_factor": np.ravel(rotor_factor)}
     rows = common_batch({name: len(each) for name, each in given.items()} | {"robot": robot.batch or 1})
@@ -73,6 +69,15 @@ def _varied_feedback(robot: AnyRobot, link_factor: Any, rotor_factor: Any) -> An
         **{**known, "inertia_scale": scale, "rotor_inertia": rotors[:, None] * robot.armature}
     )
     return varied
+
+
+def _each_feedback(robots: RobotBatch, link_factor: Any, rotor_factor: Any) -> RobotBatch:
+    """Return what :func:`feedback_model` does of robots that are listed one by one."""
+    factors = {"link_factor": np.ravel(link_factor), "rotor_factor": np.ravel(rotor_factor)}
+    common_batch({name: len(each) for name, each in factors.items()} | {"robot": robots.batch})
+    links, rotors = (np.broadcast_to(each, (robots.batch,)).tolist() for each in factors.values())
+    rows = zip(robots.robots, links, rotors, strict=True)
+    return RobotBatch([feedback_model(one, link, rotor) for one, link, rotor in rows])
 
 
 def check_robot(robot: Any, name: str = "robot") -> None:

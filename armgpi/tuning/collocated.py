@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -75,6 +76,13 @@ LATE_DAMPING = 0.01
 STIFFNESS_FACTORS = (0.5, 1.0, 2.0)
 #: By how much all joints are slower where a loop is not stable [-].
 SLOWER = 1.25
+#: Delay below which loops have to be stable in a corner as well [s]: assumed rotors that are as light, and
+#: joints that are as stiff and as little damped, as they may be. Later loops would lose most of their gain.
+GUARDED = 2.5e-3
+#: That corner: factor of assumed rotors, and damping ratio of the joints [-].
+CORNER_ROTORS, CORNER_DAMPING = 0.4, 0.01
+#: By how much all joints are slower where it is not stable, and how often at most.
+CORNER_SLOWER, CORNER_STEPS = 1.06, 4
 #: Configurations at which inertia is taken, and at which loops are tried.
 _CONFIGURATIONS = 8
 _TRIED = 2
@@ -215,8 +223,34 @@ def choose(
         w = w / SLOWER
         if float(w.min()) < SLOWEST / SLOWER:
             return None
+    if delay < GUARDED:
+        corner = _corner(robot, places, dt, late, current)
+        w = _guarded(
+            w, lambda slower: _all_stable(corner, nominal, robot, Collocated(slower, f, (), *shape).poles, dt)
+        )
     limits = np.where(w < fast_enough, "gears", limits)
     return Collocated(w, f, tuple(limits.tolist()), *shape, _rest_zone(own.rest_zone, counts))
+
+
+def _guarded(w: Array, holds: Callable[[Array], bool]) -> Array:
+    """Return velocity gains [rad/s] with which a corner is stable, the same ones where none nearby are."""
+    for step in range(CORNER_STEPS + 1):
+        slower = w / CORNER_SLOWER**step
+        if float(slower.min()) < SLOWEST / SLOWER:
+            break
+        if holds(slower):
+            return slower
+    return w
+
+
+def _corner(robot: Robot, places: Array, dt: float, late: int, current: float) -> tuple[geared.Case, ...]:
+    """Return an arm whose assumed rotors are light, and its joints stiff and little damped, or nothing."""
+    assumed = np.array(robot.drives.sources("rotor_inertia")) == "assumed"
+    if not assumed.any():
+        return ()
+    rotor = np.where(assumed, CORNER_ROTORS, 1.0) * robot.armature
+    gears = Gears(rotor, _stiffness(robot)[-1], CORNER_DAMPING, current, "motor")
+    return tuple(geared.Case(q, ArmLoop(robot, q, gears, dt, late), False) for q in places)
 
 
 def _rest_zone(least: float, counts: Array | None) -> float:
@@ -297,16 +331,20 @@ def _quieten(
 
 def _loops(robot: Robot, dt: float, late: int, current: float, damping: float) -> tuple[geared.Case, ...]:
     """Return the arm at two configurations, at the ends of what is known of the stiffness."""
-    stiffness = robot.drives.value("stiffness")
-    low, high = robot.drives.interval("stiffness")
-    assumed = np.array(robot.drives.sources("stiffness")) == "assumed"
-    ends = [
-        np.where(assumed | (low == high), factor * stiffness, end)
-        for factor, end in zip(STIFFNESS_FACTORS, (low, stiffness, high), strict=True)
-    ]
     places = (robot.middle(), *random_configurations(robot, _TRIED - 1, seed=1))
     cases = []
-    for q, each in itertools.product(places, ends):
+    for q, each in itertools.product(places, _stiffness(robot)):
         gears = Gears(robot.armature, each, damping, current, "motor")
         cases.append(geared.Case(q, ArmLoop(robot, q, gears, dt, late), False))
     return tuple(cases)
+
+
+def _stiffness(robot: Robot) -> list[Array]:
+    """Return the least, the usual and the largest stiffness that joints may have [N m/rad or N/m], (n,)."""
+    stiffness = robot.drives.value("stiffness")
+    low, high = robot.drives.interval("stiffness")
+    assumed = np.array(robot.drives.sources("stiffness")) == "assumed"
+    return [
+        np.where(assumed | (low == high), factor * stiffness, end)
+        for factor, end in zip(STIFFNESS_FACTORS, (low, stiffness, high), strict=True)
+    ]

@@ -168,6 +168,12 @@ class Structure(NamedTuple):
     start: str = "hold"
     loaded: bool = False
 
+    @property
+    def equations(self) -> Structure:
+        """What arms of a batch must have in common: all but the numbers that each may have of its own."""
+        ratio = self.rolloff_ratio if self.rolloff else RATIO
+        return self._replace(link_factor=1.0, rotor_factor=1.0, start="hold", rolloff_ratio=ratio)
+
     def describe(self) -> str:
         """Return in words what kind of controller it is."""
         if self.link_factor != 1.0:
@@ -186,7 +192,8 @@ def structures(
 ) -> tuple[Structure, ...]:
     """Return the structure of the controller that each arm has alone; arguments as :func:`apply_rule`.
 
-    A batch has one structure: arms whose structures differ belong into batches of their own.
+    A batch has one structure, but for the inertia in the feedback, of which each arm has its own: arms whose
+    structures differ otherwise belong into batches of their own.
     """
     robots = robot.robots if isinstance(robot, RobotBatch) else (robot,)
     return tuple(_structure(each) for each in _each_alone(robots, dt, delay, bits, given or {}))
@@ -203,7 +210,7 @@ def _of_batch(robot: RobotBatch, dt: float, delay: float, bits: Any, given: Mapp
     rows = _each_alone(robot.robots, dt, delay, bits, given)
     found = [_structure(row) for row in rows]
     findings: tuple[Finding, ...] = ()
-    if len(set(found)) > 1:
+    if len({each.equations for each in found}) > 1:
         findings = tuple(advice.mixed_batch([each.describe() for each in found]))
         # With these all loops are stable at the damping at which they are judged, wherever the encoders sit.
         common = GEARED[any(geared.at_link(one) for one in robot.robots)]
@@ -300,18 +307,35 @@ def _row(value: Any, k: int, count: int) -> Any:
     return value
 
 
+#: What a controller has where a rule chose nothing; of an arm in a batch with others it has to be said.
+_DEFAULTS: Mapping[str, Any] = {
+    "second_ratio": 1.0,
+    "zeta_c": 1.0,
+    "link_factor": 1.0,
+    "rotor_factor": 1.0,
+    "start": "hold",
+}
+
+
 def _stacked(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return what was chosen for arms of one structure, as a batch has it."""
     stacked: dict[str, Any] = {}
-    for name, first in rows[0].items():
-        each = [row[name] for row in rows]
+    for name in dict.fromkeys(name for row in rows for name in row):
+        each = [row[name] if name in row else _DEFAULTS[name] for row in rows]
+        first = each[0]
         if name == "friction_feedforward":
             stacked[name] = all(each)
+        elif name == "start":
+            stacked[name] = START if START in each else first
         elif isinstance(first, LoadRange):
             heaviest: Any = np.array([[load.heaviest] for load in each])
             stacked[name] = LoadRange(heaviest=heaviest, com=first.com)
+        elif any(isinstance(value, np.ndarray) for value in each):
+            stacked[name] = np.stack(np.broadcast_arrays(*each))
+        elif isinstance(first, float) and len(set(each)) > 1:
+            stacked[name] = np.array(each)[:, None]
         else:
-            stacked[name] = np.stack(each) if isinstance(first, np.ndarray) else first
+            stacked[name] = first
     return stacked
 
 
