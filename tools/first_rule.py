@@ -310,6 +310,15 @@ def able_draws(reality: Reality, name: str, count: int, most: float) -> list[Sce
     return [draw for draw in drawn if health.demand(draw) <= 1.0]
 
 
+def specified(draw: Scenario) -> dict[str, dict[str, Any]]:
+    """Return joint -> rotor inertia and side of the encoder, where the controller has the rotors."""
+    robot = draw.nominal
+    if set(robot.drives.sources("rotor_inertia")) != {"specified"}:
+        return {}
+    rows = zip(robot.joint_names, robot.armature.tolist(), robot.drives.value("encoder_side"), strict=True)
+    return {joint: {"rotor_inertia": rotor, "encoder_side": str(side)} for joint, rotor, side in rows if side}
+
+
 def requests(names: Sequence[str], draws: Mapping[str, Sequence[Scenario]]) -> list[dict[str, Any]]:
     """Return what the rule of another version has to know of each draw."""
     rows = []
@@ -326,6 +335,7 @@ def requests(names: Sequence[str], draws: Mapping[str, Sequence[Scenario]]) -> l
                     "dt": draw.dt,
                     "delay": draw.delay * draw.dt,
                     "bits": bits_at_joint(draw),
+                    "drives": specified(draw),
                 }
             )
     return rows

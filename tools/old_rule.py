@@ -40,6 +40,8 @@ def chosen(request: dict[str, Any], robots: dict[str, Any]) -> dict[str, Any]:
         effort = [math.inf if limit is None else limit for limit in request["effort"]]
         robot = robot.with_limits(effort=np.array(effort))
     nominal = robot.scaled_inertia(request["inertia_scale"])
+    if request.get("drives"):
+        nominal = nominal.with_drives(request["drives"])
     try:
         rule = import_module("armgpi.tuning.rule")
     except ModuleNotFoundError:

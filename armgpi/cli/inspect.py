@@ -336,6 +336,7 @@ def _automatic_part(facts: Mapping[str, Any]) -> list[_Part]:
                 f"roll-off {law['rolloff']}, nominal load {law['nominal_load']:.2g} kg",
                 law["verdict"],
                 law["limited"],
+                law["accuracy"],
                 f"stable for inertia ratios delta {describe_ratios(low, high)} if joints are stiff",
                 f"one encoder count changes the torque of {printable(name[j])} by "
                 f"{law['count_torque'][j]:.2g}, {100 * shares[j]:.2g} % of its effort",

@@ -34,7 +34,7 @@ from armgpi.robot.equations import PerJoint
 from armgpi.robot.meshes import MeshFinder
 from armgpi.robot.robot import Robot
 from armgpi.robot.urdf import Urdf
-from armgpi.tuning.verdict import verdict
+from armgpi.tuning.verdict import accuracy, verdict
 
 #: Of a robot with more joints than this, as a humanoid's whole body, no controller is worked out only to be
 #: described: the time grows with the cube of their number (8 joints: 0.5 s, 18 joints: up to a minute).
@@ -310,6 +310,7 @@ def _untuned_facts(subject: Subject, known: Robot, drives: str | None) -> dict[s
         law = GPI.auto(known, dt, delay=subject.delay * dt, bits=bits, drives=drives)
     margins, torque = law.margins(), law.count_torque(bits)
     said = verdict(law, known, bits)
+    off = accuracy(law, known)
     return {
         "integrators": law.integrators,
         "rolloff": law.rolloff,
@@ -323,6 +324,9 @@ def _untuned_facts(subject: Subject, known: Robot, drives: str | None) -> dict[s
         "sensitivity": said.sensitivity,
         "verdict": said.describe(),
         "limited": said.explain(known.joint_names),
+        "yielding": off.yielding.tolist(),
+        "deflection": off.deflection.tolist(),
+        "accuracy": off.explain(known.joint_names, known.prismatic.tolist()),
     }
 
 

@@ -526,10 +526,21 @@ def _choose_collocated(
 
 
 def _yielding(robot: Robot, dt: float, delay: float, chosen: Mapping[str, Any]) -> float:
-    """Return how far the usual efforts of a rigid arm push its joints aside at most, about its middle.
+    """Return how far the usual efforts of a rigid arm push its joints aside at most; see :func:`yields`."""
+    return float(yields(robot, dt, delay, chosen).max())
 
-    Each joint is pushed alone and at the frequency at which it yields most; with it two controllers are
-    compared.
+
+def yields(robot: Robot, dt: float, delay: float, chosen: Mapping[str, Any]) -> Array:
+    """Return how far its usual effort pushes each joint of a rigid arm aside [rad or m], (n,).
+
+    Each joint is pushed alone, about the middle, and at the frequency at which it yields most; with it two
+    controllers are compared.
+
+    Args:
+        robot: the arm as it is known.
+        dt: sample time [s].
+        delay: transport delay [s].
+        chosen: parameters of a controller as :func:`apply_rule` returns them.
     """
     own = Member.chosen_by(chosen)
     ones = np.ones(robot.n)
@@ -544,7 +555,7 @@ def _yielding(robot: Robot, dt: float, delay: float, chosen: Mapping[str, Any]) 
     late = np.exp(-1j * frequencies * _collocated_delay(robot, dt, delay))[:, None, None]
     stiffness = -(frequencies**2)[:, None, None] * robot.mass_matrix(q) - late * response
     alone = np.abs(np.linalg.inv(stiffness)).max(axis=0)
-    return float((np.diag(alone) * usual_effort(robot)).max())
+    return np.asarray(np.diag(alone) * usual_effort(robot))
 
 
 def checked_bits(bits: Any) -> Array:

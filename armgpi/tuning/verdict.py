@@ -8,12 +8,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from armgpi.base.arrays import Array
+from armgpi.gpi.family import PARAMETERS
 from armgpi.gpi.gains import Tuning
 from armgpi.gpi.margins import crossovers, delay_margins, loops
 from armgpi.gpi.payload import DELAY_SHARE, late
+from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
+from armgpi.robot.rotors import assume_gears
 from armgpi.tuning import collocated, geared, kept, two_mass
-from armgpi.tuning.rule import CROSSOVER, checked_bits, quietness, samples_late, usual_effort
+from armgpi.tuning.rule import CROSSOVER, checked_bits, quietness, samples_late, usual_effort, yields
 
 #: Share of a limit from which on it is reached: numbers are found to within some percent.
 _REACHED = 0.95
@@ -28,6 +32,15 @@ LIMITS: Mapping[str, str] = {
     "load": "the range of payloads",
     "crossover": "the highest bandwidth of the rule",
 }
+#: Share of the usual effort that the controller does not know: friction of geared joints, 5 to 15 %.
+UNKNOWN_SHARE = 0.1
+#: What :class:`Accuracy` is limited by, in the order of its attributes.
+_CAUSES = (
+    "what joints yield to a tenth of their usual effort that the model does not contain",
+    "deflection under gravity that motor encoders do not measure",
+    "errors that are not integrated at rest",
+)
+_GRAVITY_CONFIGURATIONS = 50
 #: Values of the peak sensitivity that controllers usually have (Astrom and Murray, Feedback Systems, 2008).
 USUAL_SENSITIVITY = "usual: 1.2 to 2"
 
@@ -106,6 +119,63 @@ class Verdict(NamedTuple):
             rows.setdefault(limit, []).append(joint)
         said = (f"{LIMITS[limit]} ({', '.join(joints)})" for limit, joints in rows.items())
         return "limits by joint: " + ", ".join(said)
+
+
+class Accuracy(NamedTuple):
+    """By how much joints are off, by cause, each (n,) [rad or m]: the largest one limits ITAE and error.
+
+    Attributes:
+        yielding: to a tenth of the usual effort that the controller does not know, at the frequency at which
+            the joint yields most; friction, unknown loads and wrong models are such.
+        deflection: of elastic joints under gravity, the largest one over configurations, which encoders at
+            the motors do not measure; zero where encoders sit at the links, or joints are stiff.
+        resting: error that is not integrated while the reference rests.
+    """
+
+    yielding: Array
+    deflection: Array
+    resting: Array
+
+    def explain(self, joint_names: Sequence[str], prismatic: Sequence[bool]) -> str:
+        """Return in a line what limits the accuracy of each joint, and to how much.
+
+        Args:
+            joint_names: of the arm.
+            prismatic: which of the joints are.
+        """
+        largest = np.argmax(self, axis=0)
+        causes = []
+        for k, cause in enumerate(_CAUSES):
+            own = [
+                f"{name} {1e3 * float(self[k][j]):.2g} {'mm' if prismatic[j] else 'mrad'}"
+                for j, name in enumerate(joint_names)
+                if largest[j] == k
+            ]
+            if own:
+                causes.append(f"{cause} ({', '.join(own)})")
+        return "accuracy by joint is limited by " + "; ".join(causes)
+
+
+def accuracy(law: Any, robot: Robot) -> Accuracy:
+    """Return by how much joints are off under a controller made by the rule, by cause.
+
+    Args:
+        law: a GPI with fixed gains, for one arm.
+        robot: the arm as it is known.
+    """
+    tuning = law.gains.nominal()
+    member = {name: getattr(law, name) for name in (*PARAMETERS, "link_factor", "rotor_factor")}
+    member = {name: value for name, value in member.items() if value is not None}
+    chosen = {**member, "omega_c": tuning.omega_c, "zeta_c": tuning.zeta_c}
+    yielding = UNKNOWN_SHARE * yields(robot, law.dt, law.delay, chosen)
+    deflection = np.zeros(robot.n)
+    if geared.is_known(robot):
+        stiffness = assume_gears(robot).drives.value("stiffness")
+        gravity = np.abs(robot.gravity(random_configurations(robot, _GRAVITY_CONFIGURATIONS, seed=0)))
+        at_link = robot.drives.value("encoder_side") == "link"
+        deflection = np.where(at_link | np.isnan(stiffness), 0.0, gravity.max(axis=0) / stiffness)
+    resting = np.ravel(law.rest_dead_zone) * np.ones(robot.n)
+    return Accuracy(yielding, np.asarray(deflection), resting)
 
 
 def verdict(law: Any, robot: Robot, bits: Any = None) -> Verdict:

@@ -23,9 +23,9 @@ from armgpi.robot.kinematics import random_configurations
 from armgpi.supervisor import Reason
 from armgpi.tuning import collocated, geared, two_mass
 from armgpi.tuning import verdict as module_of_verdicts
-from armgpi.tuning.rule import structures
+from armgpi.tuning.rule import structures, usual_effort
 from armgpi.tuning.two_mass import ArmLoop, Gears
-from armgpi.tuning.verdict import verdict
+from armgpi.tuning.verdict import accuracy, verdict
 
 PANDA = Robot.load("panda", ["panda_finger_joint1", "panda_finger_joint2"])
 UR5 = Robot.load("ur5")
@@ -343,6 +343,27 @@ def test_factors_that_do_not_fit_the_arms_of_a_batch_are_refused() -> None:
     arms = RobotBatch([UR5, UR5.with_payload("tool0", 1.0), UR5])
     with pytest.raises(ArmgpiError, match="rotor_factor"):
         feedback_model(arms, np.ones((3, 1)), np.ones((2, 1)))
+
+
+def test_accuracy_is_what_joints_yield_and_what_motor_encoders_do_not_see() -> None:
+    """Deflection is gravity over stiffness; yielding, the amplitude under a torque that oscillates."""
+    arm = at(UR5, "motor")
+    law = auto(arm)
+    found = accuracy(law, arm)
+    q = random_configurations(arm, 400, seed=3)
+    largest = np.abs(UR5.gravity(q)).max(axis=0) / arm.drives.value("stiffness")
+    np.testing.assert_allclose(found.deflection, largest, rtol=0.1, atol=1e-6)
+    assert (accuracy(auto(at(UR5, "link")), at(UR5, "link")).deflection == 0.0).all()
+    # On the stiff arm about its middle the joint is pushed alone until the motion is steady.
+    joint, amplitudes = 2, []
+    for rate in (6.0, 12.0, 20.0):
+        torque = np.zeros(arm.n)
+        torque[joint] = 0.1 * usual_effort(arm)[joint]
+        plant = armgpi.Delayed(armgpi.RigidBodyPlant(arm, armgpi.Sine(torque, rate)), 1)
+        rollout = armgpi.simulate(plant, law, armgpi.Hold(arm.middle()), 4.0, backend="compiled")
+        end = rollout["q"].values[2500:, joint]
+        amplitudes.append(0.5 * float(np.ptp(end)))
+    assert 0.7 * found.yielding[joint] < max(amplitudes) < 1.1 * found.yielding[joint]
 
 
 def test_a_batch_of_mixed_structures_says_so_and_parts_have_what_each_arm_has_alone() -> None:

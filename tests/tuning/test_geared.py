@@ -346,3 +346,13 @@ def test_a_growth_that_is_no_number_is_not_stable(monkeypatch: pytest.MonkeyPatc
 def test_what_limits_each_joint_is_named_once() -> None:
     found = verdict.Verdict(("gears", "noise", "gears"), 2.0, 0.01, 20.0, float("nan"), float("nan"))
     assert found.explain("abc") == "limits by joint: joint elasticity (a, c), encoder counts (b)"
+
+
+def test_what_limits_the_accuracy_of_each_joint_is_named_with_its_size() -> None:
+    found = verdict.Accuracy(*np.array([[2e-3, 1e-4, 1e-4], [1e-3, 4e-3, 0.0], [1e-4, 1e-4, 3e-4]]))
+    said = found.explain("abc", [False, False, True])
+    assert said == (
+        "accuracy by joint is limited by what joints yield to a tenth of their usual effort that the model "
+        "does not contain (a 2 mrad); deflection under gravity that motor encoders do not measure "
+        "(b 4 mrad); errors that are not integrated at rest (c 0.3 mm)"
+    )
