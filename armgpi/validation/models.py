@@ -194,7 +194,8 @@ def _with_names(thing: Any, convention: Convention) -> Any:
         if owner is None:
             raise Unusable(f"has no function {mine!r}, which is mapped to {name}{_hint(mine, members)}")
         own = owner.get(name)
-        if own is not None and own is not owner[mine] and not (callable(own) and own == owner[mine]):
+        is_another = _is_function(own) and own is not owner[mine]
+        if is_another and not (callable(own) and own == owner[mine]):
             raise Unusable(f"has a function {name}, and {mine!r} is mapped to {name} too: drop one")
     return _rename(thing, convention.names, convention.mapped)
 
@@ -257,12 +258,17 @@ def _rename(thing: Any, names: Mapping[str, str], mapped: Sequence[str]) -> Any:
         return _is_function(value) and not (listed and not expressions.depends_on_state(value))
 
     if isinstance(thing, Mapping):
-        return {**{names[k]: v for k, v in thing.items() if k in names and is_one(k, v)}, **thing}
+        own = {k: v for k, v in thing.items() if not _is_plain_number(v)}
+        return {**thing, **{names[k]: v for k, v in thing.items() if k in names and is_one(k, v)}, **own}
     # A module is read again while changes of it are tried: what it had under a short name is then another.
     before = vars(thing).setdefault(ALIASES, {}) if isinstance(thing, ModuleType) else {}
     for mine, name in names.items():
-        is_free = not hasattr(thing, name) or before.get(name) == mine
-        if is_free and is_one(mine, value := getattr(thing, mine, None)):
+        held = getattr(thing, name, None)
+        if not is_one(mine, value := getattr(thing, mine, None)):
+            continue
+        if _is_plain_number(held):
+            before[name] = mine  # the model computes with gravity = 9.81
+        elif held is None or before.get(name) == mine:
             with suppress(AttributeError, TypeError):  # an object that takes no attributes
                 setattr(thing, name, value)
                 before[name] = mine
@@ -270,6 +276,11 @@ def _rename(thing: Any, names: Mapping[str, str], mapped: Sequence[str]) -> Any:
         if isinstance(part, type):
             _rename(part, names, mapped)
     return thing
+
+
+def _is_plain_number(value: Any) -> bool:
+    """Tell whether a value is a number: a model's ``gravity`` may be one beside its function ``g``."""
+    return isinstance(value, int | float | np.number) and not isinstance(value, bool)
 
 
 def _is_function(value: Any) -> bool:
@@ -393,9 +404,10 @@ def _of_object(thing: Any) -> Functions:
 
 def _of_module(module: ModuleType) -> Functions:
     """Return the functions of a module: its own, those of its one class, or its SymPy expressions."""
-    if any(hasattr(module, name) for name in ARGUMENTS):
-        return _of_names(module)
+    known = [value for name in ARGUMENTS if (value := _get(module, name)) is not None]
     parts = [part for part in _parts_of(module) if any(hasattr(part, name) for name in ARGUMENTS)]
+    if known and not (parts and all(map(_is_plain_number, known))):
+        return _of_names(module)
     classes = [part for part in parts if isinstance(part, type)]
     if len(classes) > 1:
         names = ", ".join(c.__name__ for c in classes)
@@ -439,6 +451,8 @@ def _of_names(thing: Any) -> Functions:
     there = {
         name: expressions.as_list(value) for name in ARGUMENTS if (value := _get(thing, name)) is not None
     }
+    # What is a number under a known name is none of the functions, if there are others.
+    there = {name: value for name, value in there.items() if not _is_plain_number(value)} or there
     if drawn := {name: value for name, value in there.items() if is_drawn(value)}:
         return _of_graph(drawn, own)
     casadi: Any = sys.modules.get("casadi")
@@ -452,8 +466,19 @@ def _of_names(thing: Any) -> Functions:
 
 
 def _get(thing: Any, name: str) -> Any:
-    """Return an item of a mapping, or an attribute of anything else; None where there is none."""
-    return thing.get(name) if isinstance(thing, Mapping) else getattr(thing, name, None)
+    """Return an item of a mapping, or an attribute of anything else; None where there is none.
+
+    Of a number the function that has the name besides: by another name in a module, or in the class.
+    """
+    if isinstance(thing, Mapping):
+        return thing.get(name)
+    value = getattr(thing, name, None)
+    if not _is_plain_number(value):
+        return value
+    if isinstance(thing, ModuleType):
+        return getattr(thing, vars(thing).get(ALIASES, {}).get(name, name))
+    of_class = getattr(type(thing), name, None)
+    return of_class.__get__(thing) if inspect.isfunction(of_class) else value
 
 
 def _of_callables(thing: Any, calls: Mapping[str, Any]) -> Functions:

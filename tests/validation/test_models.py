@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import textbooks
 from hand_models import planar
 from sampling import for_search
 
-from armgpi import validate
+from armgpi import Robot, validate
 from armgpi.validation import search
 
 NUMBERS = planar(1).model
@@ -117,3 +118,38 @@ def test_a_package_is_a_model(place: str, tmp_path: Path) -> None:
         TEXT.format(values=values(), head="", me=""), encoding="utf-8"
     )
     assert validate(tmp_path / place, planar(1).robot).agrees
+
+
+@pytest.mark.parametrize(
+    ("head", "names"),
+    [
+        ("gravity = 9.81\n\ndef G(q):\n    b = 0.15 * gravity * math.cos(q[0] + q[1])", None),
+        (
+            "class Arm:\n    def __init__(self):\n        self.gravity = 9.81\n\n    def g(self, q):\n"
+            "        gravity = self.gravity\n        b = 0.15 * gravity * math.cos(q[0] + q[1])",
+            {"g": "gravity"},
+        ),
+        (
+            "gravity = 9.81\n\nclass Arm:\n    def G(self, q):\n"
+            "        b = 0.15 * gravity * math.cos(q[0] + q[1])",
+            None,
+        ),
+    ],
+    ids=("module", "class", "class beside a number"),
+)
+def test_a_number_called_gravity_is_no_function(
+    head: str, names: dict[str, str] | None, tmp_path: Path
+) -> None:
+    turn, ball = textbooks._turn, textbooks._round
+    joints = [turn("0 -1 0", (0, 0, 0), 1.5, (0.2, 0, 0), ball(0.02))]
+    joints += [turn("0 -1 0", (0.4, 0, 0), 1.0, (0.15, 0, 0), ball(0.05))]
+    robot = Robot.from_xml(textbooks.written("arm", joints))
+    path = tmp_path / "arm.py"
+    space = " " * (len(head.splitlines()[-1]) - len(head.splitlines()[-1].lstrip()))
+    text = f"import math\n\n{head}\n{space}return [(1.5 * 0.2 + 0.4) * gravity * math.cos(q[0]) + b, b]\n"
+    path.write_text(text)
+    assert validate(path, robot, names=names).agrees
+    path.write_text(text.replace("1.5 * 0.2", "1.5 * 0.3"))
+    report = validate(path, robot, names=names)
+    assert not report.agrees
+    assert report.causes
