@@ -28,11 +28,11 @@ from armgpi.health import checks_urdf as checks_urdf  # registers its checks
 from armgpi.health.findings import LEVELS, Finding, Level, Subject
 from armgpi.health.trials import with_what_helps
 from armgpi.plants.elastic import sag
-from armgpi.robot import known_arms, reading, repairs, robots, rotors, tensors, urdf_model
+from armgpi.robot import known_arms, repairs, robots, rotors, tensors, urdf_model
 from armgpi.robot.drives import Drives
 from armgpi.robot.equations import PerJoint
 from armgpi.robot.meshes import MeshFinder
-from armgpi.robot.robot import Robot
+from armgpi.robot.robot import Robot, load_with_document
 from armgpi.robot.urdf import Urdf
 from armgpi.tuning.verdict import accuracy, verdict
 
@@ -126,25 +126,23 @@ def inspect(
     asked = _Asked(path if name is None else name, path, lock, keep, mimic, repairs.repair_names(repair))
     asked = asked._replace(effort=effort, rotor_inertia=rotor_inertia, drives=drives)
     try:
-        robot = asked.robot()
+        robot, document = asked.load()
     except UrdfError as error:
         if not any(remedy.kind == "repair" for remedy in error.remedies):
             raise
         # Whatever is wrong beside what can be repaired is raised here: no set of repairs would do.
         every = frozenset([repairs.ALL, repairs.ACCEPT, repairs.NO_FRICTION])
-        needed = repairs.made_in(asked._replace(repair=every).robot().provenance)
+        needed = repairs.made_in(asked._replace(repair=every).load()[0].provenance)
         raise error.suggesting(Remedy("repair", (), ",".join(dict.fromkeys(needed)))) from None
     finder = MeshFinder(path, package_dirs)
 
-    def subject_of(asked: _Asked, robot: Robot) -> Subject:
-        document = reading.read(path, {*asked.repair, *repairs.made_in(robot.provenance)})
+    def subject_of(robot: Robot, document: Urdf) -> Subject:
         return Subject(_as_built(document, robot), robot, finder, dt, delay, encoder_bits)
 
     def find_again(remedies: Sequence[Remedy], kinds: Container[str]) -> list[Finding]:
-        changed = asked.with_remedies(remedies)
-        return findings.find(subject_of(changed, changed.robot()), kinds)
+        return findings.find(subject_of(*asked.with_remedies(remedies).load()), kinds)
 
-    subject, word = subject_of(asked, robot), drives if isinstance(drives, str) else None
+    subject, word = subject_of(robot, document), drives if isinstance(drives, str) else None
     found = with_what_helps(findings.find(subject), find_again)
     return HealthReport(robot, _facts(subject, word)).with_findings(found)
 
@@ -162,18 +160,20 @@ class _Asked(NamedTuple):
     rotor_inertia: PerJoint | None = None
     drives: Drives | Mapping[str, Any] | str | None = None
 
-    def robot(self) -> Robot:
-        """Return the arm."""
+    def load(self) -> tuple[Robot, Urdf]:
+        """Return the arm, and what its file contains."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ArmgpiWarning)  # the checks find what they say
-            robot = Robot.load(self.source, self.lock, self.keep, self.mimic, self.repair)
+            robot, document = load_with_document(self.source, self.lock, self.keep, self.mimic, self.repair)
         if self.effort is not None:
             robot = robot.with_limits(effort=self.effort)
         if self.drives is not None and not isinstance(self.drives, str):
             robot = robot.with_drives(self.drives)
         if self.rotor_inertia is not None:
             robot = robot.with_armature(self.rotor_inertia)
-        return rotors.assume_drives(robot, self.drives) if isinstance(self.drives, str) else robot
+        if isinstance(self.drives, str):
+            robot = rotors.assume_drives(robot, self.drives)
+        return robot, document
 
     def with_remedies(self, remedies: Sequence[Remedy]) -> _Asked:
         """Return the same with some remedies applied."""

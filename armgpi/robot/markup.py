@@ -98,8 +98,8 @@ _BESIDE_DYNAMICS = frozenset(
 )
 
 
-def _read_bytes(path: Path) -> bytes:
-    """Return the bytes of a URDF file.
+def _read_bytes(path: Path, form: str) -> bytes:
+    """Return the bytes of a file of some format, which is named in what is refused.
 
     Raises:
         UrdfError: when it is no regular file, empty, too large or unreadable.
@@ -107,25 +107,30 @@ def _read_bytes(path: Path) -> bytes:
     try:
         content = files.read_bytes(path, MAX_BYTES)
     except files.NotRegular as error:
-        pipe = "no regular file but a pipe or a device: write the URDF to a file first"
-        kind = "a folder: give the URDF in it" if error.kind == "a folder" else pipe
-        raise UrdfError(path, f"expected a URDF file, this is {kind}") from None
+        pipe = f"no regular file but a pipe or a device: write the {form} to a file first"
+        kind = f"a folder: give the {form} in it" if error.kind == "a folder" else pipe
+        article = "a" if form == "URDF" else "an"
+        raise UrdfError(path, f"expected {article} {form} file, this is {kind}") from None
     except files.TooLarge as error:
         raise UrdfError(path, f"has {error.size} bytes, more than the {MAX_BYTES} allowed") from None
     except OSError as error:
         raise UrdfError(path, f"cannot be read: {error.strerror or error}") from None
     if not content:
-        raise UrdfError(path, "is empty; give a URDF")
+        raise UrdfError(path, f"is empty; give {'a' if form == 'URDF' else 'an'} {form}")
     return content
 
 
-def read_file(path: Path) -> str:
-    """Return the text of a URDF file.
+def read_file(path: Path, form: str = "URDF") -> str:
+    """Return the text of a file of a robot.
+
+    Args:
+        path: of the file.
+        form: its format, "URDF" or "MJCF", for messages.
 
     Raises:
         UrdfError: when it is no regular file, too large, unreadable or not UTF-8.
     """
-    content = _read_bytes(path)
+    content = _read_bytes(path, form)
     for magic, kind in _BINARY:
         if content.startswith(magic):
             raise UrdfError(path, f"is not UTF-8 text but {kind}")
@@ -135,10 +140,10 @@ def read_file(path: Path) -> str:
         raise UrdfError(
             path,
             f"is not UTF-8 text (byte 0x{content[error.start]:02x} at {error.start}); save it as UTF-8 "
-            "(iconv -f LATIN1 -t UTF-8), if it is a URDF at all",
+            f"(iconv -f LATIN1 -t UTF-8), if it is a {form} at all",
         ) from None
     if "\0" in text:
-        raise UrdfError(path, "is a binary file, no URDF")
+        raise UrdfError(path, f"is a binary file, no {form}")
     return text
 
 

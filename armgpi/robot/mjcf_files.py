@@ -111,7 +111,7 @@ class _Checker:
 
     def _root(self, file: Path) -> Element:
         """Return the XML of a file."""
-        text = read_file(file)
+        text = read_file(file, "MJCF")
         if text.count("<") > MAX_ELEMENTS:
             raise UrdfError(file, f"has more than {MAX_ELEMENTS} elements")
         try:

@@ -132,17 +132,29 @@ class Robot(Edits):
             return cls.from_pinocchio(path_or_name, lock, keep)
         if isinstance(path_or_name, str) and path_or_name.lstrip("\ufeff \t\r\n").startswith("<"):
             return cls.from_xml(path_or_name, lock, keep, mimic, repair)
+        return cls._from_file(path_or_name, lock, keep, mimic, repair)[0]
+
+    @classmethod
+    def _from_file(
+        cls,
+        path_or_name: str | PathLike[str] | ModuleType,
+        lock: Sequence[str] | Mapping[str, float],
+        keep: Sequence[str] | None,
+        mimic: urdf_model.Mimic,
+        repair: str | Iterable[str],
+    ) -> tuple[Robot, urdf.Urdf]:
+        """Return the robot of a file, and what the file contains; arguments and errors as :meth:`load`."""
         if (found := robots.find_identified(path_or_name)) is not None:
             given = found.section(lock, repair)
-            robot = cls.load(given["name"], given["lock"], keep, mimic, given["repair"])
-            return robot.with_drives(Drives.read(found.drives, robot.joint_names))
+            robot, document = cls._from_file(given["name"], given["lock"], keep, mimic, given["repair"])
+            return robot.with_drives(Drives.read(found.drives, robot.joint_names)), document
         path, name = robots.locate(path_or_name)
         document = reading.read(path, repair)
         if name is not None and keep is None:
             keep = robots.kept(name, (j.name for j in document.joints.values() if j.moves), lock)
         robot = cls._from_document(document, name or document.name, lock, keep, mimic)
         from_mujoco.check_same(robot, document)
-        return robot
+        return robot, document
 
     @classmethod
     def from_xml(
@@ -434,3 +446,17 @@ def _couple_limits(
             )
     viscous, coulomb = ratio.T**2 @ friction.viscous, np.abs(ratio.T) @ friction.coulomb
     return Limits(lower, upper, velocity, effort), Friction(viscous, coulomb)
+
+
+def load_with_document(
+    path_or_name: str | PathLike[str] | ModuleType,
+    lock: Sequence[str] | Mapping[str, float] = (),
+    keep: Sequence[str] | None = None,
+    mimic: urdf_model.Mimic = "lock",
+    repair: str | Iterable[str] = (),
+) -> tuple[Robot, urdf.Urdf]:
+    """Return the robot of a file, and what the file contains, which is read once.
+
+    Arguments and errors are those of :meth:`Robot.load`.
+    """
+    return Robot._from_file(path_or_name, lock, keep, mimic, repair)

@@ -52,7 +52,7 @@ def named(folder: Path) -> dict[str, str]:
         "<include file='/dev/zero'/>": "outside the folders",
         "<include file='../secret.xml'/>": "outside the folders",
         f"<include file='{secret}'/>": "outside the folders",
-        "<include file='pipe.xml'/>": "pipe",
+        "<include file='pipe.xml'/>": "expected an MJCF file, this is no regular file but a pipe",
         asset("mesh", "../secret.stl"): "outside the folders",
         asset("mesh", "/dev/zero"): "outside the folders",
         asset("mesh", "pipe.stl"): "pipe",
