@@ -147,17 +147,17 @@ def machine(packages: Sequence[str]) -> dict[str, Any]:
 
 
 def machine_table(facts: Mapping[str, Any]) -> str:
-    """Return :func:`machine` as a table of one row."""
+    """Return :func:`machine` as a table of one row, and the packages in a line below it."""
     packages = ", ".join(f"{name} {number}" for name, number in facts["packages"].items())
     load = facts["load_average"]
     cores = f"{facts['usable_cores']} of {facts['cores']} cores, {facts['lanes']} doubles wide"
     row = (
         f"{facts['cpu']}, {cores}, {facts['system']}",
         facts["compiler"],
-        f"Python {facts['python']}, {packages}",
         "unknown" if load is None else format(load, ".2f"),
     )
-    return table(("machine", "compiler", "packages", "load average before"), [row])
+    head = table(("machine", "compiler", "load average before"), [row])
+    return f"{head}\n\nPackages: Python {facts['python']}, {packages}."
 
 
 def load_average() -> float | None:

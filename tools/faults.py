@@ -496,9 +496,8 @@ def own_bounds(rows: list[Worst]) -> Iterator[Row]:
         for kind, moving in by(bounded, lambda row: gears(row.case)).items():
             moving = [row for row in moving if not FAULT[row.fault].rest]
             far = max(moving, key=lambda row: row.travel)
-            kept, near, rested, of = (sum(row[i] for row in moving) for i in range(2, 6))
-            said = f"{kept} of {of}: {near} within {NEAR} rad (farthest {far.travel:.3f}: {far.fault}, "
-            said += f"{far.where}), {rested} at rest, or going on, in time"
+            kept, near, _, of = (sum(row[i] for row in moving) for i in range(2, 6))
+            said = f"{kept} of {of}; {near} within {NEAR} rad, farthest {far.travel:.3f} rad"
             yield Row(f"`{target}`, {kind}: {SOON} s, {NEAR} rad after faults in motion", said, kept == of)
         far = max((row for row in bounded if FAULT[row.fault].rest), key=lambda row: row.travel)
         said = f"{far.travel:.4f} rad ({far.fault}: {far.where})"

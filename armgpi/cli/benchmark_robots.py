@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 ROWS = {
     "names <[ROBOT]...>": "Which ones; all by default.",
     "out --out -o FOLDER": "Folder for the study of the arms and its table.",
-    "reality NAME": "Instead, draw drives, sensors, payloads and moves from this uncertainty model: "
+    "reality NAME": "Instead, randomise drives, sensors, payloads and moves by this uncertainty model: "
     "geared, elastic, owned ...",
     "seed": "Seed of the randomised arms.",
 }

@@ -261,15 +261,23 @@ def note_assumed(arm: Any, as_json: bool, certified: str = "") -> None:
     ratio = math.sqrt(certified_sector().upper)
     if rotors.assumed_joints(arm):
         text = (
-            f"not certified: the rotor inertias are assumed, within a factor of {rotors.SCATTER:g}, but a "
-            f"certificate needs the exact D(q); without payload, a factor of up to {ratio:.2g} could be "
-            "certified. Identify the rotor inertias and specify them by --rotor-inertia or --drives FILE"
+            f"the rotor inertias are assumed, within a factor of {rotors.SCATTER:g}, but a certificate needs "
+            "the exact inertia matrix D(q)"
         )
+        advice = [
+            "Identify the rotor inertias (armgpi identify), or specify them by --rotor-inertia or --drives.",
+            f"Without payload, a factor of up to {ratio:.2g} could be certified.",
+        ]
         if certified == "gpi_auto":
-            text += ", with --controller gpi: what gpi_auto chooses for elastic joints has no certificate"
-        verdict = Verdict("not judged", text)
-        say(json.dumps({"verdict": verdict.plain()}) if as_json else verdict.line)
-        sys.exit(verdict.exit_code)
+            advice.insert(
+                1, "Add --controller gpi: what gpi_auto chooses for elastic joints has no certificate."
+            )
+        if as_json:
+            say(json.dumps({"verdict": Verdict("not judged", f"{text}. {' '.join(advice)}").plain()}))
+        else:
+            say(Verdict("not judged", text).line)
+            say("\n".join(f"  {line}" for line in advice), lines=True)
+        sys.exit(Verdict("not judged", text).exit_code)
     if names := rotors.silent(arm):
         hold(
             f"note: the URDF contains no rotor inertia of {', '.join(names)}, so this certificate is of "

@@ -128,7 +128,7 @@ def _write_files(
     log: Path | None,
 ) -> list[Path]:
     """Write what was asked for, and return the files."""
-    from armgpi.config import dump
+    from armgpi.config import dump, world
     from armgpi.config import experiment as experiments
     from armgpi.loop.log import pack, write
 
@@ -143,7 +143,12 @@ def _write_files(
     if report is not None:
         from armgpi.viewing import report as reports
 
-        page = reports.build(outcome.rollout, experiment.robot, configuration=dump(experiment.config))
+        page = reports.build(
+            outcome.rollout,
+            experiment.robot,
+            configuration=dump(experiment.config),
+            world=world.describe(experiment.config, experiment.robot),
+        )
         paths.append(reports.write(page, report))
     return paths
 

@@ -420,8 +420,9 @@ def _drive_lines(arm: Any, assumed: Any) -> list[str]:
         "  # The URDF contains no rotor inertia [kg m² or kg] or joint stiffness [N m/rad or N/m].",
         *product,
         "  # Assumed from effort and velocity limits (docs/drives.md), replace what you know:",
-        f"  # rotors that spin up in {rotors.SPIN_UP:g} s, within a factor of {rotors.SCATTER:g}, and joints",
-        f"  # that twist by {rotors.TWIST:g} rad at the limit, within a factor of {rotors.TWIST_SCATTER:g}.",
+        f"  # rotors that spin up in {rotors.SPIN_UP:g} s, within a factor of {rotors.SCATTER:g},",
+        f"  # and joints that deflect by {rotors.TWIST:g} rad at their effort limit, within a factor of "
+        f"{rotors.TWIST_SCATTER:g}.",
         "  drives:",
         *lines,
     ]
@@ -476,7 +477,7 @@ def _vary_lines(arm: Any, assumed: Any, load: float) -> list[str]:
         varied.append(f"  plant.payload.mass: {{uniform: [0, {load:.3g}]}}  # kg")
     if not varied:
         return [
-            "# vary: {plant.delay: {choices: [0, 1, 2]}}  # what armgpi sweep draws; nothing here is assumed"
+            "# vary: {plant.delay: {choices: [0, 1, 2]}}  # what armgpi sweep varies; nothing here is assumed"
         ]
     return ["vary:  # what armgpi sweep varies at random", *varied]
 

@@ -86,7 +86,7 @@ def make(options: dict[str, Any], result: xr.Dataset, experiment: Experiment) ->
     written: list[Path] = []
     if not (options["plot"] or options["html"] or options["report"]):
         return written
-    from armgpi.config import dump
+    from armgpi.config import dump, world
     from armgpi.viewing import plots
 
     if result.sizes["time"] < 1:
@@ -106,7 +106,8 @@ def make(options: dict[str, Any], result: xr.Dataset, experiment: Experiment) ->
         if options["interactive"]:
             page = page_to_play_with(experiment, more=report.sections(result, robot, text))
         else:
-            page = report.build(result, robot, configuration=text)
+            simulated = world.describe(experiment.config, experiment.robot, every=True)
+            page = report.build(result, robot, configuration=text, world=simulated)
         written.append(report.write(page, options["report"]))
     return written
 

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 #: Most rollouts of a sweep.
 _MOST = 10**9
+#: Most rows of the table of what failures depend on.
+_MOST_ROWS = 8
 
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
@@ -203,14 +205,11 @@ def _print(sweep: Sweep, said: dict[str, Any], sentences: list[str]) -> None:
     for sentence in sentences:
         say(sentence)
     _print_quantiles(sweep, said["quantiles"])
-    for name, parts in said["failure by what was drawn"].items():
-        low, high = min(parts, key=_value), max(parts, key=_value)
-        if _value(high) > _value(low):
-            say(f"{name}: fails {_share(low)}, {_share(high)}")
+    _print_dependence(sweep, said["failure by what was drawn"])
     for pair in said["failure by two of them"][:1]:
         most = max(pair["parts"], key=lambda part: part["lower"])
         at = [_part(*ends) for ends in zip(most["from"], most["to"], strict=True)]
-        say(f"{' and '.join(pair['of'])}: fails most at {' and '.join(at)}, {_percent(most)}")
+        say(f"Both together: {' and '.join(pair['of'])} fail most at {' and '.join(at)}: {_percent(most)}")
 
 
 def _print_quantiles(sweep: Sweep, quantiles: dict[str, Any]) -> None:
@@ -242,13 +241,36 @@ def _print_quantiles(sweep: Sweep, quantiles: dict[str, Any]) -> None:
         screen.print(table)
 
 
+def _print_dependence(sweep: Sweep, by_number: dict[str, Any]) -> None:
+    """Print in which part of each range fewest and most rollouts failed, for those where it differs most."""
+    from rich.table import Table
+
+    from armgpi.cli.terminal import console, widen
+    from armgpi.studies.results import drawn_heading
+
+    rows = []
+    for name, parts in by_number.items():
+        low, high = min(parts, key=_value), max(parts, key=_value)
+        if _value(high) > _value(low):
+            rows.append((_value(high) - _value(low), name, low, high))
+    if not rows:
+        return
+    rows.sort(key=lambda row: row[0], reverse=True)
+    table = Table(title="Share of rollouts that failed, by what was varied (95 % intervals)")
+    for heading in ("varied", "fails least", "at", "fails most", "at"):
+        table.add_column(heading, no_wrap=True)
+    for _, name, low, high in rows[:_MOST_ROWS]:
+        ends = (_percent(low), _part(low["from"], low["to"]), _percent(high), _part(high["from"], high["to"]))
+        table.add_row(drawn_heading(sweep, name), *ends)
+    screen = console()
+    widen(screen, table)
+    screen.print(table)
+    if (more := len(rows) - _MOST_ROWS) > 0:
+        say(f"{more} more, on which failures depend less, are in summary.json")
+
+
 def _value(part: dict[str, Any]) -> float:
     return float(part["value"] or 0.0)
-
-
-def _share(part: dict[str, Any]) -> str:
-    """Return in words how often rollouts fail in a part of a range."""
-    return f"{_percent(part)} at {_part(part['from'], part['to'])}"
 
 
 def _part(low: float, high: float) -> str:

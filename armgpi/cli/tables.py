@@ -19,7 +19,7 @@ from armgpi.base.parameter import parameters
 from armgpi.cli.parsing import refusal
 from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import console as console_of
-from armgpi.cli.terminal import natural_width, widen
+from armgpi.cli.terminal import natural_width, print_wrapped, widen
 from armgpi.config import Experiment
 from armgpi.config.building import verdicts
 from armgpi.config.experiment import describe_saturation
@@ -60,9 +60,9 @@ def print_tables(experiment: Experiment, records: list[dict[str, Any]]) -> None:
             widen(console, _table(heading, records, columns, slides, longest=_FOLDED))
         console.print(_table(heading, records, columns, slides))
     for line in _tool_lines(experiment, records, metrics.of_tool(shown, records)):
-        console.print(line)
+        print_wrapped(console, line)
     if note := units.note(robot.joint_names, robot.prismatic):
-        console.print(printable(note))
+        print_wrapped(console, printable(note))
     tuned = verdicts(experiment)
     for record in records:
         _print_end(console, experiment, record, tuned.get(record["label"]))
@@ -104,12 +104,13 @@ def _print_end(
     held = describe_saturation(record, experiment.t_final) if record["status"] == "finished" else ""
     end = printable(f"{record['end']}, {held}" if held else record["end"])
     line = f"{printable(record['label'])}: {end}; measures {measured}{left}"
-    console.print(line, style="yellow" if held else "")
+    print_wrapped(console, line, style="yellow" if held else "")
     if stopped := re.search(r"stopped at .*: ([A-Z_]+) \(", record["end"]):
-        console.print(printable(remedy(stopped[1])))
+        print_wrapped(console, printable(remedy(stopped[1])))
     controller = experiment.controllers.get(record["label"])
-    if isinstance(controller, GPI) and (said := _loop(controller, tuned, experiment)):
-        console.print(said)
+    if isinstance(controller, GPI):
+        for line in _loop(controller, tuned, experiment):
+            print_wrapped(console, f"  {line}")
 
 
 def check_table(path: Path | None) -> None:
@@ -160,10 +161,10 @@ def _latex(heads: list[str], rows: list[list[str]]) -> str:
 _FORMATS = {".csv": csv_table, ".md": _markdown, ".tex": _latex}
 
 
-def _loop(controller: GPI, tuned: Verdict | None, experiment: Experiment) -> str:
-    """Return what the loop that is run tolerates, and what one count of the encoders does; or nothing."""
+def _loop(controller: GPI, tuned: Verdict | None, experiment: Experiment) -> list[str]:
+    """Return what the loop that is run tolerates, and what one count of the encoders does, a line each."""
     lines = [_margins(controller, tuned, experiment), _count(controller, experiment)]
-    return "\n".join(f"  {line}" for line in lines if line)
+    return [line for line in lines if line]
 
 
 def _margins(controller: GPI, tuned: Verdict | None, experiment: Experiment) -> str:

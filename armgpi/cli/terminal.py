@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import sys
+import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import monotonic
@@ -128,6 +129,15 @@ def console(**options: Any) -> Console:
     print_held()
     options.setdefault("width", None if sys.stdout.isatty() or "COLUMNS" in os.environ else 120)
     return Plain(markup=False, emoji=False, highlight=False, **options)
+
+
+def print_wrapped(screen: Console, line: str, style: str = "") -> None:
+    """Print a line; what does not fit into the width goes on below it, indented."""
+    indent = " " * (len(line) - len(line.lstrip()) + 2)
+    text = textwrap.fill(
+        line, screen.width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
+    screen.print(text, style=style, soft_wrap=True)
 
 
 def say_markdown(text: str) -> None:

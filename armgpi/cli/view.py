@@ -10,6 +10,7 @@ from armgpi.base.files import check_set, read_bytes
 from armgpi.cli import options as opt
 from armgpi.cli.parsing import refusal, stoppable
 from armgpi.cli.terminal import progress, say
+from armgpi.errors import ArmgpiError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -119,6 +120,7 @@ def report(
         configuration=_configuration(files),
         frame=frame,
         folder=files[0].parent,
+        world=_world(files),
     )
     say(f"wrote {reports.write(page, output)}", err=True)
 
@@ -194,6 +196,20 @@ def _arm(name: str, result: xr.Dataset) -> Robot:
     from armgpi.robot.robot import Robot
 
     return Robot.load(name, keep=[str(joint) for joint in result["joint"].values])
+
+
+def _world(files: list[Path]) -> str:
+    """Return what was simulated of a single rollout; empty where its experiment is not beside it."""
+    from armgpi import config
+    from armgpi.config import building, world
+
+    beside = files[0].parent / "experiment.yaml"
+    if len(files) > 1 or not beside.is_file():
+        return ""
+    try:
+        return world.describe(*building.resolve(*config.read(beside)), every=True)
+    except ArmgpiError:  # its arm, say, is not there any more; the page says so itself
+        return ""
 
 
 def _configuration(files: list[Path]) -> str | None:

@@ -367,7 +367,7 @@ def expand(config: ExperimentConfig, place: _Place | None = None) -> RobotSectio
         if (found := robots.find_identified(section.name)) is None:
             return section
         if isinstance(section.drives, str):
-            said = f"{section.name} has its own; name the URDF in it to believe others"
+            said = f"{section.name} has its own; name the URDF in it to assume others"
             raise place.at("drives").error(said)
         drives = Drives.read(found.drives).plain()
     for joint, own in (section.drives or {}).items():

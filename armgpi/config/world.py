@@ -68,7 +68,7 @@ def describe(config: ExperimentConfig, robot: Any, every: bool = False) -> str:
     Args:
         config: the experiment, with what its world assumes.
         robot: its arm.
-        every: whether every controller is named, as `compare` runs them; else the first, as the others do.
+        every: whether all controllers are counted, as `compare` runs them; else the first is named.
     """
     return f"world: {_name(config)}: {describe_arm(config, robot, every)}"
 
@@ -86,7 +86,8 @@ def describe_arm(config: ExperimentConfig, robot: Any, every: bool = False) -> s
     """Return what :func:`describe` says without the name of the world."""
     sections = config.controllers if every else config.controllers[:1]
     labels = [each.label or each.type for each in sections]
-    controllers = f"controller{'s' if len(labels) > 1 else ''} {', '.join(labels)}"
+    # A table of several names them.
+    controllers = f"controller {labels[0]}" if len(labels) == 1 else f"{len(labels)} controllers"
     if config.reality is not None:
         return controllers
     plant = config.plant
@@ -151,4 +152,4 @@ def _friction(config: ExperimentConfig, robot: Any) -> str:
     if plant.friction == "none":
         return "friction of the URDF dropped"
     viscous, coulomb = robot.friction.viscous, robot.friction.coulomb
-    return f"friction of the arm (viscous up to {np.max(viscous):g}, Coulomb up to {np.max(coulomb):g})"
+    return f"friction of the arm (viscous up to {np.max(viscous):.3g}, Coulomb up to {np.max(coulomb):.3g})"

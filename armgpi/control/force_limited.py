@@ -184,11 +184,11 @@ class ForceLimited(Controller):
         return new(ControlStep, (self.limited(gentle.tau), new(LimitedState, (gentle.state, law))))
 
     def signals(self, state: LimitedState) -> Mapping[str, Array]:
-        """Return those of the controller in it."""
+        """Return the signals of the controller in it; see :meth:`Controller.signals`."""
         return self.law.signals(state.law)
 
     def reported(self, state: LimitedState) -> Mapping[str, Array]:
-        """Return those of the controller in it."""
+        """Return the recorded signals of the controller in it; see :meth:`Controller.reported`."""
         return self.law.reported(state.law)
 
     def describe(self) -> dict[str, Any]:

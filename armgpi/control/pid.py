@@ -101,7 +101,7 @@ class PIDInversion(Controller):
 
     @classmethod
     def configured(cls, given: Mapping[str, Any], context: Context) -> PIDInversion:
-        """Return the controller; a scaled inertia varies D alone, as in the paper."""
+        """Return the controller; a scaled inertia varies D alone; see :meth:`Controller.configured`."""
         return cls(context.nominal, context.dt, **given, bias_robot=context.robot)
 
     def init(self, measurement: FullState, target: Target) -> PIDState:

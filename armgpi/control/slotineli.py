@@ -126,5 +126,5 @@ class SlotineLi(SmoothedController):
         return Learned(constant, *(self._keep * theta for theta in others))
 
     def signals(self, state: Any) -> Mapping[str, Array]:
-        """Return estimates and what was learned under their names."""
+        """Return estimates and adapted parameters under their names; see :meth:`Controller.signals`."""
         return {**super().signals(state), **state.own._asdict()}

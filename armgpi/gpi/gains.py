@@ -99,7 +99,7 @@ class Gains(Parametrised, ABC):
 
     @classmethod
     def chosen(cls, context: Context) -> dict[str, Any]:
-        """Return what an experiment takes for `chosen` parameters."""
+        """Return what an experiment takes for `chosen` parameters in a `context`, by their names."""
         return {}
 
     @abstractmethod
@@ -137,7 +137,7 @@ class Gains(Parametrised, ABC):
         """Return the tuning at rest, to check margins with."""
 
     def signals(self, state: Any) -> Mapping[str, Array]:
-        """Return inner signals worth recording, name -> array (..., n); none by default."""
+        """Return inner signals worth recording, name -> array (..., n), of a `state`; none by default."""
         return {}
 
     def describe(self) -> Mapping[str, Any]:
@@ -220,7 +220,7 @@ class FixedGains(Poles):
         return {"omega_c": context.omega_c}
 
     def prepare(self, joint_names: Sequence[str], dt: float) -> FixedGains:
-        """Return the gains as arrays over the joints.
+        """Return the gains as arrays over the joints; see :meth:`Gains.prepare`.
 
         Raises:
             ArrayError: when a value is not positive or a shape does not fit.
@@ -235,7 +235,7 @@ class FixedGains(Poles):
         """Return no state; see :meth:`Gains.init`."""
 
     def step(self, e: Array, learn: Array, state: None) -> GainStep:
-        """Return the fixed tuning; see :meth:`Gains.step`."""
+        """Return the fixed tuning, (..., n); see :meth:`Gains.step`."""
         return GainStep(self._tuning, None)
 
     def nominal(self) -> Tuning:

@@ -545,7 +545,7 @@ class GPI(Controller):
         return np.asarray((most_inertia(self.robot) * (at_once * counts)).max(axis=1))
 
     def signals(self, state: GPIState) -> Mapping[str, Array]:
-        """Return the states of the law under their names."""
+        """Return the controller's states under their names; see :meth:`Controller.signals`."""
         return {**state.law._asdict(), **self.gains.signals(state.gains)}
 
     def describe(self) -> dict[str, Any]:

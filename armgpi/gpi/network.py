@@ -220,7 +220,7 @@ class BSplineNetwork(Boxes, Poles):
         check_type(self.weights, "weights", Weights | None, "Weights, or a mapping of tuning parameters")
 
     def prepare(self, joint_names: Sequence[str], dt: float) -> BSplineNetwork:
-        """Return the networks as arrays over the joints.
+        """Return the networks as arrays over the joints; see :meth:`Gains.prepare`.
 
         Raises:
             ArrayError: when a value is not positive, a box is upside down or a shape does not fit.
@@ -390,7 +390,7 @@ class BSplineNetwork(Boxes, Poles):
         return (*self.basis.even(e * self._per_error), *self.basis.even(slope * self._per_derivative))
 
     def signals(self, state: NetworkState) -> Mapping[str, Array]:
-        """Return tuning, weights and activations under their names."""
+        """Return tuning, weights and activations under their names; see :meth:`Gains.signals`."""
         named: dict[str, Array] = dict(state.tuning._asdict())
         named.update({f"activation_{i + 1}": a for i, a in enumerate(state.activations)})
         for name, weights in zip(self._adapted, state.weights, strict=True):

@@ -46,7 +46,7 @@ class GainSchedule(ErrorSchedule, Boxes):
     }
 
     def prepare(self, joint_names: Sequence[str], dt: float) -> GainSchedule:
-        """Return the schedule as arrays over the joints.
+        """Return the schedule as arrays over the joints; see :meth:`Gains.prepare`.
 
         Raises:
             ArrayError: when a value is not as declared, a box is upside down or a shape does not fit.
@@ -68,7 +68,7 @@ class GainSchedule(ErrorSchedule, Boxes):
 
     @classmethod
     def chosen(cls, context: Context) -> dict[str, Any]:
-        """Return the box and scales of :meth:`BSplineNetwork.chosen`."""
+        """Return the box and scales of :meth:`BSplineNetwork.chosen`; see :meth:`Gains.chosen`."""
         return BSplineNetwork.chosen(context)
 
     def nominal(self) -> Tuning:
@@ -76,7 +76,7 @@ class GainSchedule(ErrorSchedule, Boxes):
         return Tuning(self._low, self.zeta_c, self._low)
 
     def init(self, e: Array) -> ScheduleState:
-        """Return the state before the first sample: omega at its lower end."""
+        """Return the state before the first sample, omega at its lower end; see :meth:`Gains.init`."""
         return ScheduleState(np.zeros_like(e))
 
     def step(self, e: Array, learn: Array, state: ScheduleState) -> GainStep:
@@ -86,7 +86,7 @@ class GainSchedule(ErrorSchedule, Boxes):
         return GainStep(Tuning(omega, self.zeta_c, omega), ScheduleState(w))
 
     def signals(self, state: ScheduleState) -> Mapping[str, Array]:
-        """Return omega_c."""
+        """Return omega_c [rad/s], (..., n); see :meth:`Gains.signals`."""
         return {"omega_c": self._low + state.raised}
 
     def describe(self) -> Mapping[str, Any]:

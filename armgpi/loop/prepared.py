@@ -225,12 +225,14 @@ class PreparedLoop:
                 raise ParameterError("file", str(file), 'with trajectories, record="all", and partial=False')
             import xarray as xr
 
+            from armgpi.loop.hinted import hinted
+
             path = check_path(file, "file")
             with files.replace_files([path], str(path)) as (beside,):
                 memory = NetCDF(beside)
                 loop, run, made_from = self._run_with(*how, memory)
                 memory.finish(_collect(loop, run.recording, made_from).dataset())
-            return xr.open_dataset(path, engine="h5netcdf")
+            return hinted(xr.open_dataset(path, engine="h5netcdf"))
         loop, run, made_from = self._run_with(*how, self._memory)
         if self._metrics:
             return self._summary(loop, run, final, made_from)

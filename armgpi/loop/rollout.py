@@ -339,7 +339,7 @@ class Recorded(NamedTuple):
 
     def dataset(self) -> xr.Dataset:
         """Return it as the dataset that a rollout is."""
-        import xarray as xr
+        from armgpi.loop.hinted import Rollout
 
         recording, robot, _, made_from, _ = self
         whole: tuple[tuple[str, ...], Any] = (("rollout",), slice(None))
@@ -357,7 +357,7 @@ class Recorded(NamedTuple):
         variables |= {name: (per_rollout, x[row], dict(told[name])) for name, x in single.items()}
         for name, limit in robot.limits._asdict().items():
             variables[name] = ((*per_rollout[: limit.ndim - 1], "joint"), limit, _attributes(name, robot))
-        return xr.Dataset(
+        return Rollout(
             variables,
             coords={
                 "time": ("time", recording.times[:stored], {"units": "s"}),
@@ -398,13 +398,13 @@ def summary_dataset(
     values |= {f"{name}_end": x.reshape(recording.shape) for name, x in ends.items()}
     single: dict[str, Any] = {"status": recording.status, "t_end": recording.t_end, **recording.faults}
     values |= {name: x[row] for name, x in single.items()}
-    import xarray as xr
+    from armgpi.loop.hinted import Rollout
 
     if like is not None:  # xarray takes longer to put one together than a short run takes
         return like.copy(data=values)
     told = {f"{name}_end": _attributes(name, robot) for name in ends}
     told |= {"status": _status(), "t_end": {"long_name": "end of the rollout", "units": "s"}, **FAULTS}
-    return xr.Dataset(
+    return Rollout(
         {name: (dims[: np.ndim(x)], x, told.get(name)) for name, x in values.items()},
         coords={"joint": ("joint", np.array(robot.joint_names))},
         attrs={
@@ -525,7 +525,9 @@ def load(path: str | PathLike[str]) -> xr.Dataset:
         raise RolloutError(f"{source}: is no whole armgpi rollout; it lacks {', '.join(missing)}")
     if damage := _damage(rollout):
         raise RolloutError(f"{source}: is no armgpi rollout any more: {damage}")
-    return rollout.transpose("rollout", "time", ..., missing_dims="ignore")
+    from armgpi.loop.hinted import hinted
+
+    return hinted(rollout.transpose("rollout", "time", ..., missing_dims="ignore"))
 
 
 def read_netcdf(source: Path) -> xr.Dataset:

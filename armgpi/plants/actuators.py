@@ -42,7 +42,7 @@ class Saturated(Wrapper):
 
     @classmethod
     def configured(cls, plant: Plant, given: Mapping[str, Any] | None, context: Context) -> Plant:
-        """Return the plant with limits: motors always have some."""
+        """Return the plant with limits: motors always have some; see :meth:`Wrapper.configured`."""
         return super().configured(plant, given or {}, context)
 
     def step(self, tau: Array, state: Any, dt: float) -> Any:

@@ -228,7 +228,7 @@ class ElasticPlant(Arm):
         return ElasticState(0, link, v, theta, v, gravity, np.zeros_like(q))
 
     def measure(self, state: ElasticState) -> FullState:  # type: ignore[override]
-        """Return positions and velocities where the encoders sit."""
+        """Return positions and velocities where the encoders sit; see :meth:`Plant.measure`."""
         at_motor = self._at_motor > 0.5
         q, v = np.where(at_motor, state.theta, state.q), np.where(at_motor, state.omega, state.v)
         return new(FullState, (q, v))

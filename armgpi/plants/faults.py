@@ -69,7 +69,7 @@ class SensorFault(StatefulWrapper):
         return Broken(seen.q, seen)
 
     def follow(self, plant: Any, own: Broken, dt: float) -> Broken:
-        """Return what is measured, good or not."""
+        """Return what is measured, with or without the fault; see :meth:`StatefulWrapper.follow`."""
         good, truth = self.plant.measure(plant), self.plant.true_state(plant)
         begun = _has_begun(truth, self.onset, dt)
         last = np.where(begun > 0.0, own.last, good.q)
@@ -79,7 +79,7 @@ class SensorFault(StatefulWrapper):
         return Broken(last, FullState(np.where(failing, q, good.q), np.where(failing, v, good.v)))
 
     def measure(self, state: Wrapped) -> FullState:
-        """Return what is measured, good or not."""
+        """Return what is measured, with or without the fault; see :meth:`Plant.measure`."""
         seen: FullState = state.own.seen
         return seen
 

@@ -173,7 +173,7 @@ class Wrapper(Parametrised, Plant):
         return self.plant.step(tau, state, dt)
 
     def measure(self, state: Any) -> FullState:
-        """Return what the wrapped plant's sensors say."""
+        """Return what the wrapped plant's sensors measure; see :meth:`Plant.measure`."""
         return self.plant.measure(state)
 
     def true_state(self, state: Any) -> PlantState:

@@ -318,7 +318,7 @@ class Reality(Parametrised):
         "true over nominal rotor inertia", kind="range", default=(0.7, 1.3), least=0.0, above=True
     )
     rotor_common: float = parameter(
-        "most of a common factor between true and believed rotor inertia, either way", default=3.0, least=1.0
+        "most of a common factor between true and assumed rotor inertia, either way", default=3.0, least=1.0
     )
     rotor_each: float = parameter("most of a factor joint by joint on top of it", default=1.5, least=1.0)
     mode: tuple[float, float] = parameter(
@@ -330,7 +330,7 @@ class Reality(Parametrised):
         above=True,
     )
     stiffness_each: float = parameter(
-        "most of a factor joint by joint between stiffness and believed rotor inertia", default=2.0, least=1.0
+        "most of a factor joint by joint between stiffness and assumed rotor inertia", default=2.0, least=1.0
     )
     gear_damping: tuple[float, float] = parameter(
         "damping of the gears, as a ratio of each joint's own mode",
@@ -339,7 +339,7 @@ class Reality(Parametrised):
         least=0.0,
     )
     motor_share: float = parameter(
-        "share of draws whose encoders sit at the motors", default=0.5, least=0.0, most=1.0
+        "share of scenarios whose encoders sit at the motors", default=0.5, least=0.0, most=1.0
     )
     current: tuple[float, float] = parameter(
         "bandwidth of the current loops", unit="Hz", kind="range", default=(300.0, 1000.0), least=1.0
@@ -356,7 +356,7 @@ class Reality(Parametrised):
         above=True,
     )
     side_known: float = parameter(
-        "share of undriven and owned draws whose controller knows the encoders' side",
+        "share of undriven and owned scenarios whose controller knows the encoders' side",
         default=0.0,
         least=0.0,
         most=1.0,
@@ -370,7 +370,7 @@ class Reality(Parametrised):
     inertia_scale: tuple[float, float] = parameter(
         "nominal over modelled inertia matrix", kind="range", default=(0.8, 1.2), least=0.0, above=True
     )
-    friction_share: float = parameter("share of draws with friction", default=0.7, least=0.0, most=1.0)
+    friction_share: float = parameter("share of scenarios with friction", default=0.7, least=0.0, most=1.0)
     coulomb: tuple[float, float] = parameter(
         "Coulomb friction over gravity torque", kind="range", default=(0.0, 0.1), least=0.0
     )
@@ -378,7 +378,7 @@ class Reality(Parametrised):
         "viscous over Coulomb friction", unit="s/rad", kind="range", default=(0.0, 0.3), least=0.0
     )
     effort_share: float = parameter(
-        "share of draws with other torque limits than the arm's", default=0.5, least=0.0, most=1.0
+        "share of scenarios with other torque limits than the arm's", default=0.5, least=0.0, most=1.0
     )
     effort: tuple[float, float] = parameter(
         "those limits over the arm's; more where gravity asks for it",
@@ -396,7 +396,7 @@ class Reality(Parametrised):
     effort_known: float = parameter(
         "share of them that the controller knows", default=0.5, least=0.0, most=1.0
     )
-    step_share: float = parameter("share of draws with a torque step", default=0.6, least=0.0, most=1.0)
+    step_share: float = parameter("share of scenarios with a torque step", default=0.6, least=0.0, most=1.0)
     torque_step: tuple[float, float] = parameter(
         "torque step over gravity torque", kind="range", default=(-0.2, 0.2)
     )

@@ -43,7 +43,7 @@ class Encoder(Wrapper):
         self.step_size = self.robot.encoder_count(self.bits)
 
     def measure(self, state: Any) -> FullState:
-        """Return positions rounded to the nearest count."""
+        """Return positions rounded to the nearest count; see :meth:`Plant.measure`."""
         q, v = self.plant.measure(state)
         return FullState(np.rint(q / self.step_size) * self.step_size, v)
 
@@ -87,7 +87,7 @@ class Noisy(Wrapper):
     seed: Any = parameter("seed of rollout 0", kind="seed", default=0, least=0, in_file=False)
 
     def measure(self, state: Any) -> FullState:
-        """Return the measurements with the noise of this sample."""
+        """Return the measurements with the noise of this sample; see :meth:`Plant.measure`."""
         q, v = self.plant.measure(state)
         k = self.plant.true_state(state).k
         return FullState(
@@ -146,11 +146,11 @@ class Delayed(StatefulWrapper):
         return (self.plant.measure(plant),) * (self._length + 1)
 
     def follow(self, plant: Any, own: tuple[FullState, ...], dt: float) -> tuple[FullState, ...]:
-        """Return the queue with the newest measurement at its end."""
+        """Return the queue with the newest measurement at its end; see :meth:`StatefulWrapper.follow`."""
         return (*own[1:], self.plant.measure(plant))
 
     def measure(self, state: Wrapped) -> FullState:
-        """Return the measurement that arrives now."""
+        """Return the measurement that arrives now; see :meth:`Plant.measure`."""
         if isinstance(self.samples, int):
             arrived: FullState = state.own[self._length - self.samples]
             return arrived
@@ -194,14 +194,14 @@ class Differentiated(StatefulWrapper):
         return FullState(measured.q, np.zeros_like(measured.v))
 
     def follow(self, plant: Any, own: FullState, dt: float) -> FullState:
-        """Return the positions as they are measured, and the velocities."""
+        """Return the positions as measured, and their differences; see :meth:`StatefulWrapper.follow`."""
         q = self.plant.measure(plant).q
         half = 0.5 * self.bandwidth * dt
         decay = (1.0 - half) / (1.0 + half)
         return FullState(q, decay * own.v + self.bandwidth / (1.0 + half) * (q - own.q))
 
     def measure(self, state: Wrapped) -> FullState:
-        """Return the positions as they are measured, and the velocities."""
+        """Return measured positions, and velocities from their differences; see :meth:`Plant.measure`."""
         seen: FullState = state.own
         return seen
 
@@ -231,12 +231,12 @@ class DropOut(StatefulWrapper):
         return self.plant.measure(plant)
 
     def follow(self, plant: Any, own: FullState, dt: float) -> FullState:
-        """Return the last measurement that arrived."""
+        """Return the last measurement that arrived; see :meth:`StatefulWrapper.follow`."""
         q, v = self.plant.measure(plant)
         lost = noise.uniform(self.seed, self.plant.true_state(plant).k, q.shape, 4) < self.probability
         return FullState(np.where(lost, own.q, q), np.where(lost, own.v, v))
 
     def measure(self, state: Wrapped) -> FullState:
-        """Return the last measurement that arrived."""
+        """Return the last measurement that arrived; see :meth:`Plant.measure`."""
         seen: FullState = state.own
         return seen

@@ -23,7 +23,7 @@ class SingleTurn(Wrapper):
     """
 
     def measure(self, state: Any) -> FullState:
-        """Return the measurement with continuous joints inside one turn."""
+        """Return the measurement, continuous joints inside one turn; see :meth:`Plant.measure`."""
         q, v = self.plant.measure(state)
         wrapped = (q + math.pi) % _TURN - math.pi
         return FullState(np.where(_continuous(self.plant), wrapped, q), v)
@@ -45,7 +45,7 @@ class Unwrapped(StatefulWrapper):
         return self._near(self.plant.measure(plant).q, own)
 
     def measure(self, state: Wrapped) -> FullState:
-        """Return the measurement with its turns."""
+        """Return the measurement with its turns; see :meth:`Plant.measure`."""
         return FullState(state.own, self.plant.measure(state.plant).v)
 
     def _near(self, measured: Array, last: Array) -> Array:

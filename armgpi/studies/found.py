@@ -17,6 +17,7 @@ from armgpi.base.escape import csv_table, markdown_table
 from armgpi.config import experiment as experiments
 from armgpi.errors import RolloutError
 from armgpi.loop import metrics
+from armgpi.studies.objective import heading
 from armgpi.studies.optimise import Row, Search, Validated
 from armgpi.studies.setup import Wanted, best_file
 from armgpi.studies.study import Study
@@ -35,7 +36,9 @@ def enter(folder: Path, wanted: Wanted, resume: bool, accept_code: bool = False)
     asked = replace(wanted.identity, text=wanted.identity.text + tune)
     study = Study.enter(folder, asked, STUDY, accept_code)
     if study.there and study.begun and not resume:
-        raise RolloutError(f"{folder}: holds this study already; resume it, or choose another folder")
+        raise RolloutError(
+            f"{folder}: holds this study already; --resume it, or choose another folder: --out FOLDER"
+        )
     return study
 
 
@@ -146,16 +149,19 @@ def report(search: Search, best: Sequence[Validated], given: Row) -> str:
     """Return what was found as Markdown."""
     problem, against = search.problem, search.problem.against
     searched_on, held_out = len(problem.search.draws), len(problem.held_out.draws)
+    slides = problem.slides
+    objective, spent = heading(problem.objective.expression.text, slides), heading(against, slides)
+    what, _, unit = spent.rstrip("]").partition(" [")
     head = (
         "",
-        f"{problem.objective.expression.text}, {searched_on} tuning scenarios",
-        f"{against}, tuning",
-        f"{problem.objective.expression.text}, {held_out} held-out scenarios",
-        f"{against}, held out",
+        f"{objective}, {searched_on} tuning scenarios",
+        f"{spent}, tuning",
+        f"{objective}, {held_out} held-out scenarios",
+        f"{spent}, held out",
     )
     lines = [("default", *_cells(search.rows[0], given, against))]
     for validated in best:
-        name = "best" if math.isinf(validated.budget) else f"best, {against} up to {validated.budget:g}"
+        name = "best" if math.isinf(validated.budget) else f"best, {what} up to {validated.budget:g} {unit}"
         lines.append((name, *_cells(validated.row, validated.held_out, against)))
     return f"{len(search.rows)} candidates.\n\n{markdown_table(head, lines)}{_without_best(search, best)}"
 

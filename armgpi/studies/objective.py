@@ -47,6 +47,21 @@ def known_names() -> dict[str, str]:
     return {key: name for key, name in found.items() if key.isidentifier()} | {name: name for name in known}
 
 
+def heading(text: str, slides: bool = False) -> str:
+    """Return what tables and pictures call an expression: of one metric its heading with its unit.
+
+    Args:
+        text: the expression.
+        slides: whether all joints of the arm are prismatic.
+    """
+    name = known_names().get(text.strip())
+    if name is None:
+        return text
+    metric = metrics.ALL[name]
+    unit = metric.unit.symbol(slides)
+    return f"{metric.heading} [{unit}]" if unit else metric.heading
+
+
 class Expression:
     """Arithmetic on metrics, each of which is one number for the arm, such as ``itae + 0.5*variation``.
 

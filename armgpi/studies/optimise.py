@@ -79,6 +79,7 @@ class Problem(NamedTuple):
         evaluations: how many candidates are tried.
         population: in a generation, for each budget; None for the method's own number.
         seed: of the search.
+        slides: whether all joints of the arm are prismatic, for the units of tables.
     """
 
     space: Space
@@ -91,6 +92,7 @@ class Problem(NamedTuple):
     evaluations: int = 200
     population: int | None = None
     seed: int = 0
+    slides: bool = False
 
     @property
     def names(self) -> list[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from itertools import starmap
 from typing import Any
 
@@ -11,10 +10,19 @@ import numpy as np
 import xarray as xr
 
 from armgpi.base.arrays import Array
-from armgpi.config import build, dump, keys
+from armgpi.config import build, dump, world
 from armgpi.config import experiment as experiments
 from armgpi.loop import metrics
-from armgpi.studies.results import QUANTILES, failure_words, heading, of_arm, quantile_words, sentences, worst
+from armgpi.studies.results import (
+    QUANTILES,
+    drawn_heading,
+    failure_words,
+    heading,
+    of_arm,
+    quantile_words,
+    sentences,
+    worst,
+)
 from armgpi.studies.sample import Sweep
 from armgpi.viewing import page, report
 from armgpi.viewing.drawing import LINE, Drawing, figure
@@ -73,6 +81,7 @@ def html(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any], unseen: str =
         title=f"Sweep of {sweep.robot.name}: {found.sizes['rollout']} rollouts",
         configuration=dump(config),
         before="".join(parts),
+        world=world.describe(sweep.experiment.config, sweep.experiment.robot),
     )
 
 
@@ -106,21 +115,12 @@ def _failures(sweep: Sweep, said: Mapping[str, Any]) -> list[str]:
     """Return the charts of failures by what was drawn, and by two of them."""
     by_one = []
     for name, rows in said["failure by what was drawn"].items():
-        by_one.append((_map(rows), _heading_of(sweep, name)))
+        by_one.append((_map(rows), drawn_heading(sweep, name)))
     by_two = []
     for pair in said["failure by two of them"]:
-        title = " × ".join(_heading_of(sweep, name) for name in pair["of"])
+        title = " × ".join(drawn_heading(sweep, name) for name in pair["of"])
         by_two.append((_square(pair["parts"]), title))
-    return ["<h3>Share of failures by what was drawn</h3>", _figures(by_one), _figures(by_two)]
-
-
-def _heading_of(sweep: Sweep, name: str) -> str:
-    """Return the name of a number that was drawn, with its unit where the file has it."""
-    with suppress(LookupError):
-        declared, _ = keys.find(sweep.experiment.config, name)
-        if declared.unit:
-            return f"{name} [{declared.unit}]"
-    return name
+    return ["<h3>Share of failures by what was varied</h3>", _figures(by_one), _figures(by_two)]
 
 
 def _figures(pictures: Iterable[tuple[str, str]]) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 
 from armgpi.studies.contend import CONTENDERS, Entry, classes, medians
 from armgpi.studies.found import convergence, front
+from armgpi.studies.objective import heading
 from armgpi.studies.optimise import Row, Search, Validated
 from armgpi.viewing import plots, style
 from armgpi.viewing.plots import Axes, Figure
@@ -44,7 +45,8 @@ def _convergence(axes: Axes, search: Search) -> None:
         shown = np.where(np.isfinite(best), best, np.nan)
         axes.plot(np.arange(1, len(best) + 1), shown, color=style.look(index).color, label=_name(budget))
     _log(axes.set_yscale, [row.objective for row in search.rows])
-    name = plots.text(search.problem.objective.expression.text)
+    problem = search.problem
+    name = plots.text(heading(problem.objective.expression.text, problem.slides))
     axes.set(xlabel="candidate", ylabel=name, title="convergence")
     if len(search.problem.budgets) > 1:
         axes.legend(fontsize="x-small")
@@ -69,8 +71,9 @@ def _front(axes: Axes, search: Search, found: Sequence[Validated], given: Row) -
     shown = [*rows, *held]
     _log(axes.set_xscale, [row.means[against] for row in shown])
     _log(axes.set_yscale, [row.objective for row in shown])
-    name = plots.text(search.problem.objective.expression.text)
-    axes.set(xlabel=plots.text(against), ylabel=name, title="front")
+    slides = search.problem.slides
+    name = plots.text(heading(search.problem.objective.expression.text, slides))
+    axes.set(xlabel=plots.text(heading(against, slides)), ylabel=name, title="front")
     axes.legend(fontsize="x-small")
 
 
@@ -83,7 +86,7 @@ def _gains(axes: Axes, search: Search, found: Sequence[Validated]) -> None:
         axes.scatter(
             each.row.x, places, marker="D", s=24, color=style.look(index).color, label=_name(each.budget)
         )
-    axes.set_yticks(places, [plots.text(name) for name in space.names])
+    axes.set_yticks(places, [plots.text(each.label(space.joints)) for each in space.dimensions])
     axes.set_xticks([0.0, 1.0], ["low", "high"])
     axes.invert_yaxis()
     axes.set(xlim=(-0.03, 1.03), title="numbers in their ranges")

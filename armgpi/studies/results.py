@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from itertools import combinations, product
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from armgpi.base import files
 from armgpi.base.arrays import Array
 from armgpi.base.escape import json_data
 from armgpi.base.intervals import clopper_pearson, quantile, wilson
-from armgpi.config import ExperimentConfig
+from armgpi.config import ExperimentConfig, keys
 from armgpi.config import experiment as experiments
 from armgpi.errors import RolloutError
 from armgpi.loop import metrics
@@ -299,12 +300,25 @@ def write_worst(folder: Path, configs: Sequence[ExperimentConfig]) -> list[Path]
     return sorted(set(written))
 
 
+def drawn_heading(sweep: Sweep, name: str) -> str:
+    """Return the name of a number that was drawn, with its unit where the file has it."""
+    with suppress(LookupError):
+        declared, _ = keys.find(sweep.experiment.config, name.partition("[")[0])
+        if declared.unit:
+            return f"{name} [{declared.unit}]"
+    return name
+
+
 def failure_words(sweep: Sweep) -> str:
     """Return when a rollout of a study has failed, in words."""
     stopped = [] if sweep.experiment.supervisor is None else ["stopped"]
-    beyond = (f"{metrics.ALL[name].heading} > {most:g}" for name, most in sweep.failure.items())
+    slides = bool(sweep.robot.prismatic.all())
+    beyond = []
+    for name, most in sweep.failure.items():
+        metric = metrics.ALL[name]
+        beyond.append(f"{metric.heading} > {most:g} {metric.unit.symbol(slides)}".rstrip())
     words = " or ".join(["diverged", *stopped, *beyond])
     if sweep.config.failure:
         return words
-    shares = " and ".join(f"{share:.0%}" for share in FAILURE_SHARES.values())
-    return f"{words} ({shares} of the largest move of a joint; the key `failure` states others)"
+    shares = " and ".join(f"{100 * share:.0f} %" for share in FAILURE_SHARES.values())
+    return f"{words} ({shares} of the largest move of a joint; the key `failure` sets other bounds)"

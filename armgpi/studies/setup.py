@@ -100,12 +100,15 @@ def _warn(given: ExperimentConfig, experiment: Experiment, silent: bool, origin:
     if experiment.supervisor is not None:
         said = "tuning simulates without the supervisor of the file; run the result under it"
         warnings.warn(str(origin.error(("supervisor",), said)), ArmgpiWarning, stacklevel=3)
-    if given.reality is None and (left := sorted({*given.plant.given} - {"delay", "encoder_bits"})):
+    left = {*given.plant.given} - {"delay", "encoder_bits"}
+    friction = experiment.robot.friction
+    if not (np.any(friction.viscous) or np.any(friction.coulomb)):
+        left.discard("friction")  # there is none to leave out
+    if given.reality is None and left:
         said = (
-            "tuning simulates randomised arms; without an uncertainty model (reality) these have "
-            "the file's delay and "
+            "tuning simulates randomised arms with the delay and the encoder of the file, but not its "
+            f"{', '.join(sorted(left))}; an uncertainty model (key `reality`) states which arms"
         )
-        said += f"encoder, not its {', '.join(left)}"
         warnings.warn(str(origin.error(("plant",), said)), ArmgpiWarning, stacklevel=3)
 
 
@@ -161,6 +164,7 @@ def _problem(
         tune.evaluations,
         tune.population,
         tune.seed,
+        bool(experiment.robot.prismatic.all()),
     )
 
 

@@ -60,6 +60,7 @@ class Dimension(NamedTuple):
         high: highest value.
         log: whether it is varied by factors.
         start: value to begin with.
+        unit: of the value; empty where it has none.
     """
 
     key: str
@@ -70,6 +71,7 @@ class Dimension(NamedTuple):
     high: float
     log: bool
     start: float
+    unit: str = ""
 
     @property
     def name(self) -> str:
@@ -80,6 +82,10 @@ class Dimension(NamedTuple):
     def name_with(self, joints: Sequence[str]) -> str:
         """Return what it is called, with the name of its joint."""
         return self.name if self.joint is None else f"{self.name} {joints[self.joint]}"
+
+    def label(self, joints: Sequence[str]) -> str:
+        """Return its name with its joint, range and unit, as pictures show it."""
+        return f"{self.name_with(joints)}, {self.low:.3g} to {self.high:.3g} {self.unit}".rstrip()
 
     def value(self, x: float) -> float:
         """Return the value at a place in [0, 1]."""
@@ -232,7 +238,7 @@ def _dimensions(
                 value = value if joint is None else value[joint]
                 shared = np.clip(value, low, high)
                 mean = math.exp(np.log(shared).mean()) if log else float(np.mean(shared))
-                found.append(Dimension(key, end, joint, basis, low, high, log, mean))
+                found.append(Dimension(key, end, joint, basis, low, high, log, mean, declared.unit or ""))
     return found
 
 

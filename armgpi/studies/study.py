@@ -311,7 +311,9 @@ def _check_free(folder: Path, identity: Identity, name: str) -> None:
         with suppress(OSError, ValueError):
             if path.name == name and files.read_text(path, _MOST) == identity.text:
                 continue  # of a study that was killed before its last file
-        raise RolloutError(f"{folder}: holds something else ({path.name}); choose another folder")
+        raise RolloutError(
+            f"{folder}: holds something else ({path.name}); choose another folder: --out FOLDER"
+        )
 
 
 def _known_codes(folder: Path, identity: Identity, accept_code: bool) -> Mapping[str, Any]:
@@ -323,12 +325,12 @@ def _known_codes(folder: Path, identity: Identity, accept_code: bool) -> Mapping
     known = read_identity(folder)
     if known["digest"] != identity.digest:
         said = ", ".join(_differences(known["what"], identity.what)) or "its files"
-        raise RolloutError(f"{folder}: holds another study ({said}); choose another folder")
+        raise RolloutError(f"{folder}: holds another study ({said}); choose another folder: --out FOLDER")
     codes: dict[str, Any] = known["codes"]
     if identity.code_digest not in codes:
         said = ", ".join(_differences(list(codes.values())[-1], identity.code))
         if not accept_code:
-            remedy = "choose another folder, or go on all the same with --accept-code"
+            remedy = "choose another folder (--out FOLDER), or go on all the same with --accept-code"
             raise RolloutError(f"{folder}: was run by other code ({said}); {remedy}")
         codes = {**codes, identity.code_digest: dict(identity.code)}
         _write(folder, {**known, "codes": codes})
@@ -391,7 +393,7 @@ def _flat(data: Any, path: str = "") -> Iterator[tuple[str, Any]]:
         for key, value in data.items() if isinstance(data, Mapping) else enumerate(data):
             yield from _flat(value, f"{path}.{key}" if path else str(key))
     else:
-        yield path, data
+        yield path, None if isinstance(data, Mapping | list) else data
 
 
 def _short(value: Any) -> str:

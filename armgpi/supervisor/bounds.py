@@ -153,7 +153,7 @@ class Supervisor(Parametrised):
     )
     response: float = parameter(
         "RESPONSE: how long, after eight samples, a joint may answer its torque the wrong way, running away "
-        "from its reference; it brakes by its torque turned round then; 0 for no check",
+        "from its reference; it then brakes by its reversed torque; 0 for no check",
         unit="s",
         default=0.004,
         least=0.0,
@@ -174,8 +174,8 @@ class Supervisor(Parametrised):
         per_joint=True,
     )
     torque_cap: PerJoint = parameter(
-        "CAP: how far a torque may be from what holds the nominal model; a law that asks for as much is a "
-        "fault, and no torque is farther; of a stage of `armgpi bringup`",
+        "CAP: how far a torque may be from what holds the nominal model; a controller that asks for as "
+        "much is a fault, and no torque is farther; of a stage of `armgpi bringup`",
         unit="N m or N",
         default=None,
         none="no cap",

@@ -520,11 +520,11 @@ class Supervised(Controller):
         return FaultReport(State(status).name.lower(), Reason(reason).name.lower(), name)
 
     def signals(self, state: SupervisedState) -> dict[str, Array]:
-        """Return its own signals and those of the law."""
+        """Return its own signals and those of the controller; see :meth:`Controller.signals`."""
         return {**self.reported(state), **self.law.signals(state.law)}
 
     def reported(self, state: SupervisedState) -> dict[str, Array]:
-        """Return what :data:`SIGNALS` names, the same for all joints."""
+        """Return what :data:`SIGNALS` names, equal for all joints; see :meth:`Controller.reported`."""
         watch = state.supervisor
         own = (watch.status, watch.reason, watch.joint, watch.since)
         return {name: value + np.zeros_like(watch.q) for name, value in zip(SIGNALS, own, strict=True)}

@@ -54,6 +54,7 @@ def build(
     frame: str | None = None,
     folder: Path | None = None,
     before: str = "",
+    world: str = "",
 ) -> str:
     """Return the report of a rollout, or of several in one dataset, as HTML.
 
@@ -67,6 +68,7 @@ def build(
         frame: the tool; the tip when not given.
         folder: where the rollout's file lies, to look for its robot there.
         before: HTML before the verdict and the tables.
+        world: what was simulated, as :func:`armgpi.config.world.describe` says it.
 
     Raises:
         RolloutError: when the rollout has no samples, or `robot` is another one.
@@ -85,7 +87,7 @@ def build(
     thinned = "" if every == 1 else f" One sample in {every}, so that this file stays small."
     values = {
         "title": page.text(title or str(rollout.attrs.get("robot", "rollout"))),
-        "summary": _summary(rollout),
+        "summary": _summary(rollout, world),
         "verdict": before + _verdict(rollout, records),
         "tables": _tables(rollout, records),
         "findings": _findings(findings, notes),
@@ -347,13 +349,14 @@ def _thin_line(time: Array, values: Array) -> tuple[Array, Array]:
 # Text ----------------------------------------------------------------------------------------------------
 
 
-def _summary(rollout: xr.Dataset) -> str:
-    """Return in a line what was run."""
+def _summary(rollout: xr.Dataset, world: str) -> str:
+    """Return in a line what was run, and in another what was assumed."""
     time = rollout["time"].values
     step = float(time[1] - time[0]) if len(time) > 1 else 0.0
     robot, joints = str(rollout.attrs.get("robot", "unknown")), rollout.sizes["joint"]
     said = f"{robot}, {joints} joint{'s' * (joints > 1)}, {float(time[-1]):.6g} s in steps of {step:.6g} s"
-    return f"<p class=summary>{page.text(said)}</p>"
+    assumed = f"<p class=summary>{page.text(world)}</p>" if world else ""
+    return f"<p class=summary>{page.text(said)}</p>{assumed}"
 
 
 def _verdict(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:

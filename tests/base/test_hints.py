@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -24,6 +25,29 @@ def test_an_attribute_that_a_controller_has_not_gets_a_hint(name: str, hint: str
         getattr(LAW, name)
     assert str(caught.value).startswith(f"'GPI' object has no attribute {name!r}; {hint}")
     assert caught.value.obj is None  # else Python would add a second hint
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("t", 'use rollout["time"]'),
+        ("qd", "use v"),
+        ("torques", "use tau"),
+        ("itae", "use armgpi.metrics.itae(rollout)"),
+        ("q_reff", "did you mean 'q_ref'?"),
+    ],
+)
+def test_a_variable_that_a_rollout_has_not_gets_a_hint(name: str, hint: str, tmp_path: Path) -> None:
+    rollout = armgpi.simulate(armgpi.RigidBodyPlant(ARM), LAW, armgpi.Hold(ARM.middle()), 0.01)
+    armgpi.save(rollout, tmp_path / "rollout.nc")
+    loaded = armgpi.load(tmp_path / "rollout.nc")
+    for each in (rollout, rollout.isel(time=0), loaded, copy.deepcopy(rollout)):
+        with pytest.raises(AttributeError) as caught:
+            getattr(each, name)
+        assert str(caught.value).startswith(f"a rollout has no attribute {name!r}; {hint}")
+        assert caught.value.obj is None
+    assert loaded.identical(rollout)
+    assert not hasattr(rollout, "_repr_png_")
 
 
 def test_what_asks_for_attributes_is_answered_as_ever() -> None:
@@ -49,6 +73,7 @@ def call(name: str, *args: Any, **kwargs: Any) -> None:
     ("name", "keyword", "hint"),
     [
         ("simulate", "tfinal", "did you mean 't_final'?"),
+        ("simulate", "tf", "did you mean 't_final'?"),
         ("Robot.load", "locks", "did you mean 'lock'?"),
         ("Robot.load", "urdf", "did you mean 'path_or_name'?"),
         ("GPI", "bandwidth", "did you mean 'gains'?"),

@@ -505,7 +505,7 @@ def test_tables_of_a_search_are_what_its_rows_say() -> None:
     assert [row.objective for row in search.rank(400.0)] == [3.0, 4.0, 5.0]  # the budget itself is kept
     text = found.report(search, own, rows[2])
     assert "| default | 5 | 300 | 3 | 900 |" in text
-    assert "| best, total_variation up to 400 | 3 | 400 | 3 | 900 |" in text
+    assert "| best, variation up to 400 N m | 3 | 400 | 3 | 900 |" in text
     assert text.endswith("\nFor 1 of the budgets no candidate holds.\n")
     assert "no candidate" not in found.report(search, [*own, own[0]], rows[2])
     assert "| best | 1 (breaks a constraint) | 350 | fails in 25 % | 200 |" in found.report(

@@ -71,7 +71,10 @@ def test_a_search_says_that_it_leaves_the_supervisor_out(tmp_path: Path) -> None
 def test_a_search_says_what_of_the_plant_its_scenarios_do_not_have(tmp_path: Path) -> None:
     path = tmp_path / "study.yaml"
     path.write_text("robot: {name: anthropomorphic3}\nplant: {delay: 1, payload: {mass: 0.1}}\n")
-    with pytest.warns(ArmgpiWarning, match=r"plant: tuning simulates .* delay and encoder, not its payload"):
+    with pytest.warns(
+        ArmgpiWarning,
+        match=r"plant: tuning simulates .* delay and the encoder of the file, but not its payload",
+    ):
         setup.read(path)
 
 

@@ -178,7 +178,7 @@ def playable(experiment: Experiment, label: str, siblings: Mapping[str, dict[str
     if not (np.any(robot.friction.viscous) or np.any(robot.friction.coulomb)):
         config["plant"]["friction"] = "none"  # as the arm has none; what is switched on has some
     friction = config["plant"]["friction"]
-    choices = [Choice(("controllers", 0), "controller", "the law", tuple(sections), own["type"])]
+    choices = [Choice(("controllers", 0), "controller", "the controller", tuple(sections), own["type"])]
     for key, values in _FORMS.items():
         having = tuple(name for name, section in sections.items() if key in section)
         if key in own:

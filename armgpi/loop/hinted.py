@@ -1,0 +1,45 @@
+"""Rollouts as datasets that answer the names of other libraries."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import xarray as xr
+
+from armgpi.base.hints import ROLLOUT, missing
+
+
+class Rollout(xr.Dataset):
+    """What a run recorded: an ``xarray.Dataset`` that says what to write for a variable that it has not."""
+
+    __slots__ = ()
+
+    def __getattr__(self, name: str) -> Any:
+        """Return a variable, as xarray does.
+
+        Raises:
+            AttributeError: where there is none of this name; it names the nearest one.
+        """
+        try:
+            return super().__getattr__(name)
+        except AttributeError:
+            if name.startswith("_"):
+                raise
+        # With an object of its own, Python would add a second hint to this one.
+        raise AttributeError(missing("a rollout", name, _known(), self._names()), name=name, obj=None)
+
+    def _names(self) -> list[str]:
+        """Return the names of variables and coordinates."""
+        return sorted(map(str, self.variables))
+
+
+def hinted(dataset: xr.Dataset) -> Rollout:
+    """Return a dataset as a rollout; its values are shared, not copied."""
+    return Rollout(dataset.variables, attrs=dataset.attrs).set_coords(list(dataset.coords))
+
+
+def _known() -> dict[str, str]:
+    """Return names of other libraries and of metrics, with what to write for them."""
+    from armgpi.loop.metrics import declared
+
+    return {name: f"armgpi.metrics.{name}(rollout)" for name in declared()} | dict(ROLLOUT)
