@@ -9,7 +9,7 @@ import xarray as xr
 from armgpi.base.hints import ROLLOUT, missing
 
 
-class Rollout(xr.Dataset):
+class Rollout(xr.Dataset):  # type: ignore[no-untyped-call]  # of its base
     """What a run recorded: an ``xarray.Dataset`` that says what to write for a variable that it has not."""
 
     __slots__ = ()
