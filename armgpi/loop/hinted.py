@@ -26,7 +26,7 @@ class Rollout(xr.Dataset):  # type: ignore[no-untyped-call]  # of its base
             if name.startswith("_"):
                 raise
         # With an object of its own, Python would add a second hint to this one.
-        raise AttributeError(missing("a rollout", name, _known(), self._names()), name=name, obj=None)
+        raise AttributeError(missing("a rollout", name, ROLLOUT, self._names()), name=name, obj=None)
 
     def _names(self) -> list[str]:
         """Return the names of variables and coordinates."""
@@ -36,10 +36,3 @@ class Rollout(xr.Dataset):  # type: ignore[no-untyped-call]  # of its base
 def hinted(dataset: xr.Dataset) -> Rollout:
     """Return a dataset as a rollout; its values are shared, not copied."""
     return Rollout(dataset.variables, attrs=dataset.attrs).set_coords(list(dataset.coords))
-
-
-def _known() -> dict[str, str]:
-    """Return names of other libraries and of metrics, with what to write for them."""
-    from armgpi.loop.metrics import declared
-
-    return {name: f"armgpi.metrics.{name}(rollout)" for name in declared()} | dict(ROLLOUT)

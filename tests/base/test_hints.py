@@ -50,6 +50,12 @@ def test_a_variable_that_a_rollout_has_not_gets_a_hint(name: str, hint: str, tmp
     assert not hasattr(rollout, "_repr_png_")
 
 
+def test_metrics_that_hints_name_are_there() -> None:
+    for text in hints.ROLLOUT.values():
+        if text.startswith("armgpi.metrics."):
+            assert callable(getattr(armgpi.metrics, text.removeprefix("armgpi.metrics.").split("(")[0]))
+
+
 def test_what_asks_for_attributes_is_answered_as_ever() -> None:
     assert not hasattr(LAW, "omega")
     assert getattr(LAW, "omega", 3.0) == 3.0
