@@ -692,17 +692,17 @@ def _controller(section: Any, context: Context, place: _Place) -> tuple[Any, Con
         law[kind.part] = kind.variant(**{**part, **given})
     else:
         law = {**chosen, **_given_values(section, declared, robot, place, chosen)}
-    return section, _force_limited(kind.law.configured(law, context), section, robot, place)
+    return section, _force_limited(kind.law.configured(law, context), section, context, place)
 
 
-def _force_limited(law: Controller, section: Any, robot: Any, place: _Place) -> Controller:
+def _force_limited(law: Controller, section: Any, context: Context, place: _Place) -> Controller:
     """Return a controller under the force limit of its section, where it has none of its own."""
     if KINDS[section.type].limits_force:
         return law
-    given = _given_values(section, parameters(ForceSettings), robot, place)
+    given = _given_values(section, parameters(ForceSettings), context.robot, place)
     if given and "force_limit" not in given:
         raise place.at(next(iter(given))).error("left out where there is no force_limit")
-    return ForceLimited(law, **given) if given else law
+    return ForceLimited(law, **given, delay=context.delay) if given else law
 
 
 def _nominal(section: Any, robot: Robot, place: _Place) -> Robot:

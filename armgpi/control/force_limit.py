@@ -5,22 +5,24 @@ moves the arm without the tool. So f follows from the torque, its force and its 
 limits, and what is too much is taken away from the torque. Nothing is scaled as a whole: a torque about an
 axis through the tool is a moment without a force, and stays as it is where the force alone is too much.
 
-Beyond the limit nothing holds the arm, so a speed limit belongs to it: while torque is taken away, the joints
-are damped as soon as the tool is faster than 0.4 of its speed limit.
+Beyond the limit nothing holds the arm, so a speed limit belongs to it: the joints are damped as soon as the
+tool is faster beside its reference than 0.4 of its speed limit; see :mod:`armgpi.control.speed_brake`.
 
 It bounds what the tool presses with at rest, and it is no safety function.
 """
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import product
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from armgpi.base.arrays import Array, new
+from armgpi.control.speed_brake import FREE, LimitState, SpeedBrake
 from armgpi.errors import ArmgpiWarning, Finding, ParameterError
 from armgpi.references.reference import Target
 from armgpi.robot.frame_motion import DampedJacobian, FrameMotion, inner
@@ -31,8 +33,7 @@ from armgpi.robot.robot import Robot
 LEVER = 0.2
 #: Acceleration of free fall [m/s^2].
 FREE_FALL = 9.81
-#: Speed of the tool beside the reference, while the limit acts, where none is given [m/s]: the reduced speed
-#: of ISO 10218-1.
+#: Speed of the tool beside the reference, where none is given [m/s]: the reduced speed of ISO 10218-1.
 SPEED = 0.25
 #: Coulomb friction of geared joints, as a share of the effort, where nobody knows it, and the factor within
 #: which it is.
@@ -46,14 +47,8 @@ HIT = 1e4
 _CONFIGURATIONS, _DRAWN = 20, 60
 #: Joints of which all combinations of signs are tried.
 _MOST_SIGNS = 10
-#: Bandwidth of the filtered difference of positions [rad/s].
-_FILTER = 250.0
-#: What braking may use of the time that the filter and the delay take [-].
-_BRAKE = 0.4
-#: Share of the speed limit from which on it brakes.
-_FREE = 0.4
-#: Share of what is too much from which on it brakes fully.
-_FULL = 0.1
+#: Share of the full damping below which the speed limit is said not to hold [-].
+_WEAK = 0.5
 
 
 class ForceBound(NamedTuple):
@@ -70,6 +65,9 @@ class ForceBound(NamedTuple):
         mass: what the tool weighs in motion [kg], median over configurations and directions.
         impact: peak force of the impact [N], without damping: F + sqrt(F^2 + k m v^2) with F the limit and
             the friction.
+        push: force of a hand [N] up to which the tool keeps its speed limit, or which the motors can hold:
+            the least direction, median over configurations; NaN where nothing limits the speed.
+        fastest: that speed limit [m/s].
     """
 
     limit: float
@@ -80,28 +78,24 @@ class ForceBound(NamedTuple):
     wall: float
     mass: float
     impact: float
+    push: float = math.nan
+    fastest: float = math.nan
 
     def __str__(self) -> str:
-        """Return it in two lines."""
+        """Return it in two or three lines."""
+        pushed = ""
+        if math.isfinite(self.push):
+            pushed = (
+                f"A hand that pushes with up to {self.push:.3g} N moves it no faster than "
+                f"{self.fastest:.3g} m/s beside its reference.\n"
+            )
         return (
             f"At rest the tool presses with at most {self.total:.3g} N: limit {self.limit:.3g} N, joint "
             f"friction {self.friction:.3g} N, unknown weight {self.gravity:.3g} N.\n"
-            f"The impact is not bounded: at {self.speed:.3g} m/s on {self.wall / 1e3:.3g} kN/m it is about "
-            f"{self.impact:.3g} N (the tool weighs {self.mass:.3g} kg in motion). "
+            f"{pushed}The impact is not bounded: at {self.speed:.3g} m/s on {self.wall / 1e3:.3g} kN/m it is "
+            f"about {self.impact:.3g} N (the tool weighs {self.mass:.3g} kg in motion). "
             "This is no safety function."
         )
-
-
-class LimitState(NamedTuple):
-    """What the speed limit remembers.
-
-    Attributes:
-        e: position error of the last sample [rad or m].
-        rate: filtered difference of it [rad/s or m/s].
-    """
-
-    e: Array
-    rate: Array
 
 
 class Gentle(NamedTuple):
@@ -124,13 +118,11 @@ class _Excess(NamedTuple):
     Attributes:
         torque: exactly 0 where nothing is [N m or N], (..., n).
         wrench: before friction, its force times the arm's length and its moment [N m], (..., 6).
-        acts: from 0 to 1 how far the limit acts, (..., 1).
         jacobian: of the tool.
     """
 
     torque: Array
     wrench: Array
-    acts: Array
     jacobian: DampedJacobian
 
 
@@ -141,14 +133,10 @@ class ForceLimit:
         force: largest force [N].
         moment: largest moment [N m].
         friction: Coulomb friction that comes on top, as the arm has to move [N m or N].
-        speed: of the tool beside its reference while the limit acts [m/s].
+        speed: of the tool beside its reference [m/s].
     """
 
-    derived: ClassVar[dict[str, str]] = {
-        "_decay": "share of the rate that a sample leaves [-]",
-        "_drive": "from a difference of positions into the rate [1/s]",
-        "_brake": "damping while the force limit acts [1/s]",
-    }
+    derived: ClassVar[Mapping[str, str]] = SpeedBrake.derived
 
     def __init__(
         self,
@@ -168,7 +156,7 @@ class ForceLimit:
             force: largest force [N].
             moment: largest moment about it [N m]; 0.2 m times the force when not given.
             friction: Coulomb friction of the joints [N m or N], (n,) or (batch, n).
-            speed: of the tool beside its reference while the limit acts [m/s].
+            speed: of the tool beside its reference [m/s].
             loop: sample time and delay [s].
 
         Raises:
@@ -181,10 +169,7 @@ class ForceLimit:
         self.friction = friction
         self.speed = speed
         self._length = self._motion.reach(robot)
-        half = 0.5 * _FILTER * loop[0]
-        self._decay = (1.0 - half) / (1.0 + half)
-        self._drive = _FILTER / (1.0 + half)
-        self._brake = _BRAKE / (1.0 / _FILTER + loop[1] + 0.5 * loop[0])
+        self._brake = SpeedBrake(robot, *loop)
 
     def init(self, e: Array) -> LimitState:
         """Return the state before the first sample, at rest, from a position error."""
@@ -207,15 +192,13 @@ class ForceLimit:
             dynamics: of the arm: its inertia scales the damping.
         """
         asked, known = parts
-        e = q - target.q
-        after = new(LimitState, (e, self._decay * state.rate + self._drive * (e - state.e)))
+        after = self._brake.rate(q - target.q, state)
         much = self._excess(q, asked - known)
         motion = self._motion.at(q, after.rate)
         swift = inner(motion.velocity, motion.velocity)
         turning = LEVER * LEVER * inner(motion.rate, motion.rate)
         fast = np.sqrt(np.maximum(np.maximum(swift, turning), 1e-12)) / self.speed
-        share = much.acts * np.maximum(1.0 - _FREE / np.maximum(fast, _FREE), 0.0)
-        brake = dynamics.inertia_times(q, self._brake * share * after.rate)
+        brake = self._brake.torque(q, after.rate, fast, dynamics)
         given_way = self._given_way(much, dynamics.inertia_solve(q, much.torque))
         told = asked - dynamics.inertia_times(q, given_way)
         return new(Gentle, (asked - much.torque - brake, told, after))
@@ -249,9 +232,7 @@ class ForceLimit:
         )
         taken = np.matmul(jacobian.transposed, much[..., None])[..., 0]
         left: Array = taken - np.minimum(np.maximum(taken, -self.friction), self.friction)
-        whole, over = _size(taken), _size(left)
-        acts = np.minimum(over / np.maximum(_FULL * whole, 1e-9), 1.0)
-        return new(_Excess, (left, much, acts, jacobian))
+        return new(_Excess, (left, much, jacobian))
 
     def force_of(self, robot: Robot, torque: Array, configurations: Array | None = None) -> float:
         """Return the largest force at the tool [N] of torques within +- `torque` (n,).
@@ -304,8 +285,8 @@ class ForceLimit:
             weight: that the model is uncertain by [N].
             speed: of the approach [m/s]; the speed limit when not given.
             wall: stiffness of what is hit [N/m].
-            configurations: where the friction counts [rad or m], (k, n): the worst of them; usual ones when
-                not given.
+            configurations: where friction and pushes count [rad or m], (k, n): the worst of them; usual ones
+                when not given.
         """
         limit = float(np.max(self.force))  # of rollouts with limits of their own, the one that presses most
         level = np.atleast_2d(self.friction).max(axis=0) if friction is None else friction
@@ -315,7 +296,24 @@ class ForceLimit:
         fast = float(np.max(self.speed)) if speed is None else speed
         pressed = limit + rubbed
         impact = pressed + float(np.sqrt(pressed**2 + wall * mass * fast**2))
-        return ForceBound(limit, rubbed, weight, pressed + weight, fast, wall, mass, impact)
+        push, slowest = self._push(robot, configurations), float(np.max(self.speed))
+        return ForceBound(limit, rubbed, weight, pressed + weight, fast, wall, mass, impact, push, slowest)
+
+    def _push(self, robot: Robot, configurations: Array | None) -> float:
+        """Return the force of a hand [N] that the brake holds at the speed limit, and the motors at all."""
+        braked = (1.0 - FREE) * float(np.min(self.speed)) * float(self._brake.gain.min())
+        forces = []
+        for q in self._usual(robot) if configurations is None else configurations:
+            jacobian = robot.frame_jacobian(self._motion.frame, q)[:3]
+            mobility, directions = np.linalg.eigh(
+                jacobian @ np.linalg.solve(robot.mass_matrix(q), jacobian.T)
+            )
+            moving = mobility > 1e-6 * mobility.max()
+            spare = np.maximum(robot.limits.effort - np.abs(robot.gravity(q)), 0.0)
+            levers = np.abs(jacobian.T @ directions[:, moving])
+            held = float((spare[:, None] / np.maximum(levers, 1e-9)).min())
+            forces.append(min(float(np.min(self.force)) + braked / float(mobility.max()), held))
+        return float(np.median(forces) if configurations is None else np.min(forces))
 
     def doubts(self, robot: Robot) -> Iterator[Finding]:
         """Find a limit that friction, as it is known, makes senseless.
@@ -323,6 +321,7 @@ class ForceLimit:
         Args:
             robot: the nominal model.
         """
+        yield from self._unbraked()
         limit = float(np.min(self.force))
         if not self.friction.any():
             force = self.force_of(robot, usual_friction(robot))
@@ -342,6 +341,18 @@ class ForceLimit:
             )
             repair = f"the arm may stop on its way; use at least {unsure:.2g} N"
             yield Finding("warning", "the force limit", message, limit, unsure, repair)
+
+    def _unbraked(self) -> Iterator[Finding]:
+        """Find a speed limit that elastic joints leave no damping for."""
+        gain, full = float(self._brake.gain.min()), self._brake.full
+        if gain < _WEAK * full:
+            speed = float(np.max(self.speed))
+            message = (
+                f"the speed limit of {speed:g} m/s is not kept beyond the force limit: joints are elastic "
+                "and their encoders are, or may be, at the links, where damping would excite a resonance"
+            )
+            repair = "where the encoders are at the motors, specify it: encoder_side of the drives"
+            yield Finding("warning", "the speed limit", message, gain, full, repair)
 
 
 def usual_friction(robot: Robot) -> Array:
@@ -382,11 +393,3 @@ def _along(vector: Array, direction: Array) -> Array:
     """Return the part of vectors (..., 3) along directions; 0 where a direction is."""
     along: Array = direction * (inner(vector, direction) / np.maximum(inner(direction, direction), 1e-12))
     return along
-
-
-def _size(torque: Array) -> Array:
-    """Return the sums of the absolute values of torques (..., n), (..., 1)."""
-    total: Any = 0.0
-    for joint in range(torque.shape[-1]):
-        total = total + np.abs(torque[..., joint : joint + 1])
-    return np.asarray(total) if isinstance(total, float) else total

@@ -44,7 +44,7 @@ class ForceSettings(Parametrised):
         "frame that the force limit is of", kind="text", default=None, none="the tip"
     )
     speed_limit: float = parameter(
-        "speed of the tool beside its reference while the force limit acts",
+        "speed of the tool beside its reference, with a force limit",
         unit="m/s",
         default=None,
         none="0.25",
@@ -85,6 +85,7 @@ class ForceLimited(Controller):
         law: the controller.
         settings: the limit, as it was given.
         force: what shortens the torque.
+        delay: transport delay in the loop that it was made for [s], besides the sample and hold.
     """
 
     derived: ClassVar[Mapping[str, str]] = {**Controller.derived, **ForceLimit.derived}
@@ -98,6 +99,7 @@ class ForceLimited(Controller):
         speed_limit: float | None = None,
         limit_friction: Any = None,
         uncertain_mass: float = 0.0,
+        delay: float | None = None,
     ) -> None:
         """Put a controller under a force limit.
 
@@ -110,6 +112,8 @@ class ForceLimited(Controller):
             limit_friction: Coulomb friction that comes on top [N m or N], a number or (n,); the nominal
                 model's when not given.
             uncertain_mass: mass that the nominal model is uncertain by [kg], at the tool.
+            delay: transport delay in the loop [s], besides the sample and hold, which the speed limit has to
+                know; that of the controller when not given, and 0 where it has none.
 
         Raises:
             ParameterError: when the controller is none, has a force limit of its own, or the limit is below
@@ -136,6 +140,8 @@ class ForceLimited(Controller):
         self.batch = law.batch
         self.bias_robot: AnyRobot = getattr(law, "bias_robot", law.robot)
         self._known = self.bias_robot.dynamics
+        late = getattr(law, "delay", 0.0) if delay is None else delay
+        self.delay = check_number(late, "delay", "zero or positive [s]")
         self._weight = FREE_FALL * check_number(uncertain_mass, "uncertain_mass", "zero or positive [kg]")
         arm = one_of(self.bias_robot)
         settings.check_parameters(arm.joint_names)
@@ -150,7 +156,7 @@ class ForceLimited(Controller):
             settings.moment_limit,
             friction,
             SPEED if settings.speed_limit is None else settings.speed_limit,
-            (law.dt, float(getattr(law, "delay", 0.0))),
+            (law.dt, self.delay),
         )
         if not getattr(law, "remade", False):
             warn(self.force.doubts(arm), 2)

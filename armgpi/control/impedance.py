@@ -12,6 +12,7 @@ at a high natural frequency of the arm, less by up to a third between them, and 
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
@@ -483,7 +484,8 @@ class CartesianImpedance(Impedance):
         if limit is None:
             raise ParameterError("force_limit", None, "given where the force is to be bounded")
         arm = one_of(self.robot)
-        return ForceLimit(arm, self._motion.frame, limit, None, self._coulomb).bound(arm, **given)
+        bound = ForceLimit(arm, self._motion.frame, limit, None, self._coulomb).bound(arm, **given)
+        return bound._replace(push=math.nan)  # a spring yields: nothing limits its speed
 
     def step(self, measurement: Measurement, target: Target, state: ImpedanceState) -> ControlStep:
         """Return torque and next state; see :meth:`Controller.step`."""

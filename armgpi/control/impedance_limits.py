@@ -162,6 +162,31 @@ def impedance_limits(
     return ImpedanceLimits(factor, reason, link_factor, lowest, usual)
 
 
+def largest_damping(modes: Sequence[Mode], bandwidth: float, delay: float, drives: Any) -> Array:
+    """Return the largest damping over inertia of each joint [1/s] that drives no resonance of it, (n,).
+
+    It is infinite for a joint whose elasticity is not known, or whose resonance it damps.
+
+    Args:
+        modes: of some configurations: the inertias of the joints count.
+        bandwidth: of the filtered difference [rad/s].
+        delay: of the loop, with half a sample [s].
+        drives: of the arm.
+    """
+    largest = np.full(len(modes[0].inertia), math.inf)
+    known = _Joints.of(modes, drives)
+    if known is None:
+        return largest
+    phase = _Loop(1.0, 0.0, bandwidth, delay).response(0.0, known.resonance).imag
+    at_link = np.where(phase > 0.0, known.own / np.maximum(phase, _LEAST), math.inf)
+    at_motor = np.where(phase < 0.0, known.own / np.maximum(-known.share * phase, _LEAST), math.inf)
+    measured = np.where(
+        known.at_link, at_link, np.where(known.unsure, np.minimum(at_link, at_motor), at_motor)
+    )
+    largest[known.joints] = measured.min(axis=0)
+    return largest
+
+
 class _Joints(NamedTuple):
     """Elastic joints in some configurations, arrays (configurations, n).
 
@@ -172,6 +197,7 @@ class _Joints(NamedTuple):
         own: what damps the resonance without the controller [1/s^2].
         at_link: whether the encoder sits at the link, (n,).
         unsure: whether nothing tells where it sits, (n,).
+        joints: which joints of the arm they are, (all joints,).
     """
 
     resonance: Array
@@ -180,6 +206,7 @@ class _Joints(NamedTuple):
     own: Array
     at_link: Any
     unsure: Any
+    joints: Any
 
     @classmethod
     def of(cls, modes: Sequence[Mode], drives: Any) -> _Joints | None:
@@ -201,7 +228,7 @@ class _Joints(NamedTuple):
         side = np.asarray(drives.value("encoder_side"))[known]
         own = 2.0 * ratio * resonance**2
         square = stiffness / inertia
-        return cls(resonance, square, link / rotor, own, side == "link", side == "")
+        return cls(resonance, square, link / rotor, own, side == "link", side == "", known)
 
     def factor(self, loop: _Loop, at_link: Any) -> float:
         """Return the largest stiffness factor at which all resonances are damped.

@@ -98,8 +98,8 @@ class GPI(Controller):
             of the approach: it is no safety function. Beyond it nothing holds the arm.
         moment_limit: likewise its moment [N m]; 0.2 m times the force limit when not given.
         force_frame: the frame that they are of; the tip when not given.
-        speed_limit: of the tool beside its reference while the force limit acts [m/s], as nothing else holds
-            the arm there; 0.25 when not given.
+        speed_limit: of the tool beside its reference under a force limit [m/s], as nothing else holds the arm
+            beyond it; 0.25 when not given. It holds for pushes up to `push` of :meth:`force_bound`.
         limit_friction: Coulomb friction that comes on top of the force limit [N m or N]; the nominal model's
             when not given.
         bias_robot: the robot that the feedforward is of; `robot` when not given.

@@ -500,6 +500,7 @@ CASES: dict[str, Case] = {
             "speed_limit": 0.3,
             "limit_friction": 0.2,
             "uncertain_mass": 0.1,
+            "delay": DT,
         },
         controlled,
     ),

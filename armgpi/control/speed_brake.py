@@ -1,0 +1,103 @@
+"""Damping of a tool that moves too fast beside its reference: what holds an arm beyond a force limit.
+
+Up to a share of the speed limit it does nothing, so a motion as it was meant keeps its bits. From there on
+the joints are damped in proportion to how much faster the tool is, whatever the controller asks for: a slow
+controller that is pushed never comes to its force limit, and its arm would be as fast.
+
+A damping late by T is stable up to a gain of pi / (2 T). On elastic joints it damps the resonance between
+motor and link where the motor is measured, and drives it where the link is: there a gain is left of what the
+joint damps by itself, which bounds no speed. Where nothing tells the side both have to hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from armgpi.base.arrays import Array, new
+from armgpi.control.impedance_limits import Mode, largest_damping
+from armgpi.robot.kinematics import random_configurations
+from armgpi.robot.robot import Robot
+
+#: Bandwidths of the filtered difference of positions that are tried [rad/s].
+_FILTERS = (500.0, 250.0, 120.0, 60.0, 30.0)
+#: Gain times the time that filter, delay and hold take [-]: a phase margin of 64 degrees.
+_GAIN = 0.45
+#: Share of the speed limit from which on it brakes.
+FREE = 0.4
+#: Share of the gain at which a resonance of elastic joints is no longer damped.
+_SPARE = 0.5
+#: Configurations in which resonances are taken.
+_CONFIGURATIONS = 20
+
+
+class LimitState(NamedTuple):
+    """What the speed limit remembers.
+
+    Attributes:
+        e: position error of the last sample [rad or m].
+        rate: filtered difference of it [rad/s or m/s].
+    """
+
+    e: Array
+    rate: Array
+
+
+class SpeedBrake:
+    """Damps the joints of a tool that is faster than a share of its speed limit.
+
+    Attributes:
+        gain: damping over inertia of each joint [1/s], (n,).
+        full: what it would be without elastic joints [1/s].
+    """
+
+    derived: ClassVar[Mapping[str, str]] = {
+        "_decay": "share of the rate that a sample leaves [-]",
+        "_drive": "from a difference of positions into the rate [1/s]",
+        "_root": "root of the damping over inertia [1/s], where the tool is too fast",
+    }
+
+    def __init__(self, robot: Robot, dt: float, delay: float) -> None:
+        """Choose filter and gain.
+
+        Args:
+            robot: the arm, with what is known of its drives.
+            dt: sample time [s].
+            delay: transport delay in the loop [s], besides the sample and hold.
+        """
+        inertias = robot.mass_matrix(random_configurations(robot, _CONFIGURATIONS, seed=0))
+        nothing = np.zeros(robot.n)
+        modes = [Mode(nothing, np.diag(inertia), nothing, nothing[:0]) for inertia in inertias]
+        late = delay + 0.5 * dt
+        best: tuple[float, float, Array] | None = None
+        for bandwidth in _FILTERS:
+            most = _SPARE * largest_damping(modes, bandwidth, late, robot.drives)
+            gain = np.minimum(_GAIN / (1.0 / bandwidth + late), most)
+            if best is None or gain.min() > best[0]:
+                best = float(gain.min()), bandwidth, gain
+        assert best is not None
+        self.gain = best[2]
+        self.full = _GAIN / (1.0 / _FILTERS[0] + late)
+        self._root = np.sqrt(self.gain)
+        half = 0.5 * best[1] * dt
+        self._decay = (1.0 - half) / (1.0 + half)
+        self._drive = best[1] / (1.0 + half)
+
+    def rate(self, e: Array, state: LimitState) -> LimitState:
+        """Return the state after a sample with a position error [rad or m], (n,) or (batch, n)."""
+        return new(LimitState, (e, self._decay * state.rate + self._drive * (e - state.e)))
+
+    def torque(self, q: Array, rate: Array, fast: Array, dynamics: Any) -> Array:
+        """Return the torque that brakes [N m or N], exactly 0 where the tool is slow.
+
+        Args:
+            q: measured positions [rad or m], (n,) or (batch, n).
+            rate: of the error [rad/s or m/s], likewise.
+            fast: speed of the tool over its limit, (..., 1).
+            dynamics: of the arm: its inertia scales the damping.
+        """
+        share = np.maximum(1.0 - FREE / np.maximum(fast, FREE), 0.0)
+        brake: Array = self._root * dynamics.inertia_times(q, share * self._root * rate)
+        return brake
