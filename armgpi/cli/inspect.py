@@ -339,10 +339,16 @@ def _automatic_part(facts: Mapping[str, Any]) -> list[_Part]:
                 law["accuracy"],
                 f"stable for inertia ratios delta {describe_ratios(low, high)} if joints are stiff",
                 f"one encoder count changes the torque of {printable(name[j])} by "
-                f"{law['count_torque'][j]:.2g}, {100 * shares[j]:.2g} % of its effort",
+                f"{law['count_torque'][j]:.2g} {_torque_unit(facts['joints'][j])}, "
+                f"{100 * shares[j]:.2g} % of its effort",
             ],
         )
     ]
+
+
+def _torque_unit(joint: Mapping[str, Any]) -> str:
+    """Return the unit of the torque of a joint, or of its force."""
+    return "N" if joint["type"] == "prismatic" else "N m"
 
 
 def _page(report: HealthReport, judged: Verdict) -> str:

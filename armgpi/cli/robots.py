@@ -55,7 +55,7 @@ def robots(
         _show(rows)
     else:
         for row in rows:
-            world = ["ideal: stiff joints, exact positions"] if is_textbook(row["name"]) else []
+            world = ["simulated as ideal: stiff joints, exact positions"] if is_textbook(row["name"]) else []
             say("  ".join((row["name"].ljust(max(map(len, found))), *row["remarks"], *world)).rstrip())
     if not set(EXAMPLE_ROBOT_DATA) & set(found):
         say("more robots come with: pip install example-robot-data", err=True)

@@ -90,8 +90,9 @@ def coarse_counts(law: Any, bits: Any) -> Iterator[Finding]:
     share = float(torque[j] / law.effort[j])
     if share > COUNT_SHARE:
         name = law.robot.joint_names[j]
+        unit = "N" if law.robot.prismatic[j] else "N m"
         message = (
-            f"one encoder count changes the torque of joint {name!r} by {torque[j]:.2g}, "
+            f"one encoder count changes the torque of joint {name!r} by {torque[j]:.2g} {unit}, "
             f"{100.0 * share:.2g} % of its effort, which causes torque chatter (usual: at most "
             f"{100.0 * COUNT_SHARE:g} %)"
         )

@@ -120,15 +120,16 @@ class Clearance:
         if self.overlapping:
             pairs = ", ".join(f"{first} and {second}" for first, second in self.overlapping)
             lines.append(f"Not compared, their shapes overlap in most configurations: {pairs}.")
-        shapes = "the shapes" if self._own else "the origins of the frames"
+        parts = "collision shapes" if self._own else "origins of the frames"
         if self.floor is not None:
             lines.append(
-                f"Above a floor at {self.floor:.3g} m in the base's frame ({shapes} but the first link's)."
+                f"The {parts} of all links but the first stay above a floor at {self.floor:.3g} m in the base "
+                "frame."
             )
         else:
             lines.append("No floor was assumed: --floor specifies one.")
         if self.box is not None:
-            lines.append("Outside the box.")
+            lines.append("The motion stays outside the box.")
         lines.append("Other obstacles, cables and tools are not known: watch the motion before it runs.")
         return "\n".join(lines)
 
