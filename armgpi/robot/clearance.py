@@ -123,8 +123,8 @@ class Clearance:
         parts = "collision shapes" if self._own else "origins of the frames"
         if self.floor is not None:
             lines.append(
-                f"The {parts} of all links but the first stay above a floor at {self.floor:.3g} m in the base "
-                "frame."
+                f"The {parts} of all links but the first stay above a floor at {self.floor:.3g} m in the "
+                "base frame."
             )
         else:
             lines.append("No floor was assumed: --floor specifies one.")
