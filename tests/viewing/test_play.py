@@ -445,7 +445,15 @@ def test_clang_makes_a_page_with_the_same_bits(monkeypatch: pytest.MonkeyPatch, 
 
 def test_where_functions_of_a_c_library_are_called_there_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(build, "wasm", lambda code, found, flags, name: " ".join(flags).encode())
-    for code, target in (("x = v_exp(y);", b"wasm32-wasi"), ("V v_exp(V x);", b"wasm32-freestanding")):
+    zig, clang = (build.Compiler(command, "") for command in (build.ZIG, ("clang",)))
+    for compiler, code, target in (
+        (zig, "x = v_tanh(y);", b"wasm32-wasi"),
+        (zig, "x = v_exp(y);", b"wasm32-freestanding"),  # the compiler has it itself
+        (clang, "x = v_exp(y);", b"wasm32-wasi"),
+        (zig, "V v_exp(V x);", b"wasm32-freestanding"),
+        (clang, "V v_exp(V x);", b"-nostdlib"),
+    ):
+        monkeypatch.setattr(module, "_compiler", lambda compiler=compiler: compiler)
         assert target in module.compile_wasm(code)
 
 

@@ -27,11 +27,15 @@ _FLAGS = (
     *("-std=gnu11", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-w", "-s"),
     *(f"-Wl,--export={name}" for name in ("__heap_base", "choose", "layout")),
 )
-#: Without a C library, of which Zig makes one that takes as long as all else.
-_BARE = ("-target", "wasm32-freestanding", "-DBARE", "-nostdlib", "-mbulk-memory", "-Wl,--no-entry")
-#: With one, for what is of libm.
+#: Without a C library, of which Zig makes one that takes five times as long as all else.
+_BARE = ("-target", "wasm32-freestanding", "-DBARE", "-mbulk-memory", "-Wl,--no-entry")
+#: And without what Zig's compiler has itself, where nothing is of libm.
+_ALONE = ("-nostdlib",)
+#: With one, for what is of libm, and of no compiler.
 _HOSTED = ("-target", "wasm32-wasi", "-mexec-model=reactor")
 _LIBM = re.compile(r"\bv_(?:exp|log|tan|tanh|atan|fmod)\((?!V )")
+#: What Zig's compiler has not; of the others it has the very functions that its C library has.
+_LIBRARY = re.compile(r"\bv_(?:tanh|atan)\((?!V )")
 #: How what is known of its layout begins in a module, and how it ends.
 _BEGIN, _END = "armgpi: ", " :armgpi"
 #: What every form has of its own.
@@ -129,9 +133,12 @@ def compile_wasm(code: str, name: str = "") -> bytes:
     Raises:
         BackendError: when there is no compiler, or it fails.
     """
-    system = _HOSTED if _LIBM.search(code) else _BARE
+    found = _compiler()
+    system: tuple[str, ...] = (*_BARE, *_ALONE)
+    if _LIBM.search(code):
+        system = _BARE if found.command == build.ZIG and not _LIBRARY.search(code) else _HOSTED
     exports = (f"-Wl,--export={run}" for run in re.findall(r"#define run (run_\d+)", code))
-    return build.wasm(code, _compiler(), (*system, *_FLAGS, *exports), name)
+    return build.wasm(code, found, (*system, *_FLAGS, *exports), name)
 
 
 def _compiler() -> build.Compiler:
