@@ -116,6 +116,53 @@ def inspect(
         ArmgpiError: as :meth:`armgpi.Robot.load`, for what is no usable URDF. Where repairs would make it
             load, the remedies of the error name all of them.
     """
+    subject, found = _examine(
+        path_or_name,
+        lock,
+        keep,
+        mimic,
+        effort,
+        package_dirs,
+        dt,
+        delay,
+        encoder_bits,
+        repair,
+        rotor_inertia,
+        drives,
+    )
+    word = drives if isinstance(drives, str) else None
+    return HealthReport(subject.robot, _facts(subject, word)).with_findings(found)
+
+
+def find_problems(path_or_name: str | PathLike[str], **how: Any) -> tuple[Finding, ...]:
+    """Return the findings of :func:`inspect` alone; what a controller will do with the arm takes longer.
+
+    Args:
+        path_or_name: as for :func:`inspect`.
+        **how: likewise.
+
+    Raises:
+        ArmgpiError: likewise.
+    """
+    subject, found = _examine(path_or_name, **how)
+    return HealthReport(subject.robot, {}).with_findings(found).findings
+
+
+def _examine(
+    path_or_name: str | PathLike[str],
+    lock: Sequence[str] | Mapping[str, float] = (),
+    keep: Sequence[str] | None = None,
+    mimic: urdf_model.Mimic = "lock",
+    effort: PerJoint | None = None,
+    package_dirs: Iterable[str | PathLike[str]] = (),
+    dt: float = 1e-3,
+    delay: int = 0,
+    encoder_bits: int = 16,
+    repair: str | Iterable[str] = (),
+    rotor_inertia: PerJoint | None = None,
+    drives: Drives | Mapping[str, Any] | str | None = None,
+) -> tuple[Subject, list[Finding]]:
+    """Return an arm with its file, and what the checks find; arguments and errors as :func:`inspect`."""
     check_number(dt, "dt", "positive [s]", open_=True)
     check_whole(delay, "delay", 0)
     check_whole(encoder_bits, "encoder_bits", 1, 52)
@@ -142,9 +189,8 @@ def inspect(
     def find_again(remedies: Sequence[Remedy], kinds: Container[str]) -> list[Finding]:
         return findings.find(subject_of(*asked.with_remedies(remedies).load()), kinds)
 
-    subject, word = subject_of(robot, document), drives if isinstance(drives, str) else None
-    found = with_what_helps(findings.find(subject), find_again)
-    return HealthReport(robot, _facts(subject, word)).with_findings(found)
+    subject = subject_of(robot, document)
+    return subject, list(with_what_helps(findings.find(subject), find_again))
 
 
 class _Asked(NamedTuple):

@@ -5,7 +5,11 @@ What cannot be drawn raises :class:`MeshError` with the reason, and the scene go
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import warnings
+import zlib
+from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,6 +19,7 @@ import numpy.typing as npt
 
 from armgpi.base import files
 from armgpi.base.arrays import Array
+from armgpi.base.cache import keep_result, read_result
 from armgpi.robot.mesh_files import KINDS as KINDS
 from armgpi.robot.mesh_files import MAX_BYTES, MeshError, checked, guarded, read_parts, toolbox, unit
 from armgpi.robot.meshes import Found, MeshFinder
@@ -22,6 +27,12 @@ from armgpi.robot.robot import Robot
 
 #: Largest mesh that is drawn.
 MAX_TRIANGLES = 2_000_000
+#: Part of the key of what is kept: another number wherever reading, shading or the form of it changes.
+_VERSION = "triangles 1"
+#: What each array of triangles is kept as: numbers in a row.
+_KEPT_AS = ("<f8", "<f8", "<f8", "<i8")
+#: So much is kept of a mesh at most [bytes, compressed]: as text it is what the cache takes (1 MiB).
+_MOST_KEPT = 750_000
 #: A mesh farther out than this [m] is no part of an arm.
 _FARTHEST = 1e3
 #: Faces that meet at a smaller angle than this are shaded as one surface [rad]; in meshes of more triangles
@@ -74,7 +85,58 @@ def load(robot: Robot, filename: str) -> Triangles:
 @lru_cache(maxsize=64)
 def _parse(path: str, _changed: int, filename: str, kind: str) -> Triangles:
     """Return the triangles of a file; the last ones read are remembered, as arms repeat their parts."""
-    parts = guarded(_parts, files.read_bytes(path, MAX_BYTES), kind, filename)
+    return _read_or_kept(files.read_bytes(path, MAX_BYTES), kind, filename)
+
+
+def _read_or_kept(content: bytes, kind: str, filename: str) -> Triangles:
+    """Return the triangles of a file's bytes.
+
+    They depend on nothing else, and are kept on the disk: importing what reads and shades meshes (trimesh,
+    scipy) takes three times as long as importing Pinocchio.
+
+    Raises:
+        MeshError: when they cannot be drawn.
+    """
+    key = hashlib.sha256(f"{_VERSION} {kind}\n".encode() + content).hexdigest()[:32]
+    kept = _unpacked(read_result(key))
+    if kept is not None:
+        return kept
+    found = _read(content, kind, filename)
+    packed = zlib.compress(b"".join(_packed(found)), 1)
+    if len(packed) <= _MOST_KEPT:
+        text = base64.b64encode(packed).decode()
+        keep_result(key, {"corners": len(found.points), "faces": len(found.faces), "numbers": text})
+    return found
+
+
+def _packed(part: Triangles) -> Iterator[bytes]:
+    """Yield the arrays of triangles as bytes."""
+    for array, kind in zip(part, _KEPT_AS, strict=True):
+        yield np.ascontiguousarray(array, dtype=kind).tobytes()
+
+
+def _unpacked(plain: Any) -> Triangles | None:
+    """Return the triangles that were kept as plain data; None where that is none."""
+    try:
+        numbers = zlib.decompress(base64.b64decode(plain["numbers"]))
+        rows = (plain["corners"], plain["corners"], plain["corners"], plain["faces"])
+        whole = np.frombuffer(numbers, "<f8").reshape(sum(rows), 3)
+    except (TypeError, KeyError, ValueError, zlib.error):
+        return None
+    ends = np.cumsum(rows)
+    arrays = [whole[end - count : end] for end, count in zip(ends, rows, strict=True)]
+    part = Triangles(*(array.view(kind) for array, kind in zip(arrays, _KEPT_AS, strict=True)))
+    inside = part.faces.size and part.faces.min() >= 0 and part.faces.max() < len(part.points)
+    return part if inside else None
+
+
+def _read(content: bytes, kind: str, filename: str) -> Triangles:
+    """Return the triangles of a file, read anew.
+
+    Raises:
+        MeshError: when it is none that can be drawn.
+    """
+    parts = guarded(_parts, content, kind, filename)
     if not parts:
         raise MeshError(filename, "has no triangles")
     whole = concatenate(parts)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import base64
 import math
 from collections.abc import Callable, Mapping, Sequence
-from itertools import pairwise
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
@@ -338,11 +337,13 @@ def _thin_line(time: Array, values: Array) -> tuple[Array, Array]:
     if len(time) <= POINTS:
         return time, values
     edges = np.linspace(0, len(time), stretches + 1).astype(np.int64)
-    kept = {0, len(time) - 1}
-    for begin, end in pairwise(edges):
-        kept.add(int(begin + np.argmin(values[begin:end])))
-        kept.add(int(begin + np.argmax(values[begin:end])))
-    index = np.array(sorted(kept))
+    kept = [np.array([0, len(time) - 1])]
+    for extreme in (np.minimum, np.maximum):
+        reached = np.repeat(extreme.reduceat(values, edges[:-1]), np.diff(edges))
+        places = np.flatnonzero(values == reached)
+        # Of the places where a stretch has its extreme value, the first one.
+        kept.append(places[np.searchsorted(places, edges[:-1])])
+    index = np.unique(np.concatenate(kept))
     return time[index], values[index]
 
 
@@ -436,14 +437,14 @@ def _health(robot: Robot) -> tuple[list[str], list[str]]:
         return [], []
     mimic: Literal["lock", "follow"] = "follow" if made_from.get("mimic") == "follow" else "lock"
     try:
-        found = health.inspect(
+        found = health.find_problems(
             source,
             lock=made_from["locked"],
             mimic=mimic,
             repair=made_in(made_from),
             effort=robot.limits.effort,
             drives=robot.drives,
-        ).findings
+        )
     except ArmgpiError as error:  # it has changed since
         return [str(error)], []
     folded = fold(found)

@@ -19,11 +19,18 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from armgpi.base.arrays import Array
-from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError, Remedy, RolloutError
+from armgpi.errors import (
+    ArmgpiError,
+    ArmgpiWarning,
+    ParameterError,
+    Remedy,
+    RolloutError,
+    require_extra,
+)
 from armgpi.loop.provenance import Provenance
 from armgpi.loop.rollout import Status, describe_end
 from armgpi.robot import urdf
-from armgpi.robot.mesh_files import MeshError, toolbox
+from armgpi.robot.mesh_files import MeshError
 from armgpi.robot.repairs import made_in
 from armgpi.robot.robot import Robot
 from armgpi.viewing import meshes, tracks
@@ -177,7 +184,7 @@ def build(robot: Robot, frame: str | None = None) -> Scene:
     """
     if not isinstance(robot, Robot):
         raise ParameterError("robot", robot, "a single Robot; of a RobotBatch, one of its robots")
-    toolbox()  # better now than in the middle
+    require_extra("trimesh", "viz")  # better now than in the middle
     name = robot.tip if frame is None else frame
     robot.frame_pose(name, robot.middle())  # refuses a name that is not there
     model = robot.pinocchio_model()

@@ -429,6 +429,16 @@ def test_thinned_lines_keep_their_extremes() -> None:
     assert (y.max(), y.min()) == (50.0, -50.0)
     assert set(zip(x, y, strict=True)) <= set(zip(time, values, strict=True))
     assert (np.diff(x) > 0).all()
+    # The same, stretch by stretch; of equal extremes the first one.
+    values = np.round(values, 1)
+    kept = {0, len(time) - 1}
+    for stretch in np.split(
+        np.arange(time.size), np.linspace(0, time.size, report.POINTS // 2 + 1).astype(int)[1:-1]
+    ):
+        kept |= {int(stretch[np.argmin(values[stretch])]), int(stretch[np.argmax(values[stretch])])}
+    x, y = report._thin_line(time, values)
+    assert np.array_equal(x, time[sorted(kept)])
+    assert np.array_equal(y, values[sorted(kept)])
 
 
 @pytest.mark.slow

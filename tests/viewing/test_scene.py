@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import warnings
 from pathlib import Path
+from typing import Any
 
 import coal
 import numpy as np
@@ -96,6 +97,28 @@ def test_a_box_is_a_box_in_every_format(kind: str, tmp_path: Path) -> None:
     assert np.allclose(np.linalg.norm(part.normals, axis=1), 1.0)
     if kind == "stl":  # no normals of its own: its sides are shaded flat, along the axes
         assert np.allclose(np.abs(part.normals).max(axis=1), 1.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["dae", "stl"])
+def test_triangles_are_kept_with_the_same_bits_and_need_no_reader(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ARMGPI_CACHE", str(tmp_path / "cache"))
+    content = box_mesh(kind)
+    first = meshes._read_or_kept(content, kind, "mesh")
+
+    def refuse(*_: object) -> object:
+        raise AssertionError("the mesh is read again")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(meshes, "_parts", refuse)
+        for ours, kept in zip(first, meshes._read_or_kept(content, kind, "mesh"), strict=True):
+            assert np.array_equal(ours, kept, equal_nan=True)
+            assert ours.dtype == kept.dtype
+    others: list[Any] = [[], {"corners": 1}, {"corners": 1, "faces": 1, "numbers": "AAAA"}]
+    for plain in others:
+        monkeypatch.setattr(meshes, "read_result", lambda key, plain=plain: plain)
+        assert np.array_equal(meshes._read_or_kept(content, kind, "mesh").points, first.points)
 
 
 def test_a_mesh_in_millimetres_is_in_metres_when_drawn(tmp_path: Path) -> None:
