@@ -219,8 +219,8 @@ class Controller(Shown, ABC):
 
     def unlimited(self) -> Controller:
         """Return the same controller without torque limits: whoever steps it looks at the torque."""
-        made = self.within(self._floor, self.effort)
-        vars(made).update(_unlimited=True)
+        made = object.__new__(type(self))
+        vars(made).update(vars(self), _unlimited=True)
         return made
 
     def signals(self, state: Any) -> Mapping[str, Array]:

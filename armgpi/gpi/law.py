@@ -494,6 +494,8 @@ class GPI(Controller):
             Torque [N m or N], likewise; zero with `feedforward="none"`.
         """
         ahead = np.zeros_like(measured)
+        if self.feedforward == "gravity" and not self.friction_feedforward:  # the usual one: nothing more
+            return self._bias.gravity(self._where(measured, target.q + ahead))
         wanted, v, a = (part + ahead for part in target)  # one reference may be for a whole batch
         if self.feedforward != "none":
             known, q = self._bias, self._where(measured, wanted)

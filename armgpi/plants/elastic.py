@@ -222,7 +222,10 @@ class ElasticPlant(Arm):
         self.check_start(q)
         link, gravity = q, self.robot.dynamics.gravity(q)
         for _ in range(_SINKING):
-            link = np.where(self._at_motor > 0.5, q - gravity / self.gear_stiffness, q)
+            sunk = np.where(self._at_motor > 0.5, q - gravity / self.gear_stiffness, q)
+            if np.array_equal(sunk, link):
+                break  # in balance: the next steps would change no bit
+            link = sunk
             gravity = self.robot.dynamics.gravity(link)
         theta = np.where(self._at_motor > 0.5, q, q + gravity / self.gear_stiffness)
         return ElasticState(0, link, v, theta, v, gravity, np.zeros_like(q))
@@ -270,18 +273,24 @@ class ElasticPlant(Arm):
         stretched = (_GAMMA * h) * self.gear_stiffness
         tied = (_GAMMA * h) * (stretched + self.gear_damping)
         matrix = _held_links(inertia, self._rotor, self._rotor, tied)
+        heavier = self._rotor + tied
+        share = tied / heavier
 
         def stage(y: _Motion, push: Any, before: _Motion, forces: _Motion) -> tuple[_Motion, _Motion]:
             """Return a stage k, and it with forces in place of accelerations; zero before the first."""
-            q, theta = y.v - 2.0 * before.q, y.omega - 2.0 * before.theta
+            q, theta = y.v, y.omega
+            if before is not _NONE:
+                q, theta = q - 2.0 * before.q, theta - 2.0 * before.theta
             gear = self.gear_stiffness * (y.theta - y.q) + self.gear_damping * (y.omega - y.v)
             gear = gear + stretched * (theta - q)
-            link = gear - self.robot.dynamics.nonlinear_effects(y.q, y.v) + push - 2.0 * forces.v
-            rotor = motor - gear - 2.0 * forces.omega
+            link = gear - self.robot.dynamics.nonlinear_effects(y.q, y.v) + push
+            rotor = motor - gear
+            if before is not _NONE:
+                link, rotor = link - 2.0 * forces.v, rotor - 2.0 * forces.omega
             if self._ripples:
                 rotor = rotor + (self.torque_ripple * motor + self.cogging) * np.sin(self._wave * y.theta)
-            a = solve(matrix, (link + tied / (self._rotor + tied) * rotor)[..., None])
-            alpha = (rotor + tied * a) / (self._rotor + tied)
+            a = solve(matrix, (link + share * rotor)[..., None])
+            alpha = (rotor + tied * a) / heavier
             passed = tied * (alpha - a)
             q, theta = q + (_GAMMA * h) * a, theta + (_GAMMA * h) * alpha
             return _Motion(q, a, theta, alpha), _Motion(q, link + passed, theta, rotor - passed)

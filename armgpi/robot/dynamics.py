@@ -227,6 +227,15 @@ class PinocchioDynamics(_ByInverse):
             return tau
         return self._parallel(pin.rneaInParallel, self._workspace, q, v, a)
 
+    def nonlinear_effects(self, q: Array, v: Array) -> Array:
+        """Return C(q, v) v + G(q); see :meth:`Dynamics.nonlinear_effects`."""
+        return self.inverse(q, v, self._rest if q.ndim == 1 else np.zeros_like(q))
+
+    def gravity(self, q: Array) -> Array:
+        """Return G(q); see :meth:`Dynamics.gravity`."""
+        rest = self._rest if q.ndim == 1 else np.zeros_like(q)
+        return self.inverse(q, rest, rest)
+
     def inertia_times(self, q: Array, a: Array) -> Array:
         """Return D(q) a; see :meth:`Dynamics.inertia_times`.
 
@@ -357,11 +366,13 @@ class VariedDynamics(_ByInverse):
     def _each(self, kernel: Any, free: bool, *arguments: Array) -> Array:
         """Call a kernel row by row, in free fall where that is asked for."""
         rows = self._free_rows if free else self._rows
-        found = []
+        model, data = rows.model, rows.data
+        shape = arguments[0].shape if kernel is not pin.crba else (*arguments[0].shape, model.nv)
+        found = np.empty(shape)
         for i, row in enumerate(zip(*arguments, strict=True)):
-            self._put(rows.model, i, free)
-            found.append(np.array(kernel(rows.model, rows.data, *row)))
-        return np.array(found)
+            self._put(model, i, free)
+            found[i] = kernel(model, data, *row)
+        return found
 
     def _put(self, model: Any, i: int, free: bool) -> None:
         """Give a model the numbers of row i."""

@@ -21,8 +21,24 @@ def _over_joints(combine: Callable[[Any, Any], Any], x: Any) -> Any:
     return reduce(combine, (x[..., j : j + 1] for j in range(x.shape[-1])))
 
 
-any_joint: Callable[[Mask], Mask] = partial(_over_joints, operator.or_)
-all_joints: Callable[[Mask], Mask] = partial(_over_joints, operator.and_)
+def any_joint(x: Any) -> Mask:
+    """Tell whether a condition holds for any joint, shape (1,) or (batch, 1)."""
+    if isinstance(x, np.ndarray) and x.dtype == bool:  # a single call of NumPy; symbols have none
+        together: Mask = np.logical_or.reduce(x, axis=-1, keepdims=True)
+        return together
+    combined: Mask = _over_joints(operator.or_, x)
+    return combined
+
+
+def all_joints(x: Any) -> Mask:
+    """Tell whether a condition holds for all joints, shape (1,) or (batch, 1)."""
+    if isinstance(x, np.ndarray) and x.dtype == bool:
+        together: Mask = np.logical_and.reduce(x, axis=-1, keepdims=True)
+        return together
+    combined: Mask = _over_joints(operator.and_, x)
+    return combined
+
+
 sum_joints: Callable[[Array], Array] = partial(_over_joints, operator.add)
 largest: Callable[[Array], Array] = partial(_over_joints, np.maximum)
 

@@ -243,16 +243,16 @@ class Supervised(Controller):
             sound = sound & ~capped(asked)
         if self.supervisor.torque_rate is not None:
             sound = sound & (asked >= lower) & (asked <= upper)
-        zero = np.zeros_like(q)
+        zero, moved = np.zeros_like(q), change != 0.0
         kept = self._watch(zero, q=q, r=r + zero, tau=asked)._replace(
-            change=np.where(change != 0.0, change, watch.change),
+            change=np.where(moved, change, watch.change),
             miss=change - watch.change,
             v=_gone(watch.v + self._smoothing * (change - watch.v)),
             rv=r - watch.r,
             frozen=FrozenState(
                 zero,
-                np.where(change != 0.0, r, watch.frozen.reference_at_change),
-                np.where(change != 0.0, asked, watch.frozen.torque_at_change),
+                np.where(moved, r, watch.frozen.reference_at_change),
+                np.where(moved, asked, watch.frozen.torque_at_change),
                 zero,
             ),
         )
@@ -261,13 +261,14 @@ class Supervised(Controller):
     def _watch(self, zero: Array, q: Array, r: Array, tau: Array) -> Watch:
         """Return what is kept of a joint at rest in RUN, of which nothing is counted."""
         none = zero[..., :1]
+        one = none + 1.0
         return Watch(
             status=none + float(State.RUN),
             reason=none,
             joint=none,
             since=none,
             late=none,
-            ready=none + 1.0,
+            ready=one,
             restless=none,
             travel=none,
             bad=zero,
@@ -281,7 +282,7 @@ class Supervised(Controller):
             frozen=FrozenState(zero, r, tau, zero),
             saturated_samples=zero,
             response=ResponseState(zero, zero, zero, zero),
-            nominal=none + 1.0,
+            nominal=one,
         )
 
     def _effort_and_rate(self, watch: Watch) -> tuple[Array, Array]:
@@ -526,8 +527,8 @@ class Supervised(Controller):
     def reported(self, state: SupervisedState) -> dict[str, Array]:
         """Return what :data:`SIGNALS` names, equal for all joints; see :meth:`Controller.reported`."""
         watch = state.supervisor
-        own = (watch.status, watch.reason, watch.joint, watch.since)
-        return {name: value + np.zeros_like(watch.q) for name, value in zip(SIGNALS, own, strict=True)}
+        own, zero = (watch.status, watch.reason, watch.joint, watch.since), np.zeros_like(watch.q)
+        return {name: value + zero for name, value in zip(SIGNALS, own, strict=True)}
 
     def describe(self) -> dict[str, Any]:
         """Return the parameters as plain data."""
