@@ -42,7 +42,25 @@ COMMANDS = {
     "`armgpi run ur5`, compiled before": (*ARMGPI, "run", "ur5", "--backend", "compiled"),
     "`armgpi export ur5`": (*ARMGPI, "export", "ur5", "--out", "ur5"),
     "`armgpi export panda --target fci`": (*ARMGPI, "export", "panda", "--target", "fci", "--out", "panda"),
+    "`armgpi export` of a file that `new` wrote": (*ARMGPI, "export", "panda.yaml", "--out", "panda"),
+    "`armgpi run ur5 --backend compiled`, nothing kept": (*ARMGPI, "run", "ur5", "--backend", "compiled"),
+    "`armgpi bound ur5`": (*ARMGPI, "bound", "ur5"),
+    "`armgpi compare ur5 --report`": (*ARMGPI, "compare", "ur5", "--report", "page.html"),
+    "`armgpi play ur5`, nothing kept": (*ARMGPI, "play", "ur5", "-o", "play.html"),
+    "`armgpi identify`, 20 s of log": (
+        *(*ARMGPI, "identify", "log/rollout.nc", "--robot", "ur5", "--out", "found"),
+    ),
 }
+#: What is run once in the folder of a command, before it is timed.
+BEFORE = {
+    "`armgpi export` of a file that `new` wrote": ((*ARMGPI, "new", "panda", "--out", "panda.yaml"),),
+    "`armgpi identify`, 20 s of log": (
+        (*ARMGPI, "excite", "ur5", "--first", "--seconds", "20", "--out", "first"),
+        (*ARMGPI, "run", "first/experiment.yaml", "--out", "log"),
+    ),
+}
+#: Whose folder is emptied before every round: the others find what the round before them kept.
+COLD = ("`armgpi run ur5 --backend compiled`, nothing kept", "`armgpi play ur5`, nothing kept")
 PINOCCHIO, BARE_HELP = "`import pinocchio`", "a bare Typer app, `--help`"
 #: What is timed -> what it is held against, and how many times as long it may take.
 GOALS = {
@@ -52,6 +70,12 @@ GOALS = {
     "`armgpi run ur5`": (PINOCCHIO, 4.0),
     "`armgpi export ur5`": (PINOCCHIO, 10.0),
     "`armgpi export panda --target fci`": (PINOCCHIO, 12.0),
+    "`armgpi export` of a file that `new` wrote": (PINOCCHIO, 12.0),
+    "`armgpi run ur5 --backend compiled`, nothing kept": (PINOCCHIO, 7.0),
+    "`armgpi bound ur5`": (PINOCCHIO, 15.0),
+    "`armgpi compare ur5 --report`": (PINOCCHIO, 12.0),
+    "`armgpi play ur5`, nothing kept": (PINOCCHIO, 40.0),
+    "`armgpi identify`, 20 s of log": (PINOCCHIO, 15.0),
 }
 #: Packages that have a row of their own in the split of a start; the smaller ones are added up.
 SHOWN = 8
@@ -61,8 +85,9 @@ def main() -> None:
     page = _page.begin(__file__, "Where a start goes", "that of each command")
     rounds = 2 if page.quick else 7
     _page.say(
-        f"Processor time of fresh processes [s], {rounds} rounds. Ratios are of the least times: what else "
-        "the machine does only adds."
+        f"Processor time of fresh processes and of the compilers that they call [s], {rounds} rounds in "
+        "turns. Ratios are of the least times: what else the machine does only adds. What the round before "
+        "kept on the disk is found, but where a row says that nothing is."
     )
     folders = {name: Path(tempfile.mkdtemp()) for name in COMMANDS}
     times = _times(rounds, folders)
@@ -93,8 +118,14 @@ def _ratio(times: dict[str, np.ndarray], name: str, against: str) -> float:
 def _times(rounds: int, folders: dict[str, Path]) -> dict[str, np.ndarray]:
     """Return the processor times of all commands, in turns, after a first round that fills the caches."""
     taken: dict[str, list[float]] = {name: [] for name in COMMANDS}
+    for name, every in BEFORE.items():
+        for words in every:
+            _run(words, folder=folders[name])
     for k in range(-1, rounds):
         for name, words in COMMANDS.items():
+            if name in COLD:
+                shutil.rmtree(folders[name])
+                folders[name].mkdir()
             before = resource.getrusage(resource.RUSAGE_CHILDREN)
             _run(words, folder=folders[name])
             after = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -105,11 +136,18 @@ def _times(rounds: int, folders: dict[str, Path]) -> dict[str, np.ndarray]:
 
 
 def _run(words: tuple[str, ...], *flags: str, folder: Path) -> str:
-    """Run Python with some words in a folder, which has its generated code, and return its standard error."""
+    """Run Python with some words in a folder, which has its generated code, and return its standard error.
+
+    Raises:
+        RuntimeError: when the command refuses them: that would be timed for nothing.
+    """
     # With its bytecode kept, as everywhere; some containers forbid that.
     env = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "", "ARMGPI_CACHE": str(folder)}
     command = [sys.executable, *flags, *words]
-    return subprocess.run(command, env=env, cwd=folder, capture_output=True, text=True).stderr
+    done = subprocess.run(command, env=env, cwd=folder, capture_output=True, text=True)
+    if done.returncode == 2:
+        raise RuntimeError(f"{' '.join(words)}: {done.stderr}")
+    return done.stderr
 
 
 def _split(command: str, times: dict[str, np.ndarray], folders: dict[str, Path]) -> str:

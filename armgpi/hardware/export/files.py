@@ -52,8 +52,8 @@ _LOOSE = 1e-9
 #: How far the replay moves the reference to time a step whose torque is at its limits, as a share of the
 #: distance that is a fault.
 _FAR = 0.8
-#: How long the replay times steps [s].
-_TIMING = 0.2
+#: How long the replay times steps [s]: some 80,000 of them. Four times as long gave the same within 1 %.
+_TIMING = 0.05
 #: Time between the rows of motion.csv [s].
 _ROWS = 0.01
 #: How long it may take in all [s].

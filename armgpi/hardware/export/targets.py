@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from string import Template
 from typing import Any, NamedTuple
 
@@ -356,33 +357,37 @@ def _share(controller: Supervised, motion: _Motion) -> float:
     """Return the torque that a law begins a motion with, as a share of its limit."""
     with np.errstate(all="ignore"):
         law = controller.law.unlimited()
-        seen = _sample(controller, motion, 0)
+        seen = _samples(controller, motion)(0)
         tau = law.step(*seen, law.init(*seen)).tau
     return float(np.abs(np.broadcast_to(tau, controller.robot.n) / controller.effort)[motion.joint])
 
 
-def _sample(controller: Supervised, motion: _Motion, k: int) -> tuple[Any, Target]:
-    """Return measurement and target of a sample of a motion; as test_faults.c does."""
+def _samples(controller: Supervised, motion: _Motion) -> Callable[[int], tuple[Any, Target]]:
+    """Return what gives measurement and target of each sample of a motion; as test_faults.c does."""
     robot: Any = controller.robot
     unit, zero, middle = np.eye(robot.n)[motion.joint], np.zeros(robot.n), robot.middle()
-    q = motion.q + k * motion.dq + k**3 * motion.dddq
-    v = (motion.dq + 3.0 * k**2 * motion.dddq) / controller.dt
-    at = middle + q * unit + motion.dither * (k % 2)
-    to = middle + (motion.r + k * motion.dr) * unit
-    if k:
-        at, to = (
-            np.where(unit * bad > 0.0, np.nan, x) for x, bad in ((at, motion.nan_q), (to, motion.nan_r))
-        )
-    seen = FullState(at, v * unit) if controller.measurement_type is FullState else Measurement(at)
-    return seen, Target(to, zero, zero)
+    bad_q, bad_r = (unit * bad > 0.0 for bad in (motion.nan_q, motion.nan_r))
+
+    def sample(k: int) -> tuple[Any, Target]:
+        q = motion.q + k * motion.dq + k**3 * motion.dddq
+        v = (motion.dq + 3.0 * k**2 * motion.dddq) / controller.dt
+        at = middle + q * unit + motion.dither * (k % 2)
+        to = middle + (motion.r + k * motion.dr) * unit
+        if k:
+            at, to = np.where(bad_q, np.nan, at), np.where(bad_r, np.nan, to)
+        seen = FullState(at, v * unit) if controller.measurement_type is FullState else Measurement(at)
+        return seen, Target(to, zero, zero)
+
+    return sample
 
 
 def _reason(controller: Supervised, motion: _Motion) -> int:
     """Return the reason that the supervisor in Python gives for a motion."""
+    sample = _samples(controller, motion)
     with np.errstate(all="ignore"):
-        state = controller.init(*_sample(controller, motion, 0))
+        state = controller.init(*sample(0))
         for k in range(1, motion.samples + 1):
             if float(state.supervisor.status[0]) > State.RUN:
                 break
-            state = controller.advance(*_sample(controller, motion, k), state, motion.elapsed).state
+            state = controller.advance(*sample(k), state, motion.elapsed).state
     return int(state.supervisor.reason[0])
