@@ -12,7 +12,7 @@ import typer
 from armgpi.cli import options as opt
 from armgpi.cli.declared import values_of
 from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
-from armgpi.cli.terminal import print_held, say
+from armgpi.cli.terminal import print_held, say, working
 
 if TYPE_CHECKING:
     from armgpi.config import Experiment
@@ -130,10 +130,11 @@ def _export(options: dict[str, Any]) -> int:
         note_drives(experiment, options["explain"])
         _note_contacts(experiment, options["package_dir"])
         print_held()
-        log = record(experiment.plant, supervised, experiment.reference, experiment.t_final)
-        config, copied = experiments.portable(experiment.config)
-        beside: dict[str, str | bytes] = {"experiment.yaml": config, **copied}
-        done = write_code(code, options["out"], log, name=options["prefix"], target=target, beside=beside)
+        with working("recording the motion, compiling the C code and replaying the motion with it"):
+            log = record(experiment.plant, supervised, experiment.reference, experiment.t_final)
+            config, copied = experiments.portable(experiment.config)
+            beside: dict[str, str | bytes] = {"experiment.yaml": config, **copied}
+            done = write_code(code, options["out"], log, name=options["prefix"], target=target, beside=beside)
     _say(done, log, label, options["as_json"])
     out = options["out"]
     say(f"wrote {', '.join(str(file.relative_to(out)) for file in done.files)} in {out}", err=True)

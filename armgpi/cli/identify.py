@@ -12,7 +12,7 @@ from armgpi.cli import options as opt
 from armgpi.cli.certify import load_arm
 from armgpi.cli.experiment import note_world, resolved
 from armgpi.cli.parsing import is_experiment, per_joint, stoppable
-from armgpi.cli.terminal import console, say, widen
+from armgpi.cli.terminal import console, say, widen, working
 from armgpi.errors import ParameterError, require_extra
 
 if TYPE_CHECKING:
@@ -115,14 +115,15 @@ def identify(
     if side is not None and not logs:
         sys.exit(_identify_side(arm, robot, side, out, options, allow_part, as_json))
     options |= {"gravity": not no_gravity, "check_first": not anyway}
-    found, carried = _with_load(logs or [], arm, load, load_mass, options)
-    if side is not None:
-        found = found.with_side(side)
-    if resonance is not None:
-        found = found.with_resonance(resonance)
-    if experiment is not None:
-        found = found.with_experiment(experiment)
-    validation = None if validate is None else found.validate(validate)
+    with working("fitting the model of the arm to the log"):
+        found, carried = _with_load(logs or [], arm, load, load_mass, options)
+        if side is not None:
+            found = found.with_side(side)
+        if resonance is not None:
+            found = found.with_resonance(resonance)
+        if experiment is not None:
+            found = found.with_experiment(experiment)
+        validation = None if validate is None else found.validate(validate)
     note_world(*resolved(robot, how, arm))
     written = write_identified(found, out, validation, carried)
     if report is not None:

@@ -8,6 +8,7 @@ import sys
 import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from threading import Timer
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
@@ -79,6 +80,8 @@ def say_data(text: str) -> None:
 
 #: Seconds after which a pipe gets its first line of progress, and between two lines.
 _FIRST_LINE, _NEXT_LINE = 5.0, 30.0
+#: Seconds of work that does not say how far it is after which it says what it does.
+_SILENT_AT_MOST = 10.0
 #: Seconds of a long task after which lines that were held are printed, when refusals are unlikely.
 _HELD_AT_MOST = 1.0
 
@@ -112,6 +115,22 @@ def progress(task: str = "") -> Iterator[Callable[[str], None]]:
         yield show
     finally:
         show("")
+
+
+@contextmanager
+def working(task: str) -> Iterator[None]:
+    """Print what is being done once it takes long, for work that does not say how far it is.
+
+    Args:
+        task: what is being done.
+    """
+    timer = Timer(_SILENT_AT_MOST, lambda: say(f"{task} ...", err=True))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def console(**options: Any) -> Console:

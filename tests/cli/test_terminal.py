@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from contextlib import suppress
 
 import pytest
@@ -41,3 +42,20 @@ def test_an_error_alone_drops_what_waits(
     assert capsys.readouterr().err == printed
     terminal.say("next", err=True)
     assert capsys.readouterr().err == "next\n"
+
+def test_work_that_takes_long_says_what_it_does(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(terminal, "_SILENT_AT_MOST", 0.0)
+    with terminal.working("fitting"):
+        time.sleep(0.2)
+    assert capsys.readouterr().err == "fitting ...\n"
+    monkeypatch.setattr(terminal, "_SILENT_AT_MOST", 60.0)
+    with terminal.working("fitting"):
+        pass
+    assert capsys.readouterr().err == ""
+
+
+def test_a_line_that_is_too_long_goes_on_indented(capsys: pytest.CaptureFixture[str]) -> None:
+    terminal.print_wrapped(terminal.console(width=30), "  one two three four five six seven eight nine")
+    assert capsys.readouterr().out == "  one two three four five six\n    seven eight nine\n"
