@@ -43,6 +43,7 @@ def test_an_error_alone_drops_what_waits(
     terminal.say("next", err=True)
     assert capsys.readouterr().err == "next\n"
 
+
 def test_work_that_takes_long_says_what_it_does(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
