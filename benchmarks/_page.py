@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,12 +26,14 @@ class Page(NamedTuple):
         quick: whether it is only a look.
         facts: what the machine is.
         figures: what was measured, for the file.
+        part: the only one that is measured; empty for all.
     """
 
     name: str
     quick: bool
     facts: dict[str, Any]
     figures: dict[str, Any]
+    part: str = ""
 
     def write(self) -> None:
         """Write the figures to build/benchmarks/."""
@@ -44,23 +47,28 @@ def say(text: str) -> None:
     print("\n" + textwrap.fill(text, 105, break_long_words=False, break_on_hyphens=False))
 
 
-def begin(file: str, title: str, world: str = EXPLICIT) -> Page:
+def begin(file: str, title: str, world: str = EXPLICIT, parts: Sequence[str] = ()) -> Page:
     """Read the options and print the head of the page.
 
     Args:
         file: of the script.
         title: of the page.
         world: what is assumed of the arms that are simulated.
+        parts: names of its parts, where they can be measured one by one.
     """
     parser = argparse.ArgumentParser(description=title)
     parser.add_argument("--quick", action="store_true", help="a look, not to judge by")
-    quick = parser.parse_args().quick
+    if parts:
+        parser.add_argument("--part", choices=parts, default="", help="measure this part alone")
+    options = parser.parse_args()
+    quick, part = options.quick, getattr(options, "part", "")
     name = Path(file).stem
     facts = _timing.machine(PACKAGES)
     print(f"# {title}")
-    print(f"\n`python benchmarks/{name}.py{' --quick' if quick else ''}`\n")
+    given = (f" --part {part}" if part else "") + (" --quick" if quick else "")
+    print(f"\n`python benchmarks/{name}.py{given}`\n")
     print(f"World: {world}.\n")
     print(_timing.machine_table(facts))
     if quick:
         print("\nQuick: too few rounds to judge by.")
-    return Page(name, quick, {**facts, "world": world}, {})
+    return Page(name, quick, {**facts, "world": world}, {}, part)

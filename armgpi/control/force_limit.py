@@ -48,7 +48,7 @@ _CONFIGURATIONS, _DRAWN = 20, 60
 #: Joints of which all combinations of signs are tried.
 _MOST_SIGNS = 10
 #: Share of the full damping below which the speed limit is said not to hold [-].
-_WEAK = 0.5
+_WEAK = 0.1
 
 
 class ForceBound(NamedTuple):

@@ -187,6 +187,22 @@ def largest_damping(modes: Sequence[Mode], bandwidth: float, delay: float, drive
     return largest
 
 
+def motor_share(modes: Sequence[Mode], drives: Any) -> Array:
+    """Return the least share of each joint's inertia that is its motor's [-], (n,); 1 where joints are stiff.
+
+    Beyond the resonance of an elastic joint a torque moves the motor alone.
+
+    Args:
+        modes: of some configurations: the inertias of the joints count.
+        drives: of the arm.
+    """
+    share = np.ones(len(modes[0].inertia))
+    known = _Joints.of(modes, drives)
+    if known is not None:
+        share[known.joints] = (1.0 / (1.0 + known.share)).min(axis=0)
+    return share
+
+
 class _Joints(NamedTuple):
     """Elastic joints in some configurations, arrays (configurations, n).
 

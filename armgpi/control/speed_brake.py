@@ -4,9 +4,10 @@ Up to a share of the speed limit it does nothing, so a motion as it was meant ke
 the joints are damped in proportion to how much faster the tool is, whatever the controller asks for: a slow
 controller that is pushed never comes to its force limit, and its arm would be as fast.
 
-A damping late by T is stable up to a gain of pi / (2 T). On elastic joints it damps the resonance between
-motor and link where the motor is measured, and drives it where the link is: there a gain is left of what the
-joint damps by itself, which bounds no speed. Where nothing tells the side both have to hold.
+A damping late by T is stable up to a gain of pi / (2 T), of the motor alone beyond the resonance of an
+elastic joint. It damps that resonance where the motor is measured, and drives it where the link is: there a
+gain is left of what the joint damps by itself, which bounds no speed. Where nothing tells the side both have
+to hold.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from armgpi.base.arrays import Array, new
-from armgpi.control.impedance_limits import Mode, largest_damping
+from armgpi.control.impedance_limits import Mode, largest_damping, motor_share
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 
@@ -27,6 +28,8 @@ _FILTERS = (500.0, 250.0, 120.0, 60.0, 30.0)
 _GAIN = 0.45
 #: Share of the speed limit from which on it brakes.
 FREE = 0.4
+#: Likewise beyond the resonance of an elastic joint, where its motor moves alone: 44 degrees.
+_MOTOR_GAIN = 0.8
 #: Share of the gain at which a resonance of elastic joints is no longer damped.
 _SPARE = 0.5
 #: Configurations in which resonances are taken.
@@ -70,11 +73,12 @@ class SpeedBrake:
         inertias = robot.mass_matrix(random_configurations(robot, _CONFIGURATIONS, seed=0))
         nothing = np.zeros(robot.n)
         modes = [Mode(nothing, np.diag(inertia), nothing, nothing[:0]) for inertia in inertias]
-        late = delay + 0.5 * dt
+        late, share = delay + 0.5 * dt, motor_share(modes, robot.drives)
         best: tuple[float, float, Array] | None = None
         for bandwidth in _FILTERS:
             most = _SPARE * largest_damping(modes, bandwidth, late, robot.drives)
-            gain = np.minimum(_GAIN / (1.0 / bandwidth + late), most)
+            alone = np.minimum(_GAIN, _MOTOR_GAIN * share)
+            gain = np.minimum(alone / (1.0 / bandwidth + late), most)
             if best is None or gain.min() > best[0]:
                 best = float(gain.min()), bandwidth, gain
         assert best is not None

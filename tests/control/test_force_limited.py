@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 import armgpi
 from armgpi import config
 from armgpi.control.controller import FullState
 from armgpi.control.force_limit import ForceLimit, usual_friction
+from armgpi.control.speed_brake import SpeedBrake
 from armgpi.errors import ArmgpiWarning, ConfigError, NameNotFound, ParameterError
 from armgpi.robot.kinematics import random_configurations
 
@@ -110,6 +112,50 @@ def test_the_speed_limit_excites_no_resonance_of_elastic_joints(side: str, known
     speed = np.linalg.norm(np.diff(tool, axis=0), axis=1) / DT
     assert speed.max() < (0.28 if known == "motor" else 0.8)
     assert speed[-200:].max() < 0.1
+
+
+@pytest.mark.parametrize("late", [0, 1, 3])
+@pytest.mark.parametrize("name", ["ur5", "xarm7", "z1"])
+def test_the_damping_is_stable_on_two_masses(name: str, late: int) -> None:
+    """Eigenvalues of the sampled loop of each joint: motor, spring and link, positions late by samples."""
+    arm = armgpi.assume_drives(armgpi.Robot.load(name))
+    arm = arm.with_drives(arm.drives.with_value("encoder_side", "motor"))
+    brake = SpeedBrake(arm, DT, late * DT)
+    assert brake.gain.min() > 10.0
+    gear, rotor = arm.drives.value("stiffness"), arm.armature
+    for q in random_configurations(arm, 5, seed=0):
+        own = np.diagonal(arm.mass_matrix(q))
+        for joint in range(arm.n):
+            link = max(own[joint] - rotor[joint], 0.05 * own[joint])
+            masses = (float(rotor[joint]), float(link), float(gear[joint]))
+            loop = _sampled(masses, brake, float(brake.gain[joint] * own[joint]), late)
+            assert np.abs(np.linalg.eigvals(loop)).max() < 1.0 + 1e-6
+
+
+def _sampled(masses: tuple[float, float, float], brake: SpeedBrake, damping: float, late: int) -> Any:
+    """Return the transition of motor, link, filter and late positions over a sample."""
+    rotor, link, gear = masses
+    loss = 0.02 * math.sqrt(gear * rotor * link / (rotor + link))
+    motion = np.zeros((5, 5))  # motor, its speed, link, its speed, torque that is held
+    motion[0, 1] = motion[2, 3] = 1.0
+    motion[1] = np.array([-gear, -loss, gear, loss, 1.0]) / rotor
+    motion[3] = np.array([gear, loss, -gear, -loss, 0.0]) / link
+    step = scipy.linalg.expm(DT * motion)
+    size = 4 + 1 + late + 1  # motion, rate, positions of the motor before
+    loop = np.zeros((size, size))
+    # Newest measured position, the one before, and the rate from both.
+    newest, before = (0 if late == 0 else 4 + late), 4 + late + 1
+    rate = np.zeros(size)
+    rate[4] = brake._decay
+    rate[newest] += brake._drive
+    rate[before] -= brake._drive
+    loop[:4, :4] = step[:4, :4]
+    loop[:4] -= damping * np.outer(step[:4, 4], rate)
+    loop[4] = rate
+    loop[5, 0] = 1.0
+    for i in range(6, size):
+        loop[i, i - 1] = 1.0
+    return loop
 
 
 def test_a_slow_controller_keeps_the_speed_limit_too() -> None:
