@@ -40,7 +40,8 @@ ROWS = {
         "Joint without a motor: its torque is zero, or no argument of forward_dynamics; may be repeated."
     ),
     "names --map NAME=FUNCTION": (
-        "Name of a function in the model, such as M=mass_matrix; M, D, C and G are found by their names."
+        "A function of the model and what it is, such as M_of_q=mass_matrix; functions named M, D, C and G "
+        "are known."
     ),
     "allow_uncompared": "Accept functions of the model that were not compared: exit code 0 in place of 3.",
     "markdown FILE": "Write the report as Markdown.",

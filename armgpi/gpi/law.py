@@ -349,7 +349,12 @@ class GPI(Controller):
 
     @classmethod
     def context_for(cls, given: Mapping[str, Any], context: Context) -> Context:
-        """Return the context with the bandwidth that sample time, delay and loads allow."""
+        """Return the context with the bandwidth [rad/s] that sample time, delay and loads allow.
+
+        Args:
+            given: parameters by their names; `payload` and those of the order count.
+            context: what else the experiment is.
+        """
         payload, member = given.get("payload"), Member.chosen_by(given)
         omega_c = default_omega(context.dt, context.delay, member=member)
         if payload is not None:

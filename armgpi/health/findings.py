@@ -160,7 +160,13 @@ CHECKS: list[Check] = [
 
 
 def check(kind: str, meaning: str, *levels: Level) -> Callable[[Function], Function]:
-    """Register a function that gives findings of one kind, with these levels."""
+    """Register a function that gives findings of one kind.
+
+    Args:
+        kind: name of the check.
+        meaning: what it finds, in words.
+        *levels: those that its findings may have, such as "warning".
+    """
 
     def register(function: Function) -> Function:
         CHECKS.append(Check(kind, meaning, levels, function))

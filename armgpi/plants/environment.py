@@ -61,7 +61,12 @@ class Contact(Parametrised, ABC):
 
     @classmethod
     def configured(cls, given: Mapping[str, Any], context: Context) -> Contact:
-        """Return the contact of an entry of an experiment file, given its parameters by their names."""
+        """Return the contact of an entry of an experiment file.
+
+        Args:
+            given: parameters by their names, in their units.
+            context: what else the experiment is.
+        """
         return cls(**given)
 
     @abstractmethod

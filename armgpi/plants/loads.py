@@ -32,7 +32,12 @@ class Load(Parametrised, ABC):
 
     @classmethod
     def configured(cls, given: Mapping[str, Any], context: Context) -> list[Load]:
-        """Return the loads of an entry of an experiment file, given its parameters by their names."""
+        """Return the loads of an entry of an experiment file.
+
+        Args:
+            given: parameters by their names, in their units.
+            context: what else the experiment is.
+        """
         return [cls(**given)]
 
     @abstractmethod

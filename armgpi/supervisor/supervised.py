@@ -103,7 +103,10 @@ class Supervised(Controller):
         self._brakes = getattr(law, "bias_robot", law.robot).dynamics
 
     def init(self, measurement: Any, target: Target) -> SupervisedState:
-        """Return the state before the first sample; FAULT, with torque zero, when it is implausible."""
+        """Return the state before the first sample; see :meth:`Controller.init`.
+
+        An implausible measurement or target gives FAULT with torque zero, not an error.
+        """
         given, asked = measurement.q, target.q
         code = np.zeros_like(given - asked)
         for wrong, reason in (
@@ -205,6 +208,11 @@ class Supervised(Controller):
         self, measurement: Any, target: Target, state: SupervisedState
     ) -> tuple[Mask, Mask, ControlStep]:
         """Return a step that takes a fraction of the work, and what has to hold for it to be that of `step`.
+
+        Args:
+            measurement: as for :meth:`step`, as are `target` and `state`.
+            target: likewise.
+            state: likewise.
 
         Returns:
             What has to hold before it is taken, after it, both (1,) or (batch, 1); and torque and next state.

@@ -228,7 +228,12 @@ def _check_names(names: Mapping[str, str], known: tuple[str, ...]) -> None:
     """Refuse names of functions that there are not, and two for one function."""
     for mine, name in names.items():
         if name not in known:
-            raise NameNotFound("function that is compared", name, known, f"it stands in {mine}={name}")
+            raise NameNotFound(
+                "function that is compared",
+                name,
+                known,
+                f"the name in the model comes first; got {mine}={name}",
+            )
     if twice := next((name for name, k in Counter(names.values()).items() if k > 1), None):
         both = ", ".join(f"{mine}={name}" for mine, name in names.items() if name == twice)
         raise ParameterError("names", both, f"one function for {twice}: only one is compared")

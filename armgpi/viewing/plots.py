@@ -772,7 +772,17 @@ def signals(
 
 
 def tool_path(rollout: xr.Dataset, robot: Robot, frame: str | None = None) -> Figure:
-    """Return the path of a frame (the tip) beside the desired one, in its plane and in space [m]."""
+    """Return the path of a frame [m] beside the desired one, in its plane and in space.
+
+    Args:
+        rollout: the rollout(s).
+        robot: the arm.
+        frame: name of the frame; the tip when not given.
+
+    Raises:
+        RolloutError: when the rollout is one of another arm.
+        NameNotFound: when the arm has no such frame.
+    """
     with styled():
         figure = Figure(figsize=(_WIDTH, 3.6), layout="constrained")
         plot_path_plane(figure.add_subplot(1, 2, 1), rollout, robot, frame=frame)
@@ -784,7 +794,15 @@ def tool_path(rollout: xr.Dataset, robot: Robot, frame: str | None = None) -> Fi
 def pareto(
     costs: npt.ArrayLike | dict[str, npt.ArrayLike], names: tuple[str, str] = ("first cost", "second cost")
 ) -> Figure:
-    """Return two costs against each other, (k, 2), or several sets of them by name, with Pareto fronts."""
+    """Return two costs against each other, with their Pareto fronts.
+
+    Args:
+        costs: k points, shape (k, 2); or several sets of them by the names of the legend.
+        names: of the two costs with their units, for the axes.
+
+    Raises:
+        ParameterError: when a set has another shape.
+    """
     sets = costs if isinstance(costs, dict) else {"": costs}
     with styled():
         figure = Figure(figsize=(0.5 * _WIDTH, 3.0), layout="constrained")
