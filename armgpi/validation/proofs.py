@@ -12,9 +12,10 @@ import numpy as np
 
 from armgpi.base.arrays import Array
 from armgpi.validation.alternatives import is_sum, names_in
+from armgpi.validation.dimensions import adds_unlike
 from armgpi.validation.edits import ROWS, Change, Goal, apply_changes, impatient, stack_values
 from armgpi.validation.models import Functions
-from armgpi.validation.units import check, readings, spell_out
+from armgpi.validation.units import check, numbers, readings, spell_out
 
 Again = Callable[[str], Functions]
 
@@ -104,6 +105,8 @@ class Proofs:
         spelled = self._spelled(repair.source)
         found = check(spelled, values, slopes, text, whole=not repair.changes)
         wrong = found.wrong + sum(self._is_guess(one, found.seen > 0) for one in repair.changes)
+        named = {name.strip("'").split(".")[-1] for name, _ in numbers(ast.parse(self.source))}
+        wrong += sum(adds_unlike(x.new, named) and not adds_unlike(x.old, named) for x in repair.changes)
         sure = found.sure and wrong == found.other == 0
         # Numbers in each other's place may as well be names in each other's place.
         swapped = [ast.parse(one.old.strip()) for one in repair.changes if one.kind == "swapped"]

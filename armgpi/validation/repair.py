@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import copy
 import itertools
+import os
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -31,6 +32,12 @@ Signs = tuple[tuple[float, str], ...]
 _SAID_BY_KIND = {"sign": ("wrong sign: ",), "factor": ("half is missing: ", "twice instead of once: ")}
 #: Time of the processor for a search [s], and where a convention explains all.
 LONG, SHORT = BUDGET, 0.3
+
+
+def seconds_used() -> float:
+    """Return the processor time of this process and of those that it has waited for [s]."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
 
 
 class Compared(NamedTuple):

@@ -45,6 +45,8 @@ from armgpi.validation.units import USUAL
 
 #: Time of the processor that all the searching may take [s].
 BUDGET = 20.0
+#: Share of it for a model of which each trial derives the equations of motion anew.
+_SLOW_SHARE = 0.5
 #: A model that takes longer to be read is not read with other numbers where it agrees [s].
 _READ = 0.1
 #: Changes that are made at most: nobody believes a report of more.
@@ -107,12 +109,15 @@ def find_repair(
     """
     assert functions.origin is not None
     editor = Editor(functions.origin, goal, known)
+    is_slow = extra and editor.is_slow()
+    if is_slow:  # what is named is named early: the rest of the time would go to ever longer changes
+        until = min(until, time.process_time() + _SLOW_SHARE * BUDGET)
     trials = _Trials(editor, again, until, most, known)
     best, steps = _search_stages(trials, known, most)
     if best is not None or most == 1:
         return best
     # What brings some of it into agreement deserves time of its own, but where each trial takes long.
-    more = extra and steps and not editor.is_slow()
+    more = extra and steps and not is_slow
     late = max(until, time.process_time() + 0.75 * BUDGET) if more else until
     best = _go_on(trials, steps, known, most, late)
     return best or (trials.first_that_agrees(trials.tried_pairs()) if most == MOST else None)

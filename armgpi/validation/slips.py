@@ -16,10 +16,12 @@ from typing import NamedTuple
 
 from armgpi.validation.edits import ROWS, Change, apply_changes, harmless
 from armgpi.validation.proofs import Repaired
-from armgpi.validation.repair import Compared, agrees, proved_for_other_numbers
+from armgpi.validation.repair import Compared, agrees, proved_for_other_numbers, seconds_used
 
 #: Slips that are tried, at most.
 _MOST = 80
+#: Time of the processor that they may take [s].
+_SECONDS = 2.0
 #: What a sine is mistaken for, and the other way round.
 _SWAPPED = {"sin": "cos", "cos": "sin"}
 
@@ -55,8 +57,10 @@ def find_slip(compared: Compared, slips: Callable[[str], Iterator[Slip]]) -> Rep
     source = compared.worker.source
     if source is None or not harmless(source):
         return None
-    few = compared.states.first(ROWS)
+    few, late = compared.states.first(ROWS), seconds_used() + _SECONDS
     for slip in itertools.islice(slips(source), _MOST):
+        if seconds_used() > late:
+            return None
         changed = apply_changes(source, slip.changes)
         if not agrees(compared.worker, changed, few, compared.problem):
             continue

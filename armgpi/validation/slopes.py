@@ -15,7 +15,8 @@ from armgpi.validation.samples import SAFETY
 from armgpi.validation.tree import Body, Quantities, Tree, evaluate
 from armgpi.validation.units import JOINED, STEP, Slopes, span
 
-_WANT = ("D", "H", "G", "V", "F", "J")
+#: Quantities of which functions of states are made.
+_ALWAYS = {"D", "H", "G"}
 #: Kind of a number of the robot -> its unit.
 _UNITS = {"mass": "kg", "com": "m", "length": "m", "tool": "m", "inertia": "kg m²", "armature": "kg m²"}
 
@@ -27,7 +28,9 @@ def slopes(problem: Problem, states: States, names: Sequence[str]) -> Slopes:
     ordered: list[Array] = []
     for one, _ in known:
         step = STEP * (abs(one.value) if one.kind == "mass" and one.value else 1.0)
-        ends = [one.instance(one.value + s * step).quantities(tree, states.q, _WANT) for s in (1.0, -1.0)]
+        ends = [
+            one.instance(one.value + s * step).quantities(tree, states.q, stack.want) for s in (1.0, -1.0)
+        ]
         ordered.append(stack.difference(*ends) / (2.0 * step))
     units = [_UNITS.get(one.kind, one.unit) for one, _ in known]
     links = [link for _, link in known]
@@ -59,7 +62,8 @@ class _Stack:
     def __init__(self, problem: Problem, states: States, names: Sequence[str]) -> None:
         """Take the reference, and the states and functions of which the values are stacked."""
         self._problem, self._states, self._names = problem, states, names
-        nominal = evaluate(problem.tree, states.q, _WANT)
+        self.want = sorted(_ALWAYS.union(problem.want))
+        nominal = evaluate(problem.tree, states.q, self.want)
         self._passive = _Passive(problem, states, nominal) if problem.is_passive else None
         own = [self._function(name, problem.in_tool_coordinates(nominal), False) for name in names]
         self.sizes = [max(float(np.abs(x).max(initial=0.0)), 1e-9) for x in own]
@@ -81,7 +85,7 @@ class _Stack:
 
     def between(self, ahead: Tree, behind: Tree) -> Array:
         """Return how much more one arm gives than another, from the arms."""
-        return self.difference(*(evaluate(x, self._states.q, _WANT) for x in (ahead, behind)))
+        return self.difference(*(evaluate(x, self._states.q, self.want) for x in (ahead, behind)))
 
 
 class _Passive:

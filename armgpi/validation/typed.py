@@ -9,6 +9,7 @@ finds a mistyped mass whose wrong value is that of another link, or a default of
 from __future__ import annotations
 
 import ast
+import itertools
 import re
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -23,11 +24,13 @@ from armgpi.validation.entries import alike, entry_at
 from armgpi.validation.phrasing import known_numbers
 from armgpi.validation.problem import Problem
 from armgpi.validation.proofs import Repaired
-from armgpi.validation.repair import Compared, agrees, proved_for_other_numbers
+from armgpi.validation.repair import Compared, agrees, proved_for_other_numbers, seconds_used
 from armgpi.validation.units import numbers
 
 #: Numbers of a source that are varied, at most.
 _MOST = 40
+#: Time of the processor that varying them may take [s]: equations that SymPy derives anew take a second each.
+_SECONDS = 5.0
 #: Shares of a number at which the model is looked at: of no symmetry.
 _SHARES = (1.0, 0.6, 1.5, 2.1)
 #: Digits that a typed number has, at most.
@@ -137,11 +140,13 @@ def find_wrong_number(compared: Compared) -> Repaired | None:
     numbers_of_source = typed_numbers(source)
     if len(numbers_of_source) > _MOST:
         return None
-    search = _Search(compared, source)
+    search, late = _Search(compared, source), seconds_used() + _SECONDS
     robots = np.array([value for value, _ in known_numbers(compared.problem.tree)])
     for candidates in (_alone(numbers_of_source), _repeated(numbers_of_source)):
-        repairs = [repair for places in candidates if (repair := search.repair(places)) is not None]
-        if len(repairs) > 1:  # a mass and a length, say, of which one becomes a number of the robot
+        in_time = itertools.takewhile(lambda _: seconds_used() < late, candidates)
+        repairs = [repair for places in in_time if (repair := search.repair(places)) is not None]
+        # A mass and a length, say, of which one becomes a number of the robot; or not all were tried.
+        if len(repairs) > 1 or (repairs and seconds_used() >= late):
             repairs = [one for one in repairs if _is_of(robots, one.changes[0].new)]
             return proved_for_other_numbers(compared, repairs[0]) if len(repairs) == 1 else None
         # A formula is wrong sooner than a number is that nobody typed and the robot does not have.
@@ -241,7 +246,8 @@ class _Search:
             if columns is None or (share == _SHARES[1] and not self._may_be_wrong(columns)):
                 return None
             values.append(columns)
-        nearest = _nearest_share(np.stack(values), self._target)
+        rows = min(map(len, values))
+        nearest = _nearest_share(np.stack([x[:rows] for x in values]), self._target[:rows])
         if nearest is None:
             return None
         new = _shortest(nearest * places[0].value)
@@ -255,12 +261,17 @@ class _Search:
     def is_unread(self, places: Places) -> bool:
         """Tell whether another value of a number leaves all that the model gives."""
         columns = self._columns(places, _SHARES[2] * places[0].value)
-        return columns is not None and bool((np.abs(columns - self._start) <= 1.0).all())
+        return columns is not None and bool((self._moves(columns) <= 1.0).all())
 
     def _may_be_wrong(self, columns: Array) -> bool:
         """Tell whether a number moves something that differs, and nothing that agrees."""
-        moved = np.abs(columns - self._start).max(axis=0) > 1.0
+        moved = self._moves(columns) > 1.0
         return bool((moved & ~self._right).any()) and not (moved & self._right).any()
+
+    def _moves(self, columns: Array) -> Array:
+        """Return how far the elements move at most, over the tolerances; a slow model has fewer rows."""
+        rows = min(len(columns), len(self._start))
+        return np.asarray(np.abs(columns[:rows] - self._start[:rows]).max(axis=0))
 
     def _columns(self, places: Places, value: float) -> Array | None:
         """Return what the model gives with another number, over the tolerances; None where it fails."""

@@ -339,9 +339,9 @@ def numbers(tree: ast.AST) -> Iterator[tuple[str, ast.Constant]]:
     for node in ast.walk(tree):
         match node:
             case ast.Assign(targets=[target], value=value):
-                pairs += _selected(
-                    _leaves(target, value), node in local and not isinstance(value, ast.Constant)
-                )
+                choosing = node in local and not isinstance(value, ast.Constant)
+                given = _returned(value, functions)
+                pairs += _leaves(target, given) if given else _selected(_leaves(target, value), choosing)
             case ast.AnnAssign(target=target, value=ast.expr() as value):
                 pairs += _leaves(target, value)
             case ast.Dict(keys=keys, values=values):
@@ -350,14 +350,25 @@ def numbers(tree: ast.AST) -> Iterator[tuple[str, ast.Constant]]:
             case ast.Call(func=function, keywords=words):
                 pairs += _of_keywords(function, words)
             case ast.arguments():
-                named = [*node.posonlyargs, *node.args]
-                named = [*named[len(named) - len(node.defaults) :], *node.kwonlyargs]
-                defaults = [*node.defaults, *node.kw_defaults]
-                pairs += [(a.arg, b) for a, b in zip(named, defaults, strict=True)]
+                pairs += _of_defaults(node)
+    seen = set[ast.Constant]()  # several functions may unpack the same numbers
     for text, x in pairs:
         inner = getattr(x, "operand", x)  # -0.3
-        if isinstance(inner, ast.Constant) and type(inner.value) in (int, float):
+        if isinstance(inner, ast.Constant) and type(inner.value) in (int, float) and inner not in seen:
+            seen.add(inner)
             yield text, inner
+
+
+def _returned(value: ast.expr, functions: Sequence[ast.FunctionDef]) -> ast.Tuple | None:
+    """Return what a call without arguments gives where that is all that its function says: several values."""
+    match value:
+        case ast.Call(func=ast.Name(id=name), args=[], keywords=[]):
+            called = next((one for one in functions if one.name == name), None)
+            statements = [] if called is None else [x for x in called.body if not isinstance(x, ast.Expr)]
+            match statements:
+                case [ast.Return(value=ast.Tuple() as returned)]:
+                    return returned
+    return None
 
 
 def grouped_numbers(tree: ast.AST) -> list[tuple[str, tuple[ast.Constant, ...]]]:
@@ -381,6 +392,14 @@ def _defaults(arguments: ast.arguments) -> list[ast.expr]:
     """Return the default values of a function, without their signs."""
     values = [*arguments.defaults, *(x for x in arguments.kw_defaults if x is not None)]
     return [getattr(x, "operand", x) for x in values]
+
+
+def _of_defaults(arguments: ast.arguments) -> list[tuple[str, Any]]:
+    """Return the default values of a function with their names."""
+    named = [*arguments.posonlyargs, *arguments.args]
+    named = [*named[len(named) - len(arguments.defaults) :], *arguments.kwonlyargs]
+    defaults = [*arguments.defaults, *arguments.kw_defaults]
+    return [(one.arg, value) for one, value in zip(named, defaults, strict=True)]
 
 
 def _of_keywords(function: ast.expr, words: list[ast.keyword]) -> list[tuple[str, Any]]:
@@ -433,9 +452,10 @@ def _is_holder(function: ast.expr) -> bool:
 
 def _unseen(tree: ast.Module) -> bool:
     """Tell whether names are given numbers that are not seen: several at once, or from a call alone."""
-    own = {x.name for x in tree.body if isinstance(x, ast.FunctionDef)}
+    functions = [x for x in tree.body if isinstance(x, ast.FunctionDef)]
+    own = {x.name for x in functions}
     for node in ast.walk(tree):
-        if not isinstance(node, ast.Assign):
+        if not isinstance(node, ast.Assign) or _returned(node.value, functions):
             continue
         inner = getattr(node.value, "operand", node.value)
         if len(node.targets) > 1 and isinstance(inner, ast.Constant) and inner.value:
@@ -469,7 +489,9 @@ def spell_out(source: str, namespace: Mapping[str, Any]) -> str:
         namespace: what running it gave.
     """
     spelled = source
-    statements = [x for x in ast.parse(source).body if isinstance(x, ast.Assign)]
+    body = ast.parse(source).body
+    functions = [x for x in body if isinstance(x, ast.FunctionDef)]
+    statements = [x for x in body if isinstance(x, ast.Assign) and not _returned(x.value, functions)]
     for node in reversed(statements):
         text = _spelled(node, namespace)
         if text:

@@ -5,7 +5,7 @@ named rightly are validated again with one mechanism switched off at a time, whe
 edit of the source of that kind, or a hypothesis for what was named by the values alone. A short search
 (`SECONDS`) keeps it affordable, so that a few more names are lost than with the full time.
 
-python tests/validation/ablation.py [MISTAKES_OF_EACH_STYLE [SEED [PROCESSES]]]
+python tests/validation/ablation.py [MISTAKES_OF_EACH_STYLE [SEED [PROCESSES [STYLE ...]]]]
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import io
 import sys
 import tempfile
 import tokenize
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
@@ -48,7 +48,7 @@ from armgpi.validation import (
 from armgpi.validation.diagnose import UNNAMED
 
 #: Time of the processor of one search of the source [s]; half a second where the values alone name.
-SECONDS, BY_VALUES = 8.0, 0.5
+SECONDS, BY_VALUES = 6.0, 0.5
 #: Styles whose models take a minute each.
 SLOW = ("articulated", "craig", "dh6", "turned")
 
@@ -313,6 +313,7 @@ def judged(style: str, line: int, name: str = "", by_values: bool = False) -> Ca
 
         stack.enter_context(mock.patch.object(byhand, "validate", keeping))
         outcome = byhand.outcome(mistake, Path(folder))
+    print(style, line, name, outcome.right, file=sys.stderr, flush=True)
     causes = [cause for cause in kept[0].causes if cause.kind not in UNNAMED]
     return Case(
         style,
@@ -325,20 +326,20 @@ def judged(style: str, line: int, name: str = "", by_values: bool = False) -> Ca
     )
 
 
-def drawn(count: int, seed: int) -> list[tuple[str, int]]:
-    """Return mistakes of every style at random, but for those that are set aside."""
+def drawn(count: int, seed: int, styles: Sequence[str]) -> list[tuple[str, int]]:
+    """Return mistakes of every style, or of some, at random, but for those that are set aside."""
     left_out, found = byhand.aside(), []
-    for style in sorted({*byhand.STYLES, *byhand.LATER} - {*byhand.NINTH, *SLOW}):
+    for style in styles or sorted({*byhand.STYLES, *byhand.LATER} - {*byhand.NINTH, *SLOW}):
         lines = [m.line for m in byhand.mistakes(style) if (style, m.line) not in left_out]
         chosen = np.random.default_rng([seed, *style.encode()]).permutation(lines)[:count]
         found += [(style, int(line)) for line in sorted(chosen)]
     return found
 
 
-def main(count: int = 2, seed: int = 5808, processes: int = 2) -> None:
+def main(count: int = 2, seed: int = 5808, processes: int = 2, styles: Sequence[str] = ()) -> None:
     """Print the table."""
     with ProcessPoolExecutor(processes) as pool:
-        first = [pool.submit(judged, *one) for one in drawn(count, seed)]
+        first = [pool.submit(judged, *one) for one in drawn(count, seed, styles)]
         cases = [one.result() for one in first]
         right = [case for case in cases if case.right]
         print(f"right with all: {scoring.share(len(right), len(cases))}\n", flush=True)
@@ -365,4 +366,4 @@ def main(count: int = 2, seed: int = 5808, processes: int = 2) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    main(*map(int, sys.argv[1:4]), styles=sys.argv[4:])

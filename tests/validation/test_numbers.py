@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import textbooks
 
 from armgpi import Robot, validate
 from armgpi.base.arrays import Array
@@ -327,3 +328,37 @@ def test_a_constant_is_no_sum_of_two_coincidences(tmp_path: Path) -> None:
         "D[1,1]": ("model less robot is 0.05", ()),
         "D[2,2]": ("model less robot is 0.03", ()),
     }
+
+
+UNPACKED = """
+import numpy as np
+
+def numbers_of_arm():
+    return 1.5, 1.0, 0.4, 0.2, 0.15, 0.02, 0.05, 9.81
+
+def gravity(q):
+    m1, m2, l1, c1, c2, I1, I2, g = numbers_of_arm()
+    b = m2 * c2 * g * np.cos(q[0] + q[1])
+    return np.array([(m1 * c1 + m2 * l1) * g * np.cos(q[0]) + b, b])
+
+def mass_matrix(q):
+    m1, m2, l1, c1, c2, I1, I2, g = numbers_of_arm()
+    k = m2 * l1 * c2 * np.cos(q[1])
+    d = I2 + m2 * c2**2
+    return np.array([[I1 + m1 * c1**2 + m2 * l1**2 + d + 2 * k, d + k], [d + k, d]])
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line"),
+    [("1.5, 1.0", "1.7, 1.0", 5), ("+ 2 * k", "+ k", 16), ("(m1 * c1", "(m1 * l1", 10)],
+)
+def test_numbers_unpacked_from_a_call_are_varied(old: str, new: str, line: int, tmp_path: Path) -> None:
+    turn, ball = textbooks._turn, textbooks._round
+    joints = [turn("0 -1 0", (0, 0, 0), 1.5, (0.2, 0, 0), ball(0.02))]
+    joints += [turn("0 -1 0", (0.4, 0, 0), 1.0, (0.15, 0, 0), ball(0.05))]
+    path = tmp_path / "arm.py"
+    path.write_text(UNPACKED.replace(old, new, 1))
+    (cause,) = validate(path, Robot.from_xml(textbooks.written("arm", joints))).causes
+    assert cause.line == line
+    assert cause.confirmed

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import textbooks
 
 from armgpi import Robot, validate
+from armgpi.validation import samples, typed
 from armgpi.validation.diagnose import Cause
 from armgpi.validation.witnesses import unread_names
 
@@ -210,3 +212,17 @@ def test_a_wrong_entry_of_a_list_is_named_with_its_index(tmp_path: Path) -> None
     cause = _cause_of(held.replace('"c": [0.2, 0.18], ', ""), tmp_path / "attribute.py")
     assert cause.confirmed
     assert "the model's self.c[1] is 0.18; with 0.15 it agrees" in cause.text
+
+
+def test_a_slow_model_is_varied_at_fewer_configurations(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the machine is busy a model may be sampled at fewer of them than before."""
+    path = tmp_path / "model.py"
+    path.write_text(written("names", {**RIGHT, "I2": 0.02}))
+    every = samples.sample
+    fewer = SimpleNamespace(sample=lambda worker, states: every(worker, states.first(6)))
+    monkeypatch.setattr(typed, "samples", fewer)
+    (cause,) = validate(path, arm()).causes
+    assert cause.line == 2
+    assert cause.expected == pytest.approx(0.05)
