@@ -644,3 +644,10 @@ def test_what_is_in_the_way_is_told_of_what_is_beyond_alone() -> None:
         "Under a load, joint 'q3' can need a torque of 4.1",
         "Under a load, the speed of the error can exceed the one that the numbers were taken for",
     ]
+
+
+def test_gains_of_a_moving_omega_go_from_the_least_that_is_certified_to_the_largest() -> None:
+    law = LAW | {"omega": ["24", "26", "30"], "rate": "1/20", "zeta": "0.9"}
+    gains: Any = armgpi.Certificate({"law": law}).gains
+    assert gains.omega_c == (24.0, 30.0)
+    assert (gains.zeta_c, gains.rate, gains.common) == (0.9, 0.05, True)

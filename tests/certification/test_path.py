@@ -320,7 +320,10 @@ def test_numbers_along_a_path_are_those_of_its_arms_at_configurations_around_it(
         for rubs in (True, False)
     )
     controller: Any
-    controller, path = Spied(law), Spied(Bezier(GOAL - 0.4, GOAL, duration=0.8, t_start=0.2))
+    controller, path = (
+        Spied(law),
+        Spied(Bezier(GOAL - np.array([0.4, -0.3, 0.4]), GOAL, duration=0.8, t_start=0.2)),
+    )
     controller.robot, torque = Spied(model), np.array([0.1, 0.2, 0.3])
     hidden, radius, fastest = np.array([[0.02, 0.03, 0.01], [0.1, 0.2, 0.15], [0.3, 0.2, 0.1]])
     told: Any = (controller, tuple(arms), path, 1.2, torque, 2.0, True, hidden, 2, "wrong-load", 3)

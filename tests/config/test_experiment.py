@@ -353,3 +353,8 @@ def test_a_drawn_arm_moves_in_armgpis_own_simulator() -> None:
     text = "robot: {name: anthropomorphic3}\nreality: {name: geared}\ncontrollers: [{type: gpi, rolloff: 1}]"
     drawn = build(text)
     assert list(drawn.plants.items()) == [("armgpi", drawn.plant)]
+
+
+def test_a_joint_is_at_its_limit_for_more_than_a_share_of_the_time_not_for_just_that() -> None:
+    record = {"joints": ["q1", "q2", "q3"], "metrics": {"saturated_time": [0.05, 0.06, None]}}
+    assert experiments.describe_saturation(record, 1.0) == "at its torque limit: q2 for 6 % of the time"

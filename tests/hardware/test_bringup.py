@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,11 +13,11 @@ from typer.testing import CliRunner
 
 from armgpi import GPI, ElasticPlant, Hold, MotorFault, RigidBodyPlant, Robot, Supervised, config, simulate
 from armgpi.cli import app
-from armgpi.errors import ConfigError
+from armgpi.errors import ConfigError, RolloutError
 from armgpi.hardware.export.code import generate
 from armgpi.hardware.export.files import _readme
 from armgpi.hardware.realtime import run, stages
-from armgpi.hardware.realtime.judge import QUESTIONS, judge
+from armgpi.hardware.realtime.judge import QUESTIONS, _arrays, judge
 from armgpi.hardware.realtime.stages import CAPS, Folder, Stage
 from armgpi.identification.logs import read_log
 from armgpi.loop import log as logs
@@ -301,3 +302,19 @@ def test_a_torque_that_is_off_in_one_joint_is_no_other_scale_of_the_weight(folde
         findings = [each for each in judge(folder, [path]).findings if each.question == "weight"]
         assert findings
         assert all(("times the weight" in each.seen) is said for each in findings)
+
+
+def test_ten_samples_are_the_least_that_a_stage_is_judged_by() -> None:
+    robot = Robot.load("anthropomorphic3")
+    arrays = ("q_measured", "q_ref", "tau")
+    kind = [(name, float, 3) for name in arrays] + [(name, int) for name in ("applied", "reason", "joint")]
+
+    def log(count: int) -> Any:
+        header = {"joints": list(robot.joint_names)}
+        return SimpleNamespace(
+            samples=np.zeros(count, kind), header=header, t=1e-3 * np.arange(count), source="stage.log"
+        )
+
+    assert len(_arrays(log(10), robot).q) == 10
+    with pytest.raises(RolloutError, match="has 9 samples"):
+        _arrays(log(9), robot)

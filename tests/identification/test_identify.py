@@ -27,7 +27,7 @@ from armgpi.identification import arm as identification
 from armgpi.identification import resonance
 from armgpi.identification.arm import Identified, Validation, identify, mean_inertia
 from armgpi.identification.chirp import Side
-from armgpi.identification.estimate import Block, Prior, expect, fit
+from armgpi.identification.estimate import Block, Prior, expect, extend_positive, fit
 from armgpi.identification.excitation import excite
 from armgpi.identification.logs import Log, read_log, resample
 from armgpi.identification.posterior import read_posterior, with_parameters
@@ -1114,3 +1114,11 @@ def test_offsets_live_in_the_folder(tmp_path: Path) -> None:
     said, origin = config.parse(f"format: 1\nrobot: {{name: {tmp_path}}}\nideal: false\n", "some.yaml")
     (load,) = inside(config.build(said, origin).plant).loads  # type: ignore[attr-defined]
     assert load.amplitude == pytest.approx(again.drives.value("offset"), rel=1e-9)
+
+
+def test_what_cannot_be_negative_stands_behind_what_was_there() -> None:
+    prior = Prior(np.zeros(5), np.ones(5), (), (1,))
+    more = extend_positive(prior, np.array([2.0, 3.0]), np.array([0.1, 0.2]))
+    assert more.positive == (1, 5, 6)
+    np.testing.assert_array_equal(more.mean[5:], [2.0, 3.0])
+    np.testing.assert_array_equal(more.std[5:], [0.1, 0.2])

@@ -729,3 +729,9 @@ def test_a_run_whose_output_is_no_terminal_prints_nothing(
     monkeypatch.setattr("time.monotonic", lambda: float(next(ticks)))
     simulate(PLANT, gpi(), MOVE, 0.6)
     assert capfd.readouterr() == ("", "")
+
+
+def test_an_arm_that_stands_far_from_zero_has_not_diverged() -> None:
+    far = np.array([0.9, 0.8, -0.9])
+    rollout = simulate(RigidBodyPlant(ARM), gpi(), Hold(far), 0.05, divergence=1.0, backend="numpy")
+    assert rollout["status"] == Status.FINISHED

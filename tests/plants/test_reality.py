@@ -562,3 +562,10 @@ def test_draws_run_with_the_controller_that_each_has_alone() -> None:
         alone: Any = config.controller(law, stack_draws([draw]).context)
         assert factors[draw.index] == float(np.ravel(alone.link_factor)[0])
     assert set(factors.values()) == {1.0, 0.4}  # both kinds are among them
+
+
+def test_the_draws_of_an_arm_follow_one_another() -> None:
+    drawn = health.draws(Reality("owned", 3), "anthropomorphic3", 3)
+    first = health.first_index("anthropomorphic3")
+    assert [each.index for each in drawn] == [first, first + 1, first + 2]
+    assert not np.array_equal(drawn[0].move.goal, drawn[1].move.goal)

@@ -142,3 +142,12 @@ def test_a_ball_joint_is_refused_by_name(tmp_path: Path) -> None:
 def test_inspect_reads_what_run_reads(tmp_path: Path) -> None:
     report = health.inspect(write(tmp_path), effort=100.0)
     assert report.robot.joint_names == ("a", "joint1", "slide", "tip")
+
+
+def test_both_joints_of_a_constraint_are_named_the_first_of_the_model_as_well(tmp_path: Path) -> None:
+    curve = '<equality><joint joint1="tip" joint2="a" polycoef="0 1 2 0 0"/></equality>'
+    path = write(tmp_path, curve)
+    with pytest.raises(UrdfError, match="no ratio between two joints") as caught:
+        Robot.from_mjcf(path)
+    assert [remedy.joints for remedy in caught.value.remedies] == [("tip", "a")]
+    assert Robot.from_mjcf(path, lock=["a", "tip"]).n == 2

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
+from armgpi.robot import mesh_files
 from armgpi.robot.meshes import MeshFinder
 
 MANIFEST = "<package><name>{}</name></package>"
@@ -168,3 +170,13 @@ def test_a_text_has_no_folder_but_those_given(package: Path) -> None:
 
 
 # --- Textures of COLLADA files -------------------------------------------------------------------
+
+
+def test_parts_of_a_collada_file_may_be_nested_as_deep_as_is_said_and_no_deeper() -> None:
+    def parts(deep: int) -> ElementTree.Element:
+        inner = "<node>" * deep + "<instance_geometry/>" + "</node>" * deep
+        return ElementTree.fromstring(f'<node xmlns="c">{inner}</node>')
+
+    assert mesh_files._instances(parts(60), {}, {}, "deep.dae") == 1
+    with pytest.raises(mesh_files.MeshError, match="more than 60 deep"):
+        mesh_files._instances(parts(61), {}, {}, "deep.dae")

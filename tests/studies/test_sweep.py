@@ -24,6 +24,7 @@ from armgpi.base import files
 from armgpi.base.intervals import clopper_pearson, quantile, wilson
 from armgpi.base.parameter import Parameter, parameters
 from armgpi.cli import main
+from armgpi.cli.sweep import _share
 from armgpi.codegen import build
 from armgpi.config import build as build_experiment
 from armgpi.config import experiment as experiments
@@ -876,3 +877,9 @@ def test_a_factor_multiplies_what_each_joint_has() -> None:
 def test_a_factor_that_cannot_be_is_refused(line: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         made(TEXT[: TEXT.index("vary:")] + f"vary:\n  {line}\n")
+
+
+def test_a_part_of_a_range_is_said_by_both_its_ends() -> None:
+    part = {"from": 0.5, "to": 1.25, "value": 0.1, "lower": 0.05, "upper": 0.2}
+    assert _share(part) == "10 % (5 to 20 %) at 0.5..1.25"
+    assert _share(part | {"from": 2.0, "to": 2.0}).endswith(" at 2")

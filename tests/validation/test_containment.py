@@ -403,3 +403,17 @@ def test_nothing_is_sent_to_who_does_not_read(line: tuple[Line, socket.socket]) 
     ours, _ = line
     with pytest.raises(OSError, match="timed out"):
         ours.send(bytes(2**24), 0.1)
+
+
+def test_a_number_that_the_source_does_not_have_is_refused() -> None:
+    source = "a = 1.0\nb = 2.0\n"
+
+    def answered(place: int) -> Any:
+        return [[], source, 0, 0, 0, True, [[place, [[0, 1.0]]]], "", []]
+
+    found = worker._read_repaired(answered(1), source)
+    assert found is not None
+    assert found.standing == {1: {0: 1.0}}
+    for place in (-1, 2):
+        with pytest.raises(ValueError):  # noqa: PT011 (which the line to the model turns into its error)
+            worker._read_repaired(answered(place), source)

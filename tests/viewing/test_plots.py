@@ -313,3 +313,14 @@ def test_figures_are_drawn_into_axes_of_ones_own() -> None:
     np.testing.assert_array_equal(axes[1].lines[1].get_ydata(), (ONE["q"] - ONE["q_ref"]).sel(joint="q2"))
     with pytest.raises(ParameterError, match="axes for each of q1, q2, q3"):
         plots.errors(ONE, ax=axes[:2])
+
+
+def test_a_legend_has_as_many_columns_as_its_letters_leave() -> None:
+    with plots.styled():
+        figure, axes = plots.panels(1)
+        figure.set_figwidth(6.4)
+        for name in "abcdefgh":
+            axes[0, 0].plot([0.0], [0.0], label=10 * name)
+        plots.legend(figure)
+    # A letter is 0.06 in wide, and a line with what is around it half an inch.
+    assert figure.legends[0]._ncols == int(6.4 / 1.1)
