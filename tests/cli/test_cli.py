@@ -6,6 +6,7 @@ import csv
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -1212,6 +1213,18 @@ def test_results_of_another_experiment_are_replaced_only_by_force(
     assert cli("compare", "--config", out / "experiment.yaml", "--out", out / "again").code == 0
     (out / "experiment.yaml").unlink()  # whose rollout it is is not known any more
     assert cli("run", ARM, *SHORT, "--out", out).code == 2
+
+
+def test_a_report_says_in_its_head_what_was_simulated(cli: Callable[..., Answer], tmp_path: Path) -> None:
+    page = tmp_path / "r.html"
+    done = cli("compare", ARM, *SHORT, "--out", tmp_path / "run", "--report", page)
+    line = next(line for line in done.err.splitlines() if line.startswith("world: "))
+    assert f"<p class=summary>{line}</p>" in page.read_text(encoding="utf-8")
+    assert cli("report", tmp_path / "run", "-o", tmp_path / "again.html").code == 0
+    assert "<p class=summary>world: " in (tmp_path / "again.html").read_text(encoding="utf-8")
+    shutil.copy(tmp_path / "run" / "rollout.nc", tmp_path / "alone.nc")
+    assert cli("report", tmp_path / "alone.nc", "-o", tmp_path / "alone.html").code == 0
+    assert "world: " not in (tmp_path / "alone.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("changed", ["rollout.nc", "experiment.yaml"])
