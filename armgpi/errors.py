@@ -222,17 +222,24 @@ class LimitError(ArmgpiError):
         super().__init__(text + (f"; {remedy}" if remedy else ""))
 
 
+#: What is wrong with a log is said in one line, of so many reasons.
+_SHOWN_REASONS = 3
+
+
 class UnfitLog(ArmgpiError):
     """A log from which an arm cannot be identified.
 
     Attributes:
-        reasons: what is wrong with it and what to do, one line each.
+        reasons: what is wrong with it and what to do, one line each; the message has the first three.
     """
 
     def __init__(self, reasons: Sequence[str]) -> None:
         """Describe the log by what the check found."""
         self.reasons = tuple(reasons)
-        super().__init__(f"the log cannot be identified from: {'; '.join(self.reasons)}")
+        shown = "; ".join(self.reasons[:_SHOWN_REASONS])
+        if more := len(self.reasons) - _SHOWN_REASONS:
+            shown += f"; and {more} more" if more > 0 else ""
+        super().__init__(f"the log cannot be identified from: {shown}")
 
 
 class UnreadableTrajectory(ArmgpiError):

@@ -9,6 +9,7 @@ excited with the nominal controller, logged (16 bits, one sample late, 0.5 % tor
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import math
 import re
@@ -18,7 +19,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -36,6 +37,7 @@ from armgpi.identification.resonance import shake
 from armgpi.identification.weak_form import BODY, COLUMNS, COULOMB, ROTOR, VISCOUS, inverse_rows
 from armgpi.identification.writing import write_identified
 from armgpi.plants import noise
+from armgpi.plants.friction import STICK_VELOCITY
 from armgpi.plants.plant import Wrapper
 from armgpi.plants.reality import scales
 from armgpi.robot.equations import Friction
@@ -65,6 +67,11 @@ FREE: dict[str, Any] = {"floor": None, "collisions": False}
 SIDES, SLOWER = ("link", "motor"), (5.0, 3.0)
 #: Stiffness of joints that are fitted as stiff ones [N m/rad], and shortest log of a soft arm [s].
 RIGID, SHORTEST = 1e9, 3.0
+#: Largest first mode of arms that are fitted by elastic joints or not [Hz], ends of the bands that are told
+#: apart [Hz], and speeds over which Coulomb friction changes its sign [rad/s or m/s].
+SOFT_MODES, BANDS, FRICTION_WIDTHS = 40.0, (10.0, 15.0), (1e-3, 2e-2)
+#: A fit is worse than that by stiff joints where its error is larger by this factor.
+WORSE = 1.2
 
 
 @with_parameters
@@ -139,12 +146,13 @@ def record(
     delay: int = 1,
     seed: int = 11,
     most: float = math.inf,
+    stick: float = STICK_VELOCITY,
 ) -> list[Log]:
     """Return the logs of arms under the law that the expected rotors give, until an error is `most`."""
     rotors = expect(robot).mean.reshape(robot.n, len(COLUMNS))[:, ROTOR]
     size = scales(robot)
     friction = Friction(*(np.stack(rows) for rows in zip(*(arm.friction for arm in arms), strict=True)))
-    plant: Any = armgpi.RigidBodyPlant(armgpi.RobotBatch(arms), (), friction)
+    plant: Any = armgpi.RigidBodyPlant(armgpi.RobotBatch(arms), (), friction, stick_velocity=stick)
     if unmodelled:
         plant = Unmodelled(plant, ripple=0.02 * size.gravity, stribeck=0.5 * friction.coulomb)
     plant = TorqueNoise(plant, std=noise * size.effort, seed=seed)
@@ -378,39 +386,89 @@ def measure_resonance(name: str, count: int, seed: int) -> dict[str, Any]:
     }
 
 
-def measure_soft(name: str, count: int, seed: int) -> dict[str, Any]:
-    """Return how well D is found by a first log of an arm whose first mode is 3 to 10 Hz.
+class SoftRow(NamedTuple):
+    """What the fits of one log make of an arm whose joints are elastic, or stiff.
 
-    Stiffness is drawn, encoders are at links and motors in turn, and the side is known, as by a data sheet.
-    The same log is fitted by stiff joints as well (stiffness specified as large): the error of each joint's
-    mean diagonal of D, of the worst joint, before and after. Each arm prints a row.
+    Attributes:
+        mode: the first mode [Hz]; infinite for stiff joints.
+        off: error of the mean inertia of the worst joint, fitted by stiff joints, with the side of the
+            encoders known, and unknown, (3,).
+        elastic: whether the last two fits took the joints for elastic ones.
     """
-    robot, errors = armgpi.Robot.load(name, lock=fingers(name)), []
+
+    mode: float
+    off: tuple[float, ...]
+    elastic: tuple[bool, ...]
+
+
+def measure_soft(name: str, count: int, seed: int) -> dict[str, Any]:
+    """Return how well D is found by a first log of an arm whose first mode is 3 to 40 Hz.
+
+    Stiffness is drawn; encoders are at links and motors in turn, and Coulomb friction changes its sign over
+    1 and 20 mrad/s. The same log is fitted three times: by stiff joints (stiffness specified as large), with
+    the side of the encoders known, as by a data sheet, and unknown. Each arm prints a row.
+    """
+    robot, rows = armgpi.Robot.load(name, lock=fingers(name)), []
     for i in range(count):
-        arm, side = truth(robot, seed + i), SIDES[i % 2]
-        plant, mode = elastic_plant(robot, arm, side, seed + i, name, (i // 2, math.ceil(count / 2)))
+        arm, side, width = truth(robot, seed + i), SIDES[i % 2], FRICTION_WIDTHS[i // 2 % 2]
+        bin_of = (i // 4, math.ceil(count / 4))
+        plant, mode = elastic_plant(robot, arm, side, seed + i, name, bin_of, SOFT_MODES, width)
         log = follow(robot, plant, excite(robot, 20.0, FIRST_SHARE, 1, **FREE).reference, side)
+        label = f"| {name} | {side} | {1e3 * width:g} | {mode:.3g} |"
         if log.t[-1] < SHORTEST:
-            print(f"| {name} | {side} | {mode:.3g} | a log of {log.t[-1]:.2g} s alone | |", flush=True)
+            print(f"{label} a log of {log.t[-1]:.2g} s alone | | | |", flush=True)
             continue
-        told = robot.with_drives(robot.drives.with_value("encoder_side", side))
-        rigid = told.with_drives(told.drives.with_value("stiffness", RIGID))
-        both = [identify(log, each, check_first=False) for each in (rigid, told)]
-        off = [np.abs(mean_inertia(each.robot) / mean_inertia(arm) - 1.0) for each in both]
-        errors.append([each.max() for each in off])
-        found = "" if both[1].twist is None else f"{both[1].twist.mode(robot.middle()):.3g}"
-        cells = " | ".join(f"{100.0 * each.max():.2g}" for each in off)
-        print(f"| {name} | {side} | {mode:.3g} | {found} | {cells} |", flush=True)
-    table = np.array(errors)
-    return {
-        "arm": name,
-        "case": "soft",
-        "arms": len(errors),
-        "stiff_median": float(np.median(table[:, 0])),
-        "stiff_largest": table[:, 0].max(),
-        "elastic_median": float(np.median(table[:, 1])),
-        "elastic_largest": table[:, 1].max(),
-    }
+        rows.append(fit_soft(robot, arm, log, side, mode, label))
+    return {"arm": name, "case": "soft", "arms": len(rows), **count_soft(rows)}
+
+
+def measure_stiff(name: str, count: int, seed: int) -> dict[str, Any]:
+    """Return how often an arm with stiff joints is taken for one with elastic joints, which costs what.
+
+    Coulomb friction changes its sign over 1 and 20 mrad/s, in turn, and every other pair of arms has torque
+    ripple and Stribeck friction that the fit has no column for.
+    """
+    robot, rows = armgpi.Robot.load(name, lock=fingers(name)), []
+    reference = excite(robot, 20.0, FIRST_SHARE, 1, **FREE).reference
+    for i in range(count):
+        arm, width, ripple = truth(robot, seed + i), FRICTION_WIDTHS[i % 2], bool(i // 2 % 2)
+        (log,) = record(robot, [arm], reference, 20.0, unmodelled=ripple, stick=width)
+        label = f"| {name} | {'ripple, Stribeck' if ripple else ''} | {1e3 * width:g} | stiff |"
+        rows.append(fit_soft(robot, arm, log, SIDES[i // 4 % 2], math.inf, label))
+    return {"arm": name, "case": "stiff", "arms": len(rows), **count_soft(rows)}
+
+
+def fit_soft(robot: armgpi.Robot, arm: armgpi.Robot, log: Log, side: str, mode: float, label: str) -> SoftRow:
+    """Fit a log by stiff joints, with the side of the encoders known and unknown; print a row."""
+    told = robot.with_drives(robot.drives.with_value("encoder_side", side))
+    rigid = told.with_drives(told.drives.with_value("stiffness", RIGID))
+    all_three = [identify(log, each, check_first=False) for each in (rigid, told, robot)]
+    true = mean_inertia(arm)
+    off = tuple(float(np.abs(mean_inertia(each.robot) / true - 1.0).max()) for each in all_three)
+    modes = [
+        each.twist and f"{each.twist.mode(robot.middle()):.3g} {each.twist.side}" for each in all_three[1:]
+    ]
+    shown = " | ".join(f"{100.0 * each:.2g}" for each in off)
+    print(f"{label} {' | '.join(each or '' for each in modes)} | {shown} |", flush=True)
+    return SoftRow(mode, off, tuple(each.twist is not None for each in all_three[1:]))
+
+
+def count_soft(rows: list[SoftRow]) -> dict[str, Any]:
+    """Return, for the bands of first modes, how many logs were fitted by elastic joints, and the errors."""
+    found: dict[str, Any] = {}
+    for low, high in itertools.pairwise((0.0, *BANDS, math.inf)):
+        own = [row for row in rows if low <= row.mode < high or row.mode == high == math.inf]
+        if not own:
+            continue
+        band = f"{low:g}_to_{high:g}_Hz"
+        off = np.array([row.off for row in own])
+        counts = np.array([row.elastic for row in own]).sum(axis=0)
+        found[f"{band}_elastic"] = f"{counts[0]}+{counts[1]}/{len(own)}"
+        found[f"{band}_median"] = ",".join(f"{100.0 * each:.3g}" for each in np.median(off, axis=0))
+        found[f"{band}_largest"] = ",".join(f"{100.0 * each:.3g}" for each in off.max(axis=0))
+        worse = (off[:, 1:] > WORSE * off[:, :1]).sum(axis=0)
+        found[f"{band}_worse_than_stiff"] = f"{worse[0]}+{worse[1]}"
+    return found
 
 
 def elastic_plant(
@@ -420,7 +478,8 @@ def elastic_plant(
     seed: int,
     name: str,
     bin_of: tuple[int, int],
-    most: float = 10.0,
+    most: float,
+    stick: float = STICK_VELOCITY,
 ) -> tuple[Any, float]:
     """Return an elastic arm and its first mode of 3 Hz to `most`, drawn from one bin of several.
 
@@ -432,13 +491,16 @@ def elastic_plant(
         name: of the arm, for the draw.
         bin_of: which bin of how many, in equal ratios.
         most: largest first mode [Hz].
+        stick: speed below which Coulomb friction is smoothed [rad/s or m/s].
     """
     rng = np.random.default_rng([seed, *name.encode()])
     mode = float(3.0 * (most / 3.0) ** ((bin_of[0] + rng.uniform()) / bin_of[1]))
     links = arm.mass_matrix(arm.middle()) - np.diag(arm.armature)
     stiffness = arm.armature * np.exp(rng.uniform(-0.5, 0.5, arm.n))
     stiffness *= (mode / lowest_mode(links, arm.armature, stiffness)) ** 2
-    plant: Any = armgpi.ElasticPlant(arm, gear_stiffness=stiffness, friction=arm.friction, encoder_side=side)
+    plant: Any = armgpi.ElasticPlant(
+        arm, gear_stiffness=stiffness, friction=arm.friction, encoder_side=side, stick_velocity=stick
+    )
     plant = TorqueNoise(plant, std=0.005 * scales(robot).effort, seed=seed)
     plant = armgpi.Delayed(armgpi.Encoder(armgpi.Saturated(plant, robot.limits.effort), 16), 1)
     return plant, mode
@@ -529,6 +591,7 @@ OWN = {
     "first": measure_first,
     "resonance": measure_resonance,
     "soft": measure_soft,
+    "stiff": measure_stiff,
     "written": measure_written,
 }
 

@@ -8,7 +8,8 @@ folder.
     python tools/panda_log.py FrankaEmikaPandaDynModel
 
 The sensors are behind the gears, so there are no rotors in the log. `--control MOVES` runs random moves under
-`gpi_auto` on the identified bodies with rotors drawn within the interval of those that are assumed.
+the controller made from the identified folder, on the identified bodies with rotors drawn within the interval
+of those that are assumed; see tools/identified_control.py.
 """
 
 from __future__ import annotations
@@ -19,14 +20,13 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+from identified_control import control
 from scipy import signal
 
 import armgpi
 from armgpi.base.arrays import Array
-from armgpi.health.reality import has_failed
-from armgpi.identification.arm import Identified, identify
+from armgpi.identification.arm import identify
 from armgpi.identification.logs import Log
-from armgpi.robot.rotors import assume_rotors
 
 #: Where the log is in the clone, its joints, and the joints of the file that are no arm's.
 PLACE, JOINTS = "matlab/data/Exciting_Traj/Trajectory_1/rbt_log/exciting_traj_{}.txt", 7
@@ -34,8 +34,6 @@ FINGERS = ["panda_finger_joint1", "panda_finger_joint2"]
 #: Of plain least squares: cutoff of the filter [Hz], samples left out at both ends, every which one is taken,
 #: and width of the sign of velocity [rad/s].
 CUTOFF, EDGE, THIN, SIGN_WIDTH = 5.0, 200, 20, 0.01
-#: Sample time of the law [s], bits of the encoders at the joint, seed of moves and rotors.
-DT, BITS, SEED = 1e-3, 20, 1
 
 
 def read(folder: Path) -> Log:
@@ -49,32 +47,6 @@ def part(log: Log, begin: float, end: float) -> Log:
     """Return the samples between two times."""
     own = (log.t >= begin) & (log.t < end)
     return Log(log.t[own] - begin, log.q[own], log.tau[own], log.source)
-
-
-def control(found: Identified, moves: int) -> None:
-    """Print what controllers from the log make of moves of arms with its bodies and rotors as they may be."""
-    rng, robot = np.random.default_rng(SEED), found.robot
-    low, high = assume_rotors(found.file).drives.interval("rotor_inertia")
-    drawn = np.exp(rng.uniform(np.log(low), np.log(high), (moves, robot.n)))
-    arms = [robot.with_armature(each) for each in drawn]
-    ends = rng.uniform(-0.5, 0.5, (moves, 2, robot.n)) + robot.middle()
-    paths = [armgpi.Bezier(*each, duration=3.0) for each in ends]
-    free = robot.with_armature(np.zeros(robot.n))
-    laws = {"as identified": robot, "rotors of the fit without the sensors": free}
-    itae: dict[str, Array] = {}
-    for label, model in laws.items():
-        law = armgpi.GPI.auto(model, DT, delay=DT, bits=BITS, drives="stiff" if model is robot else "none")
-        failed, area = 0, []
-        for arm, path in zip(arms, paths, strict=True):
-            plant = armgpi.RigidBodyPlant(arm, friction="urdf")
-            real = armgpi.Delayed(armgpi.Encoder(armgpi.Saturated(plant, arm.limits.effort), BITS), 1)
-            run = armgpi.simulate(real, law, path, 4.0, progress=False)
-            error = np.abs(run["q"].values - run["q_ref"].values)
-            error[~np.isfinite(error)] = np.inf
-            failed += has_failed(error, run["time"].values)
-            area.append(float((error * run["time"].values[:, None]).sum()) * DT)
-        itae[label] = np.array(area)
-        print(f"{label}: {failed} of {moves} failed, ITAE {np.median(itae[label]):.3g} rad s² (median)")
 
 
 def least_squares(robot: armgpi.Robot, fitted: Log, judged: Log) -> tuple[Array, int]:
@@ -127,6 +99,7 @@ def main() -> None:
     parser.add_argument("--fitted", type=float, default=12.0, help="seconds that are fitted; the rest judges")
     parser.add_argument("--torque", choices=("motor", "joint", "commanded"), help="by default recognised")
     parser.add_argument("--control", type=int, default=0, metavar="MOVES", help="moves that are run")
+    parser.add_argument("--elastic", action="store_true", help="these arms have elastic joints")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     robot, log = armgpi.Robot.load("panda", lock=FINGERS), read(given.folder)
@@ -144,7 +117,7 @@ def main() -> None:
         cells = " | ".join(f"{100.0 * x:.2g}" for x in shares)
         print(f"| {label} | {cells} | median {100.0 * float(np.median(shares)):.2g} |")
     if given.control:
-        control(found, given.control)
+        control(found, given.control, elastic=given.elastic)
 
 
 if __name__ == "__main__":

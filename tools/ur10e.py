@@ -13,6 +13,9 @@ and by those that the known load of the other pair gives.
 
 ``--control MOVES`` runs random moves under `gpi_auto` laws on the arm that the whole log gives: laws for the
 file without rotors, for the rotors of the rule, for the first 20 s, and for that arm itself.
+
+``--drawn MOVES`` runs the controller made from the identified folder on arms whose rotors are drawn within
+their interval; see tools/identified_control.py.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
+import identified_control
 import numpy as np
 
 import armgpi
@@ -142,6 +146,8 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="the clone")
     parser.add_argument("--seconds", type=float, nargs="+", default=[5.0, 10.0, 20.0, 30.0, 50.0])
     parser.add_argument("--control", type=int, default=0, metavar="MOVES", help="random moves that are run")
+    parser.add_argument("--drawn", type=int, default=0, metavar="MOVES", help="moves of arms that are drawn")
+    parser.add_argument("--elastic", action="store_true", help="and these have elastic joints")
     parser.add_argument("--drives", default="stiff", help="what laws believe: stiff gears, or 'elastic'")
     parser.add_argument(
         "--load", action="store_true", help="identify the known load of two pairs of logs alone"
@@ -174,6 +180,8 @@ def main() -> None:
     print(f"width of the sign of friction [rad/s]: {last.width.tolist()}")
     if given.control:
         control(robot, fit(PART).robot, last.robot, given.control, given.drives)
+    if given.drawn:
+        identified_control.control(last, given.drawn, dt=DT, elastic=given.elastic)
 
 
 if __name__ == "__main__":

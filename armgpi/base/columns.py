@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -50,8 +51,20 @@ def read_table(path: Path, most: int) -> Table:
             raise ValueError(f"it has {len(head)} columns, more than {_MOST_COLUMNS}")
         with warnings.catch_warnings():  # of no rows, which who asks says
             warnings.simplefilter("ignore", UserWarning)
-            values = np.loadtxt(_same_width(lines, len(head)), delimiter=",", ndmin=2, quotechar='"')
+            try:
+                values = np.loadtxt(_same_width(lines, len(head)), delimiter=",", ndmin=2, quotechar='"')
+            except ValueError as error:
+                raise ValueError(_in_words(str(error))) from None
     return Table(head, values if values.size else values.reshape(0, len(head)))
+
+
+def _in_words(error: str) -> str:
+    """Return what NumPy says of a table, without the remedy that only who calls NumPy has."""
+    changed = re.match(r"the number of columns changed from (\d+) to (\d+) at row (\d+)", error)
+    if changed is None:
+        return error
+    usual, here, row = changed.groups()
+    return f"its row {row} of numbers has {here} columns, where those above have {usual}; cut it there"
 
 
 def _lines(text: io.TextIOBase) -> Iterator[str]:

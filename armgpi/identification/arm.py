@@ -530,9 +530,23 @@ class Identified:
         learned, expected = float(self._fit.learned[place]), float(self._prior.mean[place])
         if quantity == "lag":
             expected = 0.0
-        if quantity == "rotor" and self.hidden[self.file.joint_names.index(joint)]:
-            ends = (value / SCATTER, value * SCATTER)
+        if quantity == "rotor":
+            ends = self._rotor_ends(joint, value, expected, ends)
         return Estimate(joint, quantity, value, *ends, learned, expected)
+
+    def _rotor_ends(
+        self, joint: str, value: float, expected: float, ends: tuple[float, float]
+    ) -> tuple[float, float]:
+        """Return the interval of a rotor: where the log leaves it open, not below what a motor has.
+
+        A rotor that cannot be told from its link has an interval down to zero, and a controller for that is
+        for an arm that is not there. One that came out light keeps its interval: that is a finding.
+        """
+        if self.hidden[self.file.joint_names.index(joint)]:
+            return value / SCATTER, value * SCATTER
+        least = LIGHT * expected
+        lower, upper = ends
+        return (max(lower, least), upper) if value > least else ends
 
     def _stiffness(self, joint: str, place: int) -> Estimate:
         """Return the stiffness of a joint, 1 / compliance; endless where the log does not bound it."""
@@ -752,7 +766,8 @@ class _Data:
             grid = resample(log)
             form = WeakForm(self.model, grid)
             if not len(form.starts):
-                raise UnfitLog([f"no second of it is without a gap: log longer ({log.source})"])
+                length = f"{log.t[-1] - log.t[0]:.2g} s long"
+                raise UnfitLog([f"is {length}, without a second that has no gap: log longer ({log.source})"])
             other.grids.append(grid)
             other.rigid.append(form)
             # The phase of each test function in the period of the motion, if it has one; else its number.

@@ -35,6 +35,17 @@ _TURNS = 2
 _EXPLAINED, _BETTER = 0.5, 0.25
 #: Share of samples at the limit of torque beyond which it is clipped; torque over its limit that cannot be.
 _CLIPPED, _TOO_MUCH = 0.05, 2.0
+#: Share of samples of one torque from which it is no measurement.
+_CONSTANT = 0.99
+#: Torque over its limit that is above it: limits of files are rounded.
+_ABOVE = 1.01
+#: Sample time from which times are likely ms [s].
+_NO_RATE = 0.5
+#: A position stays at one value if for so long [s]; it came there at speed if with so much of its usual one
+#: over so long before [s]; share of the log from which that is a sensor that saturates.
+_STAYS, _AT_SPEED, _BEFORE, _SATURATED = 0.05, 0.3, 0.02, 0.01
+#: Different values of a torque from which its resolution is fine.
+_MANY = 200
 #: By how much positions may be outside their limits [rad or m], and how far beyond them they are degrees.
 _OUTSIDE, _DEGREES = 0.05, 3.0
 #: Share of the weight that the torques have to carry, where weight is so much of the expected torque.
@@ -181,9 +192,14 @@ def _of_samples(robot: Robot, grid: Grid) -> Iterator[Finding]:
     """Find what the samples alone show."""
     length = len(grid.q) * grid.dt
     if grid.dt > _SLOWEST:
-        yield Finding("error", "", f"sampled at {1.0 / grid.dt:.3g} Hz, expected at least 40 Hz: log faster")
+        said = f"sampled at {1.0 / grid.dt:.3g} Hz, expected at least 40 Hz: log faster"
+        if grid.dt > _NO_RATE:
+            said += "; or are its times in ms? Then call the column 'time [ms]'"
+        yield Finding("error", "", said)
     if length < _SHORTEST:
         yield Finding("error", "", f"is {length:.2g} s long, expected at least {_SHORTEST:g} s: log longer")
+    if grid.bad.any():
+        yield Finding("warning", "", _describe_gaps(grid))
     lower, upper, _, effort = robot.limits
     for j, name in enumerate(robot.joint_names):
         q = grid.q[:, j]
@@ -194,12 +210,27 @@ def _of_samples(robot: Robot, grid: Grid) -> Iterator[Finding]:
         elif beyond > _OUTSIDE:
             yield Finding("warning", name, f"is {beyond:.3g} outside its limits: is it the same zero?")
         yield from _of_effort(name, np.abs(grid.tau[:, j]), float(effort[j]))
+        yield from _of_range(name, q, grid.dt)
+        yield from _of_sensor(name, grid.tau[:, j], float(effort[j]))
+
+
+def _describe_gaps(grid: Grid) -> str:
+    """Return where samples are missing, and what becomes of these parts."""
+    edges = np.diff(np.concatenate([[0], grid.bad.astype(int), [0]]))
+    begins, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
+    lengths, longest = grid.dt * (ends - begins), int(np.argmax(ends - begins))
+    gaps = "1 gap" if len(begins) == 1 else f"{len(begins)} gaps"
+    return (
+        f"samples are missing in {gaps}, {lengths.sum():.2g} s in all, the longest {lengths[longest]:.2g} s "
+        f"at {grid.dt * begins[longest]:.3g} s: what is around them is left out; log without losses"
+    )
 
 
 def _of_effort(name: str, sizes: Array, effort: float) -> Iterator[Finding]:
     """Find torques above a joint's limit, clipped ones and none, from their sizes."""
     clipped = float(np.mean(sizes >= 0.999 * effort)) if np.isfinite(effort) else 0.0
-    largest = sizes.max()
+    largest = float(sizes.max())
+    above = float(np.mean(sizes > _ABOVE * effort))
     if largest == 0.0:
         yield Finding("error", name, "its torque is zero throughout: log commanded torques")
         return
@@ -207,9 +238,49 @@ def _of_effort(name: str, sizes: Array, effort: float) -> Iterator[Finding]:
     if largest > _TOO_MUCH * effort:
         said = f"its torque is {largest:.3g}, and its limit {effort:.3g}: in N m or N, at the joint?"
         yield Finding("error", name, said)
+    elif above > _CLIPPED:
+        said = f"its torque is above its limit of {effort:.3g} in {100.0 * above:.2g} % of the log, at most "
+        said += f"{largest:.3g}: is it this robot, with torques in N m or N at the joint?"
+        yield Finding("error", name, said)
+    elif share > _CONSTANT:
+        yield Finding("error", name, f"its torque is {largest:.3g} throughout: is it the right column?")
     elif share > _CLIPPED:
         said = f"its torque is clipped at {largest:.3g} in {100.0 * share:.2g} % of the log: move slower"
         yield Finding("error", name, said)
+
+
+def _of_sensor(name: str, tau: Array, effort: float) -> Iterator[Finding]:
+    """Find a torque that ends at one value below its limit, as a saturated sensor's does."""
+    if len(np.unique(tau)) < _MANY:  # of a coarse sensor, or a constant
+        return
+    for end in (float(tau.min()), float(tau.max())):
+        share = float(np.mean(tau == end))
+        if share > _SATURATED and abs(end) < effort / _ABOVE and share < _CONSTANT:
+            said = (
+                f"its torque stays at exactly {end:.3g} in {100.0 * share:.2g} % of the log, below its limit "
+            )
+            said += f"of {effort:.3g}: its sensor saturates; move slower"
+            yield Finding("error", name, said)
+
+
+def _of_range(name: str, q: Array, dt: float) -> Iterator[Finding]:
+    """Find a position that stops at its largest or smallest value at speed, as a saturated sensor's does.
+
+    A joint that comes to rest there brakes before.
+    """
+    usual, back = float(np.sqrt(np.mean(np.gradient(q, dt) ** 2))), max(1, round(_BEFORE / dt))
+    for end in (q.min(), q.max()):
+        edges = np.diff(np.concatenate([[0], (q == end).astype(int), [0]]))
+        begins, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
+        long = (ends - begins) * dt > _STAYS
+        begins, lengths = begins[long & (begins >= back)], (ends - begins)[long & (begins >= back)]
+        fast = np.abs(q[begins] - q[begins - back]) > _AT_SPEED * usual * back * dt
+        if fast.any() and lengths[fast].sum() > _SATURATED * len(q):
+            said = f"its position stops at {end:.3g} at speed and stays there in "
+            said += (
+                f"{100.0 * lengths[fast].sum() / len(q):.2g} % of the log: its sensor saturates; move it less"
+            )
+            yield Finding("error", name, said)
 
 
 def _of_motion(robot: Robot, form: WeakForm) -> Iterator[Finding]:
@@ -304,7 +375,8 @@ def _of_scale(name: str, terms: Array, torque: Array, most: float, gravity: bool
             "error",
             name,
             "its torque does not carry the weight that the file has: where the arm adds that itself, say so "
-            "(--no-gravity, gravity=False); else is it this robot, with the same zero?",
+            "(--no-gravity, gravity=False); else is it this robot, with its joints in this order, and the "
+            "same zero?",
         )
 
 

@@ -138,8 +138,12 @@ def read_log(log: Any, robot: Robot, rollout: int = 0, columns: Mapping[str, str
     if not isinstance(log, Log):
         raise ParameterError("log", log, "a Log, a rollout or the path of a CSV, NetCDF or MCAP file")
     t, q, tau = (as_sized_array(getattr(log, name), f"{log.source}: {name}") for name in ("t", "q", "tau"))
-    if t.ndim != 1 or len(t) < _FEWEST or not (np.diff(t) > 0.0).all():
+    if t.ndim != 1 or len(t) < _FEWEST:
         raise ArrayError(f"{log.source}: t", f"expected at least {_FEWEST} increasing times [s]")
+    if (back := np.flatnonzero(np.diff(t) <= 0.0)).size:
+        first = int(back[0])
+        said = f"increasing times [s], got {t[first + 1]:.6g} after {t[first]:.6g} (sample {first + 2})"
+        raise ArrayError(f"{log.source}: t", f"expected {said}: cut the log there, or sort its rows")
     for name, array in (("q", q), ("tau", tau)):
         if array.shape != (len(t), robot.n):
             raise ArrayError(
@@ -234,6 +238,10 @@ def _read_table(path: Path) -> tuple[list[str], Array]:
         binary = isinstance(error, UnicodeDecodeError)
         said = "it is binary" if binary else " ".join(str(error).split())[:200].rstrip(".")
         raise UnreadableTrajectory(path, f"is no CSV file of numbers under names: {said}") from None
+    if head and all(_is_number(name) for name in head):
+        raise UnreadableTrajectory(
+            path, "has numbers in its first line, expected names: time, q_JOINT and tau_JOINT of each joint"
+        )
     if not len(table):
         raise UnreadableTrajectory(path, "has no rows: expected names, and numbers below them")
     if table.shape[1:] != (len(head),):
@@ -241,9 +249,18 @@ def _read_table(path: Path) -> tuple[list[str], Array]:
     if (row := np.argwhere(~np.isfinite(table))).size:
         line, column = int(row[0][0]), int(row[0][1])
         raise UnreadableTrajectory(
-            path, f"line {line + 2}: {head[column]} is no finite number; cut the log there"
+            path, f"line {line + 2}: {head[column]} is no finite number; leave such rows out"
         )
     return head, table
+
+
+def _is_number(text: str) -> bool:
+    """Tell whether a text is a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _columns(

@@ -234,9 +234,12 @@ def say_load(load: Load) -> str:
 
 
 def say_law(found: Identified) -> list[str]:
-    """Return how fast the automatic controller is by what is known now, and its margins."""
+    """Return how fast the automatic controller is by what is known now, and its margins.
+
+    The loop has a delay of one sample at least, as that of `armgpi run` has.
+    """
     dt = min(found.dt, _SLOWEST)
-    delay = round(found.late / dt) * dt
+    delay = max(round(found.late / dt), 1) * dt
     try:
         robot = assume_gears(found.robot)
         law = GPI.auto(robot, dt, delay=delay, bits=BITS)

@@ -9,6 +9,7 @@ from contextlib import suppress
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
+from xml.etree.ElementTree import tostring
 from xml.parsers import expat
 
 import numpy as np
@@ -26,7 +27,7 @@ from armgpi.identification.text import say_causes, say_notes, say_residuals, tab
 from armgpi.identification.weak_form import COLUMNS, ROTOR
 from armgpi.robot import markup
 from armgpi.robot.assembly import Assembly, inertia_of, join
-from armgpi.robot.identified import FORMAT, NAME
+from armgpi.robot.identified import FORMAT, NAME, original_of
 from armgpi.robot.robot import Robot
 from armgpi.robot.robots import find_identified
 from armgpi.viewing import page
@@ -94,6 +95,8 @@ def write_identified(
     # What else it takes to load the URDF again.
     provenance = found.robot.provenance
     repairs = [each["name"] for each in provenance.get("repairs", ())]
+    if (meshes := _beside_meshes(found.robot)) is not None:
+        arm_data["meshes"] = meshes
     data["arm"] = arm_data | {"lock": provenance["locked"], "repair": [*dict.fromkeys(repairs)]}
     contents: Mapping[str, str | bytes] = {
         **dict(arm.values()),
@@ -108,7 +111,7 @@ def edit_urdf(robot: Robot) -> Edited:
 
     A body is a link and what is fixed to it. What is fixed keeps its own inertia, and the link gets the rest;
     where that rest is impossible, what is fixed loses its own. A robot that came from something else than a
-    URDF file is written as it was loaded, without shapes.
+    URDF file is written as it was loaded, with its limits and without shapes.
 
     Raises:
         UrdfError: when the file has changed since it was loaded.
@@ -137,11 +140,36 @@ def _source(robot: Robot) -> bytes:
     provenance = robot.provenance
     path = Path(str(provenance["source"]))
     if path.suffix.lower() != ".urdf" or not path.is_file():
-        return _assembly(robot).urdf().encode()
+        return _written(robot)
     content = files.read_bytes(path, markup.MAX_BYTES)
     if hashlib.sha256(content.decode("utf-8-sig").encode()).hexdigest() != provenance["sha256"]:
         raise UrdfError(path, "has changed since it was loaded: load it and identify again")
     return content
+
+
+def _written(robot: Robot) -> bytes:
+    """Return the URDF of a robot that came from something else than a URDF file, with its limits."""
+    root, ends = _assembly(robot).element(), ("lower", "upper", "effort", "velocity")
+    of_joint = dict(
+        zip(robot.joint_names, zip(*(getattr(robot.limits, end) for end in ends), strict=True), strict=True)
+    )
+    for joint in root.iterfind("joint"):
+        limit, values = joint.find("limit"), of_joint.get(joint.get("name", ""))
+        if limit is None or values is None:
+            continue
+        for end, value in zip(ends, values, strict=True):
+            if np.isfinite(value):
+                limit.set(end, repr(float(value)))
+    return bytes(tostring(root))
+
+
+def _beside_meshes(robot: Robot) -> dict[str, str] | None:
+    """Return the URDF file beside which the meshes of a robot are, as :func:`original_of` reads it."""
+    source = Path(str(robot.provenance["source"]))
+    if source.suffix.lower() != ".urdf" or not source.is_file():
+        return None
+    path = original_of(source) or source
+    return {"beside": str(path.resolve()), "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
 
 
 def _bodies(robot: Robot) -> list[tuple[int, str, dict[str, tuple[pin.SE3, pin.Inertia]]]]:

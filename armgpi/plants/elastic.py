@@ -86,6 +86,7 @@ class ElasticPlant(Arm):
         torque_ripple: amplitude of the torque's ripple over the torque [-], likewise.
         cogging: amplitude of a ripple that there is without torque [N m or N], likewise.
         ripple_period: way of the joint in a period of both [rad or m], likewise.
+        stick_velocity: speed below which Coulomb friction is smoothed [rad/s or m/s].
     """
 
     config_name: ClassVar[str | None] = "elastic"
@@ -144,6 +145,15 @@ class ElasticPlant(Arm):
         least=0.0,
         above=True,
         per_joint=True,
+    )
+    stick_velocity: float = parameter(
+        "speed below which Coulomb friction is smoothed",
+        unit="rad/s or m/s",
+        default=STICK_VELOCITY,
+        least=0.0,
+        above=True,
+        in_file=False,
+        structural=True,
     )
 
     def __post_init__(self) -> None:
@@ -307,7 +317,7 @@ class ElasticPlant(Arm):
         tied = h * (0.5 * h * self.gear_stiffness + self.gear_damping)
         v_free = np.concatenate([free.v, free.omega], axis=-1)
         viscous, coulomb = self._friction_of_both
-        left = self._brake(v_free, viscous, coulomb, h, STICK_VELOCITY, inertia, rotor, tied)
+        left = self._brake(v_free, viscous, coulomb, h, self.stick_velocity, inertia, rotor, tied)
         change = left - v_free
         dv, domega = change[..., :n], change[..., n:]
         half = 0.5 * h

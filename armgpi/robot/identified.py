@@ -85,6 +85,27 @@ def read(path: Path) -> Identification:
     return Identification(path, urdf, before, drives, lock, repair, data)
 
 
+def original_of(urdf: Path) -> Path | None:
+    """Return the URDF beside which the meshes of an identified one are; None where that is not known.
+
+    A folder of an identified arm has no meshes. It names the file that the arm was loaded from, which counts
+    as long as its content is the same.
+
+    Args:
+        urdf: a URDF, of such a folder or not.
+    """
+    try:
+        data = read_data(urdf.with_name(NAME))
+        arm = data["arm"]
+        given = arm["meshes"]
+        file = Path(given["beside"])
+        same = hashlib.sha256(files.read_bytes(file, _MAX_BYTES)).hexdigest() == given["sha256"]
+        own = arm["urdf"]["file"] == urdf.name or arm["before"]["file"] == urdf.name
+    except (OSError, ValueError, KeyError, TypeError, UrdfError):
+        return None
+    return file if same and own and file.suffix.lower() == ".urdf" else None
+
+
 def _beside(path: Path, arm: Mapping[str, Any], key: str) -> Path:
     """Return a file that was written beside, which has to be that one still."""
     given = arm.get(key)

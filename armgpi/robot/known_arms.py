@@ -76,6 +76,26 @@ class Geometry(NamedTuple):
     offsets: tuple[float | None, ...]
 
 
+class Loop(NamedTuple):
+    """How often an arm's interface exchanges positions and commands, and how late it lets them be.
+
+    Attributes:
+        rate: samples a second [Hz]: lowest and highest that is published.
+        late: what is published of late samples, in words; empty where nothing was found.
+        source: where that was published.
+    """
+
+    rate: tuple[float, float]
+    late: str
+    source: Source
+
+    def describe(self) -> str:
+        """Return it in words."""
+        low, high = self.rate
+        rate = f"{low:g} Hz" if low == high else f"{low:g} to {high:g} Hz"
+        return f"{rate}; {self.late}" if self.late else rate
+
+
 class KnownArm(NamedTuple):
     """A product, and what is published of its drives.
 
@@ -85,8 +105,8 @@ class KnownArm(NamedTuple):
         words: of which one has to be in the name of the robot or of its first joint, as whole words, "so_100"
             as two in a row; none where the geometry is that of this product alone.
         published: of its drives.
-        interface: what its interface says of positions, their rate and lateness; empty where nothing was
-            found.
+        interface: what its interface says of positions; empty where nothing was found.
+        loop: rate of its interface; None where nothing was found.
         arm_joints: how many joints are the arm's, where the geometry has those of a gripper, too.
         others: beginnings of words by which other products of this geometry are called; none of them may be
             in these names.
@@ -97,6 +117,7 @@ class KnownArm(NamedTuple):
     words: tuple[str, ...] = ()
     published: tuple[Published, ...] = ()
     interface: str = ""
+    loop: Loop | None = None
     arm_joints: int | None = None
     others: tuple[str, ...] = ()
 
@@ -148,6 +169,52 @@ _G1 = Source(
     "Apache-2.0",
 )
 
+_TX40 = Source(
+    "identified by the makers of FIGAROH, configuration of its example staubli_TX40",
+    "https://github.com/thanhndv212/figaroh-examples/blob/main/examples/staubli_TX40/config/TX40_config.yaml",
+    "Apache-2.0",
+)
+_FCI_LOOP = Loop(
+    (1000.0, 1000.0),
+    "20 late packets in a row stop the robot",
+    Source(
+        "libfranka; of late packets Polymetis",
+        "https://facebookresearch.github.io/fairo/polymetis/troubleshooting.html",
+        "libfranka Apache-2.0, Polymetis MIT",
+    ),
+)
+_FRI_LOOP = Loop(
+    (200.0, 1000.0),
+    "torques at least every 5 ms",
+    Source(
+        "FRI application of iiwa_ros, after KUKA's example",
+        "https://github.com/epfl-lasa/iiwa_ros/blob/master/iiwa_driver/java/FRIOverlay.java",
+        "not stated",
+    ),
+)
+_UR_RATES = "https://github.com/UniversalRobots/Universal_Robots_ROS2_Driver/tree/main/ur_robot_driver/config"
+_UR_DRIVER = Source("rates of Universal Robots' ROS 2 driver", _UR_RATES, "BSD-3-Clause")
+#: Rates of UR's CB3 controllers and of its e-Series.
+_UR_CB3, _UR_E = (Loop((rate, rate), "", _UR_DRIVER) for rate in (125.0, 500.0))
+_SO_LOOP = Loop(
+    (100.0, 100.0),
+    "",
+    Source(
+        "NVIDIA's example so101_sinus_motion reads joints at that rate",
+        "https://docs.nvidia.com/isaac-os/reference/applications/so101-sinus-motion",
+        "all rights reserved",
+    ),
+)
+_Z1_LOOP = Loop(
+    (500.0, 500.0),
+    "",
+    Source(
+        "z1_sdk: default dt of ctrlComponents.h",
+        "https://github.com/unitreerobotics/z1_sdk/blob/master/include/unitree_arm_sdk/control/ctrlComponents.h",
+        "not stated",
+    ),
+)
+
 #: What was looked for of every arm.
 _LOOKED_FOR = (
     "rotor_inertia",
@@ -194,13 +261,17 @@ _UR_WORDS = (
     "each joint has an encoder at the motor and one at the link (Madsen et al. 2020, "
     "doi.org/10.1155/2020/8709870); which of them RTDE's actual_q is, was not found published"
 )
-_FCI = "libfranka gives q, the joint position, and theta, the motor position, at 1 kHz (robot_state.h)"
+_FCI = "libfranka gives q, the joint position, and theta, the motor position (robot_state.h)"
 
 
 def _ur(name: str, upper_arm: float, forearm: float, wrist: float, words: tuple[str, ...] = ()) -> KnownArm:
-    """Return an arm of Universal Robots, of lengths [m], called by a word where others share these."""
+    """Return an arm of Universal Robots, of lengths [m], called by a word where others share these.
+
+    Names of e-Series arms end in "e".
+    """
+    loop = _UR_E if name.endswith("e") else _UR_CB3
     geometry = Geometry((0.0, upper_arm, forearm, 0.0, 0.0), _UR_ANGLES, (None, None, None, wrist))
-    return KnownArm(name, geometry, words, interface=_UR_WORDS)
+    return KnownArm(name, geometry, words, interface=_UR_WORDS, loop=loop)
 
 
 def _servos(ratios: tuple[float, ...], ratio_source: Source, encoder: Source) -> tuple[Published, ...]:
@@ -238,14 +309,16 @@ KNOWN_ARMS: tuple[KnownArm, ...] = (
             ),
         ),
         _FCI,
+        _FCI_LOOP,
         others=("fr3v", "v2", "duo"),
     ),
-    KnownArm("Franka Panda (FER)", _FRANKA, ("panda", "fer"), (), _FCI),
+    KnownArm("Franka Panda (FER)", _FRANKA, ("panda", "fer"), (), _FCI, _FCI_LOOP),
     KnownArm(
         "SO-100 follower",
         Geometry((0.0306, 0.116, 0.135, 0.0, 0.0202), _SO_ARM, (None, None, None, 0.0845)),
         ("so100", "so_100", "so-100", "so_arm100"),
         _SO_SERVOS,
+        loop=_SO_LOOP,
         arm_joints=5,
         others=("leader",),  # of other gears
     ),
@@ -254,6 +327,7 @@ KNOWN_ARMS: tuple[KnownArm, ...] = (
         Geometry((0.0304, 0.116, 0.135, 0.0, 0.0202), _SO_ARM, (None, None, None, 0.0845)),
         ("so101", "so_101", "so-101"),
         _SO_SERVOS,
+        loop=_SO_LOOP,
         arm_joints=5,
         others=("leader",),  # of other gears
     ),
@@ -263,6 +337,7 @@ KNOWN_ARMS: tuple[KnownArm, ...] = (
         ("iiwa", "iiwa7"),
         (Published("encoder_side", ("motor",), (1.0, 1.0), _IIWA),),
         "the Fast Robot Interface gives the measured positions of the motors",
+        _FRI_LOOP,
     ),
     KnownArm(
         "KUKA LBR iiwa 14",
@@ -270,6 +345,7 @@ KNOWN_ARMS: tuple[KnownArm, ...] = (
         ("iiwa", "iiwa14"),
         (Published("encoder_side", ("motor",), (1.0, 1.0), _IIWA),),
         "the Fast Robot Interface gives the measured positions of the motors",
+        _FRI_LOOP,
     ),
     KnownArm(
         "Puma 560",
@@ -282,6 +358,24 @@ KNOWN_ARMS: tuple[KnownArm, ...] = (
         Geometry((0.0, 0.4323, 0.0, 0.0, 0.0), _PUMA_ANGLES, (None, None, 0.4331, 0.0)),
         ("puma", "puma560"),
         _PUMA_DRIVES,
+    ),
+    KnownArm(
+        "Staubli TX40",
+        Geometry((0.0, 0.225, 0.0, 0.0, 0.0), _PUMA_ANGLES, (None, None, 0.225, 0.0)),
+        ("tx40", "tx_40"),
+        (
+            Published("rotor_inertia", (0.362, 0.362, 0.0988, 0.0313, 0.0468, 0.0105), (0.7, 1.4), _TX40),
+            Published("gear_ratio", (32.0, 32.0, 45.0, 48.0, 45.0, 32.0), (1.0, 1.0), _TX40),
+            Published("viscous", (8.05, 5.53, 1.97, 1.11, 1.86, 0.65), (0.7, 1.4), _TX40),
+            Published("coulomb", (7.14, 8.26, 6.34, 2.48, 3.03, 0.282), (0.7, 1.4), _TX40),
+        ),
+        "motor 6 turns with joint 5 as well",
+    ),
+    KnownArm(
+        "Unitree Z1",
+        Geometry((0.0, 0.35, 0.2253, 0.07, 0.0), _UR_ANGLES, (None, None, None, 0.0)),
+        ("z1",),
+        loop=_Z1_LOOP,
     ),
     KnownArm(
         "Schunk LWA 4P",
@@ -522,6 +616,8 @@ def describe_arm(robot: Any) -> str:
         said.append(f"not found published: {', '.join(missing)}")
     if known.interface:
         said.append(known.interface)
+    if known.loop is not None:
+        said.append(f"control rate {known.loop.describe()} ({known.loop.source.text})")
     joints = robot.joint_names[: _joints(known)]
     sides = dict(zip(robot.joint_names, robot.drives.sources("encoder_side"), strict=True))
     open_ = [joint for joint in joints if not sides[joint]]
@@ -557,11 +653,14 @@ def table() -> str:
         if known.others:
             how += f", and none of {', '.join(f'`{word}`' for word in known.others)}"
         if not known.published:
-            rows.append((known.name, how, "nothing found", "", "", known.interface))
+            rows.append((known.name, how, "of its drives nothing found", "", "", known.interface))
         for each in known.published:
             shown = [f"{x:.3g}" if isinstance(x, float) else str(x) for x in each.values]
             exact = each.factors == (1.0, 1.0)
             interval = "" if exact else f"{each.factors[0]:g} to {each.factors[1]:g} times"
             source = f"[{each.source.text}]({each.source.page}), {each.source.licence}"
             rows.append((known.name, how, _in_words(each.quantity), ", ".join(shown), interval, source))
+        if known.loop is not None:
+            source = f"[{known.loop.source.text}]({known.loop.source.page}), {known.loop.source.licence}"
+            rows.append((known.name, how, "control rate", known.loop.describe(), "", source))
     return markdown_table(head, rows)

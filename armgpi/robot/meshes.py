@@ -18,6 +18,7 @@ from typing import NamedTuple
 from urllib.parse import unquote
 
 from armgpi.base import files
+from armgpi.robot import identified
 
 MAX_MESH_BYTES = 256 * 1024 * 1024
 MESHES = frozenset({".stl", ".dae", ".obj", ".ply", ".glb", ".gltf", ".off", ".3mf", ".mesh", ".stlb"})
@@ -51,6 +52,7 @@ class MeshFinder:
 
     Attributes:
         folder: the URDF's own folder, None when it came as text.
+        homes: that folder; of a URDF that ``armgpi identify`` wrote also that of the URDF it was made from.
         package_dirs: folders given by the user; each a package, or a folder of packages.
         roots: folders inside which anything may be read.
     """
@@ -61,8 +63,12 @@ class MeshFinder:
         """Find meshes for the URDF file `urdf` (None for a text), and in `package_dirs`."""
         self.folder = None if urdf is None else _real(Path(urdf)).parent
         self.package_dirs = tuple(_real(Path(folder)) for folder in package_dirs)
-        own = () if self.folder is None else (_package_of(self.folder),)
-        self.roots = (*self.package_dirs, *own)
+        self.homes: tuple[Path, ...] = ()
+        if urdf is not None:
+            original = identified.original_of(_real(Path(urdf)))
+            every = (Path(urdf), *([] if original is None else [original]))
+            self.homes = tuple(_real(each).parent for each in every)
+        self.roots = (*self.package_dirs, *map(_package_of, self.homes))
 
     def find(self, name: str) -> Found:
         """Return the file that a mesh's name in the URDF leads to."""
@@ -88,8 +94,7 @@ class MeshFinder:
         if path.is_absolute():
             yield path, self.roots
             return
-        folders = [] if self.folder is None else [self.folder]
-        for folder in dict.fromkeys((*folders, *self.roots)):
+        for folder in dict.fromkeys((*self.homes, *self.roots)):
             yield folder / path, self.roots
 
     def _in_package(self, name: str, rest: str) -> Found:
@@ -110,13 +115,17 @@ class MeshFinder:
         The URDF chooses the name, so a folder above it counts only with a package.xml, or when it is so
         close that it is the robot's by the usual layout: not ``package://user/.ssh/key``.
         """
-        above = [] if self.folder is None else [self.folder, *list(self.folder.parents)[:_PARENTS]]
+        above: list[Path] = []
+        near: set[Path] = set()
+        home = _real(Path.home()) if os.path.isdir(os.path.expanduser("~")) else Path("/")
+        for own in self.homes:
+            upwards = [own, *list(own.parents)[:_PARENTS]]
+            above += upwards
+            near |= {folder for folder in upwards[:3] if not home.is_relative_to(folder)}
         ros = [
             *_folders_of("ROS_PACKAGE_PATH"),
             *(path / "share" for path in _folders_of("AMENT_PREFIX_PATH")),
         ]
-        home = _real(Path.home()) if os.path.isdir(os.path.expanduser("~")) else Path("/")
-        near = {folder for folder in above[:3] if not home.is_relative_to(folder)}
         given = {*self.package_dirs, *ros}
         seen = set()
         for folder in dict.fromkeys((*self.package_dirs, *above, *ros)):

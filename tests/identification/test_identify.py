@@ -26,6 +26,7 @@ from armgpi.errors import ArmgpiError, ParameterError, UnfitLog
 from armgpi.identification import arm as identification
 from armgpi.identification import resonance
 from armgpi.identification.arm import Identified, Validation, identify, mean_inertia
+from armgpi.identification.check import LIGHT
 from armgpi.identification.chirp import Side
 from armgpi.identification.estimate import Block, Prior, expect, extend_positive, fit
 from armgpi.identification.excitation import excite
@@ -47,6 +48,7 @@ from armgpi.loop import logs
 from armgpi.plants.plant import inside
 from armgpi.robot import identified, robots, rotors
 from armgpi.robot.drives import Drives
+from armgpi.robot.meshes import MeshFinder
 from armgpi.studies import setup
 from armgpi.studies.sample import Sweep
 from armgpi.tuning.two_mass import Gears, damping_at_one, gravity_stiffness
@@ -563,8 +565,14 @@ def test_an_excitation_above_a_floor_stays_there() -> None:
         excite(robot, 5.0, 0.6, floor=5.0)
 
 
-def test_the_reader_of_public_logs_takes_their_columns(tmp_path: Path) -> None:
-    tool = runpy.run_path(str(Path(__file__).parents[2] / "tools" / "ur10e.py"))
+_TOOLS = Path(__file__).parents[2] / "tools"
+
+
+def test_the_reader_of_public_logs_takes_their_columns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(_TOOLS))  # tools share modules
+    tool = runpy.run_path(str(_TOOLS / "ur10e.py"))
     t = np.cumsum(np.random.default_rng(0).choice([0.002, 0.012], 500)) + 798.0
     moves = (t > t[100]) & (t <= t[400])
     q = np.where(moves, np.sin(t - t[100]), 0.0)[:, None] * np.ones(6)
@@ -582,6 +590,149 @@ def test_the_reader_of_public_logs_takes_their_columns(tmp_path: Path) -> None:
     assert read.tau == pytest.approx(currents[start : start + len(read.q)], abs=1e-5)
     with pytest.raises(SystemExit, match="clone github"):
         tool["find"](tmp_path, "other.csv")
+
+
+def test_further_public_logs_are_read_as_their_makers_describe_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Motor 6 of a TX40 turns with joint 5 as well; an xMate has its lengths from a table."""
+    monkeypatch.syspath_prepend(str(_TOOLS))
+    tool = runpy.run_path(str(_TOOLS / "public_logs.py"))
+    place = tmp_path / "examples" / "staubli_TX40"
+    (place / "data").mkdir(parents=True)
+    (place / "urdf").mkdir()
+    rows = [[0.0, -0.5 * np.pi, 0.0, 0.225], [0.32, 0.0, 0.0, 0.0]]
+    link = (
+        '<link name="{0}"><inertial><mass value="1"/><inertia ixx="0.000" ixy="0.000" ixz="0.000" '
+        'iyy="0.000" iyz="0.000" izz="0.000"/></inertial></link>'
+    )
+    parts = ['<robot name="tx40"><link name="l0"/>']
+    for k in range(6):
+        parts.append(link.format(f"l{k + 1}"))
+        parts.append(
+            f'<joint name="joint_{k + 1}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/>'
+            f'<origin xyz="0.1 0 {rows[1][0]}" rpy="{1.3 * (k % 2)} 0 0"/><axis xyz="0 0 1"/>'
+            '<limit lower="-3" upper="3" effort="10" velocity="5"/></joint>'
+        )
+    (place / "urdf" / "tx40_mdh_modified.urdf").write_text("".join([*parts, "</robot>"]))
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (20, 6))
+    motors = q * tool["TX40_RATIOS"]
+    motors[:, 5] += 32.0 * q[:, 4]
+    currents = np.random.default_rng(1).uniform(-1.0, 1.0, (20, 6))
+    for name, numbers in (("pos_read_data", motors), ("curr_data", currents)):
+        np.savetxt(place / "data" / f"{name}.csv", numbers, delimiter=",", header="a", fmt="%.12g")
+    read = tool["tx40"](tmp_path)
+    assert read.log.q - [0.0, -0.5 * np.pi, 0.5 * np.pi, 0.0, 0.0, 0.0] == pytest.approx(q, abs=1e-9)
+    # Power of the motors is that of the joints.
+    v = np.random.default_rng(2).uniform(-1.0, 1.0, 6)
+    speeds = v * tool["TX40_RATIOS"] + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 32.0 * v[4]])
+    assert read.log.tau @ v == pytest.approx(currents @ speeds)
+    place = tmp_path / "filtering" / "data" / "excit"
+    place.mkdir(parents=True)
+    for name in ("ang", "torque"):
+        np.savetxt(place / f"excit_{name}_record.txt", np.zeros((5, 7)))
+    robot = tool["xmate"](tmp_path).robot
+    model = robot.pinocchio_model()
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, np.zeros(7))
+    tip = data.oMf[model.getFrameId("link7")].translation
+    assert tip == pytest.approx([0.0, 0.0, sum(tool["XMATE_D"])], abs=1e-12)
+    with pytest.raises(SystemExit, match="is not there"):
+        tool["tiago"](tmp_path)
+
+
+def test_gaps_of_a_log_are_said_and_left_out() -> None:
+    other = arm()
+    t = np.arange(0.0, 8.0, 2e-3)
+    move = excite(other, 8.0, 0.5, floor=None, collisions=False).reference.at(t)
+    tau = other.inverse_dynamics(move.q, move.v, move.a)
+    there = (t < 3.0) | (t >= 3.5)
+    found = identify(Log(t[there], move.q[there], tau[there], "log"), other, check_first=False)
+    (said,) = (each for each in found.findings if "missing" in each.message)
+    assert "1 gap, 0.5 s in all, the longest 0.5 s at 3 s" in said.message
+    whole = identify(Log(t, move.q, tau, "log"), other, check_first=False)
+    assert not any("missing" in each.message for each in whole.findings)
+
+
+def test_the_folder_of_an_arm_from_a_text_keeps_its_limits(tmp_path: Path) -> None:
+    own = armgpi.Robot.from_xml(robots.locate("anthropomorphic3")[0].read_text(encoding="utf-8"))
+    write_identified(identify(log(), own), tmp_path)
+    again = armgpi.Robot.load(tmp_path)
+    assert np.isfinite(own.limits.effort).all()
+    for end in ("lower", "upper", "velocity", "effort"):
+        np.testing.assert_array_equal(getattr(again.limits, end), getattr(own.limits, end))
+
+
+def test_meshes_of_an_identified_arm_are_those_beside_its_first_file(tmp_path: Path) -> None:
+    source = tmp_path / "robot" / "urdf" / "arm.urdf"
+    mesh = tmp_path / "robot" / "meshes" / "a.stl"
+    for path in (source, mesh):
+        path.parent.mkdir(parents=True)
+    mesh.write_bytes(b"solid a")
+    source.write_text(robots.locate("anthropomorphic3")[0].read_text(encoding="utf-8"), encoding="utf-8")
+    first, second = tmp_path / "first", tmp_path / "second"
+    write_identified(identify(log(), armgpi.Robot.load(source)), first)
+    write_identified(identify(log(), armgpi.Robot.load(first)), second)
+    for folder in (first, second):
+        urdf = folder / "arm.urdf"
+        assert identified.original_of(urdf) == source
+        assert MeshFinder(urdf).find("../meshes/a.stl").path == mesh
+        assert MeshFinder(urdf).find("package://robot/meshes/a.stl").path == mesh
+    source.write_text(source.read_text(encoding="utf-8") + " ", encoding="utf-8")
+    assert identified.original_of(first / "arm.urdf") is None
+    assert MeshFinder(first / "arm.urdf").find("../meshes/a.stl").path is None
+
+
+def test_the_interval_of_a_rotor_that_the_log_leaves_open_ends_at_what_a_motor_has() -> None:
+    """A controller for a rotor of zero would be one for an arm that is not there."""
+    rows = [row for row in found().table() if row.quantity == "rotor"]
+    for row in rows:
+        assert row.lower >= min(LIGHT * row.expected, row.value) or row.value < LIGHT * row.expected
+        assert row.lower <= row.value <= row.upper
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda t, q, tau: (t, np.where([True, False, False], np.rad2deg(q), q), tau), "rad, not degrees"),
+        (
+            lambda t, q, tau: (t, np.clip(q, *np.quantile(q, [0.1, 0.9], axis=0)), tau),
+            "its sensor saturates; m",
+        ),
+        (
+            lambda t, q, tau: (t, q, np.minimum(tau, 0.8 * tau.max(axis=0))),
+            "its sensor saturates; move slower",
+        ),
+        (lambda t, q, tau: (t, q, tau * [1.0, 0.0, 1.0] + [0.0, 5.0, 0.0]), "is 5 throughout"),
+        (lambda t, q, tau: (1000.0 * t, q, tau), r"are its times in ms\? Then call the column 'time \[ms\]'"),
+        (lambda t, q, tau: (np.where(t < 6.0, t, t - 3.0), q, tau), "got 3 after 5.998 .sample 3001.: cut"),
+        (lambda t, q, tau: (t[:200], q[:200], tau[:200]), "is 0.4 s long"),
+    ],
+)
+def test_a_spoilt_log_is_named_with_what_to_do(spoil: Callable[..., Any], said: str) -> None:
+    t, q, tau = spoil(
+        log().t, log().q, log().tau + 1e-3 * np.random.default_rng(0).normal(size=log().tau.shape)
+    )
+    with pytest.raises(ArmgpiError, match=said):
+        identify(Log(t, q, tau), file())
+
+
+def test_what_a_log_fails_by_is_a_line_of_three_reasons() -> None:
+    error = UnfitLog(["a", "b", "c", "d", "e"])
+    assert str(error).endswith("a; b; c; and 2 more")
+    assert len(error.reasons) == 5
+    assert str(UnfitLog(["a", "b", "c"])).endswith("a; b; c")
+
+
+def test_a_file_without_names_is_told_from_one_with_them(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("0.0,1.0,2.0\\n0.1,1.0,2.0\\n")
+    with pytest.raises(ArmgpiError, match="has numbers in its first line, expected names: time, q_JOINT"):
+        read_log(path, file())
+    path.write_text("time,q_a,tau_a\\n0,1,2\\n0.1,1\\n")
+    with pytest.raises(ArmgpiError, match=r"cut it there|columns") as error:
+        read_log(path, file())
+    assert "usecols" not in str(error.value)
 
 
 @cache

@@ -78,7 +78,7 @@ def test_geometry_is_that_of_denavit_and_hartenberg() -> None:
         ("g1_left_arm", "Unitree G1, an arm"),
         ("g1_right_arm", "Unitree G1, an arm"),
         ("xarm7", None),
-        ("z1", None),
+        ("z1", "Unitree Z1"),
         ("kinova", None),
         ("anthropomorphic3", None),
         ("twodof", None),
@@ -198,7 +198,7 @@ def test_numbers_at_the_joint_follow_from_those_of_the_motors() -> None:
     assert table["rotor_inertia"][1] == pytest.approx(200e-6 * 107.815**2)
     assert table["viscous"][1] == pytest.approx(0.817e-3 * 107.815**2)
     assert table["coulomb"][1] == pytest.approx(0.0985 * 107.815)
-    g1 = next(each for each in KNOWN_ARMS if each.name.startswith("Unitree"))
+    g1 = next(each for each in KNOWN_ARMS if each.name.startswith("Unitree G1"))
     rotors, gears = (0.139e-4, 0.017e-4, 0.169e-4), (1.0 + 46.0 / 18.0, 1.0 + 56.0 / 16.0)
     reflected = rotors[0] * (gears[0] * gears[1]) ** 2 + rotors[1] * gears[1] ** 2 + rotors[2]
     assert g1.published[0].values[0] == pytest.approx(reflected, rel=1e-3)
@@ -226,6 +226,34 @@ def test_entries_are_whole(known: known_arms.KnownArm) -> None:
         assert each.factors[0] <= 1.0 <= each.factors[1]
         assert each.source.page.startswith("https://")
         assert each.source.licence
+    if known.loop is not None:
+        assert 0.0 < known.loop.rate[0] <= known.loop.rate[1]
+        assert known.loop.source.page.startswith("https://")
+        assert known.loop.source.licence
+
+
+def test_rates_of_interfaces_are_those_of_the_controllers() -> None:
+    """CB3 controllers have 125 Hz, those of the e-Series 500, as Universal Robots' ROS driver sets them."""
+    rates = {known.name: known.loop.rate for known in KNOWN_ARMS if known.loop is not None}
+    assert len(rates) >= 5
+    assert {rates[name] for name in ("UR3", "UR5", "UR10")} == {(125.0, 125.0)}
+    assert {rates[name] for name in ("UR3e", "UR5e", "UR10e")} == {(500.0, 500.0)}
+    said = known_arms.describe_arm(with_published(armgpi.Robot.load("panda", lock=["panda_finger_joint1"])))
+    assert "control rate 1000 Hz; 20 late packets in a row stop the robot" in said
+    assert "control rate" in known_arms.table()
+
+
+def test_a_tx40_has_the_rotors_and_friction_that_were_identified() -> None:
+    rows = [(0.0, 0.0, 0.32), (0.0, -_HALF_PI, 0.0), (0.225, 0.0, 0.035)]
+    rows += [(0.0, _HALF_PI, 0.225), (0.0, -_HALF_PI, 0.0), (0.0, _HALF_PI, 0.0)]
+    robot = armgpi.Robot.from_xml(_urdf("staubli_tx40", rows))
+    known = recognise(robot)
+    assert known is not None
+    assert known.name == "Staubli TX40"
+    drives = published_drives(robot)
+    np.testing.assert_allclose(drives.value("viscous"), [8.05, 5.53, 1.97, 1.11, 1.86, 0.65])
+    assert set(drives.sources("rotor_inertia")) == {"published"}
+    assert recognise(armgpi.Robot.from_xml(_urdf("arm", rows))) is None
 
 
 def test_the_description_says_what_was_not_found() -> None:
