@@ -15,10 +15,10 @@ import numpy as np
 
 import armgpi
 from armgpi.base.arrays import Array
+from armgpi.base.intervals import wilson
 from armgpi.health.reality import has_failed, torques_of
 from armgpi.identification.arm import Identified
 from armgpi.identification.writing import write_identified
-from armgpi.base.intervals import wilson
 
 #: Largest share of the speed limits [-] and largest acceleration [rad/s^2] of a move, time after it [s], and
 #: half of the range in which its ends are drawn [rad].

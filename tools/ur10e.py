@@ -176,6 +176,8 @@ def main() -> None:
         print(row(f"{seconds:g} s, held-out logs", np.mean([x.identified for x in seen], axis=0)))
         last = found
     print(row("the same, slow point to point", checked[SLOW].identified))
+    for bare, _ in PAIRS:  # of another day
+        print(row(f"the same, {bare}", last.validate(read(find(given.folder, f"{bare}.csv"))).identified))
     print(f"lag of each joint [ms]: {np.round(1e3 * last.lag, 1).tolist()}")
     print(f"width of the sign of friction [rad/s]: {last.width.tolist()}")
     if given.control:

@@ -35,8 +35,6 @@ _TURNS = 2
 _EXPLAINED, _BETTER = 0.5, 0.25
 #: Share of samples at the limit of torque beyond which it is clipped; torque over its limit that cannot be.
 _CLIPPED, _TOO_MUCH = 0.05, 2.0
-#: Share of samples of one torque from which it is no measurement.
-_CONSTANT = 0.99
 #: Torque over its limit that is above it: limits of files are rounded.
 _ABOVE = 1.01
 #: Sample time from which times are likely ms [s].
@@ -177,7 +175,7 @@ def check_rotors(
             )
             found.append(Finding("warning", name, said))
         elif low > HEAVY * assumed:
-            said += "not plausible for its motor; is its torque that at the joint, and are times in s?"
+            said += "not plausible for its motor; is it this robot, its torque that at the joint, times in s?"
             found.append(Finding("warning", name, said))
     return found
 
@@ -209,9 +207,9 @@ def _of_samples(robot: Robot, grid: Grid) -> Iterator[Finding]:
             yield Finding("error", name, f"moves {beyond:.3g} beyond its limits; positions are in {unit}")
         elif beyond > _OUTSIDE:
             yield Finding("warning", name, f"is {beyond:.3g} outside its limits: is it the same zero?")
-        yield from _of_effort(name, np.abs(grid.tau[:, j]), float(effort[j]))
+        tau, limit = grid.tau[:, j], float(effort[j])
+        yield from list(_of_sensor(name, tau, limit)) or _of_effort(name, np.abs(tau), limit)
         yield from _of_range(name, q, grid.dt)
-        yield from _of_sensor(name, grid.tau[:, j], float(effort[j]))
 
 
 def _describe_gaps(grid: Grid) -> str:
@@ -242,20 +240,20 @@ def _of_effort(name: str, sizes: Array, effort: float) -> Iterator[Finding]:
         said = f"its torque is above its limit of {effort:.3g} in {100.0 * above:.2g} % of the log, at most "
         said += f"{largest:.3g}: is it this robot, with torques in N m or N at the joint?"
         yield Finding("error", name, said)
-    elif share > _CONSTANT:
-        yield Finding("error", name, f"its torque is {largest:.3g} throughout: is it the right column?")
     elif share > _CLIPPED:
         said = f"its torque is clipped at {largest:.3g} in {100.0 * share:.2g} % of the log: move slower"
         yield Finding("error", name, said)
 
 
 def _of_sensor(name: str, tau: Array, effort: float) -> Iterator[Finding]:
-    """Find a torque that ends at one value below its limit, as a saturated sensor's does."""
+    """Find a torque that ends at one value below its limit, as a saturated sensor's does, or has only one."""
+    if tau[0] != 0.0 and np.ptp(tau) == 0.0:
+        yield Finding("error", name, f"its torque is {tau[0]:.3g} throughout: is it the right column?")
     if len(np.unique(tau)) < _MANY:  # of a coarse sensor, or a constant
         return
     for end in (float(tau.min()), float(tau.max())):
         share = float(np.mean(tau == end))
-        if share > _SATURATED and abs(end) < effort / _ABOVE and share < _CONSTANT:
+        if share > _SATURATED and abs(end) < effort / _ABOVE:
             said = (
                 f"its torque stays at exactly {end:.3g} in {100.0 * share:.2g} % of the log, below its limit "
             )

@@ -618,6 +618,7 @@ CASES: dict[str, Case] = {
             "link_coulomb": [0.1, 0.0, 0.2],
             "torque_ripple": 0.01,
             "cogging": 0.1,
+            "stick_velocity": 1e-3,
             "ripple_period": 0.03,
         },
         moved,

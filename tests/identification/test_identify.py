@@ -421,7 +421,7 @@ BAD = {
     "still": (lambda x: x._replace(q=np.full_like(x.q, 0.1)), "move it faster"),
     "short": (lambda x: Log(x.t[:500], x.q[:500], x.tau[:500]), "log longer"),
     "hardly any": (lambda x: Log(x.t[:150], x.q[:150], x.tau[:150]), "log longer"),
-    "clipped": (lambda x: x._replace(tau=np.clip(x.tau, -1.0, 1.0)), "clipped"),
+    "clipped": (lambda x: x._replace(tau=np.clip(x.tau, -1.0, 1.0)), "clipped|sensor saturates"),
     "zero torque": (lambda x: x._replace(tau=0.0 * x.tau), "zero throughout"),
     "no weight": (lambda x: x._replace(tau=x.tau - arm().gravity(x.q)), "weight|follow from its motion"),
     "too few columns": (lambda x: x._replace(q=x.q[:, :2]), "a column for each joint"),
@@ -436,7 +436,7 @@ BAD = {
     "10 Hz": (lambda x: Log(x.t[::50], x.q[::50], x.tau[::50]), "log faster"),
     "gaps": (
         lambda x: Log(*(part[np.arange(len(x.t)) // 100 % 2 == 0] for part in x[:3])),
-        "without a gap: log longer",
+        "a second that has no gap: log longer",
     ),
     "one rests": (lambda x: x._replace(q=np.where([False, True, False], 0.3, x.q)), "q2: .*move it faster"),
     "late": (lambda x: x._replace(tau=np.roll(x.tau, 50, axis=0)), "50 ms apart: give both the same clock"),

@@ -303,6 +303,16 @@ def test_an_arm_that_friction_holds_stays_as_a_rigid_one_does() -> None:
     assert np.abs(crept).max() < 1.1 * np.abs(expected).max()
 
 
+@pytest.mark.parametrize("stick", [1e-3, 2e-2])
+def test_below_the_stick_velocity_an_arm_creeps_as_fast_as_its_friction_says(stick: float) -> None:
+    """Where friction f v / sqrt(v^2 + stick^2) holds half of it, v is stick times 0.5 / sqrt(0.75)."""
+    plant = ElasticPlant(
+        sled().with_armature(0.5), gear_stiffness=1e4, friction=Friction(0.0, 2.0), stick_velocity=stick
+    )
+    state = steps(plant, np.zeros(1), lambda _: np.ones(1), 2000)
+    assert float(state.omega[0]) == pytest.approx(stick * 0.5 / math.sqrt(0.75), rel=1e-3)
+
+
 def loop(plant: Any, backend: str) -> Any:
     """Return a rollout of a move of 0.2 rad."""
     start = ARM.middle()
@@ -318,6 +328,7 @@ def test_generated_code_is_the_same_alone_and_where_all_varies() -> None:
         "torque_ripple": 0.01,
         "cogging": 0.2,
         "current_bandwidth": 300.0,
+        "stick_velocity": 5e-3,
     }
     alone = ElasticPlant(ARM, gear_stiffness=3e3, **parts)
     factors = np.linspace(0.5, 2.0, 3)
