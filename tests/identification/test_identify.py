@@ -726,10 +726,10 @@ def test_what_a_log_fails_by_is_a_line_of_three_reasons() -> None:
 
 def test_a_file_without_names_is_told_from_one_with_them(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
-    path.write_text("0.0,1.0,2.0\\n0.1,1.0,2.0\\n")
+    path.write_text("0.0,1.0,2.0\n0.1,1.0,2.0\n")
     with pytest.raises(ArmgpiError, match="has numbers in its first line, expected names: time, q_JOINT"):
         read_log(path, file())
-    path.write_text("time,q_a,tau_a\\n0,1,2\\n0.1,1\\n")
+    path.write_text("time,q_a,tau_a\n0,1,2\n0.1,1\n")
     with pytest.raises(ArmgpiError, match=r"cut it there|columns") as error:
         read_log(path, file())
     assert "usecols" not in str(error.value)
