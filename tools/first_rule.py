@@ -101,12 +101,20 @@ def known(changes: Mapping[str, Any]) -> Chooser:
         kept = {key: vars(collocated)[key] for key in numbers}
         vars(collocated).update(numbers)
         try:
-            values, _ = rule._chosen(draw.nominal, draw.dt, draw.delay * draw.dt, draw.encoder_bits, {})
+            values, _ = rule._chosen(as_known(draw), draw.dt, draw.delay * draw.dt, draw.encoder_bits, {})
         finally:
             vars(collocated).update(kept)
         return {**values, **overrides}
 
     return choose
+
+
+def as_known(draw: Scenario) -> Robot:
+    """Return the nominal model, with the gear ratio where an encoder's counts are those at the joint."""
+    robot = draw.nominal
+    if draw.numbers.gear_ratio != 1.0:
+        return robot
+    return robot.with_drives({joint: {"gear_ratio": 1.0} for joint in robot.joint_names})
 
 
 def bare(draw: Scenario, name: str) -> Robot:
