@@ -144,8 +144,9 @@ class _Change:
         self.by_q, self.by_v, self.mass = np.empty((3, len(q), n, n))
         for k in range(len(q)):
             by_q, by_v, mass = pin.computeRNEADerivatives(arm, data, q[k], v[k], a[k])
-            self.by_q[k], self.by_v[k] = by_q, by_v
-            self.mass[k] = np.triu(mass) + np.triu(mass, 1).T
+            self.by_q[k], self.by_v[k], self.mass[k] = by_q, by_v, mass
+        # Pinocchio gives the upper half.
+        self.mass = np.triu(self.mass) + np.triu(self.mass, 1).swapaxes(-1, -2)
 
     def by(self, ahead: Array) -> Array:
         """Return the moments where the link of each joint is ahead by values (samples, n): (k, n, n)."""
