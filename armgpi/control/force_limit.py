@@ -6,7 +6,7 @@ limits, and what is too much is taken away from the torque. Nothing is scaled as
 axis through the tool is a moment without a force, and stays as it is where the force alone is too much.
 
 Beyond the limit nothing holds the arm, so a speed limit belongs to it: the joints are damped as soon as the
-tool is faster beside its reference than 0.4 of its speed limit; see :mod:`armgpi.control.speed_brake`.
+tool is faster beside its reference than 0.4 of its speed limit; see ``armgpi.control.speed_brake``.
 
 It bounds what the tool presses with at rest, and it is no safety function.
 """

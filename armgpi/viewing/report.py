@@ -67,7 +67,7 @@ def build(
         frame: the tool; the tip when not given.
         folder: where the rollout's file lies, to look for its robot there.
         before: HTML before the verdict and the tables.
-        world: what was simulated, as :func:`armgpi.config.world.describe` says it.
+        world: what was simulated and what of it was assumed, in a line.
 
     Raises:
         RolloutError: when the rollout has no samples, or `robot` is another one.
