@@ -674,25 +674,46 @@ def _controller(section: Any, context: Context, place: _Place) -> tuple[Any, Con
     declared = parameters(kind.law)
     source: Any = kind.variant or kind.law
     # Of a section that says all there is to choose, the choice (half a second of a rule) would be dropped.
-    full = section.given >= {*section.keys} - section.quiet
-    full &= all(keys[name] in told for name, each in parameters(source).items() if each.default is REQUIRED)
-    # A mapping of some joints leaves the others to it.
-    full &= not any(
-        isinstance(value := getattr(section, key), dict) and {*robot.joint_names} - {*value} for key in told
-    )
-    chosen = {} if full else source.chosen(context)
-    chosen = {name: value for name, value in chosen.items() if name not in set_here}
+    chosen: dict[str, Any] = {}
+    if not _says_all(section, parameters(source), keys, told, robot):
+        everything = source.chosen(context)
+        chosen = {name: value for name, value in everything.items() if name not in set_here}
     missing = {keys[name]: _as_section(value) for name, value in chosen.items() if keys[name] not in told}
     if robot.batch is None:  # what differs by rollout has no form in a file
         section = type(section).read({**section.plain(), **missing})
     if kind.variant is not None:
         given = _given_values(section, parameters(kind.variant), robot, place, chosen)
-        law |= {name: value for name, value in chosen.items() if name in declared}
-        part = {name: value for name, value in chosen.items() if name not in declared}
+        part: dict[str, Any] = {}
+        for name, value in chosen.items():
+            (law if name in declared else part)[name] = value
         law[kind.part] = kind.variant(**{**part, **given})
     else:
         law = {**chosen, **_given_values(section, declared, robot, place, chosen)}
     return section, _force_limited(kind.law.configured(law, context), section, context, place)
+
+
+def _says_all(
+    section: Any, declared: Mapping[str, Parameter], keys: Mapping[str, str], told: set[str], robot: Robot
+) -> bool:
+    """Tell whether a controller's section leaves nothing to choose for the arm.
+
+    Args:
+        section: of the controller.
+        declared: parameters of what chooses.
+        keys: name of a parameter -> its key in the section.
+        told: keys that have a value.
+        robot: of which every joint needs one.
+    """
+    if not section.given >= {*section.keys} - section.quiet:
+        return False
+    for name, each in declared.items():
+        if each.default is REQUIRED and keys[name] not in told:
+            return False
+    for key in told:
+        value = getattr(section, key)
+        if isinstance(value, dict) and {*robot.joint_names} - {*value}:
+            return False  # a mapping of some joints leaves the others to the choice
+    return True
 
 
 def _force_limited(law: Controller, section: Any, context: Context, place: _Place) -> Controller:

@@ -331,16 +331,19 @@ def replay(log: ArmLog, controller: Any) -> Replay:
             f"{log.source}: does not begin with the start of the controller, so the state of its first "
             "sample is unknown; give the writer more memory, or log a shorter time"
         )
-    full = controller.measurement_type is FullState
-    n, state = len(log.header["joints"]), None
-    zero = np.zeros(n)
-    difference, first, status, samples = np.zeros(n), None, None, 0
+    takes_velocities = controller.measurement_type is FullState
+    zero = np.zeros(len(log.header["joints"]))
+    state = None
+    samples = 0
+    difference = zero
+    first_apart: int | None = None
+    first_other_status: int | None = None
     for row in log.rows:
-        given = {name: row[name] if name in log.header["inputs"] else zero for name in INPUTS}
-        measured: Any = Measurement(given["q_measured"])
-        if full:
-            measured = FullState(given["q_measured"], given["v_measured"])
-        target = Target(given["q_ref"], given["v_ref"], given["a_ref"])
+        inputs = {name: row[name] if name in log.header["inputs"] else zero for name in INPUTS}
+        measured: Any = Measurement(inputs["q_measured"])
+        if takes_velocities:
+            measured = FullState(inputs["q_measured"], inputs["v_measured"])
+        target = Target(inputs["q_ref"], inputs["v_ref"], inputs["a_ref"])
         with np.errstate(all="ignore"):  # a measurement that is none belongs to what is replayed
             if state is None or row["event"] == Event.INIT:
                 state = controller.init(measured, target)
@@ -348,17 +351,21 @@ def replay(log: ArmLog, controller: Any) -> Replay:
             if row["event"] == Event.RESET:
                 state = controller.reset(measured, target, state)
                 continue
-            taken = controller.advance(measured, target, state, max(1, int(row["elapsed"])))
+            step = controller.advance(measured, target, state, max(1, int(row["elapsed"])))
             if np.isfinite(row["applied"]).all():
-                taken = controller.within_rate(row["applied"], taken)
-        apart = np.abs(taken.tau - row["tau"])
-        difference, samples, state = np.maximum(difference, apart), samples + 1, taken.state
+                step = controller.within_rate(row["applied"], step)
+        state = step.state
+        samples += 1
         number = int(row["number"])
-        first = number if first is None and apart.any() else first
-        said = controller.report(state)
-        wanted = State(row["status"]).name.lower(), Reason(row["reason"]).name.lower()
-        status = number if status is None and said[:2] != wanted else status
-    return Replay(samples, difference, first, status)
+        apart = np.abs(step.tau - row["tau"])
+        difference = np.maximum(difference, apart)
+        if first_apart is None and apart.any():
+            first_apart = number
+        status_and_reason = controller.report(state)[:2]
+        logged = State(row["status"]).name.lower(), Reason(row["reason"]).name.lower()
+        if first_other_status is None and status_and_reason != logged:
+            first_other_status = number
+    return Replay(samples, difference, first_apart, first_other_status)
 
 
 def _check_same(log: ArmLog, controller: Any) -> None:
@@ -402,20 +409,32 @@ def to_rollout(log: ArmLog, robot: Any) -> xr.Dataset:
     recording = Recording.new((robot.n,), len(rows), float(log.header["dt"]), 1)
     recording.times = log.t - log.t[0]
     recording.t_end = recording.times[-1:].copy()
-    q, tau = rows["q_measured"], rows["tau"]
-    v = rows["v_measured"] if "v_measured" in log.inputs else np.gradient(q, recording.times, axis=0)
-    said = np.isfinite(rows["applied"])
-    variables = {"q": q, "v": v, "q_ref": rows["q_ref"], "q_measured": q, "tau_command": tau}
-    variables |= {"tau": np.where(said, rows["applied"], tau)}
-    variables["v_ref"] = (
-        rows["v_ref"] if "v_ref" in log.inputs else np.gradient(rows["q_ref"], recording.times, axis=0)
-    )
+
+    def velocity(name: str, positions: str) -> Array:
+        """Return velocities of the log, or where it has none the central difference of positions."""
+        if name in log.inputs:
+            return np.asarray(rows[name])
+        return np.asarray(np.gradient(rows[positions], recording.times, axis=0))
+
+    variables = {
+        "q": rows["q_measured"],
+        "v": velocity("v_measured", "q_measured"),
+        "q_ref": rows["q_ref"],
+        "v_ref": velocity("v_ref", "q_ref"),
+        "q_measured": rows["q_measured"],
+        "tau_command": rows["tau"],
+        "tau": np.where(np.isfinite(rows["applied"]), rows["applied"], rows["tau"]),
+    }
     recording.store(0, {name: values[:, None] for name, values in variables.items()})
-    faulty = np.flatnonzero(rows["reason"] > Reason.NONE)
     fault, joint, t_fault = 0, -1, np.nan
+    faulty = np.flatnonzero(rows["reason"] > Reason.NONE)
     if faulty.size:
-        fault, joint, t_fault = (x[faulty[0]] for x in (rows["reason"], rows["joint"], recording.times))
-        recording.status[0], recording.t_end[0] = Status.STOPPED, t_fault
+        first = faulty[0]
+        fault = rows["reason"][first]
+        joint = rows["joint"][first]
+        t_fault = recording.times[first]
+        recording.status[0] = Status.STOPPED
+        recording.t_end[0] = t_fault
     recording.faults = {
         "fault": np.array([fault], np.int32),
         "fault_joint": np.array([joint], np.int32),

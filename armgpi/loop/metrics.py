@@ -453,20 +453,23 @@ def of_recorded(run: Recorded) -> dict[str, Array]:
 
     They are those of its dataset, which is made for metrics of rollouts alone.
     """
-    recording, rows = run.recording, (len(run.recording.status), run.robot.n)
+    recording = run.recording
+    rollouts = len(recording.status)
+    joints = run.robot.n
     kept = recording.kept_samples
-    q, q_ref, tau = (recording.variables[name][:kept].reshape(-1, *rows) for name in _FOLDED)
+    q, q_ref, tau = (recording.variables[name][:kept].reshape(-1, rollouts, joints) for name in _FOLDED)
     track = run.track()
     tool = None
     if track is not None:
-        tool = ToolSample(*(x[:kept].reshape(-1, rows[0], 1) for x in track.sample()))
+        tool = ToolSample(*(values[:kept].reshape(-1, rollouts, 1) for values in track.sample()))
     totals = fold(recording.times[:kept], q, q_ref, tau, run.robot.limits, tool)
-    found = of_totals(totals, recording.status == Status.DIVERGED)
-    missing = [each for name, each in declared().items() if name not in found]
+    values_by_name = of_totals(totals, recording.status == Status.DIVERGED)
+    missing = [each for name, each in declared().items() if name not in values_by_name]
     if missing:
         dataset = run.dataset()
-        found |= {each.name: each(dataset).values.reshape(rows) for each in missing}
-    return found
+        for each in missing:
+            values_by_name[each.name] = each(dataset).values.reshape(rollouts, joints)
+    return values_by_name
 
 
 def _values(rollout: xr.Dataset, declared: Iterable[Metric]) -> dict[str, xr.DataArray]:
@@ -501,27 +504,36 @@ def _of_totals(rollout: xr.Dataset) -> Callable[[Any], xr.DataArray]:
     import xarray as xr
 
     template = rollout["q"].isel(time=0, drop=True).transpose(..., "joint")
-    dims, shape = ("time", *template.dims), (rollout.sizes["time"], -1, rollout.sizes["joint"])
-    arrays = xr.broadcast(*(rollout[name] for name in (*_FOLDED, "lower", "upper", "effort")))
-    q, q_ref, tau, *limits = (x.transpose(*dims).values.reshape(shape) for x in arrays)
-    ends = np.maximum((~np.isnan(q - q_ref).any(axis=-1)).sum(axis=0), 2)
+    # All as arrays (samples, rollouts, joints), whatever dimensions the rollout has.
+    dims = ("time", *template.dims)
+    shape = (rollout.sizes["time"], -1, rollout.sizes["joint"])
+    names = (*_FOLDED, "lower", "upper", "effort")
+    arrays = xr.broadcast(*(rollout[name] for name in names))
+    q, q_ref, tau, *limits = (array.transpose(*dims).values.reshape(shape) for array in arrays)
     times = rollout["time"].values
     tool = _recorded_tool(rollout, template.dims[:-1])
+    # Rollouts that end at the same sample are folded together.
+    is_recorded = ~np.isnan(q - q_ref).any(axis=-1)
+    ends = np.maximum(is_recorded.sum(axis=0), 2)
     folds = []
     for end in np.unique(ends):
         rows = ends == end
-        own = _Limits(*(x[0, rows] for x in limits))
-        seen = None if tool is None else ToolSample(*(x[:end, rows] for x in tool))
-        totals = fold(times[:end], q[:end, rows], q_ref[:end, rows], tau[:end, rows], own, seen)
+        limits_of_rows = _Limits(*(limit[0, rows] for limit in limits))
+        tool_of_rows = None
+        if tool is not None:
+            tool_of_rows = ToolSample(*(values[:end, rows] for values in tool))
+        totals = fold(
+            times[:end], q[:end, rows], q_ref[:end, rows], tau[:end, rows], limits_of_rows, tool_of_rows
+        )
         totals.has_angles = True
         folds.append((rows, totals))
 
     def values(function: Callable[[Totals], Array]) -> xr.DataArray:
-        found = np.empty(q.shape[1:])
+        by_rollout = np.empty(q.shape[1:])
         for rows, totals in folds:
             with np.errstate(all="ignore"):
-                found[rows] = function(totals)
-        return xr.DataArray(found.reshape(template.shape), template.coords, template.dims)
+                by_rollout[rows] = function(totals)
+        return xr.DataArray(by_rollout.reshape(template.shape), template.coords, template.dims)
 
     return values
 

@@ -295,25 +295,21 @@ class Recorded(NamedTuple):
         if track is None or self.tool is None:
             return {}
 
-        def first(x: Array) -> Array:
-            """Return an array with rollouts before samples."""
-            return np.swapaxes(x, 0, 1) if per_rollout else x
+        variables: dict[str, Any] = {}
 
-        dims = (*per_rollout, "time")
-        made: dict[str, Any] = {
-            "tool": (
-                (*dims, "axis"),
-                first(track.actual.position),
-                _tool(f"position of {self.tool.frame}", "m"),
-            ),
-            "tool_ref": ((*dims, "axis"), first(track.wished.position), _tool("wished position", "m")),
-            "tool_turn": (dims, first(angle_of(track.sample().turn)[..., 0]), _tool("angle off", "rad")),
-        }
+        def put(name: str, samples: Array, axes: tuple[str, ...], long_name: str, units: str) -> None:
+            """Put a variable, whose array begins with samples, then rollouts."""
+            values = np.swapaxes(samples, 0, 1) if per_rollout else samples
+            attributes = {"long_name": long_name, "units": units}
+            variables[name] = ((*per_rollout, "time", *axes), values, attributes)
+
+        put("tool", track.actual.position, ("axis",), f"position of {self.tool.frame}", "m")
+        put("tool_ref", track.wished.position, ("axis",), "wished position", "m")
+        put("tool_turn", angle_of(track.sample().turn)[..., 0], (), "angle off", "rad")
         if track.forces.shape[-2]:
-            contact = (*dims, "contact", "axis")
-            made["contact_force"] = (contact, first(track.forces), _tool("force on the arm", "N"))
-            made["contact_point"] = (contact, first(track.points), _tool("where a contact acts", "m"))
-        return made
+            put("contact_force", track.forces, ("contact", "axis"), "force on the arm", "N")
+            put("contact_point", track.points, ("contact", "axis"), "where a contact acts", "m")
+        return variables
 
     def ends(self) -> list[str]:
         """Return in words how each rollout ended; see :func:`describe_end`."""
@@ -341,37 +337,36 @@ class Recorded(NamedTuple):
         """Return it as the dataset that a rollout is."""
         from armgpi.loop.hinted import Rollout
 
-        recording, robot, _, made_from, _ = self
-        whole: tuple[tuple[str, ...], Any] = (("rollout",), slice(None))
-        per_rollout, row = whole if len(recording.shape) == 2 else ((), 0)
+        recording, robot = self.recording, self.robot
+        per_rollout, row = _rollout_dimension(recording)
         # An interrupted run ends where it was stopped; of one where all diverged the rest stays NaN.
         stored = recording.kept_samples
-        variables: dict[str, Any] = {
-            name: ((*per_rollout, "time", "joint"), np.swapaxes(x[:stored], 0, -2), _attributes(name, robot))
-            for name, x in self._samples().items()
-        }
+        variables: dict[str, Any] = {}
+        for name, samples in self._samples().items():
+            values = np.swapaxes(samples[:stored], 0, -2)
+            variables[name] = ((*per_rollout, "time", "joint"), values, _attributes(name, robot))
         variables |= self._tool_variables(per_rollout)
-        told: dict[str, Any] = {"status": _status(), **FAULTS}
-        told["t_end"] = {"long_name": "end of the rollout", "units": "s"}
-        single: dict[str, Any] = {"status": recording.status, "t_end": recording.t_end, **recording.faults}
-        variables |= {name: (per_rollout, x[row], dict(told[name])) for name, x in single.items()}
+        attributes = _end_attributes()
+        for name, values in _end_values(recording).items():
+            variables[name] = (per_rollout, values[row], attributes[name])
         for name, limit in robot.limits._asdict().items():
-            variables[name] = ((*per_rollout[: limit.ndim - 1], "joint"), limit, _attributes(name, robot))
-        return Rollout(
-            variables,
-            coords={
-                "time": ("time", recording.times[:stored], {"units": "s"}),
-                "joint": ("joint", np.array(robot.joint_names)),
-                "joint_type": ("joint", np.array(robot.joint_types)),
-            },
-            attrs={
-                "title": f"armgpi rollout of {robot.name}",
-                "robot": robot.name,
-                "armgpi_format": FORMAT,
-                "provenance": provenance(made_from),
-                **({} if recording.names is None else {"recorded": " ".join(sorted(recording.names))}),
-            },
-        )
+            # Limits differ by rollout only in a batch of arms.
+            dimensions = (*per_rollout[: limit.ndim - 1], "joint")
+            variables[name] = (dimensions, limit, _attributes(name, robot))
+        coordinates = {
+            "time": ("time", recording.times[:stored], {"units": "s"}),
+            "joint": ("joint", np.array(robot.joint_names)),
+            "joint_type": ("joint", np.array(robot.joint_types)),
+        }
+        facts = {
+            "title": f"armgpi rollout of {robot.name}",
+            "robot": robot.name,
+            "armgpi_format": FORMAT,
+            "provenance": provenance(self.made_from),
+        }
+        if recording.names is not None:
+            facts["recorded"] = " ".join(sorted(recording.names))
+        return Rollout(variables, coordinates, facts)
 
 
 def summary_dataset(
@@ -392,32 +387,40 @@ def summary_dataset(
         made_from: as :func:`provenance` has it.
         like: that of a run of the same loop with as many rollouts, which differs in its numbers alone.
     """
-    whole: tuple[tuple[str, ...], Any] = (("rollout", "joint"), slice(None))
-    dims, row = whole if len(recording.shape) == 2 else (("joint",), 0)
+    per_rollout, row = _rollout_dimension(recording)
     values: dict[str, Any] = {name: x.reshape(recording.shape) for name, x in found.items()}
     values |= {f"{name}_end": x.reshape(recording.shape) for name, x in ends.items()}
-    single: dict[str, Any] = {"status": recording.status, "t_end": recording.t_end, **recording.faults}
-    values |= {name: x[row] for name, x in single.items()}
+    values |= {name: x[row] for name, x in _end_values(recording).items()}
     from armgpi.loop.hinted import Rollout
 
     if like is not None:  # xarray takes longer to put one together than a short run takes
         return like.copy(data=values)
-    told = {f"{name}_end": _attributes(name, robot) for name in ends}
-    told |= {"status": _status(), "t_end": {"long_name": "end of the rollout", "units": "s"}, **FAULTS}
-    return Rollout(
-        {name: (dims[: np.ndim(x)], x, told.get(name)) for name, x in values.items()},
-        coords={"joint": ("joint", np.array(robot.joint_names))},
-        attrs={
-            "title": f"armgpi metrics of {robot.name}",
-            "robot": robot.name,
-            "provenance": made_from,
-        },
-    )
+    attributes = _end_attributes() | {f"{name}_end": _attributes(name, robot) for name in ends}
+    dimensions = (*per_rollout, "joint")
+    variables = {}
+    for name, numbers in values.items():
+        variables[name] = (dimensions[: np.ndim(numbers)], numbers, attributes.get(name))
+    coordinates = {"joint": ("joint", np.array(robot.joint_names))}
+    facts = {"title": f"armgpi metrics of {robot.name}", "robot": robot.name, "provenance": made_from}
+    return Rollout(variables, coordinates, facts)
 
 
-def _tool(name: str, units: str) -> dict[str, str]:
-    """Return the attributes of a variable of the tool."""
-    return {"long_name": name, "units": units}
+def _rollout_dimension(recording: Recording) -> tuple[tuple[str, ...], Any]:
+    """Return the dimension of a batch, and the index of its rollouts; none and 0 of a single rollout."""
+    if len(recording.shape) == 2:
+        return ("rollout",), slice(None)
+    return (), 0
+
+
+def _end_values(recording: Recording) -> dict[str, Any]:
+    """Return what says how rollouts ended, name -> (rollouts,)."""
+    return {"status": recording.status, "t_end": recording.t_end, **recording.faults}
+
+
+def _end_attributes() -> dict[str, Any]:
+    """Return the attributes of :func:`_end_values`."""
+    faults = {name: dict(attributes) for name, attributes in FAULTS.items()}
+    return {"status": _status(), "t_end": {"long_name": "end of the rollout", "units": "s"}, **faults}
 
 
 def provenance(made_from: Mapping[str, Any]) -> str:

@@ -182,13 +182,24 @@ class Running:
             late: False where the sample is known to be before the last seconds: their totals stay.
             v: velocities [rad/s or m/s], where the tool counts.
         """
-        before, later = dict(zip(TOTALS, sums, strict=True)), k > 0.0
-        weight, e = np.where(later, 1.0, 0.5), q - q_ref
+        before = dict(zip(TOTALS, sums, strict=True))
+        later = k > 0.0
+        e = q - q_ref
+        largest = (before["tool_offset"][..., 0:1], before["tool_turn"][..., 0:1])
         sample = Sample(
-            *(k, weight, 1.0, later, e, np.abs(e), before["e"], q, q_ref, tau, before["tau"], self._limit),
-            self._at_tool(
-                k * self.dt, q, v, q_ref, (before["tool_offset"][..., 0:1], before["tool_turn"][..., 0:1])
-            ),
+            moment=k,
+            weight=np.where(later, 1.0, 0.5),
+            step=1.0,
+            later=later,
+            e=e,
+            size=np.abs(e),
+            e_before=before["e"],
+            q=q,
+            q_ref=q_ref,
+            tau=tau,
+            tau_before=before["tau"],
+            limit=self._limit,
+            tool=self._at_tool(k * self.dt, q, v, q_ref, largest),
         )
 
         def next_value(total: Total, value: Any) -> Any:
@@ -245,8 +256,11 @@ class Running:
             times: of all samples, where steps are not equal [s].
             tool: what the tool does, arrays (samples, ..., 1).
         """
-        k, e = np.arange(first, first + len(q), dtype=np.float64), q - q_ref
-        weight, step = np.where(k > 0.0, 1.0, 0.5), np.ones(len(q))
+        k = np.arange(first, first + len(q), dtype=np.float64)
+        e = q - q_ref
+        # Of equal steps, in sample times.
+        step = np.ones(len(q))
+        weight = np.where(k > 0.0, 1.0, 0.5)
         moment = k
         if times is not None:
             step = np.diff(times, prepend=times[:1]) / self.dt
@@ -254,17 +268,33 @@ class Running:
             weight = 0.5 * (step + np.append(step[1:], step[-1]))
             moment = times / self.dt * weight
         before = dict(zip(TOTALS, sums, strict=True))
-        e_before, tau_before = (
-            np.concatenate([before[name][None], x[:-1]]) for name, x in (("e", e), ("tau", tau))
+
+        def for_all(values: Any) -> Any:
+            """Return what is the same for all joints and rollouts, a number for each sample."""
+            return values.reshape(-1, *[1] * (e.ndim - 1))
+
+        sample = Sample(
+            moment=for_all(moment),
+            weight=for_all(weight),
+            step=for_all(step),
+            later=for_all(k > 0.0),
+            e=e,
+            size=np.abs(e),
+            e_before=np.concatenate([before["e"][None], e[:-1]]),
+            q=q,
+            q_ref=q_ref,
+            tau=tau,
+            tau_before=np.concatenate([before["tau"][None], tau[:-1]]),
+            limit=self._limit,
+            tool=tool,
         )
-        # Of all joints and rollouts the same.
-        grid: list[Any] = [x.reshape(-1, *[1] * (e.ndim - 1)) for x in (moment, weight, step, k > 0.0)]
-        errors, torques = (e, np.abs(e), e_before), (tau, tau_before, self._limit)
-        sample = Sample._make((*grid, *errors, q, q_ref, *torques, tool))
 
         def total(name: str) -> Array:
             fold, term, since = TOTALS[name]
-            return fold.all(before[name], term(sample)[... if since is None else k > self.late + since])
+            terms = term(sample)
+            if since is not None:
+                terms = terms[k > self.late + since]
+            return fold.all(before[name], terms)
 
         return total
 

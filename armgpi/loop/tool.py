@@ -145,6 +145,7 @@ class Tool:
     def _track(self, q: Array, v: Array, q_ref: Array, times: Array) -> tuple[Array, ...]:
         """Return the arrays of some samples of :meth:`track`."""
         assert self.motion is not None
+        rows = q.shape[:-1]
         points = []
         forces = []
         if self._surroundings is not None:
@@ -152,13 +153,15 @@ class Tool:
             for touched in self._surroundings.touched(q, v, t):
                 points.append(touched.motion.position)
                 forces.append(np.broadcast_to(touched.wrench.force, points[-1].shape))
-        shape = (*q.shape[:-1], 0, 3)
-        stacks = (np.stack(x, axis=-2) if x else np.zeros(shape) for x in (points, forces))
-        # The rotation of an arm that only slides is the same at all configurations.
-        poses = (*self.motion.pose(q), *self.motion.pose(q_ref))
-        sizes = ((3, 3), (3,), (3, 3), (3,))
-        full = (np.broadcast_to(x, (*q.shape[:-1], *size)) for x, size in zip(poses, sizes, strict=True))
-        return (*full, *stacks)
+        arrays: list[Array] = []
+        for rotation, position in (self.motion.pose(q), self.motion.pose(q_ref)):
+            # The rotation of an arm that only slides is the same at all configurations.
+            arrays.append(np.broadcast_to(rotation, (*rows, 3, 3)))
+            arrays.append(np.broadcast_to(position, (*rows, 3)))
+        if points:
+            return (*arrays, np.stack(points, axis=-2), np.stack(forces, axis=-2))
+        no_contacts = np.zeros((*rows, 0, 3))
+        return (*arrays, no_contacts, no_contacts)
 
 
 def most_apart(motion: FrameMotion, q: Any, q_ref: Any) -> tuple[Any, Any] | None:

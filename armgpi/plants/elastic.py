@@ -63,6 +63,25 @@ class _Motion(NamedTuple):
     omega: Array
 
 
+class _Implicit(NamedTuple):
+    """What both stages of a step of ROS2 solve with.
+
+    Attributes:
+        matrix: inertia of the links, with what springs and dampers hold to them [kg m^2 or kg], (n, n) or
+            (batch, n, n).
+        stretched: gamma h K, by which a stage's velocity acts as a torque [N m s/rad or N s/m], (n,).
+        tied: gamma h (gamma h K + B), what holds a link to its rotor [kg m^2 or kg], (n,).
+        heavier: a rotor with what holds it [kg m^2 or kg], (n,).
+        share: of the torque on a rotor that reaches its link [-], (n,).
+    """
+
+    matrix: Array
+    stretched: Array
+    tied: Array
+    heavier: Array
+    share: Array
+
+
 @with_parameters
 class ElasticPlant(Arm):
     """M a + C v + G = S - tau_d - friction of the link, J omega' = motor - S - friction of the motor.
@@ -280,36 +299,67 @@ class ElasticPlant(Arm):
         is that of springs and dampers alone and g = gamma h. The motors' equations are eliminated by hand.
         """
         inertia = self.robot.dynamics.mass_matrix(x.q + (0.5 * h) * x.v)
-        stretched = (_GAMMA * h) * self.gear_stiffness
-        tied = (_GAMMA * h) * (stretched + self.gear_damping)
-        matrix = _held_links(inertia, self._rotor, self._rotor, tied)
-        heavier = self._rotor + tied
-        share = tied / heavier
-
-        def stage(y: _Motion, push: Any, before: _Motion, forces: _Motion) -> tuple[_Motion, _Motion]:
-            """Return a stage k, and it with forces in place of accelerations; zero before the first."""
-            q, theta = y.v, y.omega
-            if before is not _NONE:
-                q, theta = q - 2.0 * before.q, theta - 2.0 * before.theta
-            gear = self.gear_stiffness * (y.theta - y.q) + self.gear_damping * (y.omega - y.v)
-            gear = gear + stretched * (theta - q)
-            link = gear - self.robot.dynamics.nonlinear_effects(y.q, y.v) + push
-            rotor = motor - gear
-            if before is not _NONE:
-                link, rotor = link - 2.0 * forces.v, rotor - 2.0 * forces.omega
-            if self._ripples:
-                rotor = rotor + (self.torque_ripple * motor + self.cogging) * np.sin(self._wave * y.theta)
-            a = solve(matrix, (link + share * rotor)[..., None])
-            alpha = (rotor + tied * a) / heavier
-            passed = tied * (alpha - a)
-            q, theta = q + (_GAMMA * h) * a, theta + (_GAMMA * h) * alpha
-            return _Motion(q, a, theta, alpha), _Motion(q, link + passed, theta, rotor - passed)
-
+        stage = partial(self._stage, motor, h, self._implicit(inertia, h))
         k1, forces = stage(x, begin + touched(x.q, x.v, substep=i), _NONE, _NONE)
         ahead = _ahead(x, h, k1)
         k2, _ = stage(ahead, end + touched(ahead.q, ahead.v, substep=i + 1.0), k1, forces)
         free = _ahead(_ahead(x, 1.5 * h, k1), 0.5 * h, k2)
         return self._apply_friction(free, inertia, h) if self._rubs else free
+
+    def _implicit(self, inertia: Array, h: float) -> _Implicit:
+        """Return what both stages of a step solve with, for an inertia matrix of links and rotors."""
+        stretched = (_GAMMA * h) * self.gear_stiffness
+        tied = (_GAMMA * h) * (stretched + self.gear_damping)
+        heavier = self._rotor + tied
+        matrix = _held_links(inertia, self._rotor, self._rotor, tied)
+        return _Implicit(matrix, stretched, tied, heavier, tied / heavier)
+
+    def _stage(
+        self,
+        motor: Array,
+        h: float,
+        implicit: _Implicit,
+        y: _Motion,
+        push: Any,
+        before: _Motion,
+        forces: _Motion,
+    ) -> tuple[_Motion, _Motion]:
+        """Return a stage k of a step, and it with forces in place of accelerations.
+
+        Args:
+            motor: torque of the motors, constant in the step [N m or N], (n,) or (batch, n).
+            h: length of the step [s].
+            implicit: what the step solves with.
+            y: where the stage is.
+            push: torque of loads and contacts on the links, likewise.
+            before: the stage before; zero before the first.
+            forces: likewise, with forces in place of accelerations.
+        """
+        stretched, tied, heavier, share = implicit.stretched, implicit.tied, implicit.heavier, implicit.share
+        is_first = before is _NONE
+        # Rates of the positions: q and theta stand for their derivatives from here on.
+        q, theta = y.v, y.omega
+        if not is_first:
+            q = q - 2.0 * before.q
+            theta = theta - 2.0 * before.theta
+        gear = self.gear_stiffness * (y.theta - y.q) + self.gear_damping * (y.omega - y.v)
+        gear = gear + stretched * (theta - q)
+        link = gear - self.robot.dynamics.nonlinear_effects(y.q, y.v) + push
+        rotor = motor - gear
+        if not is_first:
+            link = link - 2.0 * forces.v
+            rotor = rotor - 2.0 * forces.omega
+        if self._ripples:
+            ripple = self.torque_ripple * motor + self.cogging
+            rotor = rotor + ripple * np.sin(self._wave * y.theta)
+        # The motors' equations, eliminated: a is of the links, alpha of the rotors.
+        a = solve(implicit.matrix, (link + share * rotor)[..., None])
+        alpha = (rotor + tied * a) / heavier
+        passed = tied * (alpha - a)
+        q = q + (_GAMMA * h) * a
+        theta = theta + (_GAMMA * h) * alpha
+        stage = _Motion(q, a, theta, alpha)
+        return stage, _Motion(q, link + passed, theta, rotor - passed)
 
     def _apply_friction(self, free: _Motion, inertia: Array, h: float) -> _Motion:
         """Return what friction of links and motors together leaves of a step without."""

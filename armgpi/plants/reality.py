@@ -524,37 +524,64 @@ class Reality(Parametrised):
         """
         if not isinstance(robot, Robot):
             raise ParameterError("robot", robot, "a Robot")
-        drawn, scale = self.numbers(robot.n, index), scales(robot)
-        model, arm, friction, gears = robot, robot, None, None
+        drawn = self.numbers(robot.n, index)
+        scale = scales(robot)
         if self.name in _SCATTERED:
             # What is known of it in every draw: assumed drives, and the encoders' side.
             robot = rotors.assume_drives(robot)
             if drawn.side_known:
                 sides = Drives(robot.joint_names).with_value("encoder_side", _side(drawn))
                 robot = robot.with_drives(sides)
-            rotor = np.where(robot.armature > 0.0, robot.armature, self._nominal_rotors(scale))
-            arm = robot.with_armature(drawn.rotor_inertia * rotor)
-            model = arm if self.name == "elastic" else robot
-            arm = _with_gear_ratio(arm, drawn)
-        elif self.name == "geared":
-            rotor = np.where(robot.armature > 0.0, robot.armature, self._nominal_rotors(scale))
-            model, arm = robot.with_armature(rotor), robot.with_armature(drawn.rotor_inertia * rotor)
+        nominal_rotors = np.where(robot.armature > 0.0, robot.armature, self._nominal_rotors(scale))
+        model, arm = self._with_rotors(robot, nominal_rotors, drawn)
+        friction = None
         if self.name != "bare":
             coulomb = drawn.coulomb * scale.gravity
             friction = Friction(drawn.viscous * coulomb, coulomb)
         arm = arm.with_payload(robot.tip, drawn.payload * scale.mass, drawn.payload_place)
+        gears = None
         if self.name in _SCATTERED:
-            gears = _gears(arm, rotor, drawn, scale)
+            gears = _gears(arm, nominal_rotors, drawn, scale)
         move, gravity = self._move(arm, scale, index)
         effort = np.minimum(robot.limits.effort, LARGEST)  # infinite: none
         if math.isfinite(drawn.effort):
             least = self.effort_gravity * gravity + self.effort_spare * scale.effort
             effort = np.minimum(np.maximum(least, drawn.effort * scale.effort), effort)
-            model = model.with_limits(effort=effort) if drawn.effort_known else model
-        nominal = model.scaled_inertia(drawn.inertia_scale)
-        step = drawn.torque_step * scale.gravity
-        parts = (model, nominal, arm, friction, effort, scale.effort, step, self.step_time, move)
-        return Scenario(index, drawn, *parts, self.t_final, robot, gears)
+            if drawn.effort_known:
+                model = model.with_limits(effort=effort)
+        return Scenario(
+            index,
+            drawn,
+            model=model,
+            nominal=model.scaled_inertia(drawn.inertia_scale),
+            arm=arm,
+            friction=friction,
+            effort=effort,
+            scale=scale.effort,
+            torque_step=drawn.torque_step * scale.gravity,
+            step_time=self.step_time,
+            move=move,
+            t_final=self.t_final,
+            robot=robot,
+            gears=gears,
+        )
+
+    def _with_rotors(self, robot: Robot, nominal: Array, drawn: Numbers) -> tuple[Robot, Robot]:
+        """Return the arm as its maker knows it, and as it is in a draw, both without payload.
+
+        Args:
+            robot: the arm, with what is known of its drives.
+            nominal: rotor inertia that a draw scales [kg m^2 or kg], (n,).
+            drawn: the numbers of the draw.
+        """
+        if self.name == "bare":
+            return robot, robot
+        arm = robot.with_armature(drawn.rotor_inertia * nominal)
+        if self.name == "geared":
+            return robot.with_armature(nominal), arm
+        # Elastic arms of this model are known but for their payload; of others the drives are assumed.
+        model = arm if self.name == "elastic" else robot
+        return model, _with_gear_ratio(arm, drawn)
 
     def _nominal_rotors(self, scale: Scales) -> Array:
         """Return rotor inertia in shares of the arm's own [kg m^2 or kg], (n,)."""
@@ -566,20 +593,27 @@ class Reality(Parametrised):
         It is the first of some that the motors can hold the arm on; the one that asks least of them, if none.
         """
         lower, upper = arm.limits.lower, arm.limits.upper
-        low, high = (np.clip(arm.middle() + turn, lower, upper) for turn in (-math.pi, math.pi))
+        # A turn around the middle of each joint's range, within its limits.
+        low = np.clip(arm.middle() - math.pi, lower, upper)
+        high = np.clip(arm.middle() + math.pi, lower, upper)
+        # Some moves, (moves, n).
         shape = (_MOVES, arm.n)
-        start = low + (high - low) * self._random(index, "configuration", _MOVES * arm.n).reshape(shape)
-        way = 2.0 * self._random(index, "direction", _MOVES * arm.n).reshape(shape) - 1.0
-        goal = np.clip(start + self._uniform(index, "distance", _MOVES)[:, None] * way, lower, upper)
+        configurations = self._random(index, "configuration", _MOVES * arm.n).reshape(shape)
+        directions = 2.0 * self._random(index, "direction", _MOVES * arm.n).reshape(shape) - 1.0
+        distances = self._uniform(index, "distance", _MOVES)[:, None]
+        start = low + (high - low) * configurations
+        goal = np.clip(start + distances * directions, lower, upper)
+        # Gravity on the way of each, (points, moves, n), and its largest torque.
         share = np.linspace(0.0, 1.0, _ON_THE_WAY)[:, None, None]
         passed = start + share * (goal - start)
-        gravity = np.abs(arm.gravity(passed.reshape(-1, arm.n))).reshape(passed.shape).max(axis=0)
+        torques = np.abs(arm.gravity(passed.reshape(-1, arm.n))).reshape(passed.shape)
+        gravity = torques.max(axis=0)
         worst = (gravity / scale.effort).max(axis=1)
-        held = worst <= self.gravity_share
-        best = int(held.argmax() if held.any() else worst.argmin())
+        can_be_held = worst <= self.gravity_share
+        best = int(can_be_held.argmax() if can_be_held.any() else worst.argmin())
         limit = arm.limits.velocity
-        limit = np.where(np.isfinite(limit) & (limit > _LEAST_SPEED), limit, _SPEED)
-        shortest = minimum_duration(goal[best] - start[best], limit)
+        has_limit = np.isfinite(limit) & (limit > _LEAST_SPEED)
+        shortest = minimum_duration(goal[best] - start[best], np.where(has_limit, limit, _SPEED))
         duration = float(np.clip(shortest * self._uniform(index, "speed")[0], *self.duration))
         return Move(start[best], goal[best], self.begin, duration), gravity[best]
 
@@ -620,31 +654,34 @@ def stack_draws(draws: Sequence[Scenario]) -> ScenarioBatch:
     first = draws[0]
     arm, model, nominal = _robots(draws)
     step = Step(_stack_draws(draws, "torque_step"), *first.step_time)
+    frictions = [draw.friction for draw in draws if draw.friction is not None]
     friction = None
-    if first.friction is not None:
-        friction = Friction(*(_rows([x.friction[i] for x in draws if x.friction]) for i in range(2)))
+    if frictions:
+        viscous = _rows([each.viscous for each in frictions])
+        coulomb = _rows([each.coulomb for each in frictions])
+        friction = Friction(viscous, coulomb)
+    gears = [draw.gears for draw in draws if draw.gears is not None]
     inner: Plant = RigidBodyPlant(arm, step, friction)
-    if first.gears is not None:  # the encoders' side is that of the arm's drives
-        every = [draw.gears for draw in draws if draw.gears is not None]
+    if gears:  # the encoders' side is that of the arm's drives
         inner = ElasticPlant(
             arm,
             step,
             friction,
-            gear_stiffness=_rows([gears.stiffness for gears in every]),
-            gear_damping=_rows([gears.damping for gears in every]),
-            current_bandwidth=_rows([gears.current for gears in every]),
-            cogging=_rows([gears.cogging for gears in every]),
+            gear_stiffness=_rows([each.stiffness for each in gears]),
+            gear_damping=_rows([each.damping for each in gears]),
+            current_bandwidth=_rows([each.current for each in gears]),
+            cogging=_rows([each.cogging for each in gears]),
         )
     plant: Plant = Saturated(inner, _stack_draws(draws, "effort"))
-    bits: Any = first.encoder_bits
-    if len(draws) > 1:
-        bits = np.array([[float(draw.encoder_bits)] for draw in draws])
-    plant = Delayed(Encoder(plant, bits), first.delay)
     moves = [draw.move for draw in draws]
-    points = [_rows([move.start for move in moves]), _rows([move.goal for move in moves])]
+    # A single draw has numbers; draws of a batch have columns (batch, 1).
+    bits: Any = first.encoder_bits
     durations: Any = moves[0].duration
     if len(draws) > 1:
+        bits = np.array([[float(draw.encoder_bits)] for draw in draws])
         durations = np.array([[move.duration] for move in moves])
+    plant = Delayed(Encoder(plant, bits), first.delay)
+    points = [_rows([move.start for move in moves]), _rows([move.goal for move in moves])]
     reference: Reference = Waypoints(points, [durations], [moves[0].begin, 0.0])
     context = Context(model, first.dt, 0, first.delay * first.dt, bits, nominal)  # type: ignore[arg-type]
     return ScenarioBatch(plant, reference, context, first.t_final)

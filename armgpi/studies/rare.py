@@ -117,24 +117,30 @@ def following(margin: Margin, level: Array, random: np.random.Generator, before:
 def estimate(levels: list[Array]) -> Rare:
     """Return what levels say, the last of which reaches failures."""
     bounds, shares = zip(*bounds_of(levels), strict=True)
+    # Of each level the relative standard deviation of its share, and how many moves of its chains were taken.
     deviations: list[float] = []
     accepted: list[float] = []
     for place, (level, bound, share) in enumerate(zip(levels, bounds, shares, strict=True)):
         reached = level[:, -1] >= bound
-        related = 0.0
-        if place:
+        correlation = 0.0
+        if place > 0:  # the first level has independent points, no chains
             chains = reached.reshape(_LENGTH, -1).astype(float)
-            related = _correlation(chains, share)
-            moves = level[:, :-2].reshape(_LENGTH, chains.shape[1], -1)
-            accepted.append(float((np.diff(moves, axis=0) != 0.0).any(axis=-1).mean()))
-        deviations.append(math.sqrt((1.0 - share) / (share * len(level)) * (1.0 + related)))
+            correlation = _correlation(chains, share)
+            points = level[:, :-2].reshape(_LENGTH, chains.shape[1], -1)
+            moved = (np.diff(points, axis=0) != 0.0).any(axis=-1)
+            accepted.append(float(moved.mean()))
+        independent = (1.0 - share) / (share * len(level))
+        deviations.append(math.sqrt(independent * (1.0 + correlation)))
     # Levels begin with points of the one before: taken as wholly correlated, which is the widest there is.
     # How often the interval holds is measured by tools/coverage.py.
     spread = sum(deviations) ** 2
-    p, width = math.prod(shares), math.sqrt(math.log1p(spread))
-    factor = math.exp(float(normal.ppf(0.5 + 0.5 * LEVEL)) * width)
-    found = Estimate(p, p / factor, min(1.0, p * factor))
-    return Rare(found, math.sqrt(spread), list(bounds), list(shares), accepted, sum(map(len, levels)))
+    p = math.prod(shares)
+    # The logarithm of p is taken for normal, with the variance log(1 + spread).
+    quantile = float(normal.ppf(0.5 + 0.5 * LEVEL))
+    factor = math.exp(quantile * math.sqrt(math.log1p(spread)))
+    probability = Estimate(p, p / factor, min(1.0, p * factor))
+    runs = sum(map(len, levels))
+    return Rare(probability, math.sqrt(spread), list(bounds), list(shares), accepted, runs)
 
 
 def _table(margin: Margin, points: Array, seeds: Any) -> Array:
@@ -216,10 +222,11 @@ def simulate(
     def margin(points: Array, seeds: Any) -> Array:
         """Return how near points come to a failure: the largest metric over its bound."""
         table = sweep.table(sweep.drawn_at(ndtr(points)), seeds)
-        nearest = np.max([table[name].max(axis=1) / most for name, most in sweep.failure.items()], axis=0)
-        # Failed is what the study says, however a division rounds.
-        above = np.nextafter(1.0, 2.0)
-        return np.asarray(np.where(sweep.fails(table), np.maximum(nearest, above), np.minimum(nearest, 1.0)))
+        shares = [table[name].max(axis=1) / most for name, most in sweep.failure.items()]
+        largest = np.max(shares, axis=0)
+        # Failed is what the study says, however a division rounds: 1 or less is no failure, more is one.
+        failed = np.maximum(largest, np.nextafter(1.0, 2.0))
+        return np.asarray(np.where(sweep.fails(table), failed, np.minimum(largest, 1.0)))
 
     key = draw_key(sweep.config.seed, *sweep.streams, f"rare {count}")  # none of its chunks has it
 

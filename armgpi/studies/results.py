@@ -98,38 +98,39 @@ def _declare(file: Any, part: xr.Dataset, rollouts: int) -> None:
 
 def _dataset(sweep: Sweep, table: Array, places: Any) -> xr.Dataset:
     """Return the numbers of rollouts as a dataset."""
-    robot, n = sweep.robot, sweep.robot.n
-    found: dict[str, Any] = {}
+    robot = sweep.robot
+    variables: dict[str, Any] = {}
+    # Columns of the table: what was drawn, then each metric of all joints, then how the rollout ended.
     for name, column in zip(sweep.drawn_names, table.T, strict=False):
-        found[f"drawn.{name}"] = ("rollout", column, {"long_name": f"{name}, as drawn"})
+        variables[f"drawn.{name}"] = ("rollout", column, {"long_name": f"{name}, as drawn"})
     begin = len(sweep.drawn_names)
-    sliding = bool(robot.prismatic.all())
+    only_slides = bool(robot.prismatic.all())
     for name in sweep.metrics:
         declared = metrics.ALL[name]
-        unit = {"long_name": declared.long_name, "units": declared.unit.symbol(sliding, ascii=True)}
-        found[name] = (("rollout", "joint"), table[:, begin : begin + n], unit)
-        begin += n
-    told = {
+        units = declared.unit.symbol(only_slides, ascii=True)
+        attributes = {"long_name": declared.long_name, "units": units}
+        variables[name] = (("rollout", "joint"), table[:, begin : begin + robot.n], attributes)
+        begin += robot.n
+    attributes_of_ends = {
         "status": {"long_name": "how the rollout ended"},
         "t_end": {"long_name": "end of the rollout", "units": "s"},
         **FAULTS,
     }
     for name, column in zip(sweep.ends, table.T[begin:], strict=True):
-        found[name] = ("rollout", column if name.startswith("t_") else column.astype(np.int32), told[name])
-    dataset = xr.Dataset(
-        found,
-        coords={"rollout": ("rollout", places), "joint": ("joint", np.array(robot.joint_names))},
-        attrs={
-            "title": f"armgpi sweep of {robot.name}",
-            "study": sweep.identity.digest,
-            "experiment": sweep.identity.text,
-            "code": sweep.identity.code_digest,
-            "sampling": sweep.sampling,
-        },
-    )
+        is_time = name.startswith("t_")
+        values = column if is_time else column.astype(np.int32)
+        variables[name] = ("rollout", values, attributes_of_ends[name])
+    coordinates = {"rollout": ("rollout", places), "joint": ("joint", np.array(robot.joint_names))}
+    facts = {
+        "title": f"armgpi sweep of {robot.name}",
+        "study": sweep.identity.digest,
+        "experiment": sweep.identity.text,
+        "code": sweep.identity.code_digest,
+        "sampling": sweep.sampling,
+    }
+    dataset = xr.Dataset(variables, coordinates, facts)
     failed = sweep.fails({name: dataset[name].values for name in (*sweep.metrics, "status")})
-    attributes = {"long_name": failure_words(sweep)}
-    return dataset.assign(failed=("rollout", failed.astype(np.int8), attributes))
+    return dataset.assign(failed=("rollout", failed.astype(np.int8), {"long_name": failure_words(sweep)}))
 
 
 def summary(sweep: Sweep, found: xr.Dataset) -> dict[str, Any]:
