@@ -2,8 +2,8 @@
 
 MuJoCo reads them by itself, and would wait for a pipe, read a device for ever, or read any file of this
 machine. So each has to be a regular file within a size, in the folder of the model: its own, the one above
-where the model stands in a folder like ``mjcf``, or that of its package. What multiplies (``<replicate>``,
-``<composite>``, the memory that it asks for) is bounded as well.
+where the model stands in a folder like ``mjcf``, one of meshes beside it, or that of its package. What
+multiplies (``<replicate>``, ``<composite>``, the memory that it asks for) is bounded as well.
 """
 
 from __future__ import annotations
@@ -39,6 +39,8 @@ _NAMING = {
 _FOLDERS = ("meshdir", "texturedir", "assetdir")
 #: Folders of models beside which those of meshes stand.
 _BESIDE = ("mjcf", "xml", "xmls", "mujoco", "scene", "scenes")
+#: Names of folders of meshes and textures, which may stand beside that of a model.
+_ASSETS = re.compile(r"(.*[_-])?(assets?|mesh(es)?|stls?|objs?|textures?)", re.IGNORECASE)
 _SUFFIXES = {"K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40, "P": 2**50, "E": 2**60}
 
 
@@ -58,6 +60,7 @@ class _Checker:
     Attributes:
         path: of the model.
         roots: folders in which files may be.
+        beside: folder in which folders of meshes may be as well, by their names.
         seen: files that were looked at.
         count: of those that were read as models.
     """
@@ -68,6 +71,7 @@ class _Checker:
         folder = path.resolve().parent
         beside = (folder.parent,) if folder.name.lower() in _BESIDE else ()
         self.roots = (*MeshFinder(path).roots, folder, *beside)
+        self.beside = folder.parent
         self.seen: set[Path] = set()
         self.count = 0
 
@@ -77,6 +81,8 @@ class _Checker:
         while waiting:
             model = waiting.pop()
             elements = list(self._elements(model, model.parent, 0))
+            if elements[0].tag == "mujocoinclude":
+                raise UrdfError(model, "is a part of a MuJoCo model (MJCF): give the one that includes it")
             folders = {str(x.get(key)) for x in elements for key in _FOLDERS if x.get(key)}
             for element in elements:
                 for key in _NAMING.get(element.tag, ()):
@@ -166,12 +172,21 @@ class _Checker:
             real = place.resolve()
             if not real.exists():
                 continue
-            if not any(real.is_relative_to(root.resolve()) for root in self.roots):
+            if not self._may_hold(real):
                 raise UrdfError(
                     self.path,
                     f"names {name!r}, which is outside the folders of the model; copy it beside the model",
                 )
             yield real
+
+    def _may_hold(self, place: Path) -> bool:
+        """Tell whether a file is in a folder of the model, or in one of meshes beside it."""
+        if any(place.is_relative_to(root.resolve()) for root in self.roots):
+            return True
+        if not place.is_relative_to(self.beside):
+            return False
+        first, *below = place.relative_to(self.beside).parts
+        return bool(below) and _ASSETS.fullmatch(first) is not None
 
 
 def _bytes(text: str) -> float:

@@ -145,8 +145,10 @@ def _check_joints(urdf: Urdf, moving: Collection[Joint], locked: Mapping[str, fl
 
 def _check_coupled(urdf: Urdf, moving: Collection[str]) -> None:
     """Refuse what a tree of rigid bodies does not have, while a joint moves on which it acts."""
-    for what, joints in urdf.coupled:
-        acting = tuple(name for name in joints if name in moving)
+    for what, _ in urdf.coupled:
+        # All springs at once, or joints would have to be locked one refusal after the other.
+        joints = [name for same, names in urdf.coupled if same == what for name in names if name in moving]
+        acting = tuple(dict.fromkeys(joints))
         if acting:
             raise UrdfError(
                 urdf.source,

@@ -151,3 +151,16 @@ def test_both_joints_of_a_constraint_are_named_the_first_of_the_model_as_well(tm
         Robot.from_mjcf(path)
     assert [remedy.joints for remedy in caught.value.remedies] == [("tip", "a")]
     assert Robot.from_mjcf(path, lock=["a", "tip"]).n == 2
+
+
+def test_all_springs_are_named_in_one_refusal(tmp_path: Path) -> None:
+    path = tmp_path / "springs.xml"
+    path.write_text(
+        ARM.format(more="")
+        .replace('name="a"', 'name="a" stiffness="3"')
+        .replace('name="tip"', 'name="tip" stiffness="2"')
+    )
+    with pytest.raises(UrdfError, match="a spring, which acts on 'a', 'tip'") as caught:
+        Robot.from_mjcf(path)
+    assert [remedy.joints for remedy in caught.value.remedies] == [("a", "tip")]
+    assert Robot.from_mjcf(path, lock=["a", "tip"]).n == 2

@@ -97,13 +97,16 @@ def test_copies_within_copies_are_counted(tmp_path: Path) -> None:
     assert Robot.load(write(tmp_path, body=body.format(2, 2, 2, 2))).n == 1
 
 
-@pytest.mark.parametrize("layout", ["beside", "above", "mjcf"])
+@pytest.mark.parametrize("layout", ["beside", "above", "mjcf", "sibling"])
 def test_what_is_in_its_folders_is_read(layout: str, tmp_path: Path) -> None:
     trimesh = pytest.importorskip("trimesh")
     folder = tmp_path / ("mjcf" if layout == "mjcf" else "arm")
-    meshes = {"beside": folder, "above": folder / "meshes", "mjcf": tmp_path / "meshes"}[layout]
+    sibling = tmp_path / "robot_stls" / "arm"  # as of Gymnasium-Robotics
+    meshes = {"beside": folder, "above": folder / "meshes", "mjcf": tmp_path / "meshes", "sibling": sibling}[
+        layout
+    ]
     for each in (folder, meshes):
-        each.mkdir(exist_ok=True)
+        each.mkdir(exist_ok=True, parents=True)
     trimesh.creation.box(extents=(0.1, 0.1, 0.1)).export(meshes / "box.stl")
     (folder / "more.xml").write_text(f"<mujoco>{asset('mesh', 'box.stl')}</mujoco>")
     relative = os.path.relpath(meshes, folder)
@@ -111,6 +114,23 @@ def test_what_is_in_its_folders_is_read(layout: str, tmp_path: Path) -> None:
     path = write(folder, before, body="<geom type='mesh' mesh='x' density='1000' pos='0 0 0.3'/>")
     robot = Robot.load(path)
     assert robot.mass_matrix(np.zeros(1))[0, 0] > 0.06
+
+
+def test_a_link_out_of_a_folder_of_meshes_is_not_followed(tmp_path: Path) -> None:
+    for name in ("sent", "meshes", "other"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "other" / "box.stl").write_bytes(b"TOP-SECRET")
+    (tmp_path / "meshes" / "box.stl").symlink_to(tmp_path / "other" / "box.stl")
+    for place in ("../meshes/box.stl", "../other/box.stl", "../meshes/../other/box.stl"):
+        with pytest.raises(UrdfError, match="outside the folders"):
+            Robot.load(write(tmp_path / "sent", asset("mesh", place)))
+
+
+def test_a_part_of_a_model_is_called_one(tmp_path: Path) -> None:
+    path = tmp_path / "part.xml"
+    path.write_text("<mujocoinclude><worldbody/></mujocoinclude>")
+    with pytest.raises(UrdfError, match=r"is a part of a MuJoCo model \(MJCF\): give the one that includes"):
+        Robot.load(path)
 
 
 def test_what_stands_behind_the_model_is_not_read(tmp_path: Path) -> None:
