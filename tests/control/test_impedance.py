@@ -267,3 +267,9 @@ def test_a_stiffness_just_below_the_largest_stays() -> None:
     for _ in range(5):
         state = law.step(measured, target, state).state
     np.testing.assert_allclose(state.root, first.root, rtol=1e-12)
+
+
+def test_the_filtered_rate_of_a_ramp_is_its_own_and_a_step_decays_by_the_trapezoidal_rule() -> None:
+    law: Any = armgpi.JointImpedance(armgpi.Robot.load("anthropomorphic3"), 1e-3, 10.0, velocity_filter=250.0)
+    assert law._drive * 1e-3 / (1.0 - law._decay) == pytest.approx(1.0, rel=1e-12)
+    assert law._decay == pytest.approx((1.0 - 0.125) / (1.0 + 0.125), rel=1e-12)

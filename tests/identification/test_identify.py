@@ -12,6 +12,7 @@ import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,7 @@ from armgpi.identification.text import (
     say_residuals,
     say_simulation,
 )
-from armgpi.identification.weak_form import COLUMNS, ROTOR, bump
+from armgpi.identification.weak_form import COLUMNS, MOST_LAG, ROTOR, WeakForm, bump
 from armgpi.identification.writing import edit_urdf, experiment_files, write_identified
 from armgpi.loop import logs
 from armgpi.plants.plant import inside
@@ -1273,3 +1274,16 @@ def test_what_cannot_be_negative_stands_behind_what_was_there() -> None:
     assert more.positive == (1, 5, 6)
     np.testing.assert_array_equal(more.mean[5:], [2.0, 3.0])
     np.testing.assert_array_equal(more.std[5:], [0.1, 0.2])
+
+
+@pytest.mark.parametrize("share", [-1.0, 0.3, 1.0])
+def test_torques_that_lag_either_way_are_summed_under_the_whole_test_function(share: float) -> None:
+    dt, count = 0.01, 20
+    tau = np.random.default_rng(1).normal(size=(60, 2))
+    form: Any = object.__new__(WeakForm)
+    form._grid, form._count = SimpleNamespace(dt=dt, tau=tau), count
+    form.starts, lag = np.array([10, 25]), share * MOST_LAG * np.ones(2)
+    value, _ = form.torque(lag)
+    for found, start in zip(value, form.starts, strict=True):
+        u = ((np.arange(60) - start + 0.5) * dt + lag[0]) / (count * dt)  # of all samples; it is 0 outside
+        np.testing.assert_allclose(found, bump(u) @ tau * dt, rtol=1e-9)

@@ -356,3 +356,10 @@ def test_what_limits_the_accuracy_of_each_joint_is_named_with_its_size() -> None
         "does not contain (a 2 mrad); deflection under gravity that motor encoders do not measure "
         "(b 4 mrad); errors that are not integrated at rest (c 0.3 mm)"
     )
+
+
+def test_a_light_rotor_counts_as_a_hundredth_of_the_links_alone() -> None:
+    arm = Robot.load("anthropomorphic3").with_armature(0.0)
+    links = np.diag(arm.mass_matrix(arm.middle()))
+    np.testing.assert_allclose(geared._rotor(arm.with_armature(5e-3 * links)), 1e-2 * links, rtol=1e-12)
+    np.testing.assert_allclose(geared._rotor(arm.with_armature(2e-2 * links)), 2e-2 * links, rtol=1e-12)
