@@ -1,0 +1,270 @@
+"""A force limit: walls, hands, the circle, and a limit that never acts."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import _page
+import numpy as np
+from _compliant import (
+    ARMS,
+    AWAY,
+    BITS,
+    DT,
+    FRICTION,
+    KNOWN,
+    ROTORS,
+    SEEDS,
+    VISCOUS,
+    Hand,
+    Place,
+    Surface,
+    beside,
+    depth,
+    directions,
+    friction_at_tool,
+    loop,
+    place,
+    spread,
+    tool_of,
+)
+from _timing import table
+
+import armgpi
+from armgpi.base.arrays import Array
+
+#: Walls [N/m], angles from the tool's axis [deg], damping over the root of stiffness, draws of each.
+WALLS, ANGLES, DAMPED, DRAWS = (1e3, 1e4, 1e5), (0.0, 30.0, 60.0), 0.2, 4
+#: The wall begins so far along the tool's axis, and the target lies so deep behind it [m].
+GAP, BEHIND = 0.02, 0.03
+#: Limits [N], of the tool's speed [m/s], times of the approach and of the run [s].
+LIMITS, SPEED, APPROACH, LENGTH = (10.0, 30.0), 0.25, 1.5, 3.0
+#: Hands on each arm; how long each pushes, and how long the arm has to come back [s].
+HANDS, PUSHED, BACK = 24, 0.4, 2.5
+#: After this time behind a wall the tool is not to leave it [s].
+SETTLED = 0.3
+GRAVITY = 9.81
+
+
+class Known(NamedTuple):
+    """An arm as its controller knows it.
+
+    Attributes:
+        place: where it is.
+        robot: with friction.
+        level: that friction [N m or N].
+        late: delay [samples].
+    """
+
+    place: Place
+    robot: armgpi.Robot
+    level: armgpi.Friction
+    late: int
+
+
+class Pressed(NamedTuple):
+    """What a limit came to on an arm, one number a wall or a hand."""
+
+    over: Array
+    bounced: Array
+    turned: Array
+    straight: Array
+    speed: Array
+    away: Array
+
+
+def walls(quick: bool) -> None:
+    """Print the tables of the force limit."""
+    names = ARMS[:1] if quick else ARMS
+    _page.say(
+        f"Force limit. GPI.auto under limits of {LIMITS[0]:g} and {LIMITS[1]:g} N, target "
+        f"{1e3 * BEHIND:g} mm behind walls of 1, 10 and 100 kN/m at 0, 30 and 60 degrees from the tool's "
+        f"axis, {DRAWS} draws of each on each arm: rotors within {100 * ROTORS:g} %, Coulomb friction of "
+        f"{100 * FRICTION[0]:g} to {100 * FRICTION[1]:g} % of the effort, known within a factor of "
+        f"{KNOWN:g}, {BITS[0]} to {BITS[1]} bits, delay of 1 to 3 samples, and a payload that the model does "
+        "not have, as heavy as the controller allows for. Over its bound: end force over limit, friction at "
+        "the tool and weight of that payload; goal at most 1.1. Bounced: left the wall later than "
+        f"{SETTLED:g} s after it touched it; goal 0. Turned: goal 2 degrees; all walls, and those up to 30 "
+        "degrees from the axis. Median and worst."
+    )
+    heads = [
+        "arm",
+        "joints",
+        "limit [N]",
+        "walls",
+        "over its bound",
+        "above 1.1",
+        "bounced",
+        "turned [deg]",
+        "up to 30 degrees",
+    ]
+    rows, pushes = [], []
+    for name in names:
+        for i, (elastic, limit) in enumerate([(False, LIMITS[0]), (False, LIMITS[1]), (True, LIMITS[1])]):
+            known = _known(name, 1 + (SEEDS[name] + i) % 3)
+            found = _pressed(known, limit, elastic)
+            joints = "elastic" if elastic else "stiff"
+            count = len(found.over)
+            above = int((found.over > 1.1).sum())
+            bounced = int(found.bounced.sum())
+            rows.append(
+                [
+                    name,
+                    joints,
+                    f"{limit:g}",
+                    count,
+                    spread(found.over),
+                    above,
+                    bounced,
+                    spread(found.turned),
+                    spread(found.turned[found.straight]),
+                ]
+            )
+            pushes.append([name, joints, f"{limit:g}", spread(found.speed), spread(1e3 * found.away)])
+    print(table(heads, rows))
+    _page.say(
+        f"Hands on the same arms, {HANDS} each, from 1.5 times the limit to what `force_bound` says for the "
+        f"configuration (`push`), in all directions for {PUSHED:g} s. Speed of the tool: goal {SPEED:g} m/s. "
+        f"Distance {BACK:g} s after: goal 1 mm."
+    )
+    print(table(["arm", "joints", "limit [N]", "fastest [m/s]", "distance after [mm]"], pushes))
+
+
+def circles(quick: bool) -> None:
+    """Print the circle under limits, and whether a limit that never acts changes a bit."""
+    _page.say(
+        "Circle of 240 mm in 3 s on stiff joints under a force limit, Coulomb friction of 3 % of the effort "
+        "known within 20 %: largest error over that without a limit; goal 1.3. A limit of 1 kN never acts: "
+        "torques with the bits of those without a limit."
+    )
+    rows = []
+    for name in ARMS[:1] if quick else ARMS:
+        where = place(name)
+        level = armgpi.Friction(VISCOUS * where.robot.limits.effort, 0.03 * where.robot.limits.effort)
+        known = where.robot.with_friction(level.viscous, 0.8 * level.coulomb)
+        found = {}
+        for limit in (None, *LIMITS, 1e3):
+            law = armgpi.GPI.auto(known, DT, delay=DT, bits=17, drives="stiff", force_limit=limit)
+            arm = armgpi.RigidBodyPlant(where.robot, (), level)
+            plant = armgpi.Delayed(armgpi.Encoder(arm, 17), 1)
+            q0 = where.circle.at(0.0).q
+            found[limit] = armgpi.simulate(plant, law, where.circle, 3.3, q0=q0, backend="compiled")
+        errors = {limit: float(armgpi.metrics.tool_error(run)[0]) for limit, run in found.items()}
+        same = np.array_equal(found[None]["tau"].values, found[1e3]["tau"].values)
+        ratios = [f"{errors[limit] / errors[None]:.3f}" for limit in LIMITS]
+        rows.append([name, f"{errors[None]:.3g}", *ratios, "the same" if same else "others"])
+    heads = ["arm", "without a limit [mm]", "10 N", "30 N", "bits at 1 kN"]
+    print(table(heads, rows))
+
+
+def _known(name: str, late: int) -> Known:
+    """Return an arm as a controller knows it, its friction drawn."""
+    where = place(name)
+    random = np.random.default_rng([SEEDS[name], late])
+    share = random.uniform(*FRICTION)
+    level = armgpi.Friction(VISCOUS * where.robot.limits.effort, share * where.robot.limits.effort)
+    return Known(where, where.robot.with_friction(*level), level, late)
+
+
+def _pressed(known: Known, limit: float, elastic: bool) -> Pressed:
+    """Return what a limit came to behind walls and under hands."""
+    robot, model = known.place.robot, known.robot
+    how: dict[str, Any] = {"late": known.late}
+    if elastic:
+        model = armgpi.assume_drives(model)
+        how["elastic"] = {"gear_stiffness": model.drives.value("stiffness"), "encoder_side": "motor"}
+        model = model.with_drives(model.drives.with_value("encoder_side", "motor"))
+    law = armgpi.GPI.auto(
+        model,
+        DT,
+        delay=known.late * DT,
+        bits=17,
+        drives="elastic" if elastic else "stiff",
+        force_limit=limit,
+        speed_limit=SPEED,
+    )
+    random = np.random.default_rng([int(limit), known.late])
+    (starts, goals), given, allowed, straight = _walls(known, law, limit, random)
+    pushed = _hands(known, law, limit, random)
+    count = len(starts)
+    both = {name: np.concatenate([given[name], pushed[name]]) for name in given}
+    still = np.tile(known.place.q, (HANDS, 1))
+    move = armgpi.Bezier(np.concatenate([starts, still]), np.concatenate([goals, still]), APPROACH)
+    made = loop(robot, law, move, LENGTH, [Surface(), Hand()], 1, **how)
+    tool = tool_of(robot, made.run(both))
+    deep = depth(tool, both, "plant.environment.0")[:count]
+    force = given["plant.environment.0.stiffness"][:, None] * np.maximum(deep, 0.0)
+    end = force[:, tool.times > LENGTH - 0.3].mean(axis=1)
+    touched = np.array([float(tool.times[np.argmax(row)]) for row in deep > 0.0])
+    left = (deep <= 0.0) & (tool.times > touched[:, None] + SETTLED)
+    by_hand = tool.position[count:]
+    speed = np.linalg.norm(np.diff(by_hand, axis=1), axis=-1).max(axis=1) / DT
+    away = np.linalg.norm(by_hand[:, -1] - by_hand[:, 90], axis=-1)
+    turned = tool.turned[:count].max(axis=1)
+    return Pressed(end / allowed, left.any(axis=1), turned, straight, speed, away)
+
+
+def _walls(
+    known: Known, law: Any, limit: float, random: np.random.Generator
+) -> tuple[tuple[Array, Array], dict[str, Array], Array, Array]:
+    """Return start and goal of the moves, what is given of the loop, and what forces may be [N].
+
+    These are the bound of the end force, and whether the wall is at most 30 degrees from the tool's axis.
+    """
+    where, robot = known.place, known.place.robot
+    axis = -where.rotation[:, 2]
+    cases = [(wall, angle) for wall in WALLS for angle in ANGLES for _ in range(DRAWS)]
+    given = _drawn(known, law, len(cases), random)
+    normals, goals, allowed = [], [], []
+    for i, (_, angle) in enumerate(cases):
+        normal = beside(axis, math.radians(angle), random.uniform(0.0, 2.0 * math.pi))
+        ahead = GAP + BEHIND / math.cos(math.radians(angle))
+        goal = armgpi.inverse_kinematics(
+            robot, robot.tip, where.position - ahead * axis, where.rotation, near=where.q
+        )
+        normals.append(normal)
+        goals.append(goal.q)
+        level = given["plant.coulomb"][i]
+        rubbed = friction_at_tool(robot, goal.q, level, normal)
+        weight = GRAVITY * float(given["plant.payload.mass"][i])
+        allowed.append(limit + rubbed + weight)
+    normal = np.array(normals)
+    surface = "plant.environment.0"
+    at = where.position - GAP * axis
+    given |= {f"{surface}.{name}": normal[:, i] for i, name in enumerate("xyz")}
+    given[f"{surface}.distance"] = normal @ at
+    given[f"{surface}.stiffness"] = np.array([wall for wall, _ in cases])
+    given[f"{surface}.damping"] = DAMPED * np.sqrt(given[f"{surface}.stiffness"])
+    starts = np.tile(where.q, (len(cases), 1))
+    straight = np.array([angle <= 30.0 for _, angle in cases])
+    given |= {f"plant.environment.1.{name}": np.zeros(len(cases)) for name in ("x", "y", "z")}
+    return (starts, np.array(goals)), given, np.array(allowed), straight
+
+
+def _drawn(known: Known, law: Any, count: int, random: np.random.Generator) -> dict[str, Array]:
+    """Return drawn rotors, friction, encoders and payloads."""
+    robot = known.place.robot
+    shape = (count, robot.n)
+    unsure = 0.0 if law.payload is None else float(law.payload.heaviest - law.payload.lightest)
+    return {
+        "plant.rotor_inertia": robot.armature * random.uniform(1.0 - ROTORS, 1.0 + ROTORS, shape),
+        "plant.viscous": np.tile(known.level.viscous, (count, 1)),
+        "plant.coulomb": known.level.coulomb * random.uniform(1.0 / KNOWN, KNOWN, shape),
+        "plant.encoder_bits": np.tile(random.integers(BITS[0], BITS[1] + 1, (count, 1)), (1, robot.n)),
+        "plant.payload.mass": random.uniform(0.0, unsure, count),
+    }
+
+
+def _hands(known: Known, law: Any, limit: float, random: np.random.Generator) -> dict[str, Array]:
+    """Return what is given of the loop for hands, without a wall."""
+    most = law.force_bound(configurations=known.place.q[None]).push
+    force = directions(HANDS, 5) * random.uniform(min(1.5 * limit, most), most, (HANDS, 1))
+    given = _drawn(known, law, HANDS, random)
+    given["plant.payload.mass"] = np.zeros(HANDS)
+    given |= {f"plant.environment.1.{name}": force[:, i] for i, name in enumerate("xyz")}
+    surface = "plant.environment.0"
+    given |= {f"{surface}.{name}": np.full(HANDS, float(name == "z")) for name in "xyz"}
+    given[f"{surface}.distance"] = np.full(HANDS, -AWAY)
+    given[f"{surface}.stiffness"], given[f"{surface}.damping"] = np.full(HANDS, 1.0), np.zeros(HANDS)
+    return given
