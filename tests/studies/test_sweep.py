@@ -24,7 +24,7 @@ from armgpi.base import files
 from armgpi.base.intervals import clopper_pearson, quantile, wilson
 from armgpi.base.parameter import Parameter, parameters
 from armgpi.cli import main
-from armgpi.cli.sweep import _share
+from armgpi.cli.sweep import _part, _percent
 from armgpi.codegen import build
 from armgpi.config import build as build_experiment
 from armgpi.config import experiment as experiments
@@ -880,6 +880,5 @@ def test_a_factor_that_cannot_be_is_refused(line: str, said: str) -> None:
 
 
 def test_a_part_of_a_range_is_said_by_both_its_ends() -> None:
-    part = {"from": 0.5, "to": 1.25, "value": 0.1, "lower": 0.05, "upper": 0.2}
-    assert _share(part) == "10 % (5 to 20 %) at 0.5..1.25"
-    assert _share(part | {"from": 2.0, "to": 2.0}).endswith(" at 2")
+    assert _percent({"value": 0.1, "lower": 0.05, "upper": 0.2}) == "10 % (5 to 20 %)"
+    assert (_part(0.5, 1.25), _part(2.0, 2.0)) == ("0.5..1.25", "2")
