@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -323,4 +324,5 @@ def test_a_legend_has_as_many_columns_as_its_letters_leave() -> None:
             axes[0, 0].plot([0.0], [0.0], label=10 * name)
         plots.legend(figure)
     # A letter is 0.06 in wide, and a line with what is around it half an inch.
-    assert figure.legends[0]._ncols == int(6.4 / 1.1)
+    found: Any = figure.legends[0]
+    assert found._ncols == int(6.4 / 1.1)
