@@ -143,7 +143,8 @@ def test_what_an_arm_that_cannot_be_certified_is_told_leads_to_a_certificate(
     assert cli("new", "ur5", "--out", "arm.yaml").code == 0
     refused = cli("certify", "arm.yaml")
     assert refused.code == 3
-    assert "--rotor-inertia or --drives FILE, with --controller gpi" in refused.out
+    assert "specify them by --rotor-inertia or --drives." in refused.out
+    assert "Add --controller gpi: " in refused.out
     judged = cli("certify", "arm.yaml", "--rotor-inertia", "1", "--controller", "gpi", "--allow-part")
     assert judged.code == 0, judged
     assert "ertified" in judged.out
