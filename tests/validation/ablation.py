@@ -336,7 +336,7 @@ def drawn(count: int, seed: int, styles: Sequence[str]) -> list[tuple[str, int]]
     return found
 
 
-def main(count: int = 2, seed: int = 5808, processes: int = 2, styles: Sequence[str] = ()) -> None:
+def main(count: int = 2, seed: int = 5808, processes: int = 2, *, styles: Sequence[str] = ()) -> None:
     """Print the table."""
     with ProcessPoolExecutor(processes) as pool:
         first = [pool.submit(judged, *one) for one in drawn(count, seed, styles)]
