@@ -23,7 +23,11 @@ from test_grippers import J, text
 
 from armgpi import (
     GPI,
+    CartesianImpedance,
     FixedGains,
+    Hold,
+    JointImpedance,
+    Measurement,
     PIDInversion,
     RigidBodyPlant,
     Robot,
@@ -720,6 +724,115 @@ def test_a_topic_moves_the_ros2_controller_and_a_service_stops_it(
         assert found["speed"] < 0.01
         assert (found["away"] < 1e-3) != (ctrl_c > 0)
     is_stopped(arm.report(goal), tmp_path)
+
+
+@compiled
+def test_springs_of_a_ros2_controller_change_without_a_step_of_torque(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Stiffness, limit and guiding come by topics; what is refused changes nothing, and is said."""
+    need("g++")
+    monkeypatch.chdir(tmp_path)
+    law = JointImpedance(ARM, 1e-3, stiffness=3.0, torque_limit=1.0)
+    export_controller(law, tmp_path, measure=False, target="ros2_control")
+    tool = runpy.run_path(str(Path(__file__).parents[2] / "tools" / "standin.py"))
+    (tmp_path / "built").mkdir()
+    program = tool["build"](tmp_path, tmp_path / "built")
+    monkeypatch.setitem(tool["run_cpp"].__globals__, "build", lambda *given: program)
+    arm = tool["Arm"](RigidBodyPlant(ARM.with_payload(ARM.tip, 0.05)), 1e-3, ARM.middle())
+    changes = {
+        "stiffness@50": "1,1",  # two numbers
+        "stiffness@60": "1e5,1,1",  # beyond the largest
+        "stiffness@900": "12,12,12",
+        "force_limit@1300": "0.02,0.02,0.02",
+        "force_limit@1310": "0,1,1",
+        "force_limit@1900": "1,1,1",
+        "guide@1950": "1",
+        "guide@2000": "0",
+    }
+    assert tool["run_cpp"](tmp_path, arm, [f"{at}:{values}" for at, values in changes.items()]) == 0
+    said = capfd.readouterr().err
+    assert said.count("stiffness refused") == 2
+    assert said.count("force limit refused") == 1
+    log = logs.read(tmp_path / "motion.armlog")
+    assert log.fault is None
+    tau, q = log.samples["tau"], log.inputs["q_measured"]
+    steps = np.abs(np.diff(tau, axis=0)).max(axis=1)
+    # The spring's torque of 0.6 N m goes over in 0.1 s, and to the hand's position in 0.05 s.
+    assert steps[10:].max() < 0.03
+    sag = np.abs(q - ARM.middle())[:, 1]
+    assert sag[1250] < 0.6 * sag[850]  # stiffer, it is pulled back
+    assert sag[1895] > 1.2 * sag[1250]  # with a limit below the weight it gives way
+    assert sag[-1] == pytest.approx(sag[2000], abs=0.005)  # a guided arm stays where it was left
+
+
+@compiled
+@pytest.mark.parametrize("kind", ["tool", "tool without a limit", "joints"])
+def test_exported_springs_are_those_of_python(kind: str, tmp_path: Path) -> None:
+    """Stiffness, limit and guiding by the functions in C are what `changed` is in Python."""
+    target = Hold(ARM.middle())
+    law: Any = JointImpedance(ARM, 1e-3, stiffness=3.0, torque_limit=1.0)
+    limit: list[float] = [0.1, 0.2, 0.3]
+    stiffness = [9.0, 5.0, 0.0]
+    if kind != "joints":
+        law = CartesianImpedance(ARM, 1e-3, stiffness=[50.0, 50.0, 50.0, 0.0, 0.0, 0.0])
+        stiffness, limit = [80.0, 0.0, 40.0, 0.0, 0.0, 0.0], []
+    if kind == "tool":
+        law = CartesianImpedance(ARM, 1e-3, stiffness=[50.0, 50.0, 50.0, 0.0, 0.0, 0.0], force_limit=3.0)
+        limit = [1.0]
+    controller = Supervised(law)
+    export_controller(controller, tmp_path, measure=False)
+    rows = ARM.middle() + 0.02 * np.sin(0.01 * np.arange(400.0))[:, None]
+    (tmp_path / "try.py").write_text(CHANGES)
+    given = {"rows": rows.tolist(), "r": target.at(0.0).q.tolist(), "stiffness": stiffness, "limit": limit}
+    (tmp_path / "given.json").write_text(json.dumps(given))
+    shown = np.array(json.loads(run(sys.executable, "try.py", folder=tmp_path)))
+    at = target.at(0.0)
+    state = controller.init(Measurement(rows[0]), at)
+    expected = []
+    for k, q in enumerate(rows):
+        if k == 50:
+            state = state._replace(law=law.changed(state.law, stiffness=stiffness, limit=limit or None))
+        if k in (150, 250):
+            state = state._replace(law=law.changed(state.law, guided=k == 150))
+        if k == 300:
+            state = state._replace(law=law.changed(state.law, moved=np.zeros(3)))
+        taken = controller.step(Measurement(q), at, state)
+        state = taken.state
+        expected.append(taken.tau)
+    np.testing.assert_allclose(shown, expected, rtol=1e-9, atol=1e-9)
+
+
+#: What Python beside exported C does with its springs.
+CHANGES = """
+import json, math
+import armgpi_controller as c
+given = json.load(open("given.json"))
+arm = c.Controller()
+zero = [0.0] * c.N
+arm.init(given["rows"][0], given["r"], zero, zero)
+for k, q in enumerate(given["rows"]):
+    if k == 40:
+        for wrong in (-1.0, math.nan, 1e9):
+            assert not arm.stiffness([wrong] * len(given["stiffness"]))
+        if given["limit"]:
+            assert not arm.spring_limit([0.0] * len(given["limit"]))
+            assert not arm.spring_limit([math.inf] * len(given["limit"]))
+        try:
+            arm.stiffness([1.0])
+        except ValueError as error:
+            assert "expected" in str(error)
+        else:
+            raise AssertionError
+    if k == 50:
+        assert arm.stiffness(given["stiffness"])
+        assert not given["limit"] or arm.spring_limit(given["limit"])
+    if k in (150, 250, 300):
+        arm.guide({150: "guided", 250: "left", 300: "back"}[k])
+    status, tau = arm.step(q, given["r"], zero, zero)
+    print("[" if k == 0 else ",", json.dumps(tau))
+print("]")
+"""
 
 
 @compiled

@@ -26,6 +26,7 @@ from armgpi.errors import BackendError, ParameterError
 from armgpi.hardware.export.law import Law, Routine, Table, trace_controller
 from armgpi.hardware.export.layout import block, comma_lines, elementary, members, rows
 from armgpi.hardware.export.names import identifiers, plain, source_of
+from armgpi.hardware.export.springs import springs_code
 from armgpi.loop.log import INPUTS
 from armgpi.supervisor import COUNTED, Reason, State, Supervised, Supervisor
 from armgpi.supervisor.reasons import REASONS
@@ -95,6 +96,7 @@ class Code(NamedTuple):
         layout: a hash of what the state is made of.
         typical: operations of a step whose torque is within its limits.
         worst_case: operations of any step, the one that meets a fault as well.
+        springs: methods of the class in Python that change springs; empty without any.
     """
 
     header: str
@@ -104,6 +106,7 @@ class Code(NamedTuple):
     layout: int
     typical: Counts
     worst_case: Counts
+    springs: str = ""
 
     @property
     def state_bytes(self) -> int:
@@ -222,19 +225,23 @@ class _Writer:
             "counted": self.literal(COUNTED),
             "filled": ", ".join({"q_measured": "q", "q_ref": "r"}.get(name, name) for name in law.inputs),
         }
+        springs = springs_code(law, self.literal, template)
         called = (self.counts[call.kernel.name] for call in law.step.calls)
         law_step = self.counts["law_step"].plus(*called)
         # D(q)^-1 of the saturation residual, and the torque of the open loop: neither in a typical step.
         used = [call.kernel.name for call in law.step.calls if call.kernel.skip is None]
         typical = self.counts["law_step"].plus(*(self.counts[name] for name in used))
         return Code(
-            Template(template("armgpi_controller.h")).substitute(self._header(supervised.robot)),
-            Template(template("armgpi_controller.c")).substitute(fill),
+            Template(template("armgpi_controller.h")).substitute(
+                self._header(supervised.robot), springs=springs.header
+            ),
+            Template(template("armgpi_controller.c")).substitute(fill, springs=springs.source),
             law,
             self.real,
             self.layout,
             typical,
             law_step,
+            springs.methods,
         )
 
     @property

@@ -1,6 +1,8 @@
 // What a controller manager does with the plugin, around ros2_stubs.hpp: configure, activate, update, deactivate. Its
 // hardware is at the other end of the wire: seconds since the last update, positions -> torques. Arguments: goals, the first
-// by the topic, later ones when they are taken, or pose:x,y,z,qx,qy,qz,qw, a pose by its topic. Ctrl-C calls the service that stops the arm.
+// by the topic, later ones when they are taken, or pose:x,y,z,qx,qy,qz,qw, a pose by its topic. TOPIC@SAMPLE:x,y,... before
+// them, such as stiffness@300:50,50, are numbers by a topic at a sample; guide@SAMPLE:1 calls that service. Ctrl-C calls the
+// service that stops the arm.
 #include <csignal>
 
 #include "armgpi_controller/ros2_control.hpp"
@@ -23,6 +25,39 @@ struct Manager : armgpi_controller::Ros2Controller {
 
 volatile std::sig_atomic_t interrupted = 0;
 
+// "0.1,-0.2,..." -> numbers.
+std::vector<double> numbers(const char* at) {
+  std::vector<double> found;
+  char* end = nullptr;
+  for (double x = std::strtod(at, &end); end != at; x = std::strtod(at, &end)) {
+    found.push_back(x);
+    at = *end == ',' ? end + 1 : end;
+  }
+  return found;
+}
+
+// What comes by a topic, or a service, at a sample.
+struct Change {
+  explicit Change(const std::string& word)
+      : topic(word.substr(0, word.find('@'))),
+        sample(std::strtol(word.c_str() + word.find('@') + 1U, nullptr, 10)),
+        values(numbers(word.c_str() + word.find(':') + 1U)) {}
+  void publish() const {
+    if (topic == "guide") {
+      auto asked = std::make_shared<std_srvs::srv::SetBool::Request>();
+      asked->data = values.at(0) > 0.0;
+      rclcpp::Service<std_srvs::srv::SetBool>::callback(asked, std::make_shared<std_srvs::srv::SetBool::Response>());
+      return;
+    }
+    auto message = std::make_shared<std_msgs::msg::Float64MultiArray>();
+    message->data = values;
+    rclcpp::Subscription<std_msgs::msg::Float64MultiArray>::callbacks.at("~/" + topic)(message);
+  }
+  std::string topic;
+  long sample;
+  std::vector<double> values;
+};
+
 int main(int argc, char* argv[]) {
   using Return = controller_interface::CallbackReturn;
   stubs::parameters<armgpi_controller::Params>.log = "motion.armlog";
@@ -34,21 +69,22 @@ int main(int argc, char* argv[]) {
   std::signal(SIGINT, [](int) { interrupted = 1; });
   std::array<double, 1U + ARMGPI_N> seen{};
   bool active = false;
-  for (int given = 1; wire::take(seen);) {
+  std::vector<Change> changes;
+  int given = 1;
+  for (; given < argc && std::string(argv[given]).find('@') != std::string::npos; ++given) changes.emplace_back(argv[given]);
+  const int first = given;
+  for (long sample = 0; wire::take(seen); ++sample) {
+    for (const Change& change : changes) {
+      if (change.sample == sample) change.publish();
+    }
     for (std::size_t i = 0; i < ARMGPI_N; ++i) manager.measured(i, seen[1U + i]);
     active = active || manager.on_activate(none) == Return::SUCCESS;
     if (given < argc && std::string(argv[given]).rfind("pose:", 0) == 0) {
-      const char* number = argv[given] + 5;
-      double x[7] = {};
-      for (double& each : x) {
-        char* end = nullptr;
-        each = std::strtod(number, &end);
-        number = *end == ',' ? end + 1 : end;
-      }
+      const std::vector<double> x = numbers(argv[given] + 5);
       auto message = std::make_shared<geometry_msgs::msg::PoseStamped>();
       message->pose.position = {x[0], x[1], x[2]};
       message->pose.orientation = {x[3], x[4], x[5], x[6]};
-      rclcpp::Subscription<geometry_msgs::msg::PoseStamped>::callback(message);
+      rclcpp::Subscription<geometry_msgs::msg::PoseStamped>::callbacks["~/target_pose"](message);
       given = argc;
     }
     armgpi_controller::Vector goal{};
@@ -58,10 +94,10 @@ int main(int argc, char* argv[]) {
       x = static_cast<armgpi_real_t>(std::strtod(at, &end));
       at = *end == ',' ? end + 1 : end;
     }
-    if (given == 1 && given < argc) {
+    if (given == first && given < argc) {
       auto message = std::make_shared<std_msgs::msg::Float64MultiArray>();
       message->data.assign(goal.begin(), goal.end());
-      rclcpp::Subscription<std_msgs::msg::Float64MultiArray>::callback(message);
+      rclcpp::Subscription<std_msgs::msg::Float64MultiArray>::callbacks["~/goal"](message);
       ++given;
     } else if (given < argc && manager.move_to(goal)) {
       ++given;

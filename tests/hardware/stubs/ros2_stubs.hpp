@@ -53,10 +53,10 @@ struct Duration {
   double seconds() const { return period; }
 };
 struct Logger {};
-// What is subscribed to, and what answers: the last callback.
+// What is subscribed to, by its topic, and what answers: the last callback.
 template <typename Message>
 struct Subscription {
-  static inline std::function<void(std::shared_ptr<const Message>)> callback;
+  static inline std::map<std::string, std::function<void(std::shared_ptr<const Message>)>> callbacks;
 };
 template <typename Kind>
 struct Service {
@@ -84,8 +84,8 @@ struct LifecycleNode {
     return std::make_shared<rclcpp::TimerBase>();
   }
   template <typename Message, typename Callback>
-  std::shared_ptr<rclcpp::Subscription<Message>> create_subscription(const std::string&, int, const Callback& callback) {
-    rclcpp::Subscription<Message>::callback = callback;
+  std::shared_ptr<rclcpp::Subscription<Message>> create_subscription(const std::string& topic, int, const Callback& callback) {
+    rclcpp::Subscription<Message>::callbacks[topic] = callback;
     return {};
   }
   template <typename Kind, typename Callback>
@@ -145,6 +145,15 @@ struct PoseStamped {
 namespace std_srvs::srv {
 struct Trigger {
   struct Request {};
+  struct Response {
+    bool success = false;
+    std::string message;
+  };
+};
+struct SetBool {
+  struct Request {
+    bool data = false;
+  };
   struct Response {
     bool success = false;
     std::string message;

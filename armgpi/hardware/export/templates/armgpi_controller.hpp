@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <fstream>
+#include <limits>
 #include <sstream>
 #include <stdexcept>
 #include <string>
@@ -22,6 +23,14 @@ namespace armgpi_controller {
 using Vector = std::array<armgpi_real_t, ARMGPI_N>;
 
 static_assert(sizeof(armgpi_state_t) == ${state_bytes}U, "the state has the same size on every machine");
+
+#ifdef ARMGPI_SPRINGS
+// Stiffness of the springs, and their limits; see armgpi_controller.h.
+using Stiffness = std::array<armgpi_real_t, ARMGPI_SPRINGS>;
+#ifdef ARMGPI_SPRING_LIMITS
+using SpringLimit = std::array<armgpi_real_t, ARMGPI_SPRING_LIMITS>;
+#endif
+#endif
 
 // What is asked of the joints: positions, velocities, accelerations.
 struct Reference {
@@ -243,6 +252,14 @@ class Controller {
   void within_rate(const Vector& applied, Vector& tau) noexcept {
     armgpi_within_rate(&state_, applied.data(), tau.data());
   }
+#ifdef ARMGPI_SPRINGS
+  // Change the springs; false for what is refused. See armgpi_controller.h.
+  bool stiffness(const Stiffness& to) noexcept { return armgpi_stiffness(&state_, to.data()) != 0U; }
+#ifdef ARMGPI_SPRING_LIMITS
+  bool spring_limit(const SpringLimit& to) noexcept { return armgpi_spring_limit(&state_, to.data()) != 0U; }
+#endif
+  bool guide(std::uint32_t guided) noexcept { return armgpi_guide(&state_, guided) != 0U; }
+#endif
   [[nodiscard]] armgpi_status_t status() const noexcept { return state_.status; }
   [[nodiscard]] armgpi_reason_t reason() const noexcept { return state_.reason; }
   [[nodiscard]] const char* fault_joint() const noexcept { return armgpi_info.joints[state_.fault_joint]; }
@@ -251,6 +268,72 @@ class Controller {
  private:
   armgpi_state_t state_{};
 };
+
+#ifdef ARMGPI_SPRINGS
+// Changes of the springs: one other thread gives them, the loop takes them before a step, and neither waits.
+class Springs {
+ public:
+  // False: refused, as from 0 to armgpi_largest_stiffness is allowed; or the loop has not taken the last one yet.
+  bool stiffness(const Stiffness& to) noexcept {
+    for (std::size_t i = 0; i < to.size(); ++i) {
+      if (!(to[i] >= armgpi_real_t{0} && to[i] <= armgpi_largest_stiffness[i])) {
+        return false;
+      }
+    }
+    return give(stiffness_, to, stiff_);
+  }
+#ifdef ARMGPI_SPRING_LIMITS
+  // False: refused, as it is not above 0; or the loop has not taken the last one yet.
+  bool limit(const SpringLimit& to) noexcept {
+    for (const armgpi_real_t x : to) {
+      if (!(x > armgpi_real_t{0} && x <= std::numeric_limits<armgpi_real_t>::max())) {
+        return false;
+      }
+    }
+    return give(limit_, to, limited_);
+  }
+#endif
+  // ARMGPI_GUIDED, ARMGPI_LEFT or ARMGPI_BACK; the last one counts.
+  void guide(std::uint32_t guided) noexcept { guided_.store(1U + guided, std::memory_order_release); }
+
+  // Of the loop, before a step.
+  void apply(Controller& controller) noexcept {
+    if (stiff_.load(std::memory_order_acquire)) {
+      controller.stiffness(stiffness_);
+      stiff_.store(false, std::memory_order_release);
+    }
+#ifdef ARMGPI_SPRING_LIMITS
+    if (limited_.load(std::memory_order_acquire)) {
+      controller.spring_limit(limit_);
+      limited_.store(false, std::memory_order_release);
+    }
+#endif
+    const std::uint32_t guided = guided_.exchange(0U, std::memory_order_acquire);
+    if (guided > 0U) {
+      controller.guide(guided - 1U);
+    }
+  }
+
+ private:
+  template <typename Values>
+  static bool give(Values& slot, const Values& to, std::atomic<bool>& given) noexcept {
+    if (given.load(std::memory_order_acquire)) {
+      return false;
+    }
+    slot = to;
+    given.store(true, std::memory_order_release);
+    return true;
+  }
+
+  Stiffness stiffness_{};
+  std::atomic<bool> stiff_{false};
+#ifdef ARMGPI_SPRING_LIMITS
+  SpringLimit limit_{};
+  std::atomic<bool> limited_{false};
+#endif
+  std::atomic<std::uint32_t> guided_{0U};
+};
+#endif
 
 // The last `seconds` of what a controller was given and what it answered, in memory that is taken at the start.
 // `armgpi log FILE` reads what is written.

@@ -162,6 +162,10 @@ class Loop {
   bool move_to(const Vector& goal, double share = 0.5) noexcept { return moves_.move_to(goal, share); }
   bool via(const Reference& to, std::uint32_t samples) noexcept { return moves_.via(to, samples); }
   bool follow(const Pose& pose) noexcept { return moves_.follow(pose); }
+#ifdef ARMGPI_SPRINGS
+  // Changes of stiffness, limit and guiding, from one other thread, without a step of torque.
+  Springs springs;
+#endif
   // Before it runs: goals to move to one after the other, then poses to follow as they arrive; or a motion to move to and to
   // follow; and to end there. Without any the arm is held where it is.
   void visit(const Asked& asked) {
@@ -231,6 +235,9 @@ class Loop {
       controller_.init($wired);
       log_->start(controller_, $wired);
     }
+#ifdef ARMGPI_SPRINGS
+    springs.apply(controller_);
+#endif
     const std::uint32_t late = elapsed == 0U ? 1U : elapsed;
     const armgpi_status_t status = controller_.step_late(late, $wired, tau);
     if (sent && applied != nullptr) {

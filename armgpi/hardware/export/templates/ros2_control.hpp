@@ -8,6 +8,9 @@
 // - chained: joint_trajectory_controller writes its references <name>/<joint>/position, velocity and acceleration
 //   (command_joints: [<name>/<joint>, ...]). It stands until the first of them comes; what is not written is zero.
 // Or it follows a file: its parameter `motion`, as motion.csv is, from a move to where that begins.
+// Springs (impedance controllers) change while they act, without a step of torque: ~/stiffness and ~/force_limit
+// (std_msgs/Float64MultiArray), numbers as armgpi_stiffness and armgpi_spring_limit take them, and the service ~/guide
+// (std_srvs/SetBool), with which a hand guides the arm, and it stays where it was left.
 // The service ~/stop (std_srvs/Trigger) stops the arm under control, as a fault of the reference does: go on by
 // deactivating and activating. Status, reason and joint are on ~/status (std_msgs/String) when they change, and a fault is
 // logged. `update` allocates nothing. armgpi's tests compile it against stub headers, which proves that it is C++ and
@@ -21,6 +24,7 @@
 #include <geometry_msgs/msg/pose_stamped.hpp>
 #include <std_msgs/msg/float64_multi_array.hpp>
 #include <std_msgs/msg/string.hpp>
+#include <std_srvs/srv/set_bool.hpp>
 #include <std_srvs/srv/trigger.hpp>
 
 #include "armgpi_controller/armgpi_controller_parameters.hpp"  // of src/armgpi_controller_parameters.yaml
@@ -107,6 +111,29 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
       }
       moves_.follow({{{at.x, at.y, at.z}}, {{turn.x, turn.y, turn.z, turn.w}}});  // while the last one waits, that counts
     });
+#ifdef ARMGPI_SPRINGS
+    stiffnesses_ = get_node()->create_subscription<Goal>("~/stiffness", 1, [this](const std::shared_ptr<const Goal> given) {
+      Stiffness to{};
+      if (!fill(to, given->data) || !springs_.stiffness(to)) {
+        RCLCPP_WARN(get_node()->get_logger(), "stiffness refused: it has not %u numbers from 0 to the largest ones "
+                    "(armgpi_largest_stiffness), or another waits", ARMGPI_SPRINGS);
+      }
+    });
+#ifdef ARMGPI_SPRING_LIMITS
+    limits_ = get_node()->create_subscription<Goal>("~/force_limit", 1, [this](const std::shared_ptr<const Goal> given) {
+      SpringLimit to{};
+      if (!fill(to, given->data) || !springs_.limit(to)) {
+        RCLCPP_WARN(get_node()->get_logger(), "force limit refused: it has not %u numbers above 0, or another waits",
+                    ARMGPI_SPRING_LIMITS);
+      }
+    });
+#endif
+    guides_ = get_node()->create_service<Guide>(
+        "~/guide", [this](const std::shared_ptr<Guide::Request> asked, const std::shared_ptr<Guide::Response> answer) {
+          springs_.guide(asked->data ? ARMGPI_GUIDED : ARMGPI_LEFT);
+          answer->success = true;
+        });
+#endif
     // By a timer, which is not in the loop: publishing may wait.
     said_ = get_node()->create_publisher<Text>("~/status", 1);
     timer_ = get_node()->create_wall_timer(std::chrono::milliseconds(50), [this]() { say(); });
@@ -225,6 +252,18 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
   using Target = geometry_msgs::msg::PoseStamped;
   using Text = std_msgs::msg::String;
   using Stop = std_srvs::srv::Trigger;
+#ifdef ARMGPI_SPRINGS
+  using Guide = std_srvs::srv::SetBool;
+
+  // Take as many numbers as there is room for; false for another count.
+  template <typename Values>
+  static bool fill(Values& to, const std::vector<double>& given) {
+    if (given.size() == to.size()) {
+      std::transform(given.begin(), given.end(), to.begin(), [](double x) { return static_cast<armgpi_real_t>(x); });
+    }
+    return given.size() == to.size();
+  }
+#endif
 
   armgpi_status_t step(std::uint32_t elapsed) noexcept {
     const Vector& q = q_;
@@ -232,6 +271,9 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
     if (stop_) {
       to.q.fill(std::numeric_limits<armgpi_real_t>::quiet_NaN());
     }
+#ifdef ARMGPI_SPRINGS
+    springs_.apply(controller_);
+#endif
     const armgpi_status_t status = controller_.step_late(elapsed, $wired, tau_);
     log_->take(controller_, elapsed, $wired, tau_);
     seen_ = status | (controller_.reason() << 8U) | (controller_.state().fault_joint << 16U);
@@ -325,6 +367,14 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
   std::shared_ptr<rclcpp::Service<Stop>> stops_;
   Vector tau_{};
   Controller controller_{};
+#ifdef ARMGPI_SPRINGS
+  Springs springs_{};
+  std::shared_ptr<rclcpp::Subscription<Goal>> stiffnesses_;
+#ifdef ARMGPI_SPRING_LIMITS
+  std::shared_ptr<rclcpp::Subscription<Goal>> limits_;
+#endif
+  std::shared_ptr<rclcpp::Service<Guide>> guides_;
+#endif
   std::string log_path_;
   std::unique_ptr<Log> log_{std::make_unique<Log>(0.0)};
 };
