@@ -55,6 +55,20 @@ reference:
   durations: [1.0]
 t_final: 1.2
 """
+#: A spring comes down to a floor.
+SPRUNG = """
+robot: {name: ur5}
+plant:
+  delay: 1
+  encoder_bits: 17
+  environment: [{type: wall, normal: [0.0, 0.0, 1.0], distance: -0.05, stiffness: 10000.0, damping: 2.0}]
+controllers: [{type: cartesian_impedance, force_limit: 30.0}]
+t_final: 2.0
+"""
+#: A force limit around a controller that has none of its own.
+LIMITED = PLAYED.replace("type: gpi, omega: 25.0", "type: pid_positions, force_limit: 20.0").replace(
+    "anthropomorphic3}", "anthropomorphic3, friction: {viscous: 0.0, coulomb: 0.02}}"
+)
 #: Numbers of the page, as they are in memory.
 BITS = """(name) => {
     const x = armgpi.page.result.values[name];
@@ -304,6 +318,46 @@ def test_walls_are_drawn_and_contacts_are_arrows(page: browsers.Page) -> None:
     page.wait("armgpi.scene.clip.actors[0].forces.some((x) => x !== 0)")
     page.eval("armgpi.scene.show(1.1)")
     assert page.eval("armgpi.scene.arrows[0].map((arrow) => arrow.visible)") == [False, True]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [SPRUNG], indirect=True)
+def test_stiffness_damping_force_limit_and_wall_have_sliders(page: browsers.Page) -> None:
+    """The page works out what the run does, but for the rounding of an arc tangent of another library."""
+
+    def final_force() -> float:
+        rollout = run(page.eval("armgpi.page.numbers.yaml()"))
+        for name in ("q", "tau_command"):
+            shown = np.frombuffer(base64.b64decode(page.eval(f"({BITS})('{name}')")))
+            expected = rollout[name].values
+            assert shown.reshape(expected.shape) == pytest.approx(expected, rel=1e-9, abs=1e-9), name
+        return float(armgpi.metrics.final_force(rollout)[0])
+
+    assert final_force() == pytest.approx(30.0, abs=3.0)
+    move(page, "controllers.0.force_limit", 3)
+    assert final_force() < 15.0
+    move(page, "controllers.0.stiffness", 7)
+    move(page, "controllers.0.damping_ratio", 0)
+    move(page, "plant.environment.0.stiffness", 0)
+    section = page.eval("armgpi.page.numbers.experiment().controllers[0]")
+    assert section["stiffness"] == [1000.0] * 3 + [60.0] * 3
+    assert section["damping_ratio"] == 0.4
+    final_force()
+    labels = page.eval("armgpi.page.play.controls.map((control) => control.label)")
+    assert {"stiffness", "damping ratio", "wall stiffness"} <= set(labels)
+    choose(page, "plant.friction", 1)  # which the model has as well then
+    final_force()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [LIMITED], indirect=True)
+def test_a_force_limit_around_a_controller_has_a_slider(page: browsers.Page) -> None:
+    move(page, "controllers.0.force_limit", 0)
+    assert_same_bits(page)
+    move(page, "controllers.0.inertia_scale", 3)
+    assert_same_bits(page)
+    choose(page, "plant.friction", 1)
+    assert_same_bits(page)
 
 
 @pytest.mark.slow

@@ -15,6 +15,7 @@ from armgpi.base.parameter import Parameter, parameters
 from armgpi.config import keys
 from armgpi.config.building import Experiment
 from armgpi.config.schema import KINDS, ExperimentConfig
+from armgpi.control.impedance import Impedance
 from armgpi.errors import ArmgpiError
 from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.loop.variables import variables, with_values
@@ -52,6 +53,11 @@ _BANDWIDTHS = (
     250.0,
     300.0,
 )
+#: Stiffness of springs, as factors of that of the experiment, and their damping ratios.
+_STIFFNESS = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0)
+_DAMPING = (0.4, 0.6, 0.8, 1.0, 1.5)
+#: Force limits [N].
+_FORCES = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 50.0, 70.0, 100.0, 150.0)
 #: How far a goal can be moved [rad or m], and factors of a move's duration.
 _FAR = 0.5 * math.pi
 _DURATIONS = (0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.25, 1.5, 2.0)
@@ -85,6 +91,8 @@ class Control(NamedTuple):
         arm: "plant" or "controller" where it changes the equations of motion of one.
         only: path -> value of the choice that it belongs to; None for all.
         excludes: id of a control that is as at first while this one is not.
+        rebuilds: whether the controller is made anew at each of its places: more follows from its value than
+            a number that it is.
     """
 
     path: Path
@@ -100,6 +108,7 @@ class Control(NamedTuple):
     arm: str = ""
     only: tuple[Path, Any] | None = None
     excludes: str = ""
+    rebuilds: bool = False
 
     @property
     def id(self) -> str:
@@ -154,12 +163,14 @@ class Playable(NamedTuple):
         sections: type -> section of the controller.
         choices: what has forms of its own.
         controls: what can be moved.
+        friction: joint friction of the experiment's robot: the nominal model's where the plant has none.
     """
 
     config: dict[str, Any]
     sections: dict[str, dict[str, Any]]
     choices: tuple[Choice, ...]
     controls: tuple[Control, ...]
+    friction: Any = None
 
 
 def playable(experiment: Experiment, label: str, siblings: Mapping[str, dict[str, Any]]) -> Playable:
@@ -173,6 +184,7 @@ def playable(experiment: Experiment, label: str, siblings: Mapping[str, dict[str
     config = plain(experiment.config)
     robot = experiment.robot
     own = next(section for section in config["controllers"] if section["label"] == label)
+    _fill_springs(own, experiment.controllers[label])
     sections = {own["type"]: own, **siblings}
     config["controllers"] = [own]
     if not (np.any(robot.friction.viscous) or np.any(robot.friction.coulomb)):
@@ -189,6 +201,7 @@ def playable(experiment: Experiment, label: str, siblings: Mapping[str, dict[str
     choices.append(
         Choice(("plant", "friction"), "friction", "joint friction of the plant", ("none", "urdf"), friction)
     )
+    of_model = config["robot"]["friction"]
     config["robot"]["friction"] = _frictions(robot)
     controls = [
         *_controllers(sections, robot),
@@ -204,7 +217,7 @@ def playable(experiment: Experiment, label: str, siblings: Mapping[str, dict[str
         if control.id not in known and not (several and control.path[1] == "loads")
     ]
     controls += _loads(config, experiment.t_final, robot)
-    return Playable(config, sections, tuple(choices), tuple(controls))
+    return Playable(config, sections, tuple(choices), tuple(controls), of_model)
 
 
 def plain(config: ExperimentConfig) -> dict[str, Any]:
@@ -253,7 +266,64 @@ def _controllers(sections: Mapping[str, dict[str, Any]], robot: Robot) -> Iterat
         # Keys of a force limit that is not set are left out of files.
         if declared.kind in ("number", "integer", "box") and key in sections[kind]:
             yield from _declared_slider(kind, key, declared, sections[kind][key])
-    yield from _nominal(sections, robot)
+    for kind in sections:
+        yield from _force_limit(kind, sections[kind])
+    if compliant := [kind for kind in sections if issubclass(KINDS[kind].law, Impedance)]:
+        # Their damping is made for the inertia of the nominal model, which has no slider then.
+        for kind in compliant:
+            yield from _springs(kind, sections[kind])
+    else:
+        yield from _nominal(sections, robot)
+
+
+def _force_limit(kind: str, section: Mapping[str, Any]) -> Iterator[Control]:
+    """Yield the slider of a force limit that a file has: its moment follows it where none is given."""
+    declared, limit = _declared_parameters(kind).get("force_limit"), section.get("force_limit")
+    if declared is not None and limit is not None and not declared.varies:
+        stops = tuple(sorted({*_FORCES, float(limit)}))
+        slider = _slider(("controllers", 0, "force_limit"), declared, limit, "force limit", "controller")
+        yield slider._replace(only=(("controllers", 0), kind), stops=stops, values=stops, rebuilds=True)
+
+
+def _fill_springs(section: dict[str, Any], law: Any) -> None:
+    """Put into the section of springs what was chosen for them: it stays while others are moved."""
+    law = getattr(law, "law", law)  # it may have a force limit around it
+    if isinstance(law, Impedance):
+        section["velocity_filter"] = law.velocity_filter
+        if "joint_stiffness" in section:
+            section["joint_stiffness"] = np.asarray(vars(law)["stiffness"]).tolist()
+
+
+def _springs(kind: str, section: Mapping[str, Any]) -> Iterator[Control]:
+    """Yield the controls of springs: one scales all of them by the same factor, the other one damps them."""
+    key = "joint_stiffness" if "joint_stiffness" in section else "stiffness"
+    given = [float(x) for x in section[key]]
+    shown = max(given[:3]) or max(given) if key == "stiffness" else max(given)
+    unit = "N/m" if key == "stiffness" and max(given[:3]) else "N m/rad"
+    stiffness = Control(
+        path=("controllers", 0, key),
+        label="stiffness",
+        text="the largest one; all others go with it, by the same factor",
+        unit=unit,
+        group="controller",
+        stops=tuple(_few(factor * shown) for factor in _STIFFNESS),
+        values=tuple(given if x == 1.0 else _round_values(x * np.array(given)) for x in _STIFFNESS),
+        value=given,
+        only=(("controllers", 0), kind),
+        rebuilds=True,
+    )
+    ratio = section["damping_ratio"]
+    ratios = tuple(sorted({*_DAMPING, float(ratio)}))
+    yield stiffness
+    yield stiffness._replace(
+        path=("controllers", 0, "damping_ratio"),
+        label="damping ratio",
+        text=_declared_parameters(kind)["damping_ratio"].text,
+        unit="",
+        stops=ratios,
+        values=ratios,
+        value=ratio,
+    )
 
 
 def _declared_slider(kind: str, key: str, declared: Parameter, value: Any) -> Iterator[Control]:
@@ -380,6 +450,7 @@ def _plant(config: dict[str, Any], robot: Robot) -> Iterator[Control]:
 def _own_numbers(experiment: Experiment, label: str) -> Iterator[Control]:
     """Yield the controls of what the file gives of plant, sensors and loads as one number."""
     loop = ClosedLoop(*experiment.runs[label], experiment.reference)
+    config = plain(experiment.config)
     for name, variable in variables(loop).items():
         path = keys.path_of(name)
         try:
@@ -391,6 +462,10 @@ def _own_numbers(experiment: Experiment, label: str) -> Iterator[Control]:
         if not stops_of(variable.declared, value):
             continue
         words = " ".join(map(str, path[1:])).replace("_", " ").replace("loads", "load")
+        if path[1] == "environment":
+            contacts = config["plant"]["environment"]
+            number = f" {path[2]}" if len(contacts) > 1 else ""
+            words = f"{contacts[int(path[2])]['type']}{number} {path[-1]}"
         control = _slider(path, variable.declared, value, words, "plant")
         stops = []
         for x in control.stops:

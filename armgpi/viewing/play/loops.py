@@ -19,6 +19,7 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from armgpi.base.arrays import Array
 from armgpi.codegen.trace import Inventory, Trace, columns
+from armgpi.control.force_limit import ForceLimit
 from armgpi.gpi.gains import Tuning
 from armgpi.gpi.law import GPI
 from armgpi.loop.closed_loop import ClosedLoop
@@ -32,6 +33,8 @@ SCALE, BITS = "controllers.0.inertia_scale", "plant.encoder_bits"
 PARTS = ("plant", "controller", "reference")
 #: What a page can work out.
 _OPERATIONS = {np.add: "+", np.subtract: "-", np.multiply: "*", np.divide: "/"}
+#: Numbers of what the tool touches that a page moves; where a wall is stays, as it is drawn there.
+_OF_CONTACTS = ("stiffness", "damping", "friction")
 #: Longest delay of a page [samples].
 LONGEST = 20
 #: A count of encoders without counts: a power of two, by which rounding rounds nothing that matters.
@@ -50,24 +53,39 @@ def movable(loop: ClosedLoop, rows: Mapping[str, Sequence[Any]] | None = None) -
     made = copy.copy(loop)
     made.batch = next((len(values) for values in rows.values()), loop.batch)
     made.plant = _add_sensors(loop.plant, rows, made.batch)
-    made.controller = controller = copy.copy(loop.controller)
+    made.controller = _with_controller_numbers(loop.controller, rows)
+    return made
+
+
+def _with_controller_numbers(given: Any, rows: Mapping[str, Sequence[Any]]) -> Any:
+    """Return a controller with a factor of its nominal model, and a force limit, that are numbers."""
+    controller = copy.copy(given)
+    law = getattr(given, "law", given)  # it may have a force limit around it
+    if law is not given:
+        object.__setattr__(controller, "law", _with_controller_numbers(law, rows))
     # The nominal model for inertia and the one for what is fed forward; one may carry a load that the other
     # does not, and then they are two.
     for name, own in (("robot", "_dynamics"), ("bias_robot", "_bias")):
-        robot = getattr(loop.controller, name, None)
+        robot = getattr(given, name, None)
         if robot is None:
             continue
         dynamics = robot.dynamics
         if not isinstance(dynamics, ScaledDynamics):
             dynamics = ScaledDynamics(dynamics, 1.0)
         scale = np.array(dynamics.scale)
-        if SCALE in rows and (name == "robot" or vars(controller)["_as_given"][name] is None):
+        if SCALE in rows and (name == "robot" or vars(law)["_as_given"].get(name) is None):
             scale = np.array(rows[SCALE])[:, None]
         scaled = ScaledDynamics(dynamics.base, scale)
         object.__setattr__(controller, name, robot._with_attributes(dynamics=scaled))
         if hasattr(controller, own):
             object.__setattr__(controller, own, scaled)
-    return made
+    if hasattr(controller, "_known"):
+        object.__setattr__(controller, "_known", controller.bias_robot.dynamics)
+    for name, limit in vars(given).items():
+        if isinstance(limit, ForceLimit):
+            numbers = {key: np.atleast_1d(getattr(limit, key)) for key in ("force", "moment")}
+            object.__setattr__(controller, name, _with(limit, **numbers))
+    return controller
 
 
 def _add_sensors(plant: Plant, rows: Mapping[str, Sequence[Any]], batch: int | None) -> Plant:
@@ -80,6 +98,7 @@ def _add_sensors(plant: Plant, rows: Mapping[str, Sequence[Any]], batch: int | N
     while isinstance(made, Wrapper):
         chain.append(made)
         made = made.plant
+    made = _with_contact_numbers(made)
     for wrapper in reversed(chain):
         if isinstance(wrapper, Delayed):
             late = wrapper.samples
@@ -97,6 +116,19 @@ def _add_sensors(plant: Plant, rows: Mapping[str, Sequence[Any]], batch: int | N
     made = _with(DropOut(made, 0.5, seed), probability=lost + none)
     queue: Plant = _with(Delayed(made, 0, longest=LONGEST), samples=late + none)
     return queue
+
+
+def _with_contact_numbers(arm: Any) -> Any:
+    """Return the arm of a plant, with numbers of what it touches as arrays, which are no constants."""
+    surroundings = getattr(arm, "_surroundings", None)
+    if surroundings is None:
+        return arm
+    contacts = []
+    for contact in surroundings.contacts:
+        own = {name: np.atleast_1d(vars(contact)[name]) for name in _OF_CONTACTS if name in vars(contact)}
+        contacts.append(_with(contact, **own))
+    touched = tuple(contacts)
+    return _with(arm, environment=touched, _surroundings=_with(surroundings, contacts=touched))
 
 
 def _with(thing: Any, **attributes: Any) -> Any:

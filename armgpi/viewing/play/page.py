@@ -36,7 +36,10 @@ _REFERENCE_KEYS = (
 Progress = Callable[[str, float], None]
 
 #: Keys that the other controllers of a page take over.
-_SHARED = ("inertia_scale", "payload_range", "rolloff", "rolloff_ratio", "feedforward", "integrators")
+_SHARED = (
+    *("inertia_scale", "payload_range", "rolloff", "rolloff_ratio", "feedforward", "integrators"),
+    *("force_limit", "moment_limit", "force_frame", "speed_limit", "limit_friction"),
+)
 
 
 class Module(NamedTuple):
@@ -227,12 +230,52 @@ def _possible(moved: Playable, makers: _Makers) -> Playable:
 
     forms = [form for form in _forms(moved) if form["plant.friction"] == "none"]
     controls = []
-    for control in moved.controls:
+    for control in _buildable(moved, makers):
         if control.arm == "controller":
             left = tuple(mass for mass in control.values if mass == control.value or serves(control, mass))
             control = control._replace(stops=left, values=left)
         controls.append(control)
     return moved._replace(controls=tuple(controls))
+
+
+def _buildable(moved: Playable, makers: _Makers) -> list[Control]:
+    """Return controls without places at which a controller that is made anew there would be refused.
+
+    A stiffness is left out that is refused with one of the damping ratios, as the two are moved together.
+    """
+
+    def serves(moves: Sequence[tuple[Control, Any]]) -> bool:
+        config = json.loads(json.dumps(moved.config))
+        kinds = [control.only[1] for control, _ in moves if control.only is not None]
+        config["controllers"] = [dict(moved.sections[kinds[0]])]
+        for control, value in moves:
+            control.put(config, value)
+        try:
+            makers.loop(config)
+        except ArmgpiError:
+            return False
+        return True
+
+    ratio = next((x for x in moved.controls if x.rebuilds and x.path[-1] == "damping_ratio"), None)
+    if ratio is not None:
+        left = tuple(x for x in ratio.values if x == ratio.value or serves([(ratio, x)]))
+        ratio = ratio._replace(stops=left, values=left)
+    controls = []
+    for control in moved.controls:
+        if ratio is not None and control.id == ratio.id:
+            controls.append(ratio)
+            continue
+        if not control.rebuilds:
+            controls.append(control)
+            continue
+        beside = [(ratio, x) for x in ratio.values] if ratio and "stiffness" in control.id else []
+        kept = {}
+        for stop, value in zip(control.stops, control.values, strict=True):
+            together = [[(control, value), other] for other in beside] or [[(control, value)]]
+            if value == control.value or all(map(serves, together)):
+                kept[stop] = value
+        controls.append(control._replace(stops=tuple(kept), values=tuple(kept.values())))
+    return controls
 
 
 def compose_config(moved: Playable, form: dict[str, Any]) -> dict[str, Any]:
@@ -245,6 +288,8 @@ def compose_config(moved: Playable, form: dict[str, Any]) -> dict[str, Any]:
     for choice in moved.choices[1:]:
         if choice.id in form:
             keys.put(config, choice.path, form[choice.id])
+    if form["plant.friction"] == "none":
+        config["robot"]["friction"] = moved.friction
     for control in _belonging(moved, form):
         if control.arm == "plant" and control.whole is not None:
             control.put(config, control.values[1])
@@ -299,6 +344,7 @@ class _Makers:
             raise ParameterError("label", label, ", ".join(each["label"] for each in config["controllers"]))
         found = {}
         for kind in siblings(own["type"]):
-            config["controllers"] = [{"type": kind, **{key: own[key] for key in _SHARED}}]
+            shared = {key: own[key] for key in _SHARED if key in own}
+            config["controllers"] = [{"type": kind, **shared}]
             found[kind] = plain(build_experiment(check(config, Origin())).config)["controllers"][0]
         return found

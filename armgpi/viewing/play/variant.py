@@ -223,6 +223,10 @@ class Prober:
         size = -control.value if control.path[-1] == "lower" else control.value
         return [control.value + share * size for share in (0.031, 0.047)] if size else (0.31, 0.47)
 
+    def _needs_a_loop(self, name: str) -> bool:
+        """Tell whether a loop is made anew at each place of a control."""
+        return bool(self.controls[name].arm) or self.controls[name].rebuilds
+
     def _changes(self, name: str) -> Any:
         """Return which numbers a control changes."""
         with suppress(ArmgpiError):  # it decides the form of the loop
@@ -260,8 +264,8 @@ class Prober:
             for way, places in ways.items():
                 found[:, places] = known[way]
             return found
-        # Loads and rotors have equations of motion of their own, and so a loop.
-        alone = {name: values for name, values in moved.items() if self.controls[name].arm}
+        # Loads and rotors have equations of motion of their own, and so a loop; springs are made anew.
+        alone = {name: values for name, values in moved.items() if self._needs_a_loop(name)}
         groups: dict[str, list[int]] = {}
         for i in range(count):
             groups.setdefault(repr([values[i] for values in alone.values()]), []).append(i)
