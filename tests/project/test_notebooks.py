@@ -105,6 +105,7 @@ for cell in json.load(open(sys.argv[1], encoding="utf-8"))["cells"]:
         ("2_the_papers_tables", ["text/markdown", "image/png"], ()),
         ("3_validate_a_model", ["text/html", "text/html"], ()),
         ("4_identify_an_arm", ["text/html"], ("5.0", "1.0)")),
+        ("5_compliance", ["image/png"] * 4, ()),
         for_search("4_identify_an_arm", ["text/html"], ()),
     ],
 )
