@@ -116,12 +116,29 @@ def bound(
     data = json_data({**found.plain(), "stop": stop and stop._asdict(), "verdict": verdict.plain()})
     if out is not None:
         write(out, json.dumps(data, indent=1) + "\n", "--out")
-    notes = [*filter(None, (str(stop or ""), *_gears(found)))]
+    notes = [*filter(None, (str(stop or ""), *_gears(found), _dropped_limit(robot, controller)))]
     if report is not None:
         write(report, _page(found, experiment, notes, verdict), "--report")
     heading = f"{verdict.line}\n" if verdict.outcome == "holds for part" else ""
     say(json.dumps(data) if as_json else heading + "\n  ".join([str(found), *notes]), lines=True)
     sys.exit(verdict.exit_code)
+
+
+def _dropped_limit(name: str, controller: str | None) -> str:
+    """Return that a controller of the command line has no force limit, though the file's has one."""
+    from armgpi import config
+
+    if controller is None or not is_experiment(name):
+        return ""
+    said, _ = config.read(Path(name))
+    for section in said.plain(given=True).get("controllers") or []:
+        limit = section.get("force_limit")
+        if limit is not None:
+            return (
+                f"--controller {controller} replaces the file's {section['type']} and leaves out its "
+                f"force_limit of {limit:g} N; without --controller the force is bounded"
+            )
+    return ""
 
 
 def _of_errors(torque: str, force: float, start: str, identified: Path | None) -> list[str]:

@@ -184,8 +184,10 @@ class Impedance(Controller):
             )
         slowest, fastest = np.sqrt(np.quantile(moving, _SPREAD)).tolist()
         self._frequencies = Frequencies(slowest, fastest)
-        self._alpha = 2.0 * self.damping_ratio * slowest * fastest / (slowest + fastest)
-        self._beta = 2.0 * self.damping_ratio / (slowest + fastest)
+        alpha = 2.0 * self.damping_ratio * slowest * fastest / (slowest + fastest)
+        beta = 2.0 * self.damping_ratio / (slowest + fastest)
+        # Arrays are numbers of generated code, so that a page can move them.
+        self._alpha, self._beta = np.array([alpha]), np.array([beta])
         found = self._choose_filter(modes, arm)
         self._limits = found
         self._springs = np.array(vars(self)["stiffness"], dtype=np.float64)
@@ -210,7 +212,7 @@ class Impedance(Controller):
         best = None
         for bandwidth in _FILTERS if self.velocity_filter is None else (self.velocity_filter,):
             found = impedance_limits(
-                modes, self._alpha, self._beta, bandwidth, self.dt, self.delay, arm.drives
+                modes, self._alpha.item(), self._beta.item(), bandwidth, self.dt, self.delay, arm.drives
             )
             # First that it may have what is asked for, then room for encoders at the links.
             least = min(found.factor, found.link_factor)
@@ -237,8 +239,8 @@ class Impedance(Controller):
         """Return the largest stiffness over the specified one with the filter that suits it best [-]."""
         arm = one_of(self.robot)
         modes = self._modes(arm, random_configurations(arm, _CONFIGURATIONS, seed=0))
-        loop = (self.dt, self.delay, arm.drives)
-        each = [impedance_limits(modes, self._alpha, self._beta, x, *loop).factor for x in _FILTERS]
+        alpha, beta, loop = self._alpha.item(), self._beta.item(), (self.dt, self.delay, arm.drives)
+        each = [impedance_limits(modes, alpha, beta, x, *loop).factor for x in _FILTERS]
         return max(each)
 
     def init(self, measurement: Measurement, target: Target) -> ImpedanceState:
@@ -259,7 +261,8 @@ class Impedance(Controller):
     ) -> ImpedanceState:
         """Return a state from which on it has another stiffness, limit or target, without a step of torque.
 
-        Stiffness and limit go to their new values with a time constant of 0.1 s. What is not given stays.
+        Stiffness and limit go to their new values with a time constant of 0.1 s; a limit that is more than
+        twice as large grows e times in 0.1 s. What is not given stays.
 
         Args:
             state: of the running controller.
@@ -292,7 +295,8 @@ class Impedance(Controller):
             given |= {"guided": now, "kept": np.ones_like(now)}
         if moved is not None:
             by = _like(as_float_array(moved, "moved"), state.offset, "moved")
-            given |= {"offset": state.offset + by, "kept": np.zeros_like(state.kept)}
+            # The last error is one from the new target: what was set elsewhere is no motion to be damped.
+            given |= {"e": state.e + by, "offset": state.offset + by, "kept": np.zeros_like(state.kept)}
         return state._replace(**given)
 
     def _checked(self, stiffness: Any, like: Array) -> Array:
@@ -315,7 +319,9 @@ class Impedance(Controller):
         root = state.root + self._share * (np.sqrt(wanted) - state.root)
         limit = state.limit
         if limit is not None:
-            limit = limit + self._share * (state.limit_goal - limit)
+            # A far larger limit is reached by growing: a sample adds no more than a share of what there is.
+            nearer = limit + self._share * (state.limit_goal - limit)
+            limit = np.minimum(nearer, limit + self._share * limit)
         back = self._share * (1.0 - state.guided) * (1.0 - state.kept)
         offset = state.offset + (self._follows * state.guided) * (e - state.offset) - back * state.offset
         parts = (e, rate, root, state.goal, limit, state.limit_goal, offset, state.guided, state.kept)

@@ -136,7 +136,7 @@ class Supervisor(Parametrised):
         per_joint=True,
     )
     following: PerJoint = parameter(
-        "FOLLOWING: largest distance from the reference; impedance controllers pass the default",
+        "FOLLOWING: largest distance from the reference; springs and force limits pass the default",
         unit="rad or m",
         default=0.5,
         least=0.0,
@@ -161,7 +161,7 @@ class Supervisor(Parametrised):
     speed: float | None = parameter(
         "SPEED: share of its velocity limit by which a joint may be faster",
         default=None,
-        none="no check; 0 for impedance controllers",
+        none="no check; 0 with springs or a force limit",
         least=0.0,
     )
     speed_cap: PerJoint = parameter(
@@ -229,10 +229,11 @@ class Bounds(NamedTuple):
 def suited(law: Controller, given: Supervisor) -> Supervisor:
     """Return settings that suit a controller: a spring is off its reference by force over stiffness.
 
-    The default of FOLLOWING is not checked then, another one is. That it moves faster than its joints may is
-    a fault where nothing else is specified.
+    Beyond a force limit nothing holds the arm at its reference either. The default of FOLLOWING is not
+    checked then, another one is. That it moves faster than its joints may is a fault where nothing else is
+    specified.
     """
-    if not law.compliant:
+    if not law.compliant and getattr(law, "force_limit", None) is None:
         return given
     changes: dict[str, Any] = {}
     if np.all(given.following == parameters(Supervisor)["following"].default):

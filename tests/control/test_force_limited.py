@@ -308,8 +308,17 @@ def test_a_spring_under_a_force_limit_is_a_spring_to_a_supervisor() -> None:
     limited = armgpi.Supervised(armgpi.ForceLimited(LAWS["joints"](), 20.0))
     alone = armgpi.Supervised(LAWS["joints"]())
     assert limited.supervisor.values() == alone.supervisor.values()
-    stiff = armgpi.Supervised(armgpi.ForceLimited(LAWS["pid_positions"](), 20.0))
+    # What has integrators is held off its reference by a wall as well; without a limit it is a fault.
+    for law in (
+        armgpi.ForceLimited(LAWS["pid_positions"](), 20.0),
+        armgpi.GPI(ARM, DT, force_limit=20.0),
+    ):
+        assert armgpi.Supervised(law).supervisor.values() == alone.supervisor.values()
+    stiff = armgpi.Supervised(LAWS["pid_positions"]())
     assert stiff.supervisor.following == armgpi.Supervisor().following
+    given = armgpi.Supervised(law, armgpi.Supervisor(following=0.2, speed=0.1))
+    assert np.all(given.supervisor.following == 0.2)
+    assert given.supervisor.speed == 0.1
 
 
 def test_of_limits_that_differ_by_rollout_the_largest_bounds_the_force() -> None:

@@ -273,3 +273,39 @@ def test_the_filtered_rate_of_a_ramp_is_its_own_and_a_step_decays_by_the_trapezo
     law: Any = armgpi.JointImpedance(armgpi.Robot.load("anthropomorphic3"), 1e-3, 10.0, velocity_filter=250.0)
     assert law._drive * 1e-3 / (1.0 - law._decay) == pytest.approx(1.0, rel=1e-12)
     assert law._decay == pytest.approx((1.0 - 0.125) / (1.0 + 0.125), rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["tool", "joints"])
+def test_no_change_steps_the_torque_however_far_it_goes(kind: str) -> None:
+    """A limit of 10,000 N in place of 30 stepped by 80 N m, and a target elsewhere by 212 N m, as damping."""
+    robot = armgpi.Robot.load("anthropomorphic3")
+    law: Any = armgpi.JointImpedance(robot, 1e-3, stiffness=20.0, torque_limit=2.0)
+    if kind == "tool":
+        law = armgpi.CartesianImpedance(robot, 1e-3, stiffness=[500.0] * 3 + [0.0] * 3, force_limit=30.0)
+    rng = np.random.default_rng(33)
+    zero = np.zeros(3)
+    for _ in range(20):
+        measured = armgpi.Measurement(robot.middle() + 0.2 * rng.normal(size=3))
+        target = armgpi.Target(robot.middle() + 0.2 * rng.normal(size=3), zero, zero)
+        state = law.step(measured, target, law.init(measured, target)).state
+        usual = law.step(measured, target, state).tau
+        spring = np.abs(usual - robot.gravity(measured.q)).max()
+        for change in (
+            {"stiffness": np.zeros_like(state.goal)},
+            {"stiffness": law._most + np.zeros_like(state.root)},
+            {"limit": 1e4},
+            {"limit": 1e-3},
+            {"guided": True},
+            {"guided": False},
+        ):
+            after = law.step(measured, target, law.changed(state, **change)).tau
+            # Roots go by a hundredth of their difference in a sample, a hand's position by a fiftieth.
+            assert np.abs(after - usual).max() <= 0.25 * spring + 1e-12, change
+        new = armgpi.Target(robot.middle() + 0.5 * rng.normal(size=3), zero, zero)
+        moved = target.q - new.q
+        after = law.step(measured, new, law.changed(state, moved=moved)).tau
+        free = law.step(measured, new, law.changed(state, moved=moved)._replace(kept=np.ones(1))).tau
+        assert free == pytest.approx(usual, abs=1e-9)  # the wished position is where it was
+        # It begins to go to the new one: by a hundredth of the way, at the stiffness of the springs.
+        stiffness = 20.0 if kind == "joints" else 500.0
+        assert np.abs(after - usual).max() <= 0.0101 * stiffness * np.abs(moved).sum()
