@@ -103,6 +103,7 @@ def make(options: dict[str, Any], result: xr.Dataset, experiment: Experiment) ->
         from armgpi.viewing import report
 
         text = dump(experiment.config)
+        result = _with_estimated_wrench(result, experiment)
         if options["interactive"]:
             page = page_to_play_with(experiment, more=report.sections(result, robot, text))
         else:
@@ -110,6 +111,23 @@ def make(options: dict[str, Any], result: xr.Dataset, experiment: Experiment) ->
             page = report.build(result, robot, configuration=text, world=simulated)
         written.append(report.write(page, options["report"]))
     return written
+
+
+def _with_estimated_wrench(result: xr.Dataset, experiment: Experiment) -> xr.Dataset:
+    """Return a result with the wrench that torques and positions tell, where something touches the tool.
+
+    The model is the experiment's arm, without what its controller does not know. What recorded few samples,
+    or diverged, has no estimate.
+    """
+    if "contact_force" not in result or experiment.config.record_every != 1 or result.sizes["time"] < 2:
+        return result
+    import numpy as np
+
+    from armgpi.loop.wrench import tool_wrench
+
+    if not bool(np.isfinite(result["q_measured"]).all() & np.isfinite(result["tau"]).all()):
+        return result
+    return tool_wrench(result, experiment.robot)
 
 
 def page_to_play_with(experiment: Experiment, **options: Any) -> str:

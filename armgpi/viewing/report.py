@@ -285,7 +285,21 @@ def _tool_plots(time: Array, traces: Sequence[tracks.Trace], arrays: page.Arrays
         for run, trace in enumerate(traces):
             lines += _lines(time, values(trace.data).expand_dims("joint"), arrays, run, trace.look)
         found.append({"name": name, "unit": unit, "traces": lines})
+    if all("estimated_force" in trace.data and "rollout" not in trace.data.dims for trace in traces):
+        lines = []
+        for run, trace in enumerate(traces):
+            for force in _estimated_force(trace.data):
+                lines += _lines(time, force.expand_dims("joint"), arrays, run, trace.look)
+        found.append({"name": "Estimated force, with its least and most", "unit": "N", "traces": lines})
     return found
+
+
+def _estimated_force(data: xr.Dataset) -> tuple[xr.DataArray, xr.DataArray, xr.DataArray]:
+    """Return the length of an estimated force [N], and the least and the most that its interval allows."""
+    low, high = data["estimated_force_low"], data["estimated_force_high"]
+    nearest = low.clip(min=0.0) - high.clip(max=0.0)
+    farthest = abs(low).where(abs(low) > abs(high), abs(high))
+    return _length(data["estimated_force"]), _length(nearest), _length(farthest)
 
 
 def _length(vectors: xr.DataArray) -> xr.DataArray:

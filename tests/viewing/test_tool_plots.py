@@ -67,3 +67,16 @@ def test_the_report_has_them_too(touched: xr.Dataset) -> None:
         "peak force",
     ):
         assert words in page
+
+
+def test_the_report_has_an_estimated_force_between_its_least_and_most(touched: xr.Dataset) -> None:
+    robot = armgpi.Robot.load("ur5").with_armature(0.5)
+    known = robot.with_friction([1.0] * 6, [1.0] * 6)
+    estimated = armgpi.tool_wrench(touched, known)
+    assert "Estimated force" in report.build(estimated)
+    assert "Estimated force" not in report.build(touched)
+    value, least, most = report._estimated_force(estimated)
+    # The box of the intervals contains the estimate, and so its length is between.
+    assert (least <= value + 1e-9).all()
+    assert (value <= most + 1e-9).all()
+    assert float((most - least).max()) > 0.1
