@@ -320,18 +320,23 @@ def test_walls_are_drawn_and_contacts_are_arrows(page: browsers.Page) -> None:
     assert page.eval("armgpi.scene.arrows[0].map((arrow) => arrow.visible)") == [False, True]
 
 
+def assert_near(page: browsers.Page) -> xr.Dataset:
+    """The page shows what a run gives but for roundings; the run is returned."""
+    rollout = run(page.eval("armgpi.page.numbers.yaml()"))
+    for name in ("q", "tau_command"):
+        shown = np.frombuffer(base64.b64decode(page.eval(f"({BITS})('{name}')")))
+        expected = rollout[name].values
+        assert shown.reshape(expected.shape) == pytest.approx(expected, rel=1e-9, abs=1e-9), name
+    return rollout
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("page", [SPRUNG], indirect=True)
 def test_stiffness_damping_force_limit_and_wall_have_sliders(page: browsers.Page) -> None:
     """The page works out what the run does, but for the rounding of an arc tangent of another library."""
 
     def final_force() -> float:
-        rollout = run(page.eval("armgpi.page.numbers.yaml()"))
-        for name in ("q", "tau_command"):
-            shown = np.frombuffer(base64.b64decode(page.eval(f"({BITS})('{name}')")))
-            expected = rollout[name].values
-            assert shown.reshape(expected.shape) == pytest.approx(expected, rel=1e-9, abs=1e-9), name
-        return float(armgpi.metrics.final_force(rollout)[0])
+        return float(armgpi.metrics.final_force(assert_near(page))[0])
 
     assert final_force() == pytest.approx(30.0, abs=3.0)
     move(page, "controllers.0.force_limit", 3)
@@ -353,11 +358,11 @@ def test_stiffness_damping_force_limit_and_wall_have_sliders(page: browsers.Page
 @pytest.mark.parametrize("page", [LIMITED], indirect=True)
 def test_a_force_limit_around_a_controller_has_a_slider(page: browsers.Page) -> None:
     move(page, "controllers.0.force_limit", 0)
-    assert_same_bits(page)
+    assert_near(page)
     move(page, "controllers.0.inertia_scale", 3)
-    assert_same_bits(page)
+    assert_near(page)
     choose(page, "plant.friction", 1)
-    assert_same_bits(page)
+    assert_near(page)
 
 
 @pytest.mark.slow
