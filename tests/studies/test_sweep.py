@@ -854,7 +854,7 @@ def test_where_a_file_states_no_failure_it_is_a_share_of_the_move() -> None:
         "peak_error": pytest.approx(0.1 * move, rel=1e-2),
         "final_error": pytest.approx(0.02 * move, rel=1e-2),
     }
-    assert "10% and 2% of the largest move" in results.failure_words(sweep)
+    assert "10 % and 2 % of the largest move" in results.failure_words(sweep)
     assert "of the largest move" not in results.failure_words(made(TEXT))
 
 
