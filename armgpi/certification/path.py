@@ -377,6 +377,39 @@ class _Around(NamedTuple):
     coriolis: Array
 
 
+class _Sampled(NamedTuple):
+    """An arm at configurations around the path; the first axis of each array is these.
+
+    Attributes:
+        true: inertia matrix D of the arm [kg m^2 or kg], (400, n, n).
+        inverse: its inverse, likewise.
+        model: inertia matrix D^ of the controller's model, likewise.
+        torques: what makes the rest, as torques; see :func:`_torques`.
+    """
+
+    true: Array
+    inverse: Array
+    model: Array
+    torques: dict[str, Array]
+
+
+class _Largest:
+    """The largest size of each of some numbers, element by element, over all configurations."""
+
+    def __init__(self) -> None:
+        """Begin without numbers."""
+        self.sizes: dict[str, Array] = {}
+
+    def add(self, values: Mapping[str, Array]) -> None:
+        """Take in some more values, the first axis of each being configurations."""
+        for name, value in values.items():
+            self.sizes[name] = np.maximum(self.sizes.get(name, 0.0), np.abs(value).max(axis=0))
+
+    def raised(self) -> dict[str, Array]:
+        """Return them and :data:`MARGIN` more."""
+        return {name: (1.0 + MARGIN) * size for name, size in self.sizes.items()}
+
+
 def numbers_along(wish: Wish, radius: Array, fastest: Array) -> Along:
     """Return the numbers along the path.
 
@@ -386,69 +419,82 @@ def numbers_along(wish: Wish, radius: Array, fastest: Array) -> Along:
         fastest: how fast the error is at most [rad/s or m/s], (n,).
     """
     controller: Any = wish.controller
-    n, passed = len(radius), (wish.delay + 1) * controller.dt
     rng = np.random.default_rng(wish.seed)
     every = wish.reference.at(wish.samples)
     speed = np.abs(every.v).max(axis=0)
+    lateness = (wish.delay + 1) * controller.dt
     times, shares = _moments(wish, every, rng)
-    target, late = (wish.reference.at(t) for t in (times, times + passed * shares))
-    moved = passed * (speed + fastest) + wish.hidden
+    target = wish.reference.at(times)
+    late = wish.reference.at(times + lateness * shares)
+    next_q = wish.reference.at(times + controller.dt).q
+    # How far a measurement may be from where the arm is when its torque acts.
+    moved = lateness * (speed + fastest) + wish.hidden
 
-    def around(size: Array) -> Array:
-        # Corners as often as not: that is where the largest values mostly are.
-        share = rng.uniform(-1.0, 1.0, (_TIMES, n))
-        return np.where(rng.random((_TIMES, n)) < 0.5, np.sign(share), share) * size
-
-    found: dict[str, Array] = {"start": np.zeros(n)}
-    rest: dict[str, Array] = {}
-    answer: dict[str, Array] = {}
-    arms = []
+    largest = _Largest()
+    largest.sizes["start"] = np.zeros(len(radius))
+    arms: list[_Sampled] = []
     for arm in wish.arms:
-        q = late.q + around(radius)
-        y, between = q + around(moved), target.q + around(radius + moved)
+        q = late.q + _offsets(rng, radius)
+        y = q + _offsets(rng, moved)
+        between = target.q + _offsets(rng, radius + moved)
         slope = slopes(arm.mass_matrix, q)
         coriolis = christoffel(slope, late.v[:, None])[:, 0]
         at = _Around(target, late, q, y, between, _holds(wish, arm, target.q), coriolis)
-        true, model = arm.mass_matrix(q), controller.robot.mass_matrix(y)
+        true = arm.mass_matrix(q)
+        model = controller.robot.mass_matrix(y)
         inverse = np.asarray(np.linalg.inv(true), float)
-        arms.append((at, inverse, true, model, _torques(wish, arm, at, slope, every, fastest)))
-        shift = _holds(wish, arm, wish.reference.at(times + controller.dt).q) - at.v
-        ahead = controller.ahead(y, target)
+        arms.append(_Sampled(true, inverse, model, _torques(wish, arm, at, slope, every, fastest)))
         values = {
-            "shift": shift,
-            "hold": controller.robot.inertia_times(y, at.v) + ahead,
+            "shift": _holds(wish, arm, next_q) - at.v,
+            "hold": controller.robot.inertia_times(y, at.v) + controller.ahead(y, target),
             "reach": model,
             "jacobian": arm.frame_jacobian(arm.tip, between)[:, :3],
         }
         if wish.start == "wrong-load":
             values["start"] = _start(wish, at, rng)
-        _keep_largest(found, values)
-    diagonals = np.concatenate([np.diagonal(x[1] @ x[3], axis1=1, axis2=2) for x in arms])
-    gain = 0.5 * (diagonals.min(axis=0) + diagonals.max(axis=0))
+        largest.add(values)
+
+    gain = _middle_gain(arms)
     loop = channel(controller, wish.delay, gain)
-    for _, inverse, true, model, torques in arms:
-        torques["mismatch"] = model - true * gain
-        later = times + (0.0 if loop is None else loop.memory * rng.random(_TIMES))
-        seen = wish.reference.at(np.minimum(later, wish.t_final)).q + around(radius + wish.hidden)
-        _keep_largest(rest, _through(inverse, torques))
-        _keep_largest(answer, _through(controller.robot.mass_matrix(seen) @ inverse, torques))
+    rest = _Largest()
+    answer = _Largest()
+    for sampled in arms:
+        torques = sampled.torques | {"mismatch": sampled.model - sampled.true * gain}
+        later = times if loop is None else times + loop.memory * rng.random(_TIMES)
+        reference = wish.reference.at(np.minimum(later, wish.t_final)).q
+        seen = reference + _offsets(rng, radius + wish.hidden)
+        rest.add(_through(sampled.inverse, torques))
+        answer.add(_through(controller.robot.mass_matrix(seen) @ sampled.inverse, torques))
 
-    jerk = 0.0 * every.a
-    for away in range(1, wish.delay + 2):
-        jerk[:-away] = np.maximum(jerk[:-away], np.abs(every.a[away:] - every.a[:-away]))
-
-    def enlarge(values: dict[str, Array]) -> dict[str, Array]:
-        return {name: (1.0 + MARGIN) * x for name, x in values.items()}
-
-    found["jerk"] = jerk
-    others: Any = enlarge(found)
-    return Along(gain, Rest(**enlarge(rest)), Rest(**enlarge(answer)), speed=speed, loop=loop, **others)
+    largest.sizes["jerk"] = _jerk(every.a, wish.delay + 1)
+    others: Any = largest.raised()
+    return Along(gain, Rest(**rest.raised()), Rest(**answer.raised()), speed=speed, loop=loop, **others)
 
 
-def _keep_largest(found: dict[str, Array], values: Mapping[str, Array]) -> None:
-    """Keep the largest sizes of some more values, the first axis being configurations."""
-    for name, value in values.items():
-        found[name] = np.maximum(found.get(name, 0.0), np.abs(value).max(axis=0))
+def _offsets(rng: Any, size: Array) -> Array:
+    """Return distances of at most a size, (400, n), half of them at their ends.
+
+    The largest values mostly are at corners.
+    """
+    share = rng.uniform(-1.0, 1.0, (_TIMES, len(size)))
+    at_end = rng.random((_TIMES, len(size))) < 0.5
+    return np.asarray(np.where(at_end, np.sign(share), share) * size)
+
+
+def _middle_gain(arms: Sequence[_Sampled]) -> Array:
+    """Return the middle of what each joint's loop gain may be, the diagonal of D^-1 D^ [-], (n,)."""
+    products = np.concatenate([each.inverse @ each.model for each in arms])
+    diagonals = np.diagonal(products, axis1=1, axis2=2)
+    return np.asarray(0.5 * (diagonals.min(axis=0) + diagonals.max(axis=0)))
+
+
+def _jerk(acceleration: Array, samples: int) -> Array:
+    """Return by how much accelerations change within so many samples [rad/s^2 or m/s^2], likewise."""
+    jerk = 0.0 * acceleration
+    for away in range(1, samples + 1):
+        change = np.abs(acceleration[away:] - acceleration[:-away])
+        jerk[:-away] = np.maximum(jerk[:-away], change)
+    return jerk
 
 
 def _torques(
