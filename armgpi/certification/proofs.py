@@ -594,6 +594,41 @@ class _Solved(NamedTuple):
         return cls(along, inner + min(loss * length, turned), length)
 
 
+class _InMetrics(NamedTuple):
+    """Values of the polynomials of :class:`Stiffness` in a cell, or what is beyond, in the metrics there.
+
+    Values have the corners of the hull and then the cell's center as their first axis; what is beyond has
+    none.
+
+    Attributes:
+        D: the arm's inertia.
+        nominal: D^, the model's inertia.
+        held: what D^ v* is.
+        torque: gradient of the torque.
+        held_slope: gradient of `held`.
+        rates: dD^/dq_j, with j in between.
+        M: the same, as d(D^ e_k)/dq.
+        moves: partial derivatives of D.
+    """
+
+    D: Array
+    nominal: Array
+    held: Array
+    torque: Array
+    held_slope: Array
+    rates: Array
+    M: Array
+    moves: Array
+
+    def corners(self) -> _InMetrics:
+        """Return the values at the corners."""
+        return _InMetrics(*(values[:-1] for values in self))
+
+    def center(self) -> _InMetrics:
+        """Return the values at the center."""
+        return _InMetrics(*(values[-1] for values in self))
+
+
 class Stiffness(Quantity):
     """The largest norm of D^-1/2 K D^-1/2 with K = d(torque - D^ v*)/dq and v* = D^^-1 held at a reference.
 
@@ -626,30 +661,39 @@ class Stiffness(Quantity):
         known = self._in_metrics(cell)
         if known is None:
             return _nothing(1)
-        values, (less, loose, held_more, torque_more, *slopes_more, M_more, rates_more) = known
-        v, there, N = (values[i][-1] for i in (2, 3, 6))
-        D, nominal, held, torque, *slopes, M, _ = (each[:-1] for each in values)
-        base = _roots(nominal, loose)
+        values, beyond = known
+        at, center = values.corners(), values.center()
+        base = _roots(at.nominal, beyond.nominal)
         if base is None:
             return _nothing(1)
         odd, even = _weights(cell)
-        r, r_more = held - nominal @ v, held_more + loose @ np.abs(v)
-        e = _Solved.of(odd, base, nominal, r, loose, r_more)
-        K = torque - np.tensordot(v, M, axes=(0, 1)) - np.tensordot(r, N, axes=1)
-        K_more = torque_more + np.tensordot(np.abs(v), M_more, axes=1)
+        # v and N as in the docstring of the class; v* = v + e, with D^ e = r.
+        v, N = center.held, center.M
+        r = at.held - at.nominal @ v
+        r_more = beyond.held + beyond.nominal @ np.abs(v)
+        e = _Solved.of(odd, base, at.nominal, r, beyond.nominal, r_more)
+        # torque' - M v - N r
+        K = at.torque - np.tensordot(v, at.M, axes=(0, 1)) - np.tensordot(r, N, axes=1)
+        K_more = beyond.torque + np.tensordot(np.abs(v), beyond.M, axes=1)
         K_more += np.tensordot(r_more, np.abs(N), axes=1)
-        W = M - np.tensordot(nominal, N, axes=1)
-        W_more = np.linalg.norm(M_more + np.tensordot(loose, np.abs(N), axes=1))
+        # M - N D^
+        W = at.M - np.tensordot(at.nominal, N, axes=1)
+        W_more = np.linalg.norm(beyond.M + np.tensordot(beyond.nominal, np.abs(N), axes=1))
         more = float(np.linalg.norm(K_more)) + e.length * float(W_more)
+        slopes = at.held_slope, at.rates
+        slopes_more = beyond.held_slope, beyond.rates
         more += self._apart(N, v, e.length, slopes, slopes_more)
-        upper = self._upper(_roots(self.share * D, self.share * less), K, W, e, more, x[0])
+        upper = self._upper(_roots(self.share * at.D, self.share * beyond.D), K, W, e, more, x[0])
         if upper > x[0]:
-            root = self._apart_root(D, less, values[-1], rates_more)
+            root = self._apart_root(at.D, beyond.D, values.moves, beyond.moves)
             upper = min(upper, self._upper(root, K, W, e, more, x[0]))
-        # How much each joint adds to what is of second order.
-        seen = norms((there - np.tensordot(v, N, axes=1))[None])
-        pairs = np.linalg.norm(np.tensordot(np.tensordot(odd, W, axes=1), e.along, axes=(1, 1)), axis=(1, 2))
-        bends = sum(np.linalg.norm(np.tensordot(even, x, axes=1), axis=(1, 2)) for x in (K, seen * D))
+        seen = norms((center.torque - np.tensordot(v, N, axes=1))[None])
+        # The cell is cut along the joint that adds most to what is of second order.
+        along_joints = np.tensordot(np.tensordot(odd, W, axes=1), e.along, axes=(1, 1))
+        pairs = np.linalg.norm(along_joints, axis=(1, 2))
+        bends = sum(
+            np.linalg.norm(np.tensordot(even, each, axes=1), axis=(1, 2)) for each in (K, seen * at.D)
+        )
         bends = bends + pairs.sum(axis=0) + pairs.sum(axis=1) + _EVEN * cell.half
         return Bounds(np.array([upper]), seen, int(np.argmax(bends)))
 
@@ -676,34 +720,57 @@ class Stiffness(Quantity):
         lost = np.einsum("j,jab,jb,jcb->ac", away, vectors, np.abs(values), vectors)
         return _roots(D - lost - more * np.eye(len(lost)), less)
 
-    def _in_metrics(self, cell: Cell) -> tuple[list[Array], list[Array]] | None:
-        """Return values at the corners and at the center, the last, and what is beyond, in the metrics there.
+    def _in_metrics(self, cell: Cell) -> tuple[_InMetrics, _InMetrics] | None:
+        """Return values at the corners and the center, and what is beyond them, in the metrics at the center.
 
-        What was M is there twice: as dD^/dq_j, with j in between, and as M.
+        None where an inertia matrix at the center may not be positive definite.
         """
         wide = cell._replace(half=cell.half + self.radius)
-        both = zip(_flat(wide), cell.middle(), strict=True)
-        values, beyond = [np.concatenate([hull, middle[None]]) for hull, middle in both], [*cell.piece.beyond]
-        center, base = (_roots(values[i][-1:], beyond[i]) for i in (0, 1))
+        values = []
+        for hull, middle in zip(_flat(wide), cell.middle(), strict=True):
+            values.append(np.concatenate([hull, middle[None]]))
+        beyond = [*cell.piece.beyond]
+        center = _roots(values[0][-1:], beyond[0])
+        base = _roots(values[1][-1:], beyond[1])
         if center is None or base is None:
             return None
-        C, B, one = center[0], base[0], np.eye(len(cell.half))
         for each in values, beyond:
-            each.insert(5, np.moveaxis(each[5], -3, -1))
-        metrics = [(C, C), (B, B), (B,), (C, C), (B, one), (B, one, B), (B, C, C), (one, C, C)]
-        return (
-            [_in_all(x, *along) for x, along in zip(values, metrics, strict=True)],
-            [_in_all(x, *map(np.abs, along)) for x, along in zip(beyond, metrics, strict=True)],
-        )
+            each.insert(5, np.moveaxis(each[5], -3, -1))  # M once more, as dD^/dq_j
+        # Of each axis the root of D (C), that of D^ (B), or none.
+        C, B, one = center[0], base[0], np.eye(len(cell.half))
+        metrics = [
+            (C, C),  # D
+            (B, B),  # nominal
+            (B,),  # held
+            (C, C),  # torque
+            (B, one),  # held_slope
+            (B, one, B),  # rates
+            (B, C, C),  # M
+            (one, C, C),  # moves
+        ]
+        inside = [_in_all(x, *roots) for x, roots in zip(values, metrics, strict=True)]
+        outside = [_in_all(x, *map(np.abs, roots)) for x, roots in zip(beyond, metrics, strict=True)]
+        return _InMetrics(*inside), _InMetrics(*outside)
 
     def _apart(
         self, N: Array, v: Array, length: float, values: Sequence[Array], beyond: Sequence[Array]
     ) -> float:
-        """Return a bound on ``N D^^-1 d(held - D^ v*)``, by what the reference is away from K's place."""
-        (slope, rates), (slope_more, rates_more) = values, beyond
-        turns = _sizes(np.tensordot((slope - rates @ v).swapaxes(1, 2), N, axes=1)).max(axis=0)
+        """Return a bound on ``N D^^-1 d(held - D^ v*)``, by what the reference is away from K's place.
+
+        Args:
+            N: M at the center, (n, n, n).
+            v: what is held there, (n,).
+            length: of e, at most.
+            values: `held_slope` and `rates` at the corners.
+            beyond: the same, of what is beyond them.
+        """
+        slope, rates = values
+        slope_more, rates_more = beyond
+        changes = (slope - rates @ v).swapaxes(1, 2)
+        turns = _sizes(np.tensordot(changes, N, axes=1)).max(axis=0)
         more = np.linalg.norm(slope_more + rates_more @ np.abs(v), axis=0)
-        more += length * (_sizes(rates.swapaxes(1, 2)).max(axis=0) + np.linalg.norm(rates_more, axis=(0, 2)))
+        most_rates = _sizes(rates.swapaxes(1, 2)).max(axis=0) + np.linalg.norm(rates_more, axis=(0, 2))
+        more += length * most_rates
         return float((turns + _beside(N[None])[0] * more) @ self.radius)
 
 
