@@ -209,39 +209,39 @@ class _Prover:
     def of_torques(self, found: Numbers) -> dict[str, Any]:
         """Return what the motors must give, and what a jump of the load does, from what is proved of D."""
         low, high, n = found.delta_low, found.delta_high, len(self.star)
-        nominal, radius = self.models[0].D_nominal, self.setting.radius
-        light, heavy = (self._residual(m) for m in (self.models[0], self.models[-1]))
+        nominal = self.models[0].D_nominal
+        light = self._residual(self.models[0])
+        heavy = self._residual(self.models[-1])
         changed = light._replace(coefficients=heavy.coefficients - light.coefficients)
         # The length of v* in the metric of D^, and of its change between the loads.
-        jump, *lengths = (
+        jump, length_light, length_heavy = (
             self.each([Number(0.0)], [Lengths(nominal, _one(each))], self.star)[0]
             for each in (changed, light, heavy)
         )
-        if any(each.status != "proved" for each in (jump, *lengths)):
+        if any(each.status != "proved" for each in (jump, length_light, length_heavy)):
             return {}  # what a search found
-        length = max(each.value for each in lengths)
+        length = max(length_light.value, length_heavy.value)
         largest_v = length * np.sqrt([each.value / low.value for each in found.inverse])
-        held = self.each(found.hold, [Sizes(m.G, np.eye(n), together=False) for m in self.models], self.star)
-        # By how much D^ v* changes within the radius.
-        more = np.einsum("k,kij,j->i", radius, most(_slopes(nominal), self.around), largest_v)
+        # Torques that hold the arm: gravity, and by how much D^ v* changes within the radius.
+        gravity = [Sizes(m.G, np.eye(n), together=False) for m in self.models]
+        held = self.each(found.hold, gravity, self.star)
+        slopes = most(_slopes(nominal), self.around)
+        more = np.einsum("k,kij,j->i", self.setting.radius, slopes, largest_v)
+        hold = []
+        for torque, change in zip(held, more, strict=True):
+            proved_of = (torque, low, length_light, length_heavy, *found.inverse)
+            hold.append(_from(torque.value + float(change), *proved_of))
+        # Torques per acceleration: the diagonal of D^, whose squares are bounded.
         diagonal = nominal.map_values(lambda c: c[:, range(n), range(n)])
-        squares = self.each(
-            [x._replace(value=x.value**2) for x in found.reach],
-            [Sizes(diagonal, np.eye(n), together=False)],
-        )
-        jumps = self.setting.arms[0] is not self.setting.arms[-1]
-        size = jump.value * math.sqrt(
-            self.grown(found.sigma) / low.value
-        )  # D of the arm, D^ of the reference
-        jumped = _from(size, jump, low, found.sigma) if jumps else found.jump
-        return {
-            "jump": jumped,
-            "hold": tuple(
-                _from(x.value + float(y), x, low, *lengths, *found.inverse)
-                for x, y in zip(held, more, strict=True)
-            ),
-            "reach": tuple(_from(math.sqrt(x.value) * math.sqrt(high.value), x, high) for x in squares),
-        }
+        begin = [x._replace(value=x.value**2) for x in found.reach]
+        squares = self.each(begin, [Sizes(diagonal, np.eye(n), together=False)])
+        reach = [_from(math.sqrt(x.value) * math.sqrt(high.value), x, high) for x in squares]
+        jumped = found.jump
+        if self.setting.arms[0] is not self.setting.arms[-1]:
+            # D is that of the arm, D^ that of the reference.
+            size = jump.value * math.sqrt(self.grown(found.sigma) / low.value)
+            jumped = _from(size, jump, low, found.sigma)
+        return {"jump": jumped, "hold": tuple(hold), "reach": tuple(reach)}
 
     def of_inputs(self, found: Numbers) -> dict[str, Any]:
         """Return how large what disturbs is."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -120,33 +119,53 @@ def bound_stop(found: PathBound, tool_speed: float, supervisor: Supervisor | Non
     wish = found.wish
     law, h = wish.controller, wish.controller.dt
     check_number(tool_speed, "tool_speed", "a positive speed [m/s]", open_=True)
-    q, v, _ = wish.reference.at(wish.samples)
-    speed = np.linalg.norm(_tool_velocity(wish, q, v), axis=1)
-    if not speed.max() > 0.0:
+    target = wish.reference.at(wish.samples)
+    speed = np.linalg.norm(_tool_velocity(wish, target.q, target.v), axis=1)
+    fastest = float(speed.max())
+    if not fastest > 0.0:
         raise ParameterError("reference", "a tool that rests", "a path on which the tool moves")
-    pace = tool_speed / float(speed.max())
+    pace = tool_speed / fastest
     path = Retimed(wish.reference, pace, (wish.delay + 2) * h)
     supervisor = supervisor or Supervisor()
     stop = Stop(law, supervisor.on_fault, bounds_of(law, supervisor))
-    moving = wish.samples[speed > 0.01 * speed.max()] / pace + path.rest
-    moments = h * np.rint(moving[np.linspace(0, len(moving) - 1, _MOMENTS).astype(int)] / h)
+    # Samples at which a stop may begin, evenly over where the tool moves.
+    moving = wish.samples[speed > 0.01 * fastest] / pace + path.rest
+    places = np.linspace(0, len(moving) - 1, _MOMENTS).astype(int)
+    moments = h * np.rint(moving[places] / h)
+    # All stops at once, arrays (samples, moments, n), and how far the tool goes in each.
     every = stops(stop, h, *path.at(moments)[:2])
-    steps = np.linspace(0, len(every.q) - 1, _INSTANTS).astype(int)
-    q, v = (x[steps].reshape(-1, wish.arms[0].n) for x in (every.q, every.v))
-    speeds = np.linalg.norm(_tool_velocity(wish, q, v), axis=1).reshape(_INSTANTS, -1)
-    ways = np.trapezoid(speeds, h * steps, axis=0)
     longest = h * (len(every.q) - 1)
-    chosen = {int(np.argmax(ways)), *np.linspace(0, _MOMENTS - 1, _BOUNDED + 1)[1:-1].astype(int).tolist()}
-    made = []
+    ways = _ways_of_tool(wish, every, h)
+    chosen = {int(np.argmax(ways))}
+    chosen.update(np.linspace(0, _MOMENTS - 1, _BOUNDED + 1)[1:-1].astype(int).tolist())
+    bounds = []
     for i in sorted(chosen):
-        stopped = Stopped(path, float(moments[i]), h, Target(*(x[:, i] for x in every)))
+        course = Target(every.q[:, i], every.v[:, i], every.a[:, i])
+        stopped = Stopped(path, float(moments[i]), h, course)
         t_final = stopped.begin + longest + _AFTER
-        made.append(bound_wish(wish._replace(reference=stopped, t_final=t_final), bears=False))
-    reasons = list(itertools.chain.from_iterable(each.reasons[:1] for each in made))
-    if not reasons and np.max([each.error for each in made]) > NEAR:
+        bounds.append(bound_wish(wish._replace(reference=stopped, t_final=t_final), bears=False))
+    reasons: list[str] = []
+    for each in bounds:
+        reasons.extend(each.reasons[:1])
+    if not reasons and np.max([each.error for each in bounds]) > NEAR:
         reasons = [f"The error of a joint can reach {NEAR:g} rad or m, where a stop begins at the joint."]
-    error = float(np.max([each.tool for each in made]))
+    error = float(np.max([each.tool for each in bounds]))
     return StopBound(tool_speed, float(ways.max()), longest, error, tuple(reasons))
+
+
+def _ways_of_tool(wish: Wish, every: Target, h: float) -> Array:
+    """Return how far the tool goes in each stop [m], (moments,), by the trapezoidal rule over some instants.
+
+    Args:
+        wish: of whose arm.
+        every: the stops, (samples, moments, n).
+        h: sample time [s].
+    """
+    instants = np.linspace(0, len(every.q) - 1, _INSTANTS).astype(int)
+    q = every.q[instants].reshape(-1, wish.arms[0].n)
+    v = every.v[instants].reshape(-1, wish.arms[0].n)
+    speeds = np.linalg.norm(_tool_velocity(wish, q, v), axis=1).reshape(_INSTANTS, -1)
+    return np.asarray(np.trapezoid(speeds, h * instants, axis=0))
 
 
 def _tool_velocity(wish: Wish, q: Array, v: Array) -> Array:
