@@ -426,7 +426,6 @@ def numbers_along(wish: Wish, radius: Array, fastest: Array) -> Along:
     times, shares = _moments(wish, every, rng)
     target = wish.reference.at(times)
     late = wish.reference.at(times + lateness * shares)
-    next_q = wish.reference.at(times + controller.dt).q
     # How far a measurement may be from where the arm is when its torque acts.
     moved = lateness * (speed + fastest) + wish.hidden
 
@@ -444,6 +443,7 @@ def numbers_along(wish: Wish, radius: Array, fastest: Array) -> Along:
         model = controller.robot.mass_matrix(y)
         inverse = np.asarray(np.linalg.inv(true), float)
         arms.append(_Sampled(true, inverse, model, _torques(wish, arm, at, slope, every, fastest)))
+        next_q = wish.reference.at(times + controller.dt).q
         values = {
             "shift": _holds(wish, arm, next_q) - at.v,
             "hold": controller.robot.inertia_times(y, at.v) + controller.ahead(y, target),
