@@ -144,7 +144,7 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, help="the clone")
-    parser.add_argument("--seconds", type=float, nargs="+", default=[5.0, 10.0, 20.0, 30.0, 50.0])
+    parser.add_argument("--seconds", type=float, nargs="+", default=[20.0, 30.0, 50.0])
     parser.add_argument("--control", type=int, default=0, metavar="MOVES", help="random moves that are run")
     parser.add_argument("--drawn", type=int, default=0, metavar="MOVES", help="moves of arms that are drawn")
     parser.add_argument("--elastic", action="store_true", help="and these have elastic joints")

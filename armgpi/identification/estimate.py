@@ -49,6 +49,10 @@ _ALIKE = 10.0
 _INDEPENDENT = 0.5
 #: Least eigenvalue of a pseudo-inertia in the solver's scale, and least rotor as a share of the expected one.
 _MARGIN, _LEAST_ROTOR = 1e-5, 1e-3
+#: Friction below this, in standard deviations of what is expected, is none.
+_NO_FRICTION = 1e-9
+#: What the solver says of a point that it found, the second to less accuracy.
+_SOLVED = ("Solved", "AlmostSolved")
 
 
 class Prior(NamedTuple):
@@ -205,7 +209,12 @@ def fit(blocks: Sequence[Block], prior: Prior, physical: bool = True) -> Fit:
     spread = _UNSEEN * spread * independent / max(independent - float(learned.sum()), 0.1 * independent)
     covariance = inverse @ (spread + np.eye(p)) @ inverse
     shown = [np.where(b.valid, r, np.nan) for b, r in zip(blocks, residuals, strict=True)]
-    nearest = project(free, information, prior) if physical else free
+    nearest = free
+    if physical:
+        # The information is L L', so that the columns of the inverse of L' are alike in its metric.
+        lower = np.linalg.cholesky(information)
+        root = linalg.solve_triangular(lower.T, np.eye(p), lower=False)
+        nearest = project(free, root, prior)
     return Fit(free, nearest, information, covariance, learned, shown, weights)
 
 
@@ -222,28 +231,45 @@ def _score_covariance(scores: Array, phase: npt.NDArray[np.intp]) -> Array:
     return np.asarray(total)
 
 
-def project(free: Array, information: Array, prior: Prior) -> Array:
-    """Return the physical unknowns that are nearest to some, in the metric of the information.
+def project(free: Array, root: Array, prior: Prior) -> Array:
+    """Return the physical unknowns ``free + root y`` with the shortest y, (p,).
 
-    Physical: every pseudo-inertia positive definite, rotors positive, friction not negative.
+    Physical: every pseudo-inertia positive definite, rotors positive, friction not negative. A log tells some
+    combinations of the unknowns to 1e-6 of what is expected, and nothing of others. In coordinates y, in
+    which all are alike, a solver finds the nearest point; in those of the unknowns it stops far from it.
+
+    Args:
+        free: unknowns, physical or not, in units of the prior's standard deviations, (p,).
+        root: a matrix whose product with its transpose is the inverse of the metric's information, (p, p).
+        prior: which of them are bodies, and which cannot be negative.
 
     Raises:
         MissingPackage: when Clarabel is not installed.
+        ParameterError: when the solver finds none.
     """
     clarabel = import_extra("clarabel", "certify")
     rows, right, cones = _constraints(clarabel, prior)
-    scale = 1.0 / float(np.mean(np.diag(information)))
     settings = clarabel.DefaultSettings()
     settings.verbose = False
+    size = root.shape[1]
     solver = clarabel.DefaultSolver(
-        sparse.csc_matrix(np.triu(information) * scale),
-        -information @ free * scale,
-        sparse.csc_matrix(rows),
-        right,
+        sparse.identity(size, format="csc"),
+        np.zeros(size),
+        sparse.csc_matrix(rows @ root),
+        right - rows @ free,
         cones,
         settings,
     )
-    return np.array(solver.solve().x)
+    solution = solver.solve()
+    if str(solution.status) not in _SOLVED:
+        expected = "logs that a physical arm explains; check their units, the order of joints and the file"
+        raise ParameterError("logs", f"no physical arm near them ({solution.status})", expected)
+    nearest = free + root @ np.array(solution.x)
+    # The solver stops short of a bound by its accuracy: friction of that size is none.
+    friction = [i for i in prior.positive if i % len(COLUMNS) != ROTOR]
+    none = -prior.mean[friction] / prior.std[friction]
+    nearest[friction] = np.where(nearest[friction] - none < _NO_FRICTION, none, nearest[friction])
+    return np.asarray(nearest)
 
 
 def _constraints(clarabel: Any, prior: Prior) -> tuple[Array, Array, list[Any]]:

@@ -54,9 +54,7 @@ class Posterior(NamedTuple):
         places = range(0, len(self.mean), len(COLUMNS))
         positive = [place + k for place in places for k in (ROTOR, COULOMB, VISCOUS)]
         prior = Prior(self.mean, self.scale, tuple(places), tuple(positive))
-        inverse = np.linalg.pinv(self.root)
-        information = inverse.T @ inverse
-        draws = [estimate.project(self.root @ each, information, prior) for each in normal]
+        draws = [estimate.project(self.root @ each, self.root, prior) for each in normal]
         return self.mean + self.scale * np.array(draws)
 
     def sample(self, robot: Robot, count: int = 64, seed: int = 0) -> RobotBatch:
