@@ -332,7 +332,10 @@ def _gyration(link: Link, extent: _Extent) -> Iterator[Finding]:
         yield Finding("warning", where, message, gyration, farthest, repair)
     elif 0.0 < gyration < _ROD_SHARE * rod:
         message = f"its radius of gyration is {gyration:.3g} m; a thin rod of its length has {rod:.3g}"
-        repair = "its mass is too large or its inertia too small: were parts summed about their own centres?"
+        repair = (
+            "check whether its mass is too large or its inertia too small (parts summed about their own "
+            "centres, perhaps); a compact weight in a long shape is right"
+        )
         yield Finding("warning", where, message, gyration, rod, repair)
 
 

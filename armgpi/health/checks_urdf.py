@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from difflib import get_close_matches
 
 import numpy as np
@@ -137,6 +138,20 @@ def inertia(subject: Subject) -> Iterator[Finding]:
             yield Finding("warning", where, message, gyration, _MOST_GYRATION, "check the units: kg m^2, kg")
 
 
+@check("inertia", "an inertia that is written in full and is not symmetric", "warning")
+def asymmetric(subject: Subject) -> Iterator[Finding]:
+    """Find products of inertia that are written twice, and are not the same."""
+    for element in subject.document.root.findall("link"):
+        written = element.find("inertial/inertia")
+        for key, other in urdf.MIRRORED.items() if written is not None else ():
+            with suppress(ValueError):  # where one of them is not there, or no number
+                one, two = float(written.get(key, "")), float(written.get(other, ""))
+                if one != two:
+                    message = f"has {key} {one:g} and {other} {two:g}, which are one number; {key} is used"
+                    repair = f"correct the file, whose {other} URDF does not have"
+                    yield Finding("warning", f"link {element.get('name')!r}", message, two, one, repair)
+
+
 @check(
     "triangle",
     "the largest principal moment is more than the sum of the others: no rigid body has it. Up to 1 %, or "
@@ -153,6 +168,7 @@ def triangle(subject: Subject) -> Iterator[Finding]:
         if link.mass == 0.0 or most - others <= 1e-9 * most or (moments[0] < 0.0 and not moving):
             continue
         tells = most - others > _TRIANGLE_ROUNDING * most
+        others = 0.0 if abs(others) <= 1e-9 * most else others  # what eigenvalues are rounded to
         message = (
             f"no rigid body has its inertia: the largest principal moment {most:.4g} is more than "
             f"the sum of the others, {others:.4g} kg m^2 (triangle inequality)"

@@ -59,8 +59,8 @@ def only_reading(values: Sequence[float]) -> Reading | None:
         Reading("along the rows of the lower triangle, as Pinocchio's parameters", (a, b, d, c, e, f)),
     ]
     good = [reading for reading in readings if is_rigid(reading.values)]
-    # Of nine, the second and the fourth are the same number.
-    if b == d and (lost := _least_moment(a, b, c, e, f)) is not None:
+    # Of nine, the second and the fourth are the same number, or the fourth is 0: the upper triangle alone.
+    if d in (b, 0.0) and (lost := _least_moment(a, b, c, e, f)) is not None:
         text = f"along the rows, the first six of nine: izz, which is lost, as the least possible, {lost:.3g}"
         good.append(Reading(text, (a, b, c, e, f, lost)))
     return good[0] if len({reading.values for reading in good}) == 1 else None

@@ -51,7 +51,7 @@ _LEAST_NORM = 1e-6
 _WORLD = "universe"
 _INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 #: Products of inertia -> the same in the lower triangle.
-_MIRRORED = {"ixy": "iyx", "ixz": "izx", "iyz": "izy"}
+MIRRORED = {"ixy": "iyx", "ixz": "izx", "iyz": "izy"}
 
 
 class Coupled(NamedTuple):
@@ -417,7 +417,7 @@ class _Reader:
         """Return the attributes of an element by which it has what `keys` name: of a triangle, the other."""
         written = []
         for key in keys:
-            other = _MIRRORED.get(key, key)
+            other = MIRRORED.get(key, key)
             if element.get(key) is None and element.get(other) is not None:
                 problem = f"{self.where}, <{element.tag}> has {other} and no {key}"
                 self.repairs.make("mirror-inertia", self.name, problem, f"{other} alone", f"{key} = {other}")

@@ -147,3 +147,36 @@ def test_inspect_names_all_that_would_do(tmp_path: Path) -> None:
     assert repair == "no-friction:turn,reorder-inertia:body"
     report = health.inspect(path, repair=repair)
     assert not [one for one in report.findings if "triangle" in one.message]
+
+
+@pytest.mark.parametrize("tensor", rods(6, 12))
+def test_the_upper_triangle_cut_to_six_is_read_as_the_nine_are(tensor: np.ndarray) -> None:
+    """Zeros stand below the diagonal: a, b, c, 0, e, f of the first six places."""
+    xx, xy, xz, yy, yz = tensor[0, 0], tensor[0, 1], tensor[0, 2], tensor[1, 1], tensor[1, 2]
+    whole, upper = only_reading((xx, xy, xz, xy, yy, yz)), only_reading((xx, xy, xz, 0.0, yy, yz))
+    assert upper is not None
+    assert "least possible" in upper.order
+    assert upper.values[:5] == (xx, xy, xz, yy, yz)
+    if whole is not None:
+        assert whole.values == upper.values
+
+
+def test_inspect_names_a_tensor_that_is_written_twice_and_differs(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    same = {"ixx": 0.02, "ixy": 0.001, "ixz": 0.0, "iyy": 0.03, "iyz": 0.0, "izz": 0.025, "iyx": 0.001}
+    path.write_text(arm(same))
+    assert not [one for one in health.inspect(path).findings if one.kind == "inertia"]
+    path.write_text(arm({**same, "iyx": 0.0, "izx": 0.002}))
+    messages = [one.message for one in health.inspect(path).findings if one.kind == "inertia"]
+    assert [message[:31] for message in messages] == [
+        "has ixy 0.001 and iyx 0, which ",
+        "has ixz 0 and izx 0.002, which ",
+    ]
+
+
+def test_no_rounding_of_eigenvalues_is_printed(tmp_path: Path) -> None:
+    """Six equal numbers, a placeholder, have the moments 0, 0 and their sum."""
+    path = tmp_path / "arm.urdf"
+    path.write_text(arm(dict.fromkeys(KEYS, 1e-2)))
+    (found,) = [one for one in health.inspect(path).findings if one.kind == "triangle"]
+    assert "the sum of the others, 0 kg m^2" in found.message
