@@ -143,7 +143,9 @@ def asymmetric(subject: Subject) -> Iterator[Finding]:
     """Find products of inertia that are written twice, and are not the same."""
     for element in subject.document.root.findall("link"):
         written = element.find("inertial/inertia")
-        for key, other in urdf.MIRRORED.items() if written is not None else ():
+        if written is None:
+            continue
+        for key, other in urdf.MIRRORED.items():
             with suppress(ValueError):  # where one of them is not there, or no number
                 one, two = float(written.get(key, "")), float(written.get(other, ""))
                 if one != two:
