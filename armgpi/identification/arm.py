@@ -79,7 +79,7 @@ _COUPLED, MOTOR = 0.3, ("rotor", "viscous", "coulomb")
 #: Elastic joints are taken where they explain so much of what is left, all joints together (geometric mean of
 #: powers), or where their stiffness is known. The first share is for a known side of the encoders, the second
 #: for an unknown one, as then more is free to fit. Soft arms had 52 % and more, stiff ones with sharp
-#: friction 35 % and less.
+#: friction 35 % and less; the first share was chosen on two logs of soft Pandas.
 _ELASTIC, _ELASTIC_BLIND = 0.45, 0.8
 #: Rounds in which the twist of the gears settles, and the change of a compliance that ends them, as a share.
 _TWIST_ROUNDS = 8

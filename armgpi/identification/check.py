@@ -42,8 +42,12 @@ _NO_RATE = 0.5
 #: A position stays at one value if for so long [s]; it came there at speed if with so much of its usual one
 #: over so long before [s]; share of the log from which that is a sensor that saturates.
 _STAYS, _AT_SPEED, _BEFORE, _SATURATED = 0.05, 0.3, 0.02, 0.01
+#: Least samples of that time, and how many usual steps of two samples are no speed yet.
+_BEFORE_SAMPLES, _JUMPS = 10, 2.0
 #: Different values of a torque from which its resolution is fine.
 _MANY = 200
+#: Share of its range that is close to an end, and how many times as long a saturated one is at the end.
+_NEAR, _LONGER = 2.0 / _MANY, 3.0
 #: By how much positions may be outside their limits [rad or m], and how far beyond them they are degrees.
 _OUTSIDE, _DEGREES = 0.05, 3.0
 #: Share of the weight that the torques have to carry, where weight is so much of the expected torque.
@@ -253,7 +257,9 @@ def _of_sensor(name: str, tau: Array, effort: float) -> Iterator[Finding]:
         return
     for end in (float(tau.min()), float(tau.max())):
         share = float(np.mean(tau == end))
-        if share > _SATURATED and abs(end) < effort / _ABOVE:
+        # A coarse sensor stays at a peak as well, but not three times as long as close to it.
+        near = float(np.mean(np.abs(tau - end) <= _NEAR * np.ptp(tau))) - share
+        if share > max(_SATURATED, _LONGER * near) and abs(end) < effort / _ABOVE:
             said = (
                 f"its torque stays at exactly {end:.3g} in {100.0 * share:.2g} % of the log, below its limit "
             )
@@ -266,13 +272,16 @@ def _of_range(name: str, q: Array, dt: float) -> Iterator[Finding]:
 
     A joint that comes to rest there brakes before.
     """
-    usual, back = float(np.sqrt(np.mean(np.gradient(q, dt) ** 2))), max(1, round(_BEFORE / dt))
+    usual, back = float(np.sqrt(np.mean(np.gradient(q, dt) ** 2))), max(_BEFORE_SAMPLES, round(_BEFORE / dt))
+    # A turn jumps by a count or two of a coarse encoder before it stays. Resampled jumps take two samples.
+    steps = np.abs(q[2:] - q[:-2])
+    jumps = _JUMPS * float(np.median(steps[steps > 0.0])) if steps.any() else 0.0
     for end in (q.min(), q.max()):
         edges = np.diff(np.concatenate([[0], (q == end).astype(int), [0]]))
         begins, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
         long = (ends - begins) * dt > _STAYS
         begins, lengths = begins[long & (begins >= back)], (ends - begins)[long & (begins >= back)]
-        fast = np.abs(q[begins] - q[begins - back]) > _AT_SPEED * usual * back * dt
+        fast = np.abs(q[begins] - q[begins - back]) > _AT_SPEED * usual * back * dt + jumps
         if fast.any() and lengths[fast].sum() > _SATURATED * len(q):
             said = f"its position stops at {end:.3g} at speed and stays there in "
             said += (

@@ -27,7 +27,7 @@ from armgpi.errors import ArmgpiError, ParameterError, UnfitLog
 from armgpi.identification import arm as identification
 from armgpi.identification import resonance
 from armgpi.identification.arm import Identified, Validation, identify, mean_inertia
-from armgpi.identification.check import LIGHT
+from armgpi.identification.check import LIGHT, _of_samples
 from armgpi.identification.chirp import Side
 from armgpi.identification.estimate import Block, Prior, expect, extend_positive, fit
 from armgpi.identification.excitation import excite
@@ -716,6 +716,18 @@ def test_a_spoilt_log_is_named_with_what_to_do(spoil: Callable[..., Any], said: 
     )
     with pytest.raises(ArmgpiError, match=said):
         identify(Log(t, q, tau), file())
+
+
+@pytest.mark.parametrize("late", [0.0, 1e-4])
+def test_encoders_and_torques_in_coarse_counts_are_not_said_to_saturate(late: float) -> None:
+    """Joints turn slowly: the last count lasts long, and the one before came in a single step."""
+    count, rng = 2.0 * np.pi / 2**12, np.random.default_rng(1)
+    t = log().t + late * rng.uniform(size=len(log().t))
+    q = np.stack([0.1 * np.sin(w * t) for w in (0.7, 1.1, 1.9)], axis=1)
+    tau = np.stack([6.0 * np.sin(w * t) for w in (0.5, 0.9, 1.3)], axis=1)
+    coarse = Log(t, np.round(q / count) * count, np.round(tau / 0.05) * 0.05)
+    said = [each.message for each in _of_samples(file(), resample(read_log(coarse, file())))]
+    assert not [message for message in said if "saturates" in message]
 
 
 def test_what_a_log_fails_by_is_a_line_of_three_reasons() -> None:
