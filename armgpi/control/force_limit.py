@@ -300,19 +300,21 @@ class ForceLimit:
         return ForceBound(limit, rubbed, weight, pressed + weight, fast, wall, mass, impact, push, slowest)
 
     def _push(self, robot: Robot, configurations: Array | None) -> float:
-        """Return the force of a hand [N] that the brake holds at the speed limit, and the motors at all."""
-        braked = (1.0 - FREE) * float(np.min(self.speed)) * float(self._brake.gain.min())
+        """Return the force of a hand [N] that the brake holds at the speed limit, and the motors at all.
+
+        What the controller holds itself does not count: it comes with the distance, and a hand that begins
+        at once is fastest before.
+        """
+        braked = (1.0 - FREE) * float(np.min(self.speed))
+        root = np.sqrt(np.maximum(self._brake.gain, 1e-9))
         forces = []
         for q in self._usual(robot) if configurations is None else configurations:
-            jacobian = robot.frame_jacobian(self._motion.frame, q)[:3]
-            mobility, directions = np.linalg.eigh(
-                jacobian @ np.linalg.solve(robot.mass_matrix(q), jacobian.T)
-            )
-            moving = mobility > 1e-6 * mobility.max()
+            jacobian, inertia = robot.frame_jacobian(self._motion.frame, q)[:3], robot.mass_matrix(q)
+            damped = jacobian / root
+            fastest = float(np.linalg.eigvalsh(damped @ np.linalg.solve(inertia, damped.T)).max())
             spare = np.maximum(robot.limits.effort - np.abs(robot.gravity(q)), 0.0)
-            levers = np.abs(jacobian.T @ directions[:, moving])
-            held = float((spare[:, None] / np.maximum(levers, 1e-9)).min())
-            forces.append(min(float(np.min(self.force)) + braked / float(mobility.max()), held))
+            held = float((spare / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-9)).min())
+            forces.append(min(braked / fastest, held))
         return float(np.median(forces) if configurations is None else np.min(forces))
 
     def doubts(self, robot: Robot) -> Iterator[Finding]:

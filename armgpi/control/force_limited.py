@@ -108,7 +108,7 @@ class ForceLimited(Controller):
             force_limit: largest force [N] at the tool at rest, beyond model torque and Coulomb friction.
             moment_limit: likewise its moment [N m]; 0.2 m times the force limit when not given.
             force_frame: the frame that they are of; the tip when not given.
-            speed_limit: of the tool beside its reference while the limit acts [m/s]; 0.25 when not given.
+            speed_limit: of the tool beside its reference [m/s], also below the limit; 0.25 when not given.
             limit_friction: Coulomb friction that comes on top [N m or N], a number or (n,); the nominal
                 model's when not given.
             uncertain_mass: mass that the nominal model is uncertain by [kg], at the tool.

@@ -35,4 +35,6 @@ class Rollout(xr.Dataset):  # type: ignore[no-untyped-call]  # of its base
 
 def hinted(dataset: xr.Dataset) -> Rollout:
     """Return a dataset as a rollout; its values are shared, not copied."""
-    return Rollout(dataset.variables, attrs=dataset.attrs).set_coords(list(dataset.coords))
+    rollout = Rollout(dataset.variables, attrs=dataset.attrs).set_coords(list(dataset.coords))
+    rollout.encoding = dataset.encoding
+    return rollout

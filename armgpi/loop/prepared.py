@@ -232,7 +232,10 @@ class PreparedLoop:
                 memory = NetCDF(beside)
                 loop, run, made_from = self._run_with(*how, memory)
                 memory.finish(_collect(loop, run.recording, made_from).dataset())
-            return hinted(xr.open_dataset(path, engine="h5netcdf"))
+            opened = xr.open_dataset(path, engine="h5netcdf")
+            rollout = hinted(opened)
+            rollout.set_close(opened.close)
+            return rollout
         loop, run, made_from = self._run_with(*how, self._memory)
         if self._metrics:
             return self._summary(loop, run, final, made_from)

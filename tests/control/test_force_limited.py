@@ -187,13 +187,30 @@ def test_the_delay_of_the_loop_sets_the_damping_of_the_speed_limit() -> None:
         armgpi.ForceLimited(pid(), 20.0, delay=-1.0)
 
 
-def test_a_hand_as_strong_as_the_bound_says_moves_the_tool_no_faster() -> None:
-    law = armgpi.GPI(ARM, DT, delay=DT, feedforward="model", force_limit=20.0, speed_limit=0.2)
+@pytest.mark.parametrize("limit", [20.0, 100.0])
+def test_a_hand_as_strong_as_the_bound_says_moves_the_tool_no_faster(limit: float) -> None:
+    """A controller holds nothing yet when the tool is fastest: 100 N left a slow one at 0.33 m/s."""
+    slow = {"gains": armgpi.FixedGains(6.0), "feedforward": "model"}
+    law = armgpi.GPI(ARM, DT, delay=DT, force_limit=limit, speed_limit=0.2, **slow)
     push = law.force_bound(configurations=HOME[None]).push
     for direction in np.eye(3):
         hand = armgpi.ToolForce((push * direction).tolist(), onset=0.1, end=0.4)
         tool = run(law, armgpi.Hold(HOME), 0.5, hand)["tool"].values
-        assert np.linalg.norm(np.diff(tool, axis=0), axis=1).max() / DT < 0.2
+        speed = np.linalg.norm(np.diff(tool, axis=0), axis=1) / DT
+        assert speed[:400].max() < 0.2
+
+
+def test_such_a_hand_is_one_that_the_motors_hold_in_every_direction() -> None:
+    arm = armgpi.Robot.load("twodof").with_friction(0.1, 0.1)
+    q = np.array([0.4, 0.9])
+    law = armgpi.ForceLimited(armgpi.PIDInversion(arm, DT), 20.0, speed_limit=50.0)
+    push = law.force_bound(configurations=q[None]).push
+    spare = arm.limits.effort - np.abs(arm.gravity(q))
+    angles = np.linspace(0.0, np.pi, 1001)
+    jacobian = arm.frame_jacobian(arm.tip, q)[:3]
+    plane = np.linalg.svd(jacobian)[0][:, :2]
+    torques = np.abs(jacobian.T @ plane @ np.array([np.cos(angles), np.sin(angles)]))
+    assert push == pytest.approx((spare[:, None] / np.maximum(torques, 1e-9)).min(), rel=1e-4)
 
 
 def test_beyond_the_limit_a_hand_moves_the_arm_no_faster_than_the_speed_limit() -> None:

@@ -197,6 +197,21 @@ def test_a_disk_without_room_is_told_before_the_run(tmp_path: Path) -> None:
         simulate(plant, law, MOVE, 1e8, backend="compiled")
 
 
+@pytest.mark.skipif(not os.path.isdir("/proc/self/fd"), reason="this system does not list open files")
+def test_a_rollout_in_a_file_closes_it(tmp_path: Path) -> None:
+    """As a dataset of another class it forgot how."""
+    path = tmp_path / "run.nc"
+
+    def is_open() -> bool:
+        return any(str(path) == os.path.realpath(each) for each in Path("/proc/self/fd").iterdir())
+
+    lazy = run("numpy", file=path)
+    assert is_open()
+    assert lazy.encoding["source"] == str(path)
+    lazy.close()
+    assert not is_open()
+
+
 @pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="this system promises no room on a disk")
 def test_a_file_has_its_room_before_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     taken: list[tuple[int, int]] = []
