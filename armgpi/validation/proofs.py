@@ -105,7 +105,7 @@ class Proofs:
         spelled = self._spelled(repair.source)
         found = check(spelled, values, slopes, text, whole=not repair.changes)
         wrong = found.wrong + sum(self._is_guess(one, found.seen > 0) for one in repair.changes)
-        named = {name.strip("'").split(".")[-1] for name, _ in numbers(ast.parse(self.source))}
+        named = {name.strip("'").split(".")[-1] for name, _ in numbers(ast.parse(spelled))}
         wrong += sum(adds_unlike(x.new, named) and not adds_unlike(x.old, named) for x in repair.changes)
         sure = found.sure and wrong == found.other == 0
         # Numbers in each other's place may as well be names in each other's place.

@@ -455,6 +455,8 @@ def _unseen(tree: ast.Module) -> bool:
     functions = [x for x in tree.body if isinstance(x, ast.FunctionDef)]
     own = {x.name for x in functions}
     for node in ast.walk(tree):
+        if any(map(_is_worked_out, _given(node))):
+            return True
         if not isinstance(node, ast.Assign) or _returned(node.value, functions):
             continue
         inner = getattr(node.value, "operand", node.value)
@@ -471,8 +473,35 @@ def _unseen(tree: ast.Module) -> bool:
     return False
 
 
+def _given(node: ast.AST) -> list[Any]:
+    """Return what a statement gives to names, a mapping to its keys, or a function to its arguments."""
+    match node:
+        case ast.Assign(value=ast.Tuple(elts=values)) | ast.Dict(values=values):
+            return values
+        case ast.Assign(value=value) | ast.AnnAssign(value=value):
+            return [value]
+        case ast.arguments():
+            return [*node.defaults, *node.kw_defaults]
+    return []
+
+
+def _is_worked_out(value: Any) -> bool:
+    """Tell whether a value is numbers alone that are put together, as 1 / 12, and no usual coefficient."""
+    parts = ast.BinOp | ast.UnaryOp | ast.Constant | ast.operator | ast.unaryop
+    if not isinstance(value, ast.BinOp) or not all(isinstance(x, parts) for x in ast.walk(value)):
+        return False
+    match value:
+        case ast.BinOp(
+            ast.Constant(int() | float() as above), ast.Div(), ast.Constant(int() | float() as below)
+        ):
+            return below == 0 or above / below not in USUAL
+    return True
+
+
 def _is_independent(value: ast.expr) -> bool:
     """Tell whether a value depends on constants alone."""
+    if any(map(_is_worked_out, value.elts if isinstance(value, ast.Tuple) else [value])):
+        return not any(isinstance(x, ast.Name) for x in ast.walk(value))
     called = {x.func for x in ast.walk(value) if isinstance(x, ast.Call)}
     owners = {x.value for x in called if isinstance(x, ast.Attribute)}
     names = {x for x in ast.walk(value) if isinstance(x, ast.Name | ast.Attribute)}

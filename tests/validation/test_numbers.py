@@ -362,3 +362,43 @@ def test_numbers_unpacked_from_a_call_are_varied(old: str, new: str, line: int, 
     (cause,) = validate(path, Robot.from_xml(textbooks.written("arm", joints))).causes
     assert cause.line == line
     assert cause.confirmed
+
+
+_PLANAR = """import numpy as np
+
+{numbers}
+
+def mass_matrix(q):
+    c2 = np.cos(q[1])
+    d11 = m1 * lc1**2 + I1 + m2 * (l1**2 + lc2**2 + 2 * l1 * lc2 * c2)
+    d12 = m2 * (lc2**2 + l1 * lc2 * c2) + I2
+    return np.array([[d11, d12], [d12, m2 * lc2**2 + I2]])
+"""
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        "m1, m2, l1, lc1, lc2, I1, I2 = 1.0, 1.0, 1.0, 0.5, 0.5, 1 / 12, 1 / 12",
+        "m1 = m2 = l1 = 1.0\nlc1 = lc2 = 0.5\nI1 = 1 / 12\nI2 = 1 / 12",
+    ],
+)
+def test_numbers_that_are_worked_out_are_varied_too(numbers: str, tmp_path: Path) -> None:
+    """I2 is missing in D[1,1]; with I1 = I2 = 1/12, 2 I1 agrees as well, so nothing is confirmed."""
+    link = (
+        '<link name="{0}"><inertial><mass value="1"/><origin xyz="0.5 0 0"/>'
+        '<inertia ixx="{1}" ixy="0" ixz="0" iyy="{1}" iyz="0" izz="{1}"/></inertial></link>'
+    )
+    joint = (
+        '<joint name="q{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><origin xyz="{3} 0 0"/>'
+        '<axis xyz="0 -1 0"/><limit lower="-3" upper="3" effort="100" velocity="5"/></joint>'
+    )
+    joints = joint.format(1, "base", "a", 0) + joint.format(2, "a", "b", 1)
+    links = '<link name="base"/>' + link.format("a", 1 / 12) + link.format("b", 1 / 12)
+    robot = Robot.from_xml(f'<robot name="two">{links}{joints}</robot>')
+    model = tmp_path / "model.py"
+    model.write_text(_PLANAR.format(numbers=numbers))
+    report = validate(str(model), robot)
+    assert not report.agrees
+    assert "for other numbers too" not in str(report)
+    assert "[formula, confirmed]" not in str(report)
