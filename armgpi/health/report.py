@@ -177,10 +177,8 @@ def _examine(
     except UrdfError as error:
         if not any(remedy.kind == "repair" for remedy in error.remedies):
             raise
-        # Whatever is wrong beside what can be repaired is raised here: no set of repairs would do.
-        every = frozenset([repairs.ALL, repairs.ACCEPT, repairs.NO_FRICTION])
-        needed = repairs.made_in(asked._replace(repair=every).load()[0].provenance)
-        raise error.suggesting(Remedy("repair", (), ",".join(dict.fromkeys(needed)))) from None
+        needed = ",".join(asked.needed_repairs())
+        raise error.suggesting(Remedy("repair", (), needed)) from None
     finder = MeshFinder(path, package_dirs)
 
     def subject_of(robot: Robot, document: Urdf) -> Subject:
@@ -220,6 +218,23 @@ class _Asked(NamedTuple):
         if isinstance(self.drives, str):
             robot = rotors.assume_drives(robot, self.drives)
         return robot, document
+
+    def needed_repairs(self) -> list[str]:
+        """Return the repairs with which the file loads, those that are asked for among them.
+
+        Raises:
+            UrdfError: for what is wrong beside what can be repaired: no set of repairs would do.
+        """
+        every = self.repair | {repairs.ALL, repairs.ACCEPT, repairs.NO_FRICTION}
+        try:
+            robot, _ = self._replace(repair=every).load()
+        except UrdfError as error:
+            # Masses are assumed only where they are asked for by name.
+            more = [str(remedy.value) for remedy in error.remedies if remedy.kind == "repair"]
+            if not more or self.repair.issuperset(more):
+                raise
+            robot, _ = self._replace(repair=every.union(more)).load()
+        return list(dict.fromkeys(repairs.made_in(robot.provenance)))
 
     def with_remedies(self, remedies: Sequence[Remedy]) -> _Asked:
         """Return the same with some remedies applied."""

@@ -104,7 +104,7 @@ def build(
         for link in urdf.links.values()
     ]
     if not any(urdf.links[name].mass > 0.0 for name in moved):
-        if SUPPOSE not in urdf.wanted:
+        if not any(name.partition(":")[0] == SUPPOSE for name in urdf.wanted):
             _refuse_shapes_alone(urdf, moved)
         links = _suppose_bodies(urdf, links, locked, repairs)
     assembly = _assembly(urdf, links, locked)

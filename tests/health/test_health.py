@@ -473,3 +473,18 @@ def test_no_controller_is_worked_out_only_to_describe_a_whole_body(monkeypatch: 
     found = health.inspect("ur5")
     assert found.facts["gpi_auto"] is None
     assert health.with_payload(found, 0.5).facts["payload"]["mass"] == 0.5
+
+
+def test_the_repairs_of_a_file_without_masses_are_proposed_at_once(tmp_path: Path) -> None:
+    """Inertias without mass are dropped, then masses assumed: the one proposal has both, and loads."""
+    text = robots.locate("anthropomorphic3")[0].read_text(encoding="utf-8")
+    path = tmp_path / "arm.urdf"
+    path.write_text(re.sub(r'<mass value="[^"]*"', '<mass value="0"', text), encoding="utf-8")
+    for repair in ("", "assume-bodies"):
+        with pytest.raises(UrdfError) as refused:
+            health.inspect(path, repair=repair)
+        [proposed] = [str(each.value) for each in refused.value.remedies if each.kind == "repair"][-1:]
+        assert "drop-inertia:link1" in proposed
+        assert "assume-bodies" in proposed
+        report = health.inspect(path, repair=proposed)
+        assert np.isfinite(report.robot.mass_matrix(report.robot.middle())).all()
