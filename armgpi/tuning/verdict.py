@@ -36,7 +36,7 @@ LIMITS: Mapping[str, str] = {
 UNKNOWN_SHARE = 0.1
 #: What :class:`Accuracy` is limited by, in the order of its attributes.
 _CAUSES = (
-    "what joints yield to a tenth of their usual effort that the model does not contain",
+    "disturbance of a tenth of the usual effort, such as friction that the model lacks",
     "deflection under gravity that motor encoders do not measure",
     "errors that are not integrated at rest",
 )
@@ -146,14 +146,14 @@ class Accuracy(NamedTuple):
         largest = np.argmax(self, axis=0)
         causes = []
         for k, cause in enumerate(_CAUSES):
-            own = [
-                f"{name} {1e3 * float(self[k][j]):.2g} {'mm' if prismatic[j] else 'mrad'}"
-                for j, name in enumerate(joint_names)
-                if largest[j] == k
-            ]
-            if own:
-                causes.append(f"{cause} ({', '.join(own)})")
-        return "accuracy by joint is limited by " + "; ".join(causes)
+            errors = []
+            for j, name in enumerate(joint_names):
+                if largest[j] == k:
+                    unit = "mm" if prismatic[j] else "mrad"
+                    errors.append(f"{name} {1e3 * float(self[k][j]):.2g} {unit}")
+            if errors:
+                causes.append(f"{', '.join(errors)} ({cause})")
+        return "largest error by joint: " + "; ".join(causes)
 
 
 def accuracy(law: Any, robot: Robot) -> Accuracy:

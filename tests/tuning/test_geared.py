@@ -352,9 +352,9 @@ def test_what_limits_the_accuracy_of_each_joint_is_named_with_its_size() -> None
     found = verdict.Accuracy(*np.array([[2e-3, 1e-4, 1e-4], [1e-3, 4e-3, 0.0], [1e-4, 1e-4, 3e-4]]))
     said = found.explain("abc", [False, False, True])
     assert said == (
-        "accuracy by joint is limited by what joints yield to a tenth of their usual effort that the model "
-        "does not contain (a 2 mrad); deflection under gravity that motor encoders do not measure "
-        "(b 4 mrad); errors that are not integrated at rest (c 0.3 mm)"
+        "largest error by joint: a 2 mrad (disturbance of a tenth of the usual effort, such as friction that "
+        "the model lacks); b 4 mrad (deflection under gravity that motor encoders do not measure); c 0.3 mm "
+        "(errors that are not integrated at rest)"
     )
 
 
