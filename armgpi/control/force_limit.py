@@ -48,7 +48,7 @@ _CONFIGURATIONS, _DRAWN = 20, 60
 #: Joints of which all combinations of signs are tried.
 _MOST_SIGNS = 10
 #: Share of the full damping below which the speed limit is said not to hold [-].
-_WEAK = 0.1
+_WEAK = 0.25
 
 
 class ForceBound(NamedTuple):
@@ -323,7 +323,7 @@ class ForceLimit:
         Args:
             robot: the nominal model.
         """
-        yield from self._unbraked()
+        yield from self._unbraked(robot)
         limit = float(np.min(self.force))
         if not self.friction.any():
             force = self.force_of(robot, usual_friction(robot))
@@ -344,16 +344,20 @@ class ForceLimit:
             repair = f"the arm may stop on its way; use at least {unsure:.2g} N"
             yield Finding("warning", "the force limit", message, limit, unsure, repair)
 
-    def _unbraked(self) -> Iterator[Finding]:
+    def _unbraked(self, robot: Robot) -> Iterator[Finding]:
         """Find a speed limit that elastic joints leave no damping for."""
         gain, full = float(self._brake.gain.min()), self._brake.full
         if gain < _WEAK * full:
             speed = float(np.max(self.speed))
+            reason = "their encoders are, or may be, at the links, where damping would excite a resonance"
+            repair = "where the encoders are at the motors, specify it: encoder_side of the drives"
+            if np.all(np.asarray(robot.drives.value("encoder_side")) == "motor"):
+                reason = "their motors are much lighter than what they move"
+                repair = "`push` of force_bound is the hand up to which it is kept"
             message = (
                 f"the speed limit of {speed:g} m/s is not kept beyond the force limit: joints are elastic "
-                "and their encoders are, or may be, at the links, where damping would excite a resonance"
+                f"and {reason}"
             )
-            repair = "where the encoders are at the motors, specify it: encoder_side of the drives"
             yield Finding("warning", "the speed limit", message, gain, full, repair)
 
 

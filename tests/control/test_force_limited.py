@@ -158,6 +158,18 @@ def _sampled(masses: tuple[float, float, float], brake: SpeedBrake, damping: flo
     return loop
 
 
+@pytest.mark.parametrize("late", [1, 3])
+@pytest.mark.parametrize(("side", "warns"), [("link", True), ("", True), ("motor", False)])
+def test_a_speed_limit_without_damping_is_warned_of_at_any_delay(late: int, side: str, warns: bool) -> None:
+    """At three samples UR10 moved at 0.45 m/s with encoders at the links, and nothing was said."""
+    arm = armgpi.assume_drives(armgpi.Robot.load("ur10")).with_friction(1.0, 2.0)
+    if side:
+        arm = arm.with_drives(arm.drives.with_value("encoder_side", side))
+    brake = ForceLimit(arm, None, 30.0, None, arm.friction.coulomb, loop=(DT, late * DT))
+    messages = [finding.message for finding in brake.doubts(arm)]
+    assert any("the speed limit of" in message for message in messages) == warns
+
+
 def test_a_slow_controller_keeps_the_speed_limit_too() -> None:
     """It is pushed away without ever coming to its force limit."""
     slow = {"gains": armgpi.FixedGains(6.0), "feedforward": "model"}
