@@ -150,10 +150,15 @@ class Accuracy(NamedTuple):
             for j, name in enumerate(joint_names):
                 if largest[j] == k:
                     unit = "mm" if prismatic[j] else "mrad"
-                    errors.append(f"{name} {1e3 * float(self[k][j]):.2g} {unit}")
+                    errors.append(f"{name} {_two_digits(1e3 * float(self[k][j]))} {unit}")
             if errors:
                 causes.append(f"{', '.join(errors)} ({cause})")
         return "largest error by joint: " + "; ".join(causes)
+
+
+def _two_digits(number: float) -> str:
+    """Return a number with two digits, 120 and not 1.2e+02."""
+    return f"{float(f'{number:.2g}'):.15g}"
 
 
 def accuracy(law: Any, robot: Robot) -> Accuracy:

@@ -356,6 +356,8 @@ def test_what_limits_the_accuracy_of_each_joint_is_named_with_its_size() -> None
         "the model lacks); b 4 mrad (deflection under gravity that motor encoders do not measure); c 0.3 mm "
         "(errors that are not integrated at rest)"
     )
+    large = verdict.Accuracy(np.array([0.123, 0.0]), np.zeros(2), np.zeros(2))
+    assert "a 120 mrad, b 0 mrad (" in large.explain("ab", [False, False])
 
 
 def test_a_light_rotor_counts_as_a_hundredth_of_the_links_alone() -> None:
