@@ -167,7 +167,9 @@ def _notes(
         yield from form.notes(name)
     if passive:
         torques = ", ".join(f"tau{joint + 1}" for joint in passive)
-        text = f"forward_dynamics does not read {torques}: it is compared with {torques} = 0"
+        text = f"forward_dynamics is compared with {torques} = 0"
+        if not declared:  # what --passive names may be read all the same
+            text = f"forward_dynamics does not read {torques}: it is compared with {torques} = 0"
         some = len(passive) < sampled["forward_dynamics"].values.shape[1]
         yield f"{text} ({'passive joints' if some else 'it has no torque at all'})"
     if declared and "forward_dynamics" not in sampled:

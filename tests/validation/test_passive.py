@@ -64,6 +64,7 @@ def test_a_joint_that_is_said_to_have_no_motor_has_no_torque(torques: str, tmp_p
     arm = pendubot()
     report = validate(path, arm, passive=arm.joint_names[1])
     assert report.agrees, report
+    assert "forward_dynamics is compared with tau2 = 0 (passive joints)" in report.notes
     path.write_text(path.read_text().replace("(2 * v[0] + v[1])", "(v[0] + v[1])"))
     wrong = validate(path, arm, passive=[arm.joint_names[1]])
     assert not wrong.agrees
