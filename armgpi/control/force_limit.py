@@ -21,7 +21,15 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.base.arrays import Array, new
+from armgpi.base.arrays import (
+    Array,
+    ArrayLike,
+    as_joint_array,
+    check_number,
+    new,
+    not_negative,
+    per_joint,
+)
 from armgpi.control.speed_brake import FREE, LimitState, SpeedBrake
 from armgpi.errors import ArmgpiWarning, Finding, ParameterError
 from armgpi.references.reference import Target
@@ -274,7 +282,7 @@ class ForceLimit:
         weight: float = 0.0,
         speed: float | None = None,
         wall: float = HIT,
-        configurations: Array | None = None,
+        configurations: ArrayLike | None = None,
     ) -> ForceBound:
         """Return what the tool presses with at rest at most, and the impact at a speed beside it.
 
@@ -287,16 +295,31 @@ class ForceLimit:
             wall: stiffness of what is hit [N/m].
             configurations: where friction and pushes count [rad or m], (k, n): the worst of them; usual ones
                 when not given.
+
+        Raises:
+            ParameterError: when speed, wall or friction is negative or no number.
+            ArrayError: when friction or configurations do not fit the joints.
         """
-        limit = float(np.max(self.force))  # of rollouts with limits of their own, the one that presses most
-        level = np.atleast_2d(self.friction).max(axis=0) if friction is None else friction
+        names = robot.joint_names
+        places = None
+        if configurations is not None:
+            places = np.atleast_2d(as_joint_array(configurations, "configurations", names))
+            if not len(places):
+                raise ParameterError("configurations", configurations, "one at least")
         if friction is None:
+            level = np.atleast_2d(self.friction).max(axis=0)
             level = KNOWN_WITHIN * level if level.any() else USUAL_WITHIN * usual_friction(robot)
-        rubbed, mass = self.force_of(robot, level, configurations), self.mass_of(robot)
-        fast = float(np.max(self.speed)) if speed is None else speed
+        else:
+            level = per_joint(friction, "friction", names, "zero or positive", not_negative)
+            level = np.atleast_2d(level).max(axis=0)
+        slowest = float(np.max(self.speed))
+        fast = slowest if speed is None else check_number(speed, "speed", "zero or positive [m/s]")
+        wall = check_number(wall, "wall", "zero or positive [N/m]")
+        limit = float(np.max(self.force))  # of rollouts with limits of their own, the one that presses most
+        rubbed, mass = self.force_of(robot, level, places), self.mass_of(robot)
         pressed = limit + rubbed
         impact = pressed + float(np.sqrt(pressed**2 + wall * mass * fast**2))
-        push, slowest = self._push(robot, configurations), float(np.max(self.speed))
+        push = self._push(robot, places)
         return ForceBound(limit, rubbed, weight, pressed + weight, fast, wall, mass, impact, push, slowest)
 
     def _push(self, robot: Robot, configurations: Array | None) -> float:

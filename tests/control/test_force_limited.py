@@ -14,7 +14,7 @@ from armgpi import config
 from armgpi.control.controller import FullState
 from armgpi.control.force_limit import ForceLimit, usual_friction
 from armgpi.control.speed_brake import SpeedBrake
-from armgpi.errors import ArmgpiWarning, ConfigError, NameNotFound, ParameterError
+from armgpi.errors import ArmgpiWarning, ArrayError, ConfigError, NameNotFound, ParameterError
 from armgpi.robot.kinematics import random_configurations
 
 DT = 1e-3
@@ -331,6 +331,26 @@ def test_bad_input_is_refused_and_friction_is_asked_for() -> None:
     with pytest.warns(ArmgpiWarning, match="friction is uncertain by"):
         armgpi.ForceLimited(pid, 1.0, limit_friction=2.0 * usual_friction(ARM))
     armgpi.Supervised(armgpi.ForceLimited(pid, 10.0))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("speed", -1.0),
+        ("wall", math.nan),
+        ("friction", -1.0),
+        ("friction", "much"),
+        ("friction", [1.0, 2.0]),
+        ("configurations", np.zeros((0, 6))),
+        ("configurations", [[0.0, 1.0]]),
+    ],
+)
+def test_a_bound_of_numbers_that_are_none_is_refused(name: str, value: Any) -> None:
+    """A friction of -1 N m made the bound lower than one of zero would."""
+    law = armgpi.GPI(ARM, DT, force_limit=20.0)
+    with pytest.raises((ParameterError, ArrayError), match=name):
+        law.force_bound(**{name: value})
+    assert law.force_bound(configurations=HOME) == law.force_bound(configurations=[HOME.tolist()])
 
 
 def test_a_spring_under_a_force_limit_is_a_spring_to_a_supervisor() -> None:
