@@ -139,13 +139,13 @@ def _run(words: tuple[str, ...], *flags: str, folder: Path) -> str:
     """Run Python with some words in a folder, which has its generated code, and return its standard error.
 
     Raises:
-        RuntimeError: when the command refuses them: that would be timed for nothing.
+        RuntimeError: when the command refuses them or fails: that would be timed for nothing.
     """
     # With its bytecode kept, as everywhere; some containers forbid that.
     env = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "", "ARMGPI_CACHE": str(folder)}
     command = [sys.executable, *flags, *words]
     done = subprocess.run(command, env=env, cwd=folder, capture_output=True, text=True)
-    if done.returncode == 2:
+    if done.returncode == 2 or "Traceback" in done.stderr:
         raise RuntimeError(f"{' '.join(words)}: {done.stderr}")
     return done.stderr
 
