@@ -68,26 +68,56 @@ def worst(asked: Asked, count: int = 100, samples: int = 1000, seed: int = 0) ->
 
 
 def impulses(asked: Asked, arm: Robot, q: Array, samples: int) -> Array:
-    """Return each joint's response to its own torque of one sample, the arm frozen at q: (n, samples)."""
-    law, n = law_of(asked), arm.n
+    """Return each joint's response to its own torque of one sample [rad/(N m)], (n, samples).
+
+    The arm is frozen at q: linear there, and its inertia stays.
+
+    Args:
+        asked: what a certificate is for.
+        arm: the true arm with its load.
+        q: configuration [rad or m], (n,).
+        samples: of the responses.
+    """
+    closed_loop, push = _frozen_loop(asked, arm, q)
+    state = np.kron(push[:, None], np.linalg.inv(arm.mass_matrix(q)))
+    out = np.empty((arm.n, samples))
+    for k in range(samples):
+        out[:, k] = np.diagonal(state[: arm.n])  # the errors come first
+        state = closed_loop @ state
+    return out
+
+
+def _frozen_loop(asked: Asked, arm: Robot, q: Array) -> tuple[Array, Array]:
+    """Return the matrix of one sample of the whole loop, and what an acceleration adds to a joint's state.
+
+    A joint's state is its error, its speed, the integrators, the roll-off's filters and the delayed errors.
+    The loop's states are those of all joints: first every error, then every speed, and so on.
+
+    Args:
+        asked: what a certificate is for.
+        arm: the true arm with its load.
+        q: configuration [rad or m], (n,).
+    """
+    law, n, setting = law_of(asked), arm.n, asked.setting
     exact = checker.exact(law)
     omega, h = float(exact["omega"][0]), float(exact["sample_time"])
     A, Y = (np.array(x, dtype=float) for x in checker.loop(exact, exact["omega"][0])[1:3])
-    order, m, r = len(A), law["integrators"], law["rolloff"]
-    scale = omega ** np.array([0, 1, *range(2, 2 + m), *range(2, 3 + r), *[0] * asked.delay], dtype=float)
-    A, Y = scale[:, None] * A / scale, omega**2 * Y / scale
-    at, setting = q[None], asked.setting
-    v = np.repeat(resting(setting, arm, at), 4 * n, axis=0)
+    # The checker's states are in units of 1/omega for each derivative; from here on they are in SI units.
+    integrators = range(2, 2 + law["integrators"])
+    filters = range(2, 3 + law["rolloff"])
+    scale = omega ** np.array([0, 1, *integrators, *filters, *[0] * asked.delay], dtype=float)
+    A = scale[:, None] * A / scale
+    Y = omega**2 * Y / scale
+    # Gravity beside what holds the arm, by its change with the measured position.
+    at = q[None]
+    v = np.repeat(resting(setting, arm, at), 4 * n, axis=0)  # for the four steps of each slope
     stiffness = slopes(arm.gravity, at) - slopes(lambda x: setting.nominal.inertia_times(x, v), at)
     inverse = np.linalg.inv(arm.mass_matrix(q))
+    order = len(A)
+    measured = np.eye(order)[order - 1 if asked.delay else 0]
     push = np.zeros(order)
     push[:2] = 0.5 * h * h, h
-    past = np.eye(order)[order - 1 if asked.delay else 0]
-    acts = np.kron(Y, inverse @ setting.nominal.mass_matrix(q)) - np.kron(past, inverse @ stiffness[0].T)
-    whole = np.kron(A, np.eye(n)) + np.kron(push[:, None], np.eye(n)) @ acts
-    state = np.kron(push[:, None], inverse)
-    out = np.empty((n, samples))
-    for k in range(samples):
-        out[:, k] = np.diagonal(state[:n])
-        state = whole @ state
-    return out
+    accelerations = np.kron(Y, inverse @ setting.nominal.mass_matrix(q))
+    accelerations -= np.kron(measured, inverse @ stiffness[0].T)
+    closed_loop = np.kron(A, np.eye(n)) + np.kron(push[:, None], np.eye(n)) @ accelerations
+    return closed_loop, push

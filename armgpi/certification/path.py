@@ -451,7 +451,7 @@ def numbers_along(wish: Wish, radius: Array, fastest: Array) -> Along:
             "jacobian": arm.frame_jacobian(arm.tip, between)[:, :3],
         }
         if wish.start == "wrong-load":
-            values["start"] = _start(wish, at, rng)
+            values["start"] = _start_error(wish, at, rng)
         largest.add(values)
 
     gain = _middle_gain(arms)
@@ -555,16 +555,30 @@ def _through(left: Array, torques: Mapping[str, Array]) -> dict[str, Array]:
     }
 
 
-def _start(wish: Wish, at: _Around, rng: Any) -> Array:
-    """Return by how much the first torque is wrong: that of the model, where encoders see the arm; (1, n)."""
-    first, controller = at.target.q[:1], wish.controller
-    seen = first + wish.hidden * np.vstack([0.0 * first, rng.uniform(-1.0, 1.0, (_HIDDEN, len(wish.hidden)))])
+def _start_error(wish: Wish, at: _Around, rng: Any) -> Array:
+    """Return by how much the first torque is wrong at most, as an acceleration [rad/s^2 or m/s^2], (1, n).
 
-    def virtual(q: Array) -> Array:
+    The controller begins with the v* of its own model, at the position that the encoders show. So it is off
+    by the difference of the two v* at the true position, and by what v* changes up to the position shown:
+    its largest slope among some of these, times how far off they may be.
+
+    Args:
+        wish: whose controller it is, and what its encoders hide.
+        at: the arm around the path; `v` is the true v*, of which the first is that at the start.
+        rng: for positions that encoders may show.
+    """
+    controller = wish.controller
+    first = at.target.q[:1]
+    shares = rng.uniform(-1.0, 1.0, (_HIDDEN, len(wish.hidden)))
+    shown = first + wish.hidden * np.vstack([0.0 * first, shares])  # the true position before others
+
+    def v_of_model(q: Array) -> Array:
+        """Return the v* with which the controller begins at positions that are measured."""
         return np.asarray(-controller.init(Measurement(q), _at_rest(first)).law.lam)
 
-    slope = slopes(virtual, seen).swapaxes(1, 2)
-    return np.asarray(np.abs(at.v[:1] - virtual(first)) + (np.abs(slope) @ wish.hidden).max(axis=0))
+    slope = slopes(v_of_model, shown).swapaxes(1, 2)
+    by_encoders = (np.abs(slope) @ wish.hidden).max(axis=0)
+    return np.asarray(np.abs(at.v[:1] - v_of_model(first)) + by_encoders)
 
 
 def _moments(wish: Wish, every: Target, rng: Any) -> tuple[Array, Array]:

@@ -343,7 +343,7 @@ class _Search:
         _, _, quantity, cell, which, upper, joint = heapq.heappop(self.waiting)
         left = which[upper > self._share * self.seen[quantity.places(which)]]
         if len(left):
-            for half in cell.halves(_bent(cell) if joint is None else joint):
+            for half in cell.halves(_most_curved_joint(cell) if joint is None else joint):
                 self.look(quantity, half, left)
 
     def bounds(self) -> Array:
@@ -421,13 +421,19 @@ def _weights(cell: Cell) -> tuple[Array, Array]:
     return place / (2.0 * each), enters * np.where(place, -0.5, 1.0) / each
 
 
-def _bent(cell: Cell) -> int:
-    """Return the joint along which the values in a cell bend most, as shares of the largest of each kind."""
-    even, bends = _weights(cell)[1], _EVEN * cell.half
+def _most_curved_joint(cell: Cell) -> int:
+    """Return the joint along which the values in a cell bend most: the one that a cell is cut along.
+
+    How much they bend is their second difference along the joint, the middle less both ends, as a share of
+    the largest value of its kind. Of joints along which nothing bends it is the one with the widest range.
+    """
+    _, second_difference = _weights(cell)
+    bends = _EVEN * cell.half
     for values in _flat(cell):
         size = np.abs(values).max(axis=0)
         size = np.maximum(size, max(1e-3 * size.max(), TINY))
-        bends = bends + np.linalg.norm(even @ (values / size).reshape(len(values), -1), axis=1)
+        shares = (values / size).reshape(len(values), -1)
+        bends = bends + np.linalg.norm(second_difference @ shares, axis=1)
     return int(np.argmax(bends))
 
 

@@ -29,7 +29,7 @@ from armgpi.certification.path import (
     _holds,
     _moments,
     _most,
-    _start,
+    _start_error,
     _through,
     _torques,
     _Tube,
@@ -788,11 +788,11 @@ def test_the_first_torque_is_off_by_no_more_than_it_changes_anywhere_in_a_count(
     ):  # at some of these gravity is the largest: its slope is 0
         at: Any = SimpleNamespace(target=SimpleNamespace(q=start), v=first(start))
         changed = np.abs(first(start + rng.uniform(-0.2, 0.2, (40, 3))) - first(start)).max(axis=0)
-        assert (changed <= _start(wish, at, rng)[0] + 1e-9).all()
+        assert (changed <= _start_error(wish, at, rng)[0] + 1e-9).all()
         wish.hidden, before = np.zeros(3), wish.hidden  # then it is off by what the load makes of it alone
-        np.testing.assert_allclose(_start(wish, at, rng), np.zeros((1, 3)), atol=1e-12)
+        np.testing.assert_allclose(_start_error(wish, at, rng), np.zeros((1, 3)), atol=1e-12)
         at.v = at.v + np.array([[0.1, -0.2, 0.3]])
-        np.testing.assert_allclose(_start(wish, at, rng), [[0.1, 0.2, 0.3]], atol=1e-12)
+        np.testing.assert_allclose(_start_error(wish, at, rng), [[0.1, 0.2, 0.3]], atol=1e-12)
         wish.hidden = before
 
 
