@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -25,6 +26,7 @@ from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import say
 
 if TYPE_CHECKING:
+    from armgpi.certification.path import PathBound
     from armgpi.robot.robot import Robot
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
@@ -85,13 +87,16 @@ def bound(
     from armgpi.config.building import has_friction
     from armgpi.plants.plant import inside
 
-    _check_options(report, friction_within)
+    _refuse_bad_options(report, friction_within)
+    output = _Output(report, out, as_json, allow_part)
     experiment, known = _read(robot, rotor_inertia, drives, controller, as_json)
-    settings, loads = experiment.config.plant, load_ends(payload)
+    settings = experiment.config.plant
+    loads = load_ends(payload)
+    if _has_force_limit(experiment):
+        useless = _of_errors(torque, force, start, identified)
+        sys.exit(_bound_force(experiment, loads, friction_within, tool_speed, useless, output))
     drawn = possible_arms(identified, experiment.robot)
     rubs = friction or friction_within is not None or has_friction(settings)
-    given = (friction_within, tool_speed, _of_errors(torque, force, start, identified))
-    _end_with_force(experiment, loads, given, (report, out), (as_json, allow_part))
     found = bound_path(
         next(iter(experiment.controllers.values())),
         experiment.reference,
@@ -113,15 +118,34 @@ def bound(
     supervised = experiment.supervisor is not None and stop is None
     left_out = [*[_STOP] * supervised, *unjudged_drives(known, rubs)]
     verdict = judge(found.holds, "the bound holds", left_out, accepted=allow_part)
-    data = json_data({**found.plain(), "stop": stop and stop._asdict(), "verdict": verdict.plain()})
-    if out is not None:
-        write(out, json.dumps(data, indent=1) + "\n", "--out")
     notes = [*filter(None, (str(stop or ""), *_gears(found), _dropped_limit(robot, controller)))]
-    if report is not None:
-        write(report, _page(found, experiment, notes, verdict), "--report")
-    heading = f"{verdict.line}\n" if verdict.outcome == "holds for part" else ""
-    say(json.dumps(data) if as_json else heading + "\n  ".join([str(found), *notes]), lines=True)
+    data = json_data({**found.plain(), "stop": stop and stop._asdict(), "verdict": verdict.plain()})
+    _write_bound(found, data, notes, verdict, experiment, output)
     sys.exit(verdict.exit_code)
+
+
+def _write_bound(
+    found: PathBound, data: Any, notes: list[str], verdict: Verdict, experiment: Any, output: _Output
+) -> None:
+    """Write and print the bound of an error.
+
+    Args:
+        found: the bound.
+        data: it as plain data.
+        notes: a line each, below it.
+        verdict: what it is worth.
+        experiment: of which it is.
+        output: where it goes.
+    """
+    if output.out is not None:
+        write(output.out, json.dumps(data, indent=1) + "\n", "--out")
+    if output.report is not None:
+        write(output.report, _page(found, experiment, notes, verdict), "--report")
+    if output.as_json:
+        say(json.dumps(data), lines=True)
+        return
+    heading = f"{verdict.line}\n" if verdict.outcome == "holds for part" else ""
+    say(heading + "\n  ".join([str(found), *notes]), lines=True)
 
 
 def _dropped_limit(name: str, controller: str | None) -> str:
@@ -152,6 +176,22 @@ def _of_errors(torque: str, force: float, start: str, identified: Path | None) -
     return [option for option, there in typed.items() if there]
 
 
+class _Output(NamedTuple):
+    """Where a bound goes, and what is accepted.
+
+    Attributes:
+        report: file of a page; None for none.
+        out: file of JSON; None for none.
+        as_json: whether JSON is printed in place of text.
+        allow_part: whether a bound is accepted that leaves something out.
+    """
+
+    report: Path | None
+    out: Path | None
+    as_json: bool
+    allow_part: bool
+
+
 class _Judged(NamedTuple):
     """What is said of a controller with a force limit: plain data, text and exit code."""
 
@@ -160,37 +200,39 @@ class _Judged(NamedTuple):
     exit_code: int
 
 
-def _end_with_force(
+def _has_force_limit(experiment: Any) -> bool:
+    """Tell whether the controller has a force limit, so that the force has a bound and the error has none."""
+    return getattr(next(iter(experiment.controllers.values())), "force_limit", None) is not None
+
+
+def _bound_force(
     experiment: Any,
     loads: tuple[float, float] | None,
-    given: tuple[float | None, float | None, list[str]],
-    files: tuple[Path | None, Path | None],
-    how: tuple[bool, bool],
-) -> None:
-    """End the command with what is said of a controller with a force limit; go on without one.
+    within: float | None,
+    speed: float | None,
+    useless: Sequence[str],
+    output: _Output,
+) -> int:
+    """Print the bound of the force of a controller with a force limit, and return the exit code.
 
     Args:
         experiment: of the arm.
         loads: lightest and heaviest payload [kg].
-        given: share that friction is known within, speed of the impact [m/s], and options of what is not
-            bounded then.
-        files: of --report and --out.
-        how: --json and --allow-part.
+        within: share that friction is known within; None where it is known.
+        speed: of the impact [m/s]; None for no impact.
+        useless: options that were typed and change nothing but a bound of the error.
+        output: where it goes.
     """
-    if getattr(next(iter(experiment.controllers.values())), "force_limit", None) is None:
-        return
-    (report, out), (as_json, accepted), (within, speed, useless) = files, how, given
-    if report is not None:
+    if output.report is not None:
         raise refusal("--report", "is not written for a controller with a force limit")
-    if useless:
-        raise refusal(
-            useless[0], "is for a bound of the error; of a controller with a force limit it is the force"
-        )
-    judged = _judge_force(experiment, loads, within, speed, accepted)
-    if out is not None:
-        write(out, json.dumps(judged.data, indent=1) + "\n", "--out")
-    say(json.dumps(judged.data) if as_json else judged.text, lines=True)
-    sys.exit(judged.exit_code)
+    for option in useless:
+        said = "is for a bound of the error; of a controller with a force limit it is the force"
+        raise refusal(option, said)
+    judged = _judge_force(experiment, loads, within, speed, output.allow_part)
+    if output.out is not None:
+        write(output.out, json.dumps(judged.data, indent=1) + "\n", "--out")
+    say(json.dumps(judged.data) if output.as_json else judged.text, lines=True)
+    return judged.exit_code
 
 
 def _judge_force(
@@ -235,7 +277,7 @@ def _judge_force(
     return _Judged(data, f"{verdict.line}\n{bound}", verdict.exit_code)
 
 
-def _check_options(report: Path | None, friction_within: float | None) -> None:
+def _refuse_bad_options(report: Path | None, friction_within: float | None) -> None:
     """Refuse a page that cannot be written, and a share that is none."""
     if report is not None:
         check_file(report, "--report")
