@@ -19,6 +19,8 @@ from armgpi.tuning.verdict import verdict
 
 #: Residual over torque up to which a model is good enough to control by, and from which it explains little.
 _GOOD, _POOR = 0.1, 0.25
+#: Residual over torque from which, at two joints or more, columns may be swapped: real arms had one at most.
+_STRANGE = 0.2
 #: Residual of another log over that of the fitted ones, and over its torque, from which the arm has changed.
 _DRIFT, _DRIFTED = 2.0, 0.02
 #: What is said of friction that is neither Coulomb nor viscous.
@@ -62,6 +64,12 @@ def say_residuals(
         elif share > _GOOD:
             cause = (causes or {}).get(name, unknown if share > _POOR else "")
             lines.append(f"{name}: {100 * share:.2g} % is unexplained{cause and ': '}{cause}.")
+    strange = [name for name, share in zip(robot.joint_names, residuals, strict=True) if share > _STRANGE]
+    if len(strange) > 1:
+        lines.append(
+            f"So much of {' and '.join(strange)} is unexplained that their columns may be swapped, or of "
+            "another robot: check which torque belongs to which joint before you use what is written."
+        )
     if not held_out:
         lines.append("No other log was given: this says nothing of motions that are not in this one.")
     return lines

@@ -1057,6 +1057,13 @@ def test_an_arm_that_needs_more_than_the_share_to_hold_itself_gets_more() -> Non
     )
 
 
+def test_two_joints_that_are_hardly_explained_may_have_swapped_columns() -> None:
+    said = " ".join(say_residuals(file(), np.array([0.46, 0.21, 0.01]), held_out=True))
+    assert "So much of q1 and q2 is unexplained that their columns may be swapped" in said
+    for one in ([0.46, 0.02, 0.01], [0.1, 0.1, 0.1], [0.46, np.nan, np.nan]):
+        assert "swapped" not in " ".join(say_residuals(file(), np.array(one), held_out=True))
+
+
 def test_a_residual_is_named_by_what_it_follows() -> None:
     times, rng = np.arange(0.0, 20.0, 0.1), np.random.default_rng(0)
     q = np.stack([np.sin(times), np.sin(1.3 * times), rng.normal(size=200)], axis=-1)
