@@ -172,13 +172,15 @@ def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
             f"expected {config.sample_time:g} to {config.sample_time * _MAX_SAMPLES:g} s (1 to "
             f"{_MAX_SAMPLES:.0e} samples of {config.sample_time:g} s) in a run, got {t_final:g} s"
         )
-    supervisor = _supervisor(config, controllers.values(), top.at("supervisor"))
+    supervisor = _supervisor(config, controllers.values(), reference, top.at("supervisor"))
     config = config.replace(controllers=sections, reference=moves, t_final=t_final)
     plant = next(iter(plants.values()))
     return Experiment(robot, plant, controllers, reference, t_final, config, plants, supervisor)
 
 
-def _supervisor(config: ExperimentConfig, controllers: Iterable[Controller], place: _Place) -> Any:
+def _supervisor(
+    config: ExperimentConfig, controllers: Iterable[Controller], reference: Reference, place: _Place
+) -> Any:
     """Return the supervisor, whose bounds suit the sensors; None where the file asks for none."""
     if config.supervisor is None:
         return None
@@ -187,7 +189,8 @@ def _supervisor(config: ExperimentConfig, controllers: Iterable[Controller], pla
     with place.error_context():
         given = _given_values(config.supervisor, parameters(Supervisor), robot, place)
         supervisor = complete_settings(Supervisor(**given), config.plant, first)
-        Supervised(first, supervisor)  # which checks that it fits the arm
+        # The constructor checks that it fits the arm.
+        Supervised(first, supervisor).check_start(reference.at(0.0).q)
         return supervisor
 
 

@@ -13,6 +13,7 @@ from armgpi.errors import ArrayError, ParameterError
 from armgpi.plants.plant import Plant, PlantState
 from armgpi.references.batch import ReferenceBatch
 from armgpi.references.reference import Reference, Target
+from armgpi.supervisor import Supervised
 
 
 class LoopState(NamedTuple):
@@ -106,6 +107,7 @@ class ClosedLoop:
         Raises:
             ArrayError: when an array is not as it should be.
             LimitError: when the start is outside the joint limits.
+            ParameterError: when the tool is outside the workspace of a supervisor there.
         """
         robot = self.plant.robot
         target = self.reference.at(0.0)
@@ -116,6 +118,8 @@ class ClosedLoop:
             raise ArrayError("q0", "expected at least one rollout, got an empty batch")
         shape = (robot.n,) if batch is None else (batch, robot.n)
         q, v = (np.ascontiguousarray(np.broadcast_to(x, shape)) for x in (q, v))
+        if isinstance(self.controller, Supervised):
+            self.controller.check_start(q)
         plant = self.plant.init(q, v)
         measured = self.plant.measure(plant)
         seen = measured if self._measures_velocity else Measurement(measured.q)

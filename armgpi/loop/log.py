@@ -39,7 +39,7 @@ from armgpi.base.version import VERSION, other_format
 from armgpi.control.controller import FullState, Measurement
 from armgpi.errors import NameNotFound, ParameterError, RolloutError
 from armgpi.references.reference import Target
-from armgpi.supervisor import Reason, State
+from armgpi.supervisor import OF_TOOL, Reason, State
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -104,8 +104,9 @@ class ArmLog(NamedTuple):
         if not len(faulty):
             return None
         row = faulty[0]
-        joint = self.header["joints"][row["joint"]]
-        return f"{row['number'] * self.header['dt']:.4g} s: {Reason(row['reason']).name} ({joint})"
+        reason, joint = Reason(row["reason"]), self.header["joints"][row["joint"]]
+        named = "" if reason in OF_TOOL else f" ({joint})"
+        return f"{row['number'] * self.header['dt']:.4g} s: {reason.name}{named}"
 
 
 def row_type(inputs: tuple[str, ...], n: int) -> np.dtype[np.void]:
@@ -431,7 +432,7 @@ def to_rollout(log: ArmLog, robot: Any) -> xr.Dataset:
     if faulty.size:
         first = faulty[0]
         fault = rows["reason"][first]
-        joint = rows["joint"][first]
+        joint = -1 if fault in OF_TOOL else rows["joint"][first]
         t_fault = recording.times[first]
         recording.status[0] = Status.STOPPED
         recording.t_end[0] = t_fault

@@ -46,7 +46,7 @@ from armgpi.loop.provenance import Provenance, versions
 from armgpi.loop.tool import MOST, Tool, ToolTrack, angle_of
 from armgpi.loop.units import POSITION, TORQUE, VELOCITY
 from armgpi.robot.batch import AnyRobot
-from armgpi.supervisor import SIGNALS, Reason
+from armgpi.supervisor import OF_TOOL, SIGNALS, Reason
 
 if TYPE_CHECKING:  # functions that need it import it: with pandas it takes twice as long as Pinocchio
     import xarray as xr
@@ -213,10 +213,12 @@ class Recording:
         """Note faults by the last signals of every rollout, which are of these times [s]."""
         _, reason, joint, since = (last[name] for name in SIGNALS)
         faulty = reason > 0.0
-        t_fault = np.where(faulty, (np.rint(time / self.dt) - since) * self.dt, np.nan)
+        # One that started with its fault has counted a sample before the first.
+        sample = np.maximum(np.rint(time / self.dt) - since, 0.0)
+        t_fault = np.where(faulty, sample * self.dt, np.nan)
         self.faults = {
             "fault": reason.astype(np.int32),
-            "fault_joint": np.where(faulty, joint, -1.0).astype(np.int32),
+            "fault_joint": np.where(faulty & ~np.isin(reason, list(OF_TOOL)), joint, -1.0).astype(np.int32),
             "t_fault": t_fault,
         }
         stopped = faulty & self.running
@@ -450,8 +452,10 @@ def _ends(status: Any, t_end: Array, joints: Any, faults: Mapping[str, Any]) -> 
     for i, end in enumerate(Status(int(each)) for each in status):
         said = end.name.lower() + ("" if end == Status.FINISHED else f" at {float(t_end[i]):.4g} s")
         if "fault" in faults and faults["fault"][i]:
-            reason, joint = Reason(int(faults["fault"][i])), joints[int(faults["fault_joint"][i])]
-            said += f"{':' if end == Status.STOPPED else ', after'} {reason.name} ({joint})"
+            reason, joint = Reason(int(faults["fault"][i])), int(faults["fault_joint"][i])
+            said += f"{':' if end == Status.STOPPED else ', after'} {reason.name}"
+            if joint >= 0:
+                said += f" ({joints[joint]})"
         words.append(said)
     return words
 

@@ -22,6 +22,7 @@ from armgpi.supervisor.bounds import complete_settings as complete_settings
 from armgpi.supervisor.bounds import frozen_samples as frozen_samples
 from armgpi.supervisor.bounds import least_acceleration as least_acceleration
 from armgpi.supervisor.state import COUNTED as COUNTED
+from armgpi.supervisor.state import OF_TOOL as OF_TOOL
 from armgpi.supervisor.state import SIGNALS as SIGNALS
 from armgpi.supervisor.state import FaultReport as FaultReport
 from armgpi.supervisor.state import FrozenState as FrozenState

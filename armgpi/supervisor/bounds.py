@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from armgpi.base.arrays import LARGEST, Array, per_joint, quantity
+from armgpi.base.arrays import LARGEST, Array, as_sized_array, per_joint, quantity
 from armgpi.base.parameter import Parametrised, PerJoint, parameter, parameters, with_parameters
 from armgpi.control.controller import Controller, Measurement
+from armgpi.errors import ArrayError, ParameterError
 from armgpi.references.reference import Target
 
 #: Positions beyond this are no measurements: sine and cosine would lose digits and time [rad or m]. Set by
@@ -183,6 +184,26 @@ class Supervisor(Parametrised):
         above=True,
         per_joint=True,
     )
+    workspace: Any = parameter(
+        "WORKSPACE: box that the tool has to stay in, its lowest and its highest x, y, z in the base frame",
+        unit="m",
+        kind="points",
+        default=None,
+        none="no check",
+        structural=True,
+    )
+    tool_speed: float | None = parameter(
+        "TOOL_SPEED: highest speed of the tool",
+        unit="m/s",
+        default=None,
+        none="no check",
+        least=0.0,
+        above=True,
+        structural=True,
+    )
+    tool_frame: str | None = parameter(
+        "frame that is the tool", kind="text", default=None, none="the tip", structural=True
+    )
     missed: int = parameter(
         "LATE: samples that may be missed in a row; after as many without a good measurement it is FAULT",
         kind="integer",
@@ -190,6 +211,27 @@ class Supervisor(Parametrised):
         least=0,
         most=1000,
     )
+
+    def __post_init__(self) -> None:
+        """Check the settings.
+
+        Raises:
+            ParameterError: when a setting is not as declared, the workspace is empty, or a tool is named that
+                nothing is checked of.
+            ArrayError: when the workspace is no pair of three numbers.
+        """
+        super().__post_init__()
+        if self.workspace is not None:
+            self.keep("workspace", _check_workspace(self.workspace))
+        if self.tool_frame is not None and not self.checks_tool:
+            raise ParameterError(
+                "tool_frame", self.tool_frame, "left out where neither workspace nor tool_speed is given"
+            )
+
+    @property
+    def checks_tool(self) -> bool:
+        """Whether the tool is checked, not only the joints."""
+        return self.workspace is not None or self.tool_speed is not None
 
 
 class Bounds(NamedTuple):
@@ -224,6 +266,25 @@ class Bounds(NamedTuple):
     rate: Array
     speed: Array
     cap: Array
+
+
+def _check_workspace(value: Any) -> tuple[tuple[float, ...], ...]:
+    """Return the lowest and the highest corner of a box [m].
+
+    Raises:
+        ParameterError: when the box is empty.
+        ArrayError: when it is no pair of three numbers.
+    """
+    corners = as_sized_array(value, "workspace")
+    if corners.shape != (2, 3):
+        said = f"expected two corners of three numbers (x, y, z), got shape {corners.shape}"
+        raise ArrayError("workspace", said)
+    lower, upper = (tuple(row) for row in corners.tolist())
+    for axis, least, most in zip("xyz", lower, upper, strict=True):
+        if not least < most:
+            expected = f"a box whose lowest {axis} is below its highest, not from {least:g} to {most:g} m"
+            raise ParameterError("workspace", corners.tolist(), expected)
+    return lower, upper
 
 
 def suited(law: Controller, given: Supervisor) -> Supervisor:

@@ -16,6 +16,7 @@ import numpy as np
 from armgpi.base.arrays import LARGEST, Array
 from armgpi.control.controller import Controller, FullState, Measurement
 from armgpi.references.reference import Target
+from armgpi.robot.frame_motion import Chain, FrameMotion, inner
 from armgpi.supervisor.bounds import (
     COUNTS,
     FARTHEST,
@@ -29,7 +30,7 @@ from armgpi.supervisor.bounds import (
     smoothing,
     turning,
 )
-from armgpi.supervisor.joints import Mask, any_joint, beyond, largest, tightest
+from armgpi.supervisor.joints import Mask, all_joints, any_joint, beyond, largest, tightest
 from armgpi.supervisor.state import COUNTED, FrozenState, ResponseState, Sample, State, Watch
 
 #: Velocities and accelerations beyond this are none [rad/s, rad/s^2 or m]. Set by hand.
@@ -197,6 +198,65 @@ class Speed:
         """Yield which joints fail, where it is checked."""
         if self._checked:
             yield np.abs(watch.v) > self._most
+
+
+class Workspace:
+    """WORKSPACE: the tool leaves its box.
+
+    Attributes:
+        checked: whether there is a box.
+        lower: its lowest x, y, z in the base frame [m].
+        upper: its highest ones [m].
+    """
+
+    def __init__(self, given: Supervisor) -> None:
+        self.checked = given.workspace is not None
+        self.lower, self.upper = (
+            np.array(corner) for corner in given.workspace or ((-LARGEST,) * 3, (LARGEST,) * 3)
+        )
+
+    def nominal(self, chain: Chain | None) -> Iterator[Mask]:
+        """Yield what holds where nothing is wrong; see above."""
+        if self.checked and chain is not None:
+            yield all_joints((chain.position >= self.lower) & (chain.position <= self.upper))
+
+    def fails(self, chain: Chain | None) -> Iterator[Mask]:
+        """Yield whether the tool fails, (1,) or (batch, 1), where it is checked."""
+        if self.checked and chain is not None:
+            yield any_joint((chain.position < self.lower) | (chain.position > self.upper))
+
+
+class ToolSpeed:
+    """TOOL_SPEED: the tool is too fast, by the joints' smoothed velocities up to the last sample.
+
+    Attributes:
+        checked: whether there is a limit.
+        most: square of it [m^2 per sample^2], (1,).
+    """
+
+    def __init__(self, law: Controller, given: Supervisor) -> None:
+        self.checked = given.tool_speed is not None
+        self.most = np.array([LARGEST if given.tool_speed is None else (law.dt * given.tool_speed) ** 2])
+
+    def nominal(
+        self, frame: FrameMotion | None, chain: Chain | None, q: Array, watch: Watch
+    ) -> Iterator[Mask]:
+        """Yield what holds where nothing is wrong; see above."""
+        for square in self._square(frame, chain, q, watch):
+            yield square <= self.most
+
+    def fails(self, frame: FrameMotion | None, chain: Chain | None, q: Array, watch: Watch) -> Iterator[Mask]:
+        """Yield whether the tool fails, (1,) or (batch, 1), where it is checked."""
+        for square in self._square(frame, chain, q, watch):
+            yield square > self.most
+
+    def _square(
+        self, frame: FrameMotion | None, chain: Chain | None, q: Array, watch: Watch
+    ) -> Iterator[Array]:
+        """Yield the square of its speed [m^2 per sample^2], (1,) or (batch, 1), where it is checked."""
+        if self.checked and frame is not None and chain is not None:
+            velocity = frame.moving(chain, q, watch.v).velocity
+            yield inner(velocity, velocity)
 
 
 class Frozen:

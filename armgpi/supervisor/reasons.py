@@ -92,6 +92,17 @@ REASONS = {
         "the stage limit",
         "`armgpi bringup check` names the cause; if it is friction, raise the limit in the file of the stage",
     ),
+    Reason.WORKSPACE: Cause(
+        "the tool is outside its workspace",
+        "a hand or a wall that pushes the tool away, a goal or a move that leads out of the box, a box in "
+        "another frame or unit",
+        "bring the tool back by hand, then continue; plan within the box (base frame, m)",
+    ),
+    Reason.TOOL_SPEED: Cause(
+        "the tool is too fast",
+        "an external push, something that was pressed against and gave way, a move that is too fast",
+        "move slower; raise `tool_speed` where the counts of coarse encoders alone reach it",
+    ),
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import IntEnum
 from typing import Any, NamedTuple
 
@@ -40,6 +41,12 @@ class Reason(IntEnum):
     RESPONSE = 10
     SPEED = 11
     CAP = 12
+    WORKSPACE = 13
+    TOOL_SPEED = 14
+
+
+#: Reasons that concern the tool, and no joint.
+OF_TOOL = frozenset({Reason.WORKSPACE, Reason.TOOL_SPEED})
 
 
 class FrozenState(NamedTuple):
@@ -177,9 +184,23 @@ class FaultReport(NamedTuple):
     Attributes:
         status: "init", "run", "stopping", "hold" or "fault".
         reason: name of a :class:`Reason` in lower case; "none" without a fault.
-        joint: name of the joint concerned, None without a fault.
+        joint: name of the joint concerned, None without a fault and where it is the tool.
     """
 
     status: str
     reason: str
     joint: str | None
+
+    @classmethod
+    def of(cls, status: int, reason: int, joint: int, joint_names: Sequence[str]) -> FaultReport:
+        """Return a report in words.
+
+        Args:
+            status: number of a :class:`State`.
+            reason: number of a :class:`Reason`.
+            joint: index of the joint concerned.
+            joint_names: names of the joints.
+        """
+        why = Reason(reason)
+        name = None if why is Reason.NONE or why in OF_TOOL else joint_names[joint]
+        return cls(State(status).name.lower(), why.name.lower(), name)

@@ -15,6 +15,8 @@ from armgpi.base.parameter import parameters
 from armgpi.control.controller import Controller, ControlStep, FullState, Measurement
 from armgpi.errors import ParameterError, show_value
 from armgpi.references.reference import Target
+from armgpi.robot.batch import one_of
+from armgpi.robot.frame_motion import Chain, FrameMotion
 from armgpi.supervisor import checks
 from armgpi.supervisor.bounds import FARTHEST, SMOOTHING, Supervisor, bounds_of, smoothing, suited
 from armgpi.supervisor.joints import (
@@ -50,7 +52,7 @@ class Supervised(Controller):
         bounds: the same as numbers for this arm and sample time.
         frozen_samples: samples that make a measurement frozen, 0 for no check.
         finite: the check of that name, as are `jump`, `position`, `reference`, `following`, `speed`,
-            `frozen`, `saturated` and `response`.
+            `workspace`, `tool_speed`, `frozen`, `saturated` and `response`.
         stop: how the arm is stopped.
         _sound: torque below which none is cut [N m or N].
     """
@@ -63,8 +65,9 @@ class Supervised(Controller):
             supervisor: what it takes for a fault; as :class:`Supervisor` has it when not given.
 
         Raises:
-            ParameterError: when the controller is none, or is supervised already.
+            ParameterError: when the controller is none, or is supervised already, or no joint moves the tool.
             ArrayError: when a bound does not fit the joints.
+            NameNotFound: when there is no frame of the tool's name.
         """
         check_type(law, "law", Controller, "a Controller")
         if isinstance(law, Supervised):
@@ -93,6 +96,16 @@ class Supervised(Controller):
         self.response = checks.Response(law, supervisor, bounds)
         self.following = checks.Following(bounds, self.response)
         self.speed = checks.Speed(bounds, supervisor)
+        self.workspace = checks.Workspace(supervisor)
+        self.tool_speed = checks.ToolSpeed(law, supervisor)
+        self._frame: FrameMotion | None = None
+        if supervisor.checks_tool:
+            arm = one_of(self.robot)
+            try:
+                self._frame = FrameMotion(arm, supervisor.tool_frame or arm.tip)
+            except ParameterError:
+                named = supervisor.tool_frame or arm.tip
+                raise ParameterError("tool_frame", named, "a frame that a joint moves") from None
         self.frozen = checks.Frozen(law, supervisor, bounds, self.jump.pushed)
         self.saturated = checks.Saturated(law, supervisor)
         self.stop = Stop(law, supervisor.on_fault, bounds)
@@ -117,6 +130,8 @@ class Supervised(Controller):
         ):
             code = np.where(wrong, float(reason), code)
         worst, joint = worst_joint(code)
+        for outside in self.workspace.fails(self._chain(np.where(worst == 0.0, given, 0.0 * code))):
+            worst = np.where((worst == 0.0) & outside, float(Reason.WORKSPACE), worst)
         good = worst == 0.0
         zero = np.zeros_like(code)
         none = zero[..., :1]
@@ -132,6 +147,26 @@ class Supervised(Controller):
             nominal=none,
         )
         return SupervisedState(watch, law)
+
+    def check_start(self, q: Array) -> None:
+        """Refuse a start outside the workspace; of a batch, one in which every start is.
+
+        Args:
+            q: positions [rad or m], (n,) or (batch, n).
+
+        Raises:
+            ParameterError: when the tool is outside there.
+        """
+        chain = self._chain(q)
+        for outside in self.workspace.fails(chain):
+            if outside.all() and chain is not None:
+                where = ", ".join(f"{x:.4g}" for x in np.reshape(chain.position, (-1, 3))[0])
+                expected = f"a box that contains the tool at the start, which is at ({where}) m"
+                raise ParameterError("workspace", self.supervisor.values()["workspace"], expected)
+
+    def _chain(self, q: Array) -> Chain | None:
+        """Return where the tool is; None where nothing of it is checked."""
+        return None if self._frame is None else self._frame.chain(q)
 
     def reset(self, measurement: Any, target: Target, state: SupervisedState) -> SupervisedState:
         """Return the state of a start from where the arm is now, by a decision of the caller.
@@ -223,7 +258,7 @@ class Supervised(Controller):
     def _is_nominal(self, measurement: Any, target: Target, watch: Watch) -> Mask:
         """Tell whether it is RUN, nothing is counted, and no check of this sample can find anything."""
         q = measurement.q
-        change = q - watch.q
+        change, chain = q - watch.q, self._chain(q)
         passed = (
             *self.jump.nominal(change, watch),
             *self.position.nominal(q),
@@ -232,6 +267,8 @@ class Supervised(Controller):
             *self.frozen.nominal(change, target.q, watch),
             *self.finite.nominal(measurement),
             *self.reference.nominal(target, watch),
+            *self.workspace.nominal(chain),
+            *self.tool_speed.nominal(self._frame, chain, q, watch),
         )
         return (watch.nominal > 0.0) & all_joints(reduce(operator.and_, passed))
 
@@ -426,6 +463,7 @@ class Supervised(Controller):
         distrusted = ~good | frozen | (watch.frozen.unchanged_samples >= COUNTED)
         if not self.response.samples:  # its motor may turn the other way
             distrusted = distrusted | (~active & failing)
+        chain = self._chain(q)
         code: Any = 0.0
         for wrong, reason in (
             (watch.late > 0.0, Reason.LATE),
@@ -438,6 +476,8 @@ class Supervised(Controller):
             (~finite, Reason.NOT_FINITE),
             (turned, Reason.RESPONSE),
             *((fast, Reason.SPEED) for fast in self.speed.fails(watch)),
+            *((outside, Reason.WORKSPACE) for outside in self.workspace.fails(chain)),
+            *((fast, Reason.TOOL_SPEED) for fast in self.tool_speed.fails(self._frame, chain, q, watch)),
         ):
             code = np.where(wrong, float(reason), code)
         bad = np.where(good, 0.0, watch.bad + 1.0)
@@ -525,8 +565,7 @@ class Supervised(Controller):
             Status, reason and joint.
         """
         status, reason, joint = (int(x[0]) for x in state.supervisor[:3])
-        name = self.robot.joint_names[joint] if reason else None
-        return FaultReport(State(status).name.lower(), Reason(reason).name.lower(), name)
+        return FaultReport.of(status, reason, joint, self.robot.joint_names)
 
     def signals(self, state: SupervisedState) -> dict[str, Array]:
         """Return its own signals and those of the controller; see :meth:`Controller.signals`."""

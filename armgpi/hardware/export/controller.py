@@ -17,7 +17,7 @@ from armgpi.errors import BackendError, ParameterError
 from armgpi.hardware.export.names import check_name, plain, rename
 from armgpi.references.reference import Target
 from armgpi.robot.robot import Robot
-from armgpi.supervisor import FaultReport, Reason, State
+from armgpi.supervisor import FaultReport
 
 #: As the Makefile compiles. No fused multiply-add, so that every machine gives the same bits.
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared")
@@ -205,8 +205,7 @@ class ExportedController(Controller):
             state: of the exported controller, as :meth:`step` returned it.
         """
         _, status, reason, joint = (int(x) for x in state.view(np.uint32)[:4])
-        name = self.robot.joint_names[joint] if reason else None
-        return FaultReport(State(status).name.lower(), Reason(reason).name.lower(), name)
+        return FaultReport.of(status, reason, joint, self.robot.joint_names)
 
     def _arguments(
         self, measurement: Measurement | FullState, target: Target

@@ -38,6 +38,7 @@ from armgpi.loop.rollout import Recording
 from armgpi.loop.runner import DIVERGENCE, NumPyRun, drive, in_control
 from armgpi.plants.plant import Plant
 from armgpi.references.reference import Reference, Target
+from armgpi.robot.batch import one_of
 from armgpi.supervisor import FARTHEST, SIGNALS, Reason, Supervised, Supervisor, reasons
 
 #: What a package says of a controller whose first torque is the weight.
@@ -474,6 +475,7 @@ def _faults(controller: Supervised) -> dict[str, str]:
         rate = f" It changes by at most {_few(bounds.rate)} N m or N from sample to sample, in every state."
     rise = np.max(bounds.slowing / bounds.jerk) * controller.dt
     built = f", which builds up and goes in {rise:.2g} s" if rise > controller.dt else ""
+    tool = f"the tool, `{plain(given.tool_frame or one_of(robot).tip)}`," if given.checks_tool else ""
     when = {
         Reason.LATE: f"more than {given.missed} samples were missed in a row; as many without a good "
         "measurement end in FAULT",
@@ -496,6 +498,8 @@ def _faults(controller: Supervised) -> dict[str, str]:
         * (given.speed is not None or given.speed_cap is not None),
         Reason.CAP: f"the controller asked for a torque that differs by {_few(bounds.cap)} N m or N from "
         "the model's holding torque; the state is FAULT" * (given.torque_cap is not None),
+        Reason.WORKSPACE: _box_text(given.workspace, tool) if given.workspace else "",
+        Reason.TOOL_SPEED: f"{tool} was faster than {given.tool_speed:g} m/s" if given.tool_speed else "",
     }
     return {
         "action": action,
@@ -504,6 +508,12 @@ def _faults(controller: Supervised) -> dict[str, str]:
         "reasons": reasons.table(),
         "checks": reasons.checks(when),
     }
+
+
+def _box_text(workspace: Any, tool: str) -> str:
+    """Return when the tool is outside its box."""
+    lower, upper = (", ".join(f"{x:g}" for x in corner) for corner in workspace)
+    return f"{tool} left the box from ({lower}) to ({upper}) m in the base frame"
 
 
 _STAGE = """

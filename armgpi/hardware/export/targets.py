@@ -336,6 +336,7 @@ def _motions(controller: Supervised) -> dict[Reason, list[_Motion]]:
             _Motion(k, dq=min(1.2 * speed[k], 0.9 * jump[k]), why=no_speed) for k in np.argsort(speed)
         ],
     }
+    found |= _tool_motions(small, jump)
     never = {Reason.POSITION: no_position, Reason.SATURATED: no_torque, Reason.RESPONSE: no_torque}
     found |= {reason: [_Motion(why=why)] for reason, why in never.items() if why}
     off = {
@@ -345,6 +346,8 @@ def _motions(controller: Supervised) -> dict[Reason, list[_Motion]]:
         Reason.RESPONSE: given.response,
         Reason.SPEED: given.speed is not None or given.speed_cap is not None,
         Reason.CAP: given.torque_cap is not None,
+        Reason.WORKSPACE: given.workspace is not None,
+        Reason.TOOL_SPEED: given.tool_speed is not None,
     }
     return found | {reason: [_Motion(why=_OFF)] for reason, value in off.items() if not value}
 
@@ -352,6 +355,24 @@ def _motions(controller: Supervised) -> dict[Reason, list[_Motion]]:
 def _unlimited(limits: Array, kind: str) -> str:
     """Return that no joint has a limit; empty where one has."""
     return "" if (limits < FARTHEST).any() else f"no joint has a {kind} limit"
+
+
+def _tool_motions(small: Any, jump: Any) -> dict[Reason, list[_Motion]]:
+    """Return the motions to try for the tool, by what a joint may move and jump in a sample [rad or m]."""
+    joints = range(len(small))
+    return {
+        # The reference moves along; slowly as well, or the tool is too fast before it is outside.
+        Reason.WORKSPACE: [
+            _Motion(k, dq=share * small[k], dr=share * small[k], samples=_LONGEST)
+            for share in (1.0, -1.0, 0.1, -0.1)
+            for k in joints
+        ],
+        Reason.TOOL_SPEED: [
+            _Motion(k, dq=min(share * jump[k], 0.05), samples=_LONGEST)
+            for share in (0.3, 0.9)
+            for k in joints
+        ],
+    }
 
 
 def _share(controller: Supervised, motion: _Motion) -> float:

@@ -16,7 +16,7 @@ from armgpi.hardware.realtime.ends import UPRIGHT
 from armgpi.hardware.realtime.stages import CAPS, Folder, Stage, moving_torque
 from armgpi.loop.log import ArmLog
 from armgpi.loop.log import read as read_log
-from armgpi.supervisor import Reason
+from armgpi.supervisor import OF_TOOL, Reason
 
 #: What a bring-up has to answer, in the order in which it can: key -> question.
 QUESTIONS = {
@@ -198,7 +198,8 @@ def _arrays(log: ArmLog, robot: Any) -> _Seen:
 
 def _stop_finding(seen: _Seen) -> Finding:
     """Return that the supervisor stopped a stage for a reason of its own."""
-    reason, joint = Reason(seen.reason).name, seen.names[seen.joint]
+    why = Reason(seen.reason)
+    reason, joint = why.name, "" if why in OF_TOOL else seen.names[seen.joint]
     said = f"stopped at {seen.t[seen.faulty]:.3g} s: {reason}"
     return Finding("whole arm", joint, said, "docs/reasons.md has its causes")
 

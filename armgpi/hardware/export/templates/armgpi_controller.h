@@ -54,7 +54,7 @@ typedef struct {
     uint32_t layout;        /* ARMGPI_LAYOUT after init */
     armgpi_status_t status; /* what it is in */
     armgpi_reason_t reason; /* of a fault */
-    uint32_t fault_joint;   /* joint concerned, see armgpi_joint_t */
+    uint32_t fault_joint;   /* joint concerned, see armgpi_joint_t; 0 where it is the tool */
     /* Supervisor and law, by their names in Python. */
 $fields} armgpi_state_t;
 

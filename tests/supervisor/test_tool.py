@@ -1,0 +1,272 @@
+"""The checks of the tool: it leaves its box, or is too fast. Against Pinocchio's kinematics, and in C."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import armgpi
+from armgpi import GPI, Measurement, RigidBodyPlant, Robot, Supervised, Supervisor, Target, config, simulate
+from armgpi.config.experiment import run
+from armgpi.errors import ArmgpiError
+from armgpi.hardware.export import targets
+from armgpi.hardware.export.code import generate
+from armgpi.supervisor import Reason, State
+
+DT = 1e-3
+#: Time constant of the supervisor's velocities [s], as docs/supervisor.md says.
+SMOOTHING = 5e-3
+ARM = Robot.load("anthropomorphic3")
+Q = np.array([0.1, 0.4, -0.5])
+REST = np.zeros(3)
+#: A box and a speed that no arm leaves or reaches.
+FAR: Any = {"workspace": ([-50.0] * 3, [50.0] * 3), "tool_speed": 500.0}
+
+
+@cache
+def path(seed: int, speed: float) -> Any:
+    """Positions of a smooth motion of all joints, from rest at Q on."""
+    random = np.random.default_rng(seed)
+    way = random.normal(size=3)
+    t = DT * np.arange(1200)
+    growing = 1.0 - np.exp(-((t / 0.3) ** 2))
+    return Q + speed * way * (growing * t)[:, None]
+
+
+def played(controller: Any, positions: Any, state: Any = None) -> tuple[int, Any]:
+    """Let the arm follow exactly; return the first sample that is no RUN, and the state there."""
+    targets_of = [Target(q, REST, REST) for q in positions]
+    state = controller.init(Measurement(positions[0]), targets_of[0])
+    for k, (q, target) in enumerate(zip(positions, targets_of, strict=True)):
+        state = controller.step(Measurement(q), target, state).state
+        if controller.report(state).status not in ("init", "run"):
+            return k, state
+    return len(positions), state
+
+
+@pytest.mark.parametrize("frame", [None, "link2"])
+@pytest.mark.parametrize("seed", range(6))
+def test_it_stops_at_the_first_sample_outside_the_box(seed: int, frame: str | None) -> None:
+    positions = path(seed, 0.3)
+    frame = None if frame is None else ARM.frame_names[-3]
+    name = ARM.tip if frame is None else frame
+    places = np.array([ARM.frame_pose(name, q).translation for q in positions])
+    # Walls on one side alone: 60 % of the way along one axis.
+    axis = int(np.argmax(np.abs(places[-1] - places[0])))
+    lower, upper = places[0] - 5.0, places[0] + 5.0
+    wall = places[0, axis] + 0.6 * (places[-1, axis] - places[0, axis])
+    (upper if places[-1, axis] > places[0, axis] else lower)[axis] = wall
+    outside = ((places < lower) | (places > upper)).any(axis=1)
+    controller = Supervised(GPI(ARM, DT), Supervisor(workspace=(lower, upper), tool_frame=frame))
+    k, state = played(controller, positions)
+    assert outside.any()
+    assert k == int(np.argmax(outside))
+    assert controller.report(state) == ("stopping", "workspace", None)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_it_stops_at_the_first_sample_in_which_the_tool_is_too_fast(seed: int) -> None:
+    positions = path(seed, 0.5)
+    v, speeds = REST, []
+    before = positions[0]
+    for q in positions:
+        # J(q) of the joints' smoothed velocities, which are those up to the last sample.
+        speeds.append(np.linalg.norm(ARM.frame_jacobian(ARM.tip, q)[:3] @ v) / DT)
+        v = v + DT / (DT + SMOOTHING) * (q - before - v)
+        before = q
+    limit = 0.6 * max(speeds)
+    controller = Supervised(GPI(ARM, DT), Supervisor(tool_speed=limit))
+    k, state = played(controller, positions)
+    assert k == int(np.argmax(np.array(speeds) > limit))
+    assert controller.report(state) == ("stopping", "tool_speed", None)
+    # What was smoothed is the speed of the tool, late by no more than three time constants.
+    places = np.array([ARM.frame_pose(ARM.tip, q).translation for q in positions])
+    true = np.linalg.norm(np.diff(places, axis=0), axis=1) / DT
+    assert true[: k - round(3 * SMOOTHING / DT)].max() < limit
+
+
+def test_one_that_is_never_left_changes_no_bit() -> None:
+    move = armgpi.Bezier(Q, Q + 0.3, 0.5)
+    off, on = (
+        simulate(RigidBodyPlant(ARM), GPI(ARM, DT), move, 0.6, supervisor=each)
+        for each in (Supervisor(), Supervisor(**FAR))
+    )
+    for name in ("q", "tau", "supervisor"):
+        np.testing.assert_array_equal(off[name], on[name])
+
+
+def test_without_them_the_c_has_nothing_of_them() -> None:
+    off = generate(GPI(ARM, DT)).law
+    on = generate(GPI(ARM, DT), supervisor=Supervisor(**FAR)).law
+    assert not [table.name for table in off.tables if "WORKSPACE" in table.name or "TOOL" in table.name]
+    assert {"WORKSPACE_LOWER", "WORKSPACE_UPPER", "TOOL_SPEED_MOST"} <= {table.name for table in on.tables}
+
+
+@pytest.mark.parametrize(
+    ("law", "given"),
+    [
+        (GPI, {"workspace": True}),
+        (GPI, {"tool_speed": 0.2}),
+        (armgpi.CartesianImpedance, {"workspace": True, "tool_speed": 0.2}),
+    ],
+)
+def test_c_does_the_same(law: Any, given: Any) -> None:
+    pytest.importorskip("casadi")
+    positions = path(3, 0.5)
+    start, end = (ARM.frame_pose(ARM.tip, q).translation for q in (positions[0], positions[-1]))
+    more: Any = {} if law is GPI else {"stiffness": [200.0] * 3 + [0.0] * 3}
+    if "workspace" in given:
+        given = given | {"workspace": (start - 0.3 * np.abs(end - start), start + 0.3 * np.abs(end - start))}
+    mine = Supervised(law(ARM, DT, **more), Supervisor(**given))
+    theirs: Any = armgpi.ExportedController.of(mine)
+    states: list[Any] = [
+        each.init(Measurement(positions[0]), Target(positions[0], REST, REST)) for each in (mine, theirs)
+    ]
+    for q in positions:
+        target = Target(q, REST, REST)
+        steps: list[Any] = [
+            each.step(Measurement(q), target, state)
+            for each, state in zip((mine, theirs), states, strict=True)
+        ]
+        np.testing.assert_allclose(steps[0].tau, steps[1].tau, rtol=1e-9, atol=1e-9)
+        states = [step.state for step in steps]
+        assert mine.report(states[0]) == theirs.report(states[1])
+    assert mine.report(states[0]).reason in ("workspace", "tool_speed")
+    assert mine.report(states[0]).joint is None
+
+
+def test_every_step_has_the_bits_of_any_step() -> None:
+    supervised: Any = Supervised(GPI(ARM, DT), Supervisor(**(FAR | {"tool_speed": 0.4})))
+    state = supervised.init(Measurement(Q), Target(Q, REST, REST))
+    for q in path(3, 0.5):
+        sample = Measurement(q), Target(q, REST, REST)
+        step, other = (f(*sample, state) for f in (supervised.step, supervised._any_step))
+        np.testing.assert_array_equal(step.tau, other.tau)
+        for a, b in zip(step.state.supervisor[:17], other.state.supervisor[:17], strict=True):
+            for x, y in zip(np.atleast_1d(a), np.atleast_1d(b), strict=True):
+                np.testing.assert_array_equal(x, y)
+        state = step.state
+    assert supervised.report(state).reason == "tool_speed"
+
+
+def pushed(backend: str, supervisor: Supervisor, stiffness: float = 300.0) -> Any:
+    """Two springs of which a hand pushes the tool away, the second from further away."""
+    push = armgpi.ToolForce(force=[0.0, 20.0, 0.0], onset=0.1)
+    spring = armgpi.CartesianImpedance(ARM, DT, stiffness=[stiffness] * 3 + [0.0] * 3)
+    starts = armgpi.ReferenceBatch([armgpi.Hold(Q), armgpi.Hold(Q + 0.05)])
+    plant = RigidBodyPlant(ARM, environment=[push])
+    return simulate(plant, spring, starts, 1.0, supervisor=supervisor, backend=backend)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "compiled"])
+def test_a_hand_that_pushes_a_spring_out_of_its_box_stops_it(backend: str) -> None:
+    if backend == "compiled":
+        pytest.importorskip("casadi")
+    places = [ARM.frame_pose(ARM.tip, q).translation for q in (Q, Q + 0.05)]
+    box = np.min(places, axis=0) - 0.02, np.max(places, axis=0) + 0.02
+    free, stopped = (pushed(backend, Supervisor(workspace=given)) for given in (None, box))
+    assert (free["status"] == armgpi.Status.FINISHED).all()
+    assert (stopped["fault"] == Reason.WORKSPACE).all()
+    assert (stopped["fault_joint"] == -1).all()
+    tool = free["tool"].transpose("rollout", "time", ...).values
+    outside = ((tool < box[0]) | (tool > box[1])).any(axis=-1)
+    np.testing.assert_allclose(stopped["t_fault"], DT * np.argmax(outside, axis=1), atol=1e-12)
+    assert float(stopped["supervisor"].isel(time=-1).max()) == State.HOLD
+    said = armgpi.loop.rollout.describe_end(stopped)
+    assert [each.partition(": ")[2] for each in said] == ["WORKSPACE"] * 2
+
+
+def test_a_start_outside_is_refused_and_by_itself_a_fault_without_torque() -> None:
+    place = ARM.frame_pose(ARM.tip, Q).translation
+    outside = Supervisor(workspace=(place + 0.01, place + 1.0))
+    with pytest.raises(ArmgpiError, match=r"workspace must be a box that contains the tool at the start"):
+        simulate(RigidBodyPlant(ARM), GPI(ARM, DT), armgpi.Hold(Q), 0.1, supervisor=outside)
+    mine = Supervised(GPI(ARM, DT), outside)
+    for each in (mine, armgpi.ExportedController.of(mine)):
+        controller: Any = each
+        state = controller.init(Measurement(Q), Target(Q, REST, REST))
+        assert controller.report(state) == ("fault", "workspace", None)
+        tau, state = controller.step(Measurement(Q), Target(Q, REST, REST), state)
+        np.testing.assert_array_equal(tau, 0.0)
+    for bad in (np.nan, np.inf, 1e300):
+        state = mine.init(Measurement(Q * [1.0, bad, 1.0]), Target(Q, REST, REST))
+        assert mine.report(state).reason == "not_finite"
+
+
+def test_of_a_batch_those_that_start_outside_are_stopped_at_once() -> None:
+    places = [ARM.frame_pose(ARM.tip, q).translation for q in (Q, Q + 0.3)]
+    starts = armgpi.ReferenceBatch([armgpi.Hold(Q), armgpi.Hold(Q + 0.3)])
+    given = Supervisor(workspace=(places[0] - 0.05, places[0] + 0.05))
+    assert (np.abs(places[1] - places[0]) > 0.05).any()
+    rollout = simulate(RigidBodyPlant(ARM), GPI(ARM, DT), starts, 0.05, supervisor=given)
+    assert armgpi.loop.rollout.describe_end(rollout) == ["finished", "stopped at 0 s: WORKSPACE"]
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"workspace": ([0.0, 0.0, 0.0], [1.0, 0.0, 1.0])}, "lowest y is below its highest"),
+        ({"workspace": ([0.0, 0.0, 2.0], [1.0, 1.0, 1.0])}, "lowest z is below its highest"),
+        ({"workspace": 3.0}, "two corners of three numbers"),
+        ({"workspace": ([0.0, 0.0], [1.0, 1.0])}, "two corners of three numbers"),
+        ({"workspace": ([0.0, 0.0, np.nan], [1.0, 1.0, 1.0])}, "finite"),
+        ({"workspace": "here"}, "workspace"),
+        ({"tool_speed": 0.0}, "tool_speed must be positive"),
+        ({"tool_speed": -1.0}, "tool_speed must be positive"),
+        ({"tool_speed": np.nan}, "tool_speed"),
+        ({"tool_speed": np.ones((2, 1))}, "tool_speed"),
+        ({"tool_frame": "tool"}, "neither workspace nor tool_speed"),
+        ({"tool_speed": 1.0, "tool_frame": "hand"}, "no frame named 'hand'"),
+        ({"tool_speed": 1.0, "tool_frame": ARM.frame_names[0]}, "tool_frame must be a frame that a joint"),
+    ],
+)
+def test_what_is_no_box_and_no_speed_is_refused(given: Any, said: str) -> None:
+    with pytest.raises(ArmgpiError, match=said):
+        Supervised(GPI(ARM, DT), Supervisor(**given))
+
+
+FILE = """\
+robot: {{name: anthropomorphic3}}
+controllers: [{{type: gpi, omega: 20}}]
+reference: {{points: [[0.1, 0.4, -0.5], [0.6, 0.4, -0.5]], durations: 0.5}}
+supervisor: {{workspace: {box}, tool_speed: {speed}}}
+t_final: 0.6
+"""
+
+
+def test_files_have_them(tmp_path: Path) -> None:
+    place = ARM.frame_pose(ARM.tip, Q).translation
+
+    def experiment(below: float, speed: float) -> Any:
+        box = [(place - below).tolist(), (place + 1.0).tolist()]
+        file = tmp_path / "box.yaml"
+        file.write_text(FILE.format(box=box, speed=speed))
+        return config.build(*config.read(file))
+
+    for below, speed, said in (
+        (0.05, 50.0, "WORKSPACE"),
+        (2.0, 0.05, "TOOL_SPEED"),
+    ):
+        built = experiment(below, speed)
+        rollout = run(built, next(iter(built.runs)))
+        assert armgpi.loop.rollout.describe_end(rollout)[0].endswith(f": {said}")
+    with pytest.raises(ArmgpiError, match=r"box\.yaml.*supervisor.*contains the tool at the start"):
+        experiment(-0.01, 1.0)
+
+
+def test_exports_say_and_test_them(tmp_path: Path) -> None:
+    middle = ARM.frame_pose(ARM.tip, ARM.middle()).translation
+    given = Supervisor(workspace=(middle - 0.1, middle + 0.1), tool_speed=0.2)
+    supervised = Supervised(GPI(ARM, DT), given)
+    rows = [row.strip() for row in targets._tests(supervised)]
+    for name in ("workspace", "tool_speed"):
+        (row,) = (each for each in rows if each.startswith(f'{{"{name}"'))
+        assert row.rstrip(",}").endswith("NULL"), row
+    armgpi.export_controller(supervised, tmp_path, measure=False)
+    text = (tmp_path / "README.md").read_text()
+    assert "`WORKSPACE` is reported when the tool" in text
+    assert "was faster than 0.2 m/s" in text
