@@ -108,16 +108,17 @@ def _frozen_loop(asked: Asked, arm: Robot, q: Array) -> tuple[Array, Array]:
     scale = omega ** np.array([0, 1, *integrators, *filters, *[0] * asked.delay], dtype=float)
     A = scale[:, None] * A / scale
     Y = omega**2 * Y / scale
-    # Gravity beside what holds the arm, by its change with the measured position.
+    # Gravity changes with where the arm is, what holds the arm with the position that was measured.
     at = q[None]
     v = np.repeat(resting(setting, arm, at), 4 * n, axis=0)  # for the four steps of each slope
-    stiffness = slopes(arm.gravity, at) - slopes(lambda x: setting.nominal.inertia_times(x, v), at)
+    gravity = slopes(arm.gravity, at)[0].T
+    holding = slopes(lambda x: setting.nominal.inertia_times(x, v), at)[0].T
     inverse = np.linalg.inv(arm.mass_matrix(q))
     order = len(A)
-    measured = np.eye(order)[order - 1 if asked.delay else 0]
+    position, measured = np.eye(order)[0], np.eye(order)[order - 1 if asked.delay else 0]
     push = np.zeros(order)
     push[:2] = 0.5 * h * h, h
     accelerations = np.kron(Y, inverse @ setting.nominal.mass_matrix(q))
-    accelerations -= np.kron(measured, inverse @ stiffness[0].T)
+    accelerations += np.kron(measured, inverse @ holding) - np.kron(position, inverse @ gravity)
     closed_loop = np.kron(A, np.eye(n)) + np.kron(push[:, None], np.eye(n)) @ accelerations
     return closed_loop, push

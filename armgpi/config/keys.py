@@ -28,6 +28,9 @@ def find(config: Section, name: str) -> tuple[Parameter, Any]:
         config: the experiment; `controller` is its first one.
         name: with dots, such as robot.effort, plant.noise.position or reference.path.radius.
 
+    Returns:
+        What is known of it, and its value; where the file names joints, by their names in the file's order.
+
     Raises:
         LookupError: when it has no such number.
     """
@@ -46,10 +49,10 @@ def find(config: Section, name: str) -> tuple[Parameter, Any]:
             here, declared = here[step], QUANTITIES.get(str(step), replace(declared, per_joint=False))
         else:
             raise LookupError(name)
-    if isinstance(here, Mapping) and declared.per_joint:
-        here = [*here.values()]
     single = isinstance(here, list) and not declared.per_joint and declared.kind in ("number", "integer")
-    if single or isinstance(here, type | Section | str | bool | Mapping) or declared.kind in _WORDS:
+    if isinstance(here, Mapping) and not declared.per_joint:
+        raise LookupError(name)
+    if single or isinstance(here, type | Section | str | bool) or declared.kind in _WORDS:
         raise LookupError(name)
     return declared, here
 

@@ -20,6 +20,8 @@ from armgpi.robot.frame_motion import cross_matrix
 _SLACK = 1e-6
 #: Largest turn from the first pose that a path of poses has [rad]: at a full turn its logarithm is singular.
 _MOST_TURN = 1.75 * np.pi
+#: A smaller turn is none but for rounding, as of numbers with six digits [rad].
+_NO_TURN = 1e-6
 #: Step of the central difference that gives the change of the Jacobian of the exponential [s].
 _DIFFERENCE = 1e-5
 #: Times that are closer than this share of the whole cannot be told apart.
@@ -247,11 +249,12 @@ def _continuous(rotations: Array) -> Array:
     """Return rotation vectors relative to the first rotation, each the one nearest to that before it."""
     turns = logarithm(rotations[0].T @ rotations)
     for row in range(1, len(turns)):
-        angle = float(np.linalg.norm(turns[row]))
-        if angle < SMALLEST:
+        angle, before = float(np.linalg.norm(turns[row])), float(np.linalg.norm(turns[row - 1]))
+        if angle < _NO_TURN and before < np.pi:
             continue
+        # No turn has no axis of its own: it ends the full turn that was begun.
+        axis = turns[row - 1] / before if angle < _NO_TURN else turns[row] / angle
         # A turn about an axis by a full turn more or less is the same rotation.
-        axis = turns[row] / angle
         choices = [axis * (angle + 2.0 * np.pi * k) for k in (-1, 0, 1)]
         turns[row] = min(choices, key=lambda turn: float(np.linalg.norm(turn - turns[row - 1])))
     return turns

@@ -239,11 +239,15 @@ def _netcdf(source: Path, variable: str, rollout: int) -> dict[str, Array]:
     try:
         data = hdf5.load(source)[variable]
         if "rollout" in data.dims:
+            count = data.sizes["rollout"]
+            if rollout >= count:
+                said = f"has {count} rollouts, counted from 0; expected one of them, got rollout {rollout}"
+                raise UnreadableTrajectory(source, said)
             data = data.isel(rollout=rollout)
         values = data.transpose("time", "joint")
         joints = [str(name) for name in values["joint"].values]
         return {"": values["time"].values, **dict(zip(joints, values.values.T, strict=True))}
-    except (FileNotFoundError, PermissionError):
+    except (FileNotFoundError, PermissionError, UnreadableTrajectory):
         raise
     except Exception as error:  # h5py has no one kind of error for a damaged file
         said = f"has no variable {variable!r} over time and joint ({files.reason(error)})"

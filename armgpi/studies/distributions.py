@@ -126,7 +126,8 @@ def _nominal(name: str, value: Any, drawn: int) -> tuple[float, ...]:
             share a factor.
     """
     if value is None:
-        raise ParameterError(name, None, "a value to multiply by the factor; or {log_uniform: [1, 2]}")
+        expected = "a value (of all joints, where it is one of each) to multiply by the factor"
+        raise ParameterError(name, None, f"{expected}; or {{log_uniform: [1, 2]}}")
     values = np.ravel(np.asarray(value, dtype=np.float64))
     if not (values > 0.0).all():
         raise ParameterError(name, float(values.min()), "a positive value to multiply by the factor")

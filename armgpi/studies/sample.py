@@ -328,6 +328,9 @@ class Sweep:
         quick = found is not None and not found.fixed
         try:
             declared, value = keys.find(self.experiment.config, name)
+            if isinstance(value, Mapping):  # in the file's order, and maybe of some joints alone
+                joints = self.robot.joint_names
+                value = [value[joint] for joint in joints] if {*joints} <= {*value} else None
         except LookupError:
             if found is None:
                 absent = map("plant.{}".format, type(self.experiment.config.plant).keys)

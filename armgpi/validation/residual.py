@@ -32,6 +32,8 @@ _USUAL = {
 }
 #: First letters of the numbers in the order in which a product has them.
 _ORDER = "mIglc"
+#: Name of an entry of a link's inertia, such as I10xy; a rotor's is another, such as Ir3.
+_LINK_INERTIA = re.compile(r"I(\d+)")
 #: Two shares are the same up to this: they come from values that agree to 1e-9.
 _SAME = 1e-6
 #: Explanations that are as good as the first, listed at most.
@@ -242,9 +244,11 @@ class _Entry:
         for name in dict.fromkeys(name for factors, _ in self.own for name in factors if name != "g"):
             shown = self.residual.shown(name)
             groups[f"every term with {shown}"] = [k for k in every if name in self.own[k][0]]
-        for link in dict.fromkeys(factors[0][:2] for factors, _ in self.own if factors[0][0] == "I"):
-            of_link = [k for k in every if self.own[k][0][0].startswith(link)]
-            groups[f"the inertia of link {link[1:]}"] = of_link
+        inertias: dict[str, list[int]] = {}
+        for k, (factors, _) in enumerate(self.own):
+            if inertia := _LINK_INERTIA.match(factors[0]):
+                inertias.setdefault(inertia[1], []).append(k)
+        groups |= {f"the inertia of link {link}": of_link for link, of_link in inertias.items()}
         for text, chosen in groups.items():
             if len(chosen) > 1 and (len(chosen) < len(every) or text == "all of it"):
                 yield text, chosen

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from soundness import attack
+from soundness import Course, attack
 
 import armgpi
 from armgpi.certification import adversary
@@ -14,6 +14,8 @@ from armgpi.certification.adversary import impulses, worst
 from armgpi.certification.channels import sampled_loops
 from armgpi.certification.request import ask
 from armgpi.health.zoo import fingers
+from armgpi.plants.sensors import Delayed
+from armgpi.references.waypoints import Hold
 
 
 def test_no_torque_that_switches_at_the_worst_times_leads_beyond_the_certificate() -> None:
@@ -44,18 +46,37 @@ def test_responses_are_those_of_the_joints_laws_on_an_arm_that_is_frozen(
     nominal, inverse = asked.setting.nominal, np.linalg.inv(arm.mass_matrix(q))
     v = np.linalg.solve(nominal.mass_matrix(q), arm.gravity(q))
 
-    def excess(x: Any) -> Any:  # what gravity takes, less what holds the arm
-        return arm.gravity(x) - nominal.mass_matrix(x) @ v
+    def slope(force: Any) -> Any:
+        return np.transpose([(force(q + x) - force(q - x)) / (2.0 * step) for x in step * np.eye(3)])
 
-    columns = [(excess(q + x) - excess(q - x)) / (2.0 * step) for x in step * np.eye(3)]
+    weight = slope(arm.gravity)  # where the arm is
+    held = slope(lambda x: nominal.mass_matrix(x) @ v)  # where the controller sees it
     for j in range(3):
         x, answers = inverse[:, j, None] * loops.push, []
         for _ in range(300):
             answers.append(x[j, 0])
             asks, seen = np.einsum("im,im->i", loops.asks, x), x[:, -1 if delay else 0]
-            torque = nominal.mass_matrix(q) @ asks - np.transpose(columns) @ seen
+            torque = nominal.mass_matrix(q) @ asks + held @ seen - weight @ x[:, 0]
             x = np.einsum("imk,ik->im", loops.open, x) + (inverse @ torque)[:, None] * loops.push
         np.testing.assert_allclose(found[j], answers, rtol=1e-5, atol=1e-7 * np.abs(answers).max())
+
+
+def test_a_late_controller_does_not_make_gravity_late() -> None:
+    """The simulated arm, pushed a little either way, answers as the frozen one says: gravity acts at once."""
+    robot, q = armgpi.Robot.load("anthropomorphic3").with_armature(0.02), np.array([0.3, 0.7, -0.9])
+    h, delay, size = 2e-3, 6, 1e-2
+    asked = ask(robot, h, payload=(0.0, 0.2), speed=0.2, delay=delay)
+    arm, rest = asked.setting.arms[0], round(6.0 / h)
+    found = impulses(asked, arm, q, 280)[1]
+    moved = []
+    for torque in (-size, size):
+        course = np.zeros((rest + 300, 3))
+        course[rest, 1] = torque
+        plant = Delayed(armgpi.RigidBodyPlant(arm, loads=[Course(course, h)]), delay)
+        rollout = armgpi.simulate(plant, asked.controller, Hold(q), h * len(course), progress=False)
+        moved.append(rollout["q"].values[rest + 1 : rest + 281, 1])
+    answers = (moved[0] - moved[1]) / (2.0 * size)  # a load takes from the motor's torque
+    np.testing.assert_allclose(found, answers, atol=0.01 * np.abs(answers).max())
 
 
 def test_the_worst_is_the_largest_of_a_whole_box_and_where_joints_are_light(

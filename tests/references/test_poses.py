@@ -81,6 +81,20 @@ def test_turns_of_more_than_half_a_turn_are_continued() -> None:
         )
 
 
+@pytest.mark.parametrize("left", [0.0, 1e-16, 1e-7])
+def test_a_full_turn_that_ends_as_it_began_is_too_long_and_not_turned_back(left: float) -> None:
+    """Quarter turns about z: the last is 90 degrees on; taken for none, it went back by 270."""
+    half = np.deg2rad([0.0, 45.0, 90.0, 135.0, 0.0])
+    poses = np.zeros((5, 7))
+    poses[:, 5], poses[:, 6] = np.sin(half), np.cos(half)
+    poses[-1, 3] = left
+    with pytest.raises(ParameterError, match="315 degrees"):
+        armgpi.PosePath(np.arange(5.0), poses)
+    back = armgpi.PosePath(np.arange(3.0), poses[[0, 1, 4]])  # a quarter turn there, and back
+    turns = np.linalg.norm(back._parts(np.linspace(0.0, 2.0, 50))[0][:, 3:], axis=-1)
+    assert turns.max() < np.deg2rad(100.0)
+
+
 @pytest.mark.parametrize("name", HOMES)
 def test_joints_carry_the_frame_through_the_poses(name: str) -> None:
     arm, start = start_of(name)

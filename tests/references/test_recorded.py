@@ -74,6 +74,16 @@ def test_a_rollout_is_a_trajectory(tmp_path: Path, batch: int | None) -> None:
     np.testing.assert_array_equal(recorded.q, MOVE.at(rollout["time"].values).q)
 
 
+def test_a_rollout_that_a_file_does_not_have_is_said_to_be_none(tmp_path: Path) -> None:
+    plant, q0 = armgpi.RigidBodyPlant(ARM), np.tile(START, (3, 1))
+    armgpi.save(
+        simulate(plant, armgpi.GPI(ARM, 1e-3), MOVE, 0.05, q0=q0, progress=False),
+        tmp_path / "rollouts.nc",
+    )
+    with pytest.raises(UnreadableTrajectory, match=r"has 3 rollouts.*got rollout 3$"):
+        Recorded.load(tmp_path / "rollouts.nc", ARM, rollout=3)
+
+
 def test_limits_are_checked_between_samples_too() -> None:
     robot = ARM.with_limits(velocity=0.5)
     with pytest.raises(LimitError, match=r"velocity at t = .*joint 'q3'"):

@@ -868,6 +868,26 @@ def test_a_factor_multiplies_what_each_joint_has() -> None:
 
 
 @pytest.mark.parametrize(
+    ("section", "name"), [("robot", "effort"), ("plant", "rotor_inertia"), ("plant", "torque_limit")]
+)
+def test_a_factor_multiplies_the_values_of_joints_named_in_any_order(section: str, name: str) -> None:
+    robot = {"name": "anthropomorphic3"}
+    data: dict[str, Any] = {"robot": robot, "plant": {}, "t_final": 0.1}
+    data[section] |= {name: {"q3": 30.0, "q1": 50.0, "q2": 40.0}}
+    data["vary"] = {f"{section}.{name}": {"factor": 1.5, "each": "joint"}}
+    assert made(json.dumps(data)).varied[f"{section}.{name}"].nominal == (50.0, 40.0, 30.0)
+
+
+def test_a_factor_needs_the_values_of_all_joints_that_it_multiplies() -> None:
+    """The other joints have the effort of the URDF: they had that of the only one that is named."""
+    robot = {"name": "anthropomorphic3", "effort": {"q3": 30.0}}
+    for each in ("rollout", "joint"):
+        data = {"robot": robot, "t_final": 0.1, "vary": {"robot.effort": {"factor": 1.5, "each": each}}}
+        with pytest.raises(ConfigError, match="of all joints"):
+            made(json.dumps(data))
+
+
+@pytest.mark.parametrize(
     ("line", "said"),
     [
         ("controller.omega: {factor: 0.5}", "a factor of at least 1"),

@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 import json
 from collections.abc import Callable
-from typing import NamedTuple
+from types import SimpleNamespace
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -15,7 +16,10 @@ from hypothesis import strategies as st
 import armgpi
 from armgpi import Robot, validate
 from armgpi.base.arrays import Array
+from armgpi.validation.problem import Element
 from armgpi.validation.report import DynamicsReport
+from armgpi.validation.residual import _Entry
+from armgpi.validation.summands import Summand
 
 G = 9.81
 
@@ -299,3 +303,21 @@ def test_a_rounded_gravity_is_no_mistake_and_the_search_goes_on() -> None:
     assert "wrong sign" in first.text
     assert second.kind == "rounded"
     assert "9.8 m/s²" in second.text
+
+
+def test_inertias_of_links_of_two_digits_and_of_rotors_are_told_apart() -> None:
+    names = ["I1xx", "I1xy", "I10xx", "I10yy", "Ir1", "Ir2"]
+    summands = [Summand((name,), np.ones((1, 1))) for name in names]
+    problem = SimpleNamespace(
+        elements=[Element("mass_matrix", "D", (0, 0))],
+        tolerance=np.zeros(1),
+        user=np.zeros((1, 1)),
+        reference=np.ones((1, 1)),
+    )
+    residual: Any = SimpleNamespace(problem=problem, summands=summands, shown=str)
+    groups = dict(_Entry(residual, 0).groups())
+    assert groups == {
+        "all of it": [0, 1, 2, 3, 4, 5],
+        "the inertia of link 1": [0, 1],
+        "the inertia of link 10": [2, 3],
+    }
