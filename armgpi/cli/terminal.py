@@ -38,7 +38,7 @@ def lines_held() -> Iterator[None]:
     """Let lines wait within a command: its end prints those that still do, an error drops them."""
     try:
         yield
-    except typer.Exit:
+    except (typer.Exit, SystemExit):
         print_held()
         raise
     except BaseException:

@@ -29,13 +29,18 @@ def test_a_held_line_comes_before_a_table(capsys: pytest.CaptureFixture[str]) ->
 
 @pytest.mark.parametrize(
     ("end", "printed"),
-    [(None, "world: of this arm\n"), (typer.Exit(3), "world: of this arm\n"), (ArmgpiError("bad"), "")],
-    ids=["well", "with an exit code", "with an error"],
+    [
+        (None, "world: of this arm\n"),
+        (typer.Exit(3), "world: of this arm\n"),
+        (SystemExit(0), "world: of this arm\n"),
+        (ArmgpiError("bad"), ""),
+    ],
+    ids=["well", "with an exit code", "by sys.exit", "with an error"],
 )
 def test_an_error_alone_drops_what_waits(
     end: BaseException | None, printed: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with suppress(typer.Exit, ArmgpiError), terminal.lines_held():
+    with suppress(typer.Exit, SystemExit, ArmgpiError), terminal.lines_held():
         terminal.hold("world: of this arm")
         if end is not None:
             raise end
