@@ -29,8 +29,9 @@ from armgpi.validation.units import numbers
 
 #: Numbers of a source that are varied, at most.
 _MOST = 40
-#: Time of the processor that varying them may take [s]: equations that SymPy derives anew take a second each.
-_SECONDS = 5.0
+#: Time of the processor that varying them may take [s]. Equations that SymPy derives anew take a second each;
+#: others take 2 s in all, several times as long where the machine is busy.
+_SECONDS = 10.0
 #: Shares of a number at which the model is looked at: of no symmetry.
 _SHARES = (1.0, 0.6, 1.5, 2.1)
 #: Digits that a typed number has, at most.

@@ -227,7 +227,7 @@ def test_values_change_along_a_joint_by_the_means_at_its_ends_and_its_apex() -> 
     for joint in (0, 2):
         values[:] = 5.0
         np.moveaxis(values, joint, 0)[1] += 0.5
-        assert proofs._bent(cell) == joint
+        assert proofs._most_curved_joint(cell) == joint
 
 
 @pytest.mark.parametrize("which", ["norm", "lengths", "sizes", "unfolded", "stiffness"])

@@ -138,5 +138,5 @@ def test_the_page_of_a_notebook_has_its_cells_with_outputs(notebook: Path) -> No
         assert (notebook.parents[2] / "docs" / "images" / picture).is_file()
 
 
-def test_there_are_four_notebooks() -> None:
-    assert len(NOTEBOOKS) == 4
+def test_there_are_five_notebooks() -> None:
+    assert len(NOTEBOOKS) == 5
