@@ -66,15 +66,7 @@ class TrueVelocity(armgpi.CartesianImpedance):
         """Return torque and next state."""
         q = measurement.q
         state = self._moved(q, target, state)._replace(rate=measurement.v - target.v)
-        motion = self._motion.at(q, state.rate)
-        alpha, damping = self._damping(state.root)
-        spring = self._spring(motion, self._motion.pose(target.q + state.offset), state)
-        force = spring[0] - damping[..., :3] * motion.velocity
-        moment = spring[1] - damping[..., 3:] * motion.rate
-        tau = self._ahead(q, target, state.rate, alpha) + motion.torque(q, force, moment)
-        if self._redundant:
-            tau = tau - self.nullspace_stiffness * self._in_null_space(motion, state.e - state.offset)
-        return ControlStep(self.limited(tau), state)
+        return ControlStep(self._torque(q, target, state), state)
 
 
 def stiffness_of(linear: float) -> list[float]:

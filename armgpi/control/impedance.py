@@ -497,6 +497,16 @@ class CartesianImpedance(Impedance):
         """Return torque and next state; see :meth:`Controller.step`."""
         q = measurement.q
         state = self._moved(q, target, state)
+        return new(ControlStep, (self._torque(q, target, state), state))
+
+    def _torque(self, q: Array, target: Target, state: ImpedanceState) -> Array:
+        """Return the torque within the effort limits [N m or N], for a state of this sample.
+
+        Args:
+            q: measured positions [rad or m], (n,) or (batch, n).
+            target: what is asked for, likewise.
+            state: with the rate of the error in it, measured or filtered.
+        """
         motion = self._motion.at(q, state.rate)
         alpha, damping = self._damping(state.root)
         spring = self._spring(motion, self._motion.pose(target.q + state.offset), state)
@@ -506,7 +516,7 @@ class CartesianImpedance(Impedance):
         if self._redundant:
             posture = self._in_null_space(motion, state.e - state.offset)
             tau = tau - self.nullspace_stiffness * posture
-        return new(ControlStep, (self.limited(tau), state))
+        return self.limited(tau)
 
     def _first_limit(self, zero: Array) -> Any:
         """Return the largest force of the spring; None without a limit."""

@@ -211,9 +211,9 @@ def fit(blocks: Sequence[Block], prior: Prior, physical: bool = True) -> Fit:
     shown = [np.where(b.valid, r, np.nan) for b, r in zip(blocks, residuals, strict=True)]
     nearest = free
     if physical:
-        # The information is L L', so that the columns of the inverse of L' are alike in its metric.
-        lower = np.linalg.cholesky(information)
-        root = linalg.solve_triangular(lower.T, np.eye(p), lower=False)
+        # The information is U' U, so that the columns of the inverse of U are alike in its metric.
+        upper, _ = factor
+        root = linalg.solve_triangular(upper, np.eye(p), lower=False)
         nearest = project(free, root, prior)
     return Fit(free, nearest, information, covariance, learned, shown, weights)
 
