@@ -213,8 +213,8 @@ class Parameter:
         now = now[np.isfinite(now) & (now != 0.0)]
         if not now.size:
             return None
-        low, high = float((now * [[0.1], [10.0]]).min()), float((now * [[0.1], [10.0]]).max())
-        return max(low, self.least), min(high, self.most)
+        around = now * [[0.1], [10.0]]
+        return max(float(around.min()), self.least), min(float(around.max()), self.most)
 
     @property
     def numeric(self) -> bool:

@@ -697,9 +697,8 @@ class Stiffness(Quantity):
         # The cell is cut along the joint that adds most to what is of second order.
         along_joints = np.tensordot(np.tensordot(odd, W, axes=1), e.along, axes=(1, 1))
         pairs = np.linalg.norm(along_joints, axis=(1, 2))
-        bends = sum(
-            np.linalg.norm(np.tensordot(even, each, axes=1), axis=(1, 2)) for each in (K, seen * at.D)
-        )
+        bends = np.linalg.norm(np.tensordot(even, K, axes=1), axis=(1, 2))
+        bends = bends + np.linalg.norm(np.tensordot(even, seen * at.D, axes=1), axis=(1, 2))
         bends = bends + pairs.sum(axis=0) + pairs.sum(axis=1) + _EVEN * cell.half
         return Bounds(np.array([upper]), seen, int(np.argmax(bends)))
 

@@ -260,8 +260,13 @@ def _print_dependence(sweep: Sweep, by_number: dict[str, Any]) -> None:
     for heading in ("varied", "fails least", "at", "fails most", "at"):
         table.add_column(heading, no_wrap=True)
     for _, name, low, high in rows[:_MOST_ROWS]:
-        ends = (_percent(low), _part(low["from"], low["to"]), _percent(high), _part(high["from"], high["to"]))
-        table.add_row(drawn_heading(sweep, name), *ends)
+        table.add_row(
+            drawn_heading(sweep, name),
+            _percent(low),
+            _part(low["from"], low["to"]),
+            _percent(high),
+            _part(high["from"], high["to"]),
+        )
     screen = console()
     widen(screen, table)
     screen.print(table)

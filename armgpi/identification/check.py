@@ -272,7 +272,9 @@ def _of_range(name: str, q: Array, dt: float) -> Iterator[Finding]:
 
     A joint that comes to rest there brakes before.
     """
-    usual, back = float(np.sqrt(np.mean(np.gradient(q, dt) ** 2))), max(_BEFORE_SAMPLES, round(_BEFORE / dt))
+    velocity = np.gradient(q, dt)
+    usual = float(np.sqrt(np.mean(velocity**2)))
+    back = max(_BEFORE_SAMPLES, round(_BEFORE / dt))
     # A turn jumps by a count or two of a coarse encoder before it stays. Resampled jumps take two samples.
     steps = np.abs(q[2:] - q[:-2])
     jumps = _JUMPS * float(np.median(steps[steps > 0.0])) if steps.any() else 0.0

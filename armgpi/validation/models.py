@@ -259,7 +259,8 @@ def _rename(thing: Any, names: Mapping[str, str], mapped: Sequence[str]) -> Any:
 
     if isinstance(thing, Mapping):
         own = {k: v for k, v in thing.items() if not _is_plain_number(v)}
-        return {**thing, **{names[k]: v for k, v in thing.items() if k in names and is_one(k, v)}, **own}
+        renamed = {names[k]: v for k, v in thing.items() if k in names and is_one(k, v)}
+        return {**thing, **renamed, **own}
     # A module is read again while changes of it are tried: what it had under a short name is then another.
     before = vars(thing).setdefault(ALIASES, {}) if isinstance(thing, ModuleType) else {}
     for mine, name in names.items():
