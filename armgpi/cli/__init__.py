@@ -17,7 +17,7 @@ import re
 import signal
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Annotated, Any
 
@@ -111,11 +111,11 @@ def _main(
     """Take the options of armgpi itself."""
 
 
-@contextmanager
-def _terminable() -> Iterator[None]:
-    """Let SIGTERM end the program as Ctrl-C does, each with an exit code of its own.
+def _terminable(command: Callable[[], None]) -> None:
+    """Run a command so that SIGTERM ends it as Ctrl-C does, each with an exit code of its own.
 
     Ctrl-C is ignored by what a shell starts in the background; SIGTERM, which schedulers send, is not.
+    A signal counts wherever it arrives: also while the handlers are set, and set back.
     """
     received: list[int] = []
 
@@ -123,20 +123,23 @@ def _terminable() -> Iterator[None]:
         received.append(number)
         raise KeyboardInterrupt
 
-    asked = [signal.SIGTERM]
+    handled = [signal.SIGTERM]
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        asked.append(signal.SIGINT)
-    before = {number: signal.signal(number, stop) for number in asked}
+        handled.append(signal.SIGINT)
+    usual = {number: signal.getsignal(number) for number in handled}
     try:
-        yield
+        try:
+            for number in handled:
+                signal.signal(number, stop)
+            command()
+        finally:
+            for number, handler in usual.items():
+                signal.signal(number, handler)
     except BaseException as end:
         # What is interrupted may fail with another error: a library's import, a file that is being closed.
         if received and not (isinstance(end, SystemExit) and not end.code):
             sys.exit(128 + received[0])
         raise
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _collect_late() -> None:
@@ -154,45 +157,58 @@ def _collect_late() -> None:
     atexit.register(gc.freeze)
 
 
-def main() -> None:
-    """Run the command line; every error of ours becomes one line and an exit code."""
-    from armgpi.errors import ArmgpiError, ArmgpiWarning
-
-    _collect_late()
+def _warnings_shown_once() -> Callable[..., None]:
+    """Return what shows a warning as one line, and of those that say the same only the first."""
+    from armgpi.errors import ArmgpiWarning
 
     told: set[str] = set()
 
     def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
-        text = in_options(str(message)) if issubclass(category, ArmgpiWarning) else str(message)
+        ours = issubclass(category, ArmgpiWarning)
+        text = in_options(str(message)) if ours else str(message)
         what = text.partition(": ")[2]  # of a copy of the file it is told no second time
         if what not in told:
-            say(f"warning: {text}" if issubclass(category, ArmgpiWarning) else text, err=True, fg="yellow")
+            say(f"warning: {text}" if ours else text, err=True, fg="yellow")
         told.update(filter(None, [what]))
 
+    return show
+
+
+def _run() -> None:
+    """Run the command that the arguments name; what it raises becomes one line and an exit code."""
+    from armgpi.errors import ArmgpiError
+
+    try:
+        app()
+    except ArmgpiError as error:
+        say(f"error: {with_options(error)}", err=True, fg="red")
+        sys.exit(BAD_INPUT)
+    except ImportError as error:  # a broken installation
+        say(f"error: {error}; `armgpi doctor` checks what is installed", err=True, fg="red")
+        sys.exit(BAD_INPUT)
+    except OSError as error:  # the output mostly: files have errors of their own
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115 (so that nothing is flushed at the end)
+        what = f"use {error.filename}" if error.filename else "write the output"
+        say(f"error: cannot {what}: {error.strerror or error}", err=True, fg="red")
+        sys.exit(BAD_INPUT)
+    except KeyboardInterrupt:
+        say("interrupted", err=True, fg="yellow")
+        sys.exit(INTERRUPTED)
+
+
+def main() -> None:
+    """Run the command line; every error of ours becomes one line and an exit code."""
+    from armgpi.errors import ArmgpiWarning
+
+    _collect_late()
     if sys.stdout is None:  # closed by whoever called
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         # A terminal that has no "²" shows "?" instead.
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
-    with _terminable(), warnings.catch_warnings():
-        warnings.showwarning = show
+    with warnings.catch_warnings():
+        warnings.showwarning = _warnings_shown_once()
         warnings.simplefilter("ignore", RuntimeWarning)  # NumPy's: what comes of them is told by our checks
         warnings.simplefilter("default", ArmgpiWarning)
-        try:
-            app()
-        except ArmgpiError as error:
-            say(f"error: {with_options(error)}", err=True, fg="red")
-            sys.exit(BAD_INPUT)
-        except ImportError as error:  # a broken installation
-            text = f"error: {error}; `armgpi doctor` checks what is installed"
-            say(text, err=True, fg="red")
-            sys.exit(BAD_INPUT)
-        except OSError as error:  # the output mostly: files have errors of their own
-            sys.stdout = open(os.devnull, "w")  # noqa: SIM115 (so that nothing is flushed at the end)
-            what = f"use {error.filename}" if error.filename else "write the output"
-            say(f"error: cannot {what}: {error.strerror or error}", err=True, fg="red")
-            sys.exit(BAD_INPUT)
-        except KeyboardInterrupt:
-            say("interrupted", err=True, fg="yellow")
-            sys.exit(INTERRUPTED)
+        _terminable(_run)

@@ -871,6 +871,33 @@ def test_a_signal_that_ends_in_another_error_has_its_exit_code_all_the_same(
     assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == handlers
 
 
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("begins", [True, False])
+def test_a_signal_has_its_exit_code_while_the_handlers_are_set_and_set_back(
+    number: int, begins: bool, cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)}
+    usual = signal.signal
+
+    def set_handler(each: int, handler: Any) -> Any:
+        own = handler not in before.values()
+        if each == number and not (own or begins):
+            signal.raise_signal(number)  # which counts: the handler is not set back yet
+        previous = usual(each, handler)
+        if each == number and own and begins:
+            signal.raise_signal(number)
+        return previous
+
+    monkeypatch.setattr(signal, "signal", set_handler)
+    monkeypatch.setattr(signal, "getsignal", lambda each: before[each])
+    monkeypatch.setattr(signal, "default_int_handler", before[signal.SIGINT])
+    try:
+        assert cli("--version").code == 128 + number
+    finally:
+        for each, handler in before.items():
+            usual(each, handler)
+
+
 @pytest.mark.parametrize("where", ["armgpi.config.build", "armgpi.config.experiment.save"])
 def test_ctrl_c_outside_of_the_simulation_exits_with_130(
     where: str, cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
