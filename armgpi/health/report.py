@@ -11,7 +11,6 @@ import warnings
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -62,22 +61,22 @@ class HealthReport:
 
     def with_findings(self, more: Iterable[Finding], **facts: Any) -> HealthReport:
         """Return the report with more findings and facts."""
-        found = sorted((*self.findings, *more), key=lambda finding: LEVELS.index(finding.level))
-        return HealthReport(self.robot, {**self.facts, **facts}, tuple(found))
+        worst_first = sorted((*self.findings, *more), key=lambda finding: LEVELS.index(finding.level))
+        return HealthReport(self.robot, {**self.facts, **facts}, tuple(worst_first))
 
     def _repr_html_(self) -> str:
         """Return the findings as a table, for notebooks."""
         head = ("level", "where", "finding", "what to do")
-        rows = [(each.level, each.where, each.message, each.repair) for each in self.findings]
+        rows = [(finding.level, finding.where, finding.message, finding.repair) for finding in self.findings]
         return html_table(f"{self.robot.name}: {len(rows)} findings", head, rows)
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything as plain data, None in place of infinity."""
-        found = [
-            {**finding._asdict(), "remedies": [remedy._asdict() for remedy in finding.remedies]}
-            for finding in self.findings
-        ]
-        data: dict[str, Any] = json_data({**self.facts, "findings": found})
+        rows = []
+        for finding in self.findings:
+            remedies = [remedy._asdict() for remedy in finding.remedies]
+            rows.append({**finding._asdict(), "remedies": remedies})
+        data: dict[str, Any] = json_data({**self.facts, "findings": rows})
         return data
 
 
@@ -116,7 +115,7 @@ def inspect(
         ArmgpiError: as :meth:`armgpi.Robot.load`, for what is no usable URDF. Where repairs would make it
             load, the remedies of the error name all of them.
     """
-    subject, found = _examine(
+    request = _Request(
         path_or_name,
         lock,
         keep,
@@ -130,8 +129,9 @@ def inspect(
         rotor_inertia,
         drives,
     )
+    subject, findings_of_checks = _examine(request)
     word = drives if isinstance(drives, str) else None
-    return HealthReport(subject.robot, _facts(subject, word)).with_findings(found)
+    return HealthReport(subject.robot, _facts(subject, word)).with_findings(findings_of_checks)
 
 
 def find_problems(path_or_name: str | PathLike[str], **how: Any) -> tuple[Finding, ...]:
@@ -144,71 +144,47 @@ def find_problems(path_or_name: str | PathLike[str], **how: Any) -> tuple[Findin
     Raises:
         ArmgpiError: likewise.
     """
-    subject, found = _examine(path_or_name, **how)
-    return HealthReport(subject.robot, {}).with_findings(found).findings
+    subject, findings_of_checks = _examine(_Request(path_or_name, **how))
+    return HealthReport(subject.robot, {}).with_findings(findings_of_checks).findings
 
 
-def _examine(
-    path_or_name: str | PathLike[str],
-    lock: Sequence[str] | Mapping[str, float] = (),
-    keep: Sequence[str] | None = None,
-    mimic: urdf_model.Mimic = "lock",
-    effort: PerJoint | None = None,
-    package_dirs: Iterable[str | PathLike[str]] = (),
-    dt: float = 1e-3,
-    delay: int = 0,
-    encoder_bits: int = 16,
-    repair: str | Iterable[str] = (),
-    rotor_inertia: PerJoint | None = None,
-    drives: Drives | Mapping[str, Any] | str | None = None,
-) -> tuple[Subject, list[Finding]]:
-    """Return an arm with its file, and what the checks find; arguments and errors as :func:`inspect`."""
-    check_number(dt, "dt", "positive [s]", open_=True)
-    check_whole(delay, "delay", 0)
-    check_whole(encoder_bits, "encoder_bits", 1, 52)
-    if isinstance(package_dirs, str | bytes | np.ndarray) or not isinstance(package_dirs, Iterable):
-        raise ParameterError("package_dirs", package_dirs, "folders")
-    package_dirs = [check_path(folder, "package_dirs") for folder in package_dirs]
-    path, name = robots.locate(path_or_name)
-    asked = _Asked(path if name is None else name, path, lock, keep, mimic, repairs.repair_names(repair))
-    asked = asked._replace(effort=effort, rotor_inertia=rotor_inertia, drives=drives)
-    try:
-        robot, document = asked.load()
-    except UrdfError as error:
-        if not any(remedy.kind == "repair" for remedy in error.remedies):
-            raise
-        needed = ",".join(asked.needed_repairs())
-        raise error.suggesting(Remedy("repair", (), needed)) from None
-    finder = MeshFinder(path, package_dirs)
+class _Request(NamedTuple):
+    """What is asked of :func:`inspect`: how an arm is loaded, what is specified of it, and its loop."""
 
-    def subject_of(robot: Robot, document: Urdf) -> Subject:
-        return Subject(_as_built(document, robot), robot, finder, dt, delay, encoder_bits)
-
-    def find_again(remedies: Sequence[Remedy], kinds: Container[str]) -> list[Finding]:
-        return findings.find(subject_of(*asked.with_remedies(remedies).load()), kinds)
-
-    subject = subject_of(robot, document)
-    return subject, list(with_what_helps(findings.find(subject), find_again))
-
-
-class _Asked(NamedTuple):
-    """How an arm is loaded, and what is specified of it; see :func:`inspect`."""
-
-    source: str | PathLike[str] | Any
-    path: Path
-    lock: Sequence[str] | Mapping[str, float]
-    keep: Sequence[str] | None
-    mimic: urdf_model.Mimic
-    repair: frozenset[str]
+    path_or_name: str | PathLike[str]
+    lock: Sequence[str] | Mapping[str, float] = ()
+    keep: Sequence[str] | None = None
+    mimic: urdf_model.Mimic = "lock"
     effort: PerJoint | None = None
+    package_dirs: Iterable[str | PathLike[str]] = ()
+    dt: float = 1e-3
+    delay: int = 0
+    encoder_bits: int = 16
+    repair: str | Iterable[str] = ()
     rotor_inertia: PerJoint | None = None
     drives: Drives | Mapping[str, Any] | str | None = None
+
+    def checked(self) -> _Request:
+        """Return the same with its folders as paths.
+
+        Raises:
+            ArmgpiError: as :func:`inspect`, for what is no usable argument.
+        """
+        check_number(self.dt, "dt", "positive [s]", open_=True)
+        check_whole(self.delay, "delay", 0)
+        check_whole(self.encoder_bits, "encoder_bits", 1, 52)
+        folders = self.package_dirs
+        if isinstance(folders, str | bytes | np.ndarray) or not isinstance(folders, Iterable):
+            raise ParameterError("package_dirs", folders, "folders")
+        return self._replace(package_dirs=[check_path(folder, "package_dirs") for folder in folders])
 
     def load(self) -> tuple[Robot, Urdf]:
         """Return the arm, and what its file contains."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ArmgpiWarning)  # the checks find what they say
-            robot, document = load_with_document(self.source, self.lock, self.keep, self.mimic, self.repair)
+            robot, document = load_with_document(
+                self.path_or_name, self.lock, self.keep, self.mimic, self.repair
+            )
         if self.effort is not None:
             robot = robot.with_limits(effort=self.effort)
         if self.drives is not None and not isinstance(self.drives, str):
@@ -225,22 +201,24 @@ class _Asked(NamedTuple):
         Raises:
             UrdfError: for what is wrong beside what can be repaired: no set of repairs would do.
         """
-        every = self.repair | {repairs.ALL, repairs.ACCEPT, repairs.NO_FRICTION}
+        asked_for = repairs.repair_names(self.repair)
+        broadest = asked_for | {repairs.ALL, repairs.ACCEPT, repairs.NO_FRICTION}
         try:
-            robot, _ = self._replace(repair=every).load()
+            robot, _ = self._replace(repair=broadest).load()
         except UrdfError as error:
             # Masses are assumed only where they are asked for by name.
-            more = [str(remedy.value) for remedy in error.remedies if remedy.kind == "repair"]
-            if not more or self.repair.issuperset(more):
+            proposed = [str(remedy.value) for remedy in error.remedies if remedy.kind == "repair"]
+            if not proposed or asked_for.issuperset(proposed):
                 raise
-            robot, _ = self._replace(repair=every.union(more)).load()
+            robot, _ = self._replace(repair=broadest.union(proposed)).load()
         return list(dict.fromkeys(repairs.made_in(robot.provenance)))
 
-    def with_remedies(self, remedies: Sequence[Remedy]) -> _Asked:
+    def with_remedies(self, remedies: Sequence[Remedy]) -> _Request:
         """Return the same with some remedies applied."""
         lock: dict[str, Any] = dict(self.lock) if isinstance(self.lock, Mapping) else dict.fromkeys(self.lock)
         effort: dict[str, float] = {}
-        changed = self
+        repair = repairs.repair_names(self.repair)
+        mimic = self.mimic
         for remedy in remedies:
             match remedy.kind:
                 case "lock":
@@ -248,16 +226,40 @@ class _Asked(NamedTuple):
                 case "effort" if isinstance(remedy.value, float):
                     effort |= dict.fromkeys(remedy.joints, remedy.value)
                 case "mimic":
-                    changed = changed._replace(mimic="follow")
+                    mimic = "follow"
                 case "repair":
-                    changed = changed._replace(
-                        repair=changed.repair | repairs.repair_names(str(remedy.value))
-                    )
+                    repair |= repairs.repair_names(str(remedy.value))
+        changed = self._replace(lock=lock, mimic=mimic, repair=repair)
         if effort:
-            own = self.effort
-            given = dict(own) if isinstance(own, Mapping) else {}
-            changed = changed._replace(effort={**given, **effort})
-        return changed._replace(lock=lock)
+            specified = self.effort if isinstance(self.effort, Mapping) else {}
+            changed = changed._replace(effort={**specified, **effort})
+        return changed
+
+
+def _examine(request: _Request) -> tuple[Subject, list[Finding]]:
+    """Return an arm with its file, and what the checks find; errors are those of :func:`inspect`."""
+    request = request.checked()
+    path, name = robots.locate(request.path_or_name)
+    request = request._replace(path_or_name=path if name is None else name)
+    request = request._replace(repair=repairs.repair_names(request.repair))
+    try:
+        robot, document = request.load()
+    except UrdfError as error:
+        if not any(remedy.kind == "repair" for remedy in error.remedies):
+            raise
+        repairs_needed = ",".join(request.needed_repairs())
+        raise error.suggesting(Remedy("repair", (), repairs_needed)) from None
+    finder = MeshFinder(path, request.package_dirs)
+
+    def subject_of(robot: Robot, document: Urdf) -> Subject:
+        built = _as_built(document, robot)
+        return Subject(built, robot, finder, request.dt, request.delay, request.encoder_bits)
+
+    def find_again(remedies: Sequence[Remedy], kinds: Container[str]) -> list[Finding]:
+        return findings.find(subject_of(*request.with_remedies(remedies).load()), kinds)
+
+    subject = subject_of(robot, document)
+    return subject, list(with_what_helps(findings.find(subject), find_again))
 
 
 def _as_built(document: Urdf, robot: Robot) -> Urdf:

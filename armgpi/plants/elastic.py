@@ -10,12 +10,13 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from armgpi.base.arrays import Array, new
-from armgpi.base.parameter import PerJoint, parameter, with_parameters
+from armgpi.base.parameter import PerJoint, parameter, same, with_parameters
 from armgpi.control.controller import FullState
 from armgpi.errors import ParameterError
 from armgpi.plants.arm import Arm
 from armgpi.plants.friction import STICK_VELOCITY, Braked, ImplicitFriction, solve
 from armgpi.plants.plant import PlantState
+from armgpi.plants.rigid_body import RigidBodyPlant
 from armgpi.robot.equations import Friction
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
@@ -165,15 +166,7 @@ class ElasticPlant(Arm):
         above=True,
         per_joint=True,
     )
-    stick_velocity: float = parameter(
-        "speed below which Coulomb friction is smoothed",
-        unit="rad/s or m/s",
-        default=STICK_VELOCITY,
-        least=0.0,
-        above=True,
-        in_file=False,
-        structural=True,
-    )
+    stick_velocity: float = same(RigidBodyPlant, "stick_velocity", default=STICK_VELOCITY)
 
     def __post_init__(self) -> None:
         """Check what is given, and take the rest from the drives; see :class:`armgpi.plants.arm.Arm`.
