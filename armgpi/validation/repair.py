@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import copy
 import itertools
-import os
+import time
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -35,9 +35,11 @@ LONG, SHORT = BUDGET, 0.3
 
 
 def seconds_used() -> float:
-    """Return the processor time of this process and of those that it has waited for [s]."""
-    times = os.times()
-    return times.user + times.system + times.children_user + times.children_system
+    """Return the processor time of this process and of its processes of models that have ended [s].
+
+    Not of all that it has waited for: a program may have others, which end at any time.
+    """
+    return time.process_time() + Worker.seconds_of_ended
 
 
 class Compared(NamedTuple):

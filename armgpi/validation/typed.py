@@ -11,8 +11,8 @@ from __future__ import annotations
 import ast
 import itertools
 import re
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from armgpi.validation.problem import Problem
 from armgpi.validation.proofs import Repaired
 from armgpi.validation.repair import Compared, agrees, proved_for_other_numbers, seconds_used
 from armgpi.validation.units import numbers
+from armgpi.validation.worker import Worker
 
 #: Numbers of a source that are varied, at most.
 _MOST = 40
@@ -141,13 +142,19 @@ def find_wrong_number(compared: Compared) -> Repaired | None:
     numbers_of_source = typed_numbers(source)
     if len(numbers_of_source) > _MOST:
         return None
-    search, late = _Search(compared, source), seconds_used() + _SECONDS
+    with _Search(compared, source) as search:
+        return _found_among(numbers_of_source, search, compared)
+
+
+def _found_among(numbers_of_source: Sequence[Typed], search: _Search, compared: Compared) -> Repaired | None:
+    """Return the one of some numbers of which another value makes the model agree, None without one."""
+    late = search.seconds_used() + _SECONDS
     robots = np.array([value for value, _ in known_numbers(compared.problem.tree)])
     for candidates in (_alone(numbers_of_source), _repeated(numbers_of_source)):
-        in_time = itertools.takewhile(lambda _: seconds_used() < late, candidates)
+        in_time = itertools.takewhile(lambda _: search.seconds_used() < late, candidates)
         repairs = [repair for places in in_time if (repair := search.repair(places)) is not None]
         # A mass and a length, say, of which one becomes a number of the robot; or not all were tried.
-        if len(repairs) > 1 or (repairs and seconds_used() >= late):
+        if len(repairs) > 1 or (repairs and search.seconds_used() >= late):
             repairs = [one for one in repairs if _is_of(robots, one.changes[0].new)]
             return proved_for_other_numbers(compared, repairs[0]) if len(repairs) == 1 else None
         # A formula is wrong sooner than a number is that nobody typed and the robot does not have.
@@ -183,9 +190,29 @@ def doubted(compared: Compared, found: Repaired) -> Repaired:
     names = {one.span: one.name for one in typed}
     if any(change.kind != "value" and change.span not in names for change in found.changes):
         return found
-    tree, search = ast.parse(source), _Search(compared, source)
     spans = {one.span for one in found.changes}
     others = [one for one in typed if one.span not in spans]
+    with _Search(compared, source) as search:
+        instead = _other_place(ast.parse(source), found, names, others, search)
+    return found._replace(sure=False, instead=instead) if instead else found
+
+
+def _other_place(
+    tree: ast.Module,
+    found: Repaired,
+    names: Mapping[tuple[int, int, int, int], str],
+    others: Sequence[Typed],
+    search: _Search,
+) -> str:
+    """Return which other number of the source may belong where a change is; "" when there is none.
+
+    Args:
+        tree: the source.
+        found: the changes.
+        names: span of a number -> its name.
+        others: the numbers that are not changed.
+        search: runs the model with other numbers.
+    """
     for change in found.changes:
         entry = entry_at(tree, change.span)
         called = entry.named(names.get(change.span) or change.name.strip("'"))
@@ -202,8 +229,8 @@ def doubted(compared: Compared, found: Repaired) -> Repaired:
                 which = f"another {name}" if name == called else name or other.text
                 which += f" in line {other.line} has that value"
                 which += ", and nothing depends on it" if unread else ""
-                return found._replace(sure=False, instead=f"{which}: it may belong in place of {called}")
-    return found
+                return f"{which}: it may belong in place of {called}"
+    return ""
 
 
 def _is_as_large(one: Typed, new: str) -> bool:
@@ -229,15 +256,41 @@ def _repeated(found: Sequence[Typed]) -> list[Places]:
 
 
 class _Search:
-    """A model that is run with other numbers."""
+    """A model that is run with other numbers, all in one process; a context manager, which ends that."""
 
     def __init__(self, compared: Compared, source: str) -> None:
         self._compared, self._source = compared, source
+        self._twin: Worker | None = None
         problem = compared.problem
         self._few = compared.states.first(ROWS)
         self._right = problem.agreeing
         self._target = problem.reference[:ROWS] / problem.tolerance
         self._start = problem.user[:ROWS] / problem.tolerance
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the process."""
+        self._end()
+
+    def _end(self) -> None:
+        if self._twin is not None:
+            self._twin.close()
+        self._twin = None
+
+    def seconds_used(self) -> float:
+        """Return the processor time that this process and those of models have used [s]."""
+        return seconds_used() + (0.0 if self._twin is None else self._twin.seconds)
+
+    def _read(self, source: str) -> Worker:
+        """Return the process after it has read another source."""
+        if self._twin is None:
+            self._twin = self._compared.worker.again(source)
+        else:
+            self._twin.reread(source)
+        return self._twin
 
     def repair(self, places: Places) -> Repaired | None:
         """Return the change of a number with which the model agrees, None when there is none."""
@@ -279,9 +332,9 @@ class _Search:
         problem = self._compared.problem
         source = apply_changes(self._source, tuple(one.change(repr(value)) for one in places))
         try:
-            with self._compared.worker.again(source) as twin:
-                sampled = samples.sample(twin, self._few)
+            sampled = samples.sample(self._read(source), self._few)
         except ModelError:
+            self._end()
             return None
         given = Problem(problem.tree, self._few.q, sampled, problem.rtol)
         if given.elements != problem.elements:

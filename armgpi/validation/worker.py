@@ -48,6 +48,8 @@ _TOGETHER = 0.05
 #: Exit codes of the process when its pipe is gone, when the Python in it no longer works, and when it cannot
 #: be isolated: large ones, which few programs use.
 _CUT, _BROKEN, _OPEN = 96, 97, 98
+#: What the process is asked for besides calls of functions, which have names without blanks.
+_SEARCH, _REREAD = "search the source", "read another source"
 #: No function of a model returns more numbers than this: D of 64 joints has 4096.
 _MOST_NUMBERS, _JOINTS, _DIMENSIONS = 10_000, 64, 8
 #: Longest answer that is taken [bytes], and most values and separators in it: a short text of empty lists
@@ -76,7 +78,11 @@ class Worker:
         forms: of its functions those that take or return arrays in another form, once they were called.
         takes: how long a call takes [s], per function: the least so far.
         means: what isolates it, "" when nothing does.
+        seconds: time of the processor that it had taken when it had read the model [s].
+        seconds_of_ended: time of the processor that all processes of models took that have ended [s].
     """
+
+    seconds_of_ended = 0.0
 
     def __init__(
         self,
@@ -117,16 +123,38 @@ class Worker:
             self._process.start()
         theirs.close()  # so that the line ends with the child
         try:
-            answer = self._receive("", max(LOADING * time_limit, LOADING_LEAST), "reading it")
-            try:
-                opening = _read_opening(answer)
-            except _ODD:
-                raise self._nonsense("") from None
+            self._take_opening()
         except BaseException:
             self.close()
             raise
+
+    def _take_opening(self) -> None:
+        """Take what the process says of the model that it has read."""
+        answer = self._receive("", max(LOADING * self.time_limit, LOADING_LEAST), "reading it")
+        try:
+            opening = _read_opening(answer)
+        except _ODD:
+            raise self._nonsense("") from None
         self.functions, self.n, self.printed = opening.functions, opening.n, opening.printed
         self.source, self.uncompared = opening.source, opening.uncompared
+        self.seconds = opening.seconds
+
+    def reread(self, source: str) -> None:
+        """Read the model again in this process, from another text than its file's.
+
+        A process of its own for each text would be cleaner, but a fork of a large program takes a tenth of
+        a second. This is for texts that are tried by the dozen and leave nothing behind
+        (:func:`armgpi.validation.edits.harmless`).
+
+        Raises:
+            ModelError: when it cannot be read; the process is of no use afterwards.
+        """
+        self.takes, self.forms = {}, {}
+        try:
+            self._line.send(pickle.dumps((_REREAD, source)), _ARRIVES)
+        except OSError:
+            raise self._died("") from None
+        self._take_opening()
 
     def again(self, source: str | None = None) -> Worker:
         """Return another process of the same model, from another text than its file's when one is given.
@@ -148,16 +176,23 @@ class Worker:
 
     def close(self) -> None:
         """End the process, whatever it is doing, and those that it has started."""
-        if self._process.pid is not None and self._process.is_alive():
+        if self._process.pid is not None and not self._has_ended_within(0.0):
             with suppress(OSError):
                 os.kill(self._process.pid, signal.SIGCONT)  # a model may have stopped its keeper
             self._process.terminate()
-            self._process.join(_ENDS)
-            if self._process.is_alive():
+            if not self._has_ended_within(_ENDS):
                 self._process.kill()
-        self._process.join()
+        self._has_ended_within(None)
         self._line.close()
         self._started.close()
+
+    def _has_ended_within(self, seconds: float | None) -> bool:
+        """Wait for the end of the process, and count what it took; None waits for as long as it takes."""
+        before = _seconds_of_children()
+        self._process.join(seconds)
+        has_ended = not self._process.is_alive()
+        Worker.seconds_of_ended += _seconds_of_children() - before
+        return has_ended
 
     def call(self, function: str, states: Sequence[Sequence[Array]]) -> list[Array]:
         """Return what a function of the model gives at some states, as float arrays of any shape.
@@ -200,7 +235,7 @@ class Worker:
         nothing is changed: it is only found what the model's numbers are in the robot.
         """
         try:
-            self._line.send(pickle.dumps(("", (goal, known, budget))), _ARRIVES)
+            self._line.send(pickle.dumps((_SEARCH, (goal, known, budget))), _ARRIVES)
             return _read_repaired(self._receive("", 10.0 * search.BUDGET, ""), self.source)
         except (OSError, ModelError, *_ODD):
             return None
@@ -247,7 +282,7 @@ class Worker:
 
     def _died(self, function: str) -> ModelError:
         """Return the error of a process that is no more."""
-        self._process.join(_ENDS)  # the line ends a moment before the process
+        self._has_ended_within(_ENDS)  # the line ends a moment before the process
         code = self._process.exitcode
         if code == _CUT:
             return ModelError(self.name, function, "closes file descriptors that are not its own")
@@ -267,6 +302,12 @@ class Worker:
         return ModelError(self.name, function, f"ended its Python process {how}")
 
 
+def _seconds_of_children() -> float:
+    """Return the time of the processor that the processes took which this one has waited for [s]."""
+    times = os.times()
+    return times.children_user + times.children_system
+
+
 #: What reading an answer that no process of ours has written may raise.
 _ODD = (ArithmeticError, LookupError, MemoryError, RecursionError, SyntaxError, TypeError, ValueError)
 
@@ -279,18 +320,21 @@ class _Opening(NamedTuple):
     printed: bool
     source: str | None
     uncompared: tuple[str, ...]
+    seconds: float
 
 
 def _read_opening(answer: Any) -> _Opening:
     """Return what a process says of the model that it has read, checked."""
-    functions, n, printed, source, uncompared = answer
+    functions, n, printed, source, uncompared, seconds = answer
+    _check_type(seconds, float)
     _check_type(functions, list)
     _check_type(uncompared, list)
     _check_type(source, str | None)
     _check_type(n, int | None)
     if not functions or set(functions) - set(models.ARGUMENTS) or (n is not None and not 1 <= n <= _JOINTS):
         raise ValueError
-    return _Opening(functions, n, bool(printed), _parsed(source), tuple(map(_line_of, uncompared)))
+    others = tuple(map(_line_of, uncompared))
+    return _Opening(functions, n, bool(printed), _parsed(source), others, seconds)
 
 
 def _check_type(value: Any, kind: Any) -> None:
@@ -494,30 +538,45 @@ def _serve(
     """Answer for the model in the child: read it, then answer calls until the parent goes away."""
     try:
         own, silent = os.getpid(), _prepare(model)
-        try:
-            functions = models.resolve(model, source, convention)
-            _end_copies(own)
-            text = functions.origin.source if functions.origin is not None else None
-            opening = [list(functions.calls), functions.n, silent.used, text, list(functions.uncompared)]
-            _send(line, True, opening)
-        except BaseException as error:
-            _end_copies(own)
-            _send(line, False, _description(error))
-            os._exit(0)
+        functions = _read_model(line, model, source, convention, silent, own)
         while True:
             try:
                 name, given = pickle.loads(line.receive(_LONGEST))  # from armgpi itself
             except EOFError:
                 os._exit(0)
-            if not name:
+            if name == _REREAD:
+                functions = _read_model(line, model, given, convention, silent, own)
+            elif name == _SEARCH:
                 found = _search(functions, lambda s: models.resolve(model, s, convention), *given)
                 _send(line, True, _plain_repaired(found))
                 os._exit(0)
-            _answer_calls(line, functions, name, given, silent, own, started)
+            else:
+                _answer_calls(line, functions, name, given, silent, own, started)
     except OSError:  # the line is gone
         os._exit(_CUT)
     finally:
         os._exit(_BROKEN)  # not sys.exit: no handler of the parent's may run twice
+
+
+def _read_model(
+    line: Line, model: Any, source: str | None, convention: Convention | None, silent: _Silent, own: int
+) -> models.Functions:
+    """Read the model and say what it has, or why it cannot be read, and end.
+
+    `own` is the process that may: a copy that the model makes of itself may not.
+    """
+    try:
+        functions = models.resolve(model, source, convention)
+        _end_copies(own)
+        text = functions.origin.source if functions.origin is not None else None
+        uncompared = list(functions.uncompared)
+        seconds = time.process_time()
+        _send(line, True, [list(functions.calls), functions.n, silent.used, text, uncompared, seconds])
+    except BaseException as error:
+        _end_copies(own)
+        _send(line, False, _description(error))
+        os._exit(0)
+    return functions
 
 
 def _prepare(model: Any) -> _Silent:

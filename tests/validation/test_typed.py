@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import textbooks
 
 from armgpi import Robot, validate
+from armgpi.errors import ModelError
 from armgpi.validation import samples, typed
 from armgpi.validation.diagnose import Cause
+from armgpi.validation.repair import seconds_used
 from armgpi.validation.witnesses import unread_names
+from armgpi.validation.worker import Worker
 
 EQUATIONS = """
 
@@ -226,3 +233,53 @@ def test_a_slow_model_is_varied_at_fewer_configurations(
     (cause,) = validate(path, arm()).causes
     assert cause.line == 2
     assert cause.expected == pytest.approx(0.05)
+
+
+def test_all_numbers_are_varied_in_one_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two dozen numbers, three values of each: a fork of a large program takes a tenth of a second."""
+    read, texts = Worker.reread, []
+
+    def reread(worker: Worker, source: str) -> None:
+        texts.append(source)
+        read(worker, source)
+
+    starts, again = [], Worker.again
+
+    def started(worker: Worker, source: str | None = None) -> Worker:
+        starts.append(source)
+        return again(worker, source)
+
+    monkeypatch.setattr(Worker, "reread", reread)
+    monkeypatch.setattr(Worker, "again", started)
+    path = tmp_path / "model.py"
+    path.write_text(written("defaults", {**RIGHT, "c2": 0.2}))
+    assert validate(path, arm()).repaired is not None
+    assert len(texts) > 20
+    assert len(starts) < 20
+
+
+def test_another_source_is_read_in_the_same_process(tmp_path: Path) -> None:
+    path = tmp_path / "model.py"
+    path.write_text("def gravity(q):\n    return 2.0 * q\n")
+    with Worker(path, "model", 5.0) as worker:
+        states = [[np.array([1.0, 3.0])]]
+        np.testing.assert_array_equal(worker.call("gravity", states)[0], [2.0, 6.0])
+        worker.reread("def gravity(q):\n    return 5.0 * q\n")
+        np.testing.assert_array_equal(worker.call("gravity", states)[0], [5.0, 15.0])
+        with pytest.raises(ModelError, match="ZeroDivisionError"):
+            worker.reread("1 / 0\n")
+        with pytest.raises(ModelError, match="ended its Python process"):
+            worker.reread("def gravity(q):\n    return q\n")
+
+
+def test_what_other_processes_of_the_program_took_is_not_counted(tmp_path: Path) -> None:
+    used, of_all = seconds_used(), os.times()
+    busy = "import time\nwhile time.process_time() < 1.0:\n    pass\n"
+    subprocess.run([sys.executable, "-c", busy], check=True)
+    assert os.times().children_user + os.times().children_system > of_all.children_user + 0.9
+    assert seconds_used() - used < 0.9  # what this process took itself
+    path = tmp_path / "model.py"
+    path.write_text(f"{busy}\ndef gravity(q):\n    return q\n")
+    with Worker(path, "model", 5.0) as worker:
+        assert worker.seconds >= 1.0
+    assert seconds_used() - used >= 1.0
