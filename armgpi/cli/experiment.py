@@ -213,7 +213,7 @@ def resolved(robot: str, how: Mapping[str, Any], loaded: Any = None) -> tuple[Ex
 
     Args:
         robot: name of a robot, path of a URDF or of an experiment file.
-        how: options of how the arm is loaded, and of its drives.
+        how: options of how the arm is loaded, of its drives and of the side of its encoders.
         loaded: the arm that a command has loaded for these already; None for none.
     """
     from armgpi import config as configuration
@@ -229,6 +229,8 @@ def resolved(robot: str, how: Mapping[str, Any], loaded: Any = None) -> tuple[Ex
         data, origin = {"robot": {"name": robot}}, configuration.Origin("command line")
         data["ideal"] = robots.is_textbook(robot)
     data["robot"] = {**data["robot"], **opt.robot_given(how)}
+    if how.get("encoder_side") is not None:
+        data["plant"] = {**data.get("plant", {}), "encoder_side": how["encoder_side"]}
     return building.resolve(configuration.check(data, origin), origin, loaded)
 
 

@@ -31,6 +31,7 @@ _FOLDED = 10
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
     "payload KG": "Payload at the tip whose effect on the loop is shown [kg]; 0.5 by default.",
+    "encoder_side NAME": "Where the encoders sit: 'motor' or 'link'; for joints whose drives do not say.",
     "push N": "Simulate a push on the tool against the default controller [N]: how far it gives way.",
     "cross_check": "Read the URDF with yourdfpy as well, and compare.",
 }
@@ -42,6 +43,7 @@ def inspect(
     encoder_bits: int | None = None,
     delay: int | None = None,
     dt: float | None = None,
+    encoder_side: str | None = None,
     payload: float | None = None,
     push: float | None = None,
     cross_check: bool = False,
@@ -65,8 +67,10 @@ def inspect(
         check_file(report, "--report")
     if cross_check and Path(robot).suffix.lower() not in _MJCF:
         require_extra("yourdfpy", "check")
-    typed = {"dt": dt, "delay": delay, "encoder_bits": encoder_bits, "payload": payload}
-    known = resolved(robot, how) if is_experiment(robot) else None
+    loop = {"dt": dt, "delay": delay, "encoder_bits": encoder_bits, "payload": payload}
+    typed: dict[str, Any] = {**loop, "encoder_side": encoder_side}
+    sided = {**how, "encoder_side": encoder_side}
+    known = resolved(robot, sided) if is_experiment(robot) else None
     settings = _settings(robot, how, typed, known)
     payload = settings.pop("payload", 0.5)
     found = health.inspect(settings.pop("name"), package_dirs=how["package_dir"] or [], **settings)
@@ -146,6 +150,8 @@ def _settings(
         plant = known[0].plant.plain()
         for key in {"gravity", "friction"} & set(arm):
             del arm[key]
+        if plant["encoder_side"] not in known[1].drives.value("encoder_side"):
+            plant["encoder_side"] = None  # an arm that is not what its controller assumes: its drives count
         loop = {"dt": said.sample_time, **plant, "payload": (plant["payload"] or {}).get("mass")}
     loop = {key: loop.get(key) if value is None else value for key, value in typed.items()}
     return arm | opt.robot_given(how) | {key: value for key, value in loop.items() if value is not None}

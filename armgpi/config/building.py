@@ -299,14 +299,10 @@ def _with_encoder_side(
     Where the encoders sit is a fact of the arm, so the controller is told as well.
     """
     side = config.plant.encoder_side
-    unknown = [
-        joint
-        for joint, own in zip(robot.joint_names, robot.drives.sources("encoder_side"), strict=True)
-        if not own
-    ]
+    unknown = rotors.joints_without_side(robot)
     if side is None or not unknown or section.drives == "none":
         return section, robot
-    known = robot.with_drives({joint: {"encoder_side": side} for joint in unknown})
+    known = rotors.with_encoder_side(robot, side)
     if isinstance(section.drives, str):  # a word, which is replaced by what is assumed
         return section, known
     drives = {joint: dict(own) for joint, own in (section.drives or {}).items()}

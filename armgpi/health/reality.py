@@ -182,7 +182,7 @@ def rollouts(
     Raises:
         ArmgpiError: when the law cannot be made for the arm.
     """
-    for group in _alike(batches(found), law):
+    for group in alike(batches(found), law):
         every, under = stack_draws(group), []
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ArmgpiWarning)
@@ -198,8 +198,13 @@ def rollouts(
         yield group, under
 
 
-def _alike(groups: Iterable[list[Scenario]], law: Mapping[str, Any]) -> Iterator[list[Scenario]]:
-    """Yield groups of draws parted by the structure of the automatic controller that each has alone."""
+def alike(groups: Iterable[list[Scenario]], law: Mapping[str, Any]) -> Iterator[list[Scenario]]:
+    """Yield groups of draws parted by the structure of the automatic controller that each has alone.
+
+    Args:
+        groups: of draws that may run together, as :func:`armgpi.plants.reality.batches` returns them.
+        law: a controller's section of an experiment file; of other types groups are left alone.
+    """
     for group in groups:
         if law.get("type") != Untuned.config_name or len(group) == 1:
             yield group

@@ -93,6 +93,7 @@ def inspect(
     repair: str | Iterable[str] = (),
     rotor_inertia: PerJoint | None = None,
     drives: Drives | Mapping[str, Any] | str | None = None,
+    encoder_side: str | None = None,
 ) -> HealthReport:
     """Load a robot and report what its model contains, its problems, and how a controller will work with it.
 
@@ -110,10 +111,12 @@ def inspect(
         rotor_inertia: seen at the joints [kg m^2 or kg].
         drives: what is known of them; see :meth:`armgpi.Robot.with_drives`. Or a word for what is assumed
             where nothing is; see :func:`armgpi.assume_drives`.
+        encoder_side: where the encoders sit, "motor" or "link", of joints whose drives do not specify it.
 
     Raises:
         ArmgpiError: as :meth:`armgpi.Robot.load`, for what is no usable URDF. Where repairs would make it
             load, the remedies of the error name all of them.
+        ParameterError: for a side that is neither, or that the drives of every joint contradict.
     """
     request = _Request(
         path_or_name,
@@ -128,6 +131,7 @@ def inspect(
         repair,
         rotor_inertia,
         drives,
+        encoder_side,
     )
     subject, findings_of_checks = _examine(request)
     word = drives if isinstance(drives, str) else None
@@ -163,6 +167,7 @@ class _Request(NamedTuple):
     repair: str | Iterable[str] = ()
     rotor_inertia: PerJoint | None = None
     drives: Drives | Mapping[str, Any] | str | None = None
+    encoder_side: str | None = None
 
     def checked(self) -> _Request:
         """Return the same with its folders as paths.
@@ -191,6 +196,8 @@ class _Request(NamedTuple):
             robot = robot.with_drives(self.drives)
         if self.rotor_inertia is not None:
             robot = robot.with_armature(self.rotor_inertia)
+        if self.encoder_side is not None:
+            robot = rotors.with_encoder_side(robot, self.encoder_side)
         if isinstance(self.drives, str):
             robot = rotors.assume_drives(robot, self.drives)
         return robot, document

@@ -19,6 +19,7 @@ from armgpi.base import renamed
 from armgpi.base.arrays import Array, check_choice, check_type
 from armgpi.base.hints import with_keyword_hints
 from armgpi.base.renamed import current_name
+from armgpi.errors import ParameterError
 from armgpi.robot.drives import Drives
 from armgpi.robot.equations import ASSUMED_GEAR_RATIO
 from armgpi.robot.kinematics import random_configurations
@@ -57,6 +58,8 @@ _GRAVITY_DIRECTIONS = ((9.81, 0.0, 0.0), (0.0, 9.81, 0.0), (0.0, 0.0, 9.81))
 _HORIZONTAL = 0.05
 #: What may be taken where nothing is known of drives; see :func:`assume_drives`.
 ASSUMPTIONS = ("elastic", "stiff", "none")
+#: Where encoders sit.
+SIDES = ("motor", "link")
 
 
 def silent(robot: Robot) -> tuple[str, ...]:
@@ -144,6 +147,34 @@ def with_published(robot: Robot) -> Robot:
     """Return an arm with what is published of its drives where nothing is known of them; else the same."""
     published = published_drives(robot)
     return robot.with_drives(published) if published.data else robot
+
+
+def joints_without_side(robot: Robot) -> tuple[str, ...]:
+    """Return the joints whose drives do not specify where the encoder sits."""
+    sources = robot.drives.sources("encoder_side")
+    return tuple(name for name, source in zip(robot.joint_names, sources, strict=True) if not source)
+
+
+def with_encoder_side(robot: Robot, side: str) -> Robot:
+    """Return an arm whose encoders sit at one side where its drives do not specify another.
+
+    Args:
+        robot: the arm.
+        side: "motor" or "link".
+
+    Raises:
+        ParameterError: for another word, and where the drives of all joints specify a side, one of them
+            another: then it would change nothing.
+    """
+    check_choice(side, "encoder_side", SIDES)
+    unknown = joints_without_side(robot)
+    if unknown:
+        return robot.with_drives({joint: {"encoder_side": side} for joint in unknown})
+    for joint, own in zip(robot.joint_names, robot.drives.value("encoder_side"), strict=True):
+        if own != side:
+            expected = f"{str(own)!r}, as the drives of joint {joint!r} specify: change these, or omit it"
+            raise ParameterError("encoder_side", side, expected)
+    return robot
 
 
 def _assumed_rotors(robot: Robot) -> Drives:

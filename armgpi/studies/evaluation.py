@@ -12,7 +12,7 @@ import numpy as np
 from armgpi.base.arrays import Array
 from armgpi.config import controller, keys
 from armgpi.errors import ArmgpiError, ArmgpiWarning
-from armgpi.health.reality import in_rows, prepare_draws
+from armgpi.health.reality import alike, in_rows, prepare_draws
 from armgpi.loop import metrics
 from armgpi.loop.prepared import PreparedLoop
 from armgpi.loop.rollout import Status
@@ -48,9 +48,8 @@ class Evaluator:
             backend: as for :func:`armgpi.prepare`.
         """
         self.draws, self.names, self.backend = list(draws), list(names), backend
-        places = {draw.index: place for place, draw in enumerate(self.draws)}
-        groups = batches(self.draws)
-        self._groups = [([places[draw.index] for draw in group], group) for group in groups]
+        self._places = {draw.index: place for place, draw in enumerate(self.draws)}
+        self._groups = batches(self.draws)
         # Sections are prepared once for each number of candidates: what varies is given anew.
         self._loops: dict[Any, PreparedLoop] = {}
 
@@ -68,9 +67,10 @@ class Evaluator:
         shape = (len(candidates), len(self.draws))
         values = {name: np.full(shape, np.inf) for name in self.names}
         failed = np.ones(shape, dtype=bool)
-        for place, (columns, _) in enumerate(self._groups):
-            cells = np.ix_(sound, columns)
-            found, failed[cells] = self._run(place, section, [candidates[row] for row in sound])
+        # Under the automatic controller those that have the same structure alone run together.
+        for group in alike(self._groups, with_keys(section, candidates[sound[0]])) if sound else ():
+            cells = np.ix_(sound, [self._places[draw.index] for draw in group])
+            found, failed[cells] = self._run(group, section, [candidates[row] for row in sound])
             for name in self.names:
                 values[name][cells] = found[name]
         return Evaluated(values, failed)
@@ -102,17 +102,19 @@ class Evaluator:
         """
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ArmgpiWarning)
-            for _, group in self._groups:
+            for group in self._groups:
                 controller(section, stack_draws(group[:1]).context)
 
     def _run(
-        self, place: int, section: Mapping[str, Any], candidates: Sequence[Mapping[str, Any]]
+        self,
+        group: Sequence[Scenario],
+        section: Mapping[str, Any],
+        candidates: Sequence[Mapping[str, Any]],
     ) -> tuple[dict[str, Array], Array]:
         """Return metrics of candidates on a group of scenarios, and where they diverged."""
-        _, group = self._groups[place]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ArmgpiWarning)
-            loop = self._loop(place, section, candidates)
+            loop = self._loop(group, section, candidates)
             rollout = in_rows(loop.run(by_rollout(candidates, len(group), loop)))
         shape = (len(candidates), len(group))
         declared = metrics.declared()
@@ -123,16 +125,18 @@ class Evaluator:
         return values, (rollout["status"].values == Status.DIVERGED).reshape(shape)
 
     def _loop(
-        self, place: int, section: Mapping[str, Any], candidates: Sequence[Mapping[str, Any]]
+        self,
+        group: Sequence[Scenario],
+        section: Mapping[str, Any],
+        candidates: Sequence[Mapping[str, Any]],
     ) -> PreparedLoop:
         """Return the prepared loop of a group of scenarios for so many candidates; each is prepared once."""
-        _, group = self._groups[place]
         count = len(candidates)
-        key = (place, count, repr(section), tuple(candidates[0]))
+        key = (tuple(draw.index for draw in group), count, repr(section), tuple(candidates[0]))
         if key not in self._loops:
             # What some keys are given as decides what there is to vary: a box, weights.
             law = with_keys(section, candidates[0])
-            self._loops[key] = prepare_draws(group * count, law, record="metrics", backend=self.backend)
+            self._loops[key] = prepare_draws([*group] * count, law, record="metrics", backend=self.backend)
         return self._loops[key]
 
 

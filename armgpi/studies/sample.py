@@ -17,7 +17,7 @@ from armgpi.base.parameter import parameters
 from armgpi.config import Experiment, ExperimentConfig, Origin, build, check, keys, read
 from armgpi.config.building import IDENTIFICATION, real_arm
 from armgpi.errors import ArmgpiWarning, BackendError, ConfigError, NameNotFound, ParameterError
-from armgpi.health.reality import in_rows, prepare_draws
+from armgpi.health.reality import alike, in_rows, prepare_draws
 from armgpi.identification.posterior import Posterior, parts, read_posterior
 from armgpi.identification.weak_form import COLUMNS
 from armgpi.loop import metrics
@@ -408,7 +408,7 @@ class Sweep:
         law = self.config.controllers[0].plain(given=True)
         law.pop("label", None)
         table = np.empty((rows, len(self.columns)))
-        for group in batches(draws):
+        for group in alike(batches(draws), law):
             loop = prepare_draws(group, law, **_KEPT, supervisor=self.experiment.supervisor)
             outcomes = self._flat(in_rows(_run_compiled(loop)))
             for draw, outcome in zip(group, outcomes, strict=True):

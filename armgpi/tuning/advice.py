@@ -42,8 +42,8 @@ def untuned_arm(robot: Robot, chosen: Mapping[str, Any], rigid: bool) -> Iterato
         yield Finding("warning", "joints", message, repair="specify its rotor inertia, or let it be assumed")
 
 
-def mixed_batch(kinds: Sequence[str]) -> Iterator[Finding]:
-    """Find arms of a batch that would have controllers of different structures alone.
+def unlike_arms(kinds: Sequence[str]) -> str:
+    """Return what is expected of a batch whose arms have controllers of different structures alone.
 
     Args:
         kinds: the kind of controller that each arm has alone, in words.
@@ -52,32 +52,10 @@ def mixed_batch(kinds: Sequence[str]) -> Iterator[Finding]:
     for k, kind in enumerate(kinds):
         rows.setdefault(kind, []).append(k)
     said = "; ".join(f"{kind}: arms {_numbered(own)}" for kind, own in rows.items())
-    message = (
-        f"the {len(kinds)} arms of the batch would have different controllers alone ({said}); a batch has "
-        "one structure, so all of them get the controller for elastic joints, which is slower than some need"
+    return (
+        f"a batch of arms whose automatic controllers have one structure (these have, alone, controllers "
+        f"{said}; make a RobotBatch of the arms of each kind)"
     )
-    repair = "make a RobotBatch of the arms of each kind"
-    yield Finding("warning", "robot", message, len(rows), 1, repair)
-
-
-def sensitive_arms(peaks: Sequence[float], most: float) -> Iterator[Finding]:
-    """Find arms with stiff joints whose loop is sensitive under the controller of a mixed batch.
-
-    Args:
-        peaks: peak sensitivity of each arm [-]; NaN where its joints are elastic.
-        most: that is no finding [-].
-    """
-    # An unstable loop has an infinite peak.
-    sharp = [k for k, peak in enumerate(peaks) if peak > most]
-    if not sharp:
-        return
-    worst = max(peaks[k] for k in sharp)
-    message = (
-        f"arms {_numbered(sharp)} of the batch have stiff joints, and a peak sensitivity Ms of up to "
-        f"{worst:.3g} under the controller for elastic joints (usual: 1.2 to 2): they may oscillate"
-    )
-    repair = "make a RobotBatch of the arms of each kind, or sample faster"
-    yield Finding("warning", "robot", message, worst, most, repair)
 
 
 def _numbered(rows: Sequence[int]) -> str:

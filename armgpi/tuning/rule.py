@@ -9,7 +9,7 @@ numbers were chosen on half of the arms of example-robot-data and judged on the 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
@@ -132,7 +132,8 @@ def apply_rule(
 
     Raises:
         EffortError: when an effort limit leaves a joint no torque, and there are encoders.
-        ParameterError: when a number is out of its range.
+        ParameterError: when a number is out of its range, or arms of a batch would have controllers of
+            different structures.
         PayloadError: when no bandwidth serves the loads given.
     """
     given = given or {}
@@ -180,7 +181,7 @@ class Structure(NamedTuple):
             return "for encoders at the motors"
         if self.feedforward == "computed":
             return "for encoders at the links" if self.rolloff else "for elastic joints"
-        return "for stiff joints"
+        return "for stiff joints and a nominal load" if self.loaded else "for stiff joints"
 
 
 def structures(
@@ -193,7 +194,7 @@ def structures(
     """Return the structure of the controller that each arm has alone; arguments as :func:`apply_rule`.
 
     A batch has one structure, but for the inertia in the feedback, of which each arm has its own: arms whose
-    structures differ otherwise belong into batches of their own.
+    :attr:`Structure.equations` differ belong into batches of their own, and :func:`apply_rule` refuses them.
     """
     robots = robot.robots if isinstance(robot, RobotBatch) else (robot,)
     return tuple(_structure(each) for each in _each_alone(robots, dt, delay, bits, given or {}))
@@ -206,60 +207,22 @@ def _structure(chosen: Mapping[str, Any]) -> Structure:
 
 
 def _of_batch(robot: RobotBatch, dt: float, delay: float, bits: Any, given: Mapping[str, Any]) -> Choice:
-    """Return what is chosen for a batch: of each arm what it has alone where their structures are alike."""
+    """Return what is chosen for a batch: of each arm what it has alone.
+
+    Raises:
+        ParameterError: when the arms would have controllers of different structures.
+    """
     rows = _each_alone(robot.robots, dt, delay, bits, given)
     found = [_structure(row) for row in rows]
-    findings: tuple[Finding, ...] = ()
     if len({each.equations for each in found}) > 1:
-        findings = tuple(advice.mixed_batch([each.describe() for each in found]))
-        # With these all loops are stable at the damping at which they are judged, wherever the encoders sit.
-        common = GEARED[any(geared.at_link(one) for one in robot.robots)]
-
-        def with_common(one: Robot, own_bits: Any, own: Mapping[str, Any]) -> dict[str, Any]:
-            return _without(given, _with_structure(common, one, dt, delay, own_bits, own))
-
-        rows = _for_each(robot.robots, bits, given, with_common)
-        peaks = [
-            math.nan if geared.is_known(one) else _rigid_sensitivity(one, dt, delay, {**row, **given})
-            for one, row in zip(robot.robots, rows, strict=True)
-        ]
-        findings += tuple(advice.sensitive_arms(peaks, geared.SENSITIVITIES[-1]))
-    return Choice(_stacked(rows), findings)
-
-
-def _rigid_sensitivity(robot: Robot, dt: float, delay: float, every: Mapping[str, Any]) -> float:
-    """Return the peak sensitivity of an arm with stiff joints under a controller for elastic ones [-]."""
-    own, loads = Member.chosen_by(every), every.get("payload")
-    if "omega_c" not in every:  # whoever brings gains looks after them
-        return math.nan
-    loaded: Any = robot if loads is None else loads.choose(robot, dt, delay, 1e-9, own).nominal
-    nominal: Any = with_heavier_rotors(loaded, every.get("rotor_factor", 1.0))
-    bias = robot if every["feedforward"] == "computed" else None
-    loops = geared.Loops(geared.rigid_cases(robot, dt, samples_late(dt, delay)), nominal, bias, own, dt)
-    return float(loops.sensitivity(every["omega_c"] * np.ones(robot.n)))
+        raise ParameterError("robot", robot, advice.unlike_arms([each.describe() for each in found]))
+    return Choice(_stacked(rows))
 
 
 def _each_alone(
     robots: Sequence[Robot], dt: float, delay: float, bits: Any, given: Mapping[str, Any]
 ) -> list[dict[str, Any]]:
-    """Return what is chosen for each arm of a batch alone; alike arms are looked at once."""
-
-    def alone(one: Robot, own_bits: Any, own: Mapping[str, Any]) -> dict[str, Any]:
-        depends = {"robot": one, "dt": dt, "delay": delay, "bits": own_bits, "given": own}
-        compute = partial(_chosen, one, dt, delay, own_bits, own)
-        chosen, _ = kept.remember("rule", depends, compute, on_disk=False)
-        return dict(chosen)
-
-    return _for_each(robots, bits, given, alone)
-
-
-def _for_each(
-    robots: Sequence[Robot],
-    bits: Any,
-    given: Mapping[str, Any],
-    choose: Callable[[Robot, Any, Mapping[str, Any]], dict[str, Any]],
-) -> list[dict[str, Any]]:
-    """Return what is chosen for each arm of a batch, once for the same arm with the same encoders and values.
+    """Return what is chosen for each arm of a batch alone, once for the same arm with the same encoders.
 
     What is kept of arms by their digest does not suffice: gains have none.
     """
@@ -268,7 +231,10 @@ def _for_each(
     for one, own_bits, own in _rows(robots, bits, given):
         mark = id(one), _mark(own_bits), tuple((name, _mark(value)) for name, value in own.items())
         if mark not in seen:
-            seen[mark] = choose(one, own_bits, own)
+            depends = {"robot": one, "dt": dt, "delay": delay, "bits": own_bits, "given": own}
+            compute = partial(_chosen, one, dt, delay, own_bits, own)
+            chosen, _ = kept.remember("rule", depends, compute, on_disk=False)
+            seen[mark] = dict(chosen)
         rows.append(seen[mark])
     return rows
 
@@ -583,10 +549,7 @@ def _with_structure(
     bits: Any,
     given: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """Return what is chosen for an arm whose gears twist, with some structure of the law.
-
-    An arm of whose gears nothing is known has rigid ones, and no joint is faster than with its own law.
-    """
+    """Return what is chosen for an arm whose gears twist, with some structure of the law."""
     chosen: dict[str, Any] = {
         "integrators": INTEGRATORS,
         **structure,
@@ -601,12 +564,9 @@ def _with_structure(
     nominal: Any = with_heavier_rotors(loaded, factor)
     bias = robot if every["feedforward"] == "computed" else None
     believed, (usual, light) = geared.is_assumed(robot), geared.DAMPINGS
-    stiff = not geared.is_known(robot)  # one in a batch with arms whose joints are elastic
-    allowed = _rigid(robot, dt, delay, bits, given)["omega_c"] if stiff else math.inf
 
     def loops_at(damping: float) -> geared.Loops:
-        late_by = samples_late(dt, delay)
-        arms = geared.rigid_cases(robot, dt, late_by) if stiff else geared.cases(robot, dt, late_by, damping)
+        arms = geared.cases(robot, dt, samples_late(dt, delay), damping)
         return geared.Loops(arms, nominal, bias, law, dt)
 
     loops = loops_at(light)
@@ -619,7 +579,6 @@ def _with_structure(
         omega = least * np.ones(robot.n)  # which not all loops bear: then none is raised (fit arms)
     else:
         omega = geared.raise_joints(alike, loops, highest)
-    omega = np.minimum(omega, allowed)
     if bits is not None:
         quiet = omega * np.minimum(1.0, quietness(nominal, dt, law, omega, bits, not law.rolloff))
         omega = np.maximum(quiet, np.minimum(geared.SLOWEST, omega))

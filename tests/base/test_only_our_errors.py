@@ -793,6 +793,7 @@ CASES: dict[str, Case] = {
             "delay": 0,
             "encoder_bits": 16,
             "repair": (),
+            "encoder_side": "motor",
         },
         lambda report: report.as_dict(),
         slow=True,

@@ -336,6 +336,26 @@ def test_inspect_says_what_a_robot_is_and_exits_by_what_it_finds(cli: Callable[.
     assert "error: each of joints 'joint1', 'joint2': has effort limit 0" in out
     assert "--effort joint1=10" in out
     assert cli("inspect", "double_pendulum", "--effort", "10").code == 0
+
+
+def test_inspect_takes_the_side_of_the_encoders_as_an_option_and_from_a_file(
+    cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    file = tmp_path / "ur5.yaml"
+    file.write_text("robot: {name: ur5}\nplant: {encoder_side: motor, delay: 1, encoder_bits: 16}\n")
+    found = {
+        name: json.loads(cli("inspect", *given, "--json").out)["gpi_auto"]["omega_c"]
+        for name, given in {
+            "option": ("ur5", "--encoder-side", "motor"),
+            "file": (file,),
+            "option over file": (file, "--encoder-side", "link"),
+            "link": ("ur5", "--encoder-side", "link"),
+        }.items()
+    }
+    assert found["option"] == found["file"] != found["link"] == found["option over file"]
+    code, out, err = cli("inspect", "ur5", "--encoder-side", "gear")
+    assert (code, out) == (2, "")
+    assert err == "error: encoder_side must be one of motor, link, got 'gear'\n"
     code, out, err = cli("inspect", "pandas")
     assert (code, out) == (2, "")
     assert "did you mean 'panda'" in err

@@ -307,11 +307,38 @@ def test_the_bandwidth_of_an_encoder_is_where_a_count_costs_a_share_of_the_torqu
 
 
 @pytest.mark.parametrize(
-    "bad", [{"dt": 0.0}, {"delay": -1}, {"encoder_bits": 0}, {"mimic": "free"}, {"lock": 5}]
+    "bad",
+    [
+        {"dt": 0.0},
+        {"delay": -1},
+        {"encoder_bits": 0},
+        {"mimic": "free"},
+        {"lock": 5},
+        {"encoder_side": "gear"},
+    ],
 )
 def test_bad_arguments_are_refused(bad: dict[str, Any]) -> None:
     with pytest.raises(ArmgpiError):
         health.inspect("ur5", **bad)
+
+
+def test_the_side_of_the_encoders_gives_the_controller_that_the_arms_drives_would() -> None:
+    joints = Robot.load("ur5").joint_names
+    for side in ("motor", "link"):
+        found = health.inspect("ur5", delay=1, encoder_side=side)
+        specified = health.inspect("ur5", delay=1, drives={each: {"encoder_side": side} for each in joints})
+        assert found.facts["gpi_auto"] == specified.facts["gpi_auto"]
+    open_ = health.inspect("ur5", delay=1, drives={each: {"encoder_side": "motor"} for each in joints[1:]})
+    assert open_.facts["gpi_auto"]["omega_c"] != found.facts["gpi_auto"]["omega_c"]
+    # What the drives specify of a joint stays; where that leaves nothing to say it is refused.
+    filled = health.inspect(
+        "ur5", delay=1, encoder_side="motor", drives={each: {"encoder_side": "motor"} for each in joints[1:]}
+    )
+    assert filled.facts["gpi_auto"] == health.inspect("ur5", delay=1, encoder_side="motor").facts["gpi_auto"]
+    with pytest.raises(ParameterError, match="'link', as the drives of joint 'shoulder_pan_joint' specify"):
+        health.inspect(
+            "ur5", encoder_side="motor", drives={each: {"encoder_side": "link"} for each in joints}
+        )
 
 
 PENDULUM = """<robot name="pendulum"><link name="base"/><link name="rod"><inertial>

@@ -554,7 +554,7 @@ def test_draws_run_with_the_controller_that_each_has_alone() -> None:
     reality = Reality("owned", seed=5, side_known=1.0)
     draws = [reality.draw(Robot.load("ur5"), index) for index in range(8)]
     factors = {}
-    for group in health._alike(batches(draws), law):
+    for group in health.alike(batches(draws), law):
         together: Any = config.controller(law, stack_draws(group).context)
         for draw in group:
             factors[draw.index] = float(np.ravel(together.link_factor)[0])

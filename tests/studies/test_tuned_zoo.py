@@ -13,7 +13,7 @@ from armgpi import GPI, Robot
 from armgpi.errors import RolloutError
 from armgpi.gpi.payload import DELAY_SHARE
 from armgpi.health import reality as health
-from armgpi.plants.reality import Reality
+from armgpi.plants.reality import Reality, batches
 from armgpi.studies.evaluation import Evaluator
 
 ARM = "anthropomorphic3"
@@ -38,6 +38,22 @@ def test_an_arm_is_judged_on_draws_that_no_search_saw(monkeypatch: pytest.Monkey
     assert set(row.values) == {*(f"omega q{i}" for i in (1, 2, 3)), "zeta", "rolloff_ratio"}
     assert f"| {ARM} | 3 |" in ZOO["markdown"]([row])
     assert "none holds" in ZOO["markdown"]([row._replace(tuned=None)])
+
+
+@pytest.mark.filterwarnings("ignore::armgpi.ArmgpiWarning")
+def test_arms_whose_controllers_differ_in_structure_are_searched_as_each_runs_alone() -> None:
+    """All of a batch got one structure, which was that of none of some of them."""
+    # Behind a small gear ratio encoders of 11 bits are too coarse for the controller of motor encoders.
+    coarse: dict[str, Any] = {"encoder_bits": (11.0, 16.0), "gear_ratio": (30.0, 30.0), "sample_time": [1e-3]}
+    reality = Reality("owned", seed=5, side_known=1.0, **coarse)
+    draws = [reality.draw(Robot.load("ur5"), index) for index in (1, 2)]
+    section = {"type": "gpi_auto"}
+    parts = list(health.alike(batches(draws), section))
+    assert len(parts) > len(batches(draws))  # both structures are in one batch
+    together = Evaluator(draws, ["itae"])(section, [{}])
+    for column, draw in enumerate(draws):
+        alone = Evaluator([draw], ["itae"])(section, [{}])
+        assert together.values["itae"][0, column] == pytest.approx(alone.values["itae"][0, 0], rel=1e-9)
 
 
 def _noting(seen: list[list[Any]]) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from armgpi import GPI, FixedGains, Robot, RobotBatch, certify, config
-from armgpi.errors import ArmgpiWarning, ParameterError
+from armgpi.errors import ParameterError
 from armgpi.plants.elastic import ElasticPlant
 from armgpi.robot import rotors
 from armgpi.robot.kinematics import random_configurations
@@ -126,64 +126,14 @@ def test_gears_told_stiff_change_nothing(late: int) -> None:
     np.testing.assert_array_equal(stiff.gains.nominal(), rigid.gains.nominal())
 
 
-def test_a_batch_has_the_soft_law_where_one_of_its_gears_is_soft() -> None:
+def test_a_batch_of_stiff_and_soft_gears_is_refused() -> None:
     stiff, stiffer, soft = (told(UR5, factor, "motor") for factor in (1e3, 2e3, 1.0))
     law = GPI.auto(RobotBatch([stiffer, stiff]), DT, delay=DT, bits=16)
     alone = rule(stiff)
     assert (law.feedforward, law.rotor_factor) == (alone.feedforward, alone.rotor_factor)
     np.testing.assert_allclose(law.gains.nominal().omega_c[1], alone.gains.nominal().omega_c)
-    with pytest.warns(ArmgpiWarning, match="different controllers alone"):
-        mixed = GPI.auto(RobotBatch([stiff, soft]), DT, delay=DT, bits=16)
-    assert mixed.feedforward == "computed" != law.feedforward
-
-
-@pytest.mark.filterwarnings("ignore:.*specified to have no rotor")
-def test_a_stiff_arm_in_a_batch_with_an_elastic_one_is_judged_on_stiff_joints() -> None:
-    for stiff in (UR5, rotors.assume_rotors(UR5)):
-        alone = rule(stiff, "none" if stiff is UR5 else "stiff").gains.nominal().omega_c
-        with pytest.warns(ArmgpiWarning, match="for stiff joints: arms 0; for elastic joints: arms 1"):
-            mixed = GPI.auto(RobotBatch([stiff, rotors.assume_gears(UR5)]), DT, delay=DT, bits=16)
-        own, other = mixed.gains.nominal().omega_c
-        assert (own <= alone).all()
-        assert own.min() > other.min() >= geared.SLOWEST
-        one = GPI(
-            stiff,
-            DT,
-            delay=DT,
-            gains=FixedGains(own),
-            integrators=mixed.integrators,
-            rolloff=mixed.rolloff,
-            second_zeta=0.7,
-            rotor_factor=mixed.rotor_factor,
-            feedforward="computed",
-        )
-        peaks = [case.arm.sensitivity(two_mass.law(one, case.q)) for case in geared.rigid_cases(stiff, DT, 1)]
-        assert max(peaks) <= geared.RIGID_SENSITIVITY
-
-
-@pytest.mark.filterwarnings("ignore:.*different controllers alone")
-def test_a_stiff_arm_that_a_mixed_batch_makes_sensitive_is_named_with_its_peak() -> None:
-    """Wrists without rotors are so light that the controller for elastic joints shakes them."""
-    stiff = PANDA
-    arms = RobotBatch([rotors.assume_gears(PANDA), stiff])
-    with pytest.warns(ArmgpiWarning, match="arms 1 of the batch have stiff joints, and a peak") as warned:
-        law = GPI.auto(arms, DT, delay=DT, bits=16)
-    (said,) = (str(each.message) for each in warned if "peak sensitivity" in str(each.message))
-    one = GPI(
-        stiff,
-        DT,
-        delay=DT,
-        gains=FixedGains(law.gains.nominal().omega_c[1]),
-        integrators=law.integrators,
-        rolloff=law.rolloff,
-        second_zeta=0.7,
-        rotor_factor=law.rotor_factor,
-        feedforward="computed",
-    )
-    cases = geared.rigid_cases(stiff, DT, 1)
-    peak = max(case.arm.sensitivity(two_mass.law(one, case.q)) for case in cases)
-    assert float(said.partition("up to ")[2].split()[0]) == pytest.approx(peak, rel=0.02)
-    assert peak > 6.3
+    with pytest.raises(ParameterError, match=r"for stiff joints.*: arms 0; for encoders at the motors"):
+        GPI.auto(RobotBatch([stiff, soft]), DT, delay=DT, bits=16)
 
 
 def test_heavier_rotors_are_those_of_the_feedback_alone() -> None:
