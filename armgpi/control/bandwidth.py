@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,6 +35,24 @@ def default_bandwidth(dt: float, delay: float = 0.0, highest: float = 30.0, phas
     if not (isinstance(highest, float) and highest == math.inf):
         highest = check_number(highest, "highest", "positive [rad/s]", open_=True)
     return min(phase / (1.5 * dt + delay), highest)
+
+
+class FilteredDifference(NamedTuple):
+    """bandwidth s / (s + bandwidth) by the trapezoidal rule: rate = decay rate + drive (q - q before).
+
+    Attributes:
+        decay: share of the rate that a sample leaves [-].
+        drive: from a difference of positions into the rate [1/s].
+    """
+
+    decay: Any
+    drive: Any
+
+    @classmethod
+    def of(cls, bandwidth: Any, dt: float) -> FilteredDifference:
+        """Return the coefficients for a bandwidth [rad/s], a number or an array, and a sample time [s]."""
+        half = 0.5 * bandwidth * dt
+        return cls((1.0 - half) / (1.0 + half), bandwidth / (1.0 + half))
 
 
 def error_scales(context: Context) -> dict[str, Any]:

@@ -21,6 +21,7 @@ import numpy as np
 
 from armgpi.base.arrays import Array, as_float_array, check_type, new
 from armgpi.base.parameter import PerJoint, parameter, with_parameters
+from armgpi.control.bandwidth import FilteredDifference
 from armgpi.control.controller import Controller, ControlStep, Measurement
 from armgpi.control.force_limit import LEVER, ForceBound, ForceLimit
 from armgpi.control.impedance_limits import ImpedanceLimits, Mode, impedance_limits
@@ -197,9 +198,7 @@ class Impedance(Controller):
         count = (self._springs > 0.0).sum(axis=-1, keepdims=True)
         self._weights = np.where(self._roots > 0.0, 1.0 / np.maximum(self._roots, 1e-150), 0.0) / count
         self._share, self._follows = -np.expm1(-self.dt / _CHANGE), -np.expm1(-self.dt / _GUIDE)
-        half = 0.5 * self.velocity_filter * self.dt
-        self._decay = (1.0 - half) / (1.0 + half)
-        self._drive = self.velocity_filter / (1.0 + half)
+        self._decay, self._drive = FilteredDifference.of(self.velocity_filter, self.dt)
         if not found.factor >= 1.0:
             largest = "less than a thousandth of"
             if found.factor > 0.0:

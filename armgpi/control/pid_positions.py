@@ -8,6 +8,7 @@ import numpy as np
 
 from armgpi.base.arrays import Array
 from armgpi.base.parameter import PerJoint, parameter, with_parameters
+from armgpi.control.bandwidth import FilteredDifference
 from armgpi.control.controller import ControlStep, FullState, Measurement
 from armgpi.control.pid import PIDInversion, PIDState
 from armgpi.references.reference import Target
@@ -53,9 +54,7 @@ class PIDPositions(PIDInversion):
     def __post_init__(self) -> None:
         """Check the parameters and work out the filter; see :class:`PIDInversion`."""
         super().__post_init__()
-        half = 0.5 * self.velocity_bandwidth * self.dt
-        self._decay = (1.0 - half) / (1.0 + half)
-        self._drive = self.velocity_bandwidth / (1.0 + half)
+        self._decay, self._drive = FilteredDifference.of(self.velocity_bandwidth, self.dt)
 
     def init(self, measurement: Any, target: Target) -> Any:
         """Return the state before the first sample, at rest; see :meth:`Controller.init`."""

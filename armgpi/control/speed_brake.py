@@ -18,6 +18,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from armgpi.base.arrays import Array, new
+from armgpi.control.bandwidth import FilteredDifference
 from armgpi.control.impedance_limits import Mode, largest_damping, motor_share
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
@@ -48,6 +49,13 @@ class LimitState(NamedTuple):
     rate: Array
 
 
+class _Brake(NamedTuple):
+    """A brake that is possible: bandwidth of its filter [rad/s], damping over inertia [1/s], (n,)."""
+
+    bandwidth: float
+    gain: Array
+
+
 class SpeedBrake:
     """Damps the joints of a tool that is faster than a share of its speed limit.
 
@@ -73,21 +81,19 @@ class SpeedBrake:
         inertias = robot.mass_matrix(random_configurations(robot, _CONFIGURATIONS, seed=0))
         nothing = np.zeros(robot.n)
         modes = [Mode(nothing, np.diag(inertia), nothing, nothing[:0]) for inertia in inertias]
-        late, share = delay + 0.5 * dt, motor_share(modes, robot.drives)
-        best: tuple[float, float, Array] | None = None
-        for bandwidth in _FILTERS:
-            most = _SPARE * largest_damping(modes, bandwidth, late, robot.drives)
+        late = delay + 0.5 * dt
+        share = motor_share(modes, robot.drives)
+
+        def brake_of(bandwidth: float) -> _Brake:
+            resonant = _SPARE * largest_damping(modes, bandwidth, late, robot.drives)
             alone = np.minimum(_GAIN, _MOTOR_GAIN * share)
-            gain = np.minimum(alone / (1.0 / bandwidth + late), most)
-            if best is None or gain.min() > best[0]:
-                best = float(gain.min()), bandwidth, gain
-        assert best is not None
-        self.gain = best[2]
+            return _Brake(bandwidth, np.minimum(alone / (1.0 / bandwidth + late), resonant))
+
+        best = max(map(brake_of, _FILTERS), key=lambda brake: float(brake.gain.min()))
+        self.gain = best.gain
         self.full = _GAIN / (1.0 / _FILTERS[0] + late)
         self._root = np.sqrt(self.gain)
-        half = 0.5 * best[1] * dt
-        self._decay = (1.0 - half) / (1.0 + half)
-        self._drive = best[1] / (1.0 + half)
+        self._decay, self._drive = FilteredDifference.of(best.bandwidth, dt)
 
     def rate(self, e: Array, state: LimitState) -> LimitState:
         """Return the state after a sample with a position error [rad or m], (n,) or (batch, n)."""

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from armgpi.base.arrays import Array, ArrayLike, as_joint_array, check_number, check_type
+from armgpi.control.bandwidth import FilteredDifference
 from armgpi.control.force_limit import FREE_FALL, KNOWN_WITHIN, USUAL_WITHIN, usual_friction
 from armgpi.robot.frame_motion import FrameMotion
 from armgpi.robot.robot import Robot
@@ -119,9 +120,7 @@ class WrenchEstimator:
         self.frame = robot.tip if frame is None else frame
         self._motion = FrameMotion(robot, self.frame)
         self._length = self._motion.reach(robot)
-        half = 0.5 * bandwidth * self.dt
-        self._decay = (1.0 - half) / (1.0 + half)
-        self._drive = bandwidth / (1.0 + half)
+        self._decay, self._drive = FilteredDifference.of(bandwidth, self.dt)
         self._viscous, self.friction = robot.friction
         self.most_friction = within * self.friction
         if not self.friction.any():

@@ -8,6 +8,7 @@ import numpy as np
 
 from armgpi.base.arrays import Array
 from armgpi.base.parameter import PerJoint, parameter, plain, with_parameters
+from armgpi.control.bandwidth import FilteredDifference
 from armgpi.control.controller import FullState
 from armgpi.errors import ParameterError
 from armgpi.plants import noise
@@ -196,9 +197,8 @@ class Differentiated(StatefulWrapper):
     def follow(self, plant: Any, own: FullState, dt: float) -> FullState:
         """Return the positions as measured, and their differences; see :meth:`StatefulWrapper.follow`."""
         q = self.plant.measure(plant).q
-        half = 0.5 * self.bandwidth * dt
-        decay = (1.0 - half) / (1.0 + half)
-        return FullState(q, decay * own.v + self.bandwidth / (1.0 + half) * (q - own.q))
+        decay, drive = FilteredDifference.of(self.bandwidth, dt)
+        return FullState(q, decay * own.v + drive * (q - own.q))
 
     def measure(self, state: Wrapped) -> FullState:
         """Return measured positions, and velocities from their differences; see :meth:`Plant.measure`."""
