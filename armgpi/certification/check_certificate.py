@@ -570,8 +570,14 @@ def numbers(data, where, depth=0):
 
 def section(data, where, keys):
     """Return a mapping that has these keys and no others."""
-    if not isinstance(data, dict) or set(data) != set(keys):
-        raise Refused(f"{where} has to have {', '.join(sorted(keys))} and nothing else")
+    if not isinstance(data, dict):
+        raise Refused(f"{where} has to be a mapping with {', '.join(sorted(keys))}")
+    missing = sorted(set(keys) - set(data))
+    if missing:
+        raise Refused(f"{where} has no {', '.join(missing)}")
+    unknown = sorted(set(data) - set(keys))
+    if unknown:
+        raise Refused(f"{where} has {', '.join(unknown)[:200]}, which no certificate has there")
     return data
 
 
@@ -713,18 +719,24 @@ def text(x):
     return json.dumps(x)[:400]
 
 
+def listed(given):
+    """Return numbers that were checked, which are texts, without their quotes."""
+    return ", ".join(str(x) for x in given)[:400]
+
+
 def describe(data):
     """Return what was verified, and what was taken from the file as it is, a line each."""
+    count = len(data["law"]["omega"])
     verified = [
-        f"the matrix inequality at {len(data['law']['omega'])} bandwidths and both ends of delta, exactly",
+        f"the matrix inequality at {count} bandwidth{'s'[: count - 1]} and both ends of delta, exactly",
         "every bound below follows from it and from the numbers of the arm, exactly",
         "the seal fits what it seals: no slip, which is no signature",
     ]
     for name, s in data["solutions"].items():
-        size = f"torques up to {text(data['inputs'][name]['torque'])} in the metric of D^-1"
-        errors = text(s["claims"]["errors"])
+        size = f"torques up to {listed([data['inputs'][name]['torque']])} in the metric of D^-1"
+        errors = listed(s["claims"]["errors"])
         verified.append(f"claim {name!r}: {errors} rad or m at most: {CLAIMS[name]}; {size}")
-        verified.append(f"  with torques: {text(s['claims']['torques'])} N m or N at most")
+        verified.append(f"  with torques: {listed(s['claims']['torques'])} N m or N at most")
     lines = ["  VERIFIED here:"]
     lines += [f"    {row}" for row in verified]
     lines.append("  TAKEN FROM THE FILE, not verified:")
@@ -742,7 +754,7 @@ def taken(data):
     rows = [
         ("the numbers of the arm", sorted(data["numbers"]), "are those of this arm in this box"),
         ("of these said to be proved", proved, ""),
-        ("of these said to be searched for", searched, ""),
+        ("of these said to be estimated numerically", searched, ""),
         ("arm", arm, "that it is rigid, and has this URDF"),
         ("loads [kg]", robot.get("loads"), "and all between"),
         ("joints", robot["joints"], ""),

@@ -43,6 +43,14 @@ _SHAPE_NUMBERS = (
     *(("origin", "xyz", 3), ("origin", "rpy", 3), ("box", "size", 3), ("sphere", "radius", 1)),
     *(("cylinder", "radius", 1), ("cylinder", "length", 1), ("capsule", "radius", 1), ("mesh", "scale", 3)),
 )
+#: What a file without links may be made of, by the tags of its elements.
+_PARTS = {
+    "xacro:property": "constants of xacro",
+    "material": "colours",
+    "gazebo": "settings of a simulator",
+    "ros2_control": "drivers (ros2_control)",
+    "transmission": "transmissions",
+}
 #: Versions of the format, of which urdfdom 6 knows these; without one a file has the first.
 _VERSIONS = ("1.0", "1.1", "1.2")
 #: Quaternions of a smaller norm, or of one as much larger, are none [-].
@@ -125,11 +133,7 @@ def parse(text: str, source: str, repair: str | Iterable[str] = ()) -> Urdf:
         _check_count(len(root.findall(tag)), tag, source)
     link_elements = _unique_names(root, "link", source)
     if not link_elements:
-        semantic = root.find("group") is not None or root.find("disable_collisions") is not None
-        hint = "; it looks like an SRDF, which requires a URDF: give that" if semantic else ""
-        if root.find("xacro:macro") is not None:
-            hint = "; it defines macros of xacro for other files: expand the one that uses it, and give that"
-        raise UrdfError(source, f"has no <link>{hint}")
+        raise UrdfError(source, f"has no <link>{_what_instead(root)}")
     joint_elements = _unique_names(root, "joint", source)
     repairs.check_names((*link_elements, *joint_elements))
     joints = {name: _Reader(element, repairs).joint() for name, element in joint_elements.items()}
@@ -144,6 +148,20 @@ def parse(text: str, source: str, repair: str | Iterable[str] = ()) -> Urdf:
         wanted=repairs.wanted,
         repairs=tuple(repairs.made),
     )
+
+
+def _what_instead(root: Element) -> str:
+    """Return what a file without links is, and what to give in its place; it begins with "; "."""
+    tags = {element.tag for element in root}
+    if tags & {"group", "disable_collisions"}:
+        return "; it looks like an SRDF, which requires a URDF: give that"
+    if "xacro:macro" in tags:
+        return "; it defines macros of xacro for other files: expand the one that uses it, and give that"
+    if not tags:
+        return "; it is empty: give the URDF of the robot"
+    found = [what for tag, what in _PARTS.items() if tag in tags]
+    listed = " and ".join(found) or f"<{'>, <'.join(sorted(tags)[:3])}>"
+    return f", only {listed}; it is a part of another file: give the one that includes it"
 
 
 def assemble(source: str, links: Mapping[str, Link], joints: Mapping[str, Joint], **more: Any) -> Urdf:
@@ -543,12 +561,11 @@ def _check_tree(links: Mapping[str, Link], joints: Mapping[str, Joint], source: 
     for name, joint in joints.items():
         for tag, link in (("parent", joint.parent), ("child", joint.child)):
             if link not in links:
-                raise UrdfError(
-                    source,
-                    f"joint {name!r} names the {tag} link {link!r}, which is missing; add it, or correct the "
-                    "name",
-                    name,
-                )
+                way = "add it, or correct the name"
+                if source.endswith(".xacro"):
+                    way += "; or this is a part of a robot: give the file that includes it, expanded"
+                said = f"joint {name!r} names the {tag} link {link!r}, which is missing; {way}"
+                raise UrdfError(source, said, name)
         if joint.child in carried:
             raise UrdfError(
                 source,

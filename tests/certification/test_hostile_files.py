@@ -282,3 +282,63 @@ def test_what_holds_is_said(data: Any, tmp_path: Path, capsys: pytest.CaptureFix
     assert "claim" not in taken
     assert "the numbers of the arm" in taken
     assert "kappa_v" in taken
+
+
+def test_a_certificate_is_as_large_as_is_said_and_no_larger(
+    data: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "arm.json"
+    path.write_text(json.dumps(data), encoding="utf-8")
+    facts = checker.facts(data)
+    rows = 12 + sum(data["law"][key] for key in checker.WHOLE)
+    bounds = {"JOINTS": len(facts["hold"]), "WORK": len(facts["omega"]) * rows**3}
+    for name, most in bounds.items():
+        with monkeypatch.context() as patch:
+            patch.setattr(checker, name, most)
+            assert checker.facts(data) == facts
+            patch.setattr(checker, name, most - 1)
+            with pytest.raises(checker.Refused):
+                checker.facts(data)
+    monkeypatch.setattr(checker, "BYTES", path.stat().st_size)
+    assert checker.read(path) == data
+    monkeypatch.setattr(checker, "BYTES", path.stat().st_size - 1)
+    with pytest.raises(checker.Refused, match="no regular file of at most"):
+        checker.read(path)
+
+
+def test_what_is_missing_or_unknown_in_a_file_is_named(
+    data: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str], cli: Callable[..., Answer]
+) -> None:
+    without = {key: part for key, part in data.items() if key != "seal"}
+    shorter = copy.deepcopy(data)
+    del shorter["numbers"]["sigma"], shorter["numbers"]["jump"]
+    shorter["seal"] = seal(shorter)
+    cases = (
+        (without, "a certificate has no seal"),
+        ({**data, "more": 1}, "a certificate has more, which no certificate has there"),
+        (shorter, "numbers has no jump, sigma"),
+        ({**data, "law": 1}, "law has to be a mapping with"),
+    )
+    path = tmp_path / "other.json"
+    for other, said in cases:
+        if "seal" in other:
+            other = {**other, "seal": seal(other)}
+        path.write_text(json.dumps(other), encoding="utf-8")
+        assert checker.main([str(path)]) == 2
+        assert said in capsys.readouterr().out
+    path.write_text(json.dumps(without), encoding="utf-8")
+    answer = cli("certify", "anthropomorphic3", "--rotor-inertia", "0.1", "--refute", path)
+    assert (answer.code, "has no seal" in answer.err) == (2, True)
+
+
+def test_numbers_that_were_verified_are_listed_as_they_are_in_the_file(data: Any, tmp_path: Path) -> None:
+    lines = checker.describe(data)
+    count = len(data["law"]["omega"])
+    assert f"at {count} bandwidth{'s' if count > 1 else ''} and both ends" in lines[1]
+    errors = ", ".join(data["solutions"]["gain"]["claims"]["errors"])
+    assert any(f"claim 'gain': {errors} rad or m at most" in line for line in lines)
+    one = copy.deepcopy(data)
+    one["law"]["omega"] = ["30.0"]
+    assert "at 1 bandwidth and both ends" in checker.describe(one)[1]
+    one["law"]["omega"] = ["30.0", "31.0"]
+    assert "at 2 bandwidths and both ends" in checker.describe(one)[1]

@@ -396,13 +396,33 @@ def test_bytes_that_are_no_utf8_are_refused(tmp_path: Path, content: bytes) -> N
             "xacro",
         ),
         (f"<html>{GOOD}</html>", "a web page (HTML)"),
-        ('<robot name="r"/>', "no <link>"),
+        ('<robot name="r"/>', "has no <link>; it is empty: give the URDF of the robot"),
+        ('<robot name="r"><material name="m"/></robot>', "only colours; it is a part of another file: give"),
+        (
+            '<robot name="r"><gazebo/><xacro:property name="a" value="1"/></robot>',
+            "only constants of xacro and settings of a simulator; it is a part",
+        ),
+        ('<robot name="r"><ros2_control/></robot>', "only drivers (ros2_control);"),
+        ('<robot name="r"><other/></robot>', "only <other>; it is a part"),
         (f'<!DOCTYPE robot [<!ENTITY a "b">]>{GOOD}', "document type declaration"),
         (f'<!DOCTYPE r [<!ENTITY f SYSTEM "file:///etc/hostname">]>{GOOD}', "document type"),
     ],
 )
 def test_text_that_is_no_urdf_is_refused_with_what_it_is(text: str, said: str) -> None:
     assert said in str(refusal(text))
+
+
+def test_a_part_of_a_xacro_file_is_said_to_be_one(tmp_path: Path) -> None:
+    part = GOOD.replace('<parent link="', '<parent link="wrist_of_')
+    for name, said in (
+        ("tool.urdf", "correct the name"),
+        ("tool.urdf.xacro", "give the file that includes it"),
+    ):
+        path = tmp_path / name
+        path.write_text(part)
+        with pytest.raises(UrdfError, match="which is missing") as refused:
+            Robot.load(path)
+        assert str(refused.value).partition("; ")[2].find(said) > 0
 
 
 def chain(kinds: list[str]) -> str:
