@@ -111,7 +111,7 @@ def modules_list():
     layers = _ast.literal_eval(text.partition("\nlayers = ")[2].partition("]\n")[0] + "]")
     lines = [_line(root / "armgpi" / "__init__.py", root)]
     for layer in reversed(layers):
-        packages = layer.split(" : ")
+        packages = _re.split(" [:|] ", layer)
         lines += ["", f"**{', '.join(f'`{package}`' for package in packages)}**", ""]
         for package in packages:
             place = root / "armgpi" / package
@@ -126,7 +126,7 @@ def rooms_table():
     text = (root / "pyproject.toml").read_text(encoding="utf-8")
     layers = _ast.literal_eval(text.partition("\nlayers = ")[2].partition("]\n")[0] + "]")
     rows = ["| room | what it is | takes | gives |", "|---|---|---|---|"]
-    for name in (name for layer in reversed(layers) for name in layer.split(" : ")):
+    for name in (name for layer in reversed(layers) for name in _re.split(" [:|] ", layer)):
         if (place := root / "armgpi" / name / "__init__.py").is_file():
             said = _ast.get_docstring(_ast.parse(place.read_text(encoding="utf-8")))
             first, takes, gives = _re.match(r"(.*)\n\nTakes (.*)\nGives ((?:.+\n?)*)", said).groups()

@@ -42,7 +42,7 @@ def test_packages_stand_in_the_order_of_their_layers() -> None:
     # tomllib is in Python 3.11 and later alone.
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     layers = ast.literal_eval(text.partition("\nlayers = ")[2].partition("]\n")[0] + "]")
-    assert list(groups())[1:] == [tuple(layer.split(" : ")) for layer in reversed(layers)]
+    assert list(groups())[1:] == [tuple(re.split(" [:|] ", layer)) for layer in reversed(layers)]
 
 
 def test_every_room_says_what_it_takes_and_gives() -> None:
