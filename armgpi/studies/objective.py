@@ -31,6 +31,15 @@ _OPERATORS: Mapping[type, Callable[..., Any]] = {
     ast.USub: operator.neg,
     ast.UAdd: operator.pos,
 }
+#: Over which scenarios an objective is -> what is taken of theirs; of "cvar" after the others are left out.
+_TOGETHER: Mapping[str, Callable[..., Any]] = {
+    "mean": np.mean,
+    "median": np.median,
+    "worst": np.max,
+    "cvar": np.mean,
+}
+#: What is minimised of a candidate that is not feasible, at least: above any objective.
+_BEYOND = 1e12
 #: Longest expression, so that none nests too deeply.
 _LONGEST = 500
 #: Numbers in it are below this one.
@@ -43,8 +52,12 @@ def known_names() -> dict[str, str]:
     They are the metrics that a loop adds up while it runs.
     """
     known = metrics.without_rollouts()
-    found = {each.heading.casefold(): name for name, each in known.items()}
-    return {key: name for key, name in found.items() if key.isidentifier()} | {name: name for name in known}
+    names = {}
+    for name, metric in known.items():
+        word = metric.heading.casefold()
+        if word.isidentifier():
+            names[word] = name
+    return names | {name: name for name in known}
 
 
 def heading(text: str, slides: bool = False) -> str:
@@ -86,8 +99,9 @@ class Expression:
             raise ParameterError(
                 name, text, "arithmetic on metrics, such as 'itae + 0.5*variation'"
             ) from None
-        self._known, self._name = known_names(), name
-        self.names = sorted({self._known[each] for each in self._names_in(self._tree)})
+        self._known = known_names()
+        self._name = name
+        self.names = sorted({self._known[word] for word in self._names_in(self._tree)})
 
     def __call__(self, values: Mapping[str, Array]) -> Array:
         """Return the value where metrics have these values; arrays of any one shape."""
@@ -109,10 +123,14 @@ class Expression:
             case ast.UnaryOp(op=op, operand=inner) if type(op) in _OPERATORS:
                 return self._names_in(inner)
             case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in _FUNCTIONS:
-                if len(args) == (2 if name in ("max", "min") else 1):
-                    return [each for part in args for each in self._names_in(part)]
-        said = f"sums, products, powers and {', '.join(_FUNCTIONS)} of metrics and numbers"
-        raise ParameterError(self._name, self.text, said)
+                expected_arguments = 2 if name in ("max", "min") else 1
+                if len(args) == expected_arguments:
+                    names: list[str] = []
+                    for argument in args:
+                        names += self._names_in(argument)
+                    return names
+        expected = f"sums, products, powers and {', '.join(_FUNCTIONS)} of metrics and numbers"
+        raise ParameterError(self._name, self.text, expected)
 
     def _value(self, node: Any, values: Mapping[str, Array]) -> Any:
         """Return the value of a tree."""
@@ -121,10 +139,12 @@ class Expression:
         if isinstance(node, ast.Constant):
             return np.float64(node.value)  # type: ignore[arg-type]  # of NumPy: 1/0 is no exception
         if isinstance(node, ast.Call):
-            return _FUNCTIONS[node.func.id](*(self._value(part, values) for part in node.args))  # type: ignore[attr-defined]
+            arguments = [self._value(argument, values) for argument in node.args]
+            return _FUNCTIONS[node.func.id](*arguments)  # type: ignore[attr-defined]
+        operate = _OPERATORS[type(node.op)]
         if isinstance(node, ast.BinOp):
-            return _OPERATORS[type(node.op)](self._value(node.left, values), self._value(node.right, values))
-        return _OPERATORS[type(node.op)](self._value(node.operand, values))
+            return operate(self._value(node.left, values), self._value(node.right, values))
+        return operate(self._value(node.operand, values))
 
 
 class Constraint:
@@ -137,15 +157,18 @@ class Constraint:
             NameNotFound: when it names what is no metric.
             ParameterError: when it is no bound.
         """
-        sides = text.replace("<=", "<").replace(">=", ">") if isinstance(text, str) else ""
-        found = [sign for sign in "<>" if sides.count(sign) == 1 and len(sides.split(sign)) == 2]
-        if len(found) != 1 or "=" in sides:
+        sides = ""
+        if isinstance(text, str):
+            sides = text.replace("<=", "<").replace(">=", ">")
+        signs = [sign for sign in "<>" if sides.count(sign) == 1]
+        if len(signs) != 1 or "=" in sides:
             raise ParameterError("constraints", text, "a bound on a metric, such as 'peak_error <= 0.05'")
-        left, right = sides.split(found[0])
-        if found[0] == ">":
-            left, right = right, left
+        small, large = sides.split(signs[0])
+        if signs[0] == ">":
+            small, large = large, small
         self.text = text
-        self._small, self._large = Expression(left, "constraints"), Expression(right, "constraints")
+        self._small = Expression(small, "constraints")
+        self._large = Expression(large, "constraints")
         self.names = sorted({*self._small.names, *self._large.names})
 
     def violation(self, values: Mapping[str, Array]) -> Array:
@@ -153,7 +176,8 @@ class Constraint:
         small, large = np.broadcast_arrays(self._small(values), self._large(values))
         with np.errstate(all="ignore"):
             beyond = (small - large) / np.maximum(np.abs(large), 1e-9)
-        return np.asarray(np.where(small <= large, 0.0, np.where(np.isnan(beyond), math.inf, beyond)))
+        beyond = np.where(np.isnan(beyond), math.inf, beyond)
+        return np.asarray(np.where(small <= large, 0.0, beyond))
 
 
 class Judged(NamedTuple):
@@ -181,8 +205,8 @@ class Judged(NamedTuple):
             extra: a violation besides.
         """
         broken = np.minimum(self.violation + extra, 1e3) + 1e3 * self.failed
-        bad = ~self.feasible | (broken > 0.0)
-        return np.asarray(np.where(bad, 1e12 * (1.0 + broken), np.where(bad, 0.0, self.objective)))
+        is_bad = ~self.feasible | (broken > 0.0)
+        return np.asarray(np.where(is_bad, _BEYOND * (1.0 + broken), self.objective))
 
 
 class Objective:
@@ -205,10 +229,14 @@ class Objective:
             NameNotFound: when one names what is no metric.
             ParameterError: when one is none.
         """
-        self.expression, self.over, self.share = Expression(text), over, share
-        self.constraints = [Constraint(each) for each in constraints]
-        parts = [self.expression.names, *(each.names for each in self.constraints)]
-        self.names = sorted({name for part in parts for name in part})
+        self.expression = Expression(text)
+        self.over = over
+        self.share = share
+        self.constraints = [Constraint(bound) for bound in constraints]
+        names = set(self.expression.names)
+        for constraint in self.constraints:
+            names.update(constraint.names)
+        self.names = sorted(names)
 
     def judge(self, values: Mapping[str, Array], failed: Array) -> Judged:
         """Return what candidates are worth.
@@ -217,14 +245,15 @@ class Objective:
             values: metric -> one number per candidate and scenario, (candidates, scenarios).
             failed: which of them diverged, likewise.
         """
-        each = np.broadcast_to(self.expression(values), failed.shape)
-        failed = failed | ~np.isfinite(each)
+        costs = np.broadcast_to(self.expression(values), failed.shape)
+        failed = failed | ~np.isfinite(costs)
         broken = np.zeros(failed.shape)
         for constraint in self.constraints:
             broken = broken + np.where(failed, 0.0, constraint.violation(values))
-        each, how = np.where(failed, 0.0, each), self.over
-        if how == "cvar":  # the mean of the worst share
-            each, how = np.sort(each, axis=1)[:, -math.ceil(self.share * each.shape[1] - 1e-9) :], "mean"
-        one: Any = {"mean": np.mean, "median": np.median, "worst": np.max}[how]
-        whole = np.where(failed.any(axis=1), math.inf, one(each, axis=1))
-        return Judged(whole, failed.mean(axis=1), broken.mean(axis=1))
+        costs = np.where(failed, 0.0, costs)
+        if self.over == "cvar":  # the mean of the worst share
+            count = math.ceil(self.share * costs.shape[1] - 1e-9)
+            costs = np.sort(costs, axis=1)[:, -count:]
+        together = _TOGETHER[self.over](costs, axis=1)
+        objective = np.where(failed.any(axis=1), math.inf, together)
+        return Judged(objective, failed.mean(axis=1), broken.mean(axis=1))

@@ -12,7 +12,7 @@ from armgpi.base.arrays import Array
 from armgpi.errors import ParameterError, RolloutError
 from armgpi.studies.evaluation import Evaluator
 from armgpi.studies.objective import Judged, Objective
-from armgpi.studies.optimisers import METHODS
+from armgpi.studies.optimisers import METHODS, Optimiser
 from armgpi.studies.space import Space
 from armgpi.studies.study import Part, unkept
 
@@ -124,7 +124,10 @@ class Search:
         start = problem.space.start
         seeds = np.random.SeedSequence(problem.seed).generate_state(len(problem.budgets), np.uint64)
         method = METHODS[problem.method]
-        self._searches = [method(start, int(seed) >> 1, problem.population) for seed in seeds]
+        self._searches: list[Optimiser] = []
+        for seed in seeds:
+            seed_of_63_bits = int(seed) >> 1
+            self._searches.append(method(start, seed_of_63_bits, problem.population))
         self.rows: list[Row] = []
         self.fresh = 0
 
@@ -147,29 +150,41 @@ class Search:
         start = self.problem.space.start
         while not self.is_done:
             generation = self.rows[-1].generation + 1 if self.rows else 0
-            asked = [search.ask() for search in self._searches] if generation else [start[None]]
-            before = self.fresh
-            new = self._generation(generation, asked, part)
+            proposed = [start[None]]
             if generation:
-                self._tell(new, [len(places) for places in asked])
+                proposed = [search.ask() for search in self._searches]
+            fresh_before = self.fresh
+            new = self._generation(generation, proposed, part)
+            if generation:
+                self._tell(new, [len(places) for places in proposed])
             self.rows += new
-            enough = self.is_done or len(self.rows) >= _HOPELESS
-            if enough and all(row.failed == 1.0 for row in self.rows):
-                said = (
-                    f"something that has a value: none of {len(self.rows)} candidates had one in any scenario"
-                )
-                raise ParameterError("objective", self.problem.objective.expression.text, said)
-            if self.fresh > before:
+            self._check_that_some_ran()
+            if self.fresh > fresh_before:
                 told(self)
 
-    def _generation(self, generation: int, asked: Sequence[Array], part: Part) -> list[Row]:
+    def _check_that_some_ran(self) -> None:
+        """Refuse to go on where no candidate of many has a value.
+
+        Raises:
+            ParameterError: when none has.
+        """
+        tried = len(self.rows)
+        if tried < _HOPELESS and not self.is_done:
+            return
+        if all(row.failed == 1.0 for row in self.rows):
+            expected = f"something that has a value: none of {tried} candidates had one in any scenario"
+            raise ParameterError("objective", self.problem.objective.expression.text, expected)
+
+    def _generation(self, generation: int, proposed: Sequence[Array], part: Part) -> list[Row]:
         """Return the candidates of a generation, run or kept.
 
         Raises:
-            RolloutError: when those that were kept are not those asked for.
+            RolloutError: when those that were kept are not those proposed.
         """
-        places = np.concatenate(asked)
-        which = np.repeat(np.arange(len(asked)), [len(each) for each in asked])
+        places = np.concatenate(proposed)
+        searches: list[int] = []  # which search proposed each candidate
+        for search, candidates in enumerate(proposed):
+            searches += [search] * len(candidates)
         shape = (len(places), 3 + len(self.problem.names) + self.problem.width)
 
         def run() -> Array:
@@ -182,15 +197,15 @@ class Search:
                 "the folder's generations are not those of this search: another version of armgpi or of its "
                 "optimiser wrote them; choose another folder"
             )
-        candidates = zip(table, which.tolist(), strict=True)
-        return [self._row(each, generation, search) for each, search in candidates]
+        return [self._row(row, generation, search) for row, search in zip(table, searches, strict=True)]
 
     def _numbers(self, evaluator: Evaluator, places: Array) -> Array:
         """Return what candidates are on some scenarios: worth, means of metrics, and their places last."""
         space = self.problem.space
-        found = evaluator(space.section, [space.keys(x) for x in places])
-        means = [found.values[name].mean(axis=1) for name in self.problem.names]
-        return np.column_stack([*self.problem.objective.judge(found.values, found.failed), *means, places])
+        values, failed = evaluator(space.section, [space.keys(x) for x in places])
+        means = [values[name].mean(axis=1) for name in self.problem.names]
+        worth = self.problem.objective.judge(values, failed)
+        return np.column_stack([*worth, *means, places])
 
     def _row(self, numbers: Array, generation: int = 0, search: int = 0) -> Row:
         """Return a candidate from its numbers."""
@@ -200,16 +215,18 @@ class Search:
 
     def judge(self, evaluator: Evaluator, places: Sequence[Array] | Array) -> list[Row]:
         """Return what candidates are on some scenarios."""
-        return [self._row(each) for each in self._numbers(evaluator, np.array(places))]
+        return [self._row(row) for row in self._numbers(evaluator, np.array(places))]
 
     def _tell(self, new: list[Row], counts: Sequence[int]) -> None:
         """Tell each search what its candidates are worth, and the best one that another has found."""
+        everyone = [*self.rows, *new]
         begin = 0
-        for index, (search, count) in enumerate(zip(self._searches, counts, strict=True)):
-            own, begin = new[begin : begin + count], begin + count
-            search.tell(self._scores(own, self.problem.budgets[index]))
-            everyone = [*self.rows, *new]
-            best = everyone[int(np.argmin(self._scores(everyone, self.problem.budgets[index])))]
+        for index, search in enumerate(self._searches):
+            budget = self.problem.budgets[index]
+            proposed = new[begin : begin + counts[index]]
+            begin += counts[index]
+            search.tell(self._scores(proposed, budget))
+            best = everyone[int(np.argmin(self._scores(everyone, budget)))]
             if best.search != index and best.generation:
                 search.inject(best.x)
 
@@ -223,8 +240,10 @@ class Search:
 
     def rank(self, budget: float = math.inf) -> list[Row]:
         """Return the candidates that fail nowhere and keep a budget, best first, each once."""
-        sound = [row for row in self.rows if row.sound and row.means[self.problem.against] <= budget]
-        unique = {row.x.tobytes(): row for row in reversed(sound)}
+        unique: dict[bytes, Row] = {}
+        for row in reversed(self.rows):
+            if row.sound and row.means[self.problem.against] <= budget:
+                unique[row.x.tobytes()] = row  # the first one of a place stays
         return sorted(unique.values(), key=lambda row: row.objective)
 
     def validate(self) -> list[Validated]:
@@ -232,18 +251,21 @@ class Search:
 
         A candidate that fails there is never the best. Budgets without one are left out.
         """
-        chosen = {budget: self.rank(budget)[:_VALIDATED] for budget in self.problem.budgets}
-        unique = {row.x.tobytes(): row for rows in chosen.values() for row in rows}
-        if not unique:
+        best_of = {budget: self.rank(budget)[:_VALIDATED] for budget in self.problem.budgets}
+        places: dict[bytes, Array] = {}
+        for rows in best_of.values():
+            places |= {row.x.tobytes(): row.x for row in rows}
+        if not places:
             return []
-        judged = self.judge(self.problem.held_out, [row.x for row in unique.values()])
-        held = dict(zip(unique, judged, strict=True))
-        found = []
-        for budget, rows in chosen.items():
-            holding = [row for row in rows if held[row.x.tobytes()].sound]
+        judged = self.judge(self.problem.held_out, [*places.values()])
+        held_out = dict(zip(places, judged, strict=True))
+        validated = []
+        for budget, rows in best_of.items():
+            holding = [row for row in rows if held_out[row.x.tobytes()].sound]
             if holding:
-                found.append(Validated(budget, holding[0], held[holding[0].x.tobytes()]))
-        return found
+                best = holding[0]
+                validated.append(Validated(budget, best, held_out[best.x.tobytes()]))
+        return validated
 
     def judge_start(self) -> Row:
         """Return what the section as it was given is on the held-out scenarios."""

@@ -16,8 +16,12 @@ from armgpi.errors import import_extra
 
 #: First step size, as a share of the range.
 _STEP = 0.25
-#: A swarm's inertia and attractions: Clerc and Kennedy, 2002.
-_INERTIA, _PULL = 0.7298, 1.49618
+#: Share of its velocity that a particle keeps [-]: Clerc and Kennedy, 2002.
+_INERTIA = 0.7298
+#: Its attractions to the best places, likewise.
+_PULL = 1.49618
+#: Score of what has none: the libraries take neither NaN nor infinity.
+_NO_SCORE = 1e300
 
 
 class Optimiser(Protocol):
@@ -82,8 +86,8 @@ class CMA:
 
     def tell(self, scores: Array) -> None:
         """Take scores; see :meth:`Optimiser.tell`."""
-        # The library takes NaN without a word.
-        self._strategy.tell(self._asked, np.where(np.isfinite(scores), scores, 1e300).tolist())
+        finite_scores = np.where(np.isfinite(scores), scores, _NO_SCORE)
+        self._strategy.tell(self._asked, finite_scores.tolist())
 
     def inject(self, x: Array) -> None:
         """Take a candidate; see :meth:`Optimiser.inject`."""
@@ -100,16 +104,16 @@ class Swarm:
         self._x = self._random.uniform(size=(count, len(start)))
         self._x[0] = start
         self._v = 0.25 * (self._random.uniform(size=self._x.shape) - self._x)
-        self._best, self._scores = self._x.copy(), np.full(count, np.inf)
+        self._best = self._x.copy()
+        self._scores = np.full(count, np.inf)
 
     def ask(self) -> Array:
         """Return candidates; see :meth:`Optimiser.ask`."""
         if np.isfinite(self._scores).any():
             leader = self._best[int(np.argmin(self._scores))]
-            own, common = self._random.uniform(size=(2, *self._x.shape))
-            self._v = _INERTIA * self._v + _PULL * (
-                own * (self._best - self._x) + common * (leader - self._x)
-            )
+            to_best, to_leader = self._random.uniform(size=(2, *self._x.shape))
+            attraction = to_best * (self._best - self._x) + to_leader * (leader - self._x)
+            self._v = _INERTIA * self._v + _PULL * attraction
             moved = self._x + self._v
             self._x = np.clip(moved, 0.0, 1.0)
             self._v = np.where(moved == self._x, self._v, -0.5 * self._v)
@@ -152,12 +156,16 @@ class Parzen:
     def ask(self) -> Array:
         """Return candidates; see :meth:`Optimiser.ask`."""
         self._asked = [self._study.ask(self._ranges) for _ in range(self._count)]
-        return np.array([[trial.params[name] for name in self._ranges] for trial in self._asked])
+        places = np.empty((self._count, len(self._ranges)))
+        for row, trial in zip(places, self._asked, strict=True):
+            row[:] = [trial.params[name] for name in self._ranges]
+        return places
 
     def tell(self, scores: Array) -> None:
         """Take scores; see :meth:`Optimiser.tell`."""
         for trial, score in zip(self._asked, scores, strict=True):
-            self._study.tell(trial, min(float(score), 1e300) if score == score else 1e300)
+            is_number = score == score
+            self._study.tell(trial, min(float(score), _NO_SCORE) if is_number else _NO_SCORE)
 
     def inject(self, x: Array) -> None:
         """Take a candidate; see :meth:`Optimiser.inject`."""

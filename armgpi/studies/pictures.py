@@ -41,34 +41,35 @@ def _name(budget: float) -> str:
 
 def _convergence(axes: Axes, search: Search) -> None:
     """Draw the best objective over the candidates."""
-    for index, (budget, best) in enumerate(zip(search.problem.budgets, convergence(search), strict=True)):
-        shown = np.where(np.isfinite(best), best, np.nan)
-        axes.plot(np.arange(1, len(best) + 1), shown, color=style.look(index).color, label=_name(budget))
-    _log(axes.set_yscale, [row.objective for row in search.rows])
     problem = search.problem
+    for index, best in enumerate(convergence(search)):
+        candidates = np.arange(1, len(best) + 1)
+        objective = np.where(np.isfinite(best), best, np.nan)
+        label = _name(problem.budgets[index])
+        axes.plot(candidates, objective, color=style.look(index).color, label=label)
+    _log(axes.set_yscale, [row.objective for row in search.rows])
     name = plots.text(heading(problem.objective.expression.text, problem.slides))
     axes.set(xlabel="candidate", ylabel=name, title="convergence")
-    if len(search.problem.budgets) > 1:
+    if len(problem.budgets) > 1:
         axes.legend(fontsize="x-small")
 
 
 def _front(axes: Axes, search: Search, found: Sequence[Validated], given: Row) -> None:
     """Draw what candidates cost, which no other beats, and what was found on held-out scenarios."""
     against = search.problem.against
-    rows, best = search.rank(), front(search)
-    axes.scatter(*_costs(rows, against), s=6, color=style.QUIET, alpha=0.5, label="candidates", linewidths=0)
-    axes.plot(
-        *_costs(best, against), color=style.PALETTE[0], linewidth=1.2, label="front", drawstyle="steps-post"
-    )
-    held = [each.held_out for each in found]
-    axes.scatter(
-        *_costs(held, against), marker="D", s=28, color=style.PALETTE[1], label="best, held out", zorder=3
-    )
+    first_color, second_color, third_color, *_ = style.PALETTE
+    candidates = search.rank()
+    spent, objectives = _costs(candidates, against)
+    axes.scatter(spent, objectives, s=6, color=style.QUIET, alpha=0.5, label="candidates", linewidths=0)
+    spent, objectives = _costs(front(search), against)
+    axes.plot(spent, objectives, color=first_color, linewidth=1.2, label="front", drawstyle="steps-post")
+    held_out = [validated.held_out for validated in found]
+    spent, objectives = _costs(held_out, against)
+    axes.scatter(spent, objectives, marker="D", s=28, color=second_color, label="best, held out", zorder=3)
     if given.sound:
-        axes.scatter(
-            *_costs([given], against), marker="s", s=28, color=style.PALETTE[2], label="default, held out"
-        )
-    shown = [*rows, *held]
+        spent, objectives = _costs([given], against)
+        axes.scatter(spent, objectives, marker="s", s=28, color=third_color, label="default, held out")
+    shown = [*candidates, *held_out]
     _log(axes.set_xscale, [row.means[against] for row in shown])
     _log(axes.set_yscale, [row.objective for row in shown])
     slides = search.problem.slides
@@ -82,11 +83,10 @@ def _gains(axes: Axes, search: Search, found: Sequence[Validated]) -> None:
     space = search.problem.space
     places = np.arange(len(space.names))
     axes.scatter(space.start, places, marker="s", s=28, color=style.PALETTE[2], label="default")
-    for index, each in enumerate(found):
-        axes.scatter(
-            each.row.x, places, marker="D", s=24, color=style.look(index).color, label=_name(each.budget)
-        )
-    axes.set_yticks(places, [plots.text(each.label(space.joints)) for each in space.dimensions])
+    for index, validated in enumerate(found):
+        color, label = style.look(index).color, _name(validated.budget)
+        axes.scatter(validated.row.x, places, marker="D", s=24, color=color, label=label)
+    axes.set_yticks(places, [plots.text(dimension.label(space.joints)) for dimension in space.dimensions])
     axes.set_xticks([0.0, 1.0], ["low", "high"])
     axes.invert_yaxis()
     axes.set(xlim=(-0.03, 1.03), title="numbers in their ranges")
@@ -94,7 +94,9 @@ def _gains(axes: Axes, search: Search, found: Sequence[Validated]) -> None:
 
 
 def _costs(rows: Sequence[Row], against: str) -> tuple[list[float], list[float]]:
-    return [row.means[against] for row in rows], [row.objective for row in rows]
+    """Return what candidates spend, and their objectives."""
+    spent = [row.means[against] for row in rows]
+    return spent, [row.objective for row in rows]
 
 
 def _log(scale: Any, values: Sequence[float]) -> None:
@@ -107,8 +109,8 @@ def _log(scale: Any, values: Sequence[float]) -> None:
 def contest_picture(entries: Sequence[Entry]) -> bytes:
     """Return the fronts of a contest as PNG: a row for each arm, a column for each class of several laws."""
     arms = list(dict.fromkeys(entry.arm for entry in entries))
-    every = classes(entries)
-    groups = {name: laws for name, laws in every.items() if len(laws) > 1} or every
+    all_groups = classes(entries)
+    groups = {name: laws for name, laws in all_groups.items() if len(laws) > 1} or all_groups
     with plots.styled():
         figure = Figure(figsize=(6.2 * len(groups), 2.8 * len(arms)), layout="constrained")
         panels = figure.subplots(len(arms), len(groups), squeeze=False)
@@ -128,12 +130,13 @@ def _draw_fronts(axes: Any, laws: Sequence[str], values: Mapping[str, Mapping[st
     for index, law in enumerate(laws):
         if law not in values:
             continue
-        error = [x if math.isfinite(x) else math.nan for x in values[law].values()]
+        budgets = [float(budget) for budget in values[law]]
+        errors = [error if math.isfinite(error) else math.nan for error in values[law].values()]
         color, dashes = style.look(index)
-        looks: Any = {"linestyle": (0, (4, 1.5)), "marker": "x"}
-        if CONTENDERS[law].gpi:
-            looks = {"linestyle": dashes, "marker": "o"}
-        axes.plot([*map(float, values[law])], error, color=color, label=law, markersize=3.5, **looks)
+        marker = "o"
+        if not CONTENDERS[law].gpi:
+            dashes, marker = (0, (4, 1.5)), "x"
+        axes.plot(budgets, errors, color=color, label=law, markersize=3.5, linestyle=dashes, marker=marker)
     axes.set(xscale="log", yscale="log", xlabel="torque variation up to [N m]")
     ticks = [float(budget) for budget in next(iter(values.values()))]
     axes.set_xticks(ticks, [f"{tick:.3g}" for tick in ticks])

@@ -26,12 +26,16 @@ _NEEDS = {
     "link_factor": "",
     "rotor_factor": "",
 }
-#: Parts of an experiment that scenarios have of their own; what to do about their numbers, and others'.
+#: Parts of an experiment that scenarios have of their own.
 _DRAWN = ("robot", "plant", "reference", "supervisor", "reality")
+#: What to do about a number of one of them.
 _ELSE = "scenarios are drawn, and a controller's numbers searched: `armgpi sweep` varies all others"
+#: What to do about a parameter of the controller that is no number.
 _FORM = "it decides the form of the generated code: make a search for each value"
 #: Least value of what is varied by factors and may be zero.
 _LEAST = 1e-12
+#: Ends of a box whose section gives none, to begin with [rad/s].
+_BEGIN_OF_BOX = 30.0
 
 
 class Range(NamedTuple):
@@ -76,8 +80,12 @@ class Dimension(NamedTuple):
     @property
     def name(self) -> str:
         """What it is called, but for its joint."""
-        basis = "" if self.basis is None else str(self.basis + 1)
-        return ".".join(part for part in (self.key, self.end, basis) if part)
+        parts = [self.key]
+        if self.end:
+            parts.append(self.end)
+        if self.basis is not None:
+            parts.append(str(self.basis + 1))
+        return ".".join(parts)
 
     def name_with(self, joints: Sequence[str]) -> str:
         """Return what it is called, with the name of its joint."""
@@ -127,32 +135,34 @@ class Space:
             ParameterError: when a range leaves the bounds of its parameter, or nothing is free.
         """
         self.section = copy.deepcopy(dict(section))
-        kind = KINDS[section["type"]]
         known = numbers(made)
-        chosen = dict.fromkeys(_default(known, section), Range()) if free is None else dict(free)
-        chosen = {key.removeprefix("controller."): searched for key, searched in chosen.items()}
-        if not chosen:
-            raise ParameterError("free", list(chosen), f"some of {', '.join(known)}")
+        if free is None:
+            free = dict.fromkeys(_default(known, section), Range())
+        ranges = {key.removeprefix("controller."): searched for key, searched in free.items()}
+        if not ranges:
+            raise ParameterError("free", [], f"some of {', '.join(known)}")
         self.dimensions: list[Dimension] = []
-        for key, searched in chosen.items():
+        for key, searched in ranges.items():
             if key not in known:
-                remedy = _ELSE if key.split(".")[0] in _DRAWN else _FORM if key in kind.parameters else ""
-                raise NameNotFound("number to search", key, () if remedy else tuple(known), remedy)
+                raise _not_found(key, section["type"], known)
             declared, value = known[key].declared, known[key].value
             low, high = _ends(key, declared, searched, value)
             begin = _begin(declared, value, low, high, made)
             self.dimensions += _dimensions(key, declared, begin, low, high, searched)
         self.joints = made.robot.joint_names
-        self.names = [each.name_with(self.joints) for each in self.dimensions]
+        self.names = [dimension.name_with(self.joints) for dimension in self.dimensions]
 
     @property
     def start(self) -> Array:
         """Where the section's own values are, shape (d,)."""
-        return np.array([each.place(each.start) for each in self.dimensions])
+        return np.array([dimension.place(dimension.start) for dimension in self.dimensions])
 
     def values(self, x: Array) -> Array:
         """Return the numbers at a place in the cube, shape (d,)."""
-        return np.array([each.value(float(at)) for each, at in zip(self.dimensions, x, strict=True)])
+        values = []
+        for dimension, place in zip(self.dimensions, x, strict=True):
+            values.append(dimension.value(float(place)))
+        return np.array(values)
 
     def keys(self, x: Array) -> dict[str, Any]:
         """Return the values of the free keys at a place in the cube, as an experiment file has them."""
@@ -160,10 +170,10 @@ class Space:
 
     def keys_of(self, values: Sequence[float] | Array) -> dict[str, Any]:
         """Return the values of the free keys, as an experiment file has them, from the numbers."""
-        found: dict[str, list[tuple[Dimension, float]]] = {}
-        for each, value in zip(self.dimensions, values, strict=True):
-            found.setdefault(each.key, []).append((each, float(value)))
-        return {key: _value(own) for key, own in found.items()}
+        numbers_of: dict[str, list[_Number]] = {}
+        for dimension, value in zip(self.dimensions, values, strict=True):
+            numbers_of.setdefault(dimension.key, []).append(_Number(dimension, float(value)))
+        return {key: _value(numbers) for key, numbers in numbers_of.items()}
 
     def with_values(self, x: Array) -> dict[str, Any]:
         """Return the section with the numbers at a place in the cube."""
@@ -172,17 +182,34 @@ class Space:
 
 def numbers(made: Controller) -> dict[str, Variable]:
     """Return what can be searched of a controller, by its keys in a file: those of groups have a dot."""
-    found = (each for each in of_controller(made) if each.declared.kind in ("number", "box", "table"))
-    own = {each.name.removeprefix("controller."): each for each in found if not each.fixed}
-    return {key: each for key, each in own.items() if each.declared.in_file and key not in CHANGES}
+    searchable = {}
+    for variable in of_controller(made):
+        key = variable.name.removeprefix("controller.")
+        declared = variable.declared
+        is_number = declared.kind in ("number", "box", "table")
+        if is_number and declared.in_file and not variable.fixed and key not in CHANGES:
+            searchable[key] = variable
+    return searchable
+
+
+def _not_found(key: str, kind: str, known: Mapping[str, Variable]) -> NameNotFound:
+    """Return the error for a key that is no number of a controller, with what to do instead."""
+    remedy = ""
+    if key.split(".")[0] in _DRAWN:
+        remedy = _ELSE
+    elif key in KINDS[kind].parameters:
+        remedy = _FORM
+    return NameNotFound("number to search", key, () if remedy else tuple(known), remedy)
 
 
 def _default(known: Mapping[str, Variable], section: Mapping[str, Any]) -> list[str]:
     """Return the keys that are free when nothing is said."""
-    declared = {key: each.declared for key, each in known.items() if each.declared.kind != "table"}
-    searched = [key for key, each in declared.items() if each.search]
+    no_tables = {key: variable for key, variable in known.items() if variable.declared.kind != "table"}
+    searched = [key for key, variable in no_tables.items() if variable.declared.search]
     if not searched:  # who declares none has all of which something tells a range
-        searched = [key for key, each in declared.items() if each.range(known[key].value) is not None]
+        for key, variable in no_tables.items():
+            if variable.declared.range(variable.value) is not None:
+                searched.append(key)
     return [key for key in searched if key not in _NEEDS or section.get(_NEEDS[key])]
 
 
@@ -193,11 +220,16 @@ def _ends(key: str, declared: Parameter, searched: Range, value: Any) -> tuple[f
         ParameterError: when they leave the bounds of the parameter, or are no range.
     """
     known = declared.range(value)
-    if known is None and None in searched[:2]:
+    if known is None and None in (searched.low, searched.high):
         raise ParameterError(f"free.{key}", value, "low and high: nothing declares a range of it")
-    low, high = (x if y is None else y for x, y in zip(known or (0.0, 0.0), searched[:2], strict=True))
-    if outside := [end for end in (low, high) if not declared.inside(np.array(end))]:
-        raise ParameterError(f"free.{key}", outside[0], f"within the bounds of {key}: {declared.bounds}")
+    low, high = known or (0.0, 0.0)
+    if searched.low is not None:
+        low = searched.low
+    if searched.high is not None:
+        high = searched.high
+    for end in (low, high):
+        if not declared.inside(np.array(end)):
+            raise ParameterError(f"free.{key}", end, f"within the bounds of {key}: {declared.bounds}")
     if not low < high:
         raise ParameterError(f"free.{key}", [low, high], "a lowest value below the highest")
     if declared.log and low <= 0.0:
@@ -211,24 +243,26 @@ def _begin(declared: Parameter, value: Any, low: float, high: float, made: Any) 
     if declared.kind == "table":
         return np.zeros((n, made.gains.size)) if value is None else value
     if declared.kind == "box":
-        return value if value is not None else (np.full(n, 30.0), np.full(n, 30.0))
+        if value is None:
+            return np.full(n, _BEGIN_OF_BOX), np.full(n, _BEGIN_OF_BOX)
+        return value
     if value is None:  # as another one is: begin in the middle
         value = math.sqrt(low * high) if declared.log else 0.5 * (low + high)
-    return np.broadcast_to(np.asarray(value, dtype=np.float64), (n,) if declared.per_joint else ())
+    shape = (n,) if declared.per_joint else ()
+    return np.broadcast_to(np.asarray(value, dtype=np.float64), shape)
 
 
 def _dimensions(
     key: str, declared: Parameter, begin: Any, low: float, high: float, searched: Range
 ) -> list[Dimension]:
     """Return the numbers of one parameter."""
-    log = declared.log
-    ends = [("", begin)]
+    ends = {"": begin}
     if isinstance(begin, tuple):
         # One value that does not vary is one number, a box has two.
-        same = np.array_equal(*begin)
-        ends = [("", begin[0])] if same else [("lower", begin[0]), ("upper", begin[1])]
-    found = []
-    for end, start in ends:
+        lower, upper = begin
+        ends = {"": lower} if np.array_equal(lower, upper) else {"lower": lower, "upper": upper}
+    dimensions = []
+    for end, start in ends.items():
         # A table's last axis is that of the basis functions.
         functions = range(start.shape[-1]) if declared.kind == "table" else [None]
         joints = range(len(start)) if searched.per_joint and start.ndim else [None]
@@ -236,22 +270,43 @@ def _dimensions(
             for basis in functions:
                 value = start if basis is None else start[..., basis]
                 value = value if joint is None else value[joint]
-                shared = np.clip(value, low, high)
-                mean = math.exp(np.log(shared).mean()) if log else float(np.mean(shared))
-                found.append(Dimension(key, end, joint, basis, low, high, log, mean, declared.unit or ""))
-    return found
+                inside = np.clip(value, low, high)
+                # What joints share begins at their mean.
+                mean = math.exp(np.log(inside).mean()) if declared.log else float(np.mean(inside))
+                dimension = Dimension(
+                    key, end, joint, basis, low, high, declared.log, mean, declared.unit or ""
+                )
+                dimensions.append(dimension)
+    return dimensions
 
 
-def _value(own: Sequence[tuple[Dimension, float]]) -> Any:
+class _Number(NamedTuple):
+    """A number that is searched, and its value."""
+
+    dimension: Dimension
+    value: float
+
+
+def _value(numbers: Sequence[_Number]) -> Any:
     """Return the value of a key from its numbers, as an experiment file has it."""
-    if own[0][0].end:
-        ends = [[(d._replace(end=""), v) for d, v in own if d.end == end] for end in ("lower", "upper")]
-        lower, upper = np.array(_value(ends[0])), np.array(_value(ends[1]))
+    first = numbers[0].dimension
+    if first.end:
+        lower, upper = (np.array(_value(_of_end(numbers, end))) for end in ("lower", "upper"))
         # Whichever is the smaller one is the lower end.
         low, high = np.minimum(lower, upper), np.maximum(lower, upper)
         return {"lower": low.tolist(), "upper": high.tolist()}
-    values = [value for _, value in own]
-    joints = {each.joint for each, _ in own}
-    if own[0][0].basis is None:
-        return values if None not in joints else values[0]
-    return values if None in joints else np.reshape(values, (len(joints), -1)).tolist()
+    values = [number.value for number in numbers]
+    joints = {number.dimension.joint for number in numbers}
+    is_shared = None in joints
+    if first.basis is None:
+        return values[0] if is_shared else values
+    return values if is_shared else np.reshape(values, (len(joints), -1)).tolist()
+
+
+def _of_end(numbers: Sequence[_Number], end: str) -> list[_Number]:
+    """Return the numbers of one end of a box, as if they were no end."""
+    of_end = []
+    for dimension, value in numbers:
+        if dimension.end == end:
+            of_end.append(_Number(dimension._replace(end=""), value))
+    return of_end
