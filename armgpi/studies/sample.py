@@ -123,8 +123,8 @@ class Sweep:
         varied, apart = without_draws._distributions(origin)
         size = _chunk_size(config, experiment.t_final, [varied[name] for name in apart])
         sweep = replace(without_draws, varied=varied, apart=apart, size=size)
-        asked = {"method": "sweep", "sampling": sampling, "failure": failure, "size": size}
-        object.__setattr__(sweep, "identity", identify(config, asked))
+        request = {"method": "sweep", "sampling": sampling, "failure": failure, "size": size}
+        object.__setattr__(sweep, "identity", identify(config, request))
         return sweep
 
     def _distributions(self, origin: Origin) -> tuple[dict[str, Distribution], tuple[str, ...]]:
@@ -138,28 +138,46 @@ class Sweep:
         for name, section in self.config.vary.items():
             try:
                 if name == IDENTIFICATION:
-                    if given := [kind for kind in KINDS if getattr(section, kind) is not None]:
-                        said = "{}: what was identified says how it is distributed"
-                        raise ParameterError(name, given[0], said)
-                    # In units of what is left open of each unknown of the arm.
-                    varied[name] = Distribution("normal", (0.0, 1.0), len(self._posterior.mean))
+                    varied[name] = self._identified(section)
                     continue
                 if IDENTIFICATION in self.config.vary and name in _IDENTIFIED:
                     raise ParameterError(name, "varied", f"left to {IDENTIFICATION}, which draws it as well")
-                variable, quick = self._find_variable(name)
+                variable, given_anew = self._find_variable(name)
                 varied[name] = distribution(name, section, variable.declared, self.robot.n, variable.value)
-                if quick:
-                    continue
-                apart.append(name)
-                middle = float(varied[name].of(np.array([0.5]))[0])
-                row = dict.fromkeys(self._columns_of(name, varied[name]), middle)
-                replace(self, varied=dict(varied))._loop(row)
-            except ConfigError as error:
-                said = f"{error.key}: {str(error).removeprefix(f'{error.source}: {error.key}: ')}"
-                raise origin.error(("vary", name), f"at {middle:g}, {said}") from None
             except (ParameterError, NameNotFound) as error:
                 raise origin.error(("vary", name), str(error).removeprefix(f"{name}: ")) from None
+            if not given_anew:
+                apart.append(name)
+                replace(self, varied=dict(varied))._check_middle(name, origin)
         return varied, tuple(apart)
+
+    def _identified(self, section: Any) -> Distribution:
+        """Return what an identified arm is drawn from, in units of what is left open of each unknown.
+
+        Raises:
+            ParameterError: when the file states a distribution, or the arm was not identified.
+        """
+        for kind in KINDS:
+            if getattr(section, kind) is not None:
+                expected = "{}: what was identified says how it is distributed"
+                raise ParameterError(IDENTIFICATION, kind, expected)
+        return Distribution("normal", (0.0, 1.0), len(self._posterior.mean))
+
+    def _check_middle(self, name: str, origin: Origin) -> None:
+        """Make the loop of the middle of what a number is drawn from, to see whether it can be made.
+
+        Raises:
+            ConfigError: when it cannot; it names the key, and the value.
+        """
+        drawn = self.varied[name]
+        middle = float(drawn.of(np.array([0.5]))[0])
+        try:
+            self._loop(dict.fromkeys(self._columns_of(name, drawn), middle))
+        except ConfigError as error:
+            reason = str(error).removeprefix(f"{error.source}: {error.key}: ")
+            raise origin.error(("vary", name), f"at {middle:g}, {error.key}: {reason}") from None
+        except (ParameterError, NameNotFound) as error:
+            raise origin.error(("vary", name), str(error).removeprefix(f"{name}: ")) from None
 
     def enter(self, folder: Path, accept_code: bool = False) -> Study:
         """Make a folder that of this sweep, or find that it is; see :meth:`Study.enter`."""
@@ -173,16 +191,20 @@ class Sweep:
     @property
     def columns(self) -> list[str]:
         """Names of the numbers of a rollout: what was drawn, metrics of every joint, and how it ended."""
-        joints = self.robot.joint_names
-        drawn = [*_DRAWN] if self.config.reality is not None else []
-        for name, each in self.varied.items():
-            drawn += self._columns_of(name, each)
-        return [*drawn, *(f"{name}[{joint}]" for name in self.metrics for joint in joints), *self.ends]
+        columns = [*_DRAWN] if self.config.reality is not None else []
+        for name, distribution_of_name in self.varied.items():
+            columns += self._columns_of(name, distribution_of_name)
+        for name in self.metrics:
+            columns += [f"{name}[{joint}]" for joint in self.robot.joint_names]
+        return columns + self.ends
 
     @property
     def ends(self) -> list[str]:
         """Names of the numbers that say how a rollout ended."""
-        return ["status", "t_end", *(() if self.experiment.supervisor is None else FAULTS)]
+        ends = ["status", "t_end"]
+        if self.experiment.supervisor is not None:
+            ends += FAULTS
+        return ends
 
     @property
     def drawn_names(self) -> list[str]:
@@ -198,8 +220,13 @@ class Sweep:
         """Return the names of the numbers of what is drawn, once for a rollout or several times."""
         if drawn.joints == 1:
             return [name]
-        of_joint = [f".{quantity}" for quantity in COLUMNS] if name == IDENTIFICATION else [""]
-        return [f"{name}[{joint}{each}]" for joint in self.robot.joint_names for each in of_joint]
+        columns = []
+        for joint in self.robot.joint_names:
+            if name == IDENTIFICATION:
+                columns += [f"{name}[{joint}.{quantity}]" for quantity in COLUMNS]
+            else:
+                columns.append(f"{name}[{joint}]")
+        return columns
 
     def rows(self, chunk: int, rollouts: int) -> int:
         """Return how many rollouts a chunk has where there are so many in all."""
@@ -212,27 +239,34 @@ class Sweep:
 
     def numbers(self, chunk: int, rows: int) -> Array:
         """Return what is drawn for the first rollouts of a chunk, shape (rows, numbers)."""
-        return self.drawn_at(shares(self.sampling, self.config.seed, chunk * self.size, rows, self.streams))
+        first = chunk * self.size
+        return self.drawn_at(shares(self.sampling, self.config.seed, first, rows, self.streams))
 
     @property
     def streams(self) -> list[str]:
         """Names that the draws of each number depend on: those of other arms have the same."""
-        return [f"{name}[{j}]" for name, each in self.varied.items() for j in range(each.joints)]
+        streams = []
+        for name, drawn in self.varied.items():
+            streams += [f"{name}[{j}]" for j in range(drawn.joints)]
+        return streams
 
     def drawn_at(self, u: Array) -> Array:
         """Return what is drawn at points of the unit cube, both (rows, width)."""
-        parts, place = [np.empty((len(u), 0))], 0
+        columns = [np.empty((len(u), 0))]
+        begin = 0
         for drawn in self.varied.values():
-            parts.append(drawn.of(u[:, place : place + drawn.joints]))
-            place += drawn.joints
-        return np.hstack(parts)
+            end = begin + drawn.joints
+            columns.append(drawn.of(u[:, begin:end]))
+            begin = end
+        return np.hstack(columns)
 
     def run(self, chunk: int, rows: int) -> Array:
         """Run a chunk and return its numbers (rows, columns): a function of the study and the chunk."""
         if self.config.reality is not None:
             return self._run_draws(chunk, rows)
         drawn = self.numbers(chunk, rows)
-        seeds = (self.config.seed + chunk * self.size + np.arange(rows, dtype=np.uint64)).astype(np.uint64)
+        first_seed = self.config.seed + chunk * self.size
+        seeds = (first_seed + np.arange(rows, dtype=np.uint64)).astype(np.uint64)
         return np.hstack([drawn, self._flat(self.table(drawn, seeds))])
 
     def drew(self, table: Array, chunk: int) -> bool:
@@ -247,34 +281,42 @@ class Sweep:
 
     def values(self, drawn: Array) -> dict[str, Any]:
         """Return what was drawn, (rows, width), as a prepared loop takes it."""
-        values, place = dict[str, Any](), 0
+        values: dict[str, Any] = {}
         load = self.config.plant.payload
         if "plant.payload.mass" in self.varied and load is not None:  # the place goes with the mass
-            values |= {"plant.payload.frame": load.frame or self.robot.tip, "plant.payload.com": [load.com]}
-        for name, each in self.varied.items():
-            part = drawn[:, place : place + each.joints]
+            values["plant.payload.frame"] = load.frame or self.robot.tip
+            values["plant.payload.com"] = [load.com]
+        begin = 0
+        for name, distribution_of_name in self.varied.items():
+            end = begin + distribution_of_name.joints
+            columns = drawn[:, begin:end]
+            begin = end
             if name not in self.apart:
-                values[name] = part if each.joints > 1 else part[:, 0]
-            place += each.joints
+                values[name] = columns if distribution_of_name.joints > 1 else columns[:, 0]
         if IDENTIFICATION in values:  # whose arms have their load
-            values = {name: value for name, value in values.items() if name not in (IDENTIFICATION, *_LOAD)}
+            for name in (IDENTIFICATION, *_LOAD):
+                values.pop(name, None)
         return values
 
     def table(self, drawn: Array, seeds: Any) -> dict[str, Array]:
         """Return metrics (rows, joints) and ends of rollouts with these numbers, (rows, width), and seeds."""
-        names = self.drawn_names
-        apart = [column for column, name in enumerate(names) if name.split("[")[0] in self.apart]
+        columns_apart = []
+        names_apart = []
+        for column, name in enumerate(self.drawn_names):
+            if name.split("[")[0] in self.apart:
+                columns_apart.append(column)
+                names_apart.append(name)
         rows_of: dict[tuple[float, ...], list[int]] = {}
-        for row, numbers in enumerate(drawn[:, apart].tolist()):
+        for row, numbers in enumerate(drawn[:, columns_apart].tolist()):
             rows_of.setdefault(tuple(numbers), []).append(row)
         table: dict[str, Array] = {}
         for numbers, rows in rows_of.items():
-            part = drawn[rows]
+            drawn_there = drawn[rows]
             if IDENTIFICATION in self.varied:
-                loop = self._loop_of(part)
+                loop = self._loop_of(drawn_there)
             else:
-                loop = self._loop(dict(zip([names[column] for column in apart], numbers, strict=True)))
-            result = in_rows(_run_compiled(loop, self.values(part), seeds[rows]))
+                loop = self._loop(dict(zip(names_apart, numbers, strict=True)))
+            result = in_rows(_run_compiled(loop, self.values(drawn_there), seeds[rows]))
             for name in (*self.metrics, *self.ends):
                 values = result[name].values
                 if name not in table:
@@ -294,19 +336,22 @@ class Sweep:
         """
         if self.config.reality is not None:
             return self.config.replace(reality=self.config.reality.replace(index=index), failure={})
-        return self._config_with(row, self.config.seed + index if seed is None else seed)
+        if seed is None:
+            seed = self.config.seed + index
+        return self._config_with(row, seed)
 
     def _config_with(self, row: Mapping[str, float], seed: int) -> ExperimentConfig:
         """Return the experiment with numbers that were drawn, all of them or some."""
         # With every default filled in, as that of what varies must not change those.
         data = self.experiment.config.replace(vary={}, failure={}, seed=seed).plain()
-        if (supervisor := self.experiment.supervisor) is not None:  # as it suits the sensors of the file
+        supervisor = self.experiment.supervisor
+        if supervisor is not None:  # as it suits the sensors of the file
             data["supervisor"]["resolution"] = np.asarray(supervisor.resolution).tolist()
             data["supervisor"]["frozen"] = supervisor.frozen_samples
-        for name, each in self.varied.items():
-            values = [row[key] for key in self._columns_of(name, each) if key in row]
+        for name, drawn in self.varied.items():
+            values = [row[column] for column in self._columns_of(name, drawn) if column in row]
             if values:
-                _put(data, name, values if each.joints > 1 else values[0], self)
+                _put(data, name, values if drawn.joints > 1 else values[0], self)
         return check(data, Origin("a rollout"))
 
     def fails(self, table: Mapping[str, Array]) -> Any:
@@ -324,33 +369,33 @@ class Sweep:
             ParameterError: when it cannot vary.
         """
         known = self._loop().parameters
-        found, value = known.get(name), None
-        quick = found is not None and not found.fixed
+        of_loop = known.get(name)
+        value = None
         try:
             declared, value = keys.find(self.experiment.config, name)
             if isinstance(value, Mapping):  # in the file's order, and maybe of some joints alone
                 joints = self.robot.joint_names
                 value = [value[joint] for joint in joints] if {*joints} <= {*value} else None
         except LookupError:
-            if found is None:
-                absent = map("plant.{}".format, type(self.experiment.config.plant).keys)
-                raise NameNotFound(
-                    "number of this experiment", name, dict.fromkeys([*known, *absent])
-                ) from None
-            if found.fixed:
-                raise ParameterError(name, found.value, f"left as it is: {found.fixed}") from None
-            declared = found.declared
+            if of_loop is None:
+                of_plant = [f"plant.{key}" for key in type(self.experiment.config.plant).keys]
+                names = dict.fromkeys([*known, *of_plant])
+                raise NameNotFound("number of this experiment", name, names) from None
+            if of_loop.fixed:
+                raise ParameterError(name, of_loop.value, f"left as it is: {of_loop.fixed}") from None
+            declared = of_loop.declared
         if name in _KEPT_AS_IT_IS or declared.kind not in ("number", "integer", "box", "times"):
-            said = "a number that differs by rollout; of three vary one, as in plant.payload.com.0"
-            raise ParameterError(name, value, said)
-        if quick and found is not None:
-            if name.startswith("plant.loads."):
-                arm: Any = inside(self.experiment.plant)
-                if len(self.config.plant.loads) != len(arm.loads):  # an entry of the file is several loads
-                    said = "the number of a load that is one entry of the file"
-                    raise ParameterError(name, value, said)
-            declared, value = found.declared, found.value if value is None else value
-        return Variable(name, declared, value), quick
+            expected = "a number that differs by rollout; of three vary one, as in plant.payload.com.0"
+            raise ParameterError(name, value, expected)
+        if of_loop is None or of_loop.fixed:
+            return Variable(name, declared, value), False
+        if name.startswith("plant.loads."):
+            arm: Any = inside(self.experiment.plant)
+            if len(self.config.plant.loads) != len(arm.loads):  # an entry of the file is several loads
+                raise ParameterError(name, value, "the number of a load that is one entry of the file")
+        if value is None:
+            value = of_loop.value
+        return Variable(name, of_loop.declared, value), True
 
     def _loop(self, apart: Mapping[str, float] | None = None) -> PreparedLoop:
         """Return the loop with some values of what a loop cannot be given anew; each is prepared once."""
@@ -374,11 +419,15 @@ class Sweep:
 
     def _loop_of(self, drawn: Array) -> PreparedLoop:
         """Return the loop with an arm for each rollout, (rows, width): those that their experiments have."""
-        made = self.experiment
-        rows = (dict(zip(self.drawn_names, row, strict=True)) for row in drawn.tolist())
-        arms = RobotBatch([real_arm(self.config_of(row).plant, made.robot) for row in rows])
-        parts = (_with_robot(made.plant, arms), made.controllers[self.label], made.reference, made.t_final)
-        return prepare(*parts, **_KEPT, supervisor=made.supervisor)
+        experiment = self.experiment
+        arms = []
+        for numbers in drawn.tolist():
+            row = dict(zip(self.drawn_names, numbers, strict=True))
+            arms.append(real_arm(self.config_of(row).plant, experiment.robot))
+        plant = _with_robot(experiment.plant, RobotBatch(arms))
+        law = experiment.controllers[self.label]
+        parts = (plant, law, experiment.reference, experiment.t_final)
+        return prepare(*parts, **_KEPT, supervisor=experiment.supervisor)
 
     @cached_property
     def _posterior(self) -> Posterior:
@@ -390,14 +439,15 @@ class Sweep:
         """
         path = self.experiment.config.robot.posterior
         if path is None:
-            wanted = "that of an arm that `armgpi identify` wrote: robot: {name: identified/}"
-            raise ParameterError(IDENTIFICATION, self.experiment.config.robot.name, wanted)
+            expected = "that of an arm that `armgpi identify` wrote: robot: {name: identified/}"
+            raise ParameterError(IDENTIFICATION, self.experiment.config.robot.name, expected)
         return read_posterior(Path(path), self.robot)
 
-    def _flat(self, found: Any) -> Array:
+    def _flat(self, table: Any) -> Array:
         """Return the metrics of rollouts and how they ended, shape (rollouts, k)."""
-        ends = (np.asarray(found[name])[:, None] for name in self.ends)
-        return np.hstack([*(np.asarray(found[name]) for name in self.metrics), *ends])
+        columns = [np.asarray(table[name]) for name in self.metrics]
+        columns += [np.asarray(table[name])[:, None] for name in self.ends]
+        return np.hstack(columns)
 
     def _run_draws(self, chunk: int, rows: int) -> Array:
         """Run scenarios of an uncertainty model; those of one sample time and delay run together."""
@@ -438,8 +488,8 @@ def _check_that_it_varies(config: ExperimentConfig, origin: Origin) -> None:
         ConfigError: naming the key.
     """
     if config.vary and config.reality is not None:
-        said = "a sweep takes distributions below vary or an uncertainty model (reality), not both"
-        raise origin.error(("vary",), said)
+        message = "a sweep takes distributions below vary or an uncertainty model (reality), not both"
+        raise origin.error(("vary",), message)
     if not config.vary and config.reality is None:
         raise origin.error(
             ("vary",),
@@ -447,17 +497,24 @@ def _check_that_it_varies(config: ExperimentConfig, origin: Origin) -> None:
             "uncertainty model (reality)",
         )
     if not getattr(classes_of(Arm).get(config.plant.engine), "varies", False):
-        said = f"a sweep runs generated code, which {config.plant.engine!r} has none of; take armgpi"
-        raise origin.error(("plant", "engine"), said)
+        message = f"a sweep runs generated code, which {config.plant.engine!r} has none of; take armgpi"
+        raise origin.error(("plant", "engine"), message)
 
 
 def _chunk_size(config: ExperimentConfig, t_final: float, apart: Sequence[Distribution]) -> int:
     """Return how many rollouts a chunk has, for as much work as others; fewer where loops are many."""
-    numbers = (len(x.numbers) if x.kind == "choices" and x.joints == 1 else math.inf for x in apart)
-    most = _MOST_DRAWS if config.reality is not None or IDENTIFICATION in config.vary else _MOST
-    most = _FEWEST if math.prod(numbers) > _MOST_LOOPS else most
+    loops = 1.0
+    for drawn in apart:
+        loops *= len(drawn.numbers) if drawn.kind == "choices" and drawn.joints == 1 else math.inf
+    most = _MOST
+    if config.reality is not None or IDENTIFICATION in config.vary:
+        most = _MOST_DRAWS
+    if loops > _MOST_LOOPS:
+        most = _FEWEST
     steps = t_final / config.sample_time
-    return min(most, max(_FEWEST, 1 << math.floor(math.log2(max(1.0, _WORK / steps)))))
+    of_this_work = max(1.0, _WORK / steps)
+    power_of_two = 1 << math.floor(math.log2(of_this_work))
+    return min(most, max(_FEWEST, power_of_two))
 
 
 def _run_compiled(loop: PreparedLoop, values: Mapping[str, Any] | None = None, seeds: Any = None) -> Any:
@@ -529,22 +586,24 @@ def _put(data: dict[str, Any], name: str, value: Any, sweep: Sweep) -> None:
     if name == IDENTIFICATION:
         (theta,) = sweep._posterior.unknowns(np.array([value]))
         bodies, rotors, friction = parts(theta)
-        joints, columns = sweep.robot.joint_names, np.stack([rotors, *friction], axis=-1).tolist()
-        named = ("rotor_inertia", "viscous", "coulomb")
+        joints = sweep.robot.joint_names
+        columns = np.stack([rotors, *friction], axis=-1).tolist()
+        plant = data["plant"]
+        specified = plant.get("drives") or {}
+        drives = {}
+        for joint, (rotor_inertia, viscous, coulomb) in zip(joints, columns, strict=True):
+            drawn = {"rotor_inertia": rotor_inertia, "viscous": viscous, "coulomb": coulomb}
+            drives[joint] = {**specified.get(joint, {}), **drawn}
         data["robot"]["posterior"] = None
-        data["plant"]["bodies"] = dict(zip(joints, bodies.tolist(), strict=True))
-        data["plant"]["drives"] = {
-            joint: {
-                **(data["plant"].get("drives") or {}).get(joint, {}),
-                **dict(zip(named, row, strict=True)),
-            }
-            for joint, row in zip(joints, columns, strict=True)
-        }
+        plant["bodies"] = dict(zip(joints, bodies.tolist(), strict=True))
+        plant["drives"] = drives
         return
-    way = keys.path_of(name)
-    if part == "reference" and len(way) > 2 and way[1] in ("durations", "holds"):
+    path = keys.path_of(name)
+    if part == "reference" and len(path) > 2 and path[1] in ("durations", "holds"):
         _list_times(data["reference"])
-    keys.put(data, ("controllers", 0, *way[1:]) if part == "controller" else way, value)
+    if part == "controller":
+        path = ("controllers", 0, *path[1:])
+    keys.put(data, path, value)
 
 
 def _with_robot(plant: Any, robot: RobotBatch) -> Any:
