@@ -36,10 +36,20 @@ FORMATS = (".gif", ".mp4")
 FRAME_RATE, MOST_FRAMES = 25.0, 500
 #: Triangles of a body of the arm; larger meshes are simplified.
 TRIANGLES = 900
-#: Direction from which the arm is seen [rad]: around the vertical axis, and above the horizontal plane.
-_AZIMUTH, _ELEVATION = 0.7, 0.35
-#: Width and height of the picture of one rollout [in], and pixels per inch.
-_WIDTH, _HEIGHT, _DPI = 3.2, 3.6, 120
+#: Direction from which the arm is seen, around the vertical axis [rad].
+_AZIMUTH = 0.7
+#: Likewise, above the horizontal plane [rad].
+_ELEVATION = 0.35
+#: Direction of the light, as the camera sees it: right, up, towards it [-].
+_LIGHT = np.array([0.3, 0.5, 0.81])
+#: Width of the picture of one rollout [in].
+_WIDTH = 3.2
+#: Height of it [in].
+_HEIGHT = 3.6
+#: Pixels per inch.
+_DPI = 120
+#: Frames of which the corners of the picture are taken.
+_LOOKED_AT = 20
 #: Share of a colour that a triangle has when light falls along it.
 _SHADE = 0.45
 #: Colour of bodies whose file contains none.
@@ -242,13 +252,16 @@ def _bounds(parts: list[meshes.Triangles], every: list[_Drawn]) -> tuple[Array, 
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for drawn in every:
         seen = [points[np.isfinite(points).all(axis=1)] for points in (drawn.path, drawn.desired)]
+        stride = max(1, drawn.placements.shape[1] // _LOOKED_AT)
         for index, part in enumerate(parts):
-            some = drawn.placements[index][:: max(1, drawn.placements.shape[1] // 20)]
-            corners = part.points @ some[:, :3, :3].swapaxes(1, 2) + some[:, np.newaxis, :3, 3]
+            placements = drawn.placements[index][::stride]
+            rotations = placements[:, :3, :3]
+            corners = part.points @ rotations.swapaxes(1, 2) + placements[:, np.newaxis, :3, 3]
             seen.append(_project(corners).reshape(-1, 3)[:, :2])
         for points in seen:
             if len(points):
-                low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
+                low = np.minimum(low, points.min(axis=0))
+                high = np.maximum(high, points.max(axis=0))
     margin = 0.05 * float((high - low).max())
     return low - margin, high + margin
 
@@ -269,29 +282,40 @@ def _drawer(
     axes.plot(*drawn.desired.T, color=style.REFERENCE, linestyle=":", linewidth=0.8, zorder=3)
     axes.plot(*drawn.path.T, color=drawn.color, linewidth=1.0, alpha=0.8, zorder=3)
     (tool,) = axes.plot([], [], "o", color=drawn.color, markersize=3.5, zorder=4)
-    light = np.array([0.3, 0.5, 0.81])
 
     def draw(number: int) -> None:
         corners, colors = [], []
         for index, part in enumerate(parts):
-            placement = drawn.placements[index, number]
-            points = _project(part.points @ placement[:3, :3].T + placement[:3, 3])
-            triangles = points[part.faces]
-            normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-            lengths = np.linalg.norm(normals, axis=1)
-            lit = np.abs(normals @ light) / np.maximum(lengths, 1e-30)
-            paint = np.nan_to_num(part.colors[part.faces[:, 0]], nan=-1.0)
-            paint = np.where(paint < 0.0, np.array(_GREY), paint)
+            triangles, paint = _shaded(part, drawn.placements[index, number])
             corners.append(triangles)
-            colors.append(paint * (_SHADE + (1.0 - _SHADE) * lit[:, np.newaxis]))
-        all_corners, all_colors = np.concatenate(corners), np.concatenate(colors).clip(0.0, 1.0)
-        order = np.argsort(all_corners[:, :, 2].mean(axis=1))
-        shapes.set_verts(all_corners[order, :, :2])
-        shapes.set_facecolor(all_colors[order])
-        shapes.set_edgecolor(all_colors[order])
+            colors.append(paint)
+        all_corners = np.concatenate(corners)
+        all_colors = np.concatenate(colors).clip(0.0, 1.0)
+        farthest_first = np.argsort(all_corners[:, :, 2].mean(axis=1))
+        shapes.set_verts(all_corners[farthest_first, :, :2])
+        shapes.set_facecolor(all_colors[farthest_first])
+        shapes.set_edgecolor(all_colors[farthest_first])
         tool.set_data(drawn.tool[number, :1], drawn.tool[number, 1:])
 
     return draw
+
+
+def _shaded(part: meshes.Triangles, placement: Array) -> tuple[Array, Array]:
+    """Return the triangles of a part as the camera sees them, (k, 3, 3), and their colours, (k, 3).
+
+    Args:
+        part: in its own coordinates.
+        placement: of it, homogeneous (4, 4).
+    """
+    points = _project(part.points @ placement[:3, :3].T + placement[:3, 3])
+    triangles = points[part.faces]
+    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    normals = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(normals, axis=1)
+    lit = np.abs(normals @ _LIGHT) / np.maximum(lengths, 1e-30)
+    color = np.nan_to_num(part.colors[part.faces[:, 0]], nan=-1.0)
+    color = np.where(color < 0.0, np.array(_GREY), color)
+    return triangles, color * (_SHADE + (1.0 - _SHADE) * lit[:, np.newaxis])
 
 
 # Files ---------------------------------------------------------------------------------------------------

@@ -35,9 +35,15 @@ _KEPT_AS = ("<f8", "<f8", "<f8", "<i8")
 _MOST_KEPT = 750_000
 #: A mesh farther out than this [m] is no part of an arm.
 _FARTHEST = 1e3
-#: Faces that meet at a smaller angle than this are shaded as one surface [rad]; in meshes of more triangles
-#: than this every corner is, as finding its surfaces would take long.
-_CREASE, _FINE = 0.6, 200_000
+#: Faces that meet at a smaller angle than this are shaded as one surface [rad].
+_CREASE = 0.6
+#: In meshes of more triangles than this every corner is, as finding its surfaces would take long.
+_FINE = 200_000
+#: Numbers of corners or colours, (k,).
+_Indices = npt.NDArray[np.intp]
+#: Cubes in which corners are put together, along the largest side of a part: at first, and at the least.
+_MOST_CUBES = 256.0
+_LEAST_CUBES = 4.0
 
 
 class Triangles(NamedTuple):
@@ -191,29 +197,45 @@ def simplify(part: Triangles, most: int) -> Triangles:
     Corners that face different ways stay apart, at that place: edges are kept, and the surface does not tear.
     Surfaces of different colours are simplified each by itself.
     """
-    color = np.unique(np.nan_to_num(part.colors, nan=-1.0), axis=0, return_inverse=True)[1].ravel()
-    cells = 256.0
-    while len(part.faces) > most and cells > 4.0:
-        low = part.points.min(axis=0)
-        size = max(float(np.ptp(part.points, axis=0).max()), 1e-9) / cells
-        place = np.floor((part.points - low) / size).astype(np.int64)
-        key = ((color * 1024 + place[:, 0]) * 1024 + place[:, 1]) * 1024 + place[:, 2]
-        _, corner, cube = np.unique(key, return_index=True, return_inverse=True)
-        facing = np.abs(part.normals).argmax(axis=1)
-        ahead = np.take_along_axis(part.normals, facing[:, None], axis=1)[:, 0] > 0.0
-        _, first, group = np.unique(key * 8 + 2 * facing + ahead, return_index=True, return_inverse=True)
-        normals = np.zeros((len(first), 3))
-        np.add.at(normals, group, part.normals)
-        cubes = cube[part.faces]
-        whole = (cubes[:, 0] != cubes[:, 1]) & (cubes[:, 1] != cubes[:, 2]) & (cubes[:, 2] != cubes[:, 0])
-        faces = np.unique(group[part.faces[whole]], axis=0)
-        part = Triangles(part.points[corner[cube[first]]], _unit_rows(normals), part.colors[first], faces)
+    _, color = np.unique(np.nan_to_num(part.colors, nan=-1.0), axis=0, return_inverse=True)
+    color = color.ravel()
+    cubes_across = _MOST_CUBES
+    while len(part.faces) > most and cubes_across > _LEAST_CUBES:
+        part, first = _merge_corners(part, color, cubes_across)
         color = color[first]
-        cells *= 0.7
+        cubes_across *= 0.7
     # Seen from where their normals point: corners put together turn some round.
     a, b, c = (part.points[part.faces[:, i]] for i in range(3))
-    inwards = (np.cross(b - a, c - a) * part.normals[part.faces].sum(axis=1)).sum(axis=1) < 0.0
+    outwards = part.normals[part.faces].sum(axis=1)
+    inwards = (np.cross(b - a, c - a) * outwards).sum(axis=1) < 0.0
     return part._replace(faces=np.where(inwards[:, None], part.faces[:, ::-1], part.faces))
+
+
+def _merge_corners(part: Triangles, color: _Indices, cubes_across: float) -> tuple[Triangles, _Indices]:
+    """Return triangles with one corner for each cube, colour and way to face; and which corners are left.
+
+    Args:
+        part: the triangles.
+        color: number of each corner's colour, (k,).
+        cubes_across: how many cubes the largest side of the part has.
+    """
+    low = part.points.min(axis=0)
+    size = max(float(np.ptp(part.points, axis=0).max()), 1e-9) / cubes_across
+    x, y, z = np.floor((part.points - low) / size).astype(np.int64).T
+    # One number for colour and cube, as there are less than 1024 cubes across.
+    key = ((color * 1024 + x) * 1024 + y) * 1024 + z
+    _, corner_of_cube, cube = np.unique(key, return_index=True, return_inverse=True)
+    axis = np.abs(part.normals).argmax(axis=1)
+    is_ahead = np.take_along_axis(part.normals, axis[:, None], axis=1)[:, 0] > 0.0
+    facing = 2 * axis + is_ahead  # one of six
+    _, first, group = np.unique(key * 8 + facing, return_index=True, return_inverse=True)
+    normals = np.zeros((len(first), 3))
+    np.add.at(normals, group, part.normals)
+    a, b, c = cube[part.faces].T
+    stays_a_triangle = (a != b) & (b != c) & (c != a)
+    faces = np.unique(group[part.faces[stays_a_triangle]], axis=0)
+    points = part.points[corner_of_cube[cube[first]]]
+    return Triangles(points, _unit_rows(normals), part.colors[first], faces), first
 
 
 def box(x: float, y: float, z: float) -> Triangles:

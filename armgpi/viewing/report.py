@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Callable, Mapping, Sequence
+import operator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -25,14 +26,16 @@ from armgpi.health.findings import fold
 from armgpi.loop import metrics, units
 from armgpi.loop import rollout as rollouts
 from armgpi.loop.provenance import Provenance
-from armgpi.loop.units import POSITION, TORQUE, TORQUE_RATE, VELOCITY
+from armgpi.loop.units import POSITION, TORQUE, TORQUE_RATE, VELOCITY, Unit
 from armgpi.robot.repairs import made_in
 from armgpi.robot.robot import Robot
 from armgpi.viewing import meshcat, page, scene, tracks
 from armgpi.viewing.style import REFERENCE, Look, canvas_dashes
 
-#: Most points of a line in the plots, and most rollouts that are plotted.
-POINTS, MOST_RUNS = 2400, 6
+#: Most points of a line in the plots.
+POINTS = 2400
+#: Most rollouts that are plotted.
+MOST_RUNS = 6
 #: Most rows of the tables.
 _MOST_ROWS = 400
 #: Most rollouts of which the verdict speaks.
@@ -79,11 +82,11 @@ def build(
             label=("rollout", [str(rollout["label"].values)])
         )
     arrays = page.Arrays()
-    data, said, notes = _arm(rollout, robot, frame, folder, arrays)
+    data, troubles, notes = _arm(rollout, robot, frame, folder, arrays)
     records = _records(rollout)
-    findings = [*findings, *said, *_found_in(rollout, records)]
-    content, every = _netcdf(rollout)
-    thinned = "" if every == 1 else f" One sample in {every}, so that this file stays small."
+    findings = [*findings, *troubles, *_found_in(rollout, records)]
+    content, thinning = _netcdf(rollout)
+    thinned = "" if thinning == 1 else f" One sample in {thinning}, so that this file stays small."
     values = {
         "title": page.text(title or str(rollout.attrs.get("robot", "rollout"))),
         "summary": _summary(rollout, world),
@@ -120,8 +123,10 @@ def sections(rollout: xr.Dataset, robot: Robot, configuration: str) -> str:
 
 def _findings(findings: Sequence[str], notes: Sequence[str]) -> str:
     """Return what was found, and mere notes, as HTML."""
-    said = page.bullets(findings, "findings") or "<p>None.</p>"
-    return said + ("<h3>Notes on the model</h3>" + page.bullets(notes) if notes else "")
+    listed = page.bullets(findings, "findings") or "<p>None.</p>"
+    if notes:
+        listed += "<h3>Notes on the model</h3>" + page.bullets(notes)
+    return listed
 
 
 def _arm(
@@ -136,11 +141,11 @@ def _arm(
     arm = scene.build(robot, frame)
     clip = scene.clip(rollout, robot)
     data = {"arm": page.arm_data(arm, arrays), "clip": page.clip_data(clip, arrays), "no_arm": ""}
-    troubles, notes = _health(robot)
-    said = [*arm.findings, *troubles]
+    problems, notes = _health(robot)
+    troubles = [*arm.findings, *problems]
     if clip.left_out:
-        said.append(f"{clip.left_out} more rollouts are not in the animation and the plots")
-    return data, said, notes
+        troubles.append(f"{clip.left_out} more rollouts are not in the animation and the plots")
+    return data, troubles, notes
 
 
 def write(html: str, path: str | PathLike[str]) -> Path:
@@ -166,11 +171,11 @@ def merge_rollouts(files: Mapping[str, xr.Dataset]) -> xr.Dataset:
     runs: dict[str, xr.Dataset] = {}
     for name, dataset in files.items():
         for label, run in _singles(dataset).items():
-            wanted = f"{name}: {label}" if label else name
+            preferred = f"{name}: {label}" if label else name
             count = 2
-            unique = wanted
+            unique = preferred
             while unique in runs:
-                unique = f"{wanted} ({count})"
+                unique = f"{preferred} ({count})"
                 count += 1
             runs[unique] = run
     return experiment.join(runs)
@@ -194,65 +199,86 @@ def _singles(dataset: xr.Dataset) -> dict[str, xr.Dataset]:
 # Plots ---------------------------------------------------------------------------------------------------
 
 
+class _Quantity(NamedTuple):
+    """What the page plots over time, with one graph for each joint.
+
+    Attributes:
+        name: its heading.
+        units: of each joint.
+        traces: lines, each with the joint that it is of.
+        levels: of each joint, where horizontal lines are drawn; None for none.
+        onsets: of each joint, when its disturbance begins [s]; None for none.
+    """
+
+    name: str
+    units: list[str]
+    traces: list[dict[str, Any]]
+    levels: Sequence[list[float] | None]
+    onsets: Sequence[float | None]
+
+
 def _plots_data(rollout: xr.Dataset, arrays: page.Arrays) -> dict[str, Any]:
     """Return what the page plots."""
     traces = tracks.traces(rollout, most=None)[:MOST_RUNS]
-    joints = [str(name) for name in rollout["joint"].values]
     time = np.asarray(rollout["time"].values, dtype=float)
-    labels = [trace.label or "actual" for trace in traces]
-    prismatic = units.prismatic(rollout)
-    lengths, forces, rates = (
-        [unit.symbol(slides) for slides in prismatic] for unit in (POSITION, TORQUE, TORQUE_RATE)
-    )
-    onsets = [tracks.disturbance_onset(rollout, joint) for joint in joints]
-    nothing = [None] * len(joints)
-    longest = max(traces, key=lambda trace: int(np.isfinite(trace.data["q_ref"].values).sum()))
-
-    def each(values: Callable[[xr.Dataset], xr.DataArray]) -> list[dict[str, Any]]:
-        """Return the lines of a quantity of every rollout."""
-        return _lines_of_runs(traces, values, arrays)
-
-    def common(name: str, dashes: Any) -> list[dict[str, Any]]:
-        """Return the lines of a quantity that belongs to no rollout."""
-        return _lines(time, longest.data[name], arrays, -1, Look(REFERENCE, dashes))
-
-    def quantity(
-        name: str,
-        units: list[str],
-        traces: list[dict[str, Any]],
-        levels: Any = nothing,
-        onsets: Any = nothing,
-    ) -> dict[str, Any]:
-        return {"name": name, "units": units, "traces": traces, "levels": levels, "onsets": onsets}
-
-    position = each(lambda data: data["q"]) + common("q_ref", (0, (1, 2)))
-    quantities = [
-        quantity("Position", lengths, position),
-        quantity("Error", lengths, each(metrics.error), onsets=onsets),
-        quantity("Torque", forces, each(lambda data: data["tau"]), _levels(traces), onsets),
-        quantity("Torque rate", rates, each(tracks.torque_rate), onsets=onsets),
-    ]
-    if "v" in rollout:
-        speeds = [VELOCITY.symbol(slides) for slides in prismatic]
-        lines = each(lambda data: data["v"]) + (common("v_ref", (0, (1, 2))) if "v_ref" in rollout else [])
-        quantities.insert(2, quantity("Velocity", speeds, lines))
-    if any(onset is not None for onset in onsets):
-        quantities.append(quantity("Disturbance", forces, common("disturbance", "-")))
-    for name in _adapted_names(rollout, traces):
-        unit = "" if name == "zeta_c" else "rad/s"
-        lines = each(lambda data, name=name: data[name])  # type: ignore[misc]
-        quantities.append(quantity(f"Gain {name}", [unit] * len(joints), lines, onsets=onsets))
     first, last = float(time[0]), float(time[-1])
+    runs = []
+    for trace in traces:
+        look = trace.look
+        runs.append({"label": trace.label or "actual", "color": look.color, "dash": canvas_dashes(look)})
     return {
-        "joints": joints,
-        "runs": [
-            {"label": labels[i], "color": trace.look.color, "dash": canvas_dashes(trace.look)}
-            for i, trace in enumerate(traces)
-        ],
+        "joints": [str(name) for name in rollout["joint"].values],
+        "runs": runs,
         "span": [first, last if last > first else first + 1.0],
-        "quantities": quantities,
+        "quantities": [quantity._asdict() for quantity in _quantities(rollout, traces, arrays)],
         "tool": _tool_plots(time, traces, arrays),
     }
+
+
+def _quantities(
+    rollout: xr.Dataset, traces: Sequence[tracks.Trace], arrays: page.Arrays
+) -> Iterator[_Quantity]:
+    """Yield what is plotted of the joints, in the order of the page."""
+    joints = [str(name) for name in rollout["joint"].values]
+    prismatic = units.prismatic(rollout)
+    time = np.asarray(rollout["time"].values, dtype=float)
+    onsets = [tracks.disturbance_onset(rollout, joint) for joint in joints]
+    none: list[None] = [None] * len(joints)
+    longest = max(traces, key=lambda trace: int(np.isfinite(trace.data["q_ref"].values).sum())).data
+    dotted = Look(REFERENCE, (0, (1, 2)))
+    forces = _symbols(TORQUE, prismatic)
+
+    def of_runs(values: Callable[[xr.Dataset], xr.DataArray]) -> list[dict[str, Any]]:
+        return _lines_of_runs(traces, values, arrays)
+
+    def of_no_run(name: str, look: Look) -> list[dict[str, Any]]:
+        return _lines(time, longest[name], arrays, -1, look)
+
+    lengths = _symbols(POSITION, prismatic)
+    positions = of_runs(lambda data: data["q"]) + of_no_run("q_ref", dotted)
+    yield _Quantity("Position", lengths, positions, none, none)
+    yield _Quantity("Error", lengths, of_runs(metrics.error), none, onsets)
+    if "v" in rollout:
+        velocities = of_runs(lambda data: data["v"])
+        if "v_ref" in rollout:
+            velocities += of_no_run("v_ref", dotted)
+        yield _Quantity("Velocity", _symbols(VELOCITY, prismatic), velocities, none, none)
+    torques = of_runs(lambda data: data["tau"])
+    yield _Quantity("Torque", forces, torques, _levels(traces), onsets)
+    torque_rates = of_runs(tracks.torque_rate)
+    yield _Quantity("Torque rate", _symbols(TORQUE_RATE, prismatic), torque_rates, none, onsets)
+    if any(onset is not None for onset in onsets):
+        disturbance = of_no_run("disturbance", Look(REFERENCE, "-"))
+        yield _Quantity("Disturbance", forces, disturbance, none, none)
+    for name in _adapted_names(rollout, traces):
+        unit = "" if name == "zeta_c" else "rad/s"
+        gains = of_runs(operator.itemgetter(name))
+        yield _Quantity(f"Gain {name}", [unit] * len(joints), gains, none, onsets)
+
+
+def _symbols(unit: Unit, prismatic: Iterable[np.bool_]) -> list[str]:
+    """Return the symbol of a unit for each joint."""
+    return [unit.symbol(bool(slides)) for slides in prismatic]
 
 
 def _lines_of_runs(
@@ -271,27 +297,32 @@ def _tool_plots(time: Array, traces: Sequence[tracks.Trace], arrays: page.Arrays
     """Return what the page plots of the tool: a quantity each, with a line for every rollout."""
     if not all("tool" in trace.data for trace in traces):
         return []
-    quantities: list[tuple[str, str, Callable[[xr.Dataset], xr.DataArray]]] = [
-        ("Tool error", "mm", lambda data: 1e3 * _length(data["tool"] - data["tool_ref"])),
-        ("Tool angle", "deg", lambda data: data["tool_turn"] * (180.0 / math.pi)),
+
+    def error(data: xr.Dataset) -> list[xr.DataArray]:
+        return [1e3 * _length(data["tool"] - data["tool_ref"])]
+
+    def angle(data: xr.Dataset) -> list[xr.DataArray]:
+        return [data["tool_turn"] * (180.0 / math.pi)]
+
+    def largest_force(data: xr.Dataset) -> list[xr.DataArray]:
+        return [_length(data["contact_force"]).max("contact", skipna=False)]
+
+    quantities: list[tuple[str, str, Callable[[xr.Dataset], Sequence[xr.DataArray]]]] = [
+        ("Tool error", "mm", error),
+        ("Tool angle", "deg", angle),
     ]
     if all("contact_force" in trace.data for trace in traces):
-        quantities.append(
-            ("Force", "N", lambda data: _length(data["contact_force"]).max("contact", skipna=False))
-        )
-    found = []
-    for name, unit, values in quantities:
-        lines = []
-        for run, trace in enumerate(traces):
-            lines += _lines(time, values(trace.data).expand_dims("joint"), arrays, run, trace.look)
-        found.append({"name": name, "unit": unit, "traces": lines})
+        quantities.append(("Force", "N", largest_force))
     if all("estimated_force" in trace.data and "rollout" not in trace.data.dims for trace in traces):
-        lines = []
+        quantities.append(("Estimated force, with its least and most", "N", _estimated_force))
+    plots = []
+    for name, unit, values in quantities:
+        lines: list[dict[str, Any]] = []
         for run, trace in enumerate(traces):
-            for force in _estimated_force(trace.data):
-                lines += _lines(time, force.expand_dims("joint"), arrays, run, trace.look)
-        found.append({"name": "Estimated force, with its least and most", "unit": "N", "traces": lines})
-    return found
+            for drawn in values(trace.data):
+                lines += _lines(time, drawn.expand_dims("joint"), arrays, run, trace.look)
+        plots.append({"name": name, "unit": unit, "traces": lines})
+    return plots
 
 
 def _estimated_force(data: xr.Dataset) -> tuple[xr.DataArray, xr.DataArray, xr.DataArray]:
@@ -311,20 +342,23 @@ def _lines(
     time: Array, values: xr.DataArray, arrays: page.Arrays, run: int, look: Look
 ) -> list[dict[str, Any]]:
     """Return a line for every joint of a quantity over time and joints; run -1 is no rollout."""
-    found = []
-    for joint, column in enumerate(np.asarray(values.transpose("joint", "time").values, dtype=float)):
+    columns = np.asarray(values.transpose("joint", "time").values, dtype=float)
+    lines = []
+    for joint, column in enumerate(columns):
         x, y = (arrays.add(axis, "float32") for axis in _thin_line(time, column))
-        how = {"color": look.color, "dash": canvas_dashes(look)}
-        found.append({"joint": joint, "run": run, **how, "x": x, "y": y})
-    return found
+        line = {"joint": joint, "run": run, "color": look.color, "dash": canvas_dashes(look), "x": x, "y": y}
+        lines.append(line)
+    return lines
 
 
 def _levels(traces: Sequence[tracks.Trace]) -> list[list[float]]:
     """Return, for every joint, the effort limits that its torque comes near to."""
     levels = []
     for j, effort in enumerate(traces[0].data["effort"].values.tolist()):
-        torques = [trace.data["tau"].isel(joint=j).values for trace in traces]
-        peak = max(np.max(np.abs(x), where=np.isfinite(x), initial=0.0) for x in torques)
+        peak = 0.0
+        for trace in traces:
+            torque = trace.data["tau"].isel(joint=j).values
+            peak = max(peak, np.max(np.abs(torque), where=np.isfinite(torque), initial=0.0))
         near = np.isfinite(effort) and effort < 1e300 and peak >= 0.4 * effort
         levels.append([-effort, effort] if near else [])
     return levels
@@ -332,15 +366,15 @@ def _levels(traces: Sequence[tracks.Trace]) -> list[list[float]]:
 
 def _adapted_names(rollout: xr.Dataset, traces: Sequence[tracks.Trace]) -> list[str]:
     """Return the recorded parameters of the tuning that change over time."""
-    names = [name for name in tracks.signal_names(rollout) if name in Tuning._fields]
-    return [
-        name
-        for name in names
-        if any(
-            np.nanmax(np.ptp(np.nan_to_num(trace.data[name].transpose("time", "joint").values), axis=0)) > 0.0
-            for trace in traces
-        )
-    ]
+
+    def changes(name: str) -> bool:
+        for trace in traces:
+            values = np.nan_to_num(trace.data[name].transpose("time", "joint").values)
+            if np.nanmax(np.ptp(values, axis=0)) > 0.0:
+                return True
+        return False
+
+    return [name for name in tracks.signal_names(rollout) if name in Tuning._fields and changes(name)]
 
 
 def _thin_line(time: Array, values: Array) -> tuple[Array, Array]:
@@ -351,13 +385,13 @@ def _thin_line(time: Array, values: Array) -> tuple[Array, Array]:
     if len(time) <= POINTS:
         return time, values
     edges = np.linspace(0, len(time), stretches + 1).astype(np.int64)
-    kept = [np.array([0, len(time) - 1])]
+    places_kept = [np.array([0, len(time) - 1])]
     for extreme in (np.minimum, np.maximum):
         reached = np.repeat(extreme.reduceat(values, edges[:-1]), np.diff(edges))
         places = np.flatnonzero(values == reached)
         # Of the places where a stretch has its extreme value, the first one.
-        kept.append(places[np.searchsorted(places, edges[:-1])])
-    index = np.unique(np.concatenate(kept))
+        places_kept.append(places[np.searchsorted(places, edges[:-1])])
+    index = np.unique(np.concatenate(places_kept))
     return time[index], values[index]
 
 
@@ -369,9 +403,10 @@ def _summary(rollout: xr.Dataset, world: str) -> str:
     time = rollout["time"].values
     step = float(time[1] - time[0]) if len(time) > 1 else 0.0
     robot, joints = str(rollout.attrs.get("robot", "unknown")), rollout.sizes["joint"]
-    said = f"{robot}, {joints} joint{'s' * (joints > 1)}, {float(time[-1]):.6g} s in steps of {step:.6g} s"
+    plural = "s" if joints > 1 else ""
+    summary = f"{robot}, {joints} joint{plural}, {float(time[-1]):.6g} s in steps of {step:.6g} s"
     assumed = f"<p class=summary>{page.text(world)}</p>" if world else ""
-    return f"<p class=summary>{page.text(said)}</p>{assumed}"
+    return f"<p class=summary>{page.text(summary)}</p>{assumed}"
 
 
 def _verdict(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
@@ -381,17 +416,21 @@ def _verdict(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
     for record, color in zip(records[:_MOST_VERDICTS], _colors(rollout), strict=False):
         peaks = [math.inf if x is None else x for x in record["metrics"]["peak_error"]]
         worst = int(np.argmax(peaks))
-        said = [record["end"]]
+        end = record["end"]
+        kind = "good" if record["status"] == "finished" else "bad"
+        if kind == "good":
+            held = experiment.describe_saturation(record, float(rollout["time"][-1]))
+            if held:
+                kind, end = "fair", f"{end}, {held}"
+        details = []
         if math.isfinite(peaks[worst]):
             unit = POSITION.symbol(bool(linear[worst]))
-            said.append(f"error at most {metrics.short(peaks[worst], 3)} {unit} ({record['joints'][worst]})")
-        said.append(f"measures {rollouts.describe_measurement(record['measurement'], record['knows'])}")
-        kind = "good" if record["status"] == "finished" else "bad"
-        if kind == "good" and (held := experiment.describe_saturation(record, float(rollout["time"][-1]))):
-            kind, said[0] = "fair", f"{said[0]}, {held}"
+            joint = record["joints"][worst]
+            details.append(f"error at most {metrics.short(peaks[worst], 3)} {unit} ({joint})")
+        details.append(f"measures {rollouts.describe_measurement(record['measurement'], record['knows'])}")
         lines.append(
             f"<li>{page.dot(color)} <b class=name>{page.text(record['label'])}</b> "
-            f"<span class={kind}>{page.text(said[0])}</span>; {page.text('; '.join(said[1:]))}</li>"
+            f"<span class={kind}>{page.text(end)}</span>; {page.text('; '.join(details))}</li>"
         )
     if len(records) > _MOST_VERDICTS:
         lines.append(f"<li>{len(records) - _MOST_VERDICTS} more rollouts</li>")
@@ -406,19 +445,24 @@ def _colors(rollout: xr.Dataset) -> list[str]:
 def _tables(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
     """Return the metrics as an HTML table."""
     prismatic = units.prismatic(rollout)
-    every = metrics.shown_in("report")
-    shown = metrics.of_joints(every)
-    headings = [f"{metric.heading}\n{metric.unit.symbol(bool(prismatic.all()))}" for metric in shown]
+    shown = metrics.shown_in("report")
+    of_joints = metrics.of_joints(shown)
+    all_slide = bool(prismatic.all())
+    headings = [f"{metric.heading}\n{metric.unit.symbol(all_slide)}" for metric in of_joints]
     rows, classes, marks = [], [], []
     for record, color in zip(records, _colors(rollout), strict=True):
         for j, joint in enumerate(record["joints"]):
-            values = (metric.text(record["metrics"][metric.name][j]) for metric in shown)
-            label, kind, mark = (record["label"], "first", color) if j == 0 else ("", "", "")
-            rows.append((label, joint, *values))
-            classes.append(kind)
-            marks.append(mark)
-    notes = [f"{len(rows) - _MOST_ROWS} more rows are left out."] if len(rows) > _MOST_ROWS else []
-    notes += filter(None, [units.note([str(name) for name in rollout["joint"].values], prismatic)])
+            values = (metric.text(record["metrics"][metric.name][j]) for metric in of_joints)
+            is_first = j == 0
+            rows.append((record["label"] if is_first else "", joint, *values))
+            classes.append("first" if is_first else "")
+            marks.append(color if is_first else "")
+    notes = []
+    if len(rows) > _MOST_ROWS:
+        notes.append(f"{len(rows) - _MOST_ROWS} more rows are left out.")
+    unit_note = units.note([str(name) for name in rollout["joint"].values], prismatic)
+    if unit_note:
+        notes.append(unit_note)
     table = page.table(
         ("controller", "joint", *headings),
         rows[:_MOST_ROWS],
@@ -427,7 +471,8 @@ def _tables(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> str:
         classes=classes[:_MOST_ROWS],
         marks=marks[:_MOST_ROWS],
     )
-    return table + _tool_table(records, every) + "".join(f"<p>{page.text(note)}</p>" for note in notes)
+    paragraphs = "".join(f"<p>{page.text(note)}</p>" for note in notes)
+    return table + _tool_table(records, shown) + paragraphs
 
 
 def _tool_table(records: Sequence[Mapping[str, Any]], shown: Sequence[metrics.Metric]) -> str:

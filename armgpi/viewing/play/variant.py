@@ -28,7 +28,7 @@ from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.loop.variables import check_values, spread_rows, variables, with_values
 from armgpi.robot.robot import Robot
 from armgpi.viewing.play.controls import Control
-from armgpi.viewing.play.loops import BITS, PARTS, SCALE, Listing, movable, tape_of
+from armgpi.viewing.play.loops import BITS, PARTS, SCALE, Listing, Tape, movable, tape_of
 
 #: What a page records, if there is such a thing.
 _RECORDED = ("q", "v", "q_ref", "v_ref", "q_measured", "tau_command", "tau", Tuning._fields[0])
@@ -123,33 +123,36 @@ class Prober:
     @property
     def name(self) -> str:
         """The structure of its code as text; empty where something in it has none."""
-        own = Inventory(self._traced, self._traced.init()).name
-        arms = [arm.model.digest for arms in self._arms.values() for each in arms for arm in each.values()]
-        return f"{own} {arms}" if own else ""
+        structure = Inventory(self._traced, self._traced.init()).name
+        digests = []
+        for arms_of_places in self._arms.values():
+            for arms in arms_of_places:
+                digests += [arm.model.digest for arm in arms.values()]
+        return f"{structure} {digests}" if structure else ""
 
     def trace(self) -> tuple[Trace, Sample]:
         """Return one sample of the loop, and what a page knows of its code."""
         loop = self._traced
         with tracing():
-            found = trace_used(loop, loop.init(), True, contacts=True)
-        recorded = found.recorded
+            trace = trace_used(loop, loop.init(), True, contacts=True)
+        recorded = trace.recorded
         shown = [*_RECORDED, *(name for name in recorded if name.startswith("contacts."))]
-        found.recorded = {name: recorded[name] for name in shown if name in recorded}
-        owners = {
-            id(kernel): (name, method)
-            for side in self._arms
-            for name, arm in _arms_of(loop, side).items()
-            for method, kernel in arm.kernels.items()
-        }
+        trace.recorded = {name: recorded[name] for name in shown if name in recorded}
+        owners: dict[int, tuple[str, str]] = {}
+        for side in self._arms:
+            for name, arm in _arms_of(loop, side).items():
+                for method, kernel in arm.kernels.items():
+                    owners[id(kernel)] = (name, method)
         calls = []
-        for call in found.calls:
-            owner = owners.get(id(call.kernel), ("", call.kernel.name))
-            if not owner[0] and not call.kernel.name.startswith(("friction_", "contact")):
+        for call in trace.calls:
+            kernel_name = call.kernel.name
+            owner, method = owners.get(id(call.kernel), ("", kernel_name))
+            if not owner and not kernel_name.startswith(("friction_", "contact")):
                 raise BackendError(
-                    f"{call.kernel.name}: the arm that it belongs to, and so its payload, is unknown"
+                    f"{kernel_name}: the arm that it belongs to, and so its payload, is unknown"
                 )
-            calls.append(owner)
-        return found, Sample(layout(found), calls)
+            calls.append((owner, method))
+        return trace, Sample(layout(trace), calls)
 
     def kernels(self, sample: Sample) -> Iterator[Kernel]:
         """Yield the equations of motion of all places of the sliders."""
@@ -160,31 +163,24 @@ class Prober:
     def variant(self, sample: Sample) -> Data:
         """Return what a page knows of it: its code, its numbers at first, and what its controls do."""
         tape = tape_of(self.loop, self._listed)
-        matters = np.ones(len(self.first), dtype=bool)
-        matters[: self.shared] = np.isin(np.arange(self.shared), sample.layout.shared)
-        if tape is not None:
-            # What is worked out of the tuning follows it, and the tuning matters where it is asked for.
-            asked = {at for operation, *steps in tape.steps if operation in "+-*/" for at in steps}
-            matters[[step[1] for at, step in enumerate(tape.steps) if step[0] == "place" and at in asked]] = 1
-            matters[[place for _, place in tape.outputs]] = False
+        matters = self._numbers_that_matter(sample, tape)
         changed = {name: self._changes(name) & matters for name in self.controls}
-        moves = [
-            self._move(name, np.flatnonzero(places).tolist())
-            for name, places in changed.items()
-            if places.any() and self._anywhere(name)
-        ]
-        still = {name for name, places in changed.items() if not places.any() and not self.controls[name].arm}
-        tables = [
-            table
-            for half in (slice(0, self.shared), slice(self.shared, None))
-            for names, places in self._groups(changed, half)
-            for table in self._tables(names, places, still)
-        ]
+        moves = []
+        still = set()  # controls that move nothing
+        for name, flags in changed.items():
+            if flags.any() and self._anywhere(name):
+                moves.append(self._move(name, np.flatnonzero(flags).tolist()))
+            if not flags.any() and not self.controls[name].arm:
+                still.add(name)
+        tables: list[Table] = []
+        for half in (slice(0, self.shared), slice(self.shared, None)):
+            for names, places in self._groups(changed, half):
+                tables += self._tables(names, places, still)
         seeds = self._listed.values.seeds
-        draws = [
-            (str((seeds[seed] if own else seed) % 2**64), stream, ahead)
-            for own, seed, stream, ahead in sample.layout.draws
-        ]
+        draws = []
+        for of_loop, seed, stream, ahead in sample.layout.draws:
+            value = seeds[seed] if of_loop else seed
+            draws.append((str(value % 2**64), stream, ahead))
         return {
             "form": self.form,
             "layout": sample.layout,
@@ -197,6 +193,24 @@ class Prober:
             "arms": list(self._kernels(sample)),
             "unmoved": sorted(still),
         }
+
+    def _numbers_that_matter(self, sample: Sample, tape: Tape | None) -> Array:
+        """Return which numbers a page needs: what its code reads, and what its tape starts from."""
+        matters = np.ones(len(self.first), dtype=bool)
+        matters[: self.shared] = np.isin(np.arange(self.shared), sample.layout.shared)
+        if tape is None:
+            return matters
+        # What is worked out of the tuning follows it, and the tuning matters where it is asked for.
+        asked_for: set[int] = set()
+        for operation, *operands in tape.steps:
+            if operation in "+-*/":
+                asked_for.update(operands)
+        for step, (operation, *operands) in enumerate(tape.steps):
+            if operation == "place" and step in asked_for:
+                matters[operands[0]] = True
+        for _, place in tape.outputs:
+            matters[place] = False
+        return matters
 
     def _loop(self, moved: Mapping[str, Any]) -> ClosedLoop:
         """Return the loop of an experiment in which some controls are moved."""
@@ -235,59 +249,83 @@ class Prober:
 
     def _groups(self, changed: Mapping[str, Any], half: slice) -> Iterator[tuple[list[str], list[int]]]:
         """Yield controls that change some of the same numbers, each with all that one of them changes."""
-        left = {
-            name: set((half.start + np.flatnonzero(flags[half])).tolist())
-            for name, flags in changed.items()
-            if flags[half].any() and not self._anywhere(name)
-        }
-        while left:
-            name = next(iter(left))
-            names, places = [name], left.pop(name)
-            while more := [name for name, others in left.items() if others & places]:
-                names += more
-                places = places.union(*map(left.pop, more))
+        ungrouped: dict[str, set[int]] = {}
+        for name, flags in changed.items():
+            if flags[half].any() and not self._anywhere(name):
+                ungrouped[name] = set((half.start + np.flatnonzero(flags[half])).tolist())
+        while ungrouped:
+            name = next(iter(ungrouped))
+            names, places = [name], ungrouped.pop(name)
+            while touching := [name for name, others in ungrouped.items() if others & places]:
+                names += touching
+                for name in touching:
+                    places |= ungrouped.pop(name)
             yield names, sorted(places)
 
     def _rows(self, moved: Mapping[str, Sequence[Any]]) -> Array:
         """Return the numbers of the loop at some places of controls, a row for each."""
-        own_parts = {self.controls[name].part for name in moved}
-        parts = [part for part in PARTS if part in own_parts]  # in their order, as they have arrays in common
+        moved_parts = {self.controls[name].part for name in moved}
+        parts = [part for part in PARTS if part in moved_parts]  # in their order: they have arrays in common
         ways = {way: places for way, places in self._ways.items() if way[0] in parts}
         # Forms have parts in common, and controllers that measure the same start alike.
-        alike = b""
+        same_start = b""
         if parts == ["controller"]:
-            alike, ways["start"] = self.first[self.shared :].tobytes(), slice(self.shared, None)
-        key = (*moved, *(id(getattr(self._base, part)) for part in parts), alike)
+            same_start = self.first[self.shared :].tobytes()
+            ways["start"] = slice(self.shared, None)
+        base_parts = [id(getattr(self._base, part)) for part in parts]
+        cache_key = (*moved, *base_parts, same_start)
         count = len(next(iter(moved.values())))
-        found = np.tile(self.first, (count, 1))
-        if len(moved) == 1 and ways.keys() <= (known := self.pool.rows.get(key, {})).keys():
+        numbers = np.tile(self.first, (count, 1))
+
+        cached_rows = self.pool.rows.get(cache_key, {})
+        if len(moved) == 1 and all(way in cached_rows for way in ways):
             for way, places in ways.items():
-                found[:, places] = known[way]
-            return found
-        # Loads and rotors have equations of motion of their own, and so a loop; springs are made anew.
-        alone = {name: values for name, values in moved.items() if self._needs_a_loop(name)}
-        groups: dict[str, list[int]] = {}
-        for i in range(count):
-            groups.setdefault(repr([values[i] for values in alone.values()]), []).append(i)
-        for rows in groups.values():
-            first = {name: values[rows[0]] for name, values in alone.items()}
-            loop = self._loop(first) if alone else self._base
-            own = {name: [values[i] for i in rows] for name, values in moved.items() if name not in alone}
-            numbers = {name: own.pop(name) for name in (SCALE, BITS) if name in own}
-            if own:
-                checked = check_values(variables(loop), dict(self._door(loop, own)))
-                loop = with_values(loop, spread_rows(checked, len(rows)), len(rows))
-            listed = Listing(movable(loop, numbers), parts)
-            listed.arrays["start"] = start = listed.start
-            if start.shape[1] != len(self.first) - self.shared or not ways.keys() <= listed.arrays.keys():
+                numbers[:, places] = cached_rows[way]
+            return numbers
+
+        for rows in self._rows_of_one_loop(moved, count):
+            listed = self._listing_at(moved, rows, parts)
+            start = listed.start
+            listed.arrays["start"] = start
+            has_same_form = start.shape[1] == len(self.first) - self.shared
+            if not has_same_form or not all(way in listed.arrays for way in ways):
                 raise ArmgpiError(f"{', '.join(moved)}: changes the form of the loop")
             for way, places in ways.items():
                 array = listed.arrays[way]
-                found[rows, places] = array.reshape(-1, array.shape[-1]) if array.ndim > 1 else array
-            found[rows, self.shared :] = start
-        if alike or (found[:, self.shared :] == self.first[self.shared :]).all():
-            self.pool.rows[key] = {way: found[:, places] for way, places in ways.items()}
-        return found
+                numbers[rows, places] = array.reshape(-1, array.shape[-1]) if array.ndim > 1 else array
+            numbers[rows, self.shared :] = start
+        starts_alike = (numbers[:, self.shared :] == self.first[self.shared :]).all()
+        if same_start or starts_alike:
+            self.pool.rows[cache_key] = {way: numbers[:, places] for way, places in ways.items()}
+        return numbers
+
+    def _rows_of_one_loop(self, moved: Mapping[str, Sequence[Any]], count: int) -> list[list[int]]:
+        """Return the places, by their numbers, that one loop can take as its rollouts.
+
+        Loads and rotors have equations of motion of their own, and so a loop; springs are made anew.
+        """
+        rebuilding = [values for name, values in moved.items() if self._needs_a_loop(name)]
+        groups: dict[str, list[int]] = {}
+        for row in range(count):
+            values_there = repr([values[row] for values in rebuilding])
+            groups.setdefault(values_there, []).append(row)
+        return list(groups.values())
+
+    def _listing_at(self, moved: Mapping[str, Sequence[Any]], rows: list[int], parts: list[str]) -> Listing:
+        """Return the numbers of some parts at places that one loop takes as its rollouts."""
+        rebuilding = {}
+        varying = {}
+        for name, values in moved.items():
+            if self._needs_a_loop(name):
+                rebuilding[name] = values[rows[0]]
+            else:
+                varying[name] = [values[row] for row in rows]
+        loop = self._loop(rebuilding) if rebuilding else self._base
+        movable_numbers = {name: varying.pop(name) for name in (SCALE, BITS) if name in varying}
+        if varying:
+            checked = check_values(variables(loop), dict(self._door(loop, varying)))
+            loop = with_values(loop, spread_rows(checked, len(rows)), len(rows))
+        return Listing(movable(loop, movable_numbers), parts)
 
     def _door(self, loop: ClosedLoop, moved: Mapping[str, Sequence[Any]]) -> Iterator[tuple[str, Any]]:
         """Yield names of a loop's variables and their values, which some places of controls are."""
@@ -315,56 +353,77 @@ class Prober:
         values, rows = self._values(name), self._probed[name]
         points = self.config["reference"]["points"] or []
         constants = [0.0, *sorted({float(x) for point in points for x in point})]
-        found: list[tuple[int, int, float, float]] = []
+        move = Move(name, at=[], joint=[], factor=[], constant=[])
         for place in places:
             probes = [(np.ravel(value), row[place]) for value, row in zip(values, rows, strict=True)]
-            if (way := _way(probes, constants)) is None:
+            way = _way(probes, constants)
+            if way is None:
                 raise ArmgpiError(f"{name}: moves a number that is neither its value nor that less another")
-            found.append((place, *way))
-        return Move(name, *map(list, zip(*found, strict=True)))
+            move.at.append(place)
+            move.joint.append(way.joint)
+            move.factor.append(way.factor)
+            move.constant.append(way.constant)
+        return move
 
     def _tables(self, names: list[str], places: list[int], still: set[str]) -> Iterator[Table]:
         """Yield tables of the numbers that some controls move together; who finds no room in one stays."""
         # Of a scaled nominal model and one with a load there is one at a time; see Control.excludes.
-        pairs = [(name, other) for name in names if (other := self.controls[name].excludes) in names]
+        pairs = []
+        for name in names:
+            excluded = self.controls[name].excludes
+            if excluded in names:
+                pairs.append((name, excluded))
+
+        def number_of_places(name: str) -> int:
+            return len(self.controls[name].values)
+
         for unless in pairs or ((),):
             group = [name for name in names if name not in unless[1:]]
-            while len(group) > 1 and math.prod(len(self.controls[name].values) for name in group) > _MOST:
+            while len(group) > 1 and math.prod(map(number_of_places, group)) > _MOST:
                 # The start of an arm with a state of its own depends on more than a table can hold.
-                group.remove(most := max(group, key=lambda name: len(self.controls[name].values)))
-                still.add(most)
+                longest = max(group, key=number_of_places)
+                group.remove(longest)
+                still.add(longest)
             axes = [self.controls[name].values for name in group]
             rows = self._probed[group[0]]
             if len(group) > 1:
-                rows = self._rows(dict(zip(group, zip(*itertools.product(*axes), strict=True), strict=True)))
+                values_at_places = zip(*itertools.product(*axes), strict=True)
+                rows = self._rows(dict(zip(group, values_at_places, strict=True)))
             yield Table(tuple(group), places, rows[:, places], unless)
 
     def _list_arms(self, side: str) -> list[dict[str, Arm]]:
         """Return the arms of the plant or of the controller, at all places of what changes them."""
         names = [name for name, control in self.controls.items() if control.arm == side]
-        own = {**self.config["plant"], "friction": None} if side == "plant" else self.config["controllers"]
-        key = repr([side, names, self.config["robot"], own])
+        section = self.config["controllers"]
+        if side == "plant":
+            section = {**self.config["plant"], "friction": None}
+        key = repr([side, names, self.config["robot"], section])
         if key not in self.pool.arms:
             axes = [self.controls[name].values for name in names]
-            loops = (self._loop(dict(zip(names, values, strict=True))) for values in itertools.product(*axes))
-            self.pool.arms[key] = [_arms_of(loop, side) for loop in loops]
+            arms = []
+            for values in itertools.product(*axes):
+                loop = self._loop(dict(zip(names, values, strict=True)))
+                arms.append(_arms_of(loop, side))
+            self.pool.arms[key] = arms
         return self.pool.arms[key]
 
     def _kernels(self, sample: Sample) -> Iterator[Table]:
         """Yield which kernels the calls are of: those of arms that controls change, and others."""
-        place = self.pool.names.index
+        kernel_index = self.pool.names.index
         sides: dict[str, list[dict[str, Arm]]] = {**self._arms, "": [{}]}
         for side, arms in sides.items():
-            own = {i: each for i, each in enumerate(sample.calls) if _side(each[0]) == side}
-            names = tuple(name for name, control in self.controls.items() if control.arm == side != "")
-            which = [
-                [
-                    place(f"{method}_{arm[owner].model.digest}" if owner else method)
-                    for owner, method in own.values()
-                ]
-                for arm in arms
-            ]
-            yield Table(names, list(own), np.array(which, dtype=np.float64))
+            calls = {i: call for i, call in enumerate(sample.calls) if _side(call[0]) == side}
+            names: tuple[str, ...] = ()
+            if side:
+                names = tuple(name for name, control in self.controls.items() if control.arm == side)
+            kernels_at_places = []
+            for arm in arms:
+                kernels = []
+                for owner, method in calls.values():
+                    name = f"{method}_{arm[owner].model.digest}" if owner else method
+                    kernels.append(kernel_index(name))
+                kernels_at_places.append(kernels)
+            yield Table(names, list(calls), np.array(kernels_at_places, dtype=np.float64))
 
 
 def _side(owner: str) -> str:
@@ -377,17 +436,31 @@ def _arms_of(loop: ClosedLoop, side: str) -> dict[str, Arm]:
     robots: dict[str, Any] = {"plant": loop.plant.robot}
     if side != "plant":
         robots = {name: part for name, part in vars(loop.controller).items() if isinstance(part, Robot)}
-    arms = {name: robot.dynamics for name, robot in robots.items()}
-    return {name: arm_of(getattr(each, "base", each)) for name, each in arms.items()}
+    arms = {}
+    for name, robot in robots.items():
+        dynamics = robot.dynamics
+        arms[name] = arm_of(getattr(dynamics, "base", dynamics))
+    return arms
 
 
-def _way(probes: list[tuple[Array, float]], constants: list[float]) -> tuple[int, float, float] | None:
-    """Return joint, factor and constant by which a number follows a value; None where it does not."""
+class _Way(NamedTuple):
+    """How a number follows a value: factor times that of a joint (-1: of all alike), plus a constant."""
+
+    joint: int
+    factor: float
+    constant: float
+
+
+def _way(probes: list[tuple[Array, float]], constants: list[float]) -> _Way | None:
+    """Return how a number follows a value; None where it does not.
+
+    Args:
+        probes: values of a control, one for each joint or one for all, each with the number there.
+        constants: what may be added or taken away, the first that fits.
+    """
     count = len(probes[0][0])
-    for joint in range(count):
-        for factor in (1.0, -1.0):
-            for constant in constants:
-                for c in (constant, -constant):
-                    if all(factor * value[joint] + c == x for value, x in probes):
-                        return (joint if count > 1 else -1), factor, c
+    signed_constants = [signed for constant in constants for signed in (constant, -constant)]
+    for joint, factor, constant in itertools.product(range(count), (1.0, -1.0), signed_constants):
+        if all(factor * value[joint] + constant == number for value, number in probes):
+            return _Way(joint if count > 1 else -1, factor, constant)
     return None
