@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Literal, NamedTuple
@@ -23,10 +23,13 @@ from armgpi.robot import tensors, tree
 from armgpi.robot.assembly import Assembly, join
 from armgpi.robot.repairs import ABOUT_CENTRE, ACCEPT, SUPPOSE, UNITS, Repair, Repairs
 from armgpi.robot.tree import MULTI_DOF_TYPES, Joint, Link
-from armgpi.robot.urdf import Urdf
+from armgpi.robot.urdf import Coupled, Urdf
 
 #: Pinocchio's data of a chain needs about 64 B x n^3: 64 joints are 17 MB, 500 would be 8 GB.
 MAX_MOVING_JOINTS = 64
+#: Most names in a message, and most other things.
+_NAMED = 8
+_LISTED = 3
 Mimic = Literal["lock", "follow"]
 
 
@@ -95,8 +98,8 @@ def build(
     check_choice(mimic, "mimic", ("lock", "follow"))
     locked = _locked_values(urdf, lock, keep, mimic)
     moving = [j for j in urdf.joints.values() if j.moves and j.name not in locked]
+    _check_obstacles(urdf, {joint.name for joint in moving}, locked, mimic)
     _check_joints(urdf, moving, locked)
-    _check_coupled(urdf, {joint.name for joint in moving})
     moved = urdf.moved_links(locked)
     repairs = Repairs(urdf.source, urdf.wanted, urdf.repairs)
     links = [
@@ -120,15 +123,7 @@ def build(
 
 
 def _check_joints(urdf: Urdf, moving: Collection[Joint], locked: Mapping[str, float]) -> None:
-    """Refuse multi-DoF joints that are not locked, no moving joint at all, and too many of them."""
-    for joint in urdf.joints.values():
-        if joint.type in MULTI_DOF_TYPES and joint.name not in locked:
-            raise UrdfError(
-                urdf.source,
-                f"joint {joint.name!r} is {joint.type}; armgpi needs a fixed base and revolute, continuous "
-                f"or prismatic joints: lock it (lock=[{joint.name!r}]) or make it fixed",
-                joint.name,
-            ).suggesting(Remedy("lock", (joint.name,)))
+    """Refuse no moving joint at all, and too many of them."""
     if not moving:
         if locked:
             left = "left (revolute, continuous or prismatic); lock fewer, or keep some"
@@ -143,19 +138,72 @@ def _check_joints(urdf: Urdf, moving: Collection[Joint], locked: Mapping[str, fl
         ).suggesting(Remedy("keep"))
 
 
-def _check_coupled(urdf: Urdf, moving: Collection[str]) -> None:
-    """Refuse what a tree of rigid bodies does not have, while a joint moves on which it acts."""
-    for what, _ in urdf.coupled:
-        # All springs at once, or joints would have to be locked one refusal after the other.
-        joints = [name for same, names in urdf.coupled if same == what for name in names if name in moving]
-        acting = tuple(dict.fromkeys(joints))
-        if acting:
-            raise UrdfError(
-                urdf.source,
-                f"has {what}, which acts on {', '.join(map(repr, acting))}; armgpi simulates a tree of rigid "
-                "bodies alone: lock what it acts on, or take it out of the file",
-                acting[0],
-            ).suggesting(Remedy("lock", acting))
+def _check_obstacles(urdf: Urdf, moving: Collection[str], locked: Mapping[str, float], mimic: Mimic) -> None:
+    """Refuse what a tree of rigid bodies on a fixed base does not have, while a joint moves on which it acts.
+
+    All of it at once, or joints would have to be locked one refusal after the other. What is proposed to be
+    locked was tried.
+    """
+    obstacles = _obstacles(urdf, moving, locked)
+    if not obstacles:
+        return
+    names = tuple(dict.fromkeys(name for each in obstacles for name in each.joints))
+    others_move = bool(set(moving) - set(names))
+    said = _in_words(urdf, obstacles, names, others_move)
+    if not others_move:
+        raise UrdfError(urdf.source, said, names[0])
+    refused = UrdfError(urdf.source, said, names[0]).suggesting(Remedy("lock", names))
+    places = {name: urdf.joints[name].nearest_to_zero() for name in names}
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ArmgpiWarning)  # of what is not loaded
+            build(urdf, {**locked, **places}, mimic=mimic)
+    except UrdfError as error:
+        after = str(error).removeprefix(f"{urdf.source}: ")
+        raise UrdfError(urdf.source, f"{said}. What is refused then: {after}", names[0]) from error
+    raise refused
+
+
+def _obstacles(urdf: Urdf, moving: Collection[str], locked: Mapping[str, float]) -> list[Coupled]:
+    """Return what an arm cannot have: joints of several coordinates, springs, tendons, loops."""
+    found = [
+        Coupled(f"joint {joint.name!r} that is {joint.type}", (joint.name,))
+        for joint in urdf.joints.values()
+        if joint.type in MULTI_DOF_TYPES and joint.name not in locked
+    ]
+    acting: dict[str, list[str]] = {}
+    for what, joints in urdf.coupled:
+        acting.setdefault(what, []).extend(name for name in joints if name in moving)
+    for what, names in acting.items():
+        if names:
+            found.append(Coupled(what, tuple(dict.fromkeys(names))))
+    return found
+
+
+def _in_words(urdf: Urdf, obstacles: Sequence[Coupled], names: Sequence[str], others_move: bool) -> str:
+    """Return what stands against an arm, and what to do about it."""
+    first, several = obstacles[0], len(obstacles) > 1
+    nothing_left = "" if others_move else "; no other joint moves, so locking leaves no arm"
+    if not several and (joint := urdf.joints[first.joints[0]]).type in MULTI_DOF_TYPES:
+        return (
+            f"joint {joint.name!r} is {joint.type}; armgpi needs a fixed base and revolute, continuous "
+            f"or prismatic joints: lock it (lock=[{joint.name!r}]) or make it fixed{nothing_left}"
+        )
+    what = _listed([each.what for each in obstacles], "; ", str, _LISTED)
+    acts, out = ("acts", "take it out") if not several else ("act", "take out what acts on them")
+    way = f"lock {'these joints' if several else 'what it acts on'}, or {out}" if others_move else out
+    return (
+        f"has {what}, which {acts} on {_listed(names)}; armgpi simulates a tree of rigid bodies on a fixed "
+        f"base alone: {way} of the file{nothing_left}"
+    )
+
+
+def _listed(
+    words: Sequence[str], between: str = ", ", write: Callable[[str], str] = repr, most: int = _NAMED
+) -> str:
+    """Return words for a message, the first ones of many."""
+    more = len(words) - most
+    return between.join(map(write, words[:most])) + (f" and {more} more" if more > 0 else "")
 
 
 def convert(link: Link, repairs: Repairs) -> Link:
@@ -214,10 +262,9 @@ def _check_tensor(link: Link, smallest: float, repairs: Repairs) -> Link:
 def _refuse_shapes_alone(urdf: Urdf, moved: Collection[str]) -> None:
     """Refuse a robot without any mass: many a URDF was made for drawing and planning alone."""
     names = [name for name in urdf.links if name in moved]
-    listed = ", ".join(map(repr, names[:8])) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
     raise UrdfError(
         urdf.source,
-        f"has no mass in any moving link ({listed}), so it describes the kinematics only; add an "
+        f"has no mass in any moving link ({_listed(names)}), so it describes the kinematics only; add an "
         "<inertial> with mass and inertia to each link, or take a URDF that has them, from the robot's "
         f"maker or from CAD; or identify it from a log by armgpi identify, with --repair {SUPPOSE}",
         names[0],

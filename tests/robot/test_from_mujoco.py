@@ -164,3 +164,48 @@ def test_all_springs_are_named_in_one_refusal(tmp_path: Path) -> None:
         Robot.from_mjcf(path)
     assert [remedy.joints for remedy in caught.value.remedies] == [("a", "tip")]
     assert Robot.from_mjcf(path, lock=["a", "tip"]).n == 2
+
+
+def test_all_that_stands_against_an_arm_is_named_in_one_refusal_whose_command_loads_it(
+    tmp_path: Path,
+) -> None:
+    """A free cube, a spring, a tendon on a third joint: one lock of three joints leaves the fourth."""
+    more = """<worldbody><body name="cube"><freejoint name="free"/><geom size="0.1"/></body></worldbody>
+    <tendon><fixed name="cord" stiffness="1"><joint joint="slide" coef="1"/></fixed></tendon>"""
+    path = write(tmp_path, more)
+    path.write_text(path.read_text(encoding="utf-8").replace('name="tip"', 'name="tip" stiffness="4"'))
+    with pytest.raises(UrdfError) as caught:
+        Robot.load(path)
+    said = str(caught.value)
+    assert (
+        "joint 'free' that is floating; a spring; tendon 'cord', which pulls by itself, which act on" in said
+    )
+    (remedy,) = caught.value.remedies
+    assert set(remedy.joints) == {"free", "tip", "slide"}
+    assert Robot.load(path, lock=list(remedy.joints)).joint_names == ("a", "joint1")
+
+
+def test_what_no_lock_mends_is_not_proposed_to_be_locked(tmp_path: Path) -> None:
+    cord = "".join(f'<joint joint="{name}" coef="1"/>' for name in ("a", "joint1", "slide", "tip"))
+    text = ARM.format(more=f'<tendon><fixed name="cord" stiffness="1">{cord}</fixed></tendon>')
+    path = tmp_path / "hand.xml"
+    path.write_text(text.replace("<joint axis", '<joint name="joint1" axis'), encoding="utf-8")
+    with pytest.raises(UrdfError, match="no other joint moves, so locking leaves no arm") as caught:
+        Robot.load(path)
+    assert not caught.value.remedies
+    assert "take it out of the file" in str(caught.value)
+
+
+def test_what_is_refused_after_the_lock_is_said_as_well() -> None:
+    """A floating base, and a link behind it that has an inertia but no mass."""
+    inertia = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+    parts = []
+    for k, mass in enumerate((1.0, 1.0, 1.0, 0.0)):
+        parts.append(f'<link name="l{k}"><inertial><mass value="{mass}"/>{inertia}</inertial></link>')
+    for k, kind in enumerate(("floating", "continuous", "continuous")):
+        ends = f'<parent link="l{k}"/><child link="l{k + 1}"/>'
+        parts.append(f'<joint name="j{k}" type="{kind}">{ends}</joint>')
+    with pytest.raises(UrdfError, match="'j0' is floating") as caught:
+        Robot.from_xml(f'<robot name="r">{"".join(parts)}</robot>')
+    assert "What is refused then: link 'l3' has an inertia but no mass" in str(caught.value)
+    assert not caught.value.remedies
