@@ -65,7 +65,7 @@ def compare(
     sys.exit(_run(options, compare=True))
 
 
-def _import_xarray() -> None:
+def import_xarray() -> None:
     """Import xarray such that it finds neither Dask nor Arrow, of which this process has no arrays.
 
     It would import all of Dask, which takes three times as long as Pinocchio, to ask of arrays whether they
@@ -117,7 +117,7 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     result: Any = None
     # A table on the terminal needs no dataset; what has all digits is to the last bit what is written.
     if any(options[name] for name in ("out", "plot", "view", "html", "report", "as_json", "table")):
-        _import_xarray()
+        import_xarray()
         result = experiments.join({label: each.dataset() for label, each in runs.items()})
     records = experiments.records_of(runs) if result is None else experiments.records(result)
     paths: list[Path] = []

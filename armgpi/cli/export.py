@@ -131,7 +131,7 @@ def _export(options: dict[str, Any]) -> int:
         _note_contacts(experiment, options["package_dir"])
         print_held()
         with working("recording the motion, compiling the C code and replaying the motion with it"):
-            log = record(experiment.plant, supervised, experiment.reference, experiment.t_final)
+            log = record(experiment.plant, supervised, experiment.reference, experiment.t_final, "auto")
             config, copied = experiments.portable(experiment.config)
             beside: dict[str, str | bytes] = {"experiment.yaml": config, **copied}
             done = write_code(code, options["out"], log, name=options["prefix"], target=target, beside=beside)

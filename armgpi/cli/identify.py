@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from armgpi.base import files
 from armgpi.cli import options as opt
 from armgpi.cli.certify import load_arm
-from armgpi.cli.experiment import note_world, resolved
+from armgpi.cli.experiment import import_xarray, note_world, resolved
 from armgpi.cli.parsing import is_experiment, per_joint, stoppable
 from armgpi.cli.terminal import console, say, widen, working
 from armgpi.errors import ParameterError, require_extra
@@ -115,6 +115,8 @@ def identify(
     if side is not None and not logs:
         sys.exit(_identify_side(arm, robot, side, out, options, allow_part, as_json))
     options |= {"gravity": not no_gravity, "check_first": not anyway}
+    if not all(path.suffix == ".csv" for path in logs or []):
+        import_xarray()
     with working("fitting the model of the arm to the log"):
         found, carried = _with_load(logs or [], arm, load, load_mass, options)
         if side is not None:

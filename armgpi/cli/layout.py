@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from typer.core import TyperCommand
@@ -76,7 +77,7 @@ class Command(TyperCommand):
 
 
 def read_as_typed(params: list[Any]) -> None:
-    """Let arguments and options take text, and nothing where nothing is given, as it is.
+    """Let arguments and options take text, paths, and nothing where nothing is given, as they are.
 
     Typer would import Pydantic for that, which takes half as long as Pinocchio.
     """
@@ -88,9 +89,12 @@ def _read(parameter: Any, ctx: Any, value: Any) -> Any:
     """Return the value of an argument or option."""
     several = parameter.multiple or parameter.nargs == -1
     kind = getattr(getattr(parameter, "type_descriptor", None), "annotation", None)  # none in older Typer
-    if kind is None or (parameter.required if value is None else several or kind is not str):
+    if kind is None or (parameter.required if value is None else several or kind not in (str, Path)):
         return type(parameter).process_value(parameter, ctx, value)
-    value = () if value is None and several else value
+    if value is None:
+        value = () if several else None
+    elif kind is Path:
+        value = Path(value)
     return value if parameter.callback is None else parameter.callback(ctx, parameter, value)
 
 

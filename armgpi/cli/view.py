@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from armgpi.base.files import check_set, read_bytes
 from armgpi.cli import options as opt
+from armgpi.cli.experiment import import_xarray
 from armgpi.cli.parsing import refusal, stoppable
 from armgpi.cli.terminal import progress, say
 from armgpi.errors import ArmgpiError
@@ -98,6 +99,7 @@ def report(
     if not is_log:
         pictures.check_packages("report", "--out")
     pictures.check_file(output, "--out")
+    import_xarray()
     from armgpi.viewing import report as reports
 
     loaded = {}
@@ -156,6 +158,7 @@ def _rollout(targets: list[str], how: Mapping[str, Any], robot: str | None) -> t
         raise refusal(f"--{key}", "is for robots; a rollout has its joints locked already")
     if len(targets) > 1:
         raise refusal("FILE", f"one rollout at a time, or `armgpi report {' '.join(targets)}`")
+    import_xarray()
     result = rollouts.load(targets[0])
     arm = scene.robot_of(result, Path(targets[0]).parent) if robot is None else _arm(robot, result)
     return result, arm

@@ -45,16 +45,18 @@ FLAGS = (
 )
 #: For one number at a time: operations that wait for each other are put farther apart.
 SCALAR = ("-fschedule-insns",)
+#: For a run that is short: its code is there in half of the time, and its bits are those of any level.
+QUICK = ("-O0",)
 #: Passes of GCC that find nothing in straight lines, for up to a third of its time. Clang lacks the names.
 _FRUITLESS = ("-fno-tree-pta", "-fno-gcse", "-fno-rerun-cse-after-loop", "-fno-tree-pre")
 #: Entries kept at most, a library has one or two; the ones used least recently go.
 _KEPT = 512
 #: What they are called.
-_ENTRY = re.compile(r"[0-9a-f]{32}-[0-9a-f]{16}\.(so|wasm)")
+_ENTRY = re.compile(r"[0-9a-f]{32}-[0-9a-f]{16}\.(so|wasm|made)")
 #: Longest time that a compiler may take [s]; the first call of Zig's takes 20.
 _PATIENCE = 600.0
-#: About what it takes to trace, generate and compile a loop, for each joint [s].
-_JOINT = 0.1
+#: About what it takes to trace, generate and compile a loop, for each joint [s]: at full speed, and quickly.
+_JOINT, _QUICK_JOINT = 0.1, 0.06
 
 
 #: The compiler of the package `ziglang`: for machines that have no other, and for WebAssembly.
@@ -201,13 +203,18 @@ def none_known() -> bool:
     return not _loaded
 
 
-def check_patience(joints: int, patience: float) -> None:
+def check_patience(joints: int, patience: float, quick: bool = True) -> None:
     """Refuse to compile a loop of so many joints where that takes longer than it may [s].
+
+    Args:
+        joints: of the arm.
+        patience: how long it may take [s].
+        quick: whether it would be compiled with :data:`QUICK`.
 
     Raises:
         BackendError: when it does.
     """
-    if (about := _JOINT * joints) > patience:
+    if (about := (_QUICK_JOINT if quick else _JOINT) * joints) > patience:
         raise BackendError(f"compiling it takes longer than NumPy: about {about:.1f} s")
 
 
@@ -262,7 +269,7 @@ def library(source: str, flags: tuple[str, ...] = FLAGS, name: str = "") -> ctyp
     key = _key(found, source, *flags)
     alias = _key(found, name, package(), *flags) if name else ""
     if key not in _loaded:
-        _loaded[key] = _obtain(_LIBRARY, source, key, found, (*flags, "-lm"), alias)
+        _loaded[key] = _obtain(_LIBRARY, key, _compiled(source, found, (*flags, "-lm")), alias)
     return _loaded[key]
 
 
@@ -273,12 +280,30 @@ def wasm(source: str, found: Compiler, flags: tuple[str, ...], name: str = "") -
         BackendError: when the compiler fails.
     """
     alias = _key(found, name, package()) if name else ""
-    return _obtain(_WASM, source, _key(found, source, *flags), found, flags, alias)
+    return _obtain(_WASM, _key(found, source, *flags), _compiled(source, found, flags), alias)
 
 
 def find_wasm(name: str, found: Compiler) -> bytes | None:
     """Return the WebAssembly that was given this name once, by this version of the package."""
     return _find(_WASM, _key(found, name, package()))
+
+
+def keep(name: str, found: Compiler, make: Callable[[Path], bytes]) -> bytes:
+    """Return what a compiler made once of what has this name; it is kept as libraries are.
+
+    Args:
+        name: tells all that decides what is made, but for compiler and CPU.
+        found: the compiler.
+        make: makes it, in an empty folder.
+
+    Raises:
+        BackendError: when `make` raises it, or there is no folder.
+    """
+
+    def compile_into(built: Path) -> None:
+        built.write_bytes(make(built.parent))
+
+    return _obtain(_MADE, _key(found, name), compile_into)
 
 
 _Made = TypeVar("_Made")
@@ -298,6 +323,7 @@ class _Kind(NamedTuple, Generic[_Made]):
 
 _LIBRARY = _Kind(".so", lambda path: ctypes.CDLL(str(path)))
 _WASM = _Kind(".wasm", Path.read_bytes)
+_MADE = _Kind(".made", Path.read_bytes)
 
 
 def _find(kind: _Kind[_Made], key: str) -> _Made | None:
@@ -307,12 +333,25 @@ def _find(kind: _Kind[_Made], key: str) -> _Made | None:
     return None
 
 
-def _obtain(
-    kind: _Kind[_Made], source: str, key: str, found: Compiler, flags: tuple[str, ...], alias: str = ""
-) -> _Made:
-    """Return what is kept, or compile it: in the cache, or where it cannot be kept."""
+def _compiled(source: str, found: Compiler, flags: tuple[str, ...]) -> Callable[[Path], None]:
+    """Return what compiles a C source into a file, in a folder of the file's own.
+
+    What it returns raises `BackendError` when the compiler fails.
+    """
+
+    def compile_into(built: Path) -> None:
+        text = built.with_name("loop.c")
+        text.write_text(source, encoding="utf-8")
+        arguments = [str(text), *flags, *found.flags, "-o", str(built)]
+        run_compiler(found.command, arguments, built, _PATIENCE)
+
+    return compile_into
+
+
+def _obtain(kind: _Kind[_Made], key: str, make: Callable[[Path], None], alias: str = "") -> _Made:
+    """Return what is kept, or make it: in the cache, or where it cannot be kept."""
     try:
-        return _from(cache_folder(), kind, source, key, found, flags, alias)
+        return _from(cache_folder(), kind, key, make, alias)
     except Untrusted as error:
         message = f"compiled code is not kept: {error}; ARMGPI_CACHE names another folder"
         warnings.warn(ArmgpiWarning(message), stacklevel=3)
@@ -320,21 +359,13 @@ def _obtain(
         pass
     try:
         with tempfile.TemporaryDirectory(prefix="armgpi-", ignore_cleanup_errors=True) as private:
-            return _from(Path(private), kind, source, key, found, flags)
+            return _from(Path(private), kind, key, make)
     except OSError as error:
         raise BackendError(f"no folder to compile in: {error}") from None
 
 
-def _from(
-    folder: Path,
-    kind: _Kind[_Made],
-    source: str,
-    key: str,
-    found: Compiler,
-    flags: tuple[str, ...],
-    alias: str = "",
-) -> _Made:
-    """Return what is kept in a folder, or compile it there; `alias` is its other entry.
+def _from(folder: Path, kind: _Kind[_Made], key: str, make: Callable[[Path], None], alias: str = "") -> _Made:
+    """Return what is kept in a folder, or make it there; `alias` is its other entry.
 
     Raises:
         OSError: when the folder cannot be used, `Untrusted` when others can write to it.
@@ -342,7 +373,7 @@ def _from(
     with open_folder(folder) as (place, opened):
         kept = _load_kept(place, opened, key, kind)
         if kept is None:
-            _compile(source, key + kind.suffix, found, flags, place)
+            _make(key + kind.suffix, make, place)
             kept = _load_kept(place, opened, key, kind)
         if kept is None:
             raise BackendError(f"{place}: what was compiled cannot be read back")
@@ -390,8 +421,8 @@ def _is_whole(name: str, folder: int) -> bool:
     return True
 
 
-def _compile(source: str, name: str, found: Compiler, flags: tuple[str, ...], folder: Path) -> None:
-    """Compile, and move what is made to its place in a folder; `name` is its key and suffix.
+def _make(name: str, make: Callable[[Path], None], folder: Path) -> None:
+    """Make a file, and move it to its place in a folder; `name` is its key and suffix.
 
     Raises:
         OSError: when nothing can be made in the folder.
@@ -400,10 +431,8 @@ def _compile(source: str, name: str, found: Compiler, flags: tuple[str, ...], fo
     key, _, suffix = name.partition(".")
     work = Path(tempfile.mkdtemp(prefix=f".{key}.", dir=folder))
     try:
-        (work / "loop.c").write_text(source, encoding="utf-8")
         built = work / f"loop.{suffix}"
-        arguments = [str(work / "loop.c"), *flags, *found.flags, "-o", str(built)]
-        run_compiler(found.command, arguments, built, _PATIENCE)
+        make(built)
         built.chmod(0o700)  # whatever the umask
         digest = hashlib.sha256(built.read_bytes()).hexdigest()[:16]
         built.replace(folder / f"{key}-{digest}.{suffix}")

@@ -7,15 +7,16 @@ import math
 import time
 from collections import OrderedDict
 from concurrent.futures import ThreadPoolExecutor, wait
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from armgpi.base.arrays import Array
 from armgpi.codegen import build
 from armgpi.codegen.source import HELD, Layout, layout_of, source, trace_used
-from armgpi.codegen.state import map_leaves
+from armgpi.codegen.state import flatten, map_leaves, unflatten
 from armgpi.codegen.symbols import NotElementwise
 from armgpi.codegen.trace import Inventory, check_repeatable, columns, tracing
 from armgpi.errors import BackendError
@@ -41,22 +42,29 @@ _TRIALS = ((0, 0.0), (0, 1e-3), (1000, 0.3))
 _TABLE = 1 << 20
 #: Samples of a table with rows of its own for each rollout, at least: some 16 pay for a call of `at`.
 _FEWEST = 16
+#: Samples that code compiled quickly takes, at most: for more, fast code saves more than it takes to compile.
+_FEW = 50_000
 #: Structures of which the code is kept at hand.
 _KEPT = 64
 #: What an array of vectors is aligned to [bytes]: those of 8 lanes.
 _ALIGNMENT = 64
 
 
-class Generated(NamedTuple):
+@dataclass
+class Generated:
     """The code of all loops of one structure.
 
     Attributes:
         layout: of its numbers.
         library: its C compiled.
+        quick: whether it was compiled for short runs.
+        samples: taken with it so far, of blocks of lanes.
     """
 
     layout: Layout
     library: ctypes.CDLL
+    quick: bool
+    samples: int = 0
 
 
 #: The code of this process by the structure of the loop. A law of a user's is not among it: a key would have
@@ -72,6 +80,7 @@ def _code_of(
     running: Running | None,
     known: dict[Any, Generated],
     patience: float,
+    samples: int,
 ) -> tuple[Generated, Inventory, bool]:
     """Return the code of a loop, the numbers to run it with, and whether it was there already.
 
@@ -83,30 +92,38 @@ def _code_of(
         running: what adds up samples; None where they are recorded.
         known: code for laws of a user's, who vouches that they stay what they are.
         patience: how long it may take until the code is there [s].
+        samples: how many the run takes.
 
     Raises:
         BackendError: when the loop cannot be generated or compiled, or takes longer.
     """
-    flags = (*build.FLAGS, *(build.SCALAR if lanes == 1 else ()))
+    fast = (*build.FLAGS, *(build.SCALAR if lanes == 1 else ()))
+    short = (*fast, *build.QUICK)
     try:
         with tracing():
             found = Inventory(loop, state, running)
             key = (signals, lanes, build.compiler(), *found.structure)
             kept: Any = known if found.user_defined else _generated
-            if key in kept:
+            before = kept[key].samples if key in kept else 0
+            # With several lanes the code of a short run would need much memory, on the stack of any thread.
+            quick = lanes == 1 and before + samples <= _FEW
+            if key in kept and (quick or not kept[key].quick):
+                kept[key].samples += samples
                 return kept[key], found, True
             # What a process before made of a loop of this structure needs no trace.
             name = f"{signals} {lanes} {found.name}" if found.name else ""
-            made = build.find_library(name, flags) if name else None
+            made = None
+            for flags in (fast, short)[: 1 + quick] if name else ():
+                made = made or build.find_library(name, flags)
             if made is None:
-                build.check_patience(loop.plant.robot.n, patience)
+                build.check_patience(loop.plant.robot.n, patience, quick)
                 text = source(trace_used(loop, state, signals, running), lanes)
                 if found.user_defined:
                     check_repeatable(text, lambda: source(trace_used(loop, state, signals, running), lanes))
-                made = build.library(text, flags, name)
+                made = build.library(text, short if quick else fast, name)
     except NotElementwise as error:
         raise BackendError(f"this loop has no generated code: {error}") from None
-    code = Generated(layout_of(made), made)
+    code = Generated(layout_of(made), made, quick, before + samples)
     kept[key] = code
     if len(_generated) > _KEPT:
         _generated.popitem(last=False)
@@ -170,12 +187,14 @@ class CompiledRun:
         """
         self.rows = len(recording.status)
         self.lanes = build.lanes(self.rows)
+        samples = round(recording.times[-1] / loop.dt) * -(-self.rows // self.lanes)
         code, found, again = _code_of(
-            loop, state, signals, self.lanes, running, {} if known is None else known, patience
+            loop, state, signals, self.lanes, running, {} if known is None else known, patience, samples
         )
         self._values = found.values
-        self._layout, self._library = code
+        self._layout, self._library = code.layout, code.library
         self.loop, self.recording = loop, recording
+        self._begun = tuple(state[1:])
         self.done = 0
         self.chunk = _FIRST_CHUNK
         self._blocks = -(-self.rows // self.lanes)
@@ -209,6 +228,22 @@ class CompiledRun:
     def sums(self) -> Sums:
         """What was added up, arrays (rollouts, n)."""
         return tuple(self._unpack(self._keep["sums"], self._layout.sums))
+
+    @property
+    def state(self) -> Any:
+        """The state before the next sample, a tree as NumPy has it; of a single run only."""
+        rows = self._keep["state"].reshape(self._blocks, -1, self.lanes)[0, : self._layout.states, 0].copy()
+        begin = 0
+        leaves: list[Any] = []
+        for _, value in flatten(self._begun):
+            if isinstance(value, int):
+                leaves.append(value + self.done)
+                continue
+            size = np.size(value)
+            part = rows[begin : begin + size].reshape(np.shape(value))
+            leaves.append(part if isinstance(value, np.ndarray) else float(part))
+            begin += size
+        return unflatten(self._begun, leaves)
 
     @property
     def last(self) -> dict[str, Array]:

@@ -1005,7 +1005,13 @@ CASES: dict[str, Case] = {
     "Supervised": Case(armgpi.Supervised, {"law": gpi(), "supervisor": None}),
     "record": Case(
         record,
-        {"plant": PLANT, "controller": gpi(), "reference": armgpi.Bezier(**MOVE), "t_final": 0.003},
+        {
+            "plant": PLANT,
+            "controller": gpi(),
+            "reference": armgpi.Bezier(**MOVE),
+            "t_final": 0.003,
+            "backend": "numpy",
+        },
         slow=True,
     ),
     "ExportedController": Case(

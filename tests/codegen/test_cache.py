@@ -90,6 +90,62 @@ def test_a_file_for_pages_is_kept_and_made_anew_when_it_is_damaged(
     assert len(compilations) == 2
 
 
+def test_what_else_a_compiler_makes_is_kept_by_its_name(cache: Path) -> None:
+    made: list[Path] = []
+
+    def make(folder: Path) -> bytes:
+        made.append(folder)
+        return b"made of many files"
+
+    assert {build.keep("a", build.compiler(), make) for _ in range(3)} == {b"made of many files"}
+    assert len(made) == 1
+    assert not made[0].exists()
+    build.keep("b", build.compiler(), make)
+    assert len(made) == 2
+    for path in cache.iterdir():
+        path.write_bytes(b"damaged")
+    assert build.keep("a", build.compiler(), make) == b"made of many files"
+
+
+def test_a_short_run_has_code_that_is_there_soon_and_a_long_one_fast_code_with_the_same_bits(
+    compilations: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """50 samples: below the limit, then above it, then in a process that finds both."""
+
+    def quick() -> list[bool]:
+        return ["-O0" in command for command in compilations]
+
+    first = compiled(*LOOP)
+    assert quick() == [True]
+    monkeypatch.setattr(generated, "_FEW", 75)
+    again = compiled(*LOOP)  # the second 50 samples of this process are too many
+    assert quick() == [True, False]
+    np.testing.assert_array_equal(again["q"], first["q"])
+    np.testing.assert_array_equal(again["tau"], first["tau"])
+    forget()
+    monkeypatch.setattr(generated, "_FEW", 10_000)
+    compiled(*LOOP)
+    assert len(compilations) == 2
+    (code,) = generated._generated.values()
+    fast = build.find_library(next(iter(_names())), (*build.FLAGS, *build.SCALAR))
+    assert code.library is fast  # the faster one where it is there
+
+
+def _names() -> list[str]:
+    """Return the name of the loop's code."""
+    from armgpi.codegen.trace import Inventory
+    from armgpi.loop.closed_loop import ClosedLoop
+
+    loop = ClosedLoop(*LOOP[:3])
+    return [f"False 1 {Inventory(loop, loop.init()).name}"]
+
+
+def test_rollouts_side_by_side_have_fast_code_at_once(compilations: list[Any]) -> None:
+    plant, law, move, seconds = LOOP
+    simulate(plant, law, move, seconds, q0=np.tile([0.0, 0.1, 0.0], (3, 1)), backend="compiled")
+    assert ["-O0" in command for command in compilations] == [False]
+
+
 def test_within_a_process_it_is_loaded_once(monkeypatch: pytest.MonkeyPatch) -> None:
     assert build.library(SOURCE) is build.library(SOURCE)
 
@@ -181,7 +237,7 @@ def test_old_entries_go_first(cache: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert answer(sources[3]) == 3
     assert len(list(cache.iterdir())) == 3
     with monkeypatch.context() as patch:
-        patch.setattr(build, "_compile", lambda *_: pytest.fail("compiled again"))
+        patch.setattr(build, "_make", lambda *_: pytest.fail("compiled again"))
         assert [answer(sources[i]) for i in (0, 2, 3)] == [0, 2, 3]
 
 
@@ -280,7 +336,7 @@ def test_auto_takes_what_is_there_and_compiles_what_is_worth_it(monkeypatch: pyt
     def chosen() -> str:
         return str(json.loads(simulate(*LOOP, backend="auto").attrs["provenance"])["backend"])
 
-    monkeypatch.setattr(prepared, "_ARRAY", 0.2 / 50 / 8)  # 0.2 s in all: more than the imports, ...
+    monkeypatch.setattr(prepared, "_ARRAY", 0.14 / 50 / 8)  # 0.14 s in all: more than the imports, ...
     assert chosen() == "numpy"  # ... less than what compiling three joints takes
     compiled(*LOOP)
     for _ in range(2):  # in this process, and in another one
@@ -291,7 +347,7 @@ def test_auto_takes_what_is_there_and_compiles_what_is_worth_it(monkeypatch: pyt
 
 
 def test_a_loop_that_runs_again_and_again_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(prepared, "_ARRAY", 0.2 / 50 / 8)
+    monkeypatch.setattr(prepared, "_ARRAY", 0.14 / 50 / 8)
     loop = prepare(*LOOP, backend="auto")
     runs = [loop.run() for _ in range(3)]
     backends = [json.loads(run.attrs["provenance"])["backend"] for run in runs]

@@ -2,18 +2,37 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armgpi import GPI, Bezier, Delayed, Encoder, Hold, PIDInversion, RigidBodyPlant, Robot, simulate
+from armgpi import (
+    GPI,
+    Bezier,
+    Delayed,
+    Encoder,
+    Hold,
+    PIDInversion,
+    RigidBodyPlant,
+    Robot,
+    Step,
+    Supervised,
+    Supervisor,
+    simulate,
+)
 from armgpi.base.arrays import Array
 from armgpi.errors import RolloutError
+from armgpi.hardware.export import recording
 from armgpi.hardware.export.files import record
 from armgpi.loop.closed_loop import ClosedLoop
+from armgpi.loop.log import ArmLog, replay
 from armgpi.loop.rollout import Recording, Status
 from armgpi.loop.runner import DIVERGENCE, NumPyRun, drive, in_control
+from armgpi.plants.plant import Plant
 
 DT = 1e-3
 ARM = Robot.load("anthropomorphic3")
@@ -65,6 +84,61 @@ def test_a_log_has_the_numbers_of_the_rollout(controller: GPI | PIDInversion) ->
     # What it was given makes the torque that it answered, velocities included.
     state = ClosedLoop(PLANT, controller, MOVE).init().plant
     np.testing.assert_array_equal(log.inputs["v_measured"][0], PLANT.measure(state).v)
+
+
+def _logged(controller: Supervised, seconds: float, backend: str, plant: Plant = PLANT) -> ArmLog:
+    """Return a log by a backend; generated code is there in time, however long that takes."""
+    move = Bezier([0.0, 0.1, 0.0], [0.2, 0.3, 0.1], 0.8 * seconds)
+    return record(plant, controller, move, seconds, backend)
+
+
+@pytest.mark.parametrize("seconds", [0.032, 0.2, 0.2005])
+def test_a_log_by_generated_code_has_the_torques_of_python(
+    seconds: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recording, "_SAMPLE", math.inf)
+    controller = Supervised(GPI(ARM, DT))
+    slow, fast = (_logged(controller, seconds, backend) for backend in ("numpy", "auto"))
+    assert fast.header["inputs"] == ["q_measured", "q_ref", "v_ref", "a_ref"]  # it was generated code
+    for name in ("q_ref", "v_ref", "a_ref"):
+        np.testing.assert_array_equal(fast.inputs[name], slow.inputs[name])
+    np.testing.assert_allclose(fast.inputs["q_measured"], slow.inputs["q_measured"], rtol=0.0, atol=1e-12)
+    for name in ("number", "event", "status", "reason", "joint", "elapsed"):
+        np.testing.assert_array_equal(fast.rows[name], slow.rows[name])
+    again = replay(fast, controller)  # sample after sample, as it is in the loop
+    assert again.samples == len(slow.tau) == round(seconds / DT)
+    assert (again.difference <= 1e-12 * np.abs(fast.tau).max(axis=0)).all()
+    assert again.status is None
+
+
+def test_a_law_that_python_does_not_repeat_is_logged_by_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recording, "_SAMPLE", math.inf)
+    controller = Supervised(GPI(ARM, DT))
+    tried: list[float] = []
+
+    def other(*given: Any) -> Any:
+        tau, reports, ends = kept(*given)
+        tried.append(tau[70, 1])
+        tau[70, 1] += 1e-3
+        return tau, reports, ends
+
+    kept = recording._repeat
+    monkeypatch.setattr(recording, "_repeat", other)
+    log, true = _logged(controller, 0.2, "auto"), _logged(controller, 0.2, "numpy")
+    assert len(tried) == 1
+    assert "v_measured" in log.inputs
+    np.testing.assert_array_equal(log.tau, true.tau)
+
+
+def test_a_fault_is_in_the_log_by_generated_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recording, "_SAMPLE", math.inf)
+    plant = Delayed(Encoder(RigidBodyPlant(ARM, [Step([0.0, 10.0, 0.0], 0.05)]), 16), 1)
+    controller = Supervised(GPI(ARM, DT), Supervisor(following=0.05))
+    slow, fast = (_logged(controller, 0.3, backend, plant) for backend in ("numpy", "auto"))
+    assert fast.fault == slow.fault
+    assert "FOLLOWING" in str(fast.fault)
+    assert "v_measured" not in fast.inputs
+    assert (replay(fast, controller).difference <= 1e-12 * np.abs(fast.tau).max()).all()
 
 
 def test_a_log_ends_where_the_rollout_does() -> None:

@@ -35,6 +35,8 @@ from armgpi.supervisor.reasons import REASONS
 _REALS = {"double": ("double", "", "DBL_MAX"), "float": ("float", "F", "FLT_MAX")}
 #: Bits that say in `armgpi_info.inputs` which arguments there are besides q_measured and q_ref.
 INPUT_BITS = {"v_measured": 1, "v_ref": 2, "a_ref": 4}
+#: A name in C.
+_WORD = re.compile(r"\w+")
 #: What the arguments are.
 MEANING = {
     "q_measured": "measured positions [rad or m]; continuous joints unwrapped",
@@ -269,11 +271,11 @@ class _Writer:
             f"const armgpi_real_t {new} = {local};" for new, local in zip(after, locals_, strict=True)
         } & set(lines)
         lines = [line for line in lines if line not in same]
-        text = "\n".join(lines)
+        used = set(_WORD.findall("\n".join(lines)))
         reads = [
             f"const armgpi_real_t {local} = {place};"
             for local, place in zip(locals_, places, strict=True)
-            if re.search(rf"\b{local}\b", text)
+            if local in used
         ]
         writes = [
             f"{place} = {new};"
@@ -466,9 +468,11 @@ def _with_buffers(lines: list[str], buffers: Sequence[tuple[str, int]]) -> list[
     # Often an argument is the measurement itself, or what another call has given.
     declared = []
     for name, size in buffers:
+        begin = f"{name}["
+        filling = [line for line in lines if line.startswith(begin)]
         copies = {
             line: line[len(f"{name}[{j}] = ") :]
-            for line in lines
+            for line in filling
             for j in range(size)
             if line.startswith(f"{name}[{j}] = ")
         }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import subprocess
@@ -15,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.base import files
-from armgpi.base.arrays import Array, check_choice, check_number, check_path, check_type
+from armgpi.base.arrays import Array, check_choice, check_path, check_type
 from armgpi.base.hints import with_keyword_hints
 from armgpi.base.version import VERSION
 from armgpi.codegen import build
@@ -23,6 +24,7 @@ from armgpi.control.controller import Controller, FullState, Measurement
 from armgpi.errors import BackendError, RolloutError
 from armgpi.hardware.export.code import MEANING, Code, Counts, generate, supervise, template
 from armgpi.hardware.export.names import check_name, plain, rename, source_of
+from armgpi.hardware.export.recording import record as record
 from armgpi.hardware.export.targets import (
     TARGETS,
     check_target,
@@ -32,19 +34,13 @@ from armgpi.hardware.export.targets import (
     package,
     position_of,
 )
-from armgpi.loop.closed_loop import ClosedLoop
 from armgpi.loop.log import INPUTS, ArmLog, of_samples, pack, preamble, row_type
-from armgpi.loop.rollout import Recording
-from armgpi.loop.runner import DIVERGENCE, NumPyRun, drive, in_control
-from armgpi.plants.plant import Plant
-from armgpi.references.reference import Reference, Target
+from armgpi.references.reference import Target
 from armgpi.robot.batch import one_of
-from armgpi.supervisor import FARTHEST, SIGNALS, Reason, Supervised, Supervisor, reasons
+from armgpi.supervisor import FARTHEST, Reason, Supervised, Supervisor, reasons
 
 #: What a package says of a controller whose first torque is the weight.
 _HOLDS = "The first torque of the controller holds the arm: release the brakes under it."
-#: Samples of a log at most.
-MOST_SAMPLES = 100_000
 #: Largest difference from Python, as a share of the torque scale.
 _TOLERANCE = 1e-12
 #: The same where roundings add up: the states of the printed law grow without bound and cancel (docs,
@@ -104,39 +100,6 @@ class Export(NamedTuple):
     code: Code
     measured: Measured | None
     state_bytes: int
-
-
-def record(plant: Plant, controller: Controller, reference: Reference, t_final: float) -> ArmLog:
-    """Simulate a closed loop for `t_final` [s], 100,000 samples at most, and return its log.
-
-    Of an arm that was out of control the log ends before, and its header says when (`diverged` [s]).
-
-    Raises:
-        RolloutError: when the arm is out of control at the first sample.
-        ParameterError: when an argument is not as it should be.
-    """
-    loop = ClosedLoop(plant, controller, reference)
-    t_final = check_number(t_final, "t_final", "a positive time [s]", open_=True)
-    state = loop.init()
-    steps = max(1, min(round(t_final / loop.dt), MOST_SAMPLES))
-    recording = Recording.new(loop.true_state(state).q.shape, steps, loop.dt, every=1)
-    with np.errstate(all="ignore"):
-        drive(NumPyRun(loop, state, recording, inputs=True), steps)
-    found = {name: values[:steps] for name, values in recording.variables.items()}
-    # By what was asked for: actuators may make a finite torque of an infinite one, the exported code never.
-    error, tau = found["q"] - found["q_ref"], found["tau_command"]
-    good = in_control(error, found["v"], tau, DIVERGENCE)
-    count = steps if good.all() else int(np.argmin(good))
-    if not count:
-        raise RolloutError(
-            f"{controller.robot.name}: the first sample is out of control, there is nothing to log"
-        )
-    known = {"diverged": count * loop.dt} if count < steps else {}
-    reports = None
-    if isinstance(controller, Supervised):
-        reports = np.stack([found[name][:count, 0] for name in SIGNALS[:3]], axis=1)
-    inputs = {name: found[name][:count] for name in INPUTS}
-    return of_samples(controller.robot.joint_names, loop.dt, inputs, tau[:count], reports, **known)
 
 
 @with_keyword_hints
@@ -312,33 +275,58 @@ def _texts(code: Code, log: ArmLog) -> dict[str, str]:
 
 
 def _run_replay(texts: dict[str, str | bytes], found: build.Compiler) -> Measured:
-    """Compile and run the replay in a folder of its own.
+    """Compile the replay, where it was not before, and run it in a folder of its own.
 
     Raises:
         BackendError: when the compiler fails.
     """
-    # Not in the user's folder, where objects and a program would be left behind.
-    with tempfile.TemporaryDirectory(prefix="armgpi-export-") as name:
-        folder = Path(name)
-        files.write_set(folder, texts)
-        sources = sorted((file for file in texts if file.endswith(".c")), key=lambda file: file != "main.c")
-        stack, controller = None, folder / sources[1]
-        # Not every compiler knows these options, so they do not belong to the build itself.
-        more = (*found.flags, "-fstack-usage", "-c", controller.name)
-        apart = _run([*found.command, *_BUILD, *more], folder)
-        with suppress(OSError, ValueError):
-            text = controller.with_suffix(".su").read_text(encoding="utf-8")
-            stack = sum(int(line.split("\t")[1]) for line in text.splitlines())
-        if not apart.returncode:
-            sources[1] = controller.with_suffix(".o").name
-        # As in the Makefile, so that what is refused here is refused there: warnings are errors.
-        built = _run([*found.command, *_BUILD, "-o", "replay", *sources, "-lm"], folder)
-        if built.returncode:
-            lines = [x for x in built.stderr.decode(errors="replace").splitlines() if "error" in x]
-            raise RolloutError(f"{' '.join(found.command)} failed: {(lines or ['it printed nothing'])[0]}")
-        done = _run([str(folder / "replay")], folder)
+    sources = {name: text for name, text in texts.items() if name.endswith((".c", ".h"))}
+    flags = (*_BUILD, *found.flags)
+    name = json.dumps([*flags, sources])
+    kept = build.keep(name, found, lambda folder: _build_replay(folder, sources, found))
+    said_of_stack, program = kept.split(b"\n", maxsplit=1)
+    # Not in the user's folder, where a program would be left behind.
+    with tempfile.TemporaryDirectory(prefix="armgpi-export-") as place:
+        folder, replay = Path(place), Path(place) / "replay"
+        _write_all(folder, {name: text for name, text in texts.items() if name not in sources})
+        replay.write_bytes(program)
+        replay.chmod(0o700)
+        done = _run([str(replay)], folder)
     compiler = found.version.splitlines()[0] if found.version else found.command[0]
+    stack = json.loads(said_of_stack)
     return _read_replay(done.stdout.decode(errors="replace"), compiler, done.returncode == 0, stack)
+
+
+def _build_replay(folder: Path, texts: Mapping[str, str | bytes], found: build.Compiler) -> bytes:
+    """Compile the replay in a folder, and return the bytes of its stack as a line, and the program.
+
+    Raises:
+        BackendError: when the compiler cannot be run.
+        RolloutError: when it fails.
+    """
+    _write_all(folder, texts)
+    sources = sorted((file for file in texts if file.endswith(".c")), key=lambda file: file != "main.c")
+    stack, controller = None, folder / sources[1]
+    # Not every compiler knows these options, so they do not belong to the build itself.
+    more = (*found.flags, "-fstack-usage", "-c", controller.name)
+    apart = _run([*found.command, *_BUILD, *more], folder)
+    with suppress(OSError, ValueError):
+        text = controller.with_suffix(".su").read_text(encoding="utf-8")
+        stack = sum(int(line.split("\t")[1]) for line in text.splitlines())
+    if not apart.returncode:
+        sources[1] = controller.with_suffix(".o").name
+    # As in the Makefile, so that what is refused here is refused there: warnings are errors.
+    built = _run([*found.command, *_BUILD, "-o", "replay", *sources, "-lm"], folder)
+    if built.returncode:
+        lines = [x for x in built.stderr.decode(errors="replace").splitlines() if "error" in x]
+        raise RolloutError(f"{' '.join(found.command)} failed: {(lines or ['it printed nothing'])[0]}")
+    return json.dumps(stack).encode() + b"\n" + (folder / "replay").read_bytes()
+
+
+def _write_all(folder: Path, texts: Mapping[str, str | bytes]) -> None:
+    """Write files into a folder that is soon gone: in no order, and not to the disk."""
+    for name, text in texts.items():
+        (folder / name).write_bytes(text.encode() if isinstance(text, str) else text)
 
 
 def _read_replay(said: str, compiler: str, agrees: bool, stack: int | None) -> Measured:

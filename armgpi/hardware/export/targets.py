@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Callable
 from string import Template
@@ -10,7 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.base.arrays import Array
+from armgpi.base.cache import keep_result, read_result
 from armgpi.base.version import VERSION
+from armgpi.codegen import build
 from armgpi.codegen.following import follow_code
 from armgpi.control.controller import FullState, Measurement
 from armgpi.errors import ParameterError, Remedy
@@ -55,6 +58,8 @@ GEARED = (
     "--rotor-inertia 0, --drives none and --direct-drive, and it is assumed; specify it "
     "(--drives FILE); or identify them (armgpi identify)"
 )
+#: Under what the rows of the tests of faults are kept.
+_FAULT_TESTS = "fault tests"
 _POSITIONS = ("q_measured", "q_ref")
 _VELOCITY = """\
         v_measured[fault->joint] = (armgpi_real_t)((fault->dq + 3.0 * (k2 * fault->dddq)) / ARMGPI_DT);
@@ -228,7 +233,7 @@ def package(code: Code, state_bytes: int, target: str) -> dict[str, str]:
         "status_words": ", ".join(map('"{}"'.format, statuses)),
         "reason_words": ", ".join(map('"{}"'.format, reasons)),
         "middle": ",\n".join(map("    {!r}".format, law.controller.robot.middle().tolist())),
-        "faults": ",\n".join(_tests(law.controller)),
+        "faults": ",\n".join(_kept_tests(code)),
     }
     texts = {name: Template(template(name)).substitute(fill) for name in (*_PACKAGE, "test_faults.c")}
     texts |= _follow(law.controller)
@@ -275,6 +280,18 @@ def _move(controller: Supervised, suffix: str) -> dict[str, str]:
     ends = (np.maximum(lower, -FARTHEST), np.minimum(upper, FARTHEST))
     ranges = ["    {" + ", ".join(map(repr, row.tolist())) + "}" for row in ends]
     return {"move_limits": ",\n".join(rows), "move_range": ",\n".join(ranges)}
+
+
+def _kept_tests(code: Code) -> list[str]:
+    """Return the rows of the tests of faults, found now or before for the same controller."""
+    # Its C has all of its numbers in it.
+    key = hashlib.sha256(f"{_FAULT_TESTS} {build.package()} {code.header} {code.source}".encode()).hexdigest()
+    kept = read_result(key)
+    if isinstance(kept, list) and all(isinstance(row, str) for row in kept):
+        return kept
+    rows = _tests(code.law.controller)
+    keep_result(key, rows)
+    return rows
 
 
 def _tests(controller: Supervised) -> list[str]:
