@@ -188,11 +188,11 @@ def _experiment(options: dict[str, Any], target: str) -> Experiment:
     from armgpi.cli.settings import settings
     from armgpi.config import building
     from armgpi.hardware.export.interfaces import COMPENSATING
-    from armgpi.hardware.export.targets import moving_gripper
+    from armgpi.robot import grippers
 
     given = settings(options, compare=False)
     robot = building.robot(*given)
-    fingers = moving_gripper(robot)
+    fingers = grippers.moving(robot)
     if fingers and target in COMPENSATING:
         options["lock"] = [*(options["lock"] or []), *fingers]
         say(f"note: {', '.join(fingers)} of the gripper locked: {target} has the arm's joints", err=True)

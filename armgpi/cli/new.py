@@ -484,7 +484,7 @@ def _vary_lines(arm: Any, assumed: Any, load: float) -> list[str]:
 
 def _arm(robot: str, how: dict[str, Any], answers: _Answers) -> tuple[Any, list[str]]:
     """Return one arm of a robot, and the joints of its gripper, locked: `how` says so afterwards."""
-    from armgpi.robot import chains, reading, robots
+    from armgpi.robot import chains, grippers, reading, robots
 
     try:
         with warnings.catch_warnings():
@@ -503,7 +503,7 @@ def _arm(robot: str, how: dict[str, Any], answers: _Answers) -> tuple[Any, list[
         chosen, _ = answers.get(f"{said}. Keep", None, first, str)
         say(f"note: {said}; the file keeps {chosen}", err=True)
         how["keep"] = [chosen]
-    hands = [] if how["keep"] else [j for j in arm.provenance.get("grippers", ()) if j in arm.joint_names]
+    hands = [] if how["keep"] else grippers.moving(arm)
     how["lock"] = [*(how["lock"] or []), *hands]
     return _load(robot, how), hands
 

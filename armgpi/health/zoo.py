@@ -20,7 +20,7 @@ from armgpi.loop.simulation import simulate
 from armgpi.plants.actuators import Saturated
 from armgpi.plants.rigid_body import RigidBodyPlant
 from armgpi.plants.sensors import Delayed, Encoder
-from armgpi.robot import grippers, robots, urdf
+from armgpi.robot import grippers
 from armgpi.robot.batch import RobotBatch
 from armgpi.robot.robot import Robot
 
@@ -108,13 +108,9 @@ def _row(name: str, robot: Robot, load: float, loaded: bool, omega_c: float, rol
 
 def fingers(name: str) -> list[str]:
     """Return the joints of an arm's grippers that are not locked by its name alone."""
-    path, _ = robots.locate(name)
-    document = urdf.parse(urdf.read_file(path), str(path))
     with warnings.catch_warnings():  # of fingers that are not locked, which is what is asked for
         warnings.simplefilter("ignore", ArmgpiWarning)
-        robot = Robot.load(name)
-    found = grippers.find(document, set(robot.provenance["locked"]))
-    return [joint for gripper in found for joint in gripper.joints if joint in robot.joint_names]
+        return grippers.moving(Robot.load(name))
 
 
 def markdown(rows: list[Row]) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from armgpi.robot import tree
 from armgpi.robot.tree import Joint
@@ -86,6 +86,14 @@ def find(urdf: Urdf, locked: Collection[str] = ()) -> tuple[Gripper, ...]:
             after, reason = reasons[name]
             grippers.setdefault(after, ([], reason))[0].append(name)
     return tuple(Gripper(tuple(joints), after, why) for after, (joints, why) in grippers.items())
+
+
+def moving(robot: Any) -> list[str]:
+    """Return the joints of a loaded robot that look like a gripper's and move with its arm.
+
+    They were found when it was loaded, and are not asked for again.
+    """
+    return [joint for joint in robot.provenance.get("grippers", ()) if joint in robot.joint_names]
 
 
 def _tree(urdf: Urdf, locked: Collection[str]) -> dict[str, _Node]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from operator import attrgetter
 from os import PathLike
 from types import ModuleType
 from typing import Any, NoReturn
@@ -248,39 +247,30 @@ class Robot(Edits):
         keep: Sequence[str] | None,
         mimic: urdf_model.Mimic,
     ) -> Robot:
-        keep = chains.expand(document, keep)
-        built = urdf_model.build(document, lock, keep, mimic)
-        model, source = built.model, document.source
-        drives = Drives.from_urdf(document.root, source, [joint.name for joint in built.joints])
-        for joint, inertia in zip(built.joints, drives.value("rotor_inertia", 0.0), strict=True):
-            model.armature[model.joints[model.getJointId(joint.name)].idx_v] = inertia
-        joints = built.joints
-        numbers = attrgetter("lower", "upper", "velocity", "effort", "damping", "friction")
-        columns = [*map(np.array, zip(*map(numbers, joints), strict=True))]
-        limits, friction = Limits(*columns[:4]), Friction(*columns[4:])
+        """Return the robot of a file or model that was read, its joints locked."""
+        built = urdf_model.build(document, lock, chains.expand(document, keep), mimic)
+        source, joints = document.source, built.joints
+        drives = Drives.from_urdf(document.root, source, [joint.name for joint in joints])
+        _set_rotors(built, drives)
+        limits, friction = _limits_and_friction(joints)
         if built.coupling is not None:
-            limits, friction = _couple_limits(limits, friction, built.coupling, document.source, joints)
-            joints = tuple(j for j in joints if j.mimic is None)
-        names = [j.name for j in joints]
-        drives = drives.of(names)
-        for key, values in friction._asdict().items():
-            drives = drives.with_value(
-                key, {j: x for j, x in zip(names, values, strict=True) if x}, file=source
-            )
+            limits, friction = _couple_limits(limits, friction, built.coupling, source, joints)
+            joints = tuple(joint for joint in joints if joint.mimic is None)
+        names = [joint.name for joint in joints]
         robot = cls(
             built.model,
             name,
-            [j.type for j in joints],
+            [joint.type for joint in joints],
             limits,
             friction,
             _provenance(document, built),
             built.coupling,
             names,
             built.assembly,
-            drives,
+            _with_friction(drives.of(names), friction, source),
         )
         configurations = np.vstack([robot.middle(), robot.random_positions(_SAMPLES)])
-        check_inertia(robot, configurations, document.source)
+        check_inertia(robot, configurations, source)
         return robot._with_rotors_of(document)
 
     def _with_rotors_of(self, document: urdf.Urdf) -> Robot:
@@ -414,6 +404,32 @@ def _provenance(document: urdf.Urdf, built: urdf_model.Built) -> dict[str, Any]:
     if built.repairs:
         found["repairs"] = [made._asdict() for made in built.repairs]
     return found
+
+
+def _set_rotors(built: urdf_model.Built, drives: Drives) -> None:
+    """Give a model the rotor inertia that its file states."""
+    model = built.model
+    for joint, inertia in zip(built.joints, drives.value("rotor_inertia", 0.0), strict=True):
+        row = model.joints[model.getJointId(joint.name)].idx_v
+        model.armature[row] = inertia
+
+
+def _limits_and_friction(joints: Sequence[tree.Joint]) -> tuple[Limits, Friction]:
+    """Return what the joints of a file state, in their order."""
+
+    def each(name: str) -> Array:
+        return np.array([getattr(joint, name) for joint in joints])
+
+    limits = Limits(each("lower"), each("upper"), each("velocity"), each("effort"))
+    return limits, Friction(each("damping"), each("friction"))
+
+
+def _with_friction(drives: Drives, friction: Friction, source: str) -> Drives:
+    """Return drives with the friction of the joints that have some, as stated by a file."""
+    for key, values in friction._asdict().items():
+        stated = {joint: value for joint, value in zip(drives.joint_names, values, strict=True) if value}
+        drives = drives.with_value(key, stated, file=source)
+    return drives
 
 
 def _couple_limits(

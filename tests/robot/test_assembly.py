@@ -7,6 +7,9 @@ order.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,9 +19,13 @@ from hypothesis import given
 from strategies import urdf_texts
 
 from armgpi import Robot, robots
+from armgpi.health import zoo
 from armgpi.robot import chains, grippers, reading, urdf, urdf_model
 from armgpi.robot.urdf import Urdf
 
+_MJCF = """<mujoco><worldbody><body><joint name="turn" axis="0 1 0"/><geom size="0.1" mass="1"/>
+<body pos="0 0 1"><joint name="bend" axis="0 1 0"/><geom size="0.1" mass="1"/></body></body>
+</worldbody></mujoco>"""
 #: By how much tensors may differ by rounding, of their largest element.
 _ROUNDING = 1e-14
 
@@ -74,7 +81,7 @@ def test_locked_joints_are_fixed_at_their_values() -> None:
     assert_is_what_pinocchio_reads(document, lock=lock)
 
 
-def test_grippers_and_chains_are_asked_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_grippers_and_chains_are_asked_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     asked: list[str] = []
 
     def noting(module: Any, name: str) -> None:
@@ -88,8 +95,29 @@ def test_grippers_and_chains_are_asked_once(monkeypatch: pytest.MonkeyPatch) -> 
 
     noting(grippers, "find")
     noting(chains, "of_arms")
-    Robot.load("ur5", lock=["wrist_3_joint"])
-    assert sorted(asked) == ["chains.of_arms", "grippers.find"]
+    loads: list[Callable[[], object]] = [
+        lambda: Robot.load("ur5", lock=["wrist_3_joint"]),
+        lambda: Robot.from_pinocchio(pin.buildSampleModelManipulator()),
+        lambda: zoo.fingers("panda"),
+    ]
+    if find_spec("mujoco") is not None:
+        path = tmp_path / "arm.xml"
+        path.write_text(_MJCF, encoding="utf-8")
+        loads += [lambda: Robot.load(path), lambda: Robot.from_mjcf(path)]
+    for load in loads:
+        asked.clear()
+        load()
+        assert sorted(asked) == ["chains.of_arms", "grippers.find"]
+
+
+@pytest.mark.parametrize("name", ["panda", "z1", "so100", "kinova", "ur5_gripper"])
+def test_fingers_that_move_are_those_of_the_file(name: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        robot = Robot.load(name)
+    found = grippers.find(reading.read(robots.locate(name)[0]), set(robot.provenance["locked"]))
+    joints = [joint for gripper in found for joint in gripper.joints]
+    assert zoo.fingers(name) == [joint for joint in joints if joint in robot.joint_names]
 
 
 def test_nothing_is_written_to_be_parsed_again(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -30,12 +30,12 @@ from armgpi.hardware.export.targets import (
     check_target,
     compensates_gravity,
     move_limits,
-    moving_gripper,
     package,
     position_of,
 )
 from armgpi.loop.log import INPUTS, ArmLog, of_samples, pack, preamble, row_type
 from armgpi.references.reference import Target
+from armgpi.robot import grippers
 from armgpi.robot.batch import one_of
 from armgpi.supervisor import FARTHEST, Reason, Supervised, Supervisor, reasons
 
@@ -440,7 +440,7 @@ def _contains(robot: Any) -> str:
             "torque interfaces do. On a robot that does not, the arm falls. The weight of a load that the "
             "robot does not know is a disturbance."
         )
-    if fingers := moving_gripper(robot):
+    if fingers := grippers.moving(robot):
         listed = ", ".join(f"`{plain(joint)}`" for joint in fingers)
         lock = " ".join(f"--lock {plain(joint)}" for joint in fingers)
         text += (

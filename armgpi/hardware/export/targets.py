@@ -22,6 +22,7 @@ from armgpi.hardware.export.interfaces import COMPENSATING, Interface
 from armgpi.hardware.export.names import plain
 from armgpi.references.following import FollowLimits, SetpointInverse
 from armgpi.references.reference import Target
+from armgpi.robot import grippers
 from armgpi.supervisor import FARTHEST, Reason, State, Supervised, least_acceleration
 from armgpi.supervisor.bounds import COUNTS
 
@@ -146,7 +147,7 @@ def _check_joints(target: str, robot: Any) -> None:
     rotors = zip(robot.drives.value("rotor_inertia"), robot.drives.sources("rotor_inertia"), strict=True)
     if any(value == 0.0 and source for value, source in rotors):
         raise ParameterError("target", target, GEARED)
-    joints, fingers = COMPENSATING[target].joints, moving_gripper(robot)
+    joints, fingers = COMPENSATING[target].joints, grippers.moving(robot)
     if robot.n != joints or fingers:
         which = f", with {', '.join(map(repr, fingers))} of its gripper" if fingers else ""
         refused = ParameterError("target", target, f"for {joints} joints; this arm has {robot.n}{which}")
@@ -185,11 +186,6 @@ def position_of(target: str, robot: Any) -> str:
 def compensates_gravity(robot: Any) -> bool:
     """Tell whether a nominal model has no gravity, as that of a robot which compensates it itself."""
     return not np.abs(robot.gravity(robot.middle() + 0.1 * np.arange(1, robot.n + 1))).max() > 0.0
-
-
-def moving_gripper(robot: Any) -> list[str]:
-    """Return the joints of an arm that look like a gripper's, and are controlled with the arm."""
-    return [joint for joint in robot.provenance.get("grippers", ()) if joint in robot.joint_names]
 
 
 def package(code: Code, state_bytes: int, target: str) -> dict[str, str]:
