@@ -58,26 +58,36 @@ class ReferenceBatch(Reference):
         parts: list[Reference] = []
         rows: dict[int, int] = {}
         for alike in kinds.values():
-            parts.append(_join(list(alike.values())) if len(alike) > 1 else next(iter(alike.values())))
-            rows.update({each: len(rows) + i for i, each in enumerate(alike)})
+            members = list(alike.values())
+            parts.append(_join(members) if len(members) > 1 else members[0])
+            for identity in alike:
+                rows[identity] = len(rows)
         counts = [len(alike) for alike in kinds.values()]
-        return _Stacks(parts, counts, np.array([rows[id(reference)] for reference in self.references]))
+        row_of_rollout = [rows[id(reference)] for reference in self.references]
+        return _Stacks(parts, counts, np.array(row_of_rollout))
 
     def as_arrays(self) -> Reference:
         """Return one reference with arrays that is the same, where there is one; itself otherwise."""
         parts, _, rows = self._stacks
-        same = len(parts) == 1 and np.array_equal(rows, np.arange(len(rows)))
-        return parts[0] if same and parts[0].at(0.0).q.shape == (len(rows), self._n) else self
+        in_order = np.array_equal(rows, np.arange(len(rows)))
+        if len(parts) != 1 or not in_order:
+            return self
+        has_all_rows = parts[0].at(0.0).q.shape == (len(rows), self._n)
+        return parts[0] if has_all_rows else self
 
     def at(self, t: float | Array) -> Target:
         """Return the targets at `t` [s], (batch, n) or (k, batch, n); see :meth:`Reference.at`."""
         parts, counts, rows = self._stacks
         times = as_times(t)
-        found: list[list[Array]] = [[], [], []]
-        for part, count in zip(parts, counts, strict=True):
-            for column, x in zip(found, part.at(times), strict=True):
-                column.append(np.reshape(x, (*np.shape(times), count, self._n)))
-        return Target(*(np.concatenate(column, axis=-2)[..., rows, :] for column in found))
+        q, v, a = [], [], []
+        for reference, count in zip(parts, counts, strict=True):
+            shape = (*np.shape(times), count, self._n)
+            target = reference.at(times)
+            q.append(np.reshape(target.q, shape))
+            v.append(np.reshape(target.v, shape))
+            a.append(np.reshape(target.a, shape))
+        stacked = (np.concatenate(values, axis=-2) for values in (q, v, a))
+        return Target(*(values[..., rows, :] for values in stacked))
 
     def describe(self) -> dict[str, Any]:
         """Return the references as plain data."""
@@ -112,6 +122,9 @@ def _join(references: list[Any]) -> Any:
     first = references[0]
     if isinstance(first, Recorded):
         return first.widen(references[1:])
-    given = [reference.variables() for reference in references]
-    columns = {name: np.array([values[name] for values in given], dtype=float) for name in given[0]}
-    return first.with_values(**{name: x if x.ndim == 2 else x[:, None] for name, x in columns.items()})
+    variables = [reference.variables() for reference in references]
+    columns = {}
+    for name in variables[0]:
+        column = np.array([values[name] for values in variables], dtype=float)
+        columns[name] = column if column.ndim == 2 else column[:, None]
+    return first.with_values(**columns)

@@ -132,9 +132,9 @@ class Bezier(Reference):
         self.t_start = time(t_start, "t_start", "a finite time [s]", lowest=-math.inf)
         self._distance = distance
         for name in ("duration", "t_start"):
-            rows = {len(x) for x in (getattr(self, name), distance) if np.ndim(x) == 2}
-            if len(rows) > 1 or (np.ndim(getattr(self, name)) == 2 and distance.ndim == 1):
-                expected = f"start and goal of {np.shape(getattr(self, name))[0]} rollouts, as {name} has"
+            times = getattr(self, name)
+            if np.ndim(times) == 2 and (distance.ndim == 1 or len(distance) != len(times)):
+                expected = f"start and goal of {len(times)} rollouts, as {name} has"
                 raise ArrayError("start", f"expected {expected}, got {distance.shape}")
 
     def variables(self) -> dict[str, Any]:
@@ -143,11 +143,12 @@ class Bezier(Reference):
 
     def with_values(self, **changes: Any) -> Bezier:
         """Return another move; see :meth:`Reference.with_values`."""
-        given = {**self.variables(), **changes}
-        rows = [len(x) for x in given.values() if np.ndim(x) == 2]
-        if rows and np.ndim(given["start"]) == 1 == np.ndim(given["goal"]):
-            given["start"] = np.broadcast_to(given["start"], (rows[0], len(given["start"])))
-        return Bezier(**given)
+        values = {**self.variables(), **changes}
+        start, goal = values["start"], values["goal"]
+        rollouts = [len(x) for x in values.values() if np.ndim(x) == 2]
+        if rollouts and np.ndim(start) == 1 and np.ndim(goal) == 1:
+            values["start"] = np.broadcast_to(start, (rollouts[0], len(start)))
+        return Bezier(**values)
 
     def at(self, t: float | Array) -> Target:
         """Return the target at `t` [s]; shapes as :meth:`Reference.at`."""
@@ -172,14 +173,20 @@ class Bezier(Reference):
 
     def __repr__(self) -> str:
         """Return a one-line description."""
-        duration, begin = (np.asarray(x).ravel().tolist() for x in (self.duration, self.t_start))
-        times = [f"{x[0]:g}" if len(x) == 1 else str(x) for x in (duration, begin)]
-        return f"Bezier({self.start.tolist()} -> {self.goal.tolist()} in {times[0]} s from t = {times[1]} s)"
+        way = f"{self.start.tolist()} -> {self.goal.tolist()}"
+        return f"Bezier({way} in {_shown(self.duration)} s from t = {_shown(self.t_start)} s)"
+
+
+def _shown(times: Any) -> str:
+    """Return a time, or those of all rollouts, as text."""
+    listed = np.asarray(times).ravel().tolist()
+    return f"{listed[0]:g}" if len(listed) == 1 else str(listed)
 
 
 def time(value: Any, name: str, expected: str, lowest: float = 0.0, open_: bool = False) -> Any:
     """Return a time [s], or those of all rollouts (batch, 1); arguments and errors as `check_number`."""
-    if not (isinstance(value, np.ndarray) and value.ndim == 2 and value.shape[1:] == (1,) and len(value)):
+    is_column = isinstance(value, np.ndarray) and value.ndim == 2 and value.shape[1] == 1
+    if not is_column or len(value) == 0:
         return check_number(value, name, expected, lowest, open_=open_)
     times = as_sized_array(value, name)
     check_number(float(times.min()), name, expected, lowest, open_=open_)
@@ -198,7 +205,8 @@ def _limit(value: Any, name: str) -> Array:
 
 def _configurations(start: ArrayLike, goal: ArrayLike) -> tuple[Array, Array]:
     """Check two configurations and give them one shape."""
-    start_, goal_ = as_sized_array(start, "start"), as_sized_array(goal, "goal")
+    start_ = as_sized_array(start, "start")
+    goal_ = as_sized_array(goal, "goal")
     for name, array in (("start", start_), ("goal", goal_)):
         if array.ndim not in (1, 2):
             raise ArrayError(name, f"expected shape (n,) or (batch, n), got {array.shape}")

@@ -109,8 +109,9 @@ class CartesianReference(Reference):
         self._turning = ~robot.prismatic
         self._continued = np.empty((0, robot.n))
         begin = path.at(np.zeros(1)).x
-        there = robot.frame_pose(frame, self._solve(np.zeros(1), begin)).translation
-        missed = float(np.linalg.norm(there - begin))
+        first = self._solve(np.zeros(1), begin)
+        reached = robot.frame_pose(frame, first).translation
+        missed = float(np.linalg.norm(reached - begin))
         if missed > _MISS:
             expected = f"one that puts {frame!r} on the path (it misses its beginning by {missed:.3g} m)"
             raise ParameterError("inverse", inverse, expected)
@@ -139,13 +140,17 @@ class CartesianReference(Reference):
             inverse = np.linalg.pinv(jacobian)
             v = np.matmul(inverse, point.v[..., None])[..., 0]
             drift = self.robot.frame_drift(self.frame, q, v)[:, :3]
-            target = Target(q, v, np.matmul(inverse, (point.a - drift)[..., None])[..., 0])
+            acceleration_left = point.a - drift
+            a = np.matmul(inverse, acceleration_left[..., None])[..., 0]
+            target = Target(q, v, a)
         return target if np.ndim(t) else Target(*(x[0] for x in target))
 
     def describe(self) -> dict[str, Any]:
         """Return the reference as plain data."""
-        inverse = {} if self._track is None else {"inverse": self._track.inverse.describe()}
-        return {"type": "CartesianReference", "frame": self.frame, "path": self.path.describe(), **inverse}
+        plain = {"type": "CartesianReference", "frame": self.frame, "path": self.path.describe()}
+        if self._track is not None:
+            plain["inverse"] = self._track.inverse.describe()
+        return plain
 
     def _continue(self, times: Array, q: Array) -> Array:
         """Return angles without jumps: those a full turn away that are nearest to the path so far.
@@ -156,7 +161,9 @@ class CartesianReference(Reference):
         needed = int(np.ceil(max(0.0, float(times.max())) / _TURN_STEP)) + 2
         if needed > len(self._continued):
             first = len(self._continued)
-            grid = np.asarray(np.arange(first, max(needed, 2 * first)) * _TURN_STEP, dtype=np.float64)
+            # At least twice as far as before, so that it rarely grows.
+            steps = np.arange(first, max(needed, 2 * first), dtype=np.float64)
+            grid = steps * _TURN_STEP
             try:
                 new = self._solve(grid, self.path.at(grid).x)
             except ReachError:
@@ -164,10 +171,13 @@ class CartesianReference(Reference):
                 grid = grid[: needed - first]
                 inside = np.minimum(grid, float(times.max()))
                 new = self._solve(inside, self.path.at(inside).x)
-            self._continued = np.unwrap(np.concatenate([self._continued, new]), axis=0)
-        nearest = np.clip(np.rint(times / _TURN_STEP).astype(int), 0, len(self._continued) - 1)
-        turns = np.rint((self._continued[nearest] - q) / (2.0 * math.pi))
-        return np.where(self._turning, q + 2.0 * math.pi * turns, q)
+            longer = np.concatenate([self._continued, new])
+            self._continued = np.unwrap(longer, axis=0)
+        nearest = np.rint(times / _TURN_STEP).astype(int)
+        nearest = np.clip(nearest, 0, len(self._continued) - 1)
+        full_turn = 2.0 * math.pi
+        turns = np.rint((self._continued[nearest] - q) / full_turn)
+        return np.where(self._turning, q + full_turn * turns, q)
 
     def _solve(self, times: Array, points: Array) -> Array:
         """Return the joint positions for points, naming the first time when there are none."""
@@ -194,6 +204,6 @@ def _check_turning(inverse: Any, rotation: Array) -> None:
     )
     if not isinstance(inverse, TrackingInverse) or inverse.free != inverse.robot.n - 6:
         raise ParameterError("inverse", inverse, expected)
-    held = inverse.describe().get("rotation")
-    if held is None or not np.allclose(held, rotation, atol=1e-6):
+    rotation_held = inverse.describe().get("rotation")
+    if rotation_held is None or not np.allclose(rotation_held, rotation, atol=1e-6):
         raise ParameterError("inverse", inverse, expected)

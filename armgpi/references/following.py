@@ -71,8 +71,10 @@ _SPREAD, _AHEAD = 2.0, 0.9
 _SPREAD_AHEAD, _AHEAD_FULL = 1.0, 1.0
 #: Movement below which a configuration has settled, and is not asked for again [rad or m].
 _SETTLED = 1e-5
-#: Iterations of the inverse kinematics of a set-point, and what the cost falls by in the last one [-].
-_ITERATIONS, _LEAST_GAIN = 24, 1e-12
+#: Iterations of the inverse kinematics of a set-point, at most.
+_ITERATIONS = 24
+#: What the cost falls by [-], and what joints move by [rad, or lengths of the arm], in the last iteration.
+_LEAST_GAIN, _LEAST_MOVE = 1e-12, 1e-4
 #: Weight of a rad of orientation beside an arm's length of position: near singular, the position counts more.
 _TURN_WEIGHT = 0.3
 #: Weight of a rad of movement since the last set-point, squared: near singular, joints move less.
@@ -90,6 +92,8 @@ _PACE = 0.5
 #: Distance and angle between two poses from which on that is a jump, without a path to keep to [m, rad], and
 #: how near the follower is when it is over [rad or m].
 _JUMP, _JUMP_TURN, _OVER = 0.1, 0.4, 0.05
+#: Samples that are worked out at once, at least.
+_AT_LEAST = 256
 #: Smallest and largest limit that is taken, in its unit.
 _LEAST, _MOST = 1e-6, 1e9
 #: Tolerance of the first pose [m and rad].
@@ -129,17 +133,20 @@ class FollowLimits(NamedTuple):
         check_type(robot, "robot", Robot, "a single Robot")
         effort, fastest = robot.limits.effort, robot.limits.velocity
         # A limit of 0 is one that the URDF leaves blank.
-        effort = np.where(np.isfinite(effort) & (effort > 0.0), effort, _EFFORT)
-        rate = (
-            effort / _RISE
-            if torque_rate is None
-            else _per_joint(torque_rate, "torque_rate", robot.n, robot.joint_names)
-        )
-        inertias = robot.mass_matrix(random_configurations(robot, _CONFIGURATIONS, seed=0))
-        own = np.diagonal(inertias, axis1=1, axis2=2).max(axis=0)
-        velocity = np.minimum(_SPEED_SHARE * np.where(fastest > 0.0, fastest, np.inf), _FASTEST)
-        acceleration = np.minimum(_EFFORT_SHARE * effort / own, _QUICKEST)
-        return cls(velocity, acceleration, _RATE_SHARE * rate / own)
+        is_given = np.isfinite(effort) & (effort > 0.0)
+        effort = np.where(is_given, effort, _EFFORT)
+        fastest = np.where(fastest > 0.0, fastest, np.inf)
+        if torque_rate is None:
+            rate = effort / _RISE
+        else:
+            rate = _per_joint(torque_rate, "torque_rate", robot.n, robot.joint_names)
+        configurations = random_configurations(robot, _CONFIGURATIONS, seed=0)
+        own_inertias = np.diagonal(robot.mass_matrix(configurations), axis1=1, axis2=2)
+        inertia = own_inertias.max(axis=0)  # D_jj, the largest
+        velocity = np.minimum(_SPEED_SHARE * fastest, _FASTEST)
+        acceleration = np.minimum(_EFFORT_SHARE * effort / inertia, _QUICKEST)
+        jerk = _RATE_SHARE * rate / inertia
+        return cls(velocity, acceleration, jerk)
 
 
 class FollowPlan(NamedTuple):
@@ -182,14 +189,15 @@ class Follower:
         """
         check_type(limits, "limits", FollowLimits, "FollowLimits(velocity, acceleration, jerk)")
         self.dt = check_number(dt, "dt", "a positive sample time [s]", open_=True)
-        found = [_positive(value, name) for name, value in limits._asdict().items()]
+        speed = _positive(limits.velocity, "velocity")
+        acceleration = _positive(limits.acceleration, "acceleration")
+        jerk = _positive(limits.jerk, "jerk")
         try:
-            np.broadcast_shapes(*(array.shape for array in found))
+            np.broadcast_shapes(speed.shape, acceleration.shape, jerk.shape)
         except ValueError:
-            shapes = ", ".join(str(array.shape) for array in found)
+            shapes = f"{speed.shape}, {acceleration.shape}, {jerk.shape}"
             raise ArrayError("limits", f"expected limits of one shape, or numbers; got {shapes}") from None
-        self.limits = FollowLimits(*found)
-        speed, acceleration, jerk = found
+        self.limits = FollowLimits(speed, acceleration, jerk)
         # No faster than what sampling and the jerk of the slowest joint follow.
         slowest = float(np.cbrt(1.5 * jerk / _FINE).min())
         braking = _BRAKING * _PLANNED * acceleration
@@ -222,12 +230,14 @@ class Follower:
         error = goal - q
         size = np.abs(error)
         braking = np.sqrt(lost * lost + twice_braking * size) - lost
-        speed = np.minimum(np.minimum((omega / 3.0) * size, braking), _cube_root(easing * size * size))
-        wanted = rate + np.sign(error) * speed
-        wanted = np.maximum(np.minimum(wanted, most), -most)
-        change = wanted - v
+        speed = np.minimum((omega / 3.0) * size, braking)
+        speed = np.minimum(speed, _cube_root(easing * size * size))
+        velocity = rate + np.sign(error) * speed
+        velocity = np.maximum(np.minimum(velocity, most), -most)
+        change = velocity - v
         size = np.abs(change)
-        pull = np.sign(change) * np.minimum(omega * size, np.sqrt(jerk_limit * size))
+        strength = np.minimum(omega * size, np.sqrt(jerk_limit * size))
+        pull = np.sign(change) * strength
         pull = np.maximum(np.minimum(pull, self.plan.acceleration), -self.plan.acceleration)
         jerk = (2.0 * omega) * (pull - a)
         jerk = np.maximum(np.minimum(jerk, jerk_limit), -jerk_limit)
@@ -291,7 +301,8 @@ class SetpointInverse:
         if not jacobian.any():
             raise ParameterError("frame", frame, "a frame that moves; this one is fixed to the base")
         turning = ~robot.prismatic
-        self.length = float(np.linalg.norm(jacobian[:, :3] * turning, axis=1).max()) or 1.0
+        arms = np.linalg.norm(jacobian[:, :3] * turning, axis=1)  # of each joint about the frame [m]
+        self.length = float(arms.max()) or 1.0
         self.units = np.where(turning, 1.0, self.length)
         lower, upper = robot.limits.lower, robot.limits.upper
         margin = np.minimum(_MARGIN, _MARGIN_SHARE * (upper - lower))
@@ -323,22 +334,25 @@ class SetpointInverse:
             lower = np.minimum(np.maximum(within[0], lower), upper)
             upper = np.maximum(np.minimum(within[1], upper), lower)
         first = np.minimum(np.maximum(q, lower), upper)
-        found = self._state(first, q, position, rotation)
+        guess = self._state(first, q, position, rotation)
         bounds = (lower - q) / self.units, (upper - q) / self.units
-        free = found.jacobian.T @ np.linalg.inv(found.jacobian @ found.jacobian.T + _FREE * np.eye(6))
+        jacobian = guess.jacobian
+        damped = jacobian @ jacobian.T + _FREE * np.eye(6)
+        inverse = jacobian.T @ np.linalg.inv(damped)
         posture = (self.home - q) / self.units
-        near = _POSTURE * (posture - free @ (found.jacobian @ posture))
+        # The posture as far as the pose leaves it free.
+        near = _POSTURE * (posture - inverse @ (jacobian @ posture))
         damping = 0.0
         for _ in range(_ITERATIONS):
-            better, damping = self._better(found, bounds, near, damping, q, position, rotation)
+            better, damping = self._better(guess, bounds, near, damping, q, position, rotation)
             if better is None:
                 break
-            moved = float(np.abs(better.x - found.x).max())
-            gained = _cost(found, near) - _cost(better, near)
-            found = better
-            if gained < _LEAST_GAIN and moved < 1e-4:
+            moved = float(np.abs(better.x - guess.x).max())
+            gained = _cost(guess, near) - _cost(better, near)
+            guess = better
+            if gained < _LEAST_GAIN and moved < _LEAST_MOVE:
                 break
-        return np.asarray(q + self.units * found.x)
+        return np.asarray(q + self.units * guess.x)
 
     def error(self, q: Array, position: Array, rotation: Array) -> tuple[float, float]:
         """Return distance [m] and angle [rad] from a pose."""
@@ -374,7 +388,8 @@ class SetpointInverse:
         lower = np.maximum(bounds[0] - found.x, -_LONGEST_STEP)
         upper = np.minimum(bounds[1] - found.x, _LONGEST_STEP)
         for _ in range(_RETRIES):
-            step = _bounded(matrix + damping * np.eye(len(q)), gradient, lower, upper)
+            damped = matrix + damping * np.eye(len(q))
+            step = _bounded(damped, gradient, lower, upper)
             tried = self._state(q + self.units * (found.x + step), q, position, rotation)
             if _cost(tried, near) <= _cost(found, near):
                 return tried, damping / _MORE
@@ -399,14 +414,16 @@ def _bounded(matrix: Array, gradient: Array, lower: Array, upper: Array) -> Arra
     x = np.minimum(np.maximum(np.zeros(n), lower), upper)
     free = np.ones(n, dtype=bool)
     for _ in range(3 * n):
-        own, others = np.flatnonzero(free), np.flatnonzero(~free)
-        if len(own):
-            right = gradient[own] - matrix[np.ix_(own, others)] @ x[others]
-            solved = np.linalg.solve(matrix[np.ix_(own, own)], right)
-            x[own] = np.minimum(np.maximum(solved, lower[own]), upper[own])
-            outside = x[own] != solved
+        inside = np.flatnonzero(free)
+        at_bound = np.flatnonzero(~free)
+        if len(inside):
+            block = matrix[np.ix_(inside, inside)]
+            coupling = matrix[np.ix_(inside, at_bound)]
+            solved = np.linalg.solve(block, gradient[inside] - coupling @ x[at_bound])
+            x[inside] = np.minimum(np.maximum(solved, lower[inside]), upper[inside])
+            outside = x[inside] != solved
             if outside.any():
-                free[own[outside]] = False
+                free[inside[outside]] = False
                 continue
         pull = gradient - matrix @ x
         inwards = np.where(x <= lower, pull, -pull) * ~free
@@ -517,14 +534,18 @@ class Setpoints(Reference):
         # A multiple of the sample time is that sample, however it was rounded.
         before = np.floor(place + 1e-6).astype(np.int64)
         self._grow(int(before.max(initial=0)) + 1)
-        late = np.maximum(place - before, 0.0)[:, None] * self.follower.dt
+        share = np.maximum(place - before, 0.0)
+        late = share[:, None] * self.follower.dt
         q, v, a = (x[before] for x in self._known)
-        target = Target(q + late * (v + 0.5 * late * a), v + late * a, a.copy())
+        q = q + late * (v + 0.5 * late * a)
+        target = Target(q, v + late * a, a.copy())
         return target if np.ndim(t) else Target(*(x[0] for x in target))
 
     def describe(self) -> dict[str, Any]:
         """Return the stream as plain data."""
-        limits = {name: np.asarray(x).tolist() for name, x in self.follower.limits._asdict().items()}
+        limits = {}
+        for name, values in self.follower.limits._asdict().items():
+            limits[name] = np.asarray(values).tolist()
         return {
             "type": "Setpoints",
             "frame": self.frame,
@@ -547,18 +568,20 @@ class Setpoints(Reference):
         Raises:
             ReachError: when it is out of reach.
         """
-        position, rotation = self.poses.positions[0], self.poses.rotations[0]
-        found = inverse_kinematics(self.robot, self.frame, position, rotation, tolerance=_REACHED)
-        if not found.reached:
+        position = self.poses.positions[0]
+        rotation = self.poses.rotations[0]
+        solution = inverse_kinematics(self.robot, self.frame, position, rotation, tolerance=_REACHED)
+        if not solution.reached:
             text = ", ".join(f"{x:.6g}" for x in position)
-            distance, angle = float(found.position_error), float(found.rotation_error)
+            distance = float(solution.position_error)
+            angle = float(solution.rotation_error)
             raise ReachError(
                 tuple(position),
                 distance,
                 f"pose 0, ({text}) m, is out of reach of {self.frame!r}: the nearest configuration found "
                 f"misses it by {distance:.3g} m and {angle:.3g} rad; give another pose, or start=q",
             )
-        return np.asarray(found.q)
+        return np.asarray(solution.q)
 
     @property
     def sampled(self) -> int:
@@ -574,7 +597,9 @@ class Setpoints(Reference):
         if self.sampled >= count:
             return
         state = self._samples[-1]
-        for k in range(len(self._samples) - 1, max(count, len(self._samples) + 256) - 1):
+        first = len(self._samples) - 1
+        last = max(count, len(self._samples) + _AT_LEAST) - 1
+        for k in range(first, last):
             t = k * self.follower.dt
             self._receive(t)
             goal, rate = self._at(t)
@@ -585,16 +610,18 @@ class Setpoints(Reference):
     def _receive(self, t: float) -> None:
         """Take the poses that have arrived at a time [s]; of several the last."""
         first = self._next
-        while self._next < len(self.times) and self.times[self._next] <= t + 1e-9:
-            self._next += 1
+        self._next = max(first, int(np.searchsorted(self.times, t + 1e-9, side="right")))
         if self._next == first:
-            waited = t - self._solved >= _LONGEST - 1e-9
-            if waited and not self._settled:
+            has_waited = t - self._solved >= _LONGEST - 1e-9
+            if has_waited and not self._settled:
                 self._solve(t)
             return
         arrived = float(self.times[self._next - 1])
         since = min(max(arrived - self._arrived, _SHORTEST), _LONGEST)
-        self._interval = since if first == 0 else (1.0 - _NEW) * self._interval + _NEW * since
+        if first == 0:
+            self._interval = since
+        else:
+            self._interval = (1.0 - _NEW) * self._interval + _NEW * since
         self._arrived = arrived
         self._jumped = self._jumped or self._apart(first - 1, self._next - 1)
         self._solve(t)
@@ -604,23 +631,30 @@ class Setpoints(Reference):
         if first < 0:
             return False
         positions, rotations = self.poses
+        turn = pin.log3(rotations[second] @ rotations[first].T)
         distance = float(np.linalg.norm(positions[second] - positions[first]))
-        angle = float(np.linalg.norm(pin.log3(rotations[second] @ rotations[first].T)))
+        angle = float(np.linalg.norm(turn))
         return distance > _JUMP or angle > _JUMP_TURN
 
     def _solve(self, t: float) -> None:
         """Find the configuration of the last pose that arrived."""
         last = self._next - 1
-        position, rotation = self.poses.positions[last], self.poses.rotations[last]
+        position = self.poses.positions[last]
+        rotation = self.poses.rotations[last]
         if self._jumped or not isinstance(self.inverse, SetpointInverse):
             goal = self._configuration(position, rotation)
-            self._jumped = self._jumped and bool(np.abs(goal - self._samples[-1].q).max() > _OVER)
+            distance = np.abs(goal - self._samples[-1].q).max()
+            self._jumped = self._jumped and bool(distance > _OVER)
         else:
-            way = _PACE * self._interval * np.asarray(self.follower.limits.velocity, dtype=np.float64)
-            goal = self.inverse(self._goal, position, rotation, (self._goal - way, self._goal + way))
+            velocity = np.asarray(self.follower.limits.velocity, dtype=np.float64)
+            way = _PACE * self._interval * velocity
+            within = (self._goal - way, self._goal + way)
+            goal = self.inverse(self._goal, position, rotation, within)
         self._begin, _ = self._at(t)
-        self._settled = bool(np.abs(goal - self._goal).max() < _SETTLED)
-        self._goal, self._solved = goal, t
+        moved = np.abs(goal - self._goal).max()
+        self._settled = bool(moved < _SETTLED)
+        self._goal = goal
+        self._solved = t
 
     def _at(self, t: float) -> tuple[Array, Array]:
         """Return where the follower is to go [rad or m], and the speed that it anticipates [rad/s or m/s]."""
@@ -645,7 +679,8 @@ class Setpoints(Reference):
 
     def _stacked(self) -> Target:
         """Return all samples as arrays (k, n)."""
-        return Target(*(np.array(column) for column in zip(*self._samples, strict=True)))
+        columns = zip(*self._samples, strict=True)
+        return Target(*(np.array(column) for column in columns))
 
 
 def _of_robot(limits: FollowLimits | None, robot: Robot) -> FollowLimits:
@@ -653,11 +688,8 @@ def _of_robot(limits: FollowLimits | None, robot: Robot) -> FollowLimits:
     if limits is None:
         return FollowLimits.of(robot)
     check_type(limits, "limits", FollowLimits, "FollowLimits(velocity, acceleration, jerk)")
-    found = []
-    for name, value in limits._asdict().items():
-        array = _per_joint(value, name, robot.n, robot.joint_names)
-        found.append(array)
-    return FollowLimits(*found)
+    arrays = [_per_joint(value, name, robot.n, robot.joint_names) for name, value in limits._asdict().items()]
+    return FollowLimits(*arrays)
 
 
 def _per_joint(value: ArrayLike, name: str, n: int, joint_names: Any = ()) -> Array:
@@ -678,7 +710,8 @@ def _per_joint(value: ArrayLike, name: str, n: int, joint_names: Any = ()) -> Ar
 def _positive(value: ArrayLike, name: str) -> Array:
     """Return positive numbers of any shape."""
     array = as_sized_array(value, name)
-    if not array.size or not (array >= _LEAST).all() or not (array <= _MOST).all():
+    is_within = (array >= _LEAST) & (array <= _MOST)
+    if not array.size or not is_within.all():
         expected = f"from {_LEAST:g} to {_MOST:g}: with a limit of 0 nothing moves"
         raise ParameterError(name, array.tolist(), expected)
     return array

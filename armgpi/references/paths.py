@@ -92,8 +92,11 @@ class Path(Parametrised, ABC):
 
     def describe(self) -> dict[str, Any]:
         """Return the path as plain data: its public attributes."""
-        values = {name: plain(value) for name, value in vars(self).items() if not name.startswith("_")}
-        return {"type": type(self).__name__, **values}
+        values: dict[str, Any] = {"type": type(self).__name__}
+        for name, value in vars(self).items():
+            if not name.startswith("_"):
+                values[name] = plain(value)
+        return values
 
 
 @with_parameters
@@ -118,13 +121,16 @@ class LaserPath(Path):
         """Return the point; see :meth:`Path.at`."""
         s = as_times(t, infinite=False) * self.rate
         one = np.ones_like(s)
-        r, r2 = self.rate, self.rate * self.rate
         # cos(pi + s) sin(pi + s) = sin(2 s) / 2 and cos(pi + s)^2 = (1 + cos(2 s)) / 2.
-        sine, cosine = np.sin(2.0 * s), np.cos(2.0 * s)
+        sine = np.sin(2.0 * s)
+        cosine = np.cos(2.0 * s)
+        x = [0.08 + 0.15 * s / 4.0, -0.15 + 0.025 * sine, 0.35 - 0.05 * cosine]
+        dx_ds = [0.0375 * one, 0.05 * cosine, 0.1 * sine]
+        ddx_dss = [0.0 * one, -0.1 * sine, 0.2 * cosine]
         return PathPoint(
-            x=np.stack([0.08 + 0.15 * s / 4.0, -0.15 + 0.025 * sine, 0.35 - 0.05 * cosine], axis=-1),
-            v=r * np.stack([0.0375 * one, 0.05 * cosine, 0.1 * sine], axis=-1),
-            a=r2 * np.stack([0.0 * one, -0.1 * sine, 0.2 * cosine], axis=-1),
+            x=np.stack(x, axis=-1),
+            v=self.rate * np.stack(dx_ds, axis=-1),
+            a=self.rate * self.rate * np.stack(ddx_dss, axis=-1),
         )
 
 
@@ -206,8 +212,10 @@ class Circle(Path):
         """Return the point; see :meth:`Path.at`."""
         omega = 2.0 * math.pi / self.period
         angle = omega * as_times(t, infinite=False)[..., None]
-        out = self.radius * (np.cos(angle) * self._first + np.sin(angle) * self._second)
-        ahead = self.radius * (np.cos(angle) * self._second - np.sin(angle) * self._first)
+        cosine = np.cos(angle)
+        sine = np.sin(angle)
+        out = self.radius * (cosine * self._first + sine * self._second)
+        ahead = self.radius * (cosine * self._second - sine * self._first)
         return PathPoint(self.centre + out, omega * ahead, -omega * omega * out)
 
 
@@ -233,15 +241,24 @@ class Polyline(Path):
         """Check the corners and make moves of them."""
         if not is_listing(self.corners) or len(self.corners) == 0:
             raise ParameterError("corners", self.corners, "at least one point [m]")
-        self.keep("corners", np.stack([_vector(corner, "corners") for corner in self.corners]))
+        corners = [_vector(corner, "corners") for corner in self.corners]
+        self.keep("corners", np.stack(corners))
         self._moves = Waypoints(list(self.corners), self.durations, self.holds)
         self.t_end = float(self._moves.t_end)
 
     @classmethod
     def fitted(cls, point: Array, size: float) -> dict[str, Any]:
         """Return a square; see :meth:`Path.fitted`."""
-        square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0]], dtype=np.float64)
-        return {"corners": point + size * (square - [0.5, 0.5, 0.0])}
+        square = np.array(
+            [
+                [-0.5, -0.5, 0.0],
+                [0.5, -0.5, 0.0],
+                [0.5, 0.5, 0.0],
+                [-0.5, 0.5, 0.0],
+                [-0.5, -0.5, 0.0],
+            ]
+        )
+        return {"corners": point + size * square}
 
     def at(self, t: float | Array) -> PathPoint:
         """Return the point; see :meth:`Path.at`."""
@@ -273,8 +290,9 @@ class Eased(Path):
         """Return the point; see :meth:`Path.at`."""
         t = as_times(t)
         s = np.clip(t / self.duration, 0.0, 1.0)
-        begun = self.duration * (s**3 - 0.5 * s**4)
-        x, v, a = self.path.at(np.where(t < self.duration, begun, t - 0.5 * self.duration))
+        easing_in = self.duration * (s**3 - 0.5 * s**4)
+        time_of_path = np.where(t < self.duration, easing_in, t - 0.5 * self.duration)
+        x, v, a = self.path.at(time_of_path)
         speed = (s * s * (3.0 - 2.0 * s))[..., None]
         gain = (6.0 * s * (1.0 - s) / self.duration)[..., None]
         return PathPoint(x, v * speed, a * speed**2 + v * gain)
@@ -307,8 +325,11 @@ def rectangle(corner: ArrayLike, side: ArrayLike, other: ArrayLike, duration: fl
     Raises:
         ParameterError: when the sides are not perpendicular.
     """
-    a, b, c = _vector(corner, "corner"), _vector(side, "side"), _vector(other, "other")
-    if abs(float(b @ c)) > 1e-9 * float(np.linalg.norm(b) * np.linalg.norm(c)):
+    a = _vector(corner, "corner")
+    b = _vector(side, "side")
+    c = _vector(other, "other")
+    area = float(np.linalg.norm(b) * np.linalg.norm(c))
+    if abs(float(b @ c)) > 1e-9 * area:
         raise ParameterError("other", c.tolist(), f"perpendicular to the first side {b.tolist()}")
     return Polyline([a, a + b, a + b + c, a + c, a], duration)
 

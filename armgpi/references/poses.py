@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import operator
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path as FilePath
@@ -70,7 +71,8 @@ def as_poses(poses: Any, name: str = "poses") -> Poses:
     """
     if isinstance(poses, Poses):
         return poses
-    if isinstance(poses, Sequence) and len(poses) and all(hasattr(pose, "homogeneous") for pose in poses):
+    is_list = isinstance(poses, Sequence) and len(poses) > 0
+    if is_list and all(hasattr(pose, "homogeneous") for pose in poses):
         poses = np.stack([pose.homogeneous for pose in poses])
     array = as_sized_array(poses, name)
     if array.ndim == 2 and array.shape[1] == 7:
@@ -79,7 +81,8 @@ def as_poses(poses: Any, name: str = "poses") -> Poses:
         expected = "pinocchio.SE3 poses, matrices (m, 4, 4), or x, y, z, qx, qy, qz, qw (m, 7)"
         raise ArrayError(name, f"expected {expected}; got shape {array.shape}")
     rotations = array[:, :3, :3]
-    off = np.abs(rotations @ rotations.swapaxes(-1, -2) - np.eye(3)).max(axis=(-2, -1), initial=0.0)
+    not_orthogonal = np.abs(rotations @ rotations.swapaxes(-1, -2) - np.eye(3))
+    off = not_orthogonal.max(axis=(-2, -1), initial=0.0)
     wrong = (off > _SLACK) | (np.linalg.det(rotations) < 0.0)
     if wrong.any():
         row = int(np.argmax(wrong))
@@ -92,8 +95,8 @@ def _of_quaternions(quaternions: Array, name: str) -> Array:
     norms = np.linalg.norm(quaternions, axis=-1, keepdims=True)
     if (norms < SMALLEST).any():
         row = int(np.argmin(norms))
-        said = f"pose {row}: expected a quaternion qx, qy, qz, qw of norm 1; it has norm {norms[row, 0]:g}"
-        raise ArrayError(name, said)
+        expected = f"pose {row}: expected a quaternion qx, qy, qz, qw of norm 1"
+        raise ArrayError(name, f"{expected}; it has norm {norms[row, 0]:g}")
     x, y, z, w = (quaternions / norms).T
     rows = [
         [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
@@ -120,8 +123,8 @@ def check_pose_times(times: ArrayLike, count: int, name: str = "times") -> Array
     steps = np.diff(array)
     if (steps <= 0.0).any():
         row = int(np.argmax(steps <= 0.0))
-        said = f"pose {row + 1} is at {array[row + 1]:.6g} s, after {array[row]:.6g} s"
-        raise ArrayError(name, f"expected times that increase; {said}")
+        order = f"pose {row + 1} is at {array[row + 1]:.6g} s, after {array[row]:.6g} s"
+        raise ArrayError(name, f"expected times that increase; {order}")
     return array
 
 
@@ -148,24 +151,26 @@ class PosePath(Path):
             ArrayError: for arrays that do not fit, times that do not increase, or what is no pose.
             ParameterError: for rotations that turn by more than 315 degrees from the first one.
         """
-        known = as_poses(poses)
-        given = check_pose_times(times, len(known.positions))
-        if len(given) < 2:
-            raise ArrayError("times", f"expected at least two poses, got {len(given)}")
-        self.times = given - given[0]
-        self.poses = known
+        self.poses = as_poses(poses)
+        positions, rotations = self.poses
+        arrivals = check_pose_times(times, len(positions))
+        if len(arrivals) < 2:
+            raise ArrayError("times", f"expected at least two poses, got {len(arrivals)}")
+        self.times = arrivals - arrivals[0]
         self.t_end = float(self.times[-1])
-        turns = _continuous(known.rotations)
+        turns = _continuous(rotations)
         from scipy.interpolate import make_interp_spline  # here: it is slow to import
 
-        rest = [(1, np.zeros(6)), (2, np.zeros(6))]
-        values = np.concatenate([known.positions, turns], axis=-1)
-        spline = make_interp_spline(self.times / self.t_end, values, k=5, bc_type=(rest, rest))
+        at_rest = [(1, np.zeros(6)), (2, np.zeros(6))]  # first and second derivative
+        values = np.concatenate([positions, turns], axis=-1)
+        shares = self.times / self.t_end
+        spline = make_interp_spline(shares, values, k=5, bc_type=(at_rest, at_rest))
         self._derivatives = (spline, spline.derivative(1), spline.derivative(2))
-        middle = np.linspace(0.0, 1.0, 20 * len(given))
-        if np.linalg.norm(spline(middle)[:, 3:], axis=-1).max() > _MOST_TURN:
-            said = "rotations that turn by at most 315 degrees from the first; part the path into several"
-            raise ParameterError("poses", "a longer turn", said)
+        between = spline(np.linspace(0.0, 1.0, 20 * len(arrivals)))
+        longest = np.linalg.norm(between[:, 3:], axis=-1).max()
+        if longest > _MOST_TURN:
+            expected = "rotations that turn by at most 315 degrees from the first"
+            raise ParameterError("poses", "a longer turn", f"{expected}; part the path into several")
 
     @classmethod
     def load(cls, path: str | PathLike[str], topic: str = "/target_pose") -> PosePath:
@@ -181,11 +186,12 @@ class PosePath(Path):
         """Return rotation, angular velocity and acceleration; see :meth:`Path.turning`."""
         r, rate, acceleration = (part[..., 3:] for part in self._parts(t))
         first = self.poses.rotations[0]
-        here = jacobian_of_exp(r)
-        change = jacobian_of_exp(r + _DIFFERENCE * rate) - jacobian_of_exp(r - _DIFFERENCE * rate)
-        change = change / (2.0 * _DIFFERENCE)
-        omega = np.einsum("...ij,...j->...i", first @ here, rate)
-        alpha = np.einsum("...ij,...j->...i", first @ here, acceleration)
+        jacobian = jacobian_of_exp(r)
+        after = jacobian_of_exp(r + _DIFFERENCE * rate)
+        before = jacobian_of_exp(r - _DIFFERENCE * rate)
+        change = (after - before) / (2.0 * _DIFFERENCE)  # of the Jacobian [1/s]
+        omega = np.einsum("...ij,...j->...i", first @ jacobian, rate)
+        alpha = np.einsum("...ij,...j->...i", first @ jacobian, acceleration)
         alpha = alpha + np.einsum("...ij,...j->...i", first @ change, rate)
         return Turning(first @ exponential(r), omega, alpha)
 
@@ -198,7 +204,8 @@ class PosePath(Path):
 
     def describe(self) -> dict[str, Any]:
         """Return the path as plain data."""
-        poses = np.concatenate([self.poses.positions, self.poses.rotations.reshape(-1, 9)], axis=-1)
+        positions, rotations = self.poses
+        poses = np.concatenate([positions, rotations.reshape(-1, 9)], axis=-1)
         return {"type": "PosePath", "times": self.times.tolist(), "poses": poses.tolist()}
 
     def __repr__(self) -> str:
@@ -208,9 +215,11 @@ class PosePath(Path):
     def _parts(self, t: float | Array) -> tuple[Array, Array, Array]:
         """Return positions and rotation vectors with two derivatives, (..., 6) each."""
         share = as_times(t) / self.t_end
-        x, v, a = (np.asarray(part(np.clip(share, 0.0, 1.0))) for part in self._derivatives)
+        inside = np.clip(share, 0.0, 1.0)
+        x, dx, ddx = (np.asarray(derivative(inside)) for derivative in self._derivatives)
         moving = np.asarray((share > 0.0) & (share < 1.0))[..., None]
-        v, a = v / self.t_end, a / self.t_end**2
+        v = dx / self.t_end
+        a = ddx / self.t_end**2
         return x, np.where(moving, v, 0.0), np.where(moving, a, 0.0)
 
 
@@ -227,8 +236,9 @@ def logarithm(rotations: Array) -> Array:
     """Return the rotation vectors (..., 3) [rad] of rotation matrices (..., 3, 3), of at most half a turn."""
     from scipy.spatial.transform import Rotation  # here: it takes longer to import than Pinocchio
 
-    shape = rotations.shape[:-2]
-    return np.asarray(Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_rotvec()).reshape(*shape, 3)
+    listed = Rotation.from_matrix(rotations.reshape(-1, 3, 3))
+    vectors = np.asarray(listed.as_rotvec())
+    return vectors.reshape(*rotations.shape[:-2], 3)
 
 
 def jacobian_of_exp(r: Array) -> Array:
@@ -241,7 +251,8 @@ def jacobian_of_exp(r: Array) -> Array:
     b = 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
     small = angle < 1e-3
     safe = np.where(small, 1.0, angle)
-    c = np.where(small, (1.0 - angle**2 / 20.0) / 6.0, (safe - np.sin(safe)) / safe**3)
+    series = (1.0 - angle**2 / 20.0) / 6.0
+    c = np.where(small, series, (safe - np.sin(safe)) / safe**3)
     return np.asarray(np.eye(3) + b * cross + c * (cross @ cross))
 
 
@@ -249,14 +260,16 @@ def _continuous(rotations: Array) -> Array:
     """Return rotation vectors relative to the first rotation, each the one nearest to that before it."""
     turns = logarithm(rotations[0].T @ rotations)
     for row in range(1, len(turns)):
-        angle, before = float(np.linalg.norm(turns[row])), float(np.linalg.norm(turns[row - 1]))
+        angle = float(np.linalg.norm(turns[row]))
+        before = float(np.linalg.norm(turns[row - 1]))
         if angle < _NO_TURN and before < np.pi:
             continue
         # No turn has no axis of its own: it ends the full turn that was begun.
         axis = turns[row - 1] / before if angle < _NO_TURN else turns[row] / angle
         # A turn about an axis by a full turn more or less is the same rotation.
-        choices = [axis * (angle + 2.0 * np.pi * k) for k in (-1, 0, 1)]
-        turns[row] = min(choices, key=lambda turn: float(np.linalg.norm(turn - turns[row - 1])))
+        choices = np.array([axis * (angle + 2.0 * np.pi * k) for k in (-1, 0, 1)])
+        distances = np.linalg.norm(choices - turns[row - 1], axis=-1)
+        turns[row] = choices[np.argmin(distances)]
     return turns
 
 
@@ -291,17 +304,19 @@ def _read(source: FilePath, topic: str) -> tuple[Array, Array]:
     try:
         if kind in (".nc", ".nc4", ".h5"):
             data = hdf5.load(source)
-            return data["time"].values, np.stack([data[name].values for name in NUMBERS], axis=-1)
+            numbers = [data[name].values for name in NUMBERS]
+            return data["time"].values, np.stack(numbers, axis=-1)
         if kind == ".mcap":
             return _messages(source, topic)
         head, values = columns.read_table(source, _MOST_BYTES)
-        found = dict(zip(head, values.T, strict=True))
-        return found["time"], np.stack([found[name] for name in NUMBERS], axis=-1)
+        column = dict(zip(head, values.T, strict=True))
+        numbers = [column[name] for name in NUMBERS]
+        return column["time"], np.stack(numbers, axis=-1)
     except (OSError, MissingPackage):
         raise
     except KeyError as error:
-        said = f"has no {error}; expected time, {', '.join(NUMBERS)}"
-        raise UnreadableTrajectory(source, said) from None
+        missing = f"has no {error}; expected time, {', '.join(NUMBERS)}"
+        raise UnreadableTrajectory(source, missing) from None
     except (ValueError, csv.Error) as error:
         raise UnreadableTrajectory(source, f"cannot be read as poses: {files.reason(error)}") from None
     except UnreadableTrajectory:
@@ -316,10 +331,13 @@ def _messages(source: FilePath, topic: str) -> tuple[Array, Array]:
     rows = []
     for time, message in columns.read_messages(source, topic, ("pose",), _MOST_BYTES):
         pose = message["pose"]
-        read = (lambda part, key: part[key]) if isinstance(pose, dict) else getattr
-        position, turn = read(pose, "position"), read(pose, "orientation")
+        read = operator.getitem if isinstance(pose, dict) else getattr  # JSON, or ROS 2's own encoding
+        position = read(pose, "position")
+        quaternion = read(pose, "orientation")
         times.append(time)
-        rows.append([float(read(position, k)) for k in "xyz"] + [float(read(turn, k)) for k in "xyzw"])
+        numbers = [read(position, axis) for axis in "xyz"]
+        numbers += [read(quaternion, axis) for axis in "xyzw"]
+        rows.append([float(number) for number in numbers])
     if not rows:
         raise UnreadableTrajectory(source, f"has no message on the topic {topic!r}")
     return np.array(times), np.array(rows)

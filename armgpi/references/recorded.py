@@ -72,24 +72,26 @@ class Recorded(Reference):
         Raises:
             ArrayError: when the arrays do not fit, are not finite, or times do not increase.
         """
-        given, positions = as_sized_array(times, "times"), as_sized_array(q, "q")
+        as_given = _increasing(times)
+        positions = as_sized_array(q, "q")
         check_type(source, "source", str, "text")
-        increasing = given.ndim == 1 and len(given) > 1 and given[-1] - given[0] > SMALLEST
-        if not increasing or not (np.diff(given) > _CLOSEST * (given[-1] - given[0])).all():
-            said = "expected at least two times [s], each later than the one before: dt * np.arange(m)"
-            raise ArrayError("times", said)
-        if positions.ndim != 2 or len(positions) != len(given):
-            raise ArrayError("q", f"expected positions (m, n) at {len(given)} times, got {positions.shape}")
-        start = check_number(t_start, "t_start", "zero or positive [s]", 0.0)
-        self.times, self.q, self.source = given - given[0] + start, positions, source
-        self.t_start, self._duration = start, float(given[-1] - given[0])
-        self.t_end = start + self._duration
-        rest = np.zeros(positions.shape[1])
-        ends = [(1, rest), (2, rest)]
+        if positions.ndim != 2 or len(positions) != len(as_given):
+            expected = f"positions (m, n) at {len(as_given)} times"
+            raise ArrayError("q", f"expected {expected}, got {positions.shape}")
+        self.t_start = check_number(t_start, "t_start", "zero or positive [s]", 0.0)
+        since_first = as_given - as_given[0]
+        self.times = since_first + self.t_start
+        self.q = positions
+        self.source = source
+        self._duration = float(since_first[-1])
+        self.t_end = self.t_start + self._duration
+        zero = np.zeros(positions.shape[1])
+        at_rest = [(1, zero), (2, zero)]  # first and second derivative
         # Over a parameter from 0 to 1, whatever the times are.
+        shares = since_first / self._duration
         from scipy.interpolate import make_interp_spline  # here: it is slow to import
 
-        spline = make_interp_spline((given - given[0]) / self._duration, positions, k=5, bc_type=(ends, ends))
+        spline = make_interp_spline(shares, positions, k=5, bc_type=(at_rest, at_rest))
         if not np.isfinite(spline.c).all():
             raise ArrayError("q", "expected positions that a spline in floats goes through")
         self._derivatives = (spline, spline.derivative(1), spline.derivative(2))
@@ -125,21 +127,21 @@ class Recorded(Reference):
             check_type(variable, "variable", str, "the name of a variable")
         rollout = check_whole(rollout, "rollout", 0)
         try:
-            found = _columns(source, variable, rollout)
+            columns_by_name = _columns(source, variable, rollout)
         except OSError as error:
             raise UnreadableTrajectory(source, files.reason(error)) from None
-        times = found.pop("", np.empty(0))
+        times = columns_by_name.pop("", np.empty(0))
+        positions = []
         for name in robot.joint_names:
-            if name not in found:
-                raise NameNotFound(f"column in {source} for the joint", name, list(found))
+            if name not in columns_by_name:
+                raise NameNotFound(f"column in {source} for the joint", name, list(columns_by_name))
+            positions.append(columns_by_name[name])
         try:
-            made = cls(
-                times, np.stack([found[name] for name in robot.joint_names], axis=-1), t_start, str(source)
-            )
+            recording = cls(times, np.stack(positions, axis=-1), t_start, str(source))
         except ArrayError as error:
             raise UnreadableTrajectory(source, str(error)) from None
-        made.check(robot)
-        return made
+        recording.check(robot)
+        return recording
 
     def check(self, robot: Equations) -> None:
         """Refuse a trajectory that leaves the robot's limits of position or velocity.
@@ -152,39 +154,47 @@ class Recorded(Reference):
         if robot.n != self.q.shape[1]:
             raise ParameterError("robot", robot, f"a robot of {self.q.shape[1]} joints")
         steps = np.arange(_LOOKS) / _LOOKS
-        between = self.times[:-1, None] + np.diff(self.times)[:, None] * steps
+        starts = self.times[:-1, None]
+        between = starts + np.diff(self.times)[:, None] * steps
         times = np.append(between.ravel(), self.t_end)
         target = self.at(times)
         outside = robot.outside(target.q)
         if outside is not None:
             at = times[outside.place[0]]
             raise LimitError(f"{self.source}: the position at t = {at:.4g} s", *outside[1:])
-        share = np.abs(target.v) / np.maximum(robot.limits.velocity, np.finfo(float).tiny)
-        row, joint = (int(i) for i in np.unravel_index(int(share.argmax()), share.shape))
+        limits = np.maximum(robot.limits.velocity, np.finfo(float).tiny)
+        share = np.abs(target.v) / limits
+        worst = np.unravel_index(int(share.argmax()), share.shape)
+        row, joint = int(worst[0]), int(worst[1])
         if share[row, joint] > 1.0 + 1e-9:
             limit = float(robot.limits.velocity[joint])
-            what = f"{self.source}: the velocity at t = {times[row]:.4g} s"
+            velocity = f"{self.source}: the velocity at t = {times[row]:.4g} s"
             remedy = "make it slower, or thin a noisy recording"
-            raise LimitError(what, robot.joint_names[joint], target.v[row, joint], -limit, limit, remedy)
+            name = robot.joint_names[joint]
+            raise LimitError(velocity, name, target.v[row, joint], -limit, limit, remedy)
 
     def at(self, t: float | Array) -> Target:
         """Return the target at `t` [s]; shapes as :meth:`Reference.at`."""
         share = np.asarray((as_times(t) - self.t_start) / self._duration)
-        q, v, a = (np.asarray(part(np.clip(share, 0.0, 1.0))) for part in self._derivatives)
+        inside = np.clip(share, 0.0, 1.0)
+        q, dq, ddq = (np.asarray(derivative(inside)) for derivative in self._derivatives)
         moving = ((share > 0.0) & (share < 1.0))[..., None]
-        v, a = v / self._duration, a / self._duration**2
+        v = dq / self._duration
+        a = ddq / self._duration**2
         return Target(q, np.where(moving, v, 0.0), np.where(moving, a, 0.0))
 
     def widen(self, others: Sequence[Recorded]) -> Recorded:
         """Return this and others at the same times as one recording of all their joints, in their order."""
-        every = [self, *others]
+        recordings = [self, *others]
         wide = copy.copy(self)
-        wide.q = np.concatenate([recording.q for recording in every], axis=1)
-        splines = zip(*(recording._derivatives for recording in every), strict=True)
-        wide._derivatives = tuple(
-            type(each[0])(each[0].t, np.concatenate([spline.c for spline in each], axis=1), each[0].k)
-            for each in splines
-        )
+        wide.q = np.concatenate([recording.q for recording in recordings], axis=1)
+        joined = []
+        # Value, first and second derivative; the knots of all recordings are the same.
+        for splines in zip(*(recording._derivatives for recording in recordings), strict=True):
+            coefficients = np.concatenate([spline.c for spline in splines], axis=1)
+            first = splines[0]
+            joined.append(type(first)(first.t, coefficients, first.k))
+        wide._derivatives = tuple(joined)
         return wide
 
     def describe(self) -> dict[str, Any]:
@@ -200,6 +210,17 @@ class Recorded(Reference):
     def __repr__(self) -> str:
         """Return a one-line description."""
         return f"Recorded({self.source!r}, {len(self.times)} samples, {self.t_end:g} s)"
+
+
+def _increasing(times: ArrayLike) -> Array:
+    """Return times [s] as an array (m,), refusing fewer than two and those that do not increase."""
+    array = as_sized_array(times, "times")
+    is_listed = array.ndim == 1 and len(array) > 1
+    whole = array[-1] - array[0] if is_listed else 0.0
+    if whole <= SMALLEST or not (np.diff(array) > _CLOSEST * whole).all():
+        expected = "at least two times [s], each later than the one before: dt * np.arange(m)"
+        raise ArrayError("times", f"expected {expected}")
+    return array
 
 
 def _columns(source: Path, variable: str | None, rollout: int) -> dict[str, Array]:
@@ -219,8 +240,8 @@ def _csv(source: Path) -> dict[str, Array]:
         if not head:
             raise ValueError("it is empty")
     except (ValueError, csv.Error) as error:
-        said = f"is no CSV file of numbers under a line of names: {files.reason(error)}"
-        raise UnreadableTrajectory(source, said) from None
+        reason = f"is no CSV file of numbers under a line of names: {files.reason(error)}"
+        raise UnreadableTrajectory(source, reason) from None
     if head[0].lower() not in _TIMES:
         raise UnreadableTrajectory(
             source,
@@ -231,7 +252,8 @@ def _csv(source: Path) -> dict[str, Array]:
         raise UnreadableTrajectory(
             source, f"has the columns {', '.join(head)[:200]}; expected time [s] and one for each joint"
         )
-    return {"": values[:, 0], **dict(zip(head[1:], values.T[1:], strict=True))}
+    by_name = dict(zip(head[1:], values.T[1:], strict=True))
+    return {"": values[:, 0], **by_name}
 
 
 def _netcdf(source: Path, variable: str, rollout: int) -> dict[str, Array]:
@@ -241,17 +263,18 @@ def _netcdf(source: Path, variable: str, rollout: int) -> dict[str, Array]:
         if "rollout" in data.dims:
             count = data.sizes["rollout"]
             if rollout >= count:
-                said = f"has {count} rollouts, counted from 0; expected one of them, got rollout {rollout}"
-                raise UnreadableTrajectory(source, said)
+                there = f"has {count} rollouts, counted from 0"
+                raise UnreadableTrajectory(source, f"{there}; expected one of them, got rollout {rollout}")
             data = data.isel(rollout=rollout)
         values = data.transpose("time", "joint")
         joints = [str(name) for name in values["joint"].values]
-        return {"": values["time"].values, **dict(zip(joints, values.values.T, strict=True))}
+        by_joint = dict(zip(joints, values.values.T, strict=True))
+        return {"": values["time"].values, **by_joint}
     except (FileNotFoundError, PermissionError, UnreadableTrajectory):
         raise
     except Exception as error:  # h5py has no one kind of error for a damaged file
-        said = f"has no variable {variable!r} over time and joint ({files.reason(error)})"
-        raise UnreadableTrajectory(source, said) from None
+        missing = f"has no variable {variable!r} over time and joint ({files.reason(error)})"
+        raise UnreadableTrajectory(source, missing) from None
 
 
 def joint_states(source: Path, topic: str, fields: Sequence[str]) -> dict[str, dict[str, Array]]:
@@ -263,16 +286,22 @@ def joint_states(source: Path, topic: str, fields: Sequence[str]) -> dict[str, d
     rows: dict[str, dict[str, list[float]]] = {field: {} for field in fields}
     try:
         for time, state in columns.read_messages(source, topic, ("name", *fields), _MOST_BYTES):
+            names = ["", *state["name"]]
             for field in fields:
-                for name, value in zip(["", *state["name"]], [time, *state[field]], strict=True):
+                for name, value in zip(names, [time, *state[field]], strict=True):
                     rows[field].setdefault(name, []).append(float(value))
     except (OSError, MissingPackage):
         raise
     except Exception as error:  # the libraries have no one kind of error for a damaged file
-        said = f"cannot be read as joint states on {topic!r}: {files.reason(error)}"
-        raise UnreadableTrajectory(source, said) from None
+        reason = f"cannot be read as joint states on {topic!r}: {files.reason(error)}"
+        raise UnreadableTrajectory(source, reason) from None
     if not rows[fields[0]]:
         raise UnreadableTrajectory(source, f"has no message on the topic {topic!r}")
-    if len({len(values) for field in fields for values in rows[field].values()}) > 1:
+    arrays: dict[str, dict[str, Array]] = {}
+    lengths: set[int] = set()
+    for field in fields:
+        arrays[field] = {name: np.array(numbers) for name, numbers in rows[field].items()}
+        lengths.update(len(numbers) for numbers in arrays[field].values())
+    if len(lengths) > 1:
         raise UnreadableTrajectory(source, f"has messages of different joints on {topic!r}")
-    return {field: {name: np.array(x) for name, x in rows[field].items()} for field in fields}
+    return arrays

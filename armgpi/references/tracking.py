@@ -52,20 +52,29 @@ class Track:
 
         All of them go ahead together, with large steps. On ends where one leaves the limits or the path.
         """
-        home, inverse = q[:_SCOUTS], self.inverse
-        q, clearance = home, inverse.clearance(home)
-        rows, score = np.arange(len(q)), np.zeros(len(q))
-        for step in range(1, _SCOUT_STEPS if len(q) > 1 else 0):
+        inverse = self.inverse
+        home = q[:_SCOUTS]
+        if len(home) == 1:
+            return np.asarray(home[0])
+        q = home
+        clearance = inverse.clearance(home)
+        rows = np.arange(len(home))  # those that still go, of all
+        score = np.zeros(len(home))
+        for step in range(1, _SCOUT_STEPS):
             t = np.full(len(rows), _SCOUT_STEP * step)
-            before = self._path.turning(t - _SCOUT_STEP)
-            omega = None if before is None else before.omega
-            ahead = q + _SCOUT_STEP * inverse.flow(q, self._path.at(t - _SCOUT_STEP).v, home[rows], omega)
-            there = (self._path.at(t).x, self._rotation(t))
-            ahead = inverse.correct(ahead, there[0], 2, there[1])
+            velocity = self._path.at(t - _SCOUT_STEP).v
+            turning = self._path.turning(t - _SCOUT_STEP)
+            omega = None if turning is None else turning.omega
+            ahead = q + _SCOUT_STEP * inverse.flow(q, velocity, home[rows], omega)
+            point, rotation = self._path.at(t).x, self._rotation(t)
+            ahead = inverse.correct(ahead, point, 2, rotation)
             clearance = np.minimum(clearance, inverse.clearance(ahead))
-            going = (np.abs(ahead - q).max(axis=-1) < _LONGEST) & (clearance > 0.0)
-            going &= inverse.missed(ahead, *there) < _SCOUT_MISS
-            rows, q, clearance = rows[going], ahead[going], clearance[going]
+            going = np.abs(ahead - q).max(axis=-1) < _LONGEST
+            going &= clearance > 0.0
+            going &= inverse.missed(ahead, point, rotation) < _SCOUT_MISS
+            rows = rows[going]
+            q = ahead[going]
+            clearance = clearance[going]
             if not len(rows):
                 break
             score[rows] = step + clearance / (1.0 + clearance)
@@ -81,19 +90,25 @@ class Track:
         """
         if (times < -_STEP).any():
             raise ParameterError("t", float(times.min()), "zero or later [s]: the path begins there")
-        before = np.maximum(np.ceil(times / _STEP).astype(int) - 1, 0)
+        before = np.ceil(times / _STEP).astype(int) - 1
+        before = np.maximum(before, 0)
         self._grow(int(before.max(initial=0)) + 2)
         wish = self._between(times / _STEP - before, before)
-        point, turning = self._path.at(times), self._path.turning(times)
-        q = self.inverse.correct(wish.q, point.x, 2, None if turning is None else turning.rotation)
-        astray = ~(np.abs(q - wish.q).max(axis=-1, initial=0.0) < _ASTRAY)
+        point = self._path.at(times)
+        turning = self._path.turning(times)
+        rotation = omega = None
+        alpha: Array | float = 0.0
+        if turning is not None:
+            rotation, omega, alpha = turning
+        q = self.inverse.correct(wish.q, point.x, 2, rotation)
+        correction = np.abs(q - wish.q).max(axis=-1, initial=0.0)
+        astray = ~(correction < _ASTRAY)  # which a number that is none is as well
         if astray.any():
             row = int(np.argmax(astray))
             self._give_up(float(times[row]), point.x[row])
         self._check_limits(times, q)
-        v = self.inverse.resolve(q, point.v, wish.v, None if turning is None else turning.omega)
+        v = self.inverse.resolve(q, point.v, wish.v, omega)
         drift = self.inverse.robot.frame_drift(self.inverse.frame, q, v)
-        alpha = 0.0 if turning is None else turning.alpha
         a = self.inverse.resolve(q, point.a - drift[:, :3], wish.a, alpha - drift[:, 3:])
         return Target(q, v, a)
 
@@ -106,14 +121,18 @@ class Track:
         for node in range(first, count):
             q.append(self._next(q[-1], _STEP * (node - 1)))
         new = self._with_rates(first, np.concatenate(q[1:]))
-        self._nodes = Target(*(np.concatenate(both) for both in zip(self._nodes, new, strict=True)))
+        both = zip(self._nodes, new, strict=True)
+        self._nodes = Target(*(np.concatenate(old_and_new) for old_and_new in both))
 
     def _with_rates(self, first: int, q: Array) -> Target:
         """Return nodes, of which the first has this number, with velocities and accelerations."""
         t = np.arange(first, first + len(q), dtype=np.float64) * _STEP
         self._check_limits(t, q)
-        v, d = self._flow(t, q), _DIFFERENCE
-        a = (self._flow(t + d, q + d * v) - self._flow(t - d, q - d * v)) / (2.0 * d)
+        v = self._flow(t, q)
+        step = _DIFFERENCE * v
+        after = self._flow(t + _DIFFERENCE, q + step)
+        before = self._flow(t - _DIFFERENCE, q - step)
+        a = (after - before) / (2.0 * _DIFFERENCE)
         return Target(q, v, a)
 
     def _flow(self, t: Array, q: Array) -> Array:
@@ -129,19 +148,22 @@ class Track:
 
     def _next(self, q: Array, t: float) -> Array:
         """Return the node that follows the one at `t`, shape (1, n)."""
-        for parts in (1, _PARTS):
-            node, h = q, _STEP / parts
-            for part in range(parts):
-                guess = self._runge_kutta_step(node, t + part * h, h)
-                then = np.array([t + (part + 1) * h])
-                point, rotation = self._path.at(then).x, self._rotation(then)
+        for substeps in (1, _PARTS):
+            node = q
+            h = _STEP / substeps
+            for substep in range(substeps):
+                guess = self._runge_kutta_step(node, t + substep * h, h)
+                end = t + (substep + 1) * h
+                then = np.array([end])
+                point = self._path.at(then).x
+                rotation = self._rotation(then)
                 node = self.inverse.correct(guess, point, 3, rotation)
-                sound = np.abs(node - guess).max() < _ASTRAY
-                if not sound or self.inverse.missed(node, point, rotation)[0] > _MISS:
+                is_near = np.abs(node - guess).max() < _ASTRAY
+                if not is_near or self.inverse.missed(node, point, rotation)[0] > _MISS:
                     break
             else:
                 return node
-        self._give_up(t + (part + 1) * h, point[0])
+        self._give_up(end, point[0])
 
     def _runge_kutta_step(self, q: Array, t: float, h: float) -> Array:
         """Return a Runge-Kutta step of the flow from `t` on, as long as `h`."""
@@ -173,9 +195,9 @@ class Track:
         """Refuse configurations outside the joint limits, naming the first time."""
         outside = self.inverse.robot.outside(q)
         if outside is not None:
-            what = f"on the path at {self._path.describe_time(times[outside.place[0]])} the position"
+            time = self._path.describe_time(times[outside.place[0]])
             remedy = "begin in another configuration (near=...), or hold less of the tool"
-            raise LimitError(what, *outside[1:], remedy)
+            raise LimitError(f"on the path at {time} the position", *outside[1:], remedy)
 
     def _give_up(self, t: float, point: Array) -> NoReturn:
         """Say why the path cannot be followed to a point."""

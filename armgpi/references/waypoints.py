@@ -81,15 +81,19 @@ class Waypoints(Reference):
 
     def variables(self) -> dict[str, Any]:
         """Return points, durations and holds, one by one; see :meth:`Reference.variables`."""
-        return {f"{name}.{i}": part for name, parts in self._as_given.items() for i, part in enumerate(parts)}
+        numbered = {}
+        for name, values in self._as_given.items():
+            for place, value in enumerate(values):
+                numbered[f"{name}.{place}"] = value
+        return numbered
 
     def with_values(self, **changes: Any) -> Waypoints:
         """Return another sequence; see :meth:`Reference.with_values`."""
-        given = {name: list(parts) for name, parts in self._as_given.items()}
-        for name, value in changes.items():
-            part, _, place = name.partition(".")
-            given[part][int(place)] = value
-        return type(self)(**given)
+        values = {name: list(listed) for name, listed in self._as_given.items()}
+        for numbered, value in changes.items():
+            name, _, place = numbered.partition(".")
+            values[name][int(place)] = value
+        return type(self)(**values)
 
     def at(self, t: float | Array) -> Target:
         """Return the target at `t` [s]; shapes as :meth:`Reference.at`.
@@ -97,15 +101,19 @@ class Waypoints(Reference):
         A single time costs one move, however many there are, and gives the same numbers as an array of times.
         """
         if isinstance(t, float) and math.isfinite(t) and self._legs:
-            leg = self._legs[max(bisect_right(self._legs, t, key=_begin) - 1, 0)]
+            last_begun = bisect_right(self._legs, t, key=_begin) - 1
+            leg = self._legs[max(last_begun, 0)]
             # Where one begins, rounding may leave the move before it short of its end by a last bit.
             if leg.reached is None or t > leg.begin + _BORDER * (1.0 + abs(t)):
                 q, v, a = leg.move.at(float(t))
-                return Target(q if leg.reached is None else leg.reached + (q - leg.move.start), v, a)
-        first, *rest = (move.at(t) for move in self._parts)
+                if leg.reached is not None:
+                    q = leg.reached + (q - leg.move.start)
+                return Target(q, v, a)
+        first, *others = self._parts
         # Each move adds its own way to where the one before it ends.
-        q, v, a = first
-        for move, target in zip(self._parts[1:], rest, strict=True):
+        q, v, a = first.at(t)
+        for move in others:
+            target = move.at(t)
             q = q + (target.q - move.start)
             v = v + target.v
             a = a + target.a
@@ -161,7 +169,8 @@ def _legs(moves: Sequence[Bezier]) -> list[_Leg]:
 
 def _per_item(value: Any, name: str, count: int) -> list[Any]:
     """Return one time per item."""
-    if not is_listing(value) or (isinstance(value, np.ndarray) and value.ndim == 2):
+    is_column = isinstance(value, np.ndarray) and value.ndim == 2  # one per rollout
+    if is_column or not is_listing(value):
         return [value] * count
     if len(value) != count:
         raise ParameterError(name, value, f"a number or {count} of them")
@@ -174,14 +183,14 @@ def _one_shape(points: Sequence[ArrayLike], times: Sequence[Any]) -> list[Array]
     shapes = [array.shape for array in arrays]
     rows = [time.shape for time in times if isinstance(time, np.ndarray)]
     try:
-        if len({shape[-1:] for shape in shapes}) > 1 or max(map(len, shapes)) > 2:
+        joints = {shape[-1:] for shape in shapes}
+        if len(joints) > 1 or max(map(len, shapes)) > 2:
             raise ValueError
         shape = np.broadcast_shapes(*shapes, *rows)
     except ValueError:
-        said = ", ".join(map(str, shapes))
-        raise ArrayError(
-            "points", f"expected configurations of the same joints and batch, got {said}"
-        ) from None
+        listed = ", ".join(map(str, shapes))
+        expected = "configurations of the same joints and batch"
+        raise ArrayError("points", f"expected {expected}, got {listed}") from None
     return [np.broadcast_to(array, shape) for array in arrays]
 
 
