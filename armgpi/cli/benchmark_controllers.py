@@ -7,7 +7,7 @@ from pathlib import Path
 from armgpi.base.escape import json_data
 from armgpi.cli.parsing import refusal, split, stoppable
 from armgpi.cli.terminal import say
-from armgpi.cli.tune import show
+from armgpi.cli.written import show
 from armgpi.errors import require_extra
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.

@@ -15,7 +15,7 @@ from armgpi.base import files
 from armgpi.base.escape import json_data
 from armgpi.cli.parsing import FAILED, refusal, stoppable
 from armgpi.cli.terminal import say
-from armgpi.cli.tune import show
+from armgpi.cli.written import show
 
 if TYPE_CHECKING:
     from armgpi.plants.reality import Reality

@@ -11,19 +11,20 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from armgpi.base.escape import json_data
 from armgpi.base.verdict import Verdict, judge
 from armgpi.cli import options as opt
-from armgpi.cli.certify import (
+from armgpi.cli.arms import (
     joint_numbers,
     load_ends,
     note_assumed,
     note_gears,
+    note_world,
     possible_arms,
+    resolved,
     unjudged_drives,
 )
-from armgpi.cli.derive import write
-from armgpi.cli.experiment import note_world, resolved
 from armgpi.cli.parsing import is_experiment, refusal, stoppable
 from armgpi.cli.pictures import check_file
 from armgpi.cli.terminal import say
+from armgpi.cli.written import write
 
 if TYPE_CHECKING:
     from armgpi.certification.path import PathBound

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import math
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,11 +12,21 @@ from armgpi.base.escape import json_data
 from armgpi.base.renamed import current_name
 from armgpi.base.verdict import Verdict, judge
 from armgpi.cli import options as opt
-from armgpi.cli.derive import write
-from armgpi.cli.experiment import note_world, resolved
-from armgpi.cli.parsing import FAILED, OK, is_experiment, per_joint, refusal, stoppable
+from armgpi.cli.arms import (
+    joint_numbers,
+    load_arm,
+    load_ends,
+    note_assumed,
+    note_gears,
+    note_world,
+    possible_arms,
+    resolved,
+    unjudged_drives,
+)
+from armgpi.cli.parsing import FAILED, OK, is_experiment, refusal, stoppable
 from armgpi.cli.pictures import check_file
-from armgpi.cli.terminal import hold, progress, say
+from armgpi.cli.terminal import progress, say
+from armgpi.cli.written import write
 from armgpi.errors import require_extra
 
 if TYPE_CHECKING:
@@ -66,9 +74,6 @@ ROWS = {
     "out --out -o FILE": "Write the certificate file (JSON).",
     "refute FILE": "Try to refute the numbers of this certificate by 20,000 configurations instead.",
 }
-#: Arms drawn in whose hull the true one is taken to be, so many times as far from the estimate as drawn; and
-#: more that are held against what follows, at the nominal arm's worst points: a trial, and no confidence.
-_DRAWN, _FARTHER, _TRIED = 12, 2.5, 59
 
 
 @stoppable
@@ -146,7 +151,7 @@ def _note_judged(
     """Say which arm and controller a certificate is for, in the words of every command, and what is assumed.
 
     Args:
-        known: what `armgpi run` resolves, as :func:`armgpi.cli.experiment.resolved` returns it.
+        known: what `armgpi run` resolves, as :func:`armgpi.cli.arms.resolved` returns it.
         arm: the arm.
         loop: samples of delay, bits of the encoders, whether friction disturbs, and type of the controller.
         as_json: whether the verdict is printed as JSON.
@@ -162,38 +167,6 @@ def _note_judged(
     judged = world.describe_arm(config.check(data, config.Origin("certificate")), arm)
     note_world(*known, judged)
     note_assumed(arm, as_json, controller)
-
-
-#: Sources of a number that the user supplied: with "" it is the URDF's.
-_SUPPLIED = ("", "specified", "identified")
-
-
-def unjudged_drives(known: tuple[ExperimentConfig, Any], friction_is_judged: bool) -> list[str]:
-    """Return what the user supplied of the drives and that a certificate or bound of a stiff arm leaves out.
-
-    What is assumed, or published, of an arm is no such thing: nobody asked for it.
-
-    Args:
-        known: what `armgpi run` resolves, as :func:`armgpi.cli.experiment.resolved` returns it.
-        friction_is_judged: whether friction is among what disturbs.
-    """
-    from armgpi.config.building import has_friction
-
-    config, arm = known
-
-    def supplied(quantity: str, present: Any) -> list[str]:
-        """Return the joints of which the user supplied a quantity."""
-        rows = zip(arm.joint_names, arm.drives.sources(quantity), present, strict=True)
-        return [name for name, source, there in rows if there and source in _SUPPLIED]
-
-    found = []
-    rubbing = {*supplied("viscous", arm.friction.viscous), *supplied("coulomb", arm.friction.coulomb)}
-    if rubbing and has_friction(config.plant) and not friction_is_judged:
-        found.append("joint friction (--friction includes it)")
-    elastic = supplied("stiffness", [source != "" for source in arm.drives.sources("stiffness")])
-    if elastic and config.plant.engine == "elastic":
-        found.append("joint elasticity (stiff joints are judged)")
-    return found
 
 
 def _left_out(robot: str, **typed: Any) -> list[str]:
@@ -229,75 +202,6 @@ def _left_out(robot: str, **typed: Any) -> list[str]:
     if data.get("supervisor") is not None:
         found.append(f"supervisor of {robot}")
     return found
-
-
-def possible_arms(file: Path | None, arm: Any) -> dict[str, list[Any]]:
-    """Return `arms` and `others` that an identification leaves possible; none of either without one."""
-    if file is None:
-        return {"arms": [], "others": []}
-    import numpy as np
-
-    from armgpi.identification.posterior import read_posterior, with_parameters
-    from armgpi.robot.identified import NAME
-
-    posterior = read_posterior(file / NAME if file.is_dir() else file, arm)
-    normal = np.random.default_rng(0).normal(size=(_DRAWN + _TRIED, len(posterior.mean)))
-    normal[:_DRAWN] *= _FARTHER
-    drawn = [with_parameters(arm, theta) for theta in posterior.unknowns(normal)]
-    return {"arms": drawn[:_DRAWN], "others": drawn[_DRAWN:]}
-
-
-def note_assumed(arm: Any, as_json: bool, certified: str = "") -> None:
-    """Refuse an arm with assumed rotors, and say of a file without them what a certificate is worth.
-
-    Args:
-        arm: the arm.
-        as_json: whether the verdict is printed as JSON.
-        certified: type of the controller that is to be certified; empty for a bound, which takes each.
-    """
-    from armgpi.gpi.payload import certified_sector
-    from armgpi.robot import rotors
-
-    ratio = math.sqrt(certified_sector().upper)
-    if rotors.assumed_joints(arm):
-        text = (
-            f"the rotor inertias are assumed, within a factor of {rotors.SCATTER:g}, but a certificate needs "
-            "the exact inertia matrix D(q)"
-        )
-        advice = [
-            "Identify the rotor inertias (armgpi identify), or specify them by --rotor-inertia or --drives.",
-            f"Without payload, a factor of up to {ratio:.2g} could be certified.",
-        ]
-        if certified == "gpi_auto":
-            advice.insert(
-                1, "Add --controller gpi: what gpi_auto chooses for elastic joints has no certificate."
-            )
-        if as_json:
-            say(json.dumps({"verdict": Verdict("not judged", f"{text}. {' '.join(advice)}").plain()}))
-        else:
-            say(Verdict("not judged", text).line)
-            say("\n".join(f"  {line}" for line in advice), lines=True)
-        sys.exit(Verdict("not judged", text).exit_code)
-    if names := rotors.silent(arm):
-        hold(
-            f"note: the URDF contains no rotor inertia of {', '.join(names)}, so this certificate is of "
-            "an arm without rotors; geared motors have them"
-        )
-
-
-def note_gears(law: Any, delay: int) -> str:
-    """Return below which resonance of its gears a claim of a rigid arm is void; empty without rotors."""
-    from armgpi.gpi.gains import FixedGains
-    from armgpi.tuning import geared
-
-    if not (law.bias_robot.armature.any() and isinstance(law.gains, FixedGains)):
-        return ""
-    lowest, usual = geared.borne(law, law.bias_robot, delay)
-    return (
-        f"Stiff joints are assumed. If the lowest resonance of the joints is below {lowest:.3g} Hz "
-        "(estimated numerically), the controller may become unstable and this is not valid; such motors "
-        f"usually have about {usual:.2g} Hz"
-    )
 
 
 def _publish(
@@ -367,21 +271,6 @@ def _refute_file(file: Path | None, arm: Any) -> None:
     sys.exit(FAILED if said else OK)
 
 
-def load_arm(name: str, how: Mapping[str, Any]) -> Any:
-    """Return the robot with what its joints have; that of an experiment file where the name is one's."""
-    from armgpi import config
-
-    section: dict[str, Any] = {"name": name}
-    if is_experiment(name):
-        section = config.read(Path(name)).config.robot.plain(given=True)
-    section |= opt.robot_given(how)
-    options = {"robot": "ROBOT", "robot.name": "ROBOT"}
-    options |= {f"robot.{key}": f"--{key.replace('_', '-')}" for key in (*how, "rotor_inertia", "drives")}
-    # The longest keys first: of "robot.lock" and "robot", the first says more.
-    origin = config.Origin("command line", options=dict(sorted(options.items(), key=lambda x: -len(x[0]))))
-    return config.robot(config.check({"robot": section}, origin), origin)
-
-
 def _loop_of(
     robot: str, config: ExperimentConfig, dt: float | None, delay: int | None, controller: str | None
 ) -> tuple[float, int, str]:
@@ -447,34 +336,9 @@ def _vectors(arm: Any, **texts: str | None) -> dict[str, Any]:
     return {key: joint_numbers(arm, text, f"--{key}") for key, text in texts.items() if text is not None}
 
 
-def joint_numbers(arm: Any, text: str, option: str) -> Any:
-    """Return one number or one for each joint."""
-    value = per_joint(text, option)
-    if isinstance(value, dict):
-        missing = [name for name in arm.joint_names if name not in value]
-        if missing:
-            raise refusal(option, f"needs a value for {', '.join(missing)} as well")
-    return value
-
-
 def _number(text: str, option: str) -> float:
     """Return a number."""
     try:
         return float(text)
     except ValueError:
         raise refusal(option, f"expected a number, got {text!r}") from None
-
-
-def load_ends(text: str | None) -> tuple[float, float] | None:
-    """Return the two loads of a range."""
-    if text is None:
-        return None
-    try:
-        light, heavy = (float(part) for part in text.split(":"))
-    except ValueError:
-        light, heavy = math.inf, 0.0
-    if not 0.0 <= light <= heavy < math.inf:
-        raise refusal(
-            "--payload", f"expected two payloads [kg], the lighter first, such as '0:3', got {text!r}"
-        )
-    return light, heavy

@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-from armgpi.base import files
-from armgpi.cli.parsing import locks, refusal, split
+from armgpi.cli.arms import load_robot
 from armgpi.cli.terminal import say
-from armgpi.errors import RolloutError
-
-if TYPE_CHECKING:
-    from armgpi.robot.robot import Robot
+from armgpi.cli.written import write
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
@@ -40,28 +35,10 @@ def derive(
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.validation.derivation import derive as derived
 
-    arm = load(robot, lock, keep)
+    arm = load_robot(robot, lock, keep)
     result = derived(arm, numbers=numbers)
     text = result.latex() if latex else result.python()
     if out is None:
         say(text, lines=True)
         return
     write(out, text, "--out")
-
-
-def load(robot: str, lock: list[str] | None, keep: list[str] | None) -> Robot:
-    """Load a robot with the joints that options lock or keep."""
-    from armgpi.robot.robot import Robot
-
-    # A joint without a value is locked where Robot.load would lock it by its name alone.
-    locked: Any = locks(lock or [])
-    return Robot.load(robot, lock=locked, keep=None if keep is None else split(keep))
-
-
-def write(path: Path, text: str, option: str) -> None:
-    """Write a file, or say why not."""
-    try:
-        files.write(path, text)
-    except RolloutError as error:
-        raise refusal(option, str(error)) from None
-    say(f"wrote {path}", err=True)

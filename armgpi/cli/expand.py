@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from armgpi.cli.derive import write
 from armgpi.cli.parsing import refusal
 from armgpi.cli.terminal import say_data
+from armgpi.cli.written import write
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {

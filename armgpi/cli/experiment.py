@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from armgpi.cli import options as opt
+from armgpi.cli.arms import note_differences, note_drives
 from armgpi.cli.declared import values_of
 from armgpi.cli.parsing import FAILED, INTERRUPTED, OK, is_experiment, known_backend, refusal, stoppable
 from armgpi.cli.terminal import hold, print_held, say
+from armgpi.cli.written import check_out, import_xarray
 
 #: Engines of plants of which `armgpi play` makes a page.
 PLAYED = ("armgpi", "elastic")
@@ -26,7 +28,7 @@ _LOOKS = 401
 
 # What takes long to import is imported by the commands, so that --help answers at once.
 if TYPE_CHECKING:
-    from armgpi.config import Experiment, ExperimentConfig
+    from armgpi.config import Experiment
 
 
 @stoppable
@@ -63,29 +65,6 @@ def compare(
     """  # noqa: D301 (\b keeps the lines apart)
     options |= {"robot": robot, "controllers": controllers, "declared": values_of(context)}
     sys.exit(_run(options, compare=True))
-
-
-def import_xarray() -> None:
-    """Import xarray such that it finds neither Dask nor Arrow, of which this process has no arrays.
-
-    It would import all of Dask, which takes three times as long as Pinocchio, to ask of arrays whether they
-    are Dask's; and pandas all of Arrow, for tables that are not made here.
-    """
-    loaded: dict[str, Any] = sys.modules
-    hidden = {"dask", "pyarrow"} - set(loaded)
-    if "xarray" in loaded or "pandas" in loaded:
-        return
-    find = util.find_spec
-    vars(util)["find_spec"] = lambda name, package=None: None if name in hidden else find(name, package)
-    loaded.update(dict.fromkeys(hidden))  # an import of them fails
-    try:
-        import xarray as xr
-
-        xr.Dataset({"asked": ("once", [0.0])})
-    finally:
-        for name in hidden:
-            del loaded[name]
-        vars(util)["find_spec"] = find
 
 
 def _run(options: dict[str, Any], compare: bool) -> int:
@@ -206,135 +185,6 @@ def _verdict(experiment: Experiment, records: list[dict[str, Any]]) -> str:
     before, after = (np.mean(each["metrics"]["itae"]) for each in records)
     names = [each["label"] for each in records]
     return f"{names[1]} has {after / before:.2g} of the error of {names[0]} (ITAE)"
-
-
-def resolved(robot: str, how: Mapping[str, Any], loaded: Any = None) -> tuple[ExperimentConfig, Any]:
-    """Return what `armgpi run` resolves for a robot or an experiment file, and its arm.
-
-    Args:
-        robot: name of a robot, path of a URDF or of an experiment file.
-        how: options of how the arm is loaded, of its drives and of the side of its encoders.
-        loaded: the arm that a command has loaded for these already; None for none.
-    """
-    from armgpi import config as configuration
-    from armgpi.config import building
-    from armgpi.robot import robots
-
-    if is_experiment(robot):
-        given, origin = configuration.read(Path(robot))
-        data = given.plain(given=True)
-        if ("controllers",) not in origin.lines:
-            data.pop("controllers", None)
-    else:
-        data, origin = {"robot": {"name": robot}}, configuration.Origin("command line")
-        data["ideal"] = robots.is_textbook(robot)
-    data["robot"] = {**data["robot"], **opt.robot_given(how)}
-    if how.get("encoder_side") is not None:
-        data["plant"] = {**data.get("plant", {}), "encoder_side": how["encoder_side"]}
-    return building.resolve(configuration.check(data, origin), origin, loaded)
-
-
-def note_world(config: ExperimentConfig, arm: Any, judged: str = "") -> None:
-    """Say what a command judges in the place of the arm and controller of `armgpi run`, and which these are.
-
-    Args:
-        config: as :func:`resolved` returns it.
-        arm: likewise.
-        judged: what the command judges, as :func:`armgpi.config.world.describe_arm` says it; empty where it
-            judges what is run.
-    """
-    from armgpi.config import world
-
-    if judged and judged != world.describe_arm(config, arm):
-        hold(f"judged instead: {judged}")
-    hold(world.describe(config, arm))
-
-
-def note_drives(experiment: Experiment, explain: bool = True) -> None:
-    """Say which arm and controllers an experiment has, and what of the arm's drives is assumed.
-
-    Args:
-        experiment: of the arm.
-        explain: whether the assumed values, their reasons and the limits of automatic tuning are printed;
-            else one line names what is assumed.
-    """
-    from armgpi.config import world
-    from armgpi.plants.elastic import ElasticPlant
-    from armgpi.plants.plant import inside
-    from armgpi.robot.known_arms import describe_published
-    from armgpi.robot.rotors import assumed_something
-    from armgpi.tuning.geared import is_known
-    from armgpi.tuning.rule import BITS
-
-    robot = experiment.robot
-    line = world.describe(experiment.config, experiment.robot, every=True)
-    hold(line if explain or not assumed_something(robot) else f"{line}. Values: --explain")
-    if published := describe_published(robot.drives, values=explain):
-        hold(published)
-    if explain:
-        _explain_drives(experiment)
-    stiff = [name for name, plant in experiment.plants.items() if not isinstance(inside(plant), ElasticPlant)]
-    if stiff and is_known(experiment.robot):
-        hold(
-            f"note: the plant {' and '.join(stiff)} simulates stiff joints, but this arm is assumed to "
-            "have elastic joints, so its errors will differ. Use --plant elastic to simulate them"
-        )
-    automatic = any(section.type == world.AUTOMATIC for section in experiment.config.controllers)
-    if automatic and getattr(experiment.config.plant, "encoder_bits", None) is None:
-        hold(f"note: the encoder resolution is not specified; {BITS} bits assumed: --encoder-bits")
-    _note_force(experiment)
-
-
-def _note_force(experiment: Experiment) -> None:
-    """Say what controllers with a force limit press with at rest, and the impact beside it."""
-    for label, law in experiment.controllers.items():
-        if getattr(law, "force_limit", None) is not None:
-            bound: Any = law.force_bound()  # type: ignore[attr-defined]
-            hold(f"{label}: {bound}".replace("\n", " "))
-
-
-def _explain_drives(experiment: Experiment) -> None:
-    """Print the assumed values of the drives, the deflection that they cause, and what limits the tuning."""
-    from armgpi.config.building import verdicts
-    from armgpi.plants.plant import inside
-    from armgpi.robot.rotors import describe, describe_gears, describe_ratio
-
-    robot = experiment.robot
-    for said in filter(None, (describe(robot), describe_gears(robot), describe_ratio(robot))):
-        hold(said)
-    for plant in experiment.plants.values():
-        if sag := getattr(inside(plant), "sag", ""):
-            hold(sag)
-            break
-    for label, each in verdicts(experiment).items():
-        hold(f"{label}: {each.describe()}")
-        hold(f"{label}: {each.explain(robot.joint_names)}")
-
-
-def check_out(options: dict[str, Any], experiment: Experiment) -> None:
-    """Refuse a folder for results that cannot be used: better before a long run than after it."""
-    from armgpi.config import experiment as experiments
-
-    folder, config = options["out"], options["config"]
-    if folder is None:
-        return
-    if config is not None and (folder / "experiment.yaml").resolve() == config.resolve():
-        raise refusal("--out", f"would overwrite {config}; choose another folder")
-    experiments.prepare(folder)
-    if not options["force"] and experiments.is_another(experiment, folder):
-        raise refusal("--out", f"{folder} holds another experiment; choose another folder, or add --force")
-
-
-def note_differences(experiment: Experiment) -> None:
-    """Say what MuJoCo does otherwise than armgpi's own plant."""
-    from armgpi.plants.plant import inside
-
-    for plant in experiment.plants.values():
-        inner = inside(plant)
-        if (differences := getattr(inner, "differences", None)) is not None:
-            for said in differences or ("what it does differs by rounding alone",):
-                hold(f"note: MuJoCo: {said}")
-            return
 
 
 def _note_end_and_load(experiment: Experiment) -> None:

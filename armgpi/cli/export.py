@@ -99,7 +99,7 @@ def _export(options: dict[str, Any]) -> int:
     """Write what the options describe, print what it takes, and return the exit code."""
     import numpy as np
 
-    from armgpi.cli.experiment import note_drives
+    from armgpi.cli.arms import note_drives
     from armgpi.config import experiment as experiments
     from armgpi.errors import ParameterError, require_extra
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from armgpi.base import files
 from armgpi.cli import options as opt
-from armgpi.cli.certify import load_arm
-from armgpi.cli.experiment import import_xarray, note_world, resolved
+from armgpi.cli.arms import load_arm, note_world, resolved
 from armgpi.cli.parsing import is_experiment, per_joint, stoppable
 from armgpi.cli.terminal import console, say, widen, working
+from armgpi.cli.written import import_xarray
 from armgpi.errors import ParameterError, require_extra
 
 if TYPE_CHECKING:

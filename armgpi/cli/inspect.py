@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from armgpi.base.escape import printable
 from armgpi.base.verdict import Verdict, judge
 from armgpi.cli import options as opt
-from armgpi.cli.experiment import note_world, resolved
+from armgpi.cli.arms import note_world, resolved
 from armgpi.cli.parsing import OFFERED, as_option, is_experiment
 from armgpi.cli.terminal import console as console_of
 from armgpi.cli.terminal import natural_width, say, widen

@@ -73,8 +73,9 @@ def loop(
     armgpi loop panda --kill 2 --policy fifo --out results
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.cli import pictures
-    from armgpi.cli.experiment import check_out, note_differences, note_drives
+    from armgpi.cli.arms import note_differences, note_drives
     from armgpi.cli.settings import settings
+    from armgpi.cli.written import check_out
     from armgpi.config import build
     from armgpi.config import experiment as experiments
     from armgpi.hardware.realtime import Injected, Watchdog, run

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import typer
 
 from armgpi.cli import options as opt
-from armgpi.cli.certify import load_arm
-from armgpi.cli.derive import write
+from armgpi.cli.arms import load_arm
 from armgpi.cli.parsing import INCOMPLETE, is_experiment, refusal
 from armgpi.cli.terminal import say
+from armgpi.cli.written import write
 from armgpi.errors import ArmgpiError, ArmgpiWarning
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ def schema(out: Path | None = None) -> None:
     # then, as the first line of an experiment file beside it:
     # yaml-language-server: $schema=armgpi.schema.json
     """  # noqa: D301 (\b keeps the lines apart)
-    from armgpi.cli.derive import write
+    from armgpi.cli.written import write
     from armgpi.config.json_schema import json_schema
 
     text = json.dumps(json_schema(), indent=1, ensure_ascii=False)

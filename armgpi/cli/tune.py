@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import time
-from collections.abc import Callable
-from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from armgpi.base import files
 from armgpi.base.escape import json_data
 from armgpi.cli.parsing import FAILED, known_backend, refusal, stoppable
-from armgpi.cli.terminal import say, say_markdown
+from armgpi.cli.terminal import say
+from armgpi.cli.written import show
 
 if TYPE_CHECKING:
     from armgpi.studies.optimise import Search
@@ -81,44 +78,3 @@ def tune(
         say(f"Next: armgpi compare --config {out / 'best.yaml'}", err=True)
     if not found:
         sys.exit(FAILED)
-
-
-def show(
-    title: str,
-    text: str,
-    data: Any,
-    paths: list[Path],
-    report: Path | None,
-    picture: tuple[Path, Callable[[Any], bytes]] | None = None,
-) -> None:
-    """Print tables, or data in their place; write a picture and a page where they are asked for.
-
-    Args:
-        title: of the page.
-        text: the tables, as Markdown.
-        data: printed as JSON in place of them, where there are some.
-        paths: what was written before.
-        report: of the page.
-        picture: where it goes, and what returns it, given :mod:`armgpi.studies.pictures`.
-    """
-    drawn = b""
-    if picture is not None and find_spec("matplotlib") is not None:
-        from armgpi.studies import pictures
-
-        drawn = picture[1](pictures)
-        paths = [*paths, files.write(picture[0], drawn)]
-    elif picture is not None:
-        say("no picture was drawn: it needs the package 'matplotlib' (pip install matplotlib)", err=True)
-    if data is None:
-        say_markdown(text)
-    else:
-        say(json.dumps(data), lines=True)
-    if report is not None:
-        from armgpi.viewing import page
-
-        sections = {"Result": page.from_markdown(text, "result")}
-        if drawn:
-            sections["Pictures"] = page.picture(drawn, title)
-        paths = [*paths, files.write(report, page.document(title, "", sections))]
-    for path in paths:
-        say(f"wrote {path}", err=True)

@@ -7,9 +7,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from armgpi.cli.derive import load, write
+from armgpi.cli.arms import load_robot
 from armgpi.cli.parsing import per_joint, refusal, stoppable
 from armgpi.cli.terminal import say
+from armgpi.cli.written import write
 
 if TYPE_CHECKING:
     from armgpi.robot.robot import Robot
@@ -93,7 +94,7 @@ def validate(
     if robot is None and any(about_robot.values()):
         *first, last = about_robot
         raise refusal("--robot", f"is missing: {', '.join(first)} and {last} are about it")
-    arm = None if robot is None else load(robot, lock, keep)
+    arm = None if robot is None else load_robot(robot, lock, keep)
     found = validated(
         model,
         arm,

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from armgpi.base.files import check_set, read_bytes
 from armgpi.cli import options as opt
-from armgpi.cli.experiment import import_xarray
 from armgpi.cli.parsing import refusal, stoppable
 from armgpi.cli.terminal import progress, say
+from armgpi.cli.written import import_xarray
 from armgpi.errors import ArmgpiError
 
 if TYPE_CHECKING:

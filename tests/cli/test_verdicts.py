@@ -20,8 +20,7 @@ from armgpi.base.verdict import Verdict, judge
 from armgpi.certification import check_certificate
 from armgpi.certification.certificate import seal
 from armgpi.cli import inspect
-from armgpi.cli.certify import unjudged_drives
-from armgpi.cli.experiment import resolved
+from armgpi.cli.arms import resolved, unjudged_drives
 from armgpi.errors import RolloutError
 from armgpi.identification.text import judge_arm
 from armgpi.studies.study import Identity, Study

@@ -1,0 +1,290 @@
+"""What commands share of an arm: how it is loaded, what of it is assumed, and what is printed of it."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from armgpi.base.verdict import Verdict
+from armgpi.cli import options as opt
+from armgpi.cli.parsing import is_experiment, locks, per_joint, refusal, split
+from armgpi.cli.terminal import hold, say
+
+# What takes long to import is imported by the functions, so that --help answers at once.
+if TYPE_CHECKING:
+    from armgpi.config import Experiment, ExperimentConfig
+    from armgpi.robot.robot import Robot
+
+#: Arms drawn in whose hull the true one is taken to be.
+_DRAWN = 12
+#: So many times as far from the estimate as drawn.
+_FARTHER = 2.5
+#: More arms, that are held against what follows, at the nominal arm's worst points: a trial, no confidence.
+_TRIED = 59
+#: Sources of a number that the user supplied: with "" it is the URDF's.
+_SUPPLIED = ("", "specified", "identified")
+
+
+def load_robot(robot: str, lock: list[str] | None, keep: list[str] | None) -> Robot:
+    """Load a robot with the joints that options lock or keep."""
+    from armgpi.robot.robot import Robot
+
+    # A joint without a value is locked where Robot.load would lock it by its name alone.
+    locked: Any = locks(lock or [])
+    return Robot.load(robot, lock=locked, keep=None if keep is None else split(keep))
+
+
+def load_arm(name: str, how: Mapping[str, Any]) -> Any:
+    """Return the robot with what its joints have; that of an experiment file where the name is one's."""
+    from armgpi import config
+
+    section: dict[str, Any] = {"name": name}
+    if is_experiment(name):
+        section = config.read(Path(name)).config.robot.plain(given=True)
+    section |= opt.robot_given(how)
+    options = {"robot": "ROBOT", "robot.name": "ROBOT"}
+    options |= {f"robot.{key}": f"--{key.replace('_', '-')}" for key in (*how, "rotor_inertia", "drives")}
+    # The longest keys first: of "robot.lock" and "robot", the first says more.
+    origin = config.Origin("command line", options=dict(sorted(options.items(), key=lambda x: -len(x[0]))))
+    return config.robot(config.check({"robot": section}, origin), origin)
+
+
+def resolved(robot: str, how: Mapping[str, Any], loaded: Any = None) -> tuple[ExperimentConfig, Any]:
+    """Return what `armgpi run` resolves for a robot or an experiment file, and its arm.
+
+    Args:
+        robot: name of a robot, path of a URDF or of an experiment file.
+        how: options of how the arm is loaded, of its drives and of the side of its encoders.
+        loaded: the arm that a command has loaded for these already; None for none.
+    """
+    from armgpi import config as configuration
+    from armgpi.config import building
+    from armgpi.robot import robots
+
+    if is_experiment(robot):
+        given, origin = configuration.read(Path(robot))
+        data = given.plain(given=True)
+        if ("controllers",) not in origin.lines:
+            data.pop("controllers", None)
+    else:
+        data, origin = {"robot": {"name": robot}}, configuration.Origin("command line")
+        data["ideal"] = robots.is_textbook(robot)
+    data["robot"] = {**data["robot"], **opt.robot_given(how)}
+    if how.get("encoder_side") is not None:
+        data["plant"] = {**data.get("plant", {}), "encoder_side": how["encoder_side"]}
+    return building.resolve(configuration.check(data, origin), origin, loaded)
+
+
+def possible_arms(file: Path | None, arm: Any) -> dict[str, list[Any]]:
+    """Return `arms` and `others` that an identification leaves possible; none of either without one."""
+    if file is None:
+        return {"arms": [], "others": []}
+    import numpy as np
+
+    from armgpi.identification.posterior import read_posterior, with_parameters
+    from armgpi.robot.identified import NAME
+
+    posterior = read_posterior(file / NAME if file.is_dir() else file, arm)
+    normal = np.random.default_rng(0).normal(size=(_DRAWN + _TRIED, len(posterior.mean)))
+    normal[:_DRAWN] *= _FARTHER
+    drawn = [with_parameters(arm, theta) for theta in posterior.unknowns(normal)]
+    return {"arms": drawn[:_DRAWN], "others": drawn[_DRAWN:]}
+
+
+def unjudged_drives(known: tuple[ExperimentConfig, Any], friction_is_judged: bool) -> list[str]:
+    """Return what the user supplied of the drives and that a certificate or bound of a stiff arm leaves out.
+
+    What is assumed, or published, of an arm is no such thing: nobody asked for it.
+
+    Args:
+        known: what `armgpi run` resolves, as :func:`armgpi.cli.arms.resolved` returns it.
+        friction_is_judged: whether friction is among what disturbs.
+    """
+    from armgpi.config.building import has_friction
+
+    config, arm = known
+
+    def supplied(quantity: str, present: Any) -> list[str]:
+        """Return the joints of which the user supplied a quantity."""
+        rows = zip(arm.joint_names, arm.drives.sources(quantity), present, strict=True)
+        return [name for name, source, there in rows if there and source in _SUPPLIED]
+
+    found = []
+    rubbing = {*supplied("viscous", arm.friction.viscous), *supplied("coulomb", arm.friction.coulomb)}
+    if rubbing and has_friction(config.plant) and not friction_is_judged:
+        found.append("joint friction (--friction includes it)")
+    elastic = supplied("stiffness", [source != "" for source in arm.drives.sources("stiffness")])
+    if elastic and config.plant.engine == "elastic":
+        found.append("joint elasticity (stiff joints are judged)")
+    return found
+
+
+def note_world(config: ExperimentConfig, arm: Any, judged: str = "") -> None:
+    """Say what a command judges in the place of the arm and controller of `armgpi run`, and which these are.
+
+    Args:
+        config: as :func:`resolved` returns it.
+        arm: likewise.
+        judged: what the command judges, as :func:`armgpi.config.world.describe_arm` says it; empty where it
+            judges what is run.
+    """
+    from armgpi.config import world
+
+    if judged and judged != world.describe_arm(config, arm):
+        hold(f"judged instead: {judged}")
+    hold(world.describe(config, arm))
+
+
+def note_drives(experiment: Experiment, explain: bool = True) -> None:
+    """Say which arm and controllers an experiment has, and what of the arm's drives is assumed.
+
+    Args:
+        experiment: of the arm.
+        explain: whether the assumed values, their reasons and the limits of automatic tuning are printed;
+            else one line names what is assumed.
+    """
+    from armgpi.config import world
+    from armgpi.plants.elastic import ElasticPlant
+    from armgpi.plants.plant import inside
+    from armgpi.robot.known_arms import describe_published
+    from armgpi.robot.rotors import assumed_something
+    from armgpi.tuning.geared import is_known
+    from armgpi.tuning.rule import BITS
+
+    robot = experiment.robot
+    line = world.describe(experiment.config, experiment.robot, every=True)
+    hold(line if explain or not assumed_something(robot) else f"{line}. Values: --explain")
+    if published := describe_published(robot.drives, values=explain):
+        hold(published)
+    if explain:
+        _explain_drives(experiment)
+    stiff = [name for name, plant in experiment.plants.items() if not isinstance(inside(plant), ElasticPlant)]
+    if stiff and is_known(experiment.robot):
+        hold(
+            f"note: the plant {' and '.join(stiff)} simulates stiff joints, but this arm is assumed to "
+            "have elastic joints, so its errors will differ. Use --plant elastic to simulate them"
+        )
+    automatic = any(section.type == world.AUTOMATIC for section in experiment.config.controllers)
+    if automatic and getattr(experiment.config.plant, "encoder_bits", None) is None:
+        hold(f"note: the encoder resolution is not specified; {BITS} bits assumed: --encoder-bits")
+    _note_force(experiment)
+
+
+def _note_force(experiment: Experiment) -> None:
+    """Say what controllers with a force limit press with at rest, and the impact beside it."""
+    for label, law in experiment.controllers.items():
+        if getattr(law, "force_limit", None) is not None:
+            bound: Any = law.force_bound()  # type: ignore[attr-defined]
+            hold(f"{label}: {bound}".replace("\n", " "))
+
+
+def _explain_drives(experiment: Experiment) -> None:
+    """Print the assumed values of the drives, the deflection that they cause, and what limits the tuning."""
+    from armgpi.config.building import verdicts
+    from armgpi.plants.plant import inside
+    from armgpi.robot.rotors import describe, describe_gears, describe_ratio
+
+    robot = experiment.robot
+    for said in filter(None, (describe(robot), describe_gears(robot), describe_ratio(robot))):
+        hold(said)
+    for plant in experiment.plants.values():
+        if sag := getattr(inside(plant), "sag", ""):
+            hold(sag)
+            break
+    for label, each in verdicts(experiment).items():
+        hold(f"{label}: {each.describe()}")
+        hold(f"{label}: {each.explain(robot.joint_names)}")
+
+
+def note_differences(experiment: Experiment) -> None:
+    """Say what MuJoCo does otherwise than armgpi's own plant."""
+    from armgpi.plants.plant import inside
+
+    for plant in experiment.plants.values():
+        inner = inside(plant)
+        if (differences := getattr(inner, "differences", None)) is not None:
+            for said in differences or ("what it does differs by rounding alone",):
+                hold(f"note: MuJoCo: {said}")
+            return
+
+
+def note_assumed(arm: Any, as_json: bool, certified: str = "") -> None:
+    """Refuse an arm with assumed rotors, and say of a file without them what a certificate is worth.
+
+    Args:
+        arm: the arm.
+        as_json: whether the verdict is printed as JSON.
+        certified: type of the controller that is to be certified; empty for a bound, which takes each.
+    """
+    from armgpi.gpi.payload import certified_sector
+    from armgpi.robot import rotors
+
+    ratio = math.sqrt(certified_sector().upper)
+    if rotors.assumed_joints(arm):
+        text = (
+            f"the rotor inertias are assumed, within a factor of {rotors.SCATTER:g}, but a certificate needs "
+            "the exact inertia matrix D(q)"
+        )
+        advice = [
+            "Identify the rotor inertias (armgpi identify), or specify them by --rotor-inertia or --drives.",
+            f"Without payload, a factor of up to {ratio:.2g} could be certified.",
+        ]
+        if certified == "gpi_auto":
+            advice.insert(
+                1, "Add --controller gpi: what gpi_auto chooses for elastic joints has no certificate."
+            )
+        if as_json:
+            say(json.dumps({"verdict": Verdict("not judged", f"{text}. {' '.join(advice)}").plain()}))
+        else:
+            say(Verdict("not judged", text).line)
+            say("\n".join(f"  {line}" for line in advice), lines=True)
+        sys.exit(Verdict("not judged", text).exit_code)
+    if names := rotors.silent(arm):
+        hold(
+            f"note: the URDF contains no rotor inertia of {', '.join(names)}, so this certificate is of "
+            "an arm without rotors; geared motors have them"
+        )
+
+
+def note_gears(law: Any, delay: int) -> str:
+    """Return below which resonance of its gears a claim of a rigid arm is void; empty without rotors."""
+    from armgpi.gpi.gains import FixedGains
+    from armgpi.tuning import geared
+
+    if not (law.bias_robot.armature.any() and isinstance(law.gains, FixedGains)):
+        return ""
+    lowest, usual = geared.borne(law, law.bias_robot, delay)
+    return (
+        f"Stiff joints are assumed. If the lowest resonance of the joints is below {lowest:.3g} Hz "
+        "(estimated numerically), the controller may become unstable and this is not valid; such motors "
+        f"usually have about {usual:.2g} Hz"
+    )
+
+
+def joint_numbers(arm: Any, text: str, option: str) -> Any:
+    """Return one number or one for each joint."""
+    value = per_joint(text, option)
+    if isinstance(value, dict):
+        missing = [name for name in arm.joint_names if name not in value]
+        if missing:
+            raise refusal(option, f"needs a value for {', '.join(missing)} as well")
+    return value
+
+
+def load_ends(text: str | None) -> tuple[float, float] | None:
+    """Return the two loads of a range."""
+    if text is None:
+        return None
+    try:
+        light, heavy = (float(part) for part in text.split(":"))
+    except ValueError:
+        light, heavy = math.inf, 0.0
+    if not 0.0 <= light <= heavy < math.inf:
+        raise refusal(
+            "--payload", f"expected two payloads [kg], the lighter first, such as '0:3', got {text!r}"
+        )
+    return light, heavy
