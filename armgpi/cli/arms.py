@@ -288,3 +288,16 @@ def load_ends(text: str | None) -> tuple[float, float] | None:
             "--payload", f"expected two payloads [kg], the lighter first, such as '0:3', got {text!r}"
         )
     return light, heavy
+
+
+def note_published(arm: Any) -> None:
+    """Say which published numbers of an arm's drives are used where its file contains none, with the source.
+
+    Args:
+        arm: as its file has it.
+    """
+    from armgpi.robot.known_arms import describe_published
+    from armgpi.robot.rotors import with_published
+
+    if published := describe_published(with_published(arm).drives, values=True):
+        hold(published)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from armgpi.base import files
 from armgpi.cli import options as opt
-from armgpi.cli.arms import load_arm, note_world, resolved
+from armgpi.cli.arms import load_arm, note_published, note_world, resolved
 from armgpi.cli.parsing import is_experiment, per_joint, stoppable
 from armgpi.cli.terminal import console, say, widen, working
 from armgpi.cli.written import import_xarray
@@ -127,6 +127,7 @@ def identify(
             found = found.with_experiment(experiment)
         validation = None if validate is None else found.validate(validate)
     note_world(*resolved(robot, how, arm))
+    note_published(arm)
     written = write_identified(found, out, validation, carried)
     if report is not None:
         files.write(report, (out / "report.html").read_text(encoding="utf-8"))
@@ -326,6 +327,7 @@ def excite(
     source = robot
     if is_experiment(robot):
         source, how["lock"] = str(arm.provenance["source"]), arm.provenance["locked"]
+    note_published(arm)
     written = files.write_set(folder, experiment_files(arm, source, motion, how, first or side, not side))
     rotors = (
         "the assumed rotor inertia" if side or resonance else "up to four times the assumed rotor inertia"

@@ -19,7 +19,6 @@ from armgpi.errors import ParameterError, UnfitLog
 from armgpi.identification import estimate
 from armgpi.identification.check import (
     LIGHT,
-    Finding,
     check,
     check_bodies,
     check_fit,
@@ -40,6 +39,7 @@ from armgpi.identification.estimate import Block, Fit, Prior
 from armgpi.identification.logs import TORQUES, Grid, Log, read_log, resample
 from armgpi.identification.posterior import Posterior, with_parameters
 from armgpi.identification.resonance import Gears, find_gears
+from armgpi.identification.samples import Finding
 from armgpi.identification.simulated import simulate_experiment
 from armgpi.identification.weak_form import (
     BODY,
@@ -56,7 +56,7 @@ from armgpi.robot.batch import RobotBatch
 from armgpi.robot.drives import Drives
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
-from armgpi.robot.rotors import SCATTER, assume_gears
+from armgpi.robot.rotors import SCATTER, assume_gears, with_published
 
 #: Widths over which the sign of velocity may be smoothed [rad/s or m/s], and the one to begin with.
 WIDTHS, _FIRST_WIDTH = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2), 5e-3
@@ -189,7 +189,7 @@ class Identified:
 
     Attributes:
         robot: the arm, with its bodies, rotor inertia and friction.
-        file: the arm as it was given.
+        file: the arm as it was given, with what is published of its drives.
         lag: time by which measured positions lag behind torques [s], (n,).
         lag_std: its standard deviation [s], (n,).
         width: speed over which friction changes its sign [rad/s or m/s], (n,).
@@ -228,7 +228,7 @@ class Identified:
         self.lag = frozen(np.broadcast_to(self.theta[-data.lags :], data.robot.n))
         self.lag_std = frozen(np.broadcast_to(self._std[-data.lags :], data.robot.n))
         self.width = frozen(data.width)
-        self.sources = tuple(data.sources)
+        self.sources = tuple(log.source for log in data.logs)
         self.dt = data.grids[0].dt
         self.torque, self.hidden = data.torque, data.hidden.copy()
         self.twist = data.twist
@@ -520,7 +520,7 @@ class Identified:
         middle = np.rint(form.times / data.grids[0].dt).astype(np.intp)
         motion = form.times, form.position[middle], form.velocity[middle]
         identified, file = shares
-        return Validation(data.sources[0], identified, file, *motion, torque / weight, predicted / weight)
+        return Validation(data.logs[0].source, identified, file, *motion, torque / weight, predicted / weight)
 
     def _estimate(self, joint: str, quantity: str, place: int) -> Estimate:
         """Return one unknown; what cannot be negative has an interval that is not."""
@@ -635,6 +635,7 @@ def identify(
         check_choice(torque, "torque", TORQUES)
     several = isinstance(logs, (list, tuple)) and not isinstance(logs, Log)
     scale = 1.0 if current is None else quantity(current, "current", robot.joint_names)
+    robot = with_published(robot)
     data = _Data(robot, gravity, scale, columns).with_logs(list(logs) if several else [logs])
     if not data.forms:
         raise ParameterError("logs", logs, "at least one log")
@@ -736,7 +737,7 @@ class _Data:
         self.forms: list[WeakForm] = []
         self.twisted: list[Twisted] = []  # where joints are elastic
         self.phases: list[npt.NDArray[np.intp]] = []
-        self.sources: list[str] = []
+        self.logs: list[Log] = []  # as they were recorded
         self.torque = ""
         self.hidden = np.zeros(robot.n, dtype=bool)
 
@@ -775,7 +776,7 @@ class _Data:
             if (period := _period(grid)) is not None:
                 phase = np.remainder(phase, max(1, round(period / form.hop)))
             other.phases.append(phase)
-            other.sources.append(log.source)
+            other.logs.append(log)
         other.set_twist(self.twist)
         return other
 
@@ -819,12 +820,12 @@ class _Data:
         other = self.with_logs(logs)
         other.grids, other.rigid = self.grids + other.grids, self.rigid + other.rigid
         other.forms, other.twisted = self.forms + other.forms, self.twisted + other.twisted
-        other.phases, other.sources = self.phases + other.phases, self.sources + other.sources
+        other.phases, other.logs = self.phases + other.phases, self.logs + other.logs
         return other
 
     def findings(self, count: int) -> list[Finding]:
         """Return what the check says of the last logs."""
-        pairs = list(zip(self.sources, self.grids, self.rigid, strict=True))[-count:]
+        pairs = list(zip(self.logs, self.grids, self.rigid, strict=True))[-count:]
         return [x for each in pairs for x in check(self.robot, self.gravity, self.expected, *each)]
 
     def inertias(self) -> Array:

@@ -17,7 +17,7 @@ from armgpi.identification.weak_form import BODY, COLUMNS, COULOMB, OFFSET, ROTO
 from armgpi.plants.reality import scales
 from armgpi.robot.repairs import SUPPOSE, made_in
 from armgpi.robot.robot import Robot
-from armgpi.robot.rotors import typical_inertia
+from armgpi.robot.rotors import typical_inertia, with_published
 
 #: Standard deviations that a maker's file has, chosen wide. Mass: a share of the link's, and of the arm's for
 #: the last one, which may carry something. Rotor: a share, so that four times either way is within. Friction
@@ -111,7 +111,11 @@ class Fit(NamedTuple):
 
 
 def expect(robot: Robot) -> Prior:
-    """Return what a URDF says of an arm, with how far a maker's file may be wrong."""
+    """Return what a URDF says of an arm, with how far a maker's file may be wrong.
+
+    Rotors and friction are those published for the arm, where the URDF contains none.
+    """
+    robot = with_published(robot)
     model, n, size = robot.pinocchio_model(), robot.n, scales(robot)
     mean, std = np.zeros((2, n, len(COLUMNS)))
     wide = _SUPPOSED if is_supposed(robot) else _MASS

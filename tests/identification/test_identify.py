@@ -27,13 +27,14 @@ from armgpi.errors import ArmgpiError, ParameterError, UnfitLog
 from armgpi.identification import arm as identification
 from armgpi.identification import resonance
 from armgpi.identification.arm import Identified, Validation, identify, mean_inertia
-from armgpi.identification.check import LIGHT, _of_samples
+from armgpi.identification.check import LIGHT
 from armgpi.identification.chirp import Side
 from armgpi.identification.estimate import Block, Prior, expect, extend_positive, fit
 from armgpi.identification.excitation import excite
 from armgpi.identification.logs import Log, read_log, resample
 from armgpi.identification.posterior import read_posterior, with_parameters
 from armgpi.identification.resonance import LINES, TURN, _noise_at, find_gears
+from armgpi.identification.samples import check_samples
 from armgpi.identification.text import (
     say_causes,
     say_drift,
@@ -416,10 +417,13 @@ BAD = {
     "NaN": (lambda x: x._replace(q=np.where(x.t[:, None] > 5.0, np.nan, x.q)), "finite"),
     "degrees": (lambda x: x._replace(q=np.rad2deg(x.q)), "not degrees"),
     "N mm": (lambda x: x._replace(tau=1000.0 * x.tau), "its limit"),
-    "swapped": (lambda x: x._replace(tau=x.tau[:, [1, 0, 2]]), "order"),
+    "swapped": (lambda x: x._replace(tau=x.tau[:, [1, 0, 2]]), "'q1' fits the motion of 'q2', and that"),
+    "swapped elbows": (lambda x: x._replace(tau=x.tau[:, [0, 2, 1]]), "'q2' fits the motion of 'q3', and t"),
+    "positions swapped": (lambda x: x._replace(q=x.q[:, [0, 2, 1]]), "columns of these two are swapped"),
+    "in a circle": (lambda x: x._replace(tau=x.tau[:, [2, 0, 1]]), "'q1' that of 'q3', 'q2' that of 'q1'"),
     "reversed": (lambda x: x._replace(tau=x.tau * [1.0, 1.0, -1.0]), "reversed sign|follow from its motion"),
     "slow": (lambda x: x._replace(t=100.0 * x.t), "log faster"),
-    "still": (lambda x: x._replace(q=np.full_like(x.q, 0.1)), "move it faster"),
+    "still": (lambda x: x._replace(q=np.full_like(x.q, 0.1)), "is it the right column. Else move the joint"),
     "short": (lambda x: Log(x.t[:500], x.q[:500], x.tau[:500]), "log longer"),
     "hardly any": (lambda x: Log(x.t[:150], x.q[:150], x.tau[:150]), "log longer"),
     "clipped": (lambda x: x._replace(tau=np.clip(x.tau, -1.0, 1.0)), "clipped|sensor saturates"),
@@ -439,7 +443,11 @@ BAD = {
         lambda x: Log(*(part[np.arange(len(x.t)) // 100 % 2 == 0] for part in x[:3])),
         "a second that has no gap: log longer",
     ),
-    "one rests": (lambda x: x._replace(q=np.where([False, True, False], 0.3, x.q)), "q2: .*move it faster"),
+    "one rests": (lambda x: x._replace(q=np.where([False, True, False], 0.3, x.q)), "q2: .*throughout"),
+    "slow joint": (
+        lambda x: x._replace(q=x.q * np.array([1.0, 0.003, 1.0])),
+        "q2: its speed is .*move it faster",
+    ),
     "late": (lambda x: x._replace(tau=np.roll(x.tau, 50, axis=0)), "50 ms apart: give both the same clock"),
     "another zero": (
         lambda x: x._replace(q=x.q + np.array([0.0, 1.5, 0.0])),
@@ -698,13 +706,15 @@ def test_the_interval_of_a_rotor_that_the_log_leaves_open_ends_at_what_a_motor_h
         (lambda t, q, tau: (t, np.where([True, False, False], np.rad2deg(q), q), tau), "rad, not degrees"),
         (
             lambda t, q, tau: (t, np.clip(q, *np.quantile(q, [0.1, 0.9], axis=0)), tau),
-            "its sensor saturates; m",
+            "its sensor saturates, or it runs against its stop; move it less",
         ),
         (
             lambda t, q, tau: (t, q, np.minimum(tau, 0.8 * tau.max(axis=0))),
             "its sensor saturates; move slower",
         ),
         (lambda t, q, tau: (t, q, tau * [1.0, 0.0, 1.0] + [0.0, 5.0, 0.0]), "is 5 throughout"),
+        (lambda t, q, tau: (t, q, tau * [1.0, 0.0, 1.0]), "its torque is zero throughout"),
+        (lambda t, q, tau: (t, q * [1.0, 0.0, 1.0] + [0.0, 0.3, 0.0], tau), "position is 0.3 throughout: is"),
         (lambda t, q, tau: (1000.0 * t, q, tau), r"are its times in ms\? Then call the column 'time \[ms\]'"),
         (lambda t, q, tau: (np.where(t < 6.0, t, t - 3.0), q, tau), "got 3 after 5.998 .sample 3001.: cut"),
         (lambda t, q, tau: (t[:200], q[:200], tau[:200]), "is 0.4 s long"),
@@ -726,8 +736,53 @@ def test_encoders_and_torques_in_coarse_counts_are_not_said_to_saturate(late: fl
     q = np.stack([0.1 * np.sin(w * t) for w in (0.7, 1.1, 1.9)], axis=1)
     tau = np.stack([6.0 * np.sin(w * t) for w in (0.5, 0.9, 1.3)], axis=1)
     coarse = Log(t, np.round(q / count) * count, np.round(tau / 0.05) * 0.05)
-    said = [each.message for each in _of_samples(file(), resample(read_log(coarse, file())))]
+    there = read_log(coarse, file())
+    said = [each.message for each in check_samples(file(), there, resample(there))]
     assert not [message for message in said if "saturates" in message]
+
+
+@pytest.mark.parametrize("late", [0.0, 1e-4])
+@pytest.mark.parametrize("share", [0.04, 0.15])
+def test_a_coarse_encoder_that_saturates_on_a_slow_joint_is_found(share: float, late: float) -> None:
+    """The joint would have turned three counts or more further; its times may be irregular."""
+    count, rng = 2.0 * np.pi / 2**12, np.random.default_rng(1)
+    t = log().t + late * rng.uniform(size=len(log().t))
+    q = np.stack([0.5 * np.sin(w * t) for w in (0.7, 1.1, 1.9)], axis=1)
+    q[:, 1] = np.minimum(q[:, 1], np.quantile(q[:, 1], 1.0 - share))
+    coarse = Log(t, np.round(q / count) * count, log().tau)
+    said = [str(each) for each in check_samples(file(), coarse, resample(coarse))]
+    saturated = [message for message in said if "saturates" in message]
+    assert len(saturated) == 1
+    assert saturated[0].startswith(f"{file().joint_names[1]}: its position stops at")
+
+
+def test_a_joint_that_comes_to_rest_at_its_ends_does_not_saturate() -> None:
+    """Moves from rest to rest, each as abrupt as counts of 12 bits show it, and a second of rest between."""
+    count, t = 2.0 * np.pi / 2**12, np.arange(0.0, 20.0, 2e-3)
+    path = armgpi.Bezier(np.zeros(1), np.ones(1), velocity_limit=np.array([1.0]))
+    moved = path.at(np.mod(t, 4.0)).q[:, 0]
+    forth = np.where(np.mod(np.floor(t / 4.0), 2.0) == 0.0, moved, 1.0 - moved)
+    q = np.round(np.stack([forth, 0.05 * forth, np.sin(t)], axis=1) / count) * count
+    quiet = Log(t, q, np.random.default_rng(0).normal(size=q.shape))
+    said = [str(each) for each in check_samples(file(), quiet, resample(quiet))]
+    assert not [message for message in said if "saturates" in message]
+
+
+def test_a_known_arm_is_identified_from_what_is_published_of_its_drives() -> None:
+    """An SO-100 with its makers' servos: by its URDF's efforts, rotors would be 16 times as heavy.
+
+    Encoders have 12 bits, as the servos' have.
+    """
+    bare, count = armgpi.Robot.load("so100"), 2.0 * np.pi / 2**12
+    servo = rotors.with_published(bare)
+    t = np.arange(0.0, 20.0, 2e-3)
+    z = excite(bare, 20.0, 0.7, seed=1, floor=None, collisions=False).reference.at(t)
+    friction = servo.friction.viscous * z.v + servo.friction.coulomb * z.v / np.sqrt(z.v**2 + 1e-6)
+    tau = servo.inverse_dynamics(z.q, z.v, z.a) + friction
+    found_arm = identify(Log(t, np.round(z.q / count) * count, tau), bare)
+    assert np.abs(mean_inertia(found_arm.robot) / mean_inertia(servo) - 1.0).max() < 0.15
+    assert not found_arm.hidden.any()
+    assert found_arm.robot.drives.sources("gear_ratio")[0] == "published"
 
 
 def test_what_a_log_fails_by_is_a_line_of_three_reasons() -> None:
