@@ -8,9 +8,9 @@ the numbers are those of the arm is not its business: a seal shows slips, not fr
 
 How to read it: :func:`coefficients` and :func:`loop` are the controller, :func:`sample` is "One sample" of
 docs/proof.md, :func:`inequality` and :func:`holds` are "The matrix inequality", :func:`bounds` is "What is
-claimed". What follows after them reads a file and prints. Names in brackets, as in [One sample, 2], are
-sections of docs/proof.md. All numbers are rationals; where a root or an exponential is needed, something
-larger is taken.
+claimed". What follows after them reads a file and prints. Brackets refer to docs/proof.md: [P5] is its
+equation P5, [What is claimed] a section of it. All numbers are rationals; where a root or an exponential is
+needed, something larger is taken.
 """
 
 import hashlib
@@ -181,7 +181,11 @@ def partial_fractions(m, r, numerator, denominator):
     g = []
 
     def product(power):  # the coefficient of s^power in g D
-        return sum(x * denominator[power - i] for i, x in enumerate(g) if 0 <= power - i < len(denominator))
+        total = 0
+        for i, x in enumerate(g):
+            if 0 <= power - i < len(denominator):
+                total += x * denominator[power - i]
+        return total
 
     for power in range(m):
         g.append((numerator[power] - product(power)) / denominator[0])
@@ -217,16 +221,18 @@ def coefficients(m, r, zeta, pole, far, second, damping):
     own_at_once, leaks = trapezoidal(denominator[: 1 + r])
     scale = plus([1], own_at_once)
     over = times(scale, scale)
-    at_once = times(plus(times(plus([direct], integral_at_once), scale), filter_at_once), scale)
-    found = [over, [-x for x in at_once]]
+    # v at once is that of the integrators and of what is direct, and the filter's over its own part.
+    without_filter = times(plus([direct], integral_at_once), scale)
+    at_once = times(plus(without_filter, filter_at_once), scale)
+    law = [over, [-x for x in at_once]]
     for entering in integrators:
-        found.append(times(entering, over))
+        law.append(times(entering, over))
     for entering, leak in zip(filtered, leaks):
         back = [-x for x in times(filter_at_once, leak)]
-        found.append(plus(times(entering, scale), back))
+        law.append(plus(times(entering, scale), back))
     for leak in leaks:
-        found.append(times(leak, scale))
-    return found
+        law.append(times(leak, scale))
+    return law
 
 
 class Loop(NamedTuple):
@@ -250,7 +256,9 @@ class Loop(NamedTuple):
 
 def loop(c, omega):
     """Return a channel over a sample at a bandwidth."""
-    m, r, d = c["integrators"], c["rolloff"], c["delay"]
+    m = c["integrators"]
+    r = c["rolloff"]
+    d = c["delay"]
     theta = omega * c["sample_time"]
     law = coefficients(m, r, *(c[name] for name in LAW[2:]))
     over, direct, *others = (value(polynomial, theta) for polynomial in law)
@@ -283,15 +291,15 @@ def loop(c, omega):
 
 
 class Sample(NamedTuple):
-    """What a sample adds [One sample].
+    """What a sample adds [P3 to P5].
 
     Attributes:
         growths: f, by which D changes over a sample at most, and by which it does while measurements are
             late.
-        rest: rho; what bounds the rest R is divided by it.
-        ends: of the eigenvalues of D_k^-1 D^, the channels' delta.
-        gains: of the bound of rho R, the factors of what the controller asks for, of e', of the late error,
-            and of the error's change while it is late.
+        rest: rho of [P5]; what bounds the rest R is divided by it.
+        ends: of the eigenvalues of D_k^-1 D^ [P3], the channels' delta.
+        gains: of the bound of rho R [P5], the factors of what the controller asks for, of e', of the late
+            error, and of the error's change while it is late.
         sizes: of the inputs: the rest's part in e', that in e, the change of v*, the encoder's count, the
             dead zone.
         torque: f w, with what an encoder's count does through the controller.
@@ -318,17 +326,26 @@ def sample(c):
     sigma = moves * c["sigma"] + c["spread"] * c["sigma_error"]
     kappa = moves * 2 * c["kappa_v"] + c["spread"] * c["kappa_error"]
     f = growth(sigma * h)
+    # The eigenvalues of D_k^-1 D^ [P3].
     wide = growth(sigma * d * h + c["sigma"] * c["count_time"])
-    low, high = (c["delta_low"] / wide, c["delta_high"] * wide) if wide else (0, 0)
+    low, high = 0, 0
+    if wide:
+        low = c["delta_low"] / wide
+        high = c["delta_high"] * wide
+    # rho R, term by term [P5].
     rest = 1 - f * ((kappa + kappa_f) * h + kappa_g * h * h / 2)
     of_asked = high * (f - rest)
     of_speed = (f - rest) * kappa_f + f * (kappa + h * kappa_g)
     of_late_error = f * kappa_e
     of_change = f * kappa_g if d else 0
-    noise = max(abs(channel.K[channel.late]) for channel in (loop(c, omega) for omega in c["omega"]))
-    noise = noise * fastest**2 * c["count"]
+    # A count enters what the controller asks for at once: by K's entry of the late error.
+    noise = 0
+    for omega in c["omega"]:
+        channel = loop(c, omega)
+        noise = max(noise, abs(channel.K[channel.late]) * fastest**2 * c["count"])
     # What is measured is a count beside the arm, and behind a reference that moves on.
-    hidden = (kappa_e + kappa_g) * c["count"] + kappa_g * (d + 1) * h * c["reference"]
+    of_count = (kappa_e + kappa_g) * c["count"]
+    hidden = of_count + kappa_g * (d + 1) * h * c["reference"]
     torque = f * (c["torque"] + hidden) + of_asked * noise
     size = torque / rest / slowest**2 if rest else 0
     return Sample(
@@ -346,24 +363,65 @@ def sample(c):
 
 
 def sources_of(c, known, channel, s):
-    """Return what the rest R is made of: multiplier, factor and which part of the state, each.
+    """Return the sources, the terms of the rest R [P5] but for f w: t_s, kappa_s and y_s of [P7], each.
 
-    They are the terms of rho R in units in which the state is: what the controller asks for is over omega^2,
-    e' over omega, the errors are as they are; omega is at least the slowest.
+    They are in units in which the state is: what the controller asks for is over omega^2, e' over omega, the
+    errors are as they are; omega is at least the slowest.
     """
     units, K, late = channel.units, channel.K, channel.late
     slowest = min(c["omega"])
     change = [x - y for x, y in zip(units[0], units[late])]
-    parts = (K, 0), (units[1], 1), (units[late], 2), (change, 2)
-    found = []
+    # What R depends on, and by which power of omega it is in other units than the acceleration.
+    parts = [(K, 0), (units[1], 1), (units[late], 2), (change, 2)]
+    sources = []
     for multiplier, gain, (row, power) in zip(s["t"], known.gains, parts):
         if gain:
-            found.append((multiplier, gain / known.rest / slowest**power, row))
-    return found
+            kappa = gain / known.rest / slowest**power
+            sources.append((multiplier, kappa, row))
+    return sources
+
+
+class Acting(NamedTuple):
+    """What acts in a sample: by how much a unit of each moves the channel's states.
+
+    Attributes:
+        held: an acceleration that is held; it moves e by half of theta^2 and e' / omega by theta.
+        asked: what the controller asks for, over omega^2.
+        at_speed: what is added to e' over the sample.
+        at_place: what is added to e.
+        at_hold: what the torque that holds the arm moves by.
+        count: an error that is measured wrongly; it enters what the controller asks for, and its states.
+        zone: one that a dead zone hides, which does not enter the integrators.
+    """
+
+    held: list[Fraction]
+    asked: list[Fraction]
+    at_speed: list[Fraction]
+    at_place: list[Fraction]
+    at_hold: list[Fraction]
+    count: list[Fraction]
+    zone: list[Fraction]
+
+
+def acting_of(c, channel, theta, delta):
+    """Return what acts in a sample of a channel, whose eigenvalue of D_k^-1 D^ is delta."""
+    units, A, K, late = channel
+    m, n = c["integrators"], len(A)
+    order = n - c["delay"]  # states of arm and controller
+    held = [theta * theta / 2, theta] + [0] * (n - 2)
+    asked = [delta * x for x in held]
+    count = [x * K[late] for x in asked]
+    for i in range(2, order):
+        count[i] = A[i][late]
+    zone = [0] * n
+    for i in range(2, 2 + m):
+        zone[i] = A[i][late]
+    at_speed, at_place, at_hold = ([theta * x for x in units[i]] for i in (1, 0, 2))
+    return Acting(held, asked, at_speed, at_place, at_hold, count, zone)
 
 
 def inequality(c, known, omega, turn, delta, s):
-    """Return the matrix that has to be positive definite, affine in P, t and a.
+    """Return the matrix of [P7] that has to be positive definite, affine in P, t and a.
 
     With x the channel's state, and z, w what the sources, friction and the inputs do in it, it is
 
@@ -381,50 +439,41 @@ def inequality(c, known, omega, turn, delta, s):
         s: the solution.
     """
     channel = loop(c, omega)
-    units, A, K, late = channel
-    m, n, P = c["integrators"], len(A), s["P"]
+    A, K, P = channel.A, channel.K, s["P"]
+    m, n = c["integrators"], len(A)
     order = n - c["delay"]  # states of arm and controller
     theta = omega * c["sample_time"]
     sources = sources_of(c, known, channel, s)
-
-    # What acts in a sample. An acceleration that is held moves e by half of theta^2 and e' / omega by theta.
-    held = [theta * theta / 2, theta] + [0] * (n - 2)
-    asked = [delta * x for x in held]
-    at_speed = [theta * x for x in units[1]]
-    at_place = [theta * x for x in units[0]]
-    at_hold = [theta * x for x in units[2]]
-    # An error that is measured wrongly enters what the controller asks for, which moves the first two states,
-    # and the controller's own states.
-    count = [x * K[late] for x in asked]
-    for i in range(2, order):
-        count[i] = A[i][late]
-    # One that a dead zone hides does not enter the integrators.
-    zone = [0] * n
-    for i in range(2, 2 + m):
-        zone[i] = A[i][late]
+    acting = acting_of(c, channel, theta, delta)
 
     # Each with the multiplier of its square.
-    columns = [(at_speed, multiplier) for multiplier, _, _ in sources]
-    columns.append((at_place, s["t"][4]))
+    columns = [(acting.at_speed, multiplier) for multiplier, _, _ in sources]
+    columns.append((acting.at_place, s["t"][4]))
     friction = n + len(columns)
     if c["kappa_f"]:
-        columns.append((held, s["t"][5]))
-    inputs = at_speed, at_place, at_hold, count, zone
-    columns += [(column, multiplier) for column, multiplier, size in zip(inputs, s["a"], known.sizes) if size]
+        columns.append((acting.held, s["t"][5]))
+    for column, multiplier, size in zip(acting[2:], s["a"], known.sizes):  # the inputs, in their order
+        if size:
+            columns.append((column, multiplier))
 
-    # The next state, in units of the next bandwidth.
-    powers = [0, 1, *range(2, 2 + m), *range(2, order - m), *[0] * c["delay"]]
+    # Z: the next state, in units of the next bandwidth: e' is over omega, the integrators' states are over
+    # omega^2 and higher powers, and so are the filter's.
+    of_integrators = range(2, 2 + m)
+    of_filter = range(2, order - m)
+    powers = [0, 1, *of_integrators, *of_filter, *[0] * c["delay"]]
     Z = []
     for i, power in enumerate(powers):
-        row = [x + asked[i] * y for x, y in zip(A[i], K)]
+        row = [x + acting.asked[i] * y for x, y in zip(A[i], K)]
         row += [column[i] for column, _ in columns]
         Z.append([x * turn**power for x in row])
 
+    # -f Z^T P Z, and what is on z z and w w.
     f = known.growths[0]
-    X = [[-f * x for x in row] for row in matrix_product(transposed(Z), matrix_product(P, Z))]
+    quadratic = matrix_product(transposed(Z), matrix_product(P, Z))
+    X = [[-f * x for x in row] for row in quadratic]
     for i, (_, multiplier) in enumerate(columns):
         X[n + i][n + i] += theta * multiplier
-    if c["kappa_f"]:  # friction takes energy: z^2 + kappa_f z e' <= 0 [One sample, 3]
+    if c["kappa_f"]:  # friction takes energy [P6]
         X[1][friction] += s["t"][5] * c["sample_time"] * c["kappa_f"] / 2
         X[friction][1] = X[1][friction]
     # What the rest does to e is at most theta / 2 of what it does to e', and is split over the sources.
@@ -437,7 +486,7 @@ def inequality(c, known, omega, turn, delta, s):
 
 
 def holds(c, s):
-    """Tell whether the matrix inequality holds; omega is one of a list, and goes to a neighbour at most."""
+    """Tell whether [P7] holds; omega is one of a list, and goes to a neighbour at most."""
     known = sample(c)
     f, wide = known.growths
     if f < 1 or wide < 1 or not 0 < known.rest <= 1:
@@ -501,25 +550,35 @@ class Reach:
     def motion(self, level, before=0):
         """Return the motion at a level, after a part of a sample with another acceleration `before`."""
         h, known = self.c["sample_time"], self.known
-        e, v, late_error, asked = level * self.e, level * self.v, level * self.late_error, level * self.asked
+        e = level * self.e
+        v = level * self.v
+        late_error = level * self.late_error
+        asked = level * self.asked
         if before:
             e = e + h * v + h * h / 2 * before
             v = v + h * before
+        # R [P5], and with it the acceleration B = delta_hi U + kappa_f E' + R [P4].
         of_asked, of_speed, of_late_error, of_change = known.gains
-        added = of_asked * asked + of_speed * v + of_late_error * late_error + of_change * (e + late_error)
+        added = of_asked * asked + of_speed * v
+        added += of_late_error * late_error + of_change * (e + late_error)
         rest = (known.torque + added) / known.rest
-        a = known.ends[1] * (asked + known.noise) + self.c["kappa_f"] * v + rest
+        _, high = known.ends
+        a = high * (asked + known.noise) + self.c["kappa_f"] * v + rest
         return Motion(e, v, a, asked)
 
 
 def bounds(c, s, claim=""):
-    """Return at least the errors, the speeds of the error and the torques, at all times."""
+    """Return at least the errors, the speeds of the error and the torques, at all times [What is claimed]."""
     known = sample(c)
     f, wide = known.growths
-    h, P, slowest = c["sample_time"], s["P"], min(c["omega"])
+    h = c["sample_time"]
+    P = s["P"]
+    slowest = min(c["omega"])
     reach = Reach(c, known, P)
-    level = root(sum(a * size * size for a, size in zip(s["a"], known.sizes)) / s["alpha"])
-    # What a wrong torque to hold the arm, an acceleration, is in V.
+    # The root of V, settled [P8].
+    energy = sum(a * size * size for a, size in zip(s["a"], known.sizes))
+    level = root(energy / s["alpha"])
+    # What a wrong torque to hold the arm, an acceleration, is in it [P9].
     of_hold = root(P[2][2]) / slowest**2
     if claim == "start":
         hidden = (c["kappa_e"] + c["kappa_g"]) * c["count"] / c["delta_low"]
@@ -535,11 +594,13 @@ def bounds(c, s, claim=""):
         apart = (root(P[0][0]) * h / 2 + root(P[1][1]) / slowest) * h * 2 * fastest
         motion = reach.motion(level + apart)
         fastest = max(fastest, motion.a)
-    # Between samples.
+    # Between samples [P10]; a late reference has moved on.
     e = motion.e + h * motion.v + h * h / 2 * fastest
     v = root(f) * (motion.v + h * fastest)
-    # A late reference has moved on.
-    errors = [root(f * x) * e + c["delay"] * h * speed for x, speed in zip(c["inverse"], c["velocity"])]
+    errors = []
+    for inverse, speed in zip(c["inverse"], c["velocity"]):
+        errors.append(root(f * inverse) * e + c["delay"] * h * speed)
+    # The torques [P11].
     asked = root(wide) * (motion.asked + known.noise)
     torques = [hold + reached * asked for hold, reached in zip(c["hold"], c["reach"])]
     return {"errors": errors, "speed": [v], "torques": torques}
@@ -661,13 +722,15 @@ def verify(data):
     sealed = {key: x for key, x in data.items() if key not in ("solutions", "seal")}
     if hashlib.sha256(json.dumps(sealed, sort_keys=True).encode()).hexdigest() != data["seal"]:
         raise Refused("the seal is broken")
-    common, solutions = facts(data), data["solutions"]
+    common = facts(data)
+    solutions = data["solutions"]
     if not isinstance(solutions, dict) or not solutions or not set(solutions) <= set(CLAIMS):
         raise Refused(f"claims nothing, or more than {', '.join(CLAIMS)}")
     wrong = []
     for name, inputs in section(data["inputs"], "inputs", solutions).items():
         s = solution(solutions[name], name, len(common["inverse"]))
-        wrong += wrong_in_claim(name, {**common, **input_sizes(name, inputs, common)}, s)
+        c = {**common, **input_sizes(name, inputs, common)}
+        wrong += wrong_in_claim(name, c, s)
     return wrong
 
 
@@ -701,11 +764,12 @@ def wrong_in_claim(name, c, s):
 def unclaimed(data):
     """Return what a file says that was asked for and that no claim of it is about, a phrase each."""
     robot, limits, solutions = data["robot"], data["limits"], data["solutions"]
-    moves = any(Fraction(x) for key in ("velocity", "acceleration") for x in limits[key])
+    moves = any(Fraction(x) for x in limits["velocity"] + limits["acceleration"])
     pushed = any(Fraction(x) for x in robot.get("torque") or ())
+    stated = moves or pushed or robot.get("friction") or robot.get("bits")
     jumps = bool(Fraction(data["numbers"]["jump"]))
     missing = []
-    if (moves or pushed or robot.get("friction") or robot.get("bits")) and "stated" not in solutions:
+    if stated and "stated" not in solutions:
         missing.append("everything that was stated")
     if jumps and robot.get("start") == "wrong-load" and "start" not in solutions:
         missing.append("a start with the torque of another load")
