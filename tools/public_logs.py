@@ -41,6 +41,7 @@ from armgpi.errors import UnfitLog
 from armgpi.identification.arm import Identified, identify
 from armgpi.identification.logs import Log
 from armgpi.robot.repairs import SUPPOSE
+from armgpi.robot.rotors import SCATTER, typical_inertia
 from armgpi.validation import denavit
 
 #: Gear ratios of the TX40 and its sample time [s], as its configuration there says, and the inertia of its
@@ -98,7 +99,18 @@ def tx40(folder: Path) -> PublicLog:
     last = " ".join(f'{name}="{TX40_LAST if name[1] == name[2] else 0.0}"' for name in MOMENTS)
     text = re.sub(r'<inertia ixx="0.000"[^>]*izz="0.000"/>', f"<inertia {last}/>", text)
     log = Log(TX40_DT * np.arange(len(q)), q, currents @ ratios, "tx40")
-    return PublicLog(armgpi.Robot.from_xml(text), log, "motor")
+    return PublicLog(without_published(armgpi.Robot.from_xml(text)), log, "motor")
+
+
+def without_published(robot: armgpi.Robot) -> armgpi.Robot:
+    """Return an arm of whose published drives the fit knows nothing: they were found in this very log."""
+    names, none = robot.joint_names, dict.fromkeys(robot.joint_names, 0.0)
+    rotors = dict(zip(names, typical_inertia(robot).tolist(), strict=True))
+    low, high = ({name: factor * x for name, x in rotors.items()} for factor in (1.0 / SCATTER, SCATTER))
+    drives = robot.drives.with_value("rotor_inertia", rotors, low, high, source="assumed")
+    for quantity in ("viscous", "coulomb"):
+        drives = drives.with_value(quantity, none, source="assumed")
+    return robot.with_drives(drives)
 
 
 def tiago(folder: Path) -> PublicLog:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
-    "file <FILE>": "Experiment file (YAML) with a section `tune`.",
+    "file <FILE>": "Experiment file (YAML) with a section `tune`; or the folder of an identified arm.",
     "out --out -o FOLDER": "Folder for the study and its result.",
     "resume": "Continue the study in the folder.",
     "evaluations NUMBER": "Number of candidates that are tried; by default that of the file.",
@@ -44,6 +44,7 @@ def tune(
     \b
     armgpi tune study.yaml --out study
     armgpi tune study.yaml --out study --resume
+    armgpi tune identified/ --out study
     armgpi compare --config study/best.yaml
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.config.building import summary

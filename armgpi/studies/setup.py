@@ -19,6 +19,7 @@ from armgpi.errors import ArmgpiError, ArmgpiWarning, NameNotFound, ParameterErr
 from armgpi.loop import metrics
 from armgpi.plants.reality import Reality
 from armgpi.robot import rotors
+from armgpi.robot.robots import find_identified
 from armgpi.studies.evaluation import Evaluator
 from armgpi.studies.objective import Objective, known_names
 from armgpi.studies.optimise import KEPT, Problem
@@ -29,6 +30,8 @@ from armgpi.studies.study import Identity, identify
 
 #: Held-out draws begin so many draws after those that are searched on.
 _APART = 1 << 20
+#: What is searched for an identified arm, where nobody says it: errors that are not bought by torque chatter.
+_OBJECTIVE = "itae + 0.001*variation"
 
 
 class Wanted(NamedTuple):
@@ -54,17 +57,17 @@ class Wanted(NamedTuple):
 
 
 def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "compiled") -> Wanted:
-    """Read an experiment file with a section `tune`.
+    """Read an experiment file with a section `tune`, or the folder of an identified arm.
 
     Args:
-        path: of the file.
+        path: of the file, or of the folder.
         changes: keys of `tune` that are changed.
         backend: as for :func:`armgpi.simulate`.
 
     Raises:
         ConfigError: when something in it is not as it should be; it names the key.
     """
-    data, origin = read_data(path)
+    data, origin = _read(path)
     found = data.pop("tune", None)
     if not isinstance(found, dict | None):
         raise origin.error(("tune",), "expected a mapping")
@@ -88,6 +91,15 @@ def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "c
     problem = _problem(experiment, label, section, tune, origin, backend)
     asked = {"method": "tune", "tune": tune.plain(), "backend": backend}
     return Wanted(experiment, label, tune, section, problem, data, identify(given, asked))
+
+
+def _read(path: Path) -> tuple[dict[str, Any], Origin]:
+    """Return an experiment file as plain data, or the study of the arm in a folder of `armgpi identify`."""
+    if find_identified(path) is None:
+        return read_data(path)
+    # The arm and controller that `armgpi run` has of the same folder.
+    arm = {"robot": {"name": str(path.resolve())}, "ideal": False, "tune": {"objective": _OBJECTIVE}}
+    return arm, Origin(str(path))
 
 
 def _warn(given: ExperimentConfig, experiment: Experiment, silent: bool, origin: Origin) -> None:

@@ -247,6 +247,19 @@ def test_a_search_takes_the_drives_of_the_folder(tmp_path: Path) -> None:
     assert setup.read(path).experiment.robot.drives.plain() == found().drives.plain()
 
 
+def test_the_folder_of_an_identified_arm_is_a_study(
+    cli: Callable[..., Answer], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is searched for the arm of `armgpi run`, from any working directory."""
+    monkeypatch.chdir(folder().parent)
+    study = setup.read(Path(folder().name))
+    assert study.experiment.config.plant.engine == "elastic"
+    assert study.experiment.robot.drives.plain()["q1"]["rotor_inertia"]["source"] == "identified"
+    answer = cli("tune", folder().name, "--out", str(tmp_path / "s"), "--evaluations", "2")
+    assert answer.code == 0
+    assert (tmp_path / "s" / "best.yaml").is_file()
+
+
 def test_laws_of_the_file_and_of_the_folder_run_on_the_arm_that_was_identified(
     cli: Callable[..., Answer], tmp_path: Path
 ) -> None:
