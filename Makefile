@@ -62,7 +62,7 @@ $(FOR_ALL): pyproject.toml constraints.txt
 	@touch $(FOR_DEMO) $@
 
 demo: $(FOR_DEMO) ## Simulate and compare the controllers on the demo arm, into demo_out/, with a report to open
-	@echo "Simulating the demo arm under GPI and under a PID (examples/demo.yaml) ..."
+	@echo "Simulating the demo arm under GPI and under a PID that measures positions too (examples/demo.yaml) ..."
 	$(BIN)/armgpi compare --config examples/demo.yaml --out demo_out --force --report demo_out/report.html
 	@echo "Now open demo_out/report.html in a browser."
 	@echo "To type armgpi commands here: source $(BIN)/activate; pip install example-robot-data brings arms such as ur5."

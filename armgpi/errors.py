@@ -397,6 +397,11 @@ class MissingPackage(ArmgpiError):
         self.package, self.extra = package, extra
         super().__init__(f"needs the package {package!r}: pip install {package}")
 
+    def instead(self, what: str, way_out: str) -> MissingPackage:
+        """Return the error that also says what needs the package, and what works without it."""
+        self.args = (f"{what}: pip install {self.package}, {way_out}",)
+        return self
+
 
 def require_extra(module: str, extra: str, package: str = "") -> None:
     """Refuse to begin what needs a module that is not installed; nothing is imported.

@@ -58,6 +58,17 @@ def printable(value: object, *, lines: bool = False) -> str:
     return "".join(c if c.isprintable() or (lines and c == "\n") else repr(c)[1:-1] for c in text)
 
 
+def counted(count: int, one: str, several: str = "") -> str:
+    """Return a number of things in words, as in "1 rollout" and "2000 rollouts".
+
+    Args:
+        count: how many.
+        one: what one is called.
+        several: what several are called, where that is not `one` and an s.
+    """
+    return f"1 {one}" if count == 1 else f"{count} {several or one + 's'}"
+
+
 def quote(value: object, most: int = 80) -> str:
     """Return a value as Python writes it, cut where it is long."""
     text = repr(value)

@@ -12,9 +12,9 @@ from armgpi.errors import require_extra
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
-    "arms <[ROBOT]...>": "Which ones; ur5, panda, kinova and the paper's arm.",
+    "arms <[ROBOT]...>": "Robots; by default ur5, panda, kinova and the paper's arm.",
     "out --out -o FOLDER": "Folder for the comparison and its tables.",
-    "laws --controllers --law NAMES": "Which ones; may be repeated. All by default.",
+    "laws --controllers --law NAMES": "Controllers to compare; may be repeated. All by default.",
     "evaluations": "Candidates for each controller, arm and seed.",
     "seeds": "Searches for each controller and arm.",
     "reality NAME": "Uncertainty model of the arms: bare, geared or elastic.",

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
-    "names <[ROBOT]...>": "Which ones; all by default.",
+    "names <[ROBOT]...>": "Robots; by default all that can be loaded by name.",
     "out --out -o FOLDER": "Folder for the study of the arms and its table.",
     "reality NAME": "Instead, randomise drives, sensors, payloads and moves by this uncertainty model: "
     "geared, elastic, owned ...",

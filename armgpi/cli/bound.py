@@ -46,8 +46,8 @@ ROWS = {
     "held: the loop has held the arm.",
     "tool_speed NUMBER": "Also bound the stopping distance of the supervisor from this tool speed [m/s]; "
     "with a force limit, the speed of the impact.",
-    "controller --controller --controllers NAME": "gpi or gpi_auto. Default: the file's, else gpi; gpi_auto "
-    "with an encoder or delay.",
+    "controller --controller --controllers NAME": "gpi or gpi_auto. Default: the file's, else gpi, or "
+    "gpi_auto for a realistic arm.",
     "out --out -o FILE": "Write the bound (JSON).",
 }
 

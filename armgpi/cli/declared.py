@@ -201,11 +201,21 @@ def _option(flag: str, key: str, owners: tuple[str, ...], each: Parameter) -> Op
     said = f"{each.text[0].upper()}{each.text[1:]}{f' [{each.unit}]' if each.unit else ''}"
     if each.choices:
         said += f": {' or '.join(each.choices)}"
-    text = f"{said}; for {', '.join(owners)}." if owners else f"{said}."
+    text = f"{said}; for {_named(owners)}." if owners else f"{said}."
     default = each.chosen or each.none or each.unlimited or each.default
     if owners and default not in (None, REQUIRED):
         text += f" Default: {default}."
     return Option(flag, key, owners, each.kind, metavars.get(each.kind, numbers), text)
+
+
+def _named(owners: tuple[str, ...]) -> str:
+    """Return the controllers that have an option: all, all but a few, or their names."""
+    from armgpi.config.schema import KINDS
+
+    others = [name for name in KINDS if name not in owners]
+    if not others:
+        return "all controllers"
+    return f"all controllers but {' and '.join(others)}" if len(others) < 3 else ", ".join(owners)
 
 
 def _flag(key: str) -> str:

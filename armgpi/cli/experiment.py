@@ -60,7 +60,7 @@ def compare(
     """Simulate several controllers on the same robot and print one table.
 
     \b
-    armgpi compare ur5 --controllers gpi,pid --inertia-scale 0.8
+    armgpi compare ur5 --controllers gpi_auto,pid_positions --inertia-scale 0.8
     armgpi compare --config experiment.yaml --out results
     """  # noqa: D301 (\b keeps the lines apart)
     options |= {"robot": robot, "controllers": controllers, "declared": values_of(context)}

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from armgpi.base.escape import counted
 from armgpi.cli import options as opt
 from armgpi.cli.declared import values_of
 from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
@@ -137,7 +138,7 @@ def _export(options: dict[str, Any]) -> int:
             done = write_code(code, options["out"], log, name=options["prefix"], target=target, beside=beside)
     _say(done, log, label, options["as_json"])
     out = options["out"]
-    say(f"wrote {', '.join(str(file.relative_to(out)) for file in done.files)} in {out}", err=True)
+    say(f"wrote {len(done.files)} files to {out}; {out / 'README.md'} explains them", err=True)
     if "diverged" in log.header:
         say(
             f"the simulated arm becomes unstable under this controller, at {log.header['diverged']:g} s",
@@ -290,7 +291,7 @@ def _say(done: Export, log: ArmLog, label: str, as_json: bool) -> None:
         return
     say(
         f"{type(done.code.law.controller.law).__name__} of {done.code.law.controller.robot.name}, "
-        f"{done.code.law.n} joints, as C in {done.folder}"
+        f"{counted(done.code.law.n, 'joint')}, as C in {done.folder}"
     )
     carried = (
         "without gravity: the robot compensates it" if facts["gravity"] == "robot" else "contains gravity"

@@ -68,7 +68,7 @@ ROWS = {
     "box NUMBERS": "Two corners of a box that all links avoid: x,y,z,x,y,z [m].",
     "margin METRES": "Distance from itself, floor and box [m]; 0.02 of the arm's length by default.",
     "no_collisions": "Do not compare the arm's own links with each other.",
-    "seed NUMBER": "Another motion.",
+    "seed NUMBER": "Seed of the random motion.",
 }
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from armgpi.base.escape import printable
+from armgpi.base.escape import counted, printable
 from armgpi.base.verdict import Verdict, judge
 from armgpi.cli import options as opt
 from armgpi.cli.arms import note_world, resolved
@@ -194,9 +194,9 @@ def _what_it_is(facts: Mapping[str, Any], explain: bool = True) -> list[str]:
         explain: whether assumed values and their reasons are printed; else what is assumed.
     """
     said = [
-        f"{printable(facts['name'])}: {facts['n']} joints, {facts['moving_mass']:.4g} kg moving of "
-        f"{facts['total_mass']:.4g} kg, reach {facts['reach']:.3g} m, "
-        f"from {facts['base']!r} to {facts['tip']!r}",
+        f"{printable(facts['name'])}: {counted(facts['n'], 'joint')}, "
+        f"{facts['moving_mass']:.4g} kg moving of {facts['total_mass']:.4g} kg, "
+        f"reach {facts['reach']:.3g} m, from {facts['base']!r} to {facts['tip']!r}",
         f"file: {printable(facts['source'])}",
     ]
     if explain:

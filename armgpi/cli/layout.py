@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ _OPTIONS = {
         "--reaction",
     ),
     "Output": (
-        *("--out", "--force", "--json", "--table", "--plot", "--view", "--html", "--report"),
+        *("--out", "--json", "--table", "--plot", "--view", "--html", "--report"),
         "--interactive",
         *("--title", "--frame", "--port", "--open", "--backend"),
     ),
@@ -40,6 +41,8 @@ _GROUP_OF = {flag: group for group, flags in _OPTIONS.items() for flag in flags}
 _OTHERS = "Options"
 #: Widest help: longer lines are hard to read.
 WIDEST = 120
+#: What Typer writes for the type of a value -> what --help shows.
+_VALUES = {"<int>": "NUMBER", "<int range>": "NUMBER", "<float>": "NUMBER", "<str>": "NAME"}
 
 
 class Command(TyperCommand):
@@ -56,6 +59,10 @@ class Command(TyperCommand):
         OFFERED.update(flag for each in self.get_params(ctx) for flag in each.opts)
         return super().invoke(ctx)
 
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """Return the words of the line of usage: an argument that is required has no brackets."""
+        return [_usage(piece) for piece in super().collect_usage_pieces(ctx)]
+
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write the arguments, then a section for every group of options."""
         groups: dict[str, list[tuple[str, str]]] = {}
@@ -66,7 +73,7 @@ class Command(TyperCommand):
             first = each.param_type_name == "argument" or not _FIRST.isdisjoint(each.opts)
             row = each.get_help_record(ctx)
             if row is not None and (first or not short):
-                groups.setdefault(_group(each), []).append(row)
+                groups.setdefault(_group(each), []).append((_shown(each, row[0]), row[1]))
         if short:
             more = f"Show all {len(params)} arguments and options and exit."
             groups.setdefault(_OTHERS, []).append(("--help-all", more))
@@ -96,6 +103,24 @@ def _read(parameter: Any, ctx: Any, value: Any) -> Any:
     elif kind is Path:
         value = Path(value)
     return value if parameter.callback is None else parameter.callback(ctx, parameter, value)
+
+
+def _usage(piece: str) -> str:
+    """Return a word of the line of usage as man pages have it: {FILE} is FILE, [[LOG]...]... is [LOG...]."""
+    required = re.fullmatch(r"\{(.*)\}(?:\.\.\.)?", piece)
+    if required is not None:
+        return required[1]
+    several = re.fullmatch(r"\[\[?([^\[\]]*?)(?:\.\.\.)?\]?(?:\.\.\.)?\]\.\.\.", piece)
+    return piece if several is None else f"[{several[1]}...]"
+
+
+def _shown(parameter: Any, names: str) -> str:
+    """Return the left column of an argument or option, with a word in place of Typer's type of its value."""
+    if parameter.param_type_name == "argument":
+        return re.sub(r" <[^<>]*>$", "", names).replace("[ROBOT]...", "ROBOT...")
+    for kind, word in _VALUES.items():
+        names = names.replace(kind, word)
+    return names
 
 
 def _group(parameter: Any) -> str:

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from armgpi.base.escape import counted
 from armgpi.cli.parsing import FAILED, OK, stoppable
 from armgpi.cli.terminal import say
 
@@ -137,15 +138,15 @@ def _print(file: Path, facts: dict[str, Any]) -> None:
 
     of = f" of {facts['robot']}" if facts["robot"] else ""
     say(
-        f"{file}: {facts['samples']} samples{of}, {facts['seconds']:.4g} s at {1.0 / facts['dt']:.6g} Hz, "
-        f"{len(facts['joints'])} joints"
+        f"{file}: {counted(facts['samples'], 'sample')}{of}, {facts['seconds']:.4g} s at "
+        f"{1.0 / facts['dt']:.6g} Hz, {counted(len(facts['joints']), 'joint')}"
     )
     say(f"  written by      {facts['made_by'] or 'not recorded'}")
-    late = (
-        f"{facts['missed']} samples, at most {facts['most_missed']} in a row" if facts["missed"] else "none"
-    )
+    missed = f"{counted(facts['missed'], 'sample')}, at most {facts['most_missed']} in a row"
+    late = missed if facts["missed"] else "none"
     say(f"  missed          {late}")
-    said = "not recorded" if not facts["applied_known"] else f"recorded in {facts['applied_known']} samples"
+    recorded = f"recorded in {counted(facts['applied_known'], 'sample')}"
+    said = recorded if facts["applied_known"] else "not recorded"
     say(f"  torque applied  {said}")
     say(f"  fault           {facts['fault'] or 'none'}")
     if facts["fault"]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from armgpi.base.escape import counted
 from armgpi.cli import options as opt
 from armgpi.cli.declared import values_of
 from armgpi.cli.parsing import FAILED, INTERRUPTED, OK, per_joint, refusal, stoppable
@@ -203,7 +204,7 @@ def _print(label: str, outcome: Outcome, found: dict[str, Any]) -> None:
     from armgpi.supervisor.reasons import remedy
 
     say(
-        f"{label}: {found['samples']} samples, {found['missed']} without a torque in time, "
+        f"{label}: {counted(found['samples'], 'sample')}, {found['missed']} without a torque in time, "
         f"{found['filled']} filled"
     )
     for who, granted in found["granted"].items():

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import typer
 
+from armgpi.base.escape import counted
 from armgpi.cli import options as opt
 from armgpi.cli.arms import load_arm
 from armgpi.cli.parsing import INCOMPLETE, is_experiment, refusal
@@ -150,7 +151,7 @@ def new(
     for each in findings.fold(report.inspect(robot, **opt.robot_given(how)).findings):
         if each.level == "warning" and each.kind in _DOUBTS:
             say(f"warning: {each}", err=True, fg="yellow")
-    say(f"{arm.name}: {arm.n} joints; next: armgpi run {path}")
+    say(f"{arm.name}: {counted(arm.n, 'joint')}; next: armgpi run {path}")
 
 
 def _begins_template(
@@ -306,7 +307,7 @@ def _file(
     automatic = "  - type: gpi_auto  # chosen for this arm by itself; the others: armgpi run --help"
     printed = "  - type: gpi  # as printed in the paper; the others: armgpi run --help"
     return [
-        f"# {arm.name}: {arm.n} joints, tool {arm.tip!r}. One file for every command:",
+        f"# {arm.name}: {counted(arm.n, 'joint')}, tool {arm.tip!r}. One file for every command:",
         *_command_lines(path, target),
         f"format: {FORMAT}",
         "robot:",

@@ -48,10 +48,10 @@ ROWS = {
     "repeated.",
     "effort NUMBERS": "Torque limits [N m or N]: 'j1=10,j2=5', or one number for all; may be repeated.",
     "accept_code": ("Continue a study that another version of the code has begun; the results are marked."),
-    "controller --controller --controllers NAME": "{controllers}; or a label of the file. Default: gpi, or "
-    "gpi_auto with an encoder or delay.",
-    "controllers --controllers --controller NAMES": "Which ones of {controllers}: 'gpi,pid' by default, "
-    "'gpi_auto,pid_positions,pid' with an encoder or delay; or labels of the experiment file.",
+    "controller --controller --controllers NAME": "{controllers}; or a label of the file. Default: "
+    "gpi_auto, or gpi for an ideal arm (--ideal).",
+    "controllers --controllers --controller NAMES": "Which ones of {controllers}; or labels of the "
+    "experiment file. Default: 'gpi_auto,pid_positions,pid', or 'gpi,pid' for an ideal arm (--ideal).",
     "delay SAMPLES": "Delay of the measurements [samples].",
     "out --out -o FOLDER": "Folder for rollout.nc, experiment.yaml and metrics.json.",
     "force": "Write to --out even where it holds another experiment.",

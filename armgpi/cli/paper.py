@@ -16,7 +16,7 @@ WORLD = (
 ROWS = {
     "out --out -o FOLDER": "Folder for tables and figures.",
     "quick": "A step of 1e-3 s and no side studies: under half a minute.",
-    "name <NAME>": "Which one to print.",
+    "name <NAME>": "Scenario to print; without it, all are listed.",
 }
 
 

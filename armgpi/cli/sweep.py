@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from armgpi.base import files
-from armgpi.base.escape import json_data
+from armgpi.base.escape import counted, json_data
 from armgpi.base.verdict import Verdict, judge
 from armgpi.cli.parsing import refusal, stoppable
 from armgpi.cli.terminal import progress, say
@@ -135,13 +135,14 @@ def _run_sweep(
         which = f"chunk {first} and {len(others)} others are" if others else f"chunk {first} is"
         say(f"{which} broken: {reason}", err=True, fg="yellow")
     if len(broken) == len(chunks):
-        verdict = Verdict("not judged", f"none of {count} rollouts was run")
+        verdict = Verdict("not judged", f"none of {counted(count, 'rollout')} was run")
         say(verdict.line, err=True, fg="red")
         return verdict
     found = results.collect(sweep, study, count)
     ran = found.sizes["rollout"]
-    left_out = [f"{count - ran} rollouts of broken chunks"] * (ran < count)
-    verdict = judge(True, f"{ran} of {count} rollouts were run", left_out, accepted=allow_part)
+    left_out = [f"{counted(count - ran, 'rollout')} of broken chunks"] * (ran < count)
+    were = "was" if count == 1 else "were"
+    verdict = judge(True, f"{ran} of {counted(count, 'rollout')} {were} run", left_out, accepted=allow_part)
     said = results.summary(sweep, found)
     written = results.write(sweep, found, said, study.folder)
     if as_json:
@@ -156,7 +157,7 @@ def _run_sweep(
 
         unseen = verdict.line if left_out else ""
         written.append(write(page.html(sweep, found, said, unseen), report))
-    say(f"wrote {len(written)} files to {study.folder}", err=True)
+    say(f"wrote {counted(len(written), 'file')} to {study.folder}", err=True)
     if report is None and not as_json:
         say(f"Next: add --report {study.folder.name}.html for distributions and the worst rollout", err=True)
     return verdict
@@ -168,7 +169,7 @@ def _rare(sweep: Sweep, study: Study, count: int, as_json: bool) -> Verdict:
     from armgpi.studies.results import write_worst
 
     found, last, check = rare.simulate(
-        sweep, study, count, lambda rows: say(f"a level of {rows} rollouts", err=True)
+        sweep, study, count, lambda rows: say(f"a level of {counted(rows, 'rollout')}", err=True)
     )
     said = rare.summary(sweep, found, last, check)
     verdict = rare.judge_levels(said)
@@ -181,7 +182,7 @@ def _rare(sweep: Sweep, study: Study, count: int, as_json: bool) -> Verdict:
             say(sentence)
     written = [files.write(study.folder / "rare.json", json.dumps(said, indent=2) + "\n")]
     written += write_worst(study.folder / "rare", rare.worst(sweep, last))
-    say(f"wrote {len(written)} files to {study.folder}", err=True)
+    say(f"wrote {counted(len(written), 'file')} to {study.folder}", err=True)
     return verdict
 
 
@@ -200,7 +201,7 @@ def _print(sweep: Sweep, said: dict[str, Any], sentences: list[str]) -> None:
     """Print the results of a sweep: failures, quantiles of metrics, and what failures depend on."""
     from armgpi.studies.results import failure_words
 
-    say(f"{sweep.label} on {sweep.robot.name}, {said['rollouts']} rollouts")
+    say(f"{sweep.label} on {sweep.robot.name}, {counted(said['rollouts'], 'rollout')}")
     say(f"failed means: {failure_words(sweep)}")
     for sentence in sentences:
         say(sentence)

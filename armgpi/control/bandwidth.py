@@ -66,7 +66,7 @@ class ErrorSchedule(Parametrised):
     """What raises a bandwidth with the size of the error: attack and leak."""
 
     attack: PerJoint = parameter(
-        "share of the way to its aim that omega goes in a sample",
+        "share of the remaining difference by which omega changes in a sample",
         default=0.2,
         least=0.0,
         most=1.0,
@@ -79,7 +79,7 @@ class ErrorSchedule(Parametrised):
         "how fast it falls back", unit="1/s", default=5.0, least=0.0, search=(0.1, 50.0), kw_only=True
     )
     error_range: PerJoint = parameter(
-        "error beyond the dead zone at which its aim is its upper end",
+        "error beyond the dead zone from which omega goes to the upper end of its range",
         unit="rad or m",
         default=1e-4,
         least=0.0,

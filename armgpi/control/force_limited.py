@@ -41,10 +41,10 @@ class ForceSettings(Parametrised):
         structural=True,
     )
     force_frame: str | None = parameter(
-        "frame that the force limit is of", kind="text", default=None, none="the tip"
+        "frame at which the force limit holds", kind="text", default=None, none="the tip"
     )
     speed_limit: float = parameter(
-        "speed of the tool beside its reference, with a force limit",
+        "largest speed of the tool relative to its reference, with a force limit",
         unit="m/s",
         default=None,
         none="0.25",
@@ -53,7 +53,7 @@ class ForceSettings(Parametrised):
         log=True,
     )
     limit_friction: PerJoint = parameter(
-        "Coulomb friction that comes on top of the force limit",
+        "Coulomb friction that is added to the force limit",
         unit="N m or N",
         default=None,
         none="the model's",

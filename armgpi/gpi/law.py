@@ -123,8 +123,8 @@ class GPI(Controller):
         structural=True,
     )
     start: str = parameter(
-        "start with the torque that holds the arm, with that and without a kick where it "
-        "starts beside its reference, or with the integrators at zero",
+        "first torque: hold is the one that holds the arm, rest is that without a step where the arm "
+        "starts away from its reference, zero has all integrators at zero",
         kind="choice",
         default="hold",
         choices=("hold", "rest", "zero"),
@@ -132,7 +132,7 @@ class GPI(Controller):
     )
     delay: float = parameter("transport delay in the loop", unit="s", default=0.0, least=0.0, in_file=False)
     payload: Any = parameter(
-        "loads that it must tolerate; its nominal model has the heaviest",
+        "payloads that the controller must tolerate; the nominal model has the heaviest",
         kind="group",
         group=LoadRange,
         default=None,
@@ -153,10 +153,10 @@ class GPI(Controller):
         "number of integrators", kind="integer", default=2, least=1, most=3, structural=True
     )
     rolloff: int = parameter(
-        "poles that roll off the noise", kind="integer", default=0, least=0, most=2, structural=True
+        "roll-off poles, which filter noise", kind="integer", default=0, least=0, most=2, structural=True
     )
     rolloff_ratio: PerJoint = parameter(
-        "roll-off poles over omega",
+        "roll-off poles divided by omega",
         default=4.0,
         least=0.0,
         above=True,
@@ -166,7 +166,7 @@ class GPI(Controller):
         slider=(1.0, 20.0),
     )
     second_ratio: PerJoint = parameter(
-        "natural frequency of the second quadratic factor over omega",
+        "natural frequency of the second quadratic factor divided by omega",
         default=None,
         none="1",
         least=0.0,
@@ -189,7 +189,7 @@ class GPI(Controller):
     )
 
     feedforward: str = parameter(
-        "torque of the nominal model at the reference that is added; none is the paper",
+        "torque of the nominal model at the reference that is added; the paper has none",
         kind="choice",
         default="none",
         choices=("none", "gravity", "model", "computed"),

@@ -144,7 +144,7 @@ class BSplineNetwork(Boxes, Poles):
         "rate at which the weights decay", unit="1/s", default=5.0, least=0.0, search=(0.1, 50.0)
     )
     rate: PerJoint = parameter(
-        "rho of abs(d omega/dt) <= rho omega^2",
+        "largest rho, where abs(d omega/dt) <= rho omega^2",
         default=math.inf,
         unlimited="no limit",
         least=0.0,

@@ -163,7 +163,7 @@ def strong_friction(subject: Subject) -> Iterator[Finding]:
     "warning",
 )
 def armature(subject: Subject) -> Iterator[Finding]:
-    """Find rotors that are assumed or told away, and what that does to the loop."""
+    """Find rotors that are assumed or specified as zero, and what that does to the loop."""
     robot = subject.robot
     none = rotors.told_none(robot)
     names = none or rotors.silent(robot)
@@ -175,16 +175,13 @@ def armature(subject: Subject) -> Iterator[Finding]:
     less = np.linalg.eigvals(np.linalg.solve(whole + added, whole)).real.min()
     wrong = np.linalg.eigvals(np.linalg.solve(whole + rotors.SCATTER * added, whole + added)).real.min()
     message = (
-        "rotor inertia was specified as zero. With the rotor inertia that is usual for such torque and "
-        f"speed, the inertia ratio delta (eigenvalues of D^-1 D-hat) would be as small as {less:.2g}; GPI "
-        "needs 0.36"
+        "rotor inertia was specified as zero. With usual rotors the inertia ratio delta would be "
+        f"{less:.2g}; GPI needs 0.36"
     )
     if not none:
         message = (
-            "the URDF contains no rotor inertia. Automatic tuning assumes values that are usual for such "
-            f"torque and speed. If the true ones are {rotors.SCATTER:g} times as large, the inertia ratio "
-            f"delta (eigenvalues of D^-1 D-hat) is as small as {wrong:.2g}; GPI needs 0.36. A nominal "
-            f"model without rotor inertia would have {less:.2g}"
+            "the URDF contains no rotor inertia, so usual values are assumed. If the true ones are "
+            f"{rotors.SCATTER:g} times as large, the inertia ratio delta is {wrong:.2g}; GPI needs 0.36"
         )
     told = zip(robot.joint_names, values, strict=True)
     proposed = ",".join(f"{name}={value:.2g}" for name, value in told if name in names)
@@ -195,7 +192,7 @@ def armature(subject: Subject) -> Iterator[Finding]:
         message,
         float(less if none else wrong),
         0.36,
-        "specify the rotor inertia times the gear ratio squared from the data sheet, or the assumed values",
+        "specify values of the data sheet (inertia times gear ratio squared), or the assumed ones",
         (Remedy("rotor_inertia", (), proposed),),
     )
 

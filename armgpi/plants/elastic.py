@@ -153,13 +153,13 @@ class ElasticPlant(Arm):
         "Coulomb friction at the links", unit="N m or N", default=0.0, least=0.0, per_joint=True
     )
     torque_ripple: PerJoint = parameter(
-        "amplitude of the torque's ripple over the torque", default=0.0, least=0.0, per_joint=True
+        "amplitude of the torque ripple, as a share of the torque", default=0.0, least=0.0, per_joint=True
     )
     cogging: PerJoint = parameter(
         "amplitude of the cogging torque", unit="N m or N", default=0.0, least=0.0, per_joint=True
     )
     ripple_period: PerJoint = parameter(
-        "way of the joint in a period of ripple and cogging",
+        "motion of the joint in one period of ripple and cogging",
         unit="rad or m",
         default=math.pi / 100.0,
         least=0.0,

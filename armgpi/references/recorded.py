@@ -23,6 +23,7 @@ from armgpi.base.arrays import (
     check_type,
     check_whole,
 )
+from armgpi.base.escape import counted
 from armgpi.errors import (
     ArrayError,
     LimitError,
@@ -263,7 +264,7 @@ def _netcdf(source: Path, variable: str, rollout: int) -> dict[str, Array]:
         if "rollout" in data.dims:
             count = data.sizes["rollout"]
             if rollout >= count:
-                there = f"has {count} rollouts, counted from 0"
+                there = f"has {counted(count, 'rollout')}, numbered from 0"
                 raise UnreadableTrajectory(source, f"{there}; expected one of them, got rollout {rollout}")
             data = data.isel(rollout=rollout)
         values = data.transpose("time", "joint")

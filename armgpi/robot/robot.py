@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from armgpi.base.arrays import Array, ArrayLike, check_path, check_type, check_whole, frozen
-from armgpi.base.escape import html_table
+from armgpi.base.escape import counted, html_table
 from armgpi.base.hints import ROBOT, missing, with_keyword_hints
 from armgpi.errors import UrdfError, import_extra
 from armgpi.robot import (
@@ -373,7 +373,7 @@ class Robot(Edits):
             (joint, kind, *(f"{value:.4g}" for value in row))
             for joint, kind, row in zip(self.joint_names, self.joint_types, values, strict=True)
         ]
-        return html_table(f"{self.name}: {self.n} joints, {self.total_mass:.4g} kg", head, rows)
+        return html_table(f"{self.name}: {counted(self.n, 'joint')}, {self.total_mass:.4g} kg", head, rows)
 
     def __getattr__(self, name: str) -> NoReturn:
         """Name what to use in place of an attribute that does not exist."""

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from armgpi.base.arrays import Array
+from armgpi.base.escape import counted
 from armgpi.config import build, dump, world
 from armgpi.config import experiment as experiments
 from armgpi.loop import metrics
@@ -78,7 +79,7 @@ def html(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any], unseen: str =
     return report.build(
         rollout,
         experiment.robot,
-        title=f"Sweep of {sweep.robot.name}: {found.sizes['rollout']} rollouts",
+        title=f"Sweep of {sweep.robot.name}: {counted(found.sizes['rollout'], 'rollout')}",
         configuration=dump(config),
         before="".join(parts),
         world=world.describe(sweep.experiment.config, sweep.experiment.robot),

@@ -18,6 +18,7 @@ from scipy.special import ndtr
 from scipy.stats import norm as normal
 
 from armgpi.base.arrays import Array
+from armgpi.base.escape import counted
 from armgpi.base.intervals import LEVEL, Estimate, clopper_pearson
 from armgpi.base.verdict import Verdict, judge
 from armgpi.config import ExperimentConfig
@@ -316,7 +317,7 @@ def sentences(said: Mapping[str, Any]) -> list[str]:
     p, levels = said["probability of failure"], said["levels"]
     lines = [
         f"fails with a probability of {p['value']:.3g} ({p['lower']:.3g} to {p['upper']:.3g}, 95 %): "
-        f"{said['rollouts']} rollouts in {len(levels)} levels",
+        f"{counted(said['rollouts'], 'rollout')} in {counted(len(levels), 'level')}",
         f"such intervals held in at least {100 * HELD:g} % of runs where the probability is known; in "
         f"{100 * HELD_UNSEEN:g} % where the margin gives no sign of a second way to fail",
         _describe_check(said["plain check"]),

@@ -18,7 +18,7 @@ from xarray.backends import H5NetCDFStore
 
 from armgpi.base import files
 from armgpi.base.arrays import Array
-from armgpi.base.escape import json_data
+from armgpi.base.escape import counted, json_data
 from armgpi.base.intervals import clopper_pearson, quantile, wilson
 from armgpi.config import ExperimentConfig, keys
 from armgpi.config import experiment as experiments
@@ -191,7 +191,7 @@ def sentences(said: Mapping[str, Any]) -> list[str]:
         share = said.get(f"probability of {name}")
         if share is not None:
             lines.append(
-                f"{word}: {100.0 * share['value']:.3g} % of {said['rollouts']} rollouts "
+                f"{word}: {100.0 * share['value']:.3g} % of {counted(said['rollouts'], 'rollout')} "
                 f"({100.0 * share['lower']:.3g} to {100.0 * share['upper']:.3g} %, 95 % Clopper-Pearson)"
             )
     reasons = said.get("stops by reason")

@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from armgpi.base import files
 from armgpi.base.arrays import Array
-from armgpi.errors import ParameterError, RolloutError, import_extra
+from armgpi.errors import MissingPackage, ParameterError, RolloutError, import_extra
 from armgpi.robot.robot import Robot
 from armgpi.viewing import meshes, plots, scene, style, tracks
 
@@ -377,4 +377,7 @@ def _ffmpeg() -> str:
     """
     if found := shutil.which("ffmpeg"):
         return found
-    return str(import_extra("imageio_ffmpeg", "viz", "imageio-ffmpeg").get_ffmpeg_exe())
+    try:
+        return str(import_extra("imageio_ffmpeg", "viz", "imageio-ffmpeg").get_ffmpeg_exe())
+    except MissingPackage as error:
+        raise error.instead("an MP4 needs ffmpeg", "or write a .gif, which needs nothing more") from None

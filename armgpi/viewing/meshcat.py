@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from armgpi.base import files
 from armgpi.base.arrays import ArrayLike, as_joint_array
+from armgpi.base.escape import counted
 from armgpi.errors import ArmgpiError, ParameterError, Remedy
 from armgpi.robot.robot import Robot
 from armgpi.viewing import page, scene
@@ -91,7 +92,7 @@ def rollout_page(rollout: xr.Dataset, robot: Robot | None = None, *, frame: str 
     }
     findings = list(arm.findings)
     if clip.left_out:
-        findings.append(f"{clip.left_out} more rollouts are not shown")
+        findings.append(f"{counted(clip.left_out, 'further rollout')} not shown")
     return _fill_page(data, arrays, str(rollout.attrs.get("robot", arm.robot.name)), findings)
 
 

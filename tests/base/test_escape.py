@@ -18,7 +18,7 @@ import yaml
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from armgpi.base.escape import in_si, printable
+from armgpi.base.escape import counted, in_si, printable
 from armgpi.cli import main
 from armgpi.viewing.page import text as in_html
 
@@ -84,6 +84,12 @@ def test_what_is_shown_is_printable_and_says_what_it_was(text: str) -> None:
     assert forbidden(in_html(text).replace("\n", "")) == []
     if "\\" not in text:
         assert printable(text).encode("ascii", "backslashreplace").decode("unicode_escape") == text
+
+
+def test_one_thing_is_named_in_the_singular() -> None:
+    said = [counted(count, "rollout") for count in (0, 1, 2)]
+    assert said == ["0 rollouts", "1 rollout", "2 rollouts"]
+    assert counted(2, "axis", "axes") == "2 axes"
 
 
 def test_ordinary_text_is_shown_as_it_is() -> None:

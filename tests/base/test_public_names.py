@@ -69,6 +69,14 @@ def test_what_type_checkers_see_is_what_is_loaded() -> None:
     assert seen == loaded | {(name, f"armgpi.{name}") for name in armgpi._MODULES}
 
 
+@pytest.mark.parametrize("name", ["metrics", "plots", "robots", "health", "errors"])
+def test_public_modules_can_be_imported_by_their_name(name: str) -> None:
+    code = f"import armgpi.{name} as module, armgpi; assert module is armgpi.{name}; print(module.__name__)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    home = armgpi._MODULES[name]
+    assert run.stdout.strip() == f"armgpi.{home}"
+
+
 def test_public_names_are_sorted_unique_and_what_dir_lists() -> None:
     assert dir(armgpi) == sorted(set(armgpi._MODULES) | set(armgpi._HOME) | {"__version__"})
 

@@ -601,7 +601,7 @@ def test_options_override_the_file_and_leave_the_rest(cli: Callable[..., Answer]
     config, demo = written(tmp_path), armgpi.config.read(Path(DEMO)).config
     assert [section.label for section in config.controllers] == ["GPI", "PID + inversion"]
     assert config.controllers[0].omega == 25.0
-    assert config.controllers[0].start == "zero"
+    assert config.controllers[1].kp == demo.controllers[1].kp == 1200.0
     assert {section.inertia_scale for section in config.controllers} == {1.2}
     assert config.plant.payload.mass == 0.1
     assert config.plant.loads == demo.plant.loads
@@ -630,7 +630,12 @@ def test_an_option_can_take_back_what_the_file_says(cli: Callable[..., Answer], 
 
 @pytest.mark.parametrize(
     ("name", "label"),
-    [(None, "GPI"), ("pid", "PID + inversion"), ("gpi", "GPI"), ("PID + inversion", "PID + inversion")],
+    [
+        (None, "GPI"),
+        ("pid_positions", "PID + inversion"),
+        ("gpi", "GPI"),
+        ("PID + inversion", "PID + inversion"),
+    ],
 )
 def test_a_controller_of_the_file_is_chosen_by_type_or_label(
     name: str | None, label: str, cli: Callable[..., Answer], tmp_path: Path

@@ -15,7 +15,7 @@ import yaml
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from armgpi import GPI, BSplineNetwork, PIDInversion, Robot, config, default_omega
+from armgpi import GPI, BSplineNetwork, PIDPositions, Robot, config, default_omega
 from armgpi.config import schema
 from armgpi.errors import ArmgpiError, ConfigError
 from armgpi.plants.plant import Wrapper
@@ -43,7 +43,8 @@ def test_the_demo_can_be_built() -> None:
     demo = config.build(*config.read(ROOT / "examples" / "demo.yaml"))
     assert list(demo.controllers) == ["GPI", "PID + inversion"]
     assert isinstance(demo.controllers["GPI"], GPI)
-    assert isinstance(demo.controllers["PID + inversion"], PIDInversion)
+    # A rival that measures what the controller measures.
+    assert isinstance(demo.controllers["PID + inversion"], PIDPositions)
 
 
 def test_a_robot_alone_is_a_whole_experiment() -> None:

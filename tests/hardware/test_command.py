@@ -56,8 +56,9 @@ def test_a_folder_is_written_and_its_figures_are_told(export: Callable[..., Answ
     code, out, err = export(ARM, "--t-final", "0.2", "--encoder-bits", "16", "--delay", "2", "-o", tmp_path)
     assert code == 0, out + err
     (wrote,) = (line for line in err.splitlines() if line.startswith("wrote "))
-    assert wrote.endswith(f" in {tmp_path}")
-    assert set(FILES) <= set(wrote.removeprefix("wrote ").removesuffix(f" in {tmp_path}").split(", "))
+    there = [path for path in tmp_path.rglob("*") if path.is_file()]
+    assert wrote == f"wrote {len(there)} files to {tmp_path}; {tmp_path / 'README.md'} explains them"
+    assert set(FILES) <= {path.name for path in there}
     assert "584 bytes" in out  # as docs/export.md prints for the same arm and law
     readme = (tmp_path / "README.md").read_text()
     assert "`q3` | revolute" in readme
@@ -161,7 +162,7 @@ def test_bad_input_ends_in_one_line(
 def test_a_name_of_its_own(export: Callable[..., Answer], tmp_path: Path) -> None:
     code, out, err = export(ARM, "--t-final", "0.05", "--name", "left_arm", "-o", tmp_path)
     assert code == 0, out + err
-    assert ", left_arm.h, " in err or "wrote left_arm.h, " in err
+    assert (tmp_path / "left_arm.h").is_file()
     assert "left_arm_step(&state, q_measured, q_ref, tau)" in (tmp_path / "README.md").read_text()
     for name, said in (("left arm", "a C identifier"), ("law", "law_init is used in the C")):
         code, out, err = export(ARM, "--name", name, "-o", tmp_path / "other")

@@ -74,7 +74,7 @@ def test_an_mp4_without_ffmpeg_names_the_package(
 ) -> None:
     monkeypatch.setattr(shutil, "which", lambda _: None)
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(MissingPackage, match="pip install imageio-ffmpeg"):
+    with pytest.raises(MissingPackage, match="an MP4 needs ffmpeg: pip install imageio-ffmpeg, or write"):
         film.write(rollout, tmp_path / "run.mp4")
     assert not list(tmp_path.iterdir())
 

@@ -125,8 +125,8 @@ COMPENSATING = {each.target: each for each in reversed(INTERFACES) if "gravity" 
 def table() -> str:
     """Return the table as Markdown."""
     head = (
-        *("target", "robot", "library", "joints", "sample time", "torque rate, N m/s", "late, samples"),
-        *("adds itself", "echoes", "repeated packet by", "tried; never on hardware"),
+        *("target", "robot", "library", "joints", "sample time", "torque rate, N m/s", "delay, samples"),
+        *("compensates itself", "echoes", "repeated packet by", "tried; never on hardware"),
     )
     rows = [
         (
