@@ -55,7 +55,7 @@ MOVING, STAYS = (16.0, 28.0, 0.3), 90
 def main() -> None:
     """Run the experiments, draw them, and take the stills."""
     IMAGES.mkdir(exist_ok=True)
-    wanted = set(sys.argv[1:]) or {*STILLS, *FIGURES, "moving", "figures", "report", "play"}
+    wanted = set(sys.argv[1:]) or {*STILLS, *FIGURES, "moving", "figures", "report", "play", "tune"}
     running = browsers.Browser((960, 640))
     try:
         with tempfile.TemporaryDirectory() as name:
@@ -69,9 +69,7 @@ def main() -> None:
                 page = meshcat.write(meshcat.rollout_page(armgpi.load(made)), folder / f"{picture}.html")
                 if picture in wanted:
                     _still(running, page, at, IMAGES / f"{picture}.png")
-            for picture, (text, figure) in FIGURES.items():
-                if picture in wanted:
-                    _of_text(folder, text, figure, IMAGES / f"{picture}.png")
+            _plots(wanted, folder)
             if "moving" in wanted:
                 _moving(running, folder / "laser.html", IMAGES / "laser.webp")
             if "figures" in wanted:
@@ -101,6 +99,17 @@ def _figures(rollout: xr.Dataset) -> None:
     robot = scene.robot_of(rollout)
     plots.save(plots.overview(rollout), IMAGES / "overview.png")
     plots.save(plots.tool_path(rollout, robot), IMAGES / "tool_path.png")
+
+
+def _plots(wanted: set[str], folder: Path) -> None:
+    """Draw the figures of pages, and that of a search."""
+    for picture, (text, figure) in FIGURES.items():
+        if picture in wanted:
+            _of_text(folder, text, figure, IMAGES / f"{picture}.png")
+    if "tune" in wanted:
+        command = [sys.executable, "-m", "armgpi.cli", "tune", str(ROOT / "examples" / "tune.yaml")]
+        subprocess.run([*command, "--out", str(folder / "tuned")], check=True)
+        shutil.copyfile(folder / "tuned" / "study.png", IMAGES / "tune.png")
 
 
 def _of_text(folder: Path, text: str, figure: str, image: Path) -> None:
