@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from typing import ParamSpec, TypeVar
@@ -36,6 +37,20 @@ MODULE: Mapping[str, str] = {
     "run": "armgpi.simulate(plant, controller, reference)",
     "plot": "armgpi.plots.overview(rollout)",
     "PID": "armgpi.PIDPositions (positions only) or armgpi.PIDInversion (positions and velocities)",
+    "PD": "armgpi.PIDPositions(robot, dt, ki=0.0), or a Controller of your own (docs/contributing.md)",
+    "ComputedTorque": "armgpi.PIDInversion, or armgpi.ComputedTorqueDOB (positions only)",
+    "InverseDynamicsController": "armgpi.PIDInversion, or armgpi.ComputedTorqueDOB (positions only)",
+    "ImpedanceController": "armgpi.CartesianImpedance or armgpi.JointImpedance",
+    "OperationalSpaceController": "armgpi.CartesianImpedance(robot, dt, stiffness=...)",
+    "Trajectory": "armgpi.Bezier, armgpi.Waypoints, armgpi.Recorded or armgpi.CartesianReference",
+    "Simulator": "armgpi.simulate(plant, controller, reference)",
+    "Simulation": "armgpi.simulate(plant, controller, reference)",
+    "load_urdf": "armgpi.Robot.load(path)",
+    "load_robot": "armgpi.Robot.load(path_or_name)",
+    "from_urdf": "armgpi.Robot.load(path)",
+    "fkine": "robot.frame_pose(name, q)",
+    "ikine_LM": "armgpi.inverse_kinematics(robot, ...)",
+    "step": "armgpi.ClosedLoop(plant, controller, reference).step(state)",
 }
 #: The same of a robot.
 ROBOT: Mapping[str, str] = {
@@ -73,6 +88,30 @@ ROBOT: Mapping[str, str] = {
     "effortLimit": "limits.effort",
     "velocityLimit": "limits.velocity",
     "rotorInertia": "armature",
+    "dof": "n",
+    "ndof": "n",
+    "joints": "joint_names",
+    "links": "frame_names, or pinocchio_model() for the bodies",
+    "fk": "frame_pose(name, q)",
+    "fdyn": "forward_dynamics(q, v, tau)",
+    "idyn": "inverse_dynamics(q, v, a)",
+    "mass": "total_mass",
+    "M": "mass_matrix(q)",
+    "D": "mass_matrix(q)",
+    "inertia_matrix": "mass_matrix(q)",
+    "C": "nonlinear_effects(q, v) - gravity(q), which is C(q, v) v",
+    "G": "gravity(q)",
+    "q": "middle(); a robot has no state, a rollout has q",
+    "qd": "no state of a robot; a rollout has v",
+    "ee": "tip",
+    "end_effector": "tip",
+    "tcp": "tip",
+    "frames": "frame_names",
+    "effort": "limits.effort",
+    "effort_limits": "limits.effort",
+    "lower": "limits.lower",
+    "upper": "limits.upper",
+    "payload": "with_payload(frame, mass)",
 }
 
 
@@ -81,7 +120,8 @@ CONTROLLER: Mapping[str, str] = {
     "omega": "gains",
     "omega_c": "gains.omega_c",
     "bandwidth": "gains",
-    "kp": "gains; PIDPositions and PIDInversion have kp, ki and kd",
+    **dict.fromkeys(("kp", "ki", "kd"), "gains; PIDPositions and PIDInversion have kp, ki and kd"),
+    "gain": "gains",
     "beta": "armgpi.gpi.gains.betas(controller.gains.nominal()), of the error polynomial (eqs. 20, 21, 25)",
     "compute": "init(measurement, target), then step(measurement, target, state)",
     "update": "init(measurement, target), then step(measurement, target, state)",
@@ -94,6 +134,30 @@ CONTROLLER: Mapping[str, str] = {
     "model": "robot, the nominal model",
     "effortLimit": "effort",
     "stability_margins": "margins()",
+}
+
+
+#: Names of metrics elsewhere -> those here.
+METRICS: Mapping[str, str] = {
+    "rmse": "armgpi.metrics.rms(rollout)",
+    "mae": "armgpi.metrics.iae(rollout), divided by the time",
+    "max_error": "armgpi.metrics.peak_error(rollout)",
+    "steady_state_error": "armgpi.metrics.final_error(rollout)",
+    "variation": "armgpi.metrics.total_variation(rollout)",
+    "effort": "armgpi.metrics.isci(rollout) or armgpi.metrics.peak_torque(rollout)",
+    "saturation": "armgpi.metrics.saturated_time(rollout)",
+    "all": "armgpi.metrics.summary(rollout)",
+}
+
+
+#: Names of figures elsewhere -> those here.
+PLOTS: Mapping[str, str] = {
+    "plot": "armgpi.plots.overview(rollout)",
+    "show": "armgpi.plots.overview(rollout), and matplotlib.pyplot.show()",
+    "joints": "armgpi.plots.positions(rollout)",
+    "joint_positions": "armgpi.plots.positions(rollout)",
+    "joint_torques": "armgpi.plots.torques(rollout)",
+    "animate": "armgpi.view(rollout)",
 }
 
 
@@ -244,6 +308,18 @@ def check_keywords(function: str, given: Iterable[str], keywords: Sequence[str])
     for name in given:
         if name not in keywords:
             raise TypeError(unexpected(function, name, keywords))
+
+
+def loaded_by_name(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
+    """Let a constructor that gets the name or path of a robot alone say what loads one."""
+
+    @functools.wraps(function)
+    def checked(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Result:
+        if len(args) == 2 and isinstance(args[1], str | os.PathLike):
+            raise TypeError(f"a robot is loaded by armgpi.Robot.load({str(args[1])!r})")
+        return function(*args, **kwargs)
+
+    return checked
 
 
 def with_keyword_hints(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:

@@ -257,7 +257,7 @@ def _with_load(
 
 def _say_written(paths: list[Path], folder: Path) -> None:
     """Say what was written."""
-    say(f"wrote {', '.join(path.name for path in paths)} in {folder}", err=True)
+    say(f"wrote {', '.join(path.name for path in paths)} to {folder}", err=True)
 
 
 def _names(text: str | None) -> dict[str, str]:

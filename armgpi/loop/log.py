@@ -54,7 +54,7 @@ _COUNTS = ("event", "status", "reason", "joint", "elapsed", "unused")
 
 
 class Event(IntEnum):
-    """What a row is of."""
+    """What a row of the log records: a sample, an init or a reset."""
 
     SAMPLE = 0
     INIT = 1

@@ -24,6 +24,7 @@ import numpy.typing as npt
 
 from armgpi import registry
 from armgpi.base.arrays import Array
+from armgpi.base.hints import METRICS, missing
 from armgpi.errors import NameNotFound, RolloutError
 from armgpi.loop.rollout import Recorded, Status
 from armgpi.loop.running import ROUNDING, Totals, fold
@@ -557,6 +558,11 @@ def _recorded_tool(rollout: xr.Dataset, rollouts: tuple[Any, ...]) -> ToolSample
         for _, each in rollout["contact_force"].groupby("contact", squeeze=False):
             force = np.maximum(force, squared(each.isel(contact=0)))
     return ToolSample(squared(rollout["tool"] - rollout["tool_ref"]), turn, force)
+
+
+def __getattr__(name: str) -> object:
+    """Name what to use in place of what does not exist."""
+    raise AttributeError(missing(f"module {__name__!r}", name, METRICS, __all__))
 
 
 def __dir__() -> list[str]:

@@ -28,6 +28,9 @@ _SETTLE = 2.0
 
 def _default_end(reference: Reference) -> float:
     """Return when a run ends that has no `t_final`: some time after its motion [s]."""
+    if not hasattr(reference, "at"):
+        expected = "a Reference, such as armgpi.Bezier(start, goal, duration) or armgpi.Hold(q)"
+        raise ParameterError("reference", reference, expected)
     end = getattr(reference, "t_end", None)
     if end is None and hasattr(reference, "duration"):
         end = np.max(np.asarray(reference.duration) + np.asarray(getattr(reference, "t_start", 0.0)))

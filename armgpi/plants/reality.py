@@ -238,27 +238,27 @@ class Scenario(NamedTuple):
 
     @property
     def plant(self) -> Plant:
-        """What moves."""
+        """The simulated arm of this scenario, with its drives, sensors, payload and disturbances."""
         return stack_draws([self]).plant
 
     @property
     def reference(self) -> Reference:
-        """Where to."""
+        """The motion of this scenario."""
         return stack_draws([self]).reference
 
     @property
     def context(self) -> Context:
-        """What a controller is told."""
+        """What the controller knows of the arm, its sensors and the sample time."""
         return stack_draws([self]).context
 
 
 class ScenarioBatch(NamedTuple):
-    """Draws that run as one batch, or a single one.
+    """Scenarios that run as one batch, or a single one.
 
     Attributes:
-        plant: what moves.
-        reference: where to.
-        context: what a controller is told; it carries the nominal models.
+        plant: the simulated arms.
+        reference: their motions.
+        context: what the controllers know; it has the nominal models.
         t_final: how long [s].
     """
 

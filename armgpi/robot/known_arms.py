@@ -90,7 +90,7 @@ class Loop(NamedTuple):
     source: Source
 
     def describe(self) -> str:
-        """Return it in words."""
+        """Return the control rate of the interface in words, and what it requires of timing."""
         low, high = self.rate
         rate = f"{low:g} Hz" if low == high else f"{low:g} to {high:g} Hz"
         return f"{rate}; {self.late}" if self.late else rate

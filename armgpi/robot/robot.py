@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from armgpi.base.arrays import Array, ArrayLike, check_path, check_type, check_whole, frozen
 from armgpi.base.escape import counted, html_table
-from armgpi.base.hints import ROBOT, missing, with_keyword_hints
+from armgpi.base.hints import ROBOT, loaded_by_name, missing, with_keyword_hints
 from armgpi.errors import UrdfError, import_extra
 from armgpi.robot import (
     chains,
@@ -62,6 +62,7 @@ class Robot(Edits):
         provenance: where the model came from and what was done to it, as plain data.
     """
 
+    @loaded_by_name
     def __init__(
         self,
         model: Any,

@@ -30,7 +30,7 @@ class Drawing:
         self.x, self.y, self.width, self.height, self.below = x, y, width, height, below
 
     def _place(self, x: float, y: float) -> tuple[float, float]:
-        """Return pixels."""
+        """Return the place of a point in the picture [px]."""
         across = (x - self.x[0]) / (self.x[1] - self.x[0])
         up = (y - self.y[0]) / (self.y[1] - self.y[0])
         return self.width * across, self.height * (1.0 - up)
@@ -60,7 +60,7 @@ class Drawing:
         )
 
     def text(self, x: float, y: float, text: str, anchor: str = "middle", colour: str = WORDS) -> str:
-        """Return words."""
+        """Return a text at a point of the picture."""
         across, up = self._place(x, y)
         kind = f'text-anchor="{anchor}" font-size="11" fill="{colour}"'
         return f'<text x="{across:.1f}" y="{up:.1f}" {kind}>{html_text(text)}</text>'

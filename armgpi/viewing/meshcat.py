@@ -200,7 +200,7 @@ class _Latest:
         self._text, self._count, self._closed = "", 0, False
 
     def put(self, text: str) -> None:
-        """Replace it."""
+        """Replace the newest configuration, and wake those who wait for one."""
         with self._changed:
             self._text, self._count = text, self._count + 1
             self._changed.notify_all()
@@ -249,7 +249,7 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = _PATIENCE
 
     def do_GET(self) -> None:
-        """Answer."""
+        """Send the page, or configurations as they come; refuse requests that name another host."""
         host = (self.headers.get("Host") or "").rsplit(":", 1)[0]
         if host not in (LOOPBACK, "localhost"):
             self.send_error(403, "only for this machine")

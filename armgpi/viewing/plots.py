@@ -54,6 +54,7 @@ import xarray as xr
 
 from armgpi.base import files
 from armgpi.base.arrays import Array
+from armgpi.base.hints import PLOTS, missing
 from armgpi.errors import MissingPackage, NameNotFound, ParameterError, RolloutError
 from armgpi.loop.rollout import Status
 from armgpi.loop.units import POSITION, TORQUE, TORQUE_RATE, VELOCITY, Unit, prismatic
@@ -150,6 +151,11 @@ _STYLE: dict[Any, Any] = {
 }
 
 
+def __getattr__(name: str) -> object:
+    """Name what to use in place of what does not exist."""
+    raise AttributeError(missing(f"module {__name__!r}", name, PLOTS, __all__))
+
+
 def __dir__() -> list[str]:
     """Return the public names, without what is imported here."""
     return __all__
@@ -219,10 +225,12 @@ def save(figure: Figure, path: str | PathLike[str]) -> Path:
         The path of the file.
 
     Raises:
-        ParameterError: when the ending is none of these.
+        ParameterError: when the ending is none of these, or it is no figure.
         RolloutError: when the file cannot be written.
     """
     target = check_path(path)
+    if not hasattr(figure, "savefig"):
+        raise ParameterError("figure", figure, "one of Matplotlib, such as armgpi.plots.overview(rollout)")
     kind = target.suffix[1:].lower()
     undated = {"pdf": "CreationDate", "svg": "Date", "png": "Software"}[kind]
     with styled():

@@ -149,7 +149,8 @@ def report(
     elif isinstance(runs, Mapping) and runs and all(isinstance(run, xr.Dataset) for run in runs.values()):
         merged = reports.merge_rollouts({str(label): run for label, run in runs.items()})
     else:
-        raise ParameterError("rollouts", rollouts, "rollouts: a Dataset, or Datasets by their labels")
+        expected = "rollouts: a Dataset (armgpi.load(...)), or Datasets by their labels"
+        raise ParameterError("rollouts", rollouts, expected)
     return reports.write(reports.build(merged, robot, title=title), file)
 
 
@@ -168,7 +169,7 @@ def view(
         frame: the tool; the tip by default.
 
     Raises:
-        ParameterError: when `shown` is none of these, or a film of robots is asked for.
+        ParameterError: when `shown` is none of these, the file has another ending, or a film is of robots.
         RolloutError: when the robot of a rollout is not found, or the file cannot be written.
         MissingPackage: when trimesh is not installed; or ffmpeg, of an MP4.
     """
@@ -187,8 +188,12 @@ def view(
     elif isinstance(shown, Sequence) and shown and all(isinstance(each, Robot) for each in shown):
         html = meshcat.robot_page(*shown, frame=frame)
     else:
-        raise ParameterError("shown", shown, "a Robot, a sequence of them, or a rollout")
+        expected = "a Robot (armgpi.Robot.load(...)), a sequence of them, or a rollout (armgpi.load(...))"
+        raise ParameterError("shown", shown, expected)
     file = None if path is None else Path(check_path(path, "path"))
+    endings = (".html", *film.FORMATS)
+    if file is not None and file.suffix.lower() not in endings:
+        raise ParameterError("path", str(path), f"a file that ends in {', '.join(endings)}")
     if file is not None and file.suffix.lower() in film.FORMATS:
         if not isinstance(shown, xr.Dataset):
             raise ParameterError("path", str(path), "a page (.html): a film is of a rollout")

@@ -110,11 +110,22 @@ def test_help_is_short_and_has_every_public_name() -> None:
         (lambda: armgpi.Robot.load("anthropomorphic3").rnea, r"use inverse_dynamics\(q, v, a\)"),
         (lambda: armgpi.Robot.load("anthropomorphic3").fkine, "use frame_pose"),
         (lambda: armgpi.Robot.load("anthropomorphic3").gravty, "did you mean 'gravity'"),
+        (lambda: armgpi.Robot.load("anthropomorphic3").dof, "use n"),
+        (lambda: armgpi.metrics.rmse, r"use armgpi.metrics.rms\(rollout\)"),
+        (lambda: armgpi.metrics.itea, "did you mean 'itae'"),
+        (lambda: armgpi.plots.plot, r"use armgpi.plots.overview\(rollout\)"),
+        (lambda: armgpi.plots.torqes, "did you mean 'torques'"),
+        (lambda: armgpi.load_urdf, r"use armgpi.Robot.load\(path\)"),
     ],
 )
 def test_names_of_other_libraries_and_slips_get_the_name_that_exists(make: Any, said: str) -> None:
     with pytest.raises(AttributeError, match=said):
         make()
+
+
+def test_a_robot_that_is_made_of_a_name_alone_says_what_loads_it() -> None:
+    with pytest.raises(TypeError, match=r"a robot is loaded by armgpi.Robot.load\('ur5'\)"):
+        armgpi.Robot("ur5")  # type: ignore[call-arg]
 
 
 def test_a_wrong_keyword_gets_the_nearest_one() -> None:

@@ -70,7 +70,7 @@ class Schedule:
     """
 
     def __init__(self, lost: npt.NDArray[np.bool_], stalled: npt.NDArray[np.bool_], killed: int) -> None:
-        """Keep them."""
+        """Take the faults of all samples."""
         self.lost, self.stalled, self.killed = lost, stalled, killed
 
     @cached_property

@@ -35,7 +35,7 @@ class Samples:
     """
 
     def __init__(self, steps: int, n: int) -> None:
-        """Make room."""
+        """Allocate arrays for so many samples of n joints."""
         names = ("q", "v", "q_measured", "tau_command", "tau")
         self.rows: dict[str, Array] = {name: np.zeros((steps + 1, n)) for name in names}
         self.answered = np.zeros(steps, dtype=bool)

@@ -156,7 +156,7 @@ def _message(pipe: Connection, child: Any, patience: float | None = None) -> tup
 def _arm_process(
     pipe: Connection, make: Callable[[], ArmEnd], schedule: Schedule, policy: str, watched: bool
 ) -> None:
-    """Be the arm."""
+    """Run the arm's end of the loop in this process until it is over or stopped."""
     _leave_signals()
     try:
         arm = make()
@@ -279,7 +279,7 @@ def _controller_process(
     policy: str,
     samples: int,
 ) -> None:
-    """Be the controller."""
+    """Run the controller's end of the loop in this process until it is over or stopped."""
     _leave_signals()
     try:
         controller: Any = supervise(law, supervisor, exported)
