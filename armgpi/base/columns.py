@@ -167,5 +167,5 @@ def _decompressed(data: bytes, compression: str, size: int) -> bytes:
     else:
         raise ValueError(f"its chunks are compressed by {compression[:20]!r}; expected zstd or lz4")
     if len(plain) > size:
-        raise ValueError(f"a chunk holds more than the {size} bytes that it says")
+        raise ValueError(f"a chunk holds more than the {size} bytes that it declares")
     return plain

@@ -211,7 +211,7 @@ def _identify_side(
 
     if (out / NAME).exists():
         # Its drives.yaml has what other logs determined, and belongs to that record.
-        wanted = "a folder without an identified arm: name another, or give its logs beside --side"
+        wanted = "a folder without an identified arm: name another, or give its logs together with --side"
         raise ParameterError("--out", str(out), wanted)
     found = chirp.identify_side(arm, log, options["current"], options["columns"], options["torque"])
     drives = found.add_to(arm.drives)
@@ -242,7 +242,7 @@ def _with_load(
     if mass is not None:
         mass = check_number(mass, "--load-mass", "positive [kg]", 0.0, open_=True)
         if load is None or options["current"] is None:
-            raise ParameterError("--load-mass", mass, "--load LOG of it, and --current, beside it")
+            raise ParameterError("--load-mass", mass, "--load LOG of it, and --current, as well")
     found, first = identified(logs, arm, **options), options["check_first"]
     if mass is None or load is None:
         return found, None if load is None else found.load(load, check_first=first)

@@ -28,8 +28,8 @@ ROWS = {
     "each joint, where known. Or what is assumed for joints without data: 'elastic' "
     "(rotors and elastic joints, the default of type gpi_auto), 'stiff' (rotors and stiff "
     "joints) or 'none' (no rotors).",
-    "identified FILE": "identification.json of armgpi identify: the arm is assumed to be between 12 arms "
-    "drawn from it, each moved to 2.5 times its distance from the estimate.",
+    "identified FILE": "identification.json of armgpi identify: the arm is assumed to be between 12 random "
+    "arms of it, each moved to 2.5 times its distance from the estimate.",
     "report FILE": "Write the results as one HTML file for any browser.",
     "allow_part": (
         "Accept an incomplete verdict, which holds for part of what was asked: exit code 0 instead of 3."

@@ -95,7 +95,7 @@ class ForceBound(NamedTuple):
         if math.isfinite(self.push):
             pushed = (
                 f"A hand that pushes with up to {self.push:.3g} N moves it no faster than "
-                f"{self.fastest:.3g} m/s beside its reference.\n"
+                f"{self.fastest:.3g} m/s relative to its reference.\n"
             )
         return (
             f"At rest the tool presses with at most {self.total:.3g} N: limit {self.limit:.3g} N, joint "

@@ -206,7 +206,7 @@ def say_findings(found: Identified) -> list[str]:
         if row.quantity == "rotor" and row.data_share < _DECIDED and row.joint not in hidden:
             both = together[row.joint]
             lines.append(
-                f"{row.joint}: the rotor cannot be told from the links; the joint's mean inertia is "
+                f"{row.joint}: the rotor cannot be separated from the links; the joint's mean inertia is "
                 f"{both.value:.3g} [{both.lower:.3g}, {both.upper:.3g}]"
             )
     return lines

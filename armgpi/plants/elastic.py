@@ -144,7 +144,7 @@ class ElasticPlant(Arm):
         kind="choice",
         choices=("motor", "link"),
         default=None,
-        none="where the drives tell, else at the motor",
+        none="as the drives specify, else at the motor",
     )
     link_viscous: PerJoint = parameter(
         "viscous friction at the links", unit="N m s/rad or N s/m", default=0.0, least=0.0, per_joint=True

@@ -376,7 +376,7 @@ def _change(root: Element, change: Mapping[str, Any]) -> set[str]:
     elif kind == "payload":
         return _hang(root, **value)
     elif kind not in _WITHOUT_MASS:
-        raise UrdfError(root.get("name"), f"was changed in a way that MuJoCo is not told: {kind}")
+        raise UrdfError(root.get("name"), f"was changed in a way that MuJoCo's model does not have: {kind}")
     return set()
 
 

@@ -292,9 +292,9 @@ class Reality(Parametrised):
         default="geared",
         choices=("geared", "bare", "undriven", "elastic", "owned"),
     )
-    seed: int = parameter("of all draws", kind="integer", default=0, least=0)
+    seed: int = parameter("of all scenarios", kind="integer", default=0, least=0)
     block: int = parameter(
-        "draws in a row with the same sample time and delay, which then run as one batch",
+        "scenarios in a row with the same sample time and delay, which then run as one batch",
         kind="integer",
         default=8,
         least=1,
@@ -650,7 +650,7 @@ def stack_draws(draws: Sequence[Scenario]) -> ScenarioBatch:
     """
     alike = {(*_batch(draw), draw.t_final, draw.step_time) for draw in draws}
     if len(alike) != 1:
-        raise ParameterError("draws", len(draws), "draws of the same sample time, delay and length")
+        raise ParameterError("draws", len(draws), "scenarios of the same sample time, delay and length")
     first = draws[0]
     arm, model, nominal = _robots(draws)
     step = Step(_stack_draws(draws, "torque_step"), *first.step_time)

@@ -235,7 +235,7 @@ class Polyline(Path):
     durations: float | Sequence[float] = parameter(
         "duration of the lines, or of each", unit="s", kind="times", default=2.0, least=0.0, above=True
     )
-    holds: float = parameter("how long it stands at each corner", unit="s", default=0.0, least=0.0)
+    holds: float = parameter("how long it rests at each corner", unit="s", default=0.0, least=0.0)
 
     def __post_init__(self) -> None:
         """Check the corners and make moves of them."""

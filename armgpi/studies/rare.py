@@ -212,7 +212,9 @@ def simulate(
         RolloutError: when a level cannot be written or read.
     """
     if sweep.config.reality is not None:
-        raise ConfigError("", "reality", "rare failures are those of `vary`: nothing is between two draws")
+        raise ConfigError(
+            "", "reality", "rare failures are those of `vary`: two scenarios have none between them"
+        )
     for name, most in sweep.failure.items():
         if most <= 0.0:
             raise ConfigError("", f"failure.{name}", f"a bound above 0 for rare failures, not {most:g}")
@@ -240,7 +242,7 @@ def simulate(
     bound = bounds_of(levels)[-1][0]
     if bound < 1.0:
         near = f"bounds that can be reached: the nearest comes to {bound:.3g} of one"
-        stuck = "bounds that what is drawn comes nearer to: the levels do not rise"
+        stuck = "bounds that random rollouts come nearer to: the levels do not rise"
         raise ParameterError("failure", dict(sweep.failure), near if len(levels) == _LEVELS else stuck)
     check = keep_level(_LEVELS, partial(first, margin, sweep.width, count))
     told(count)

@@ -70,7 +70,7 @@ def collect(sweep: Sweep, study: Study, rollouts: int) -> xr.Dataset:
             name = chunk_name(chunk, rows)
             table = study.read(name, (rows, len(sweep.columns)))
             if not sweep.drew(table, chunk):
-                raise RolloutError(f"{study.place(name)}: has other draws than this sweep; remove it")
+                raise RolloutError(f"{study.place(name)}: has other scenarios than this sweep; remove it")
             part = _dataset(sweep, table, np.arange(rows) + chunk * sweep.size)
             if not written:
                 _declare(file, part, total)

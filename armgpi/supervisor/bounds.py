@@ -51,7 +51,7 @@ class Supervisor(Parametrised):
 
     on_fault: str = parameter(
         "torque in FAULT: brake follows the decelerating reference by the nominal model and damps the joints "
-        "that still measure well, hold carries the arm's weight at the last good position, zero",
+        "that still measure well, hold compensates gravity at the last valid position, zero",
         kind="choice",
         default="brake",
         choices=("brake", "hold", "zero"),

@@ -28,7 +28,7 @@ LIMITS: Mapping[str, str] = {
     "gears": "joint elasticity",
     "noise": "encoder counts",
     "delay": "delay",
-    "rotors": "rotors that are light beside the links",
+    "rotors": "rotors that are light compared with the links",
     "load": "the range of payloads",
     "crossover": "the highest bandwidth of the rule",
 }

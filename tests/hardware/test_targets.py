@@ -1082,7 +1082,7 @@ def test_a_loop_for_ur_ends_in_a_fault(tmp_path: Path) -> None:
         (
             lambda: PIDInversion(ARM.with_gravity(ZERO), 1e-3),
             "ros2_control",
-            "bare for a law that needs measured velocities",
+            "bare for a controller that needs measured velocities",
         ),
         (lambda: GPI(panda(), 1e-3), "fci", "a torque_rate of at most 1000 N m/s"),
         (

@@ -436,9 +436,9 @@ def _contains(robot: Any) -> str:
     )
     if compensates_gravity(robot):
         text = (
-            "**The torque is without gravity**: the robot adds what carries the arm, as libfranka's and UR's "
-            "torque interfaces do. On a robot that does not, the arm falls. The weight of a load that the "
-            "robot does not know is a disturbance."
+            "**The torque is without gravity**: the robot compensates gravity itself, as the torque "
+            "interfaces of libfranka and UR do. On a robot that does not, the arm falls. The weight of a "
+            "load that the robot does not know is a disturbance."
         )
     if fingers := grippers.moving(robot):
         listed = ", ".join(f"`{plain(joint)}`" for joint in fingers)

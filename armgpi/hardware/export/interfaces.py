@@ -72,7 +72,7 @@ _FR3 = Interface(
     adds=("gravity", "friction"),
     echo="tau_J_d",
     late="period",
-    tried="compiled with libfranka 0.15.0 and 0.21.2; simulated beside stubs",
+    tried="compiled with libfranka 0.15.0 and 0.21.2; simulated with stubs",
     positions={"link": "q", "motor": "theta"},
 )
 _UR = Interface(
@@ -86,20 +86,20 @@ _UR = Interface(
     adds=("gravity",),
     echo="",
     late="timestamp",
-    tried="simulated beside stubs",
+    tried="simulated with stubs",
 )
 INTERFACES = (
     _FR3,
     _FR3._replace(
         robot="Panda (FER), system 4.2.1",
         library="libfranka 0.9 alone (C++17), no pylibfranka",
-        tried="compiled with libfranka 0.9.2; simulated beside stubs",
+        tried="compiled with libfranka 0.9.2; simulated with stubs",
     ),
     _UR,
     _UR._replace(
         robot="UR e-Series, UR20, UR30: PolyScope 5.25.1 or 10.12.1; not CB3",
         library="UR client library 2.8 and later (C++17)",
-        tried="compiled with 2.8.0 and 2.14.0; simulated beside stubs",
+        tried="compiled with 2.8.0 and 2.14.0; simulated with stubs",
     ),
     Interface(
         target="ros2_control",

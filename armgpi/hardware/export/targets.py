@@ -109,7 +109,7 @@ def check_target(target: str, controller: Supervised) -> None:
     if target not in COMPENSATING and target != "ros2_control":
         return
     if controller.measurement_type is FullState:
-        raise ParameterError("target", target, "bare for a law that needs measured velocities")
+        raise ParameterError("target", target, "bare for a controller that needs measured velocities")
     if target in COMPENSATING:
         _check_arm(target, controller)
     else:
@@ -131,7 +131,8 @@ def _check_arm(target: str, controller: Supervised) -> None:
     dt, rate = interface.dt, interface.rate
     assert dt is not None
     if "friction" in interface.adds and getattr(controller.law, "friction_feedforward", False):
-        raise ParameterError("target", target, "one for a law without the friction that its robot adds")
+        expected = "one for a controller without the friction that its robot compensates"
+        raise ParameterError("target", target, expected)
     _check_joints(target, robot)
     _check_side(interface, target, robot)
     if not math.isclose(controller.dt, dt):
@@ -295,7 +296,7 @@ def _tests(controller: Supervised) -> list[str]:
     rows = []
     for reason, motions in _motions(controller).items():
         found = (each for each in motions if each.why or _reason(controller, each) == reason)
-        motion = next(found, _Motion(why="this law does not get there in the motions tried"))
+        motion = next(found, _Motion(why="this controller does not get there in the motions tried"))
         numbers = ", ".join(repr(float(x)) for x in motion[1:7])
         counts = ", ".join(f"{x}U" for x in (motion.joint, motion.samples, motion.elapsed))
         why = f'"{motion.why}"' if motion.why else "NULL"

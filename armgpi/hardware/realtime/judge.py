@@ -26,7 +26,7 @@ QUESTIONS = {
     "unit": "positions are in rad or m",
     "zero": "positions are zero where the file's are",
     "weight": "the gravity torque of the model agrees with the torque that the robot reports",
-    "mounting": "the base stands as the file says: 20 degrees off would show in that weight",
+    "mounting": "the base is mounted as in the file: a tilt of 20 degrees would show in that torque",
     "command order": "each torque reaches its joint",
     "command sign": "a torque moves its joint the way it points",
     "command unit": "torques are in N m or N, at the joint",
@@ -263,9 +263,10 @@ def _of_weight(seen: _Seen, robot: Any, tested: dict[str, tuple[str, ...]]) -> I
     scale = float((seen.applied * weight).sum() / max((weight**2).sum(), 1e-12))
     beyond = np.abs(apart) > allowed
     for j in map(int, np.flatnonzero(beyond)):
-        said = f"the robot reports {apart[j]:+.3g} N m or N beside the model's {np.median(weight[:, j]):.3g}"
+        model = f"the model's {np.median(weight[:, j]):.3g}"
+        said = f"the torque that the robot reports differs by {apart[j]:+.3g} N m or N from {model}"
         if abs(scale - 1.0) > _SCALE:
-            said += f"; over all joints {scale:.2g} times the weight"
+            said += f"; over all joints {scale:.2g} times the gravity torque"
         yield Finding(
             "weight",
             seen.names[j],
@@ -304,9 +305,9 @@ def _of_echo(seen: _Seen, robot: Any) -> Iterator[Finding]:
         i = int(others.argmin())
         scale = float(said[:, j] @ sent[:, j] / max(float(sent[:, j] @ sent[:, j]), 1e-12))
         if i != j and others[i] < 0.1 * size[j]:
-            saw, question = f"its torque is that which {seen.names[i]} says it was given", "command order"
+            saw, question = f"its torque is the one that {seen.names[i]} reports", "command order"
         else:
-            saw = f"the robot says it was given {scale:.3g} times what was sent"
+            saw = f"the robot reports {scale:.3g} times the torque that was sent"
             question = "command sign" if scale < 0.0 else "command unit"
         yield Finding(
             question, name, saw, "send N m and N in the order and with the sign of the file's joints"
@@ -333,13 +334,14 @@ def _of_stage(
     beyond = np.abs(rests) > allowed
     for j in map(int, np.flatnonzero(beyond)):
         said = (
-            f"rests on {rests[j]:+.3g} N m or N beside what holds the model, friction bears {allowed[j]:.2g}"
+            f"the torque at rest differs by {rests[j]:+.3g} N m or N from the model's; "
+            f"friction accounts for {allowed[j]:.2g}"
         )
         yield Finding(
             "carried",
             seen.names[j],
             said,
-            "look at the load, who adds gravity, the mounting, the masses, the unit",
+            "check the load, what compensates gravity, the mounting, the masses, and the unit",
         )
     tested["carried"] = seen.names
     if not beyond.any() and _tells_mounting(upright, seen.q[-1], allowed):
@@ -365,15 +367,13 @@ def _answer(seen: _Seen, stage: Stage) -> Finding:
     most = int(np.abs(far).argmax())
     before = np.abs(seen.q_ref[k] - seen.q_ref[0]).max() < 0.02 * way
     reason = Reason(seen.reason).name
-    said = f"{reason} at {seen.t[k]:.3g} s: {dev[j]:+.3g} N m or N beside what holds the model, "
-    said += f"{far[j]:+.2g} from where it stood"
+    said = f"{reason} at {seen.t[k]:.3g} s: the torque differs by {dev[j]:+.3g} N m or N from the model's, "
+    said += f"the position by {far[j]:+.2g} from its start"
     if before:
-        remedy = (
-            "it stood: look at who adds gravity, the load, the mounting, and the sign of torque and position"
-        )
+        remedy = "it was at rest: check what compensates gravity, the load, the mounting, and all signs"
         return Finding("carried", name, said, remedy)
     if np.abs(far).max() < 0.2 * way:
-        remedy = "nothing moved: look at its brake, its drive, and the unit of the torque"
+        remedy = "nothing moved: check its brake, its drive, and the unit of the torque"
         return Finding("command order", name, said, remedy)
     if most != j and abs(far[most]) > 2.0 * abs(far[j]):
         said += f", while {seen.names[most]} went {far[most]:+.2g}"
@@ -382,7 +382,7 @@ def _answer(seen: _Seen, stage: Stage) -> Finding:
         said += ", against its torque"
         remedy = "look at the sign of its torque and of its position, and at late measurements"
         return Finding("command sign", name, said, remedy)
-    return Finding("command unit", name, said, f"docs/reasons.md says what causes {reason}")
+    return Finding("command unit", name, said, f"docs/reasons.md lists the causes of {reason}")
 
 
 def _of_inertias(found: Any, robot: Any, known: list[str]) -> Iterator[Finding]:
@@ -431,7 +431,7 @@ def _of_identification(
     late = found.lag - expected > _LAG + 2.0 * found.lag_std
     if late.any():
         j = int(np.argmax(late))
-        said = f"measurements are {1e3 * found.lag[j]:.3g} ms late, the file says {1e3 * expected:.3g}"
+        said = f"measurements are {1e3 * found.lag[j]:.3g} ms late; the file specifies {1e3 * expected:.3g}"
         remedy = "specify it (plant: delay), or find the cause of the delay"
         yield Finding("lag", robot.joint_names[j], said, remedy)
     tested["lag"] = tuple(name for name, is_late in zip(robot.joint_names, late, strict=True) if not is_late)
@@ -443,7 +443,7 @@ def _of_identification(
         most = np.abs(own - file).max(axis=0)
         allowed = _borne(robot, q[0], file)
         for j in map(int, np.flatnonzero(most > allowed)):
-            said = f"carries up to {most[j]:.3g} N m or N beside the file's weight"
+            said = f"its gravity torque differs by up to {most[j]:.3g} N m or N from the file's"
             yield Finding(
                 "model", robot.joint_names[j], said, "take what `armgpi identify` writes, or name the load"
             )
