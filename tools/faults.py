@@ -627,7 +627,7 @@ def page(rows: list[Worst], kept: list[str]) -> str:
 
 def against(rows: list[Worst], page: list[Worst]) -> Iterator[str]:
     """Yield the lines of a table: outcomes of arms with a known side beside those of the page."""
-    yield "| arm, who carries the weight | side | kept | 0.1 rad | at rest in time | worse of the faults |"
+    yield "| arm, gravity compensated by | side | kept | 0.1 rad | at rest in time | worse of the faults |"
     yield "|---|---|---:|---:|---:|---|"
     known = {(row.case._replace(side=""), row.fault): row for row in page}
     for case, mine in by(rows, lambda row: row.case).items():
