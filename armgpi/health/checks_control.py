@@ -137,7 +137,7 @@ def placeholder_friction(subject: Subject) -> Iterator[Finding]:
 @check(
     "friction",
     "the URDF's damping makes GPI unstable with the rotor inertia that is specified or assumed "
-    "([Theory](theory.md#friction-and-where-gpi-ends))",
+    "([Theory](theory.md#friction-and-the-limits-of-gpi))",
     "warning",
 )
 def strong_friction(subject: Subject) -> Iterator[Finding]:

@@ -249,7 +249,8 @@ class DynamicsReport:
         """Return what was found in what was compared."""
         if self.agrees:
             if not self.functions:
-                return "the model has every structural property that could be checked"
+                done = "the model has every structural property that could be checked"
+                return f"{done}; its values were not compared: give its robot (--robot)"
             return "the model agrees"
         differ = [t.function for t in self.functions if not t.agrees]
         if self.numbers_only and not differ:

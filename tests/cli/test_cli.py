@@ -27,6 +27,8 @@ import armgpi
 from armgpi import Status, config, load, metrics
 from armgpi.cli import app
 from armgpi.cli.commands import ENTRIES
+from armgpi.hardware.export.interfaces import NAMES
+from armgpi.hardware.export.targets import TARGETS
 from armgpi.robot.robots import names
 
 ROOT = Path(__file__).parents[2]
@@ -1315,3 +1317,24 @@ def test_a_table_of_metrics_is_written_in_the_format_of_its_name(
     assert code == 2
     assert "--table" in err
     assert ".csv, .md, .tex" in err
+
+
+def test_a_file_for_an_arm_is_begun_and_run_without_any_extra(tmp_path: Path) -> None:
+    """`armgpi new`, `run` and `inspect` work in the environment of `make demo`, without a compiler."""
+    arm = shutil.copy(ROOT / "urdf" / "anthropomorphic3.urdf", tmp_path / "my_arm.urdf")
+    code = """
+import sys
+for name in ("casadi", "cma", "clarabel", "mujoco", "sympy", "optuna", "matplotlib", "trimesh"):
+    sys.modules[name] = None
+from armgpi.cli import main
+main()
+"""
+    for words in (["new", str(arm)], ["run", "my_arm.yaml", "--t-final", "0.05"], ["inspect", "my_arm.yaml"]):
+        done = subprocess.run(
+            [sys.executable, "-c", code, *words], cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+
+
+def test_a_target_is_known_by_name_before_anything_is_compiled() -> None:
+    assert tuple(TARGETS) == NAMES

@@ -118,6 +118,8 @@ INTERFACES = (
         "bare", "any", "none (C99)", *(None,) * 3, (0, 0), (), "", "the caller's", "compiled, simulated"
     ),
 )
+#: What `--target` may be, in the order in which messages list it; nothing is compiled to know that.
+NAMES = ("bare", "fci", "ur", "ros2_control")
 #: Target -> the interface whose robot adds gravity itself.
 COMPENSATING = {each.target: each for each in reversed(INTERFACES) if "gravity" in each.adds}
 
