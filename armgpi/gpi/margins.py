@@ -22,6 +22,10 @@ from armgpi.gpi.realisation import Bumpless
 PRINTED_PHASE = 0.3564136508074215
 #: Loops slower than this follow worse than by a tenth of a radian: gravity moves an arm as fast [rad/s].
 SLOWEST_DEFAULT = 15.0
+#: A root is real where its imaginary part is a smaller share of it.
+_REAL = 1e-8
+#: Powers of a loop's matrix that are smaller add nothing to a covariance.
+_NO_POWER = 1e-40
 #: Real numbers; NumPy makes no difference between its floats in what it does to polynomials.
 Array = npt.NDArray[Any]
 
@@ -100,14 +104,17 @@ def loops(tuning: Tuning, member: Member = PRINTED, delta: float = 1.0) -> list[
         delta: factor by which the nominal inertia is too large [-].
     """
     rows = _coefficients(tuning, member)
+    listed = rows.reshape(-1, rows.shape[-1]).tolist()
     # Not np.unique: it imports masked arrays, which takes as long as Pinocchio.
-    distinct = sorted(set(map(tuple, rows.reshape(-1, rows.shape[-1]).tolist())))
+    distinct = sorted(set(map(tuple, listed)))
     return [_loop(np.array(row), member.integrators, delta) for row in distinct]
 
 
 def crossovers(loop: Loop) -> Array:
     """Return the frequencies where ``|L| = 1`` [rad/s]."""
-    return loop.omega * np.sqrt(_positive(np.polysub(_square(loop.denominator), _square(loop.numerator))))
+    # |N|^2 = |D|^2, polynomials in the square of the frequency.
+    difference = np.polyadd(_square(loop.denominator), -_square(loop.numerator))
+    return loop.omega * np.sqrt(_positive(difference))
 
 
 def phase_margin(loop: Loop) -> float:
@@ -187,10 +194,13 @@ def worst_margins(tuning: Tuning, member: Member = PRINTED) -> Margins:
         tuning: arrays that broadcast.
         member: of the family.
     """
-    every = loops(tuning, member)
-    intervals = [gain_interval(loop) for loop in every]
-    delta = Interval(max(each.lower for each in intervals), min(each.upper for each in intervals))
-    return Margins(min(map(phase_margin, every)), min(map(delay_margin, every)), delta)
+    loops_of_joints = loops(tuning, member)
+    phase = min(phase_margin(loop) for loop in loops_of_joints)
+    delay = min(delay_margin(loop) for loop in loops_of_joints)
+    intervals = [gain_interval(loop) for loop in loops_of_joints]
+    lower = max(interval.lower for interval in intervals)
+    upper = min(interval.upper for interval in intervals)
+    return Margins(phase, delay, Interval(lower, upper))
 
 
 def peak_sensitivity(loop: Loop) -> float:
@@ -198,7 +208,8 @@ def peak_sensitivity(loop: Loop) -> float:
     closed = np.polyadd(loop.denominator, loop.numerator)
     above, below = _square(loop.denominator), _square(closed)
     u = _stationary(above, below)
-    return math.sqrt(np.max(np.polyval(above, u) / np.polyval(below, u)))
+    squared = np.polyval(above, u) / np.polyval(below, u)  # |1 / (1 + L)|^2
+    return math.sqrt(np.max(squared))
 
 
 def gain_interval(loop: Loop, sigma: float = 0.0) -> Interval:
@@ -217,7 +228,8 @@ def gain_interval(loop: Loop, sigma: float = 0.0) -> Interval:
     # A pole crosses the imaginary axis where L(j w) is real, at delta = -1 / L.
     squares = _positive(_cross(denominator, numerator)[1])
     s = 1j * np.sqrt(np.append(squares, 0.0))
-    critical = -(np.polyval(denominator, s) / np.polyval(numerator, s)).real
+    inverse = np.polyval(denominator, s) / np.polyval(numerator, s)
+    critical = -inverse.real
     return Interval(
         float(max(critical[critical < 1.0], default=-math.inf)),
         float(min(critical[critical > 1.0], default=math.inf)),
@@ -268,16 +280,25 @@ def count_noise(tuning: Tuning, dt: float, member: Member = PRINTED) -> Noise:
     state = type(law.init(np.array(0.0), c))(*states)
     e = q + np.eye(size + 1)[-1]
     v = law.output(e, state, c)
-    rows = np.array([q + dt * speed + 0.5 * dt * dt * v, speed + dt * v, *law.update(e, v, None, state, c)])
-    A, B, C, D = rows[:, :-1], rows[:, -1:], v[:-1], float(v[-1])
+    next_position = q + dt * speed + 0.5 * dt * dt * v
+    next_speed = speed + dt * v
+    next_state = law.update(e, v, None, state, c)
+    rows = np.array([next_position, next_speed, *next_state])
+    A = rows[:, :-1]
+    B = rows[:, -1:]
+    C = v[:-1]
+    D = float(v[-1])
     if np.abs(np.linalg.eigvals(A)).max() >= 1.0:
         return Noise(abs(D), math.inf, math.inf)
-    P, power = B @ B.T, A
-    while np.abs(power).max() > 1e-40:  # sum of A^k B B' A'^k, twice as many terms each time
-        P, power = P + power @ P @ power.T, power @ power
+    # Covariance of the state, the sum of A^k B B' A'^k: twice as many terms each time.
+    P = B @ B.T
+    power = A
+    while np.abs(power).max() > _NO_POWER:
+        P = P + power @ P @ power.T
+        power = power @ power
     variance = float(C @ P @ C) + D * D
-    beside = float(C @ A @ P @ C) + D * float(C @ B[:, 0])  # covariance of neighbouring samples
-    return Noise(abs(D), math.sqrt(variance), math.sqrt(2.0 * (variance - beside)))
+    covariance = float(C @ A @ P @ C) + D * float(C @ B[:, 0])  # of neighbouring samples
+    return Noise(abs(D), math.sqrt(variance), math.sqrt(2.0 * (variance - covariance)))
 
 
 def _coefficients(tuning: Tuning, member: Member) -> Array:
@@ -291,31 +312,42 @@ def _coefficients(tuning: Tuning, member: Member) -> Array:
 
 def _loop(row: Array, integrators: int, delta: float) -> Loop:
     """Return a loop from its coefficients."""
-    omega, *both = row
-    ends = integrators + 2
-    below = np.array([1.0, *both[: ends - 1 : -1], *[0.0] * ends])
-    return Loop(delta * np.array(both[ends - 1 :: -1]), below, float(omega))
+    omega, *coefficients = row
+    count = integrators + 2  # coefficients of N; those of D follow, but for its leading 1
+    numerator = coefficients[:count]
+    denominator = coefficients[count:]
+    zeros = [0.0] * count  # of s^integrators in C(s), and of s^2
+    below = np.array([1.0, *reversed(denominator), *zeros])
+    return Loop(delta * np.array(numerator[::-1]), below, float(omega))
 
 
 def _phase(loop: Loop, w: Array) -> Array:
     """Return by how much L(j w) is ahead of -1, in [0, 2 pi)."""
-    value = np.polyval(loop.numerator, 1j * w) / np.polyval(loop.denominator, 1j * w)
-    return np.asarray((math.pi + np.angle(value)) % (2.0 * math.pi))
+    s = 1j * w
+    value = np.polyval(loop.numerator, s) / np.polyval(loop.denominator, s)
+    ahead = math.pi + np.angle(value)
+    return np.asarray(ahead % (2.0 * math.pi))
 
 
 def _parts(p: Array) -> tuple[Array, Array]:
     """Return even and odd part: p(j w) = even(w^2) + j w odd(w^2)."""
     low = np.append(p[::-1], 0.0)  # so that neither part is empty
-    even, odd = low[0::2], low[1::2]
+    even = low[0::2]
+    odd = low[1::2]
     signs = (-1.0) ** np.arange(len(low))
-    return (even * signs[: len(even)])[::-1], (odd * signs[: len(odd)])[::-1]
+    even = even * signs[: len(even)]
+    odd = odd * signs[: len(odd)]
+    return even[::-1], odd[::-1]
 
 
 def _cross(p: Array, q: Array) -> tuple[Array, Array]:
     """Return p(j w) conj(q(j w)) as real part and imaginary part / w, polynomials in w^2."""
-    (a, b), (c, d) = _parts(p), _parts(q)
-    real = np.polyadd(np.convolve(a, c), np.append(np.convolve(b, d), 0.0))
-    return real, np.polysub(np.convolve(b, c), np.convolve(a, d))
+    even_p, odd_p = _parts(p)
+    even_q, odd_q = _parts(q)
+    odd_squared = np.append(np.convolve(odd_p, odd_q), 0.0)  # times w^2
+    real = np.polyadd(np.convolve(even_p, even_q), odd_squared)
+    imaginary = np.polysub(np.convolve(odd_p, even_q), np.convolve(even_p, odd_q))
+    return real, imaginary
 
 
 def _square(p: Array) -> Array:
@@ -336,11 +368,13 @@ def _slope(p: Array) -> Array:
 def _positive(p: Array) -> Array:
     """Return the positive real roots of a polynomial."""
     roots = np.roots(p)
-    return np.asarray(roots.real[(np.abs(roots.imag) < 1e-8 * np.abs(roots)) & (roots.real > 0.0)])
+    is_real = np.abs(roots.imag) < _REAL * np.abs(roots)
+    return np.asarray(roots.real[is_real & (roots.real > 0.0)])
 
 
 def _stationary(above: Array, below: Array) -> Array:
     """Return u = w^2 >= 0 among which above(u) / below(u) has its largest and smallest values."""
+    # (a / b)' = (a' b - a b') / b^2.
     slope = _product(_slope(above), below) - _product(above, _slope(below))
     # Real parts of all roots: what is no stationary point is just one frequency more.
     u = np.roots(slope).real
@@ -349,10 +383,13 @@ def _stationary(above: Array, below: Array) -> Array:
 
 def _stable(denominator: Array, numerator: Array) -> bool:
     """Tell whether the closed loop decays."""
-    return bool(np.roots(np.polyadd(denominator, numerator)).real.max() < 0.0)
+    poles = np.roots(np.polyadd(denominator, numerator))
+    return bool(poles.real.max() < 0.0)
 
 
 def _shift_polynomials(loop: Loop, sigma: float) -> tuple[Array, Array]:
     """Return numerator and denominator at s - sigma / 2: what decays faster than that decays there."""
-    at = np.poly1d([1.0, -0.5 * sigma / loop.omega])
-    return np.poly1d(loop.numerator)(at).coeffs, np.poly1d(loop.denominator)(at).coeffs
+    shifted = np.poly1d([1.0, -0.5 * sigma / loop.omega])
+    numerator = np.poly1d(loop.numerator)(shifted)
+    denominator = np.poly1d(loop.denominator)(shifted)
+    return numerator.coeffs, denominator.coeffs

@@ -205,15 +205,16 @@ class BSplineNetwork(Boxes, Poles):
             if self.order != 3:
                 raise ParameterError("order", self.order, "3 with the default knots; give knots as well")
         self.basis = BSplineBasis(knots, self.order)
-        mirrored = -self.basis.knots[::-1]
-        if np.allclose(self.basis.knots, mirrored, rtol=0.0, atol=1e-12 * self.basis.knots[-1]):
-            # But for rounding, as numpy.linspace makes them.
-            self.basis = BSplineBasis(0.5 * (self.basis.knots + mirrored), self.order)
-        else:
-            raise ArrayError("knots", f"expected knots symmetric about 0, got {self.basis.knots}")
+        in_order = self.basis.knots
+        mirrored = -in_order[::-1]
+        rounding = 1e-12 * in_order[-1]  # as numpy.linspace makes them
+        if not np.allclose(in_order, mirrored, rtol=0.0, atol=rounding):
+            raise ArrayError("knots", f"expected knots symmetric about 0, got {in_order}")
+        self.basis = BSplineBasis(0.5 * (in_order + mirrored), self.order)
         self.size = 2 * ((self.basis.size + 1) // 2)
         if isinstance(self.weights, Mapping):
-            unknown = sorted(set(map(str, self.weights)) - set(Tuning._fields))
+            names = set(map(str, self.weights))
+            unknown = sorted(names - set(Tuning._fields))
             if unknown:
                 raise NameNotFound("parameter of a network", unknown[0], Tuning._fields)
             self.keep("weights", Weights(**self.weights))
@@ -226,10 +227,12 @@ class BSplineNetwork(Boxes, Poles):
             ArrayError: when a value is not positive, a box is upside down or a shape does not fit.
             ParameterError: when the filter is too fast for the sample time.
         """
-        if (fastest := float(np.max(self.bandwidth))) * dt >= 1.0:
+        fastest = float(np.max(self.bandwidth))
+        if fastest * dt >= 1.0:
             raise ParameterError("bandwidth", fastest, f"below 1 / dt = {1.0 / dt:g} rad/s")
         highest = float(np.max(self.learning_rate))
-        if self.learning == "magnitude" and highest + (leak := float(np.max(self.leak))) * dt >= 2.0:
+        leak = float(np.max(self.leak))
+        if self.learning == "magnitude" and highest + leak * dt >= 2.0:
             raise ParameterError("leak", leak, f"below {(2.0 - highest) / dt:g} 1/s at this dt")
         ready = object.__new__(BSplineNetwork)
         ready.__dict__.update(self.__dict__)
@@ -256,7 +259,8 @@ class BSplineNetwork(Boxes, Poles):
             for name in Tuning._fields
             if _adapts(*boxes[name]) and not (name == "p_c" and self.p_c is None)
         )
-        self._per_error, self._per_derivative = 1.0 / self.error_range, 1.0 / self.derivative_range
+        self._per_error = 1.0 / self.error_range
+        self._per_derivative = 1.0 / self.derivative_range
         if self.common:
             self._check_common()
         limited = self.learning == "magnitude" and not np.all(np.isinf(self.rate))
@@ -264,13 +268,16 @@ class BSplineNetwork(Boxes, Poles):
         self._dt = dt
         # Share forgotten in a sample; what learns nothing forgets nothing.
         self._leak = np.where(self.learning_rate > 0.0, self.leak * dt, 0.0)
-        given = {name: getattr(self.weights, name, None) for name in Tuning._fields}
-        self._initial = tuple(self._weights_of(name, given.get(name)) for name in self._adapted)
-        for name, weights in given.items():
-            if weights is not None and name not in self._adapted:
+        initial = []
+        for name in Tuning._fields:
+            weights = getattr(self.weights, name, None)
+            if name in self._adapted:
+                initial.append(self._weights_of(name, weights))
+            elif weights is not None:
                 raise ArrayError("weights", f"{name} does not adapt: give it a box, or no weights")
-        first = (part[0] for part in self._initial if part is not None)
-        self.batch = common_batch(*batches(self), *first)
+        self._initial = tuple(initial)
+        of_first_function = [weights[0] for weights in initial if weights is not None]
+        self.batch = common_batch(*batches(self), *of_first_function)
 
     def _check_common(self) -> None:
         """Refuse what one omega for all joints is not defined for.
@@ -291,10 +298,12 @@ class BSplineNetwork(Boxes, Poles):
 
     def bandwidths(self) -> Array:
         """Return the values that a common omega takes [rad/s]: 1 / omega moves in steps of rate dt."""
-        low, high = float(self._lower.omega_c[0]), float(self._upper.omega_c[0])
+        longest = 1.0 / float(self._lower.omega_c[0])  # time constants [s]
+        shortest = 1.0 / float(self._upper.omega_c[0])
         step = self._dt * float(self.rate[0])
-        count = math.floor((1.0 / low - 1.0 / high) / step + 1e-9)
-        return np.asarray(1.0 / (1.0 / low - step * np.arange(count + 1)))
+        count = math.floor((longest - shortest) / step + 1e-9)
+        time_constants = longest - step * np.arange(count + 1)
+        return np.asarray(1.0 / time_constants)
 
     def _weights_of(self, name: str, weights: Array | None) -> tuple[Array, ...] | None:
         """Return the initial weights of a parameter, one array (n,) or (batch, n) for each basis function."""
@@ -305,7 +314,8 @@ class BSplineNetwork(Boxes, Poles):
                 "weights",
                 f"expected {self.size} numbers for {name}, one each, got {weights.shape[-1]}",
             )
-        return tuple(np.ascontiguousarray(part) for part in np.moveaxis(weights, -1, 0))
+        by_function = np.moveaxis(weights, -1, 0)
+        return tuple(np.ascontiguousarray(weight) for weight in by_function)
 
     @classmethod
     def chosen(cls, context: Context) -> dict[str, Any]:
@@ -323,12 +333,14 @@ class BSplineNetwork(Boxes, Poles):
     def init(self, e: Array) -> NetworkState:
         """Return the state before the first sample, nothing learned; see :meth:`Gains.init`."""
         zero = np.zeros_like(e)
-        weights = tuple(
-            (zero,) * self.size if initial is None else tuple(zero + w for w in initial)
-            for initial in self._initial
-        )
+        weights = []
+        for initial in self._initial:
+            if initial is None:
+                weights.append((zero,) * self.size)
+            else:
+                weights.append(tuple(zero + w for w in initial))
         activations = self.activations(e, zero)
-        return NetworkState(weights, activations, e, self._first(activations, zero))
+        return NetworkState(tuple(weights), activations, e, self._first(activations, zero))
 
     def _first(self, a: Sequence[Array], zero: Array) -> Tuning:
         """Return the tuning that the initial weights give at some activations, in the shape of `zero`."""
@@ -344,7 +356,8 @@ class BSplineNetwork(Boxes, Poles):
         """Return the output of a network, inside its box where the rule has one."""
         if self.learning == "signed":
             return output
-        low, high = getattr(self._lower, name), getattr(self._upper, name)
+        low = getattr(self._lower, name)
+        high = getattr(self._upper, name)
         inside: Array = np.minimum(np.maximum(output, low), high)
         return inside
 
@@ -352,17 +365,21 @@ class BSplineNetwork(Boxes, Poles):
         """Return the tuning for the tracking error `e`; see :meth:`Gains.step`."""
         # A NaN measurement teaches nothing, and leaves no trace in the weights.
         sound = np.abs(e) < math.inf
-        e, learn = np.where(sound, e, 0.0), np.where(sound, learn, 0.0)
+        e = np.where(sound, e, 0.0)
+        learn = np.where(sound, learn, 0.0)
         slope = self.bandwidth * (e - state.filtered)
         filtered = state.filtered + self._dt * slope
         a = self.activations(e, slope)
         power = _dot(a, a)
         magnitude = self.learning == "magnitude"
         if magnitude:
-            size = np.minimum(np.maximum(np.abs(e) - self.dead_zone, 0.0) * self._per_error, 1.0)
-        tuning, weights = {}, []
+            beyond = np.maximum(np.abs(e) - self.dead_zone, 0.0)
+            size = np.minimum(beyond * self._per_error, 1.0)
+        tuning = {}
+        weights = []
         for name, old, initial in zip(self._adapted, state.weights, self._initial, strict=True):
-            low, high = getattr(self._lower, name), getattr(self._upper, name)
+            low = getattr(self._lower, name)
+            high = getattr(self._upper, name)
             raised = _dot(a, old)
             if magnitude:
                 short = np.maximum((high - low) * size - raised, 0.0)
@@ -387,19 +404,25 @@ class BSplineNetwork(Boxes, Poles):
         Returns:
             The activations [-], those of the error first, each of the same shape.
         """
-        return (*self.basis.even(e * self._per_error), *self.basis.even(slope * self._per_derivative))
+        of_error = self.basis.even(e * self._per_error)
+        of_slope = self.basis.even(slope * self._per_derivative)
+        return (*of_error, *of_slope)
 
     def signals(self, state: NetworkState) -> Mapping[str, Array]:
         """Return tuning, weights and activations under their names; see :meth:`Gains.signals`."""
         named: dict[str, Array] = dict(state.tuning._asdict())
-        named.update({f"activation_{i + 1}": a for i, a in enumerate(state.activations)})
+        for i, activation in enumerate(state.activations):
+            named[f"activation_{i + 1}"] = activation
         for name, weights in zip(self._adapted, state.weights, strict=True):
-            named.update({f"{name}_weight_{i + 1}": weight for i, weight in enumerate(weights)})
+            for i, weight in enumerate(weights):
+                named[f"{name}_weight_{i + 1}"] = weight
         return named
 
     def describe(self) -> Mapping[str, Any]:
         """Return the parameters as plain data."""
-        boxes = {name: [low.tolist(), high.tolist()] for name, (low, high) in self.boxes.items()}
+        boxes = {}
+        for name, (low, high) in self.boxes.items():
+            boxes[name] = [low.tolist(), high.tolist()]
         rate = None if self._rate is None else self._rate.tolist()
         return {**self.values(), **boxes, "rate": rate, "knots": self.basis.knots.tolist()}
 
@@ -410,7 +433,8 @@ class BSplineNetwork(Boxes, Poles):
             omega = self._common(omega, last.omega_c)
         elif self._rate is not None:
             most = self._dt * self._rate * last.omega_c * last.omega_c
-            omega = last.omega_c + np.minimum(np.maximum(omega - last.omega_c, -most), most)
+            change = np.maximum(omega - last.omega_c, -most)
+            omega = last.omega_c + np.minimum(change, most)
         p = omega if self.p_c is None else tuning.get("p_c", last.p_c)
         return Tuning(omega, tuning.get("zeta_c", last.zeta_c), p)
 
@@ -419,21 +443,26 @@ class BSplineNetwork(Boxes, Poles):
         most = omega[..., :1]
         for joint in range(1, omega.shape[-1]):
             most = np.maximum(most, omega[..., joint : joint + 1])
-        slowest, step = 1.0 / self._lower.omega_c, self._dt * self.rate
-        now = np.rint((slowest - 1.0 / last) / step)
-        wanted = np.floor((slowest - 1.0 / most) / step + 1e-9)
-        following: Array = 1.0 / (slowest - step * (now + np.minimum(np.maximum(wanted - now, -1.0), 1.0)))
+        longest = 1.0 / self._lower.omega_c  # time constant [s]
+        step = self._dt * self.rate
+        place = np.rint((longest - 1.0 / last) / step)
+        goal = np.floor((longest - 1.0 / most) / step + 1e-9)
+        move = np.minimum(np.maximum(goal - place, -1.0), 1.0)
+        following: Array = 1.0 / (longest - step * (place + move))
         return following
 
 
 def _adapts(low: Array, high: Array) -> bool:
     """Tell whether a box leaves room; one whose ends were given for each rollout was declared to."""
-    return low is not high and (low.ndim == 2 or high.ndim == 2 or bool((high > low).any()))
+    if low is high:
+        return False
+    is_per_rollout = low.ndim == 2 or high.ndim == 2
+    return is_per_rollout or bool((high > low).any())
 
 
 def _dot(a: Sequence[Array], w: Sequence[Array]) -> Array:
     """Return the sum of products of activations and weights."""
     total = a[0] * w[0]
-    for x, weight in zip(a[1:], w[1:], strict=True):
-        total = total + x * weight
+    for activation, weight in zip(a[1:], w[1:], strict=True):
+        total = total + activation * weight
     return total

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -72,11 +73,14 @@ class BSplineBasis:
             ParameterError: when the ends are not finite, `upper` is not above `lower`, or a number is not
                 whole and positive.
         """
-        if not (np.isfinite(lower) and np.isfinite(upper) and lower < upper):
+        is_finite = np.isfinite(lower) and np.isfinite(upper)
+        if not (is_finite and lower < upper):
             raise ParameterError("upper", upper, f"above the lower end {lower:g}")
         check_whole(intervals, "intervals", 1)
         inner = np.linspace(lower, upper, intervals + 1)
-        return cls(np.concatenate([[lower] * (order - 1), inner, [upper] * (order - 1)]), order)
+        below = [lower] * (order - 1)
+        above = [upper] * (order - 1)
+        return cls(np.concatenate([below, inner, above]), order)
 
     def __call__(self, x: Array) -> tuple[Array, ...]:
         """Return the value of every function.
@@ -87,8 +91,10 @@ class BSplineBasis:
         Returns:
             `size` arrays shaped like `x`.
         """
-        values = self._functions(np.minimum(np.maximum(x, self.lower), self.upper), self._whole)
-        return tuple([values[i] if i in values else np.zeros_like(x) for i in range(self.size)])
+        inside = np.minimum(np.maximum(x, self.lower), self.upper)
+        values = self._functions(inside, self._whole)
+        zero = np.zeros_like(x)
+        return tuple([values.get(i, zero) for i in range(self.size)])
 
     def even(self, x: Array) -> tuple[Array, ...]:
         """Return the sums of each function and its mirror image; the knots must be symmetric about 0.
@@ -101,11 +107,18 @@ class BSplineBasis:
         Returns:
             Half as many arrays as functions, rounded up, each shaped like `x`.
         """
-        values = self._functions(np.minimum(np.abs(x), self.upper), self._right)
-        # Of |x|: every mirror image reaches right of 0, its function perhaps not.
-        pairs = [(self.size - 1 - i, i) for i in range(self.size // 2)]
-        folded = [values[i] + values[j] if j in values else values[i] for i, j in pairs]
-        return (*folded, values[self.size // 2]) if self.size % 2 else tuple(folded)
+        size = np.minimum(np.abs(x), self.upper)
+        values = self._functions(size, self._right)
+        folded = []
+        for function in range(self.size // 2):
+            # Of |x|: every mirror image reaches right of 0, its function perhaps not.
+            total = values[self.size - 1 - function]
+            if function in values:
+                total = total + values[function]
+            folded.append(total)
+        if self.size % 2:
+            folded.append(values[self.size // 2])
+        return tuple(folded)
 
     def _functions(self, x: Array, intervals: Sequence[int]) -> dict[int, Array]:
         """Return the functions at `x`, which lies in one of the intervals (knots i to i + 1).
@@ -116,30 +129,52 @@ class BSplineBasis:
         # Order 1: one in its own interval; the last one includes its upper end.
         values: dict[int, Array] = {}
         for i in intervals:
-            left, right = i == intervals[0] or x >= t[i], i == intervals[-1] or x < t[i + 1]
-            values[i] = np.where(left & right, 1.0, 0.0) if len(intervals) > 1 else np.ones_like(x)
+            if len(intervals) == 1:
+                values[i] = np.ones_like(x)
+                continue
+            is_right_of_begin = i == intervals[0] or x >= t[i]
+            is_left_of_end = i == intervals[-1] or x < t[i + 1]
+            values[i] = np.where(is_right_of_begin & is_left_of_end, 1.0, 0.0)
         for terms in self._terms:
             raised: dict[int, Array] = {}
-            for function, part, knot, slope in terms:
-                if part in values:
-                    product = (x - knot) * slope * values[part]
-                    raised[function] = raised[function] + product if function in raised else product
+            for term in terms:
+                if term.lower not in values:
+                    continue
+                product = (x - term.knot) * term.slope * values[term.lower]
+                if term.function in raised:
+                    product = raised[term.function] + product
+                raised[term.function] = product
             values = raised
         return values
 
 
-def _recursion(t: Sequence[float], order: int) -> list[list[tuple[int, int, float, float]]]:
-    """Return the terms of the recursion, a list per order from 2 on.
+class _Term(NamedTuple):
+    """A term of the recursion: (x - knot) slope times a function of the order below.
 
-    A term (function, part, knot, slope) says: add (x - knot) slope times part of the order below.
+    Attributes:
+        function: number of the function that it is added to.
+        lower: number of the function of the order below.
+        knot: where the term is zero.
+        slope: of the factor [1 / unit of x].
     """
+
+    function: int
+    lower: int
+    knot: float
+    slope: float
+
+
+def _recursion(t: Sequence[float], order: int) -> list[list[_Term]]:
+    """Return the terms of the recursion of Cox and de Boor over knots `t`, a list per order from 2 on."""
     steps = []
     for k in range(2, order + 1):
         terms = []
         for i in range(len(t) - k):
-            if t[i + k - 1] > t[i]:
-                terms.append((i, i, t[i], 1.0 / (t[i + k - 1] - t[i])))
-            if t[i + k] > t[i + 1]:
-                terms.append((i, i + 1, t[i + k], -1.0 / (t[i + k] - t[i + 1])))
+            width = t[i + k - 1] - t[i]
+            if width > 0.0:
+                terms.append(_Term(i, i, t[i], 1.0 / width))
+            width_after = t[i + k] - t[i + 1]
+            if width_after > 0.0:
+                terms.append(_Term(i, i + 1, t[i + k], -1.0 / width_after))
         steps.append(terms)
     return steps
