@@ -24,6 +24,7 @@ SCRIPTS = {
     "first_result": True,
     "prepared": True,
     "elastic": True,
+    "realistic": True,
     "references": True,
     "tool": True,
     "recording": True,

@@ -243,7 +243,7 @@ def test_a_pipe_a_folder_and_nothing_are_refused(tmp_path: Path) -> None:
     os.mkfifo(pipe)
     for paths in ([pipe], [tmp_path], [tmp_path / "none"], []):
         program = [sys.executable, "-I", "-S", checker.__file__, *map(str, paths)]
-        run = subprocess.run(program, capture_output=True, text=True, timeout=60)
+        run = subprocess.run(program, capture_output=True, text=True, timeout=200)
         assert run.returncode == 2, run.stderr
         assert not run.stderr
 

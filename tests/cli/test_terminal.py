@@ -53,9 +53,12 @@ def test_work_that_takes_long_says_what_it_does(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(terminal, "_SILENT_AT_MOST", 0.0)
+    said = ""
     with terminal.working("fitting"):
-        time.sleep(0.2)
-    assert capsys.readouterr().err == "fitting ...\n"
+        while not said.endswith("\n"):  # another thread says it
+            time.sleep(0.01)
+            said += capsys.readouterr().err
+    assert said + capsys.readouterr().err == "fitting ...\n"
     monkeypatch.setattr(terminal, "_SILENT_AT_MOST", 60.0)
     with terminal.working("fitting"):
         pass

@@ -265,7 +265,7 @@ def test_two_processes_that_build_the_same_do_not_clash(cache: Path) -> None:
     )
     start = str(time.time() + 1.0)
     processes = [subprocess.Popen([sys.executable, "-c", code, start]) for _ in range(3)]
-    assert [process.wait(60) for process in processes] == [0, 0, 0]
+    assert [process.wait(200) for process in processes] == [0, 0, 0]
     assert answer() == 42
     assert all(path.suffix == ".so" for path in cache.iterdir())
 
@@ -419,7 +419,7 @@ def test_a_cache_whose_path_has_spaces(tmp_path: Path, monkeypatch: pytest.Monke
 def gone(path: Path) -> bool:
     """Tell whether the process whose number a file holds has ended, or soon does."""
     number = int(path.read_text())
-    for _ in range(100):
+    for _ in range(1200):
         try:
             state = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0]
         except OSError:
@@ -460,12 +460,11 @@ def test_ctrl_c_ends_the_children_of_a_compiler(tmp_path: Path, cache: Path) -> 
     with subprocess.Popen(
         [sys.executable, "-c", code], env={**os.environ, "CC": str(cc)}, stderr=subprocess.PIPE
     ) as process:
-        for _ in range(600):
-            if pid.exists():
-                break
+        while not pid.exists():
+            assert process.poll() is None
             time.sleep(0.05)
         process.send_signal(signal.SIGINT)
-        assert b"KeyboardInterrupt" in process.communicate(timeout=30)[1]
+        assert b"KeyboardInterrupt" in process.communicate(timeout=200)[1]
     assert gone(pid)
     assert list(cache.iterdir()) == []
 
@@ -640,7 +639,7 @@ def test_looking_at_who_can_write_takes_no_time(cache: Path) -> None:
     times = []
     for _ in range(20):
         build._loaded.clear()
-        start = time.perf_counter()
+        start = time.process_time()
         build.library(SOURCE)
-        times.append(time.perf_counter() - start)
+        times.append(time.process_time() - start)
     assert min(times) < 2e-3

@@ -667,10 +667,10 @@ def nested(levels: int, form: str) -> str:
 @pytest.mark.parametrize("form", ["merged", "merged as a list", "values"])
 @pytest.mark.parametrize("levels", [6, 9, 100])
 def test_aliases_of_aliases_are_refused_by_line_before_they_are_written_out(levels: int, form: str) -> None:
-    begun = time.perf_counter()
+    begun = time.process_time()
     with pytest.raises(ConfigError, match=r"bomb:6: has more than 100000 keys and values"):
         config.parse(nested(levels, form), "bomb")
-    assert time.perf_counter() - begun < 1.0
+    assert time.process_time() - begun < 1.0
 
 
 @pytest.mark.parametrize(

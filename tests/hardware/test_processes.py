@@ -132,11 +132,11 @@ def test_sigterm_to_all_processes_ends_the_loop_with_a_report() -> None:
     assert running.stderr is not None
     while "http" not in (line := running.stderr.readline()):
         assert running.poll() is None
-    with urllib.request.urlopen(line.split()[0] + "live", timeout=60) as told:
+    with urllib.request.urlopen(line.split()[0] + "live", timeout=200) as told:
         while not told.readline().startswith(b"data:"):  # now both processes run
             pass
     os.killpg(running.pid, signal.SIGTERM)
-    out, err = running.communicate(timeout=60)
+    out, err = running.communicate(timeout=200)
     assert running.returncode == 143, err
     assert 0 < json.loads(out)["samples"] < 60_000
 

@@ -82,12 +82,12 @@ def test_what_it_names_is_refused_before_mujoco_opens_it(
     folder = tmp_path / "sent"
     folder.mkdir()
     for before, said in named(folder).items():
-        begun = time.monotonic()
+        begun = time.process_time()
         with pytest.raises(UrdfError) as caught:
             Robot.load(write(folder, before))
         assert said in str(caught.value), before
         assert "\n" not in str(caught.value)
-        assert time.monotonic() - begun < 5.0
+        assert time.process_time() - begun < 5.0
 
 
 def test_copies_within_copies_are_counted(tmp_path: Path) -> None:

@@ -146,20 +146,21 @@ def test_an_expansion_that_is_too_large_is_no_timeout(
 
 
 @pytest.mark.parametrize(
-    ("worker", "said"),
+    ("worker", "seconds", "said"),
     [
-        ("import os; os._exit(3)", "the process that expands it ended with code 3 and no result"),
+        ("import os; os._exit(3)", 60, "the process that expands it ended with code 3 and no result"),
         (
             "import os; os.kill(os.getpid(), 9)",
+            60,
             "the process that expands it was ended by signal 9 without a result",
         ),
-        ("import time; time.sleep(60)", r"takes more than 2 s"),
+        ("import time; time.sleep(200)", 1, r"takes more than 2 s"),
     ],
 )
 def test_a_worker_that_dies_is_no_timeout(
-    worker: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    worker: str, seconds: int, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(xacro, "_WORKER", worker)
-    monkeypatch.setattr(xacro, "SECONDS", 1)
+    monkeypatch.setattr(xacro, "SECONDS", seconds)
     with pytest.raises(UrdfError, match=said):
         xacro.expand(written(tmp_path, '<link name="base"/>'))
