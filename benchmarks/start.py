@@ -41,6 +41,7 @@ COMMANDS = {
     "`armgpi run ur5 --out FOLDER`": (*ARMGPI, "run", "ur5", "--out", "out"),
     "`armgpi run ur5`, compiled before": (*ARMGPI, "run", "ur5", "--backend", "compiled"),
     "`armgpi export ur5`": (*ARMGPI, "export", "ur5", "--out", "ur5"),
+    "`armgpi export ur5`, nothing kept": (*ARMGPI, "export", "ur5", "--out", "ur5"),
     "`armgpi export panda --target fci`": (*ARMGPI, "export", "panda", "--target", "fci", "--out", "panda"),
     "`armgpi export` of a file that `new` wrote": (*ARMGPI, "export", "panda.yaml", "--out", "panda"),
     "`armgpi run ur5 --backend compiled`, nothing kept": (*ARMGPI, "run", "ur5", "--backend", "compiled"),
@@ -60,7 +61,11 @@ BEFORE = {
     ),
 }
 #: Whose folder is emptied before every round: the others find what the round before them kept.
-COLD = ("`armgpi run ur5 --backend compiled`, nothing kept", "`armgpi play ur5`, nothing kept")
+COLD = (
+    "`armgpi run ur5 --backend compiled`, nothing kept",
+    "`armgpi play ur5`, nothing kept",
+    "`armgpi export ur5`, nothing kept",
+)
 PINOCCHIO, BARE_HELP = "`import pinocchio`", "a bare Typer app, `--help`"
 #: What is timed -> what it is held against, and how many times as long it may take.
 GOALS = {

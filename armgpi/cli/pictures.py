@@ -87,13 +87,14 @@ def make(options: dict[str, Any], result: xr.Dataset, experiment: Experiment) ->
     if not (options["plot"] or options["html"] or options["report"]):
         return written
     from armgpi.config import dump, world
-    from armgpi.viewing import plots
 
     if result.sizes["time"] < 1:
         say("note: no pictures, as the run was stopped before its first sample", err=True)
         return written
     robot = one(experiment.plant.robot)
     if options["plot"] is not None:
+        from armgpi.viewing import plots  # not for reports, which draw without Matplotlib
+
         written.append(plots.save(plots.overview(result), options["plot"]))
     if options["html"] is not None:
         from armgpi.viewing import meshcat

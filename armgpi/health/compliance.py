@@ -73,9 +73,8 @@ def compliance_of(robot: Robot, dt: float, delay: float) -> Compliance | None:
         dt: sample time [s].
         delay: transport delay [s].
     """
-    parts = {"robot": robot, "dt": dt, "delay": delay}
-    # In the process alone: on the disk it would outlive changes of the controller's code.
-    found = remember("compliance", parts, lambda: _worked_out(robot, dt, delay), on_disk=False)
+    parts = {"robot": robot, "dt": dt, "delay": delay, "asked": _ASKED, "turning": _TURNING}
+    found = remember("compliance", parts, lambda: _worked_out(robot, dt, delay))
     return None if found is None else Compliance(*found)
 
 

@@ -28,7 +28,7 @@ from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 
 #: Rooms whose code decides what is chosen.
-_ROOMS = ("tuning", "gpi", "robot")
+_ROOMS = ("tuning", "gpi", "robot", "control")
 #: Modules whose constants do: tools and tests change some of them.
 _MODULES = (
     *(f"tuning.{name}" for name in ("rule", "verdict", "collocated", "geared", "two_mass")),
