@@ -158,7 +158,7 @@ def loop(
         contacts: what touches it.
         every: record every so many samples.
         **how: `elastic` for the arguments of elastic joints, `velocity` for "true" or "differenced",
-            `record` for other names, `bits` for None.
+            `record` for other names, `bits` for None, `supervisor`.
     """
     level = armgpi.Friction(np.zeros(robot.n), np.zeros(robot.n))
     arm: Any
@@ -175,7 +175,14 @@ def loop(
         plant = armgpi.Delayed(plant, late)
     record = how.get("record", ("q", "q_ref"))
     return armgpi.prepare(
-        plant, law, reference, seconds, record=record, record_every=every, backend="compiled"
+        plant,
+        law,
+        reference,
+        seconds,
+        record=record,
+        record_every=every,
+        backend="compiled",
+        supervisor=how.get("supervisor"),
     )
 
 

@@ -15,6 +15,7 @@ import _page
 from _compliant import Part
 from _cost import cost
 from _energy import energy
+from _force_stop import stops
 from _pressing import circles, walls
 from _springs import elastic, front, springs
 from _task_rivals import rivals
@@ -28,6 +29,7 @@ PARTS: dict[str, tuple[str, Part]] = {
     "front": ("A stiff spring: circle against torque step", front),
     "walls": ("Force limit: walls and hands", walls),
     "circle": ("Force limit: the circle", circles),
+    "stop": ("A stop by the estimated force", stops),
     "energy": ("Energy at the tool", energy),
     "rivals": ("Rivals", rivals),
     "cost": ("Cost", cost),

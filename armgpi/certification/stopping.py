@@ -127,7 +127,7 @@ def bound_stop(found: PathBound, tool_speed: float, supervisor: Supervisor | Non
     pace = tool_speed / fastest
     path = Retimed(wish.reference, pace, (wish.delay + 2) * h)
     supervisor = supervisor or Supervisor()
-    stop = Stop(law, supervisor.on_fault, bounds_of(law, supervisor))
+    stop = Stop(law, supervisor, bounds_of(law, supervisor))
     # Samples at which a stop may begin, evenly over where the tool moves.
     moving = wish.samples[speed > 0.01 * fastest] / pace + path.rest
     places = np.linspace(0, len(moving) - 1, _MOMENTS).astype(int)

@@ -9,13 +9,15 @@ tool, can explain. Errors of the other masses count in fast motions, and are not
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.base.arrays import Array, ArrayLike, as_joint_array, check_number, check_type
+from armgpi.base.arrays import SMALLEST, Array, ArrayLike, as_joint_array, check_number, check_type
 from armgpi.control.bandwidth import FilteredDifference
 from armgpi.control.force_limit import FREE_FALL, KNOWN_WITHIN, USUAL_WITHIN, usual_friction
+from armgpi.robot.batch import AnyRobot, one_of
 from armgpi.robot.frame_motion import FrameMotion
 from armgpi.robot.robot import Robot
 
@@ -73,6 +75,65 @@ class WrenchStep(NamedTuple):
     state: WrenchState
 
 
+class OutsideTorque:
+    """The torque of the joints from outside, sample by sample; elementwise, so that it becomes C as it is.
+
+    Attributes:
+        friction: the joints' Coulomb friction that it counts on [N m or N], (n,) or (batch, n).
+        most_friction: the upper ends of its intervals, likewise.
+    """
+
+    derived: ClassVar[Mapping[str, str]] = {"_viscous": "viscous friction of the joints [N m s/rad or N s/m]"}
+
+    def __init__(self, robot: AnyRobot, dt: float, bandwidth: float, friction_within: float) -> None:
+        """Take the friction from the model.
+
+        Args:
+            robot: the model, or one for each rollout.
+            dt: sample time [s].
+            bandwidth: of the filters [rad/s].
+            friction_within: factor within which Coulomb friction is known; of a model without any, 0 to 6 %
+                of the effort are reckoned with.
+        """
+        self._dynamics, self._dt = robot.dynamics, dt
+        self._decay, self._drive = FilteredDifference.of(bandwidth, dt)
+        self._viscous, self.friction = robot.friction
+        self.most_friction = friction_within * self.friction
+        if not self.friction.any():
+            self.most_friction = USUAL_WITHIN * usual_friction(one_of(robot))
+
+    def init(self, q: Array) -> WrenchState:
+        """Return the state of an arm at rest, held by its motors; arguments as of :meth:`after`."""
+        zero = np.zeros_like(q)
+        return WrenchState(q, zero, self._dynamics.gravity(q), zero)
+
+    def after(self, q: Array, applied: Array, state: WrenchState) -> WrenchState:
+        """Return the next state.
+
+        Args:
+            q: measured positions [rad or m], (n,) or (batch, n).
+            applied: torque of the motors since the last sample [N m or N], likewise.
+            state: of the last sample.
+        """
+        rate = self._decay * state.rate + self._drive * (q - state.q)
+        # At rest it would halve for ever, and processors take long over the smallest numbers there are.
+        rate = np.where(np.abs(rate) > SMALLEST, rate, 0.0)
+        torque = self._decay * state.torque + (1.0 - self._decay) * applied
+        needed = self._dynamics.inverse(q, rate, (rate - state.rate) / self._dt)
+        rubbing = self._viscous * rate + self.friction * np.tanh(rate / _STILL)
+        outside = needed + rubbing - torque
+        residual = self._decay * state.residual + (1.0 - self._decay) * outside
+        return WrenchState(q, rate, torque, residual)
+
+    def unsure(self, state: WrenchState) -> Array:
+        """Return what friction leaves unknown of each joint's torque [N m or N].
+
+        In motion friction is known within its interval, at rest it may be anything up to its level.
+        """
+        unsure: Array = self.most_friction - self.friction * np.abs(np.tanh(state.rate / _STILL))
+        return unsure
+
+
 class WrenchEstimator:
     """Estimates what acts on the tool, sample by sample, from positions and torques.
 
@@ -120,13 +181,9 @@ class WrenchEstimator:
         self.frame = robot.tip if frame is None else frame
         self._motion = FrameMotion(robot, self.frame)
         self._length = self._motion.reach(robot)
-        self._decay, self._drive = FilteredDifference.of(bandwidth, self.dt)
-        self._viscous, self.friction = robot.friction
-        self.most_friction = within * self.friction
-        if not self.friction.any():
-            self.most_friction = USUAL_WITHIN * usual_friction(robot)
-        gravity = robot.pinocchio_model().gravity.linear
-        self._weight = mass * FREE_FALL * np.abs(gravity) / max(float(np.linalg.norm(gravity)), 1e-9)
+        self._outside = OutsideTorque(robot, self.dt, bandwidth, within)
+        self.friction, self.most_friction = self._outside.friction, self._outside.most_friction
+        self._weight = mass * FREE_FALL * np.abs(downwards(robot))
 
     def __repr__(self) -> str:
         """Return a one-line description."""
@@ -138,8 +195,7 @@ class WrenchEstimator:
         Args:
             q: measured positions [rad or m], (n,) or (batch, n).
         """
-        at = as_joint_array(q, "q", self.robot.joint_names)
-        return WrenchState(at, np.zeros_like(at), self.robot.dynamics.gravity(at), np.zeros_like(at))
+        return self._outside.init(as_joint_array(q, "q", self.robot.joint_names))
 
     def step(self, q: ArrayLike, tau: ArrayLike, state: WrenchState) -> WrenchStep:
         """Return the estimate at a sample, and the next state.
@@ -151,31 +207,24 @@ class WrenchEstimator:
         """
         names = self.robot.joint_names
         at, applied = as_joint_array(q, "q", names), as_joint_array(tau, "tau", names)
-        rate = self._decay * state.rate + self._drive * (at - state.q)
-        torque = self._decay * state.torque + (1.0 - self._decay) * applied
-        outside = self._outside(at, rate, (rate - state.rate) / self.dt, torque)
-        residual = self._decay * state.residual + (1.0 - self._decay) * outside
-        after = WrenchState(at, rate, torque, residual)
+        after = self._outside.after(at, applied, state)
         return WrenchStep(self.wrench(after), after)
-
-    def _outside(self, q: Array, rate: Array, acceleration: Array, torque: Array) -> Array:
-        """Return the torque from outside [N m or N], before its filter."""
-        needed = self.robot.dynamics.inverse(q, rate, acceleration)
-        rubbing = self._viscous * rate + self.friction * np.tanh(rate / _STILL)
-        outside: Array = needed + rubbing - torque
-        return outside
 
     def wrench(self, state: WrenchState) -> ToolWrench:
         """Return the wrench that a state tells, with its intervals."""
-        q, rate, _, residual = state
+        q, residual = state.q, state.residual
         jacobian = self._motion.at(q, 0.0 * q).damped_jacobian(self._length)
         inverse = np.linalg.solve(jacobian.square, jacobian.matrix)
         inverse[..., :3, :] /= self._length
         wrench = np.matmul(inverse, residual[..., None])[..., 0]
-        # In motion friction is known within its interval, at rest it may be anything up to its level.
-        unsure = self.most_friction - self.friction * np.abs(np.tanh(rate / _STILL))
-        spread = np.matmul(np.abs(inverse), unsure[..., None])[..., 0]
+        spread = np.matmul(np.abs(inverse), self._outside.unsure(state)[..., None])[..., 0]
         spread[..., :3] = spread[..., :3] + self._weight
         low, high = wrench - spread, wrench + spread
         parts = [(x[..., :3], x[..., 3:]) for x in (wrench, low, high)]
         return ToolWrench(*(part[0] for part in parts), *(part[1] for part in parts))
+
+
+def downwards(robot: Robot) -> Array:
+    """Return the direction in which things fall, in the base frame, (3,); zeros without gravity."""
+    gravity = robot.pinocchio_model().gravity.linear
+    return np.asarray(gravity / max(float(np.linalg.norm(gravity)), 1e-9))

@@ -11,6 +11,7 @@ import numpy as np
 from armgpi.base.arrays import LARGEST, Array, as_sized_array, per_joint, quantity
 from armgpi.base.parameter import Parametrised, PerJoint, parameter, parameters, with_parameters
 from armgpi.control.controller import Controller, Measurement
+from armgpi.control.force_limit import KNOWN_WITHIN
 from armgpi.errors import ArrayError, ParameterError
 from armgpi.references.reference import Target
 
@@ -201,6 +202,30 @@ class Supervisor(Parametrised):
         above=True,
         structural=True,
     )
+    tool_force: float | None = parameter(
+        "TOOL_FORCE: highest estimated force on the tool, beyond what friction and `uncertain_mass` may be",
+        unit="N",
+        default=None,
+        none="no check",
+        least=0.0,
+        above=True,
+        log=True,
+        structural=True,
+    )
+    friction_within: float = parameter(
+        "TOOL_FORCE: factor within which the model's Coulomb friction is known; of a model without any, 0 to "
+        "6 % of the effort are reckoned with",
+        default=KNOWN_WITHIN,
+        least=1.0,
+        structural=True,
+    )
+    uncertain_mass: float = parameter(
+        "TOOL_FORCE: mass at the tool that the model may lack, or have too much",
+        unit="kg",
+        default=0.0,
+        least=0.0,
+        structural=True,
+    )
     tool_frame: str | None = parameter(
         "frame that is the tool", kind="text", default=None, none="the tip", structural=True
     )
@@ -225,13 +250,16 @@ class Supervisor(Parametrised):
             self.keep("workspace", _check_workspace(self.workspace))
         if self.tool_frame is not None and not self.checks_tool:
             raise ParameterError(
-                "tool_frame", self.tool_frame, "left out where neither workspace nor tool_speed is given"
+                "tool_frame",
+                self.tool_frame,
+                "left out where none of workspace, tool_speed and tool_force is given",
             )
 
     @property
     def checks_tool(self) -> bool:
         """Whether the tool is checked, not only the joints."""
-        return self.workspace is not None or self.tool_speed is not None
+        asked = (self.workspace, self.tool_speed, self.tool_force)
+        return any(each is not None for each in asked)
 
 
 class Bounds(NamedTuple):

@@ -15,7 +15,10 @@ import numpy as np
 
 from armgpi.base.arrays import LARGEST, Array
 from armgpi.control.controller import Controller, FullState, Measurement
+from armgpi.control.force_limit import FREE_FALL, ForceLimit
+from armgpi.control.wrench import BANDWIDTH, OutsideTorque, WrenchState, downwards
 from armgpi.references.reference import Target
+from armgpi.robot.batch import one_of
 from armgpi.robot.frame_motion import Chain, FrameMotion, inner
 from armgpi.supervisor.bounds import (
     COUNTS,
@@ -30,7 +33,16 @@ from armgpi.supervisor.bounds import (
     smoothing,
     turning,
 )
-from armgpi.supervisor.joints import Mask, all_joints, any_joint, beyond, largest, tightest
+from armgpi.supervisor.joints import (
+    Mask,
+    all_joints,
+    any_joint,
+    beyond,
+    choose,
+    largest,
+    sum_joints,
+    tightest,
+)
 from armgpi.supervisor.state import COUNTED, FrozenState, ResponseState, Sample, State, Watch
 
 #: Velocities and accelerations beyond this are none [rad/s, rad/s^2 or m]. Set by hand.
@@ -257,6 +269,97 @@ class ToolSpeed:
         if self.checked and frame is not None and chain is not None:
             velocity = frame.moving(chain, q, watch.v).velocity
             yield inner(velocity, velocity)
+
+
+class ToolForce:
+    """TOOL_FORCE: what acts on the tool is more than its limit, whatever friction and the payload are.
+
+    The force is estimated from torques and positions up to the last sample. Along its own direction friction,
+    within its interval, and an unknown mass explain a part of it; what is left is compared.
+
+    Attributes:
+        checked: whether there is a limit.
+        most: the limit [N], (1,).
+        outside: what estimates the torque from outside; None without a limit.
+        weight: that the model may lack or have too much, in the base frame [N], (3,).
+        unsure_force: what friction and that weight may be at the tool at rest [N], median over configurations
+            away from singular ones, the worst direction of each; 0 without a limit.
+    """
+
+    def __init__(self, law: Controller, given: Supervisor) -> None:
+        self.checked = given.tool_force is not None
+        self.unsure_force = 0.0
+        self.most = np.array([LARGEST if given.tool_force is None else given.tool_force])
+        self.outside: OutsideTorque | None = None
+        self.weight, self._length = np.zeros(3), 1.0
+        if self.checked:
+            robot = getattr(law, "bias_robot", law.robot)
+            self.outside = OutsideTorque(robot, law.dt, BANDWIDTH, given.friction_within)
+            self.weight = given.uncertain_mass * FREE_FALL * downwards(one_of(robot))
+
+    def measure(self, frame: FrameMotion, arm: Any) -> None:
+        """Take the length of an arm, which makes forces and moments comparable, and what is unsure at rest.
+
+        Args:
+            frame: the tool.
+            arm: the robot.
+        """
+        if self.outside is not None:
+            self._length = frame.reach(arm)
+            level = np.max(np.atleast_2d(self.outside.most_friction), axis=0)
+            force = ForceLimit(arm, frame.frame, 1.0, None, level).force_of(arm, level)
+            self.unsure_force = force + float(np.linalg.norm(self.weight))
+
+    def init(self, q: Array) -> WrenchState | None:
+        """Return what is kept of an arm at rest; None without a limit."""
+        return None if self.outside is None else self.outside.init(q)
+
+    def after(self, q: Array, watch: Watch, waits: Mask | None = None) -> WrenchState | None:
+        """Return what is kept after a sample; None without a limit.
+
+        Args:
+            q: measured positions [rad or m], (n,) or (batch, n).
+            watch: what was kept so far: its torque was applied since the last sample.
+            waits: where nothing is learnt: brakes may hold the arm, or there is a gap, (1,) or (batch, 1).
+        """
+        if self.outside is None:
+            return None
+        after = self.outside.after(q, watch.tau, watch.wrench)
+        if waits is None:
+            return after
+        waiting: WrenchState = choose(waits, watch.wrench._replace(q=q), after)
+        return waiting
+
+    def nominal(
+        self, frame: FrameMotion | None, chain: Chain | None, q: Array, watch: Watch
+    ) -> Iterator[Mask]:
+        """Yield what holds where nothing is wrong; see above."""
+        for force in self._sure(frame, chain, q, watch):
+            yield force <= self.most
+
+    def fails(self, frame: FrameMotion | None, chain: Chain | None, q: Array, watch: Watch) -> Iterator[Mask]:
+        """Yield whether the tool fails, (1,) or (batch, 1), where it is checked."""
+        for force in self._sure(frame, chain, q, watch):
+            yield force > self.most
+
+    def _sure(
+        self, frame: FrameMotion | None, chain: Chain | None, q: Array, watch: Watch
+    ) -> Iterator[Array]:
+        """Yield the least that the force may be [N], (1,) or (batch, 1), where it is checked."""
+        if self.outside is None or frame is None or chain is None:
+            return
+        jacobian = frame.moving(chain, q, 0.0 * q).damped_jacobian(self._length)
+        seen = np.matmul(jacobian.matrix, watch.wrench.residual[..., None])
+        wrench: Any = np.linalg.solve(jacobian.square, seen)[..., 0]
+        force = wrench[..., 0:3] * (1.0 / self._length)
+        size = np.sqrt(np.maximum(inner(force, force), 1e-12))
+        along = force / size
+        # How each joint's torque counts along the force: what it does not know of them is a part of it.
+        whole = np.concatenate([along, 0.0 * along], axis=-1) * (1.0 / self._length)
+        counted: Any = np.linalg.solve(jacobian.square, whole[..., None])
+        share = np.abs(np.matmul(jacobian.transposed, counted)[..., 0])
+        unsure = sum_joints(share * self.outside.unsure(watch.wrench))
+        yield size - unsure - np.abs(inner(along, self.weight + 0.0 * along))
 
 
 class Frozen:

@@ -103,6 +103,11 @@ REASONS = {
         "an external push, something that was pressed against and gave way, a move that is too fast",
         "move slower; raise `tool_speed` where the counts of coarse encoders alone reach it",
     ),
+    Reason.TOOL_FORCE: Cause(
+        "the force on the tool is above its limit, whatever friction is",
+        "a wall, a hand, a payload that the model does not have, more friction than assumed",
+        "back away from what it touches, then continue; specify payload, friction or `uncertain_mass`",
+    ),
 }
 
 

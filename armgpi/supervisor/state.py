@@ -43,10 +43,11 @@ class Reason(IntEnum):
     CAP = 12
     WORKSPACE = 13
     TOOL_SPEED = 14
+    TOOL_FORCE = 15
 
 
 #: Reasons that concern the tool, and no joint.
-OF_TOOL = frozenset({Reason.WORKSPACE, Reason.TOOL_SPEED})
+OF_TOOL = frozenset({Reason.WORKSPACE, Reason.TOOL_SPEED, Reason.TOOL_FORCE})
 
 
 class FrozenState(NamedTuple):
@@ -112,6 +113,8 @@ class Watch(NamedTuple):
         saturated_samples: samples for which the torque was at its limit, before the last one.
         response: what RESPONSE keeps.
         nominal: 1 when it is RUN and nothing is counted: the next sample may take the short way.
+        wrench: what the estimate of the tool's force keeps, a
+            :class:`armgpi.control.wrench.WrenchState`; None where it is not checked.
     """
 
     status: Array
@@ -134,6 +137,7 @@ class Watch(NamedTuple):
     saturated_samples: Array
     response: ResponseState
     nominal: Array
+    wrench: Any = None
 
 
 class Sample(NamedTuple):

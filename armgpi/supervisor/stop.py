@@ -14,12 +14,13 @@ from armgpi.supervisor.bounds import (
     COUNTS,
     SMOOTHING,
     Bounds,
+    Supervisor,
     model_of,
     own_inverse_inertia,
     smoothing,
 )
 from armgpi.supervisor.joints import Mask, any_joint, largest
-from armgpi.supervisor.state import Sample, State, Watch
+from armgpi.supervisor.state import Reason, Sample, State, Watch
 
 #: A stop begins at the reference where the joint is as near to it as this [rad or m], else at the joint.
 #: Set by hand: a tenth of what FOLLOWING allows.
@@ -48,8 +49,9 @@ class Stop:
         rested: samples for which an arm that moves is not HOLD, at least.
     """
 
-    def __init__(self, law: Controller, on_fault: str, bounds: Bounds) -> None:
-        self.bounds, self._dt, self._on_fault = bounds, law.dt, on_fault
+    def __init__(self, law: Controller, given: Supervisor, bounds: Bounds) -> None:
+        self.bounds, self._dt, self._on_fault = bounds, law.dt, given.on_fault
+        self._touches = given.tool_force is not None
         self._rated = bool((bounds.jerk < bounds.slowing).any())
         rate = min(_DAMPING, _DAMPED_AT_ONCE / law.dt)
         one, geared = 1.0 / own_inverse_inertia(law), model_of(law).armature > 0.0
@@ -94,6 +96,8 @@ class Stop:
         # Where the joint did not follow, or nobody looked, the stop begins where it is, and as fast as it is.
         late = (watch.late > 0.0) & ~seen.lost
         apart = entering & ((np.abs(seen.e) > NEAR) | late)
+        if self._touches:  # what is behind a wall is no place to stop at
+            apart = apart | (entering & (seen.worst == float(Reason.TOOL_FORCE)))
         # After a gap as fast as if it had changed its velocity evenly there.
         gap = 2.0 / (1.0 + np.maximum(watch.bad[..., :1], 0.0))
         own = np.where(late, (seen.q - watch.q) * gap - watch.v, watch.v)

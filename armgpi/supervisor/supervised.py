@@ -52,7 +52,7 @@ class Supervised(Controller):
         bounds: the same as numbers for this arm and sample time.
         frozen_samples: samples that make a measurement frozen, 0 for no check.
         finite: the check of that name, as are `jump`, `position`, `reference`, `following`, `speed`,
-            `workspace`, `tool_speed`, `frozen`, `saturated` and `response`.
+            `workspace`, `tool_speed`, `tool_force`, `frozen`, `saturated` and `response`.
         stop: how the arm is stopped.
         _sound: torque below which none is cut [N m or N].
     """
@@ -98,6 +98,7 @@ class Supervised(Controller):
         self.speed = checks.Speed(bounds, supervisor)
         self.workspace = checks.Workspace(supervisor)
         self.tool_speed = checks.ToolSpeed(law, supervisor)
+        self.tool_force = checks.ToolForce(law, supervisor)
         self._frame: FrameMotion | None = None
         if supervisor.checks_tool:
             arm = one_of(self.robot)
@@ -106,9 +107,10 @@ class Supervised(Controller):
             except ParameterError:
                 named = supervisor.tool_frame or arm.tip
                 raise ParameterError("tool_frame", named, "a frame that a joint moves") from None
+            self.tool_force.measure(self._frame, arm)
         self.frozen = checks.Frozen(law, supervisor, bounds, self.jump.pushed)
         self.saturated = checks.Saturated(law, supervisor)
-        self.stop = Stop(law, supervisor.on_fault, bounds)
+        self.stop = Stop(law, supervisor, bounds)
         self.frozen_samples = self.frozen.samples
         # A torque below this is within its limit, and so is the sum of all.
         self._sound = np.minimum(self.effort, LARGEST / self.robot.n)
@@ -145,6 +147,7 @@ class Supervised(Controller):
             joint=joint,
             ready=np.where(good, 1.0, 0.0),
             nominal=none,
+            wrench=self.tool_force.init(q),
         )
         return SupervisedState(watch, law)
 
@@ -269,6 +272,7 @@ class Supervised(Controller):
             *self.reference.nominal(target, watch),
             *self.workspace.nominal(chain),
             *self.tool_speed.nominal(self._frame, chain, q, watch),
+            *self.tool_force.nominal(self._frame, chain, q, watch),
         )
         return (watch.nominal > 0.0) & all_joints(reduce(operator.and_, passed))
 
@@ -300,6 +304,7 @@ class Supervised(Controller):
                 np.where(moved, asked, watch.frozen.torque_at_change),
                 zero,
             ),
+            wrench=self.tool_force.after(q, watch),
         )
         return all_joints(sound), ControlStep(asked, SupervisedState(kept, after))
 
@@ -414,9 +419,15 @@ class Supervised(Controller):
             frozen=self.frozen.after(self._loses_trust(dead, seen, watch), seen, aim.q, tau, watch),
             saturated_samples=np.where(entering, 0.0, watch.saturated_samples),
             response=response,
+            wrench=self._wrench(seen, watch),
         )
         kept = kept._replace(nominal=self._may_take_the_short_way(kept))
         return ControlStep(tau, SupervisedState(kept, choose(opened, before, after)))
+
+    def _wrench(self, seen: Sample, watch: Watch) -> Any:
+        """Return what the estimate of the tool's force keeps; None where it is not checked."""
+        gap = any_joint(seen.bad + watch.bad > 0.0)
+        return self.tool_force.after(seen.q, watch, gap | (watch.status == float(State.INIT)))
 
     def _loses_trust(self, dead: Mask, seen: Sample, watch: Watch) -> Mask:
         """Tell which joints FAULT does not trust any more."""
@@ -478,6 +489,7 @@ class Supervised(Controller):
             *((fast, Reason.SPEED) for fast in self.speed.fails(watch)),
             *((outside, Reason.WORKSPACE) for outside in self.workspace.fails(chain)),
             *((fast, Reason.TOOL_SPEED) for fast in self.tool_speed.fails(self._frame, chain, q, watch)),
+            *((much, Reason.TOOL_FORCE) for much in self.tool_force.fails(self._frame, chain, q, watch)),
         ):
             code = np.where(wrong, float(reason), code)
         bad = np.where(good, 0.0, watch.bad + 1.0)

@@ -734,7 +734,7 @@ def test_a_stop_is_bounded_from_its_longest_way_and_moments_between(
     fast = speed(*PATH.at(samples)[:2])
     pace = 0.25 / fast.max()
     moving = samples[fast > 0.01 * fast.max()] / pace + 4e-3
-    stop = Stop(law, armgpi.Supervisor().on_fault, bounds_of(law, armgpi.Supervisor()))
+    stop = Stop(law, armgpi.Supervisor(), bounds_of(law, armgpi.Supervisor()))
     begins = [each.reference.begin for each in asked]
     path, every = (
         asked[0].reference.path,

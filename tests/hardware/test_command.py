@@ -87,7 +87,7 @@ def test_figures_come_as_json(export: Callable[..., Answer], tmp_path: Path) -> 
         for line in (tmp_path / "README.md").read_text().splitlines()
         if line.endswith(" is not checked here.")
     ]
-    assert sorted(never) == ["CAP", "FROZEN", "JUMP", "SPEED", "TOOL_SPEED", "WORKSPACE"]
+    assert sorted(never) == ["CAP", "FROZEN", "JUMP", "SPEED", "TOOL_FORCE", "TOOL_SPEED", "WORKSPACE"]
     assert "v_measured" in header
 
 

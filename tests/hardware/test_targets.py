@@ -200,13 +200,14 @@ def test_the_cap_of_a_stage_has_a_test_in_the_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize("real", ["double", "float"])
 def test_the_tool_has_tests_in_the_folder_which_pass(real: str, tmp_path: Path) -> None:
     middle = ARM.frame_pose(ARM.tip, ARM.middle()).translation
-    given = Supervisor(workspace=(middle - 0.1, middle + 0.1), tool_speed=0.5)
+    given = Supervisor(workspace=(middle - 0.1, middle + 0.1), tool_speed=0.5, tool_force=20.0)
     export_controller(Supervised(GPI(ARM, 1e-3), given), tmp_path, measure=False, real=real)
     run("cc", "-std=c99", "test_faults.c", "armgpi_controller.c", "-o", "faults", "-lm", folder=tmp_path)
     lines = [line.split() for line in run("./faults", folder=tmp_path).splitlines()]
     found = {line[0]: line[1:] for line in lines}
     assert found["workspace"] == ["reason", "13", "ok"]
     assert found["tool_speed"] == ["reason", "14", "ok"]
+    assert found["tool_force"] == ["reason", "15", "ok"]
 
 
 @compiled
@@ -1194,8 +1195,8 @@ def test_a_test_of_a_fault_has_it_or_says_why_there_is_none(
     robot = Robot.from_xml(re.sub("<limit[^>]*/>", limit, joints))
     rows = _tests(Supervised(law(robot, 1e-3), Supervisor(**{"speed": 0.5, **given})))
     said = {row.split('"')[1]: row.split('"')[3] for row in rows if not row.endswith("NULL}")}
-    assert said == without | {"cap": OFF, "workspace": OFF, "tool_speed": OFF}
-    assert len(rows) == 13
+    assert said == without | {"cap": OFF, "workspace": OFF, "tool_speed": OFF, "tool_force": OFF}
+    assert len(rows) == 14
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""The checks of the tool: it leaves its box, or is too fast. Against Pinocchio's kinematics, and in C."""
+"""The tool leaves its box, is too fast, or is pushed: against Pinocchio, and in C."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ARM = Robot.load("anthropomorphic3")
 Q = np.array([0.1, 0.4, -0.5])
 REST = np.zeros(3)
 #: A box and a speed that no arm leaves or reaches.
-FAR: Any = {"workspace": ([-50.0] * 3, [50.0] * 3), "tool_speed": 500.0}
+FAR: Any = {"workspace": ([-50.0] * 3, [50.0] * 3), "tool_speed": 500.0, "tool_force": 1e6}
 
 
 @cache
@@ -103,7 +103,9 @@ def test_without_them_the_c_has_nothing_of_them() -> None:
     off = generate(GPI(ARM, DT)).law
     on = generate(GPI(ARM, DT), supervisor=Supervisor(**FAR)).law
     assert not [table.name for table in off.tables if "WORKSPACE" in table.name or "TOOL" in table.name]
-    assert {"WORKSPACE_LOWER", "WORKSPACE_UPPER", "TOOL_SPEED_MOST"} <= {table.name for table in on.tables}
+    assert {"WORKSPACE_LOWER", "WORKSPACE_UPPER", "TOOL_SPEED_MOST", "TOOL_FORCE_MOST"} <= {
+        table.name for table in on.tables
+    }
 
 
 @pytest.mark.parametrize(
@@ -112,6 +114,7 @@ def test_without_them_the_c_has_nothing_of_them() -> None:
         (GPI, {"workspace": True}),
         (GPI, {"tool_speed": 0.2}),
         (armgpi.CartesianImpedance, {"workspace": True, "tool_speed": 0.2}),
+        (GPI, {"tool_force": 0.2, "uncertain_mass": 0.01}),
     ],
 )
 def test_c_does_the_same(law: Any, given: Any) -> None:
@@ -121,7 +124,9 @@ def test_c_does_the_same(law: Any, given: Any) -> None:
     more: Any = {} if law is GPI else {"stiffness": [200.0] * 3 + [0.0] * 3}
     if "workspace" in given:
         given = given | {"workspace": (start - 0.3 * np.abs(end - start), start + 0.3 * np.abs(end - start))}
-    mine = Supervised(law(ARM, DT, **more), Supervisor(**given))
+    # Of a model with hardly any friction, which follows its path without the torque that this takes.
+    arm = ARM.with_friction(np.zeros(3), 1e-3 * ARM.limits.effort) if "tool_force" in given else ARM
+    mine = Supervised(law(arm, DT, **more), Supervisor(**given))
     theirs: Any = armgpi.ExportedController.of(mine)
     states: list[Any] = [
         each.init(Measurement(positions[0]), Target(positions[0], REST, REST)) for each in (mine, theirs)
@@ -135,8 +140,66 @@ def test_c_does_the_same(law: Any, given: Any) -> None:
         np.testing.assert_allclose(steps[0].tau, steps[1].tau, rtol=1e-9, atol=1e-9)
         states = [step.state for step in steps]
         assert mine.report(states[0]) == theirs.report(states[1])
-    assert mine.report(states[0]).reason in ("workspace", "tool_speed")
+    assert mine.report(states[0]).reason in ("workspace", *given)
     assert mine.report(states[0]).joint is None
+
+
+def quasi_static(arm: Robot, q: Any, outside: Any, friction: Any, mass: float) -> Any:
+    """The least that the force on six joints may be, slowly: by Pinocchio and an inverse."""
+    inverse = np.linalg.inv(arm.frame_jacobian(arm.tip, q).T)[:3]
+    force = inverse @ outside
+    along = force / np.linalg.norm(force)
+    return np.linalg.norm(force) - np.abs(along @ inverse) @ friction - mass * 9.81 * abs(along[2])
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("level", [0.0, 0.02])
+def test_at_rest_the_estimate_less_what_friction_may_be_is_compared(seed: int, level: float) -> None:
+    # A hand that grows slowly on an arm that its motors hold exactly: the torque tells all of it.
+    arm = Robot.load("ur5").with_armature(0.4)
+    q = np.array([0.0, -1.2, 1.6, -1.97, -1.57, 0.0])
+    along = np.random.default_rng(seed).normal(size=3)
+    along = along / np.linalg.norm(along)
+    coulomb, mass, limit = level * arm.limits.effort, 0.2, 15.0
+    most = 1.3 * coulomb if level else 2.0 * 0.03 * arm.limits.effort
+    if level:
+        arm = arm.with_friction(np.zeros(6), coulomb)
+    given = Supervisor(tool_force=limit, friction_within=1.3, uncertain_mass=mass)
+    controller = Supervised(GPI(arm, DT), given)
+    target = Target(q, np.zeros(6), np.zeros(6))
+    state = controller.init(Measurement(q), target)
+    held, pulled = arm.gravity(q), arm.frame_jacobian(arm.tip, q)[:3].T @ along
+    first = last = 0
+    for k in range(1, 20000):
+        force = 0.02 * k
+        # The torque that was applied is this one, whatever the controller asked for.
+        watch = state.supervisor._replace(tau=held - force * pulled)
+        state = controller.step(Measurement(q), target, state._replace(supervisor=watch)).state
+        if not first and quasi_static(arm, q, force * pulled, most, mass) > limit:
+            first = k
+        if controller.report(state).status != "run":
+            last = k
+            break
+    assert controller.report(state)[1:] == ("tool_force", None)
+    # Two filters of 30 rad/s are late by a 15th of a second, in which a hand of 20 N/s hardly grows.
+    assert first
+    assert first + 40 < last < first + 90
+
+
+def test_what_friction_explains_is_no_fault() -> None:
+    friction = 0.05 * ARM.limits.effort
+    arm = ARM.with_friction(np.zeros(3), friction)
+    plant = RigidBodyPlant(ARM, friction=armgpi.Friction(np.zeros(3), 1.19 * friction))
+    move = armgpi.Bezier(Q, Q + np.array([0.8, -0.6, 0.7]), 1.0)
+    for tool_force, fault in ((1.0, Reason.NONE), (None, Reason.NONE)):
+        watched = Supervisor(tool_force=tool_force)
+        rollout = simulate(plant, GPI(arm, DT), move, 1.5, supervisor=watched)
+        assert int(rollout["fault"]) == fault
+    # The same arm without what is known of its friction.
+    bold = Supervisor(tool_force=1.0, friction_within=1.0)
+    weak = ARM.with_friction(np.zeros(3), 0.2 * friction)
+    rollout = simulate(plant, GPI(weak, DT), move, 1.5, supervisor=bold)
+    assert int(rollout["fault"]) == Reason.TOOL_FORCE
 
 
 def test_every_step_has_the_bits_of_any_step() -> None:
@@ -219,7 +282,11 @@ def test_of_a_batch_those_that_start_outside_are_stopped_at_once() -> None:
         ({"tool_speed": -1.0}, "tool_speed must be positive"),
         ({"tool_speed": np.nan}, "tool_speed"),
         ({"tool_speed": np.ones((2, 1))}, "tool_speed"),
-        ({"tool_frame": "tool"}, "neither workspace nor tool_speed"),
+        ({"tool_force": 0.0}, "tool_force must be positive"),
+        ({"tool_force": np.inf}, "tool_force"),
+        ({"tool_force": 9.0, "friction_within": 0.9}, "friction_within must be"),
+        ({"tool_force": 9.0, "uncertain_mass": -1.0}, "uncertain_mass must be"),
+        ({"tool_frame": "tool"}, "none of workspace, tool_speed"),
         ({"tool_speed": 1.0, "tool_frame": "hand"}, "no frame named 'hand'"),
         ({"tool_speed": 1.0, "tool_frame": ARM.frame_names[0]}, "tool_frame must be a frame that a joint"),
     ],
@@ -232,6 +299,7 @@ def test_what_is_no_box_and_no_speed_is_refused(given: Any, said: str) -> None:
 FILE = """\
 robot: {{name: anthropomorphic3}}
 controllers: [{{type: gpi, omega: 20}}]
+plant: {plant}
 reference: {{points: [[0.1, 0.4, -0.5], [0.6, 0.4, -0.5]], durations: 0.5}}
 supervisor: {{workspace: {box}, tool_speed: {speed}}}
 t_final: 0.6
@@ -241,17 +309,19 @@ t_final: 0.6
 def test_files_have_them(tmp_path: Path) -> None:
     place = ARM.frame_pose(ARM.tip, Q).translation
 
-    def experiment(below: float, speed: float) -> Any:
+    def experiment(below: float, speed: Any, hand: float = 0.0) -> Any:
         box = [(place - below).tolist(), (place + 1.0).tolist()]
+        plant = f"{{environment: [{{type: force, force: [0.0, 0.0, {hand}], onset: 0.1}}]}}"
         file = tmp_path / "box.yaml"
-        file.write_text(FILE.format(box=box, speed=speed))
+        file.write_text(FILE.format(box=box, speed=speed, plant=plant))
         return config.build(*config.read(file))
 
-    for below, speed, said in (
-        (0.05, 50.0, "WORKSPACE"),
-        (2.0, 0.05, "TOOL_SPEED"),
+    for below, speed, hand, said in (
+        (0.05, 50.0, 0.0, "WORKSPACE"),
+        (2.0, 0.05, 0.0, "TOOL_SPEED"),
+        (2.0, "50.0, tool_force: 5.0, uncertain_mass: 0.1, response: 0, following: 50", 60.0, "TOOL_FORCE"),
     ):
-        built = experiment(below, speed)
+        built = experiment(below, speed, hand)
         rollout = run(built, next(iter(built.runs)))
         assert armgpi.loop.rollout.describe_end(rollout)[0].endswith(f": {said}")
     with pytest.raises(ArmgpiError, match=r"box\.yaml.*supervisor.*contains the tool at the start"):
@@ -260,13 +330,14 @@ def test_files_have_them(tmp_path: Path) -> None:
 
 def test_exports_say_and_test_them(tmp_path: Path) -> None:
     middle = ARM.frame_pose(ARM.tip, ARM.middle()).translation
-    given = Supervisor(workspace=(middle - 0.1, middle + 0.1), tool_speed=0.2)
+    given = Supervisor(workspace=(middle - 0.1, middle + 0.1), tool_speed=0.2, tool_force=20.0)
     supervised = Supervised(GPI(ARM, DT), given)
     rows = [row.strip() for row in targets._tests(supervised)]
-    for name in ("workspace", "tool_speed"):
+    for name in ("workspace", "tool_speed", "tool_force"):
         (row,) = (each for each in rows if each.startswith(f'{{"{name}"'))
         assert row.rstrip(",}").endswith("NULL"), row
     armgpi.export_controller(supervised, tmp_path, measure=False)
     text = (tmp_path / "README.md").read_text()
     assert "`WORKSPACE` is reported when the tool" in text
     assert "was faster than 0.2 m/s" in text
+    assert "was above 20 N by more than joint friction may be, which at rest is up to 14 N" in text

@@ -488,6 +488,7 @@ def _faults(controller: Supervised) -> dict[str, str]:
         "the model's holding torque; the state is FAULT" * (given.torque_cap is not None),
         Reason.WORKSPACE: _box_text(given.workspace, tool) if given.workspace else "",
         Reason.TOOL_SPEED: f"{tool} was faster than {given.tool_speed:g} m/s" if given.tool_speed else "",
+        Reason.TOOL_FORCE: _force_text(controller, tool) if given.tool_force else "",
     }
     return {
         "action": action,
@@ -502,6 +503,16 @@ def _box_text(workspace: Any, tool: str) -> str:
     """Return when the tool is outside its box."""
     lower, upper = (", ".join(f"{x:g}" for x in corner) for corner in workspace)
     return f"{tool} left the box from ({lower}) to ({upper}) m in the base frame"
+
+
+def _force_text(controller: Supervised, tool: str) -> str:
+    """Return when the force on the tool is too large."""
+    given, unsure = controller.supervisor, controller.tool_force.unsure_force
+    mass = f" and {given.uncertain_mass:g} kg" if given.uncertain_mass else ""
+    return (
+        f"the force on {tool} as estimated from the torques was above {given.tool_force:g} N by more than "
+        f"joint friction{mass} may be, which at rest is up to {unsure:.2g} N at usual configurations"
+    )
 
 
 _STAGE = """

@@ -350,7 +350,7 @@ def _motions(controller: Supervised) -> dict[Reason, list[_Motion]]:
             _Motion(k, dq=min(1.2 * speed[k], 0.9 * jump[k]), why=no_speed) for k in np.argsort(speed)
         ],
     }
-    found |= _tool_motions(small, jump)
+    found |= _tool_motions(small, jump, driven)
     never = {Reason.POSITION: no_position, Reason.SATURATED: no_torque, Reason.RESPONSE: no_torque}
     found |= {reason: [_Motion(why=why)] for reason, why in never.items() if why}
     off = {
@@ -362,6 +362,7 @@ def _motions(controller: Supervised) -> dict[Reason, list[_Motion]]:
         Reason.CAP: given.torque_cap is not None,
         Reason.WORKSPACE: given.workspace is not None,
         Reason.TOOL_SPEED: given.tool_speed is not None,
+        Reason.TOOL_FORCE: given.tool_force is not None,
     }
     return found | {reason: [_Motion(why=_OFF)] for reason, value in off.items() if not value}
 
@@ -371,8 +372,14 @@ def _unlimited(limits: Array, kind: str) -> str:
     return "" if (limits < FARTHEST).any() else f"no joint has a {kind} limit"
 
 
-def _tool_motions(small: Any, jump: Any) -> dict[Reason, list[_Motion]]:
-    """Return the motions to try for the tool, by what a joint may move and jump in a sample [rad or m]."""
+def _tool_motions(small: Any, jump: Any, driven: list[_Motion]) -> dict[Reason, list[_Motion]]:
+    """Return the motions to try for the tool.
+
+    Args:
+        small: what a joint may move in a sample [rad or m].
+        jump: what it may jump in one [rad or m].
+        driven: motions in which a joint's torque is as large as it gets.
+    """
     joints = range(len(small))
     return {
         # The reference moves along; slowly as well, or the tool is too fast before it is outside.
@@ -386,6 +393,8 @@ def _tool_motions(small: Any, jump: Any) -> dict[Reason, list[_Motion]]:
             for share in (0.3, 0.9)
             for k in joints
         ],
+        # A joint that does not move though the controller pulls at it is held by something.
+        Reason.TOOL_FORCE: driven,
     }
 
 

@@ -54,7 +54,7 @@ static uint32_t whole(armgpi_real_t x, uint32_t most)
 static armgpi_status_t reported(armgpi_state_t *state)
 {
     state->status = whole(state->supervisor_status[0], ARMGPI_STATUS_FAULT);
-    state->reason = whole(state->supervisor_reason[0], ARMGPI_REASON_TOOL_SPEED);
+    state->reason = whole(state->supervisor_reason[0], ARMGPI_REASON_TOOL_FORCE);
     state->fault_joint = whole(state->supervisor_joint[0], ARMGPI_N - 1U);
     return state->status;
 }

@@ -263,7 +263,7 @@ class Controller {
   [[nodiscard]] armgpi_status_t status() const noexcept { return state_.status; }
   [[nodiscard]] armgpi_reason_t reason() const noexcept { return state_.reason; }
   [[nodiscard]] const char* fault_joint() const noexcept {
-    const bool tool = (state_.reason == ARMGPI_REASON_WORKSPACE) || (state_.reason == ARMGPI_REASON_TOOL_SPEED);
+    const bool tool = (state_.reason >= ARMGPI_REASON_WORKSPACE) && (state_.reason <= ARMGPI_REASON_TOOL_FORCE);
     return tool ? "(the tool)" : armgpi_info.joints[state_.fault_joint];
   }
   [[nodiscard]] const armgpi_state_t& state() const noexcept { return state_; }

@@ -157,7 +157,7 @@ int main(int argc, char **argv)
     (void)printf("samples %lu\n", (unsigned long)samples);
     (void)printf("largest difference %.3g of the torque scale\n", largest);
     if (status > ARMGPI_STATUS_RUN) {
-        const int tool = (state.reason == ARMGPI_REASON_WORKSPACE) || (state.reason == ARMGPI_REASON_TOOL_SPEED);
+        const int tool = (state.reason >= ARMGPI_REASON_WORKSPACE) && (state.reason <= ARMGPI_REASON_TOOL_FORCE);
 
         (void)printf("fault %lu of %s%s at sample %lu\n", (unsigned long)state.reason, (tool != 0) ? "the tool" : "joint ",
             (tool != 0) ? "" : armgpi_info.joints[state.fault_joint], (unsigned long)first_fault);
