@@ -44,12 +44,24 @@ from armgpi.supervisor import OF_TOOL, Reason, State
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Begin of a file, version of the format, and ending of its name.
-MAGIC, VERSION_OF_FORMAT, ENDING = b"ARMGPILG", 1, ".armlog"
+#: Begin of a file.
+MAGIC = b"ARMGPILG"
+#: Version of the format.
+VERSION_OF_FORMAT = 1
+#: Ending of a file's name.
+ENDING = ".armlog"
 #: What a controller may be given in a sample, in this order.
 INPUTS = ("q_measured", "v_measured", "q_ref", "v_ref", "a_ref")
-#: Longest header, largest file [bytes], and most joints.
-_LONGEST, _LARGEST, _MOST_JOINTS = 1 << 20, 1 << 32, 1000
+#: Longest header [bytes].
+_LONGEST = 1 << 20
+#: Largest file [bytes].
+_LARGEST = 1 << 32
+#: Most joints.
+_MOST_JOINTS = 1000
+#: Bytes before the header: magic, version and the header's length.
+_PREAMBLE = 16
+#: Largest number of a sample: up to it floats have all whole numbers.
+_MOST_SAMPLES = 1 << 53
 _COUNTS = ("event", "status", "reason", "joint", "elapsed", "unused")
 
 
@@ -104,15 +116,17 @@ class ArmLog(NamedTuple):
         if not len(faulty):
             return None
         row = faulty[0]
-        reason, joint = Reason(row["reason"]), self.header["joints"][row["joint"]]
+        reason = Reason(row["reason"])
+        joint = self.header["joints"][row["joint"]]
         named = "" if reason in OF_TOOL else f" ({joint})"
         return f"{row['number'] * self.header['dt']:.4g} s: {reason.name}{named}"
 
 
 def row_type(inputs: tuple[str, ...], n: int) -> np.dtype[np.void]:
     """Return the type of a row for these inputs and n joints."""
-    numbers = [("number", "<u8"), *((name, "<u4") for name in _COUNTS)]
-    return np.dtype([*numbers, *((name, "<f8", (n,)) for name in (*inputs, "tau", "applied"))])
+    counts = [(name, "<u4") for name in _COUNTS]
+    of_joints = [(name, "<f8", (n,)) for name in (*inputs, "tau", "applied")]
+    return np.dtype([("number", "<u8"), *counts, *of_joints])
 
 
 class LogWriter:
@@ -152,13 +166,16 @@ class LogWriter:
             applied: torque that the robot says it applies [N m or N], (n,).
         """
         row = self._rows[self._count % len(self._rows)]
-        row["number"], row["event"], row["elapsed"] = number, event, elapsed
+        row["number"] = number
+        row["event"] = event
+        row["elapsed"] = elapsed
         row["status"], row["reason"], row["joint"] = report
-        given = {f"{name}_measured": x for name, x in measured._asdict().items()}
-        given |= {f"{name}_ref": x for name, x in target._asdict().items()}
+        inputs = {f"{name}_measured": values for name, values in measured._asdict().items()}
+        inputs |= {f"{name}_ref": values for name, values in target._asdict().items()}
         for name in self._inputs:
-            row[name] = given[name]
-        row["tau"], row["applied"] = tau, np.nan if applied is None else applied
+            row[name] = inputs[name]
+        row["tau"] = tau
+        row["applied"] = np.nan if applied is None else applied
         self._count += 1
 
     def log(self) -> ArmLog:
@@ -187,14 +204,17 @@ def of_samples(
     names = tuple(name for name in INPUTS if name in inputs)
     rows = np.zeros(len(tau) + 1, row_type(names, len(joints)))
     rows["number"][1:] = np.arange(len(tau))
-    rows["elapsed"][1:], rows["event"][0] = 1, Event.INIT
+    rows["elapsed"][1:] = 1
+    rows["event"][0] = Event.INIT
     rows["status"] = State.RUN
     if reports is not None:
         for name, column in zip(("status", "reason", "joint"), reports.T, strict=True):
             rows[name][1:] = column
     for name in names:
-        rows[name][0], rows[name][1:] = inputs[name][0], inputs[name]
-    rows["tau"][1:], rows["applied"] = tau, np.nan
+        rows[name][0] = inputs[name][0]
+        rows[name][1:] = inputs[name]
+    rows["tau"][1:] = tau
+    rows["applied"] = np.nan
     return ArmLog(_plain_header(joints, dt, names, known), rows)
 
 
@@ -242,19 +262,22 @@ def read(path: str | PathLike[str]) -> ArmLog:
         content = files.read_bytes(source, _LARGEST)
     except OSError as error:
         raise RolloutError(f"{source}: cannot be read: {files.reason(error)}") from None
-    if content[:8] != MAGIC or len(content) < 16:
+    if content[: len(MAGIC)] != MAGIC or len(content) < _PREAMBLE:
         raise RolloutError(
             f"{source}: is no log of an arm; expected a file that begins with {MAGIC.decode()}"
         )
-    version, length = (int(x) for x in np.frombuffer(content, "<u4", 2, 8))
+    version, length = np.frombuffer(content, "<u4", 2, len(MAGIC)).tolist()
     if version != VERSION_OF_FORMAT:
         raise RolloutError(f"{source}: {other_format(version, VERSION_OF_FORMAT)}")
-    if length > min(_LONGEST, len(content) - 16):
+    if length > min(_LONGEST, len(content) - _PREAMBLE):
         raise RolloutError(f"{source}: its header of {length} bytes is not whole")
-    header = _header(content[16 : 16 + length], source)
+    begin = _PREAMBLE + length
+    header = _header(content[_PREAMBLE:begin], source)
     kind = row_type(tuple(header["inputs"]), len(header["joints"]))
-    rows = np.frombuffer(content, kind, (len(content) - 16 - length) // kind.itemsize, 16 + length)
-    if damage := _damage(rows, len(header["joints"])):
+    whole_rows = (len(content) - begin) // kind.itemsize
+    rows = np.frombuffer(content, kind, whole_rows, begin)
+    damage = _damage(rows, len(header["joints"]))
+    if damage:
         raise RolloutError(f"{source}: {damage}")
     return ArmLog(header, rows, str(source))
 
@@ -265,8 +288,8 @@ def _header(text: bytes, source: Path) -> dict[str, Any]:
         header = json.loads(text)
         joints, dt, inputs = header["joints"], header["dt"], header["inputs"]
     except (ValueError, RecursionError, TypeError, KeyError) as error:
-        said = " ".join(str(error).split())[:100]
-        raise RolloutError(f"{source}: its header is no JSON with joints, dt and inputs ({said})") from None
+        reason = " ".join(str(error).split())[:100]
+        raise RolloutError(f"{source}: its header is no JSON with joints, dt and inputs ({reason})") from None
     names = joints if isinstance(joints, list) else []
     if not 0 < len(names) <= _MOST_JOINTS or not all(isinstance(name, str) for name in names):
         raise RolloutError(f"{source}: joints in its header: expected 1 to {_MOST_JOINTS} names")
@@ -283,16 +306,21 @@ def _header(text: bytes, source: Path) -> dict[str, Any]:
 
 def _damage(rows: npt.NDArray[np.void], n: int) -> str:
     """Return what in rows cannot be, empty when all is well."""
-    for name, most in (("event", len(Event)), ("status", len(State)), ("reason", len(Reason)), ("joint", n)):
-        beyond = np.flatnonzero(rows[name] >= most)
+    ends = {"event": len(Event), "status": len(State), "reason": len(Reason), "joint": n}
+    for name, end in ends.items():
+        beyond = np.flatnonzero(rows[name] >= end)
         if beyond.size:
-            return f"row {beyond[0]}: {name} is {rows[name][beyond[0]]}, expected below {most}"
-    if (bad := np.flatnonzero(~np.isfinite(rows["tau"]).all(axis=1))).size:
-        return f"row {bad[0]}: tau is no finite number"
+            row = beyond[0]
+            return f"row {row}: {name} is {rows[name][row]}, expected below {end}"
+    not_finite = np.flatnonzero(~np.isfinite(rows["tau"]).all(axis=1))
+    if not_finite.size:
+        return f"row {not_finite[0]}: tau is no finite number"
     numbers = rows["number"].astype(np.int64)
-    if (bad := np.flatnonzero(np.diff(numbers) < 0)).size:
-        return f"row {bad[0] + 1}: number is {numbers[bad[0] + 1]} after {numbers[bad[0]]}"
-    if (numbers < 0).any() or (numbers > 1 << 53).any():
+    falling = np.flatnonzero(np.diff(numbers) < 0)
+    if falling.size:
+        row = falling[0]
+        return f"row {row + 1}: number is {numbers[row + 1]} after {numbers[row]}"
+    if (numbers < 0).any() or (numbers > _MOST_SAMPLES).any():
         return "its samples are numbered beyond 2^53"
     return ""
 
@@ -377,8 +405,9 @@ def _check_same(log: ArmLog, controller: Any) -> None:
             raise NameNotFound(f"{log.source}: joint", name, names)
     if joints != names:
         raise ParameterError("controller", ", ".join(names), f"one of the joints {', '.join(joints)}")
-    if not np.isclose(controller.dt, log.header["dt"], rtol=1e-9):
-        raise ParameterError("controller", f"dt = {controller.dt:g}", f"one of dt = {log.header['dt']:g} s")
+    dt = log.header["dt"]
+    if not np.isclose(controller.dt, dt, rtol=1e-9):
+        raise ParameterError("controller", f"dt = {controller.dt:g}", f"one of dt = {dt:g} s")
     needs = "v_measured" if controller.measurement_type is FullState else "q_measured"
     if needs not in log.header["inputs"]:
         raise RolloutError(f"{log.source}: has no {needs}, which this controller is given")
@@ -402,9 +431,8 @@ def to_rollout(log: ArmLog, robot: Any) -> xr.Dataset:
 
     rows, names = log.samples, list(robot.joint_names)
     if log.header["joints"] != names:
-        raise ParameterError(
-            "robot", ", ".join(names), f"one of the joints {', '.join(log.header['joints'])}"
-        )
+        expected = f"one of the joints {', '.join(log.header['joints'])}"
+        raise ParameterError("robot", ", ".join(names), expected)
     if len(rows) < 2 or not (np.diff(log.t) > 0.0).all():
         raise RolloutError(f"{log.source}: expected at least two samples at increasing times")
     recording = Recording.new((robot.n,), len(rows), float(log.header["dt"]), 1)

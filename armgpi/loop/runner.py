@@ -7,7 +7,7 @@ Every run of a loop goes this way: :func:`armgpi.simulate`'s, by NumPy or by gen
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -117,11 +117,16 @@ class NumPyRun:
             running: what adds up samples in place of recording them; the sums are in `sums`.
         """
         # What does not change.
-        self.loop, self.divergence, self.running = loop, divergence, running
-        self.signals, self.inputs = signals, inputs
+        self.loop = loop
+        self.divergence = divergence
+        self.running = running
+        self.signals = signals
+        self.inputs = inputs
         self.chunk = max(16, min(_CHUNK, _CHUNK_NUMBERS // math.prod(recording.shape)))
         # The loop after `done` samples, and what is kept of them.
-        self.state, self.done, self.recording = state, 0, recording
+        self.state = state
+        self.done = 0
+        self.recording = recording
         shape = (len(recording.status), recording.shape[-1])
         self.sums: Any = None if running is None else running.init(shape)
         self.last: dict[str, Array] = {}
@@ -154,15 +159,19 @@ class NumPyRun:
 
     def _targets(self, count: int) -> Target:
         """Return the targets of the next samples."""
-        return self.loop.targets(np.arange(self.done, self.done + count) * np.float64(self.loop.dt))
+        samples = np.arange(self.done, self.done + count)
+        return self.loop.targets(samples * np.float64(self.loop.dt))
 
     def _keep(self) -> None:
         """Look for divergence in the samples taken, then move them to the recording."""
-        if not (count := len(self._samples)):
+        count = len(self._samples)
+        if not count:
             return
         plant, controller, _, command = self._samples[-1]
         rows, targets = self._rows()
-        last = {name: values[-1].copy() for name, values in rows.items()} if self.running else {}
+        last = {}
+        if self.running is not None:  # before those that diverged are blanked
+            last = {name: values[-1].copy() for name, values in rows.items()}
         self._mark_diverged(rows, targets["q_ref"])
         state = LoopState(self.done + count, plant, controller)
         if self.running is None:
@@ -182,26 +191,29 @@ class NumPyRun:
         plants, controllers, measured, commands = zip(*self._samples, strict=True)
         after = [self.loop.plant.true_state(state) for state in plants]
         before = [self.loop.true_state(self.state), *after[:-1]]
-        columns = {
+        columns: dict[str, Sequence[Array]] = {
             "q": [truth.q for truth in before],
             "v": [truth.v for truth in before],
             "q_measured": [seen.q for seen in measured],
             "tau_command": commands,
             "tau": [truth.tau for truth in after],
         }
-        said = self.loop.controller.signals if self.signals else self.loop.controller.reported
-        values = [said(state) for state in controllers]
-        columns.update({name: [value[name] for value in values] for name in values[0]})
+        controller = self.loop.controller
+        reported_by = controller.signals if self.signals else controller.reported
+        reported = [reported_by(state) for state in controllers]
+        for name in reported[0]:
+            columns[name] = [values[name] for values in reported]
         if self.inputs:
             columns["v_measured"] = [seen.v for seen in measured]
         count, n = len(plants), self.loop.plant.robot.n
-        rows = {name: np.concatenate(parts).reshape(count, -1, n) for name, parts in columns.items()}
-        # What was interrupted used the beginning of its stretch of targets.
-        return rows, {
-            f"{name}_ref": np.broadcast_to(x[:count].reshape(count, -1, n), rows["q"].shape)
-            for name, x in self._block._asdict().items()
-            if name != "a" or self.inputs
-        }
+        rows = {name: np.concatenate(column).reshape(count, -1, n) for name, column in columns.items()}
+        targets = {}
+        for name, values in self._block._asdict().items():
+            if name != "a" or self.inputs:
+                # What was interrupted used the beginning of its stretch of targets.
+                used = values[:count].reshape(count, -1, n)
+                targets[f"{name}_ref"] = np.broadcast_to(used, rows["q"].shape)
+        return rows, targets
 
     def _mark_diverged(self, rows: Mapping[str, Array], q_ref: Array) -> None:
         """Note which rollouts have diverged and when, and blank what came after."""
@@ -210,8 +222,10 @@ class NumPyRun:
         # A rollout that has diverged stays so, wherever it strays to afterwards.
         for row in np.flatnonzero(~whole.all(axis=0) | ~recording.running):
             if recording.running[row]:
-                recording.diverge(row, self.done + int(np.argmin(whole[:, row])))
+                first_bad = int(np.argmin(whole[:, row]))
+                recording.diverge(row, self.done + first_bad)
             # Known from an earlier stretch, or from this one if Ctrl-C came while it was stored.
-            first = max(0, round(recording.t_end[row] / recording.dt) - self.done)
+            end = round(recording.t_end[row] / recording.dt)
+            first = max(0, end - self.done)
             for values in rows.values():
                 values[first:, row] = np.nan

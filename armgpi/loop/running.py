@@ -17,8 +17,10 @@ import numpy as np
 from armgpi.base.arrays import Array
 from armgpi.loop.tool import Tool, ToolSample
 
-#: Hunting is looked for in the last seconds, but in no more than this share of the horizon.
-LAST, SHARE = 1.2, 0.2
+#: Hunting is looked for in the last seconds [s].
+LAST = 1.2
+#: But in no more than this share of the horizon [-].
+SHARE = 0.2
 #: Less than this is no more than rounding [rad, m, N m, N, s].
 ROUNDING = 1e-12
 #: A torque is at its limit from this share of it on.
@@ -76,12 +78,47 @@ class Fold(NamedTuple):
     all: Callable[[Array, Array], Array]
 
 
-_ADD = Fold(0.0, operator.add, lambda s, x: np.cumsum(np.concatenate([s[None], x]), axis=0)[-1])
-_LEAST = Fold(np.inf, np.minimum, lambda s, x: np.minimum(s, x.min(axis=0, initial=np.inf)))
-_MOST = Fold(-np.inf, np.maximum, lambda s, x: np.maximum(s, x.max(axis=0, initial=-np.inf)))
+def _add_all(total: Array, terms: Array) -> Array:
+    """Return a sum with more terms, added one after the other: np.sum would add them in pairs."""
+    total_first = np.concatenate([total[None], terms])
+    last: Array = np.cumsum(total_first, axis=0)[-1]
+    return last
+
+
+def _least_of_all(total: Array, terms: Array) -> Array:
+    """Return the least of a total and terms, of which there may be none."""
+    least: Array = np.minimum(total, terms.min(axis=0, initial=np.inf))
+    return least
+
+
+def _most_of_all(total: Array, terms: Array) -> Array:
+    """Return the largest of a total and terms, of which there may be none."""
+    largest: Array = np.maximum(total, terms.max(axis=0, initial=-np.inf))
+    return largest
+
+
+_ADD = Fold(0.0, operator.add, _add_all)
+_LEAST = Fold(np.inf, np.minimum, _least_of_all)
+_MOST = Fold(-np.inf, np.maximum, _most_of_all)
 #: Of magnitudes.
 _PEAK = _MOST._replace(start=0.0)
-_LAST = Fold(0.0, lambda s, x: x, lambda s, x: x[-1])
+_LAST = Fold(0.0, lambda total, term: term, lambda total, terms: terms[-1])
+
+
+def _change_of_torque(x: Sample) -> Any:
+    """Return by how much the torque changed [N m or N]; 0 in the first sample."""
+    return np.where(x.later, np.abs(x.tau - x.tau_before), 0.0)
+
+
+def _time_at_limit(x: Sample) -> Any:
+    """Return for how long the torque before was at its limit, in sample times."""
+    at_limit = x.later & (np.abs(x.tau_before) >= x.limit)
+    return x.step * np.where(at_limit, 1.0, 0.0)
+
+
+def _of_joints(value: Any, x: Sample) -> Any:
+    """Return what is the same for all joints as an array over them."""
+    return np.broadcast_to(value, x.e.shape)
 
 
 class Total(NamedTuple):
@@ -106,11 +143,9 @@ TOTALS: dict[str, Total] = {
     "peak": Total(_PEAK, lambda x: x.size),
     "e": Total(_LAST, lambda x: x.e),
     "squared_torque": Total(_ADD, lambda x: x.step * (x.tau_before * x.tau_before)),
-    "variation": Total(_ADD, lambda x: np.where(x.later, np.abs(x.tau - x.tau_before), 0.0)),
+    "variation": Total(_ADD, _change_of_torque),
     "peak_torque": Total(_PEAK, lambda x: np.abs(x.tau)),
-    "saturated": Total(
-        _ADD, lambda x: x.step * np.where(x.later & (np.abs(x.tau_before) >= x.limit), 1.0, 0.0)
-    ),
+    "saturated": Total(_ADD, _time_at_limit),
     "tau": Total(_LAST, lambda x: x.tau),
     "lowest": Total(_LEAST, lambda x: x.q),
     "highest": Total(_MOST, lambda x: x.q),
@@ -121,10 +156,10 @@ TOTALS: dict[str, Total] = {
     "target_low": Total(_LEAST, lambda x: x.q_ref, -0.5),
     "target_high": Total(_MOST, lambda x: x.q_ref, -0.5),
     # Of the tool, squares.
-    "tool_offset": Total(_PEAK, lambda x: np.broadcast_to(x.tool.offset, x.e.shape)),
-    "tool_turn": Total(_PEAK, lambda x: np.broadcast_to(x.tool.turn, x.e.shape)),
-    "force": Total(_PEAK, lambda x: np.broadcast_to(x.tool.force, x.e.shape)),
-    "force_last": Total(_LAST, lambda x: np.broadcast_to(x.tool.force, x.e.shape)),
+    "tool_offset": Total(_PEAK, lambda x: _of_joints(x.tool.offset, x)),
+    "tool_turn": Total(_PEAK, lambda x: _of_joints(x.tool.turn, x)),
+    "force": Total(_PEAK, lambda x: _of_joints(x.tool.force, x)),
+    "force_last": Total(_LAST, lambda x: _of_joints(x.tool.force, x)),
 }
 #: Of a run whose tool nobody looks at.
 _NO_TOOL = ToolSample(0.0, 0.0, 0.0)
@@ -151,8 +186,9 @@ class Running:
         """
         self.tool = tool
         # Two samples of a file may have one time.
-        self.dt = float(times[1] - times[0]) or float(times[-1] - times[0])
-        window = times[-1] - min(LAST, SHARE * (times[-1] - times[0])) - ROUNDING
+        horizon = times[-1] - times[0]
+        self.dt = float(times[1] - times[0]) or float(horizon)
+        window = times[-1] - min(LAST, SHARE * horizon) - ROUNDING
         self.late = np.array(float(np.searchsorted(times, window)))
         self._limit = effort * LIMIT_SHARE
 
@@ -206,9 +242,11 @@ class Running:
             if total.since is not None and not late:
                 return value
             after = total.fold.one(value, total.term(sample))
-            return after if total.since is None else np.where(k > self.late + total.since, after, value)
+            if total.since is None:
+                return after
+            return np.where(k > self.late + total.since, after, value)
 
-        return tuple(next_value(total, value) for total, value in zip(TOTALS.values(), sums, strict=True))
+        return tuple(map(next_value, TOTALS.values(), sums))
 
     def _at_tool(
         self, t: Any, q: Array, v: Array | None, q_ref: Array, largest: tuple[Any, Any] | None = None
@@ -231,9 +269,11 @@ class Running:
             sums: the totals before, arrays (...).
             v: velocities [rad/s or m/s], likewise, where the tool counts.
         """
-        grid = np.arange(first, first + len(q), dtype=np.float64).reshape(-1, *[1] * (q.ndim - 1))
-        tool = self._at_tool(grid * self.dt, q, v, q_ref)
-        return tuple(map(self.totals(first, q, q_ref, tau, sums, tool=tool), TOTALS))
+        numbers = np.arange(first, first + len(q), dtype=np.float64)
+        numbers = numbers.reshape(-1, *[1] * (q.ndim - 1))
+        tool = self._at_tool(numbers * self.dt, q, v, q_ref)
+        total_of = self.totals(first, q, q_ref, tau, sums, tool=tool)
+        return tuple(map(total_of, TOTALS))
 
     def totals(
         self,
@@ -336,11 +376,16 @@ class Totals:
         self.has_tool = has_tool
         self.has_angles = False
         self._total = cache(total)
-        self.dt, last, late = running.dt, float(len(times) - 1), float(running.late)
-        self.end, self.span, self.late, self.step = last, last, last - late, 1.0
+        self.dt = running.dt
+        last = float(len(times) - 1)
+        late = float(running.late)
+        self.end = last
+        self.span = last
+        self.late = last - late
+        self.step = 1.0
         if not even:
-            ends = times[-1] - np.array([0.0, times[0], times[int(late)], times[-2]])
-            self.end, self.span, self.late, self.step = (ends / self.dt).tolist()
+            before_the_end = times[-1] - np.array([0.0, times[0], times[int(late)], times[-2]])
+            self.end, self.span, self.late, self.step = (before_the_end / self.dt).tolist()
         self.lower: Array = limits.lower
         self.upper: Array = limits.upper
         self.effort: Array = limits.effort
@@ -379,6 +424,13 @@ def fold(
     running = Running(times, limits.effort)
     apart = np.abs(times - np.arange(len(times)) * running.dt)
     even = bool((apart <= _EVEN * running.dt).all())
-    start, uneven = running.init(q.shape[1:]), None if even else times
-    total = running.totals(0, q, q_ref, tau, start, uneven, _NO_TOOL if tool is None else tool)
+    total = running.totals(
+        0,
+        q,
+        q_ref,
+        tau,
+        sums=running.init(q.shape[1:]),
+        times=None if even else times,
+        tool=_NO_TOOL if tool is None else tool,
+    )
     return Totals(running, total, times, limits, even, tool is not None)

@@ -35,13 +35,16 @@ def save_weights(weights: Weights, path: str | PathLike[str], robot: AnyRobot) -
     """
     check_type(weights, "weights", Weights, "Weights")
     check_robot(robot)
-    made = Weights(**{name: getattr(weights, name) for name in parameters(Weights)})
-    made.check_parameters(robot.joint_names)
-    found = {name: getattr(made, name) for name in parameters(Weights)}
-    given = {name: values for name, values in found.items() if values is not None}
-    if any(values.ndim != 2 for values in given.values()):
-        raise ArrayError("weights", "expected those of a single rollout, got a batch")
-    variables = {name: (("joint", f"basis_of_{name}"), values) for name, values in given.items()}
+    checked = Weights(**{name: getattr(weights, name) for name in parameters(Weights)})
+    checked.check_parameters(robot.joint_names)
+    variables = {}
+    for name in parameters(Weights):
+        values = getattr(checked, name)
+        if values is None:
+            continue
+        if values.ndim != 2:
+            raise ArrayError("weights", "expected those of a single rollout, got a batch")
+        variables[name] = (("joint", f"basis_of_{name}"), values)
     dataset = xr.Dataset(variables, coords={"joint": list(robot.joint_names)}, attrs={_FORMAT: 1})
     files.write(check_path(path, "path"), netcdf(dataset))
 
@@ -60,18 +63,19 @@ def load_weights(path: str | PathLike[str], robot: AnyRobot) -> Weights:
     """
     source = check_path(path, "path")
     check_robot(robot)
-    found = read_netcdf(source)
-    if (known := found.attrs.get(_FORMAT, 1)) != 1:
-        raise RolloutError(f"{source}: {other_format(known, 1)}")
-    if _FORMAT not in found.attrs or not set(found.data_vars) <= set(Tuning._fields):
+    dataset = read_netcdf(source)
+    version = dataset.attrs.get(_FORMAT, 1)
+    if version != 1:
+        raise RolloutError(f"{source}: {other_format(version, 1)}")
+    if _FORMAT not in dataset.attrs or not set(dataset.data_vars) <= set(Tuning._fields):
         raise RolloutError(f"{source}: holds no weights of networks")
-    joints = [str(name) for name in found["joint"].values] if "joint" in found else []
+    joints = [str(name) for name in dataset["joint"].values] if "joint" in dataset else []
     if joints != list(robot.joint_names):
-        wanted = ", ".join(robot.joint_names)
-        raise ArrayError(str(source), f"has weights for {', '.join(joints)}, not for {wanted}")
-    made = Weights(**{str(name): values.values for name, values in found.data_vars.items()})
-    made.check_parameters(robot.joint_names)
-    return made
+        expected = ", ".join(robot.joint_names)
+        raise ArrayError(str(source), f"has weights for {', '.join(joints)}, not for {expected}")
+    weights = Weights(**{str(name): variable.values for name, variable in dataset.data_vars.items()})
+    weights.check_parameters(robot.joint_names)
+    return weights
 
 
 def learned_weights(rollout: xr.Dataset) -> Weights:
@@ -84,12 +88,13 @@ def learned_weights(rollout: xr.Dataset) -> Weights:
         RolloutError: when it has no weights.
     """
     check_type(rollout, "rollout", xr.Dataset, "a rollout, as simulate returns it")
-    found = {}
+    weights = {}
     for name in Tuning._fields:
         signals = [key for key in map(str, rollout.data_vars) if key.startswith(f"{name}_weight_")]
         if signals:
-            ordered = sorted(signals, key=lambda key: int(key.rpartition("_")[2]))
-            found[name] = np.stack([rollout[key].isel(time=-1).values for key in ordered], axis=-1)
-    if not found:
+            signals.sort(key=lambda key: int(key.rpartition("_")[2]))
+            columns = [rollout[key].isel(time=-1).values for key in signals]
+            weights[name] = np.stack(columns, axis=-1)
+    if not weights:
         raise RolloutError("the rollout has no weights: simulate networks with signals=True")
-    return Weights(**found)
+    return Weights(**weights)

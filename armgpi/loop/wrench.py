@@ -51,9 +51,8 @@ def tool_wrench(
         ParameterError: when the joints are others, or a number is not as it should be.
         NameNotFound: when there is no such frame.
     """
-    missing = [
-        name for name in ("q_measured", "tau", "time") if name not in getattr(rollout, "variables", ())
-    ]
+    variables = getattr(rollout, "variables", ())
+    missing = [name for name in ("q_measured", "tau", "time") if name not in variables]
     if missing or rollout.sizes["time"] < 2:
         raise RolloutError(f"the rollout has no {' and no '.join(missing) or 'two samples'}")
     names = [str(joint) for joint in rollout["joint"].values]
@@ -61,23 +60,26 @@ def tool_wrench(
         raise ParameterError("robot", robot, f"a robot with the joints {', '.join(names)}")
     dt = float(np.median(np.diff(rollout["time"].values)))
     estimator = WrenchEstimator(robot, dt, frame, bandwidth, friction_within, uncertain_mass)
-    q, tau = (rollout[name].transpose("time", ..., "joint").values for name in ("q_measured", "tau"))
-    parts = _estimate(estimator, q, tau)
-    dims = tuple(dim for dim in rollout["q_measured"].transpose("time", ..., "joint").dims if dim != "joint")
-    made: dict[str, Any] = {}
+    positions = rollout["q_measured"].transpose("time", ..., "joint")
+    torques = rollout["tau"].transpose("time", ..., "joint")
+    estimates = _estimate(estimator, positions.values, torques.values)
+    *dims, _ = positions.dims
+    estimated: dict[str, Any] = {}
     for name, (field, meaning, unit) in VARIABLES.items():
-        made[name] = ((*dims, "axis"), getattr(parts, field), {"long_name": meaning, "units": unit})
-    with_axis = rollout if "axis" in rollout.coords else rollout.assign_coords(axis=["x", "y", "z"])
-    return with_axis.assign(made)
+        attributes = {"long_name": meaning, "units": unit}
+        estimated[name] = ((*dims, "axis"), getattr(estimates, field), attributes)
+    if "axis" not in rollout.coords:
+        rollout = rollout.assign_coords(axis=["x", "y", "z"])
+    return rollout.assign(estimated)
 
 
 def _estimate(estimator: WrenchEstimator, q: Any, tau: Any) -> ToolWrench:
     """Return the estimates of all samples; NaN from where a rollout ended."""
     state = estimator.init(np.nan_to_num(q[0]))
-    found = [estimator.wrench(state)]
-    for before, now in zip(tau[:-1], q[1:], strict=True):
-        step = estimator.step(np.nan_to_num(now), np.nan_to_num(before), state)
-        gone = ~np.isfinite(now).all(axis=-1, keepdims=True)
-        found.append(ToolWrench(*(np.where(gone, np.nan, part) for part in step.wrench)))
+    wrenches = [estimator.wrench(state)]
+    for torque_before, position in zip(tau[:-1], q[1:], strict=True):
+        step = estimator.step(np.nan_to_num(position), np.nan_to_num(torque_before), state)
+        has_ended = ~np.isfinite(position).all(axis=-1, keepdims=True)
+        wrenches.append(ToolWrench(*(np.where(has_ended, np.nan, column) for column in step.wrench)))
         state = step.state
-    return ToolWrench(*(np.stack(column) for column in zip(*found, strict=True)))
+    return ToolWrench(*map(np.stack, zip(*wrenches, strict=True)))
