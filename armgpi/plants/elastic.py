@@ -179,23 +179,31 @@ class ElasticPlant(Arm):
         self.fill("gear_stiffness", drives.value("stiffness"))
         self._check_positive("gear_stiffness", self.gear_stiffness)
         self._check_positive("rotor_inertia", rotor)
-        own = self.robot if isinstance(self.robot, Robot) else self.robot.first
-        link = np.diag(own.mass_matrix(own.middle())) - own.armature
-        # The inertia of the mode of each link and rotor alone.
-        usual = 2.0 * _RATIO * np.sqrt(self.gear_stiffness * (link * rotor / (link + rotor)))
+        arm = self.robot if isinstance(self.robot, Robot) else self.robot.first
+        link = np.diag(arm.mass_matrix(arm.middle())) - arm.armature
+        mode = link * rotor / (link + rotor)  # the inertia of the mode of each link and rotor alone
+        usual = 2.0 * _RATIO * np.sqrt(self.gear_stiffness * mode)
         damping = drives.value("damping")
         self.fill("gear_damping", np.where(np.isnan(damping), usual, damping))
         self.fill("current_bandwidth", drives.value("current_bandwidth", _AT_ONCE))
-        told = drives.value("encoder_side")
-        sides = told if self.encoder_side is None else np.full(self.robot.n, self.encoder_side)
+        sides = drives.value("encoder_side")
+        if self.encoder_side is not None:
+            sides = np.full(self.robot.n, self.encoder_side)
         self._at_motor = (sides != "link").astype(np.float64)  # numbers, as which of them is code for both
-        self._rotor, self._rate = rotor, 2.0 * math.pi * self.current_bandwidth
+        self._rotor = rotor
+        self._rate = 2.0 * math.pi * self.current_bandwidth
         self._wave = 2.0 * math.pi / self.ripple_period
         self._ripples = _acts(self.torque_ripple) or _acts(self.cogging)
         # Links and motors in one row, (2 n,) or (batch, 2 n).
-        pairs = zip((self.link_viscous, self.link_coulomb), self.friction or (0.0, 0.0), strict=True)
-        rows = (np.broadcast_arrays(*pair, rotor)[:2] for pair in pairs)
-        self._friction_of_both = Friction(*(np.concatenate(row, axis=-1) for row in rows))
+        motor_viscous, motor_coulomb = self.friction or (0.0, 0.0)
+
+        def of_both(link: Any, motor: Any) -> Array:
+            link, motor, _ = np.broadcast_arrays(link, motor, rotor)
+            return np.concatenate([link, motor], axis=-1)
+
+        self._friction_of_both = Friction(
+            of_both(self.link_viscous, motor_viscous), of_both(self.link_coulomb, motor_coulomb)
+        )
         viscous, coulomb = map(_acts, self._friction_of_both)
         self._rubs = viscous or coulomb
         self._brake = ImplicitFriction(coulomb, _brake_elastic)
@@ -255,7 +263,8 @@ class ElasticPlant(Arm):
     def measure(self, state: ElasticState) -> FullState:  # type: ignore[override]
         """Return positions and velocities where the encoders sit; see :meth:`Plant.measure`."""
         at_motor = self._at_motor > 0.5
-        q, v = np.where(at_motor, state.theta, state.q), np.where(at_motor, state.omega, state.v)
+        q = np.where(at_motor, state.theta, state.q)
+        v = np.where(at_motor, state.omega, state.v)
         return new(FullState, (q, v))
 
     def true_state(self, state: ElasticState) -> PlantState:  # type: ignore[override]
@@ -264,7 +273,8 @@ class ElasticPlant(Arm):
 
     def step(self, tau: Array, state: ElasticState, dt: float) -> ElasticState:
         """Return the state after `tau` was asked for during `dt`; see :meth:`Plant.step`."""
-        k, motor, x = state.k, state.motor, _Motion(*state[1:5])
+        k, motor = state.k, state.motor
+        x = _Motion(*state[1:5])
         h = dt / self.substeps
         turned = h * self._rate
         left = np.exp(-turned)
@@ -272,8 +282,9 @@ class ElasticPlant(Arm):
             begin, _, end = self.acting_torques(0.0, k, i, dt)
             missing = motor - tau
             motor = tau + left * missing
+            mean_motor = tau + (1.0 - left) / turned * missing
             touched = partial(self.contact_torque, k=k, dt=dt)
-            x = self._substep(x, tau + (1.0 - left) / turned * missing, begin, end, h, touched, i)
+            x = self._substep(x, mean_motor, begin, end, h, touched, i)
         return new(ElasticState, (k + 1, *x, motor, tau))
 
     def _substep(
@@ -364,7 +375,12 @@ class ElasticPlant(Arm):
         change = left - v_free
         dv, domega = change[..., :n], change[..., n:]
         half = 0.5 * h
-        return _Motion(free.q + half * dv, free.v + dv, free.theta + half * domega, free.omega + domega)
+        return _Motion(
+            free.q + half * dv,
+            free.v + dv,
+            free.theta + half * domega,
+            free.omega + domega,
+        )
 
 
 def _held_links(inertia: Array, own: Array, rotor: Array, tied: Array) -> Array:
@@ -415,7 +431,12 @@ _NONE = _Motion(0.0, 0.0, 0.0, 0.0)  # type: ignore[arg-type]
 
 def _ahead(x: _Motion, h: float, rate: _Motion) -> _Motion:
     """Return x + h rate."""
-    return _Motion(*(each + h * own for each, own in zip(x, rate, strict=True)))
+    return _Motion(
+        x.q + h * rate.q,
+        x.v + h * rate.v,
+        x.theta + h * rate.theta,
+        x.omega + h * rate.omega,
+    )
 
 
 def _acts(value: Array) -> bool:

@@ -91,7 +91,9 @@ class ImplicitFriction:
             following = newton_step(braked, iterate, friction, stick)
             moved = is_moving(following, iterate, stick).any(axis=-1, keepdims=True)
             # A rollout that has settled keeps its numbers, so that they do not depend on its neighbours.
-            iterate = Iterate(*(np.where(running, b, a) for a, b in zip(iterate, following, strict=True)))
+            v = np.where(running, following.v, iterate.v)
+            share = np.where(running, following.share, iterate.share)
+            iterate = Iterate(v, share)
             running = running & moved
             if not running.any():
                 break
@@ -121,13 +123,17 @@ def newton_step(braked: Braked, iterate: Iterate, friction: Friction, stick: flo
     speed = np.sqrt(v * v + stick * stick)
     sign = v / speed
     slope = (1.0 - share * sign) / speed
-    ahead = braked(viscous + coulomb * slope, coulomb * (sign - slope * v))
-    return Iterate(ahead, np.minimum(np.maximum(sign + slope * (ahead - v), -1.0), 1.0))
+    resistance = viscous + coulomb * slope
+    push = coulomb * (sign - slope * v)
+    ahead = braked(resistance, push)
+    share_ahead = sign + slope * (ahead - v)
+    return Iterate(ahead, np.minimum(np.maximum(share_ahead, -1.0), 1.0))
 
 
 def is_moving(following: Iterate, iterate: Iterate, stick: float) -> npt.NDArray[np.bool_]:
     """Tell for each joint whether a step of Newton's method changed its velocity."""
-    moving: npt.NDArray[np.bool_] = abs(following.v - iterate.v) > _SETTLED * (abs(following.v) + stick)
+    rounding = _SETTLED * (abs(following.v) + stick)
+    moving: npt.NDArray[np.bool_] = abs(following.v - iterate.v) > rounding
     return moving
 
 
@@ -137,7 +143,8 @@ def braked_velocity(braked: Braked, iterate: Iterate, friction: Friction, stick:
     A step of this form can only take energy, whatever is left to solve.
     """
     v = iterate.v
-    return braked(friction.viscous + friction.coulomb / np.sqrt(v * v + stick * stick), np.zeros_like(v))
+    speed = np.sqrt(v * v + stick * stick)
+    return braked(friction.viscous + friction.coulomb / speed, np.zeros_like(v))
 
 
 def solve(matrix: Array, column: Array) -> Array:

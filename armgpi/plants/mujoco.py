@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import copy
 import threading
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import field
 from os import PathLike
@@ -91,24 +91,35 @@ class MuJoCoPlant(Arm):
         if not is_listing(package_dirs):
             raise ParameterError("package_dirs", package_dirs, "a list of folders")
         folders = [check_path(folder, "package_dirs") for folder in package_dirs]
-        rows = max([1, *(len(each) for each in self.friction or () if each.ndim == 2)])
+        rows = 1
+        for coefficients in self.friction or ():
+            if coefficients.ndim == 2:
+                rows = max(rows, len(coefficients))
         robots = [robot] * rows if isinstance(robot, Robot) else robot.robots
-        made = {id(each): _Compiled(each, self, folders) for each in robots}  # each of them once
-        compiled = [made[id(each)] for each in robots]
-        self.models = [self._set_friction(each, row) for row, each in enumerate(compiled)]
-        self.differences = tuple(dict.fromkeys((*compiled[0].differences, *self._differences())))
+        compiled_robots = {id(arm): _Compiled(arm, self, folders) for arm in robots}  # each of them once
+        self.models = []
+        for row, arm in enumerate(robots):
+            self.models.append(self._set_friction(compiled_robots[id(arm)], row))
+        differences = [*compiled_robots[id(robots[0])].differences, *self._differences()]
+        self.differences = tuple(dict.fromkeys(differences))
         self._memory = _Memory(self.models, self.robot.joint_names, self.integrator)
 
     def step(self, tau: Array, state: PlantState, dt: float) -> PlantState:
         """Return the state after `tau` was held for `dt`; see :meth:`Plant.step`."""
         k, q, v, _ = state
-        push = [self.acting_torques(tau, k, i, dt)[1] for i in range(self.substeps)]
-        advance = self._memory.one if q.ndim == 1 and self.robot.batch is None else self._memory.many
+        h = dt / self.substeps
+        torques = []  # in the middle of each substep
+        for i in range(self.substeps):
+            _, middle, _ = self.acting_torques(tau, k, i, dt)
+            torques.append(middle)
+        is_single = q.ndim == 1 and self.robot.batch is None
+        advance = self._memory.one if is_single else self._memory.many
         if not self.environment:
-            q, v = advance(q, v, push, dt / self.substeps)
-        for i in range(self.substeps if self.environment else 0):
-            touched = self.contact_torque(q, v, k, i, dt)
-            q, v = advance(q, v, [push[i] + touched], dt / self.substeps)
+            q, v = advance(q, v, torques, h)
+        else:
+            for i, torque in enumerate(torques):
+                touched = self.contact_torque(q, v, k, i, dt)
+                q, v = advance(q, v, [torque + touched], h)
         return new(PlantState, (k + 1, q, v, tau))
 
     def describe(self) -> dict[str, Any]:
@@ -124,7 +135,9 @@ class MuJoCoPlant(Arm):
         if self.friction is None:
             return compiled.model
         model = copy.copy(compiled.model)  # robots that are the same may have other friction
-        viscous, coulomb = (each if each.ndim == 1 else each[row] for each in self.friction)
+        viscous, coulomb = (
+            coefficients if coefficients.ndim == 1 else coefficients[row] for coefficients in self.friction
+        )
         model.dof_damping[compiled.order] = viscous
         model.dof_frictionloss[compiled.order] = coulomb
         return model
@@ -159,7 +172,8 @@ class _Compiled:
     def __init__(self, robot: Robot, plant: MuJoCoPlant, package_dirs: Iterable[Path]) -> None:
         """Compile a robot for a plant."""
         mujoco = _mujoco()
-        self.robot, self.source = robot, str(robot.provenance["source"])
+        self.robot = robot
+        self.source = str(robot.provenance["source"])
         self.differences: list[str] = []
         assembly = self._known_assembly()
         root = assembly.element()
@@ -172,14 +186,15 @@ class _Compiled:
         try:
             self.model = mujoco.MjModel.from_xml_string(tostring(root, encoding="unicode"), assets)
         except ValueError as error:
-            said = " ".join(str(error).removeprefix("Error: ").split())
-            raise UrdfError(self.source, f"is refused by MuJoCo: {said}") from None
-        joints = {self.model.joint(j).name: j for j in range(self.model.njnt)}
-        if set(joints) != set(robot.joint_names):
-            found = ", ".join(sorted(joints))
-            raise UrdfError(self.source, f"MuJoCo finds the joints {found} in it; expected {robot!r}")
-        self.order = np.array([self.model.jnt_dofadr[joints[name]] for name in robot.joint_names])
-        self._set_options(plant, [joints[name] for name in robot.joint_names])
+            reason = " ".join(str(error).removeprefix("Error: ").split())
+            raise UrdfError(self.source, f"is refused by MuJoCo: {reason}") from None
+        places = {self.model.joint(j).name: j for j in range(self.model.njnt)}
+        if set(places) != set(robot.joint_names):
+            names = ", ".join(sorted(places))
+            raise UrdfError(self.source, f"MuJoCo finds the joints {names} in it; expected {robot!r}")
+        joints = [places[name] for name in robot.joint_names]
+        self.order = np.array([self.model.jnt_dofadr[joint] for joint in joints])
+        self._set_options(plant, joints)
         self._restore_inertia(rounded)
         self._check()
 
@@ -199,14 +214,14 @@ class _Compiled:
         """Set what a URDF does not say."""
         mujoco, model, robot = _mujoco(), self.model, self.robot
         bits = mujoco.mjtDisableBit
-        off = {
+        is_off = {
             bits.mjDSBL_WARMSTART: True,  # a step depends on the state alone
             bits.mjDSBL_AUTORESET: True,  # which would hide that a run has diverged
             bits.mjDSBL_CONTACT: not plant.contacts,
             bits.mjDSBL_LIMIT: not plant.stops,
             bits.mjDSBL_FRICTIONLOSS: plant.friction is None,
         }
-        model.opt.disableflags = sum(int(bit) for bit, wanted in off.items() if wanted)
+        model.opt.disableflags = sum(int(bit) for bit, disabled in is_off.items() if disabled)
         model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{plant.integrator.upper()}")
         model.opt.gravity[:] = np.asarray(robot._model.gravity.linear)
         model.dof_armature[self.order] = robot.armature
@@ -216,7 +231,7 @@ class _Compiled:
         model.jnt_range[joints] = np.stack([lower, upper], axis=-1)
         model.jnt_limited[joints] = np.isfinite(lower) & np.isfinite(upper)
 
-    def _restore_inertia(self, rounded: Collection[str]) -> None:
+    def _restore_inertia(self, rounded: set[str]) -> None:
         """Give what carries links that were rounded the inertia that they have."""
         import pinocchio as pin
 
@@ -224,11 +239,12 @@ class _Compiled:
         restored = []
         for joint in robot.joint_names:
             index = robot._model.getJointId(joint)
-            frames = robot._model.frames
-            own = [f.name for f in frames if f.parentJoint == index and f.type == pin.FrameType.BODY]
-            if not any(name in rounded for name in own):
+            frames = [frame for frame in robot._model.frames if frame.parentJoint == index]
+            links = [frame.name for frame in frames if frame.type == pin.FrameType.BODY]
+            if rounded.isdisjoint(links):
                 continue
-            body, inertia = int(model.joint(joint).bodyid[0]), robot._model.inertias[index]
+            body = int(model.joint(joint).bodyid[0])
+            inertia = robot._model.inertias[index]
             moments, axes = np.linalg.eigh(inertia.inertia)
             axes[:, 0] *= np.linalg.det(axes)  # a rotation, no reflection
             model.body_inertia[body] = moments
@@ -251,12 +267,12 @@ class _Compiled:
         data.qpos[self.order] = q
         mujoco.mj_forward(model, data)
         columns = np.eye(model.nv)
-        found = np.empty((model.nv, model.nv))
-        for row, column in zip(found, columns, strict=True):
+        inertia = np.empty((model.nv, model.nv))
+        for row, column in zip(inertia, columns, strict=True):
             mujoco.mj_mulM(model, data, row, column)
-        found = found[np.ix_(self.order, self.order)]
+        inertia = inertia[np.ix_(self.order, self.order)]
         expected = self.robot.mass_matrix(q)
-        apart = float(np.abs(found - expected).max() / np.abs(expected).max())
+        apart = float(np.abs(inertia - expected).max() / np.abs(expected).max())
         if not apart <= _SAME_ARM:
             raise UrdfError(self.source, f"is another arm to MuJoCo: D(q) differs by {apart:.2g} of its size")
 
@@ -272,18 +288,22 @@ class _Memory(threading.local):
         mujoco = _mujoco()
         self._arguments = (models, joint_names, integrator)
         # The time step is a part of the model: every thread has models of its own.
-        own = {id(model): copy.copy(model) for model in models}
-        self.models = [own[id(model)] for model in models]
+        copies = {id(model): copy.copy(model) for model in models}
+        self.models = [copies[id(model)] for model in models]
         self.data = mujoco.MjData(self.models[0])
         self.order = np.array([self.models[0].joint(name).dofadr[0] for name in joint_names])
-        methods = {"euler": mujoco.mj_Euler, "rk4": lambda model, data: mujoco.mj_RungeKutta(model, data, 4)}
+        methods: dict[str, Callable[[Any, Any], None]] = {
+            "euler": mujoco.mj_Euler,
+            "rk4": lambda model, data: mujoco.mj_RungeKutta(model, data, 4),
+        }
         self.advance = methods.get(integrator, mujoco.mj_implicit)
         self._h = 0.0
         self._pool: Any = None
 
     def one(self, q: Array, v: Array, push: list[Array], h: float) -> tuple[Array, Array]:
         """Return q and v after one step of `h` for each of the torques."""
-        if not (np.abs(np.concatenate([q, v, *push])) < _HUGE).all():  # nor where one is NaN
+        numbers = np.concatenate([q, v, *push])
+        if not (np.abs(numbers) < _HUGE).all():  # nor where one is NaN
             return np.full_like(q, np.nan), np.full_like(v, np.nan)
         model, data, order = self.models[0], self.data, self.order
         self._set_step(h)
@@ -307,17 +327,20 @@ class _Memory(threading.local):
             self._pool = rollout.Rollout(nthread=threads)
             self._datas = [mujoco.MjData(self.models[0]) for _ in range(threads)]
         self._set_step(h)
-        good = (np.abs(np.concatenate([q, v, *push], axis=-1)) < _HUGE).all(axis=-1)[:, None]
+        numbers = np.concatenate([q, v, *push], axis=-1)
+        good = (np.abs(numbers) < _HUGE).all(axis=-1)[:, None]
         place = np.argsort(self.order)
-        start = np.zeros((batch, mujoco.mj_stateSize(self.models[0], mujoco.mjtState.mjSTATE_FULLPHYSICS)))
-        start[:, 1 : 1 + n], start[:, 1 + n :] = (
-            np.where(good, q, 0.0)[:, place],
-            np.where(good, v, 0.0)[:, place],
-        )
-        control = np.where(good[:, None], np.stack(push, axis=1), 0.0)[..., place]
+        # MuJoCo's state: time, positions, velocities, in the order of its own coordinates.
+        size = mujoco.mj_stateSize(self.models[0], mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        start = np.zeros((batch, size))
+        start[:, 1 : 1 + n] = np.where(good, q, 0.0)[:, place]
+        start[:, 1 + n :] = np.where(good, v, 0.0)[:, place]
+        torques = np.stack(push, axis=1)
+        control = np.where(good[:, None], torques, 0.0)[..., place]
+        models = self.models * batch if len(self.models) == 1 else self.models
         with _without_log():
             state, _ = self._pool.rollout(
-                self.models * (batch if len(self.models) == 1 else 1),
+                models,
                 self._datas,
                 start,
                 np.ascontiguousarray(control),
@@ -392,13 +415,18 @@ def _hang(root: Element, frame: str, mass: float, com: Sequence[float], inertia:
     inertial = SubElement(link, "inertial")
     SubElement(inertial, "origin", xyz=" ".join(map(repr, com)), rpy="0 0 0")
     SubElement(inertial, "mass", value=repr(mass))
-    entries = {f"i{'xyz'[i]}{'xyz'[j]}": repr(float(tensor[i, j])) for i in range(3) for j in range(i, 3)}
+    entries = {}
+    for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+        key = f"i{'xyz'[i]}{'xyz'[j]}"
+        entries[key] = repr(float(tensor[i, j]))
     SubElement(inertial, "inertia", entries)
     fixed = SubElement(root, "joint", name=name, type="fixed")
     SubElement(fixed, "parent", link=frame)
     SubElement(fixed, "child", link=name)
     SubElement(fixed, "origin", xyz="0 0 0", rpy="0 0 0")
-    return {frame} if inertia is not None and _round(link) else set()  # it takes a point without inertia
+    if inertia is None:  # a point, which MuJoCo takes
+        return set()
+    return {frame} if _round(link) else set()
 
 
 def _round(link: Element) -> bool:
@@ -406,8 +434,12 @@ def _round(link: Element) -> bool:
 
     That is one that no rigid body has (no triangle: A + B < C), or that of a rod or a point.
     """
-    element, mass = link.find("inertial/inertia"), link.find("inertial/mass")
-    if element is None or mass is None or float(mass.get("value", "0")) == 0.0:
+    element = link.find("inertial/inertia")
+    mass_element = link.find("inertial/mass")
+    if element is None or mass_element is None:
+        return False
+    mass = float(mass_element.get("value", "0"))
+    if mass == 0.0:
         return False
     xx, xy, xz, yy, yz, zz = (
         float(element.get(f"i{key}", "0")) for key in ("xx", "xy", "xz", "yy", "yz", "zz")
@@ -415,7 +447,8 @@ def _round(link: Element) -> bool:
     a, b, c = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     if a > _FLAT * c and a + b > c * (1.0 + _FLAT):
         return False
-    moment = repr(max(float(a + b + c) / 3.0, _LEAST_RADIUS**2 * float(mass.get("value", "0"))))
+    mean_moment = float(a + b + c) / 3.0
+    moment = repr(max(mean_moment, _LEAST_RADIUS**2 * mass))
     element.attrib.update(ixx=moment, iyy=moment, izz=moment, ixy="0", ixz="0", iyz="0")
     return True
 

@@ -36,14 +36,16 @@ def uniform(seed: Any, k: Any, shape: tuple[int, ...], stream: int = 0) -> Array
     if not isinstance(k, int | np.integer):  # a symbol, of which the generated code draws the numbers
         symbols: Array = k.uniform(seed, shape, stream)
         return symbols
-    if isinstance(seed, np.ndarray):
-        own: Any = seed
-    else:
-        own = seeds(seed, shape[0])[:, None] if len(shape) == 2 else np.uint64(seed % 2**64)
+    row_seeds: Any = seed
+    if not isinstance(seed, np.ndarray):
+        is_batch = len(shape) == 2
+        row_seeds = seeds(seed, shape[0])[:, None] if is_batch else np.uint64(seed % 2**64)
     columns = np.arange(shape[-1], dtype=np.uint64)
     with np.errstate(over="ignore"):
-        key = _mix(np.asarray(own + _GOLDEN, dtype=np.uint64))
-        counter = np.uint64(k) * np.uint64(0x10000) + np.uint64(stream) * np.uint64(0x1000) + columns
+        key = _mix(np.asarray(row_seeds + _GOLDEN, dtype=np.uint64))
+        # 4,096 joints in each of 16 streams of a sample.
+        first = np.uint64(k) * np.uint64(0x10000) + np.uint64(stream) * np.uint64(0x1000)
+        counter = first + columns
         bits = _mix(_mix(key ^ (counter * _GOLDEN)) + key)
     # The top 53 bits, moved half a step up, so that 0 and 1 are never reached.
     values: Array = ((bits >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53
@@ -60,8 +62,10 @@ def seeds(seed: Any, rows: int) -> Bits:
 
 def normal(seed: Any, k: Any, shape: tuple[int, ...], stream: int = 0) -> Array:
     """Return standard normal numbers for sample `k` (Box and Muller 1958); arguments as :func:`uniform`."""
-    radius = np.sqrt(-2.0 * np.log(uniform(seed, k, shape, 2 * stream)))
-    result: Array = radius * np.cos(2.0 * np.pi * uniform(seed, k, shape, 2 * stream + 1))
+    share = uniform(seed, k, shape, 2 * stream)
+    turn = uniform(seed, k, shape, 2 * stream + 1)
+    radius = np.sqrt(-2.0 * np.log(share))
+    result: Array = radius * np.cos(2.0 * np.pi * turn)
     return result
 
 
