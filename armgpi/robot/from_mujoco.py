@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,8 @@ from armgpi.robot.urdf import Coupled, Urdf
 _SAME = 1e-10
 #: Configurations at which they are compared.
 _LOOKS = 5
+#: What MuJoCo says of a mesh or texture that it does not find.
+_MISSING = re.compile(r"Error opening file '([^']*)'")
 _ZEROS = (0.0, 0.0, 0.0)
 _NO_INERTIA = (0.0,) * 6
 
@@ -59,7 +62,10 @@ def compiled(path: Path) -> Any:
         return mujoco.MjModel.from_xml_path(str(path.absolute()))
     except (ValueError, TypeError) as error:  # TypeError for a name that is no text
         said = " ".join(str(error).split())
-        raise UrdfError(path, f"MuJoCo cannot read it: {said}") from None
+        if missing := _MISSING.search(said):
+            way = "copy it to where <compiler> says (meshdir, texturedir, assetdir), or else beside the model"
+            raise UrdfError(path, f"names the file {missing[1]!r}, which is not there: {way}") from None
+        raise UrdfError(path, f"MuJoCo cannot read it: {said.removeprefix('Error: ')}") from None
     finally:
         mujoco.set_mju_user_warning(handler)
 

@@ -292,6 +292,16 @@ def test_a_urdf_is_looked_for_beside_the_file(tmp_path: Path, monkeypatch: pytes
     assert config.build(*config.read(file)).robot.name == "mine"
 
 
+def test_a_known_name_stays_one_beside_a_file_that_is_called_so(tmp_path: Path) -> None:
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "panda").write_text("no robot")
+    (tmp_path / "parts" / "arm").write_text("no robot")
+    file = tmp_path / "experiment.yaml"
+    for name, found in (("panda", "panda"), ("parts/arm", str(tmp_path / "parts" / "arm"))):
+        file.write_text(f"robot: {{name: {name}}}")
+        assert config.read(file).config.robot.name == found
+
+
 # Errors: the file, the line, the key, and what was expected.
 
 BAD: dict[str, tuple[str, str, int | None, str]] = {

@@ -322,6 +322,7 @@ def test_the_schedule_is_its_formula() -> None:
             w[j] += learn[j] * (0.3 * max(aim - w[j], 0.0) - 4.0 * DT * w[j])
         np.testing.assert_allclose(tuning.omega_c, 20.0 + w, rtol=1e-13)
         np.testing.assert_array_equal(tuning.p_c, tuning.omega_c)
+        np.testing.assert_array_equal(gains.signals(state)["omega_c"], tuning.omega_c)
     assert w[2] == 0.0
     assert w[0] > 1.0
 

@@ -9,6 +9,7 @@ import runpy
 import shutil
 import subprocess
 import sys
+import types
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -44,7 +45,7 @@ from armgpi.robot.rotors import assume_rotors
 from armgpi.supervisor import State
 
 pytest.importorskip("casadi", reason="casadi writes the C")
-from armgpi.hardware.export.files import record
+from armgpi.hardware.export.files import _running, record
 from armgpi.hardware.export.interfaces import table
 from armgpi.hardware.export.names import rename
 from armgpi.hardware.export.targets import _tests, follow_limits
@@ -1042,6 +1043,14 @@ def test_a_trajectory_controller_drives_the_ros2_controller(tmp_path: Path) -> N
 
 def test_the_docs_have_the_table_of_interfaces() -> None:
     assert table() in (Path(__file__).parents[2] / "docs" / "export.md").read_text()
+
+
+def test_the_goal_of_the_readme_is_a_tenth_of_a_radian_or_a_quarter_of_the_range_from_the_middle() -> None:
+    robot = ARM.with_limits(lower=[-2.0, -0.1, -1.0], upper=[1.0, 0.1, -0.6])
+    controller: Any = types.SimpleNamespace(robot=robot, dt=1e-3)
+    for target in ("fci", "ur", "ros2_control"):
+        assert "-0.40,0.05,-0.70" in _running(controller, target)
+    assert _running(controller, "bare") == ""
 
 
 def test_the_readme_has_the_deceleration_of_the_supervisor(tmp_path: Path) -> None:

@@ -406,6 +406,12 @@ def test_a_metric_is_in_files_and_reports_by_default_and_in_no_other_table(
         _ = fold(TIME, TIME[:, None], TIME[:, None], TIME[:, None], Limits(*np.ones((3, 1)))).peek
 
 
+def test_the_sample_time_is_the_first_step_or_all_of_what_begins_with_two_equal_times() -> None:
+    effort = np.ones(3)
+    assert Running(np.array([2.0, 2.25, 3.0]), effort).dt == 0.25
+    assert Running(np.array([2.0, 2.0, 3.0]), effort).dt == 1.0
+
+
 @pytest.mark.parametrize("first", [1, 2, 1999])
 def test_totals_do_not_depend_on_how_samples_are_parted(first: int) -> None:
     q, q_ref, tau = np.random.default_rng(2).normal(size=(3, 2000, 2, 3))

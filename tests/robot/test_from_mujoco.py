@@ -209,3 +209,9 @@ def test_what_is_refused_after_the_lock_is_said_as_well() -> None:
         Robot.from_xml(f'<robot name="r">{"".join(parts)}</robot>')
     assert "What is refused then: link 'l3' has an inertia but no mass" in str(caught.value)
     assert not caught.value.remedies
+
+
+def test_a_mesh_that_is_not_there_is_named_with_where_it_is_looked_for(tmp_path: Path) -> None:
+    path = write(tmp_path, '<asset><mesh name="hull" file="hull.stl"/></asset>')
+    with pytest.raises(UrdfError, match=r"names the file 'hull.stl', which is not there: copy it to where"):
+        Robot.load(path)

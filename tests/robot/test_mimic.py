@@ -7,12 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armgpi import GPI, Bezier, RigidBodyPlant, Robot, RobotBatch, metrics, simulate
 from armgpi.errors import ParameterError, UrdfError
+from armgpi.robot import usual
 
 BODY = (
     '<inertial><origin xyz="{com}"/><mass value="{mass}"/>'
@@ -65,6 +67,16 @@ def test_two_coupled_rails_weigh_and_resist_as_levers_do() -> None:
     np.testing.assert_allclose(rails.friction.viscous, [0.5 + 4.0 * 0.5])
     np.testing.assert_allclose(rails.friction.coulomb, [0.25 + 2.0 * 0.25])
     assert rails.total_mass == 3.5
+
+
+def test_energies_of_coupled_rails_are_those_of_their_heights() -> None:
+    rails = Robot.from_xml(RAILS, mimic="follow")
+    low, high = usual._Judge(rails)._energies(np.array([[0.1], [0.4]]))
+    # x2 = -2 x1 + 0.1, with 2 kg on the first rail and 1.5 kg on the second.
+    assert high - low == pytest.approx(9.81 * 0.3 * (2.0 - 2.0 * 1.5))
+    judge, data = usual._Judge(rails), rails.pinocchio_model()
+    whole = pin.computePotentialEnergy(data, data.createData(), np.array([0.1, -2.0 * 0.1 + 0.1]))
+    assert judge._energies(np.array([[0.1]]))[0] == pytest.approx(whole)
 
 
 def test_ranges_of_leader_and_follower_may_meet_in_a_point() -> None:
