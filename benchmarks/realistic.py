@@ -66,7 +66,7 @@ print(begun, spent() - begun)
 
 def main() -> None:
     page = _page.begin(__file__, "The realistic loop", "that of each row, built up from stiff joints")
-    rounds = 3 if page.quick else 9
+    rounds = 3 if page.quick else 5
     arms = ARMS[:1] if page.quick else ARMS
     _page.say(
         f"Nanoseconds of processor time per sample and rollout, beyond a run of {FEW} samples, {rounds} "
@@ -89,7 +89,7 @@ def main() -> None:
         f"The start of one of {MANY} rollouts in a prepared loop, with one sample."
     )
     for name in arms:
-        first = _first(name, 1 if page.quick else 5)
+        first = _first(name, 1 if page.quick else 3)
         goals.append([f"{name}: first compiled run", f"{FIRST:g}", first, _kept(first, FIRST)])
         begin = _start(name, rounds)
         goals.append([f"{name}: start of a rollout [µs]", f"{START:g}", begin, _kept(begin, START)])

@@ -74,6 +74,9 @@ _NUMBER = 1.2e-6
 #: What it takes besides for friction, which is solved in some ten steps, of each of an arm's masses, and for
 #: elastic joints [s].
 _FRICTION, _GEARS = 3.5e-4, 1e-4
+#: What it takes for each contact at each evaluation of the dynamics, of which a step of integration has four,
+#: two for elastic joints; and for each step after the first, of stiff and of elastic joints [s].
+_CONTACT, _STEP, _ELASTIC_STEP = 1.8e-4, 1.4e-5, 5.5e-5
 #: What NumPy needs less for it does at once [s]: as long take the imports, where code is compiled already.
 _WORTH = 0.1
 
@@ -353,8 +356,12 @@ class PreparedLoop:
         arm: Any = inside(self.loop.plant)
         twists = isinstance(arm, ElasticPlant)
         sample = _ARRAY * _leaves(state[1:]) + _NUMBER * math.prod(recording.shape) + _GEARS * twists
+        steps = getattr(arm, "substeps", 1)
         if getattr(arm, "friction", None) is not None:
-            sample += _FRICTION * (1 + twists)
+            sample += _FRICTION * (1 + twists) * steps
+        contacts = len(getattr(arm, "environment", ()))
+        sample += (steps - 1) * (_ELASTIC_STEP if twists else _STEP)
+        sample += _CONTACT * contacts * steps * (2 if twists else 4)
         self._spent += self.steps * sample
         return self._spent
 

@@ -308,7 +308,7 @@ def test_rare_failures_are_as_probable_as_random_rollouts_say(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("text", "count", "said"),
     [
-        ("robot: {name: anthropomorphic3}\nreality: {name: geared}\n", 300, "between two draws"),
+        ("robot: {name: anthropomorphic3}\nreality: {name: geared}\n", 300, "have none between them"),
         (RARE.replace("0.4}", "0.0}"), 300, "above 0"),
         (RARE, 50, "at least 100"),
         (RARE.replace("peak_error: 0.4}", "saturated_time: 0.5}"), 100, "do not rise"),
