@@ -2,7 +2,7 @@
 
 Everything is a change of Python's syntax tree. The kinds are those of mistakes: "sign", "factor", "square",
 "trig", "angle", "degrees", "name", "index", "transposed", "cross", "term", "sum", "extra", "product",
-"swapped".
+"swapped", "inverse".
 Whether a choice means anything is not asked here: it is compiled and tried.
 """
 
@@ -12,7 +12,9 @@ import ast
 import copy
 import itertools
 import math
+import re
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from types import FunctionType
 from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
@@ -43,6 +45,8 @@ _COLUMNS = ((2, 1), (3, 1))
 _ROTATION = "Rotation"
 #: Modules of frames, points and symbols.
 _SYMBOLIC = ("sympy.physics", "sympy.core.symbol", "armgpi.validation.mechanics")
+#: Methods by which a class has operators.
+_OPERATORS = ("__add__", "__mul__", "__matmul__")
 #: Shape of a twist, a wrench, a spatial velocity.
 _SPATIAL = (6,)
 
@@ -67,6 +71,8 @@ class Scope(NamedTuple):
         functions: functions of the file by their names, and how many arguments they take.
         unused: what is assigned or given and read nowhere: it may have been forgotten.
         neighbours: array -> what its entries are assigned.
+        arguments: names of the function's arguments.
+        methods: class of somebody's own with operators -> its methods without arguments.
     """
 
     kinds: Mapping[str, Any]
@@ -85,6 +91,7 @@ class Scope(NamedTuple):
     functions: Mapping[str, int] = {}
     neighbours: Mapping[str, tuple[ast.expr, ...]] = {}
     arguments: tuple[str, ...] = ()
+    methods: Mapping[str, tuple[str, ...]] = {}
 
     def numbers(self) -> list[ast.expr]:
         """Return the names of numbers."""
@@ -93,6 +100,11 @@ class Scope(NamedTuple):
     def integers(self) -> list[str]:
         """Return the names of what may index."""
         return [name for name, kind in self.kinds.items() if kind == "int"]
+
+    def other_items(self) -> list[ast.expr]:
+        """Return the items of dictionaries that are no scalars of the block."""
+        own = {ast.unparse(x) for x in self.scalars}
+        return [x for x in self.items if ast.unparse(x) not in own]
 
     def kind(self, node: ast.AST) -> Any:
         """Return what a name, an attribute or an entry of a list of arrays holds, None where not known."""
@@ -107,8 +119,9 @@ class Scope(NamedTuple):
     def alike(self, node: ast.expr) -> Iterator[ast.expr]:
         """Yield what else holds the same kind of thing as a name, an attribute or an entry."""
         text, kind = ast.unparse(node), self.kind(node)
+        single = ("float", "scalar")
         for other, its in self.kinds.items() if kind is not None else ():
-            if its == kind and other != text:
+            if (its == kind or (its in single and kind in single)) and other != text:
                 yield self.attributes.get(other) or ast.Name(other, ast.Load())
 
 
@@ -129,9 +142,38 @@ def kind_of(value: Any) -> Any:
         return _ROTATION
     if _are_numbers(value):
         return f"list of {len(value)}"
+    if _has_operators(value):
+        return "float" if _is_like_a_number(value) else type(value).__name__
     if str(type(value).__module__).startswith(_SYMBOLIC):  # frames, points
         return type(value).__name__
     return None
+
+
+def _has_operators(value: Any) -> bool:
+    """Tell whether a value is of somebody's own class that adds or multiplies: a vector, a quaternion."""
+    of = type(value)
+    known = of.__module__.split(".")[0] in ("builtins", "numpy", "sympy", "casadi", "fractions", "armgpi")
+    return not known and any(name in dir(of) for name in _OPERATORS)
+
+
+def _is_like_a_number(value: Any) -> bool:
+    """Tell whether a value of a class of somebody's own is a number: a dual number, or one that counts."""
+    try:
+        return all(type(x) is type(value) for x in (value + 1.0, 2.0 * value, value * value))
+    except Exception:  # a vector, or whatever else
+        return False
+
+
+def _methods(values: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
+    """Return the methods without arguments of own classes with operators, by the names of these."""
+    found: dict[str, tuple[str, ...]] = {}
+    for value in values.values():
+        of = type(value)
+        if of.__name__ in found or not _has_operators(value):
+            continue
+        plain = {name: x for name, x in vars(of).items() if isinstance(x, FunctionType) and name[:1] != "_"}
+        found[of.__name__] = tuple(name for name, x in plain.items() if x.__code__.co_argcount == 1)
+    return found
 
 
 def scope_of(
@@ -173,10 +215,11 @@ def scope_of(
         seen.cross,
         bool(_counters(tree)) or any(isinstance(node, ast.While) for node in ast.walk(tree)),
         attributes,
-        tuple(_unread_names(tree, arguments)),
+        (*_unread_names(tree, arguments), *_unread_parts(everywhere, attributes, items)),
         {n.name: len(n.args.args) for n in getattr(everywhere, "body", ()) if isinstance(n, ast.FunctionDef)},
         _neighbours(tree),
         arguments,
+        _methods(values),
     )
 
 
@@ -198,6 +241,14 @@ def _unread_names(tree: ast.AST, arguments: tuple[str, ...]) -> Iterator[ast.exp
         if name not in read and name != "self":
             yield ast.Name(name, ast.Load())
             yield from (_entry(name, ast.Name(index, ast.Load())) for index in _counters(tree))
+
+
+def _unread_parts(everywhere: ast.AST, *known: Mapping[str, ast.expr]) -> Iterator[ast.expr]:
+    """Yield numbers of objects and items of dictionaries that the file reads nowhere: I1 of a record."""
+    read = {ast.unparse(x) for x in ast.walk(everywhere) if isinstance(x, ast.Attribute | ast.Subscript)}
+    for text, node in itertools.chain(*(parts.items() for parts in known)):
+        if text not in read and isinstance(node, ast.Attribute | ast.Subscript):
+            yield node
 
 
 def _unread(
@@ -276,7 +327,7 @@ def _numbers_in(text: str, value: Any) -> Iterator[str]:
 
 def _parts(tree: ast.AST, values: Mapping[str, Any], kinds: dict[str, Any]) -> Iterator[tuple[str, ast.expr]]:
     """Yield the parts of arrays that stand in a block, for other indices too, and add their kinds."""
-    for one in _with_other_indices(tree, [name for name, kind in kinds.items() if kind == "int"]):
+    for one in _with_otherindices(tree, [name for name, kind in kinds.items() if kind == "int"]):
         text = ast.unparse(one)
         if text in kinds or any(isinstance(x, ast.Call) for x in ast.walk(one)):
             continue
@@ -289,7 +340,7 @@ def _parts(tree: ast.AST, values: Mapping[str, Any], kinds: dict[str, Any]) -> I
             yield text, ast.parse(text, mode="eval").body
 
 
-def _with_other_indices(tree: ast.AST, counters: Sequence[str]) -> Iterator[ast.Subscript]:
+def _with_otherindices(tree: ast.AST, counters: Sequence[str]) -> Iterator[ast.Subscript]:
     """Yield the parts of arrays that stand somewhere, each with its twins of other counters."""
     for node in (n for n in ast.walk(tree) if isinstance(n, ast.Subscript)):
         yield node
@@ -338,7 +389,8 @@ def _is_item(node: ast.AST) -> TypeGuard[ast.Subscript]:
 def _of_state(node: ast.AST, arguments: tuple[str, ...]) -> TypeGuard[ast.expr]:
     """Tell whether an expression is a part of a function's arguments, or a sine or cosine of one."""
     if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant):
-        return isinstance(node.value, ast.Name) and node.value.id in arguments
+        is_read = isinstance(node.ctx, ast.Load)  # functions may write into their arguments
+        return is_read and isinstance(node.value, ast.Name) and node.value.id in arguments
     if not (isinstance(node, ast.Call) and function_name(node) in _TURNS):
         return False
     used = {x.id for x in ast.walk(node) if isinstance(x, ast.Name) and x is not node.func}
@@ -382,7 +434,8 @@ class _Seen(ast.NodeVisitor):
                 self.vectors[name] = node
             if kind in _SQUARE and name not in listed:
                 self.matrices[name] = node
-            if kind == "float" and not self._arguments and name[:1] == "q":
+            is_position = (joint_of(name) or "")[:1] == ("q",) or (not self._arguments and name[:1] == "q")
+            if kind == "float" and is_position:
                 self.joints[name] = ast.Name(name, ast.Load())
 
     def few_vectors(self, attributes: Container[str]) -> Iterator[ast.expr]:
@@ -462,6 +515,7 @@ def alternatives(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
                 yield from _of_subscript(node, scope)
         return
     yield from _of_itself(node, scope)
+    yield from _of_own_class(node, scope)
     yield from _of_place(node, parent, scope)
     number = scope.kind(node) == "scalar"
     if is_sum(node) or number or isinstance(node, ast.Name | ast.Subscript | ast.Call):
@@ -470,7 +524,7 @@ def alternatives(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
         yield "sign", _negative(node)
         yield "factor", _times(ast.Constant(2), node)
         yield "factor", _times(ast.Constant(0.5), node)
-        for factor in (*scope.numbers(), *scope.scalars, *scope.entries):
+        for factor in (*scope.numbers(), *scope.scalars, *scope.entries, *scope.other_items()):
             yield "product", _times(factor, node)
             yield "product", ast.BinOp(node, ast.Div(), factor)
     yield from _with_unused(node, parent, scope)
@@ -494,8 +548,7 @@ def _of_itself(node: ast.expr, scope: Scope) -> Iterator[Choice]:
             yield from _of_call(node, scope)
             yield from _of_own(node, scope)
         case ast.Attribute():
-            transposed = [("transposed", node.value)] if node.attr == "T" else []
-            yield from transposed or (("name", x) for x in scope.alike(node))
+            yield from _of_attribute(node, scope)
         case ast.Name():
             yield from _of_name(node, scope)
         case ast.Subscript():
@@ -508,6 +561,30 @@ def _of_itself(node: ast.expr, scope: Scope) -> Iterator[Choice]:
             yield from (("extra", body), ("extra", other))
         case ast.Constant(value=int() | float() as x) if abs(x) >= _DEGREES:
             yield "degrees", ast.BinOp(node, ast.Mult(), ast.Constant(math.pi / 180))
+
+
+def _of_attribute(node: ast.Attribute, scope: Scope) -> Iterator[Choice]:
+    """Yield a matrix as it is for its transpose, the other part of a complex number, another attribute."""
+    match node.attr:
+        case "T":
+            yield "transposed", node.value
+        case "real" | "imag" as part:
+            yield "trig", ast.Attribute(node.value, "imag" if part == "real" else "real", ast.Load())
+        case _:
+            yield from (("name", x) for x in scope.alike(node))
+
+
+def _of_own_class(node: ast.expr, scope: Scope) -> Iterator[Choice]:
+    """Yield what belongs where objects of own classes are combined: the other order, an inverse, none."""
+    match node:
+        case ast.BinOp(left=left, op=ast.Mult() as op, right=right) if scope.methods:
+            yield "swapped", ast.BinOp(right, op, left)
+        case ast.Call(func=ast.Attribute(value=value, attr=name), args=[]):
+            if any(name in names for names in scope.methods.values()):
+                yield "inverse", value
+        case ast.Name() | ast.Attribute() | ast.Subscript():
+            for name in scope.methods.get(str(scope.kind(node)), ()):
+                yield "inverse", ast.Call(ast.Attribute(node, name, ast.Load()), [], [])
 
 
 def _of_place(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
@@ -885,12 +962,25 @@ def _of_call(node: ast.Call, scope: Scope) -> Iterator[Choice]:
             for step in (1, -1):
                 shifted = ast.BinOp(end, ast.Add(), ast.Constant(step))
                 yield "index", ast.Call(node.func, [*before, shifted], [])
+        case "einsum", [ast.Constant(value=str() as indices), *rest]:
+            for text in _other_indices(indices):
+                yield "index", ast.Call(node.func, [ast.Constant(text), *rest], node.keywords)
         case "cross", [a, b]:
             yield from (("cross", ast.Call(node.func, [b, a], [])), ("cross", b))
         case _, args:
             for k in range(len(args) - 1):
                 items = [*args[:k], args[k + 1], args[k], *args[k + 2 :]]
                 yield "swapped", ast.Call(node.func, items, node.keywords)
+
+
+def _other_indices(indices: str) -> Iterator[str]:
+    """Yield the indices of a sum of products with two letters of an array in each other's place."""
+    parts = re.split(r"(\W+)", indices)
+    for k, part in enumerate(parts):
+        for i, j in itertools.combinations(range(len(part)) if part.isalpha() else (), 2):
+            letters = [*part]
+            letters[i], letters[j] = letters[j], letters[i]
+            yield "".join([*parts[:k], *letters, *parts[k + 1 :]])
 
 
 def _of_angle(angle: ast.expr, scope: Scope) -> Iterator[Choice]:
@@ -924,7 +1014,7 @@ def _of_name(node: ast.Name, scope: Scope) -> Iterator[Choice]:
 
 
 def _of_subscript(node: ast.Subscript, scope: Scope) -> Iterator[Choice]:
-    for kind, index in _indices(node.slice, scope):
+    for kind, index in indices(node.slice, scope):
         yield kind, ast.Subscript(node.value, index, node.ctx)
     if isinstance(node.slice, ast.Name | ast.BinOp):
         yield "transposed", ast.Attribute(node, "T", ast.Load())
@@ -939,7 +1029,7 @@ def _of_subscript(node: ast.Subscript, scope: Scope) -> Iterator[Choice]:
         yield "index", ast.IfExp(meet, node, other)
 
 
-def _indices(index: ast.expr, scope: Scope) -> Iterator[Choice]:
+def indices(index: ast.expr, scope: Scope) -> Iterator[Choice]:
     """Yield other indices: another number, key or variable, two of them swapped."""
     match index:
         case ast.Constant(value=int() as k):
@@ -957,13 +1047,56 @@ def _indices(index: ast.expr, scope: Scope) -> Iterator[Choice]:
                 swapped = [*items]
                 swapped[j], swapped[k] = items[k], items[j]
                 yield "index", ast.Tuple(swapped, ast.Load())
-        case ast.Name(id=name) | ast.BinOp(left=ast.Name(id=name)):
-            if isinstance(index, ast.BinOp):
+        case ast.Name(id=name):
+            yield from _of_counter(name, scope)
+        case ast.BinOp():
+            if isinstance(index.left, ast.Name):
                 yield "index", index.left
-            others = (other for other in scope.integers() if other != name)
-            yield from (("index", ast.Name(other, ast.Load())) for other in others)
-            for step in (1, -1):
-                yield "index", ast.BinOp(ast.Name(name, ast.Load()), ast.Add(), ast.Constant(step))
+                yield from _of_counter(index.left.id, scope)
+            yield from _of_flat_index(index, scope)
+
+
+def _of_counter(name: str, scope: Scope) -> Iterator[Choice]:
+    """Yield other variables for one that counts, the next one and the one before."""
+    others = (other for other in scope.integers() if other != name)
+    yield from (("index", ast.Name(other, ast.Load())) for other in others)
+    for step in (1, -1):
+        yield "index", ast.BinOp(ast.Name(name, ast.Load()), ast.Add(), ast.Constant(step))
+
+
+def _of_flat_index(index: ast.BinOp, scope: Scope) -> Iterator[Choice]:
+    """Yield other indices of an array by rows: 2 * n + 1 for 2 * n + 2, i * n + j for i + j or j * n + i."""
+    places = [x for x in ast.walk(index) if isinstance(x, ast.Constant) and type(x.value) is int]
+    for place in places:
+        for k in (k for k in range(4) if k != place.value):
+            yield "index", _with_part(index, place, ast.Constant(k))
+    names = [x for x in ast.walk(index) if isinstance(x, ast.Name)]
+    for one, other in itertools.combinations(names, 2):
+        if one.id != other.id:
+            swap = (one, ast.Name(other.id, ast.Load()), other, ast.Name(one.id, ast.Load()))
+            yield "index", _with_part(index, *swap)
+    for one in names:
+        for name in (name for name in scope.integers() if name != one.id):
+            yield "index", _with_part(index, one, ast.Name(name, ast.Load()))
+    if isinstance(index.op, ast.Add):
+        known = {x.id for x in names}
+        for name in (name for name in scope.integers() if name not in known):
+            rows = ast.BinOp(index.left, ast.Mult(), ast.Name(name, ast.Load()))
+            yield "index", ast.BinOp(rows, ast.Add(), index.right)
+
+
+def _with_part(node: ast.AST, *swaps: ast.expr) -> Any:
+    """Return an expression with others in place of some of its parts, given as old, new, old, new..."""
+    for old, new in zip(swaps[::2], swaps[1::2], strict=True):
+        if node is old:
+            return new
+    if not isinstance(node, ast.expr):
+        return node
+    fields = {
+        name: _with_part(value, *swaps) if isinstance(value, ast.expr) else value
+        for name, value in ast.iter_fields(node)
+    }
+    return type(node)(**fields)
 
 
 def _shifted_slices(*ends: ast.expr | None) -> Iterator[ast.Slice]:

@@ -232,7 +232,9 @@ class _Search:
             empty = [k for k, e in enumerate(p.elements) if _is_in_triangle(e, below)]
             wrong = np.flatnonzero(self.differing).tolist()
             if wrong and {*wrong} <= {*empty} and not np.abs(p.user[:, empty]).max():
-                text = f"only the {which} triangle of D is filled: mirror it, D = D + D' - diag(D)"
+                zeros = ", ".join(p.elements[k].label for k in wrong[:SHOWN])
+                text = f"only the {which} triangle of D is filled, not {zeros}"
+                text += ": mirror it, D = D + D' - diag(D)"
                 yield _Candidate(0.0, "triangle", text)
 
     def run(self, follows: Mapping[str, tuple[str, Mask]]) -> list[Cause]:

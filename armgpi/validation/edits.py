@@ -29,6 +29,7 @@ from armgpi.validation.alternatives import (
     Scope,
     alternatives,
     function_name,
+    indices,
     insertion,
     names_in,
     names_with,
@@ -66,7 +67,7 @@ _UNITS = (1000.0, 0.001, 100.0, 0.01, 1e6, 1e-6, np.pi / 180.0, 180.0 / np.pi)
 #: What gravity is usually taken for [m/s²].
 GRAVITY = (9.81, 9.8, 9.80665, 9.806, 9.807, 10.0)
 #: Fields whose expressions stay as they are.
-_KEPT = {"func", "targets", "target", "slice", "decorator_list", "annotation", "returns", "generators"}
+_KEPT = {"func", "targets", "target", "slice", "decorator_list", "annotation", "returns"}
 
 
 #: Name of the states in which everything moves.
@@ -191,6 +192,7 @@ class Site(NamedTuple):
     literal: str  # name of a number that has one
     whole: bool  # a sum, or all that is assigned, where vectors may be missing
     statement: str = ""  # what a forgotten one begins with: "M[0, 0] += "
+    span: tuple[int, int, int, int] | None = None  # of what is changed, where it is not the expression
 
 
 class Pick(NamedTuple):
@@ -248,6 +250,7 @@ class Block:
         self.terms: list[Any] = []
         self.reaches: set[str] = set()
         self.others: set[ast.AST] = set()  # functions inside of it that have switches of their own
+        self.checks_choices = False  # whether each alternative is compiled alone first
         self.values_of: Callable[[Any, str], Any] = lambda value, _: (
             value
         )  # expressions as values at the rows
@@ -258,6 +261,7 @@ class Block:
         """Return the statements with every alternative of every expression behind its switch."""
         values = {**_numbers(self.namespace), **(self.calls[ALL][0] if self.calls else self.once_seen)}
         self.scope = scope_of(ast.Module(self.body, []), values, arguments, self.everywhere)
+        self.sites.clear()
         module = ast.Module([self._rebuilt(statement) for statement in self.body], [])
         function = module.body[0]
         if isinstance(function, ast.FunctionDef) and self.name:
@@ -275,14 +279,23 @@ class Block:
     def _rebuilt(self, node: Any, parent: Any = None) -> Any:
         """Return a copy in which every expression can be switched to its alternatives."""
         if isinstance(node, list):
-            return [y for x in node for y in (self._rebuilt(x, parent), *self._with_forgotten(x))]
+            return [
+                y
+                for x in node
+                for y in (self._with_operator(x, self._rebuilt(x, parent)), *self._with_forgotten(x))
+            ]
         kept = isinstance(node, ast.arguments | ast.JoinedStr) or node in self.others
+        # Of what a comprehension goes through only the ends of a range: half of a step is no mistake.
+        kept = kept or (isinstance(node, ast.comprehension) and not _is_range(node.iter))
         if not isinstance(node, ast.AST) or kept:
             return node
         children = {
             name: value if name in _KEPT else self._rebuilt(value, node)
             for name, value in ast.iter_fields(node)
         }
+        if isinstance(node, ast.Assign | ast.AugAssign):
+            assigned = "targets" if isinstance(node, ast.Assign) else "target"
+            children[assigned] = self._with_places(children[assigned])
         new = ast.copy_location(type(node)(**children), node)
         return self._with_switch(node, parent, new) if _has_value(node) else new
 
@@ -293,6 +306,8 @@ class Block:
         choices = [one for one in every if not (later and later & names_in(one[1], names))]
         literal = self.literals.get(node, "")
         choices += _other_values(node) if literal else ()
+        if self.checks_choices:
+            choices = [one for one in choices if _compiles(one[1])]
         fitted = insertion(node, parent) or _is_coefficient(node, parent)
         number = len(self.sites)
         whole = fitted and not self.rebuilds and _is_whole(node, parent)
@@ -306,6 +321,52 @@ class Block:
             return new
         self.sites.append(Site(node, parent, choices, fitted, literal, whole))
         return self._add_switch(number, [choice for _, choice in choices], new)
+
+    def _with_places(self, target: Any) -> Any:
+        """Return what is assigned, where an entry's index can be switched to others."""
+        if isinstance(target, list):
+            return [self._with_places(x) for x in target]
+        if not isinstance(target, ast.Subscript) or self.rebuilds:
+            return target
+        others = [one for one in indices(target.slice, self.scope) if one[0] == "index"]
+        if not others:
+            return target
+        number = len(self.sites)
+        texts: list[tuple[str, ast.expr]] = [
+            (kind, ast.Subscript(target.value, index, ast.Load())) for kind, index in others
+        ]
+        self.sites.append(Site(target, None, texts, False, "", False))
+        index = self._add_switch(number, [index for _, index in others], target.slice)
+        return ast.copy_location(ast.Subscript(target.value, index, ast.Store()), target)
+
+    def _with_operator(self, statement: Any, new: Any) -> Any:
+        """Return a statement that can be switched from = to +=, or from += to =."""
+        match statement:
+            case ast.Assign(targets=[ast.Name() | ast.Subscript() as target]) if self._has_value(target):
+                other: ast.stmt = ast.AugAssign(target, ast.Add(), statement.value)
+                text = "+="
+            case ast.AugAssign(op=ast.Add(), target=ast.Name() | ast.Subscript() as target):
+                other, text = ast.Assign([target], statement.value), "="
+            case _:
+                return new
+        value, number = statement.value, len(self.sites)
+        if target.end_lineno != value.lineno:
+            return new
+        span = (value.lineno, target.end_col_offset or 0, value.lineno, value.col_offset)
+        self.sites.append(Site(value, statement, [("operator", ast.Name(text))], False, "", False, "", span))
+        at = ast.Subscript(ast.Name(self.names[0], ast.Load()), ast.Constant(number), ast.Load())
+        return ast.If(at, [ast.copy_location(other, statement)], [new])
+
+    def _has_value(self, target: ast.expr) -> bool:
+        """Tell whether what is assigned may have a value before: something to which a term may be added."""
+        root: Any = target
+        while isinstance(root, ast.Subscript):
+            root = root.value
+        if not isinstance(root, ast.Name):
+            return False
+        if isinstance(target, ast.Subscript):
+            return True
+        return self._first.get(root.id, target.lineno) < target.lineno
 
     def _with_forgotten(self, statement: Any) -> Iterator[ast.stmt]:
         """Yield statements that may be missing after one, each behind its switch."""
@@ -416,6 +477,20 @@ class Block:
         """Terms of a vector's equation that may be missing, the short ones first."""
         texts = map(ast.unparse, vector_terms(self.scope))
         return {text: compile(text, "<term>", "eval") for text in texts}
+
+
+def _is_range(node: ast.expr) -> bool:
+    """Tell whether an expression counts."""
+    return isinstance(node, ast.Call) and function_name(node) == "range"
+
+
+def _compiles(choice: ast.expr) -> bool:
+    """Tell whether an alternative is an expression of Python."""
+    try:
+        compile(_locate(ast.Module([ast.Expr(choice)], [])), "<choice>", "exec")
+    except (SyntaxError, ValueError):
+        return False
+    return True
 
 
 def _locate(module: ast.Module) -> ast.Module:
@@ -584,6 +659,7 @@ class Editor:
             if isinstance(n, ast.FunctionDef)
         }
         found = self._reachable()
+        self._add_executed(found)
         self._helpers = dict(self._called_first(found))
         self._trace_helpers()
         self._trace(found)
@@ -630,6 +706,41 @@ class Editor:
                     both = (function.__globals__.get(other), getattr(owner, other, None))
                     todo += filter(callable, both)
                 todo += self._methods_called(function, owner)
+        return found
+
+    def _add_executed(self, found: dict[FunctionType, Block]) -> None:
+        """Add the functions of the file that run when the model's do: operators, methods, items of tables."""
+        for name, target in self.targets.items():
+            if not target.whole:
+                continue
+            for code in self._codes_run_by(target.function):
+                # One inside of another function is a part of that one.
+                owners = [x for x in gc.get_referrers(code) if isinstance(x, FunctionType)]
+                function = next((x for x in owners if "<locals>" not in x.__qualname__), None)
+                node = None if function is None else self._node_of(function)
+                if function is None or node is None:
+                    continue
+                block = found.setdefault(
+                    function, Block(len(found), node.name, [node], function.__globals__, self._tree)
+                )
+                parts = (label for label, x in self.targets.items() if x.function == target.function)
+                block.reaches |= {name, *parts}
+
+    def _codes_run_by(self, name: str) -> dict[CodeType, None]:
+        """Return the code of the file that runs when a function of the model does, in the order of calls."""
+        found: dict[CodeType, None] = {}
+
+        def watch(frame: FrameType, event: str, _: object) -> None:
+            if event == "call" and frame.f_code.co_filename == self._path:
+                found[frame.f_code] = None
+
+        saved, arguments = dict(vars(self._module)), self.goal.arguments(name, ALL, 0)
+        sys.setprofile(watch)
+        try:
+            self._calls[name](*arguments)
+        finally:
+            sys.setprofile(None)
+            vars(self._module).update(saved)
         return found
 
     def _methods_called(self, function: FunctionType, owner: Any) -> Iterator[Any]:
@@ -726,18 +837,29 @@ class Editor:
         if function in self._makers:
             block.rebuilds, block.once, block.calls = True, True, self._nowhere()
             block.reaches, block.once_in = set(self.targets), set()
-        module = block.switchable(code.co_varnames[: code.co_argcount])
-        if code.co_freevars:  # a closure: compiled inside of a function that has its variables
-            outer = ast.parse(f"def {_OUTER}({', '.join(code.co_freevars)}): pass")
-            outer.body[0].body = [*module.body, ast.Pass()]  # type: ignore[attr-defined]
-            module = outer
-        exec(compile(_locate(module), self._path, "exec"), space)
+        try:
+            made = self._compiled(function, block)
+        except (SyntaxError, ValueError):
+            # One alternative that is no expression must not end the search of all others.
+            block.checks_choices = True
+            made = self._compiled(function, block)
+        exec(made, space)
         if code.co_freevars:
             inner = space[_OUTER].__code__.co_consts
             function.__code__ = next(x for x in inner if isinstance(x, CodeType) and x.co_name == block.name)
         else:
             function.__code__ = space[block.name].__code__
         return block
+
+    def _compiled(self, function: FunctionType, block: Block) -> CodeType:
+        """Return what defines a function with its switches, a closure inside of another one."""
+        code = function.__code__
+        module = block.switchable(code.co_varnames[: code.co_argcount])
+        if code.co_freevars:  # compiled inside of a function that has its variables
+            outer = ast.parse(f"def {_OUTER}({', '.join(code.co_freevars)}): pass")
+            outer.body[0].body = [*module.body, ast.Pass()]  # type: ignore[attr-defined]
+            module = outer
+        return compile(_locate(module), self._path, "exec")
 
     def _assignments(self) -> None:
         """Put switches into what the module assigns: constants that are computed, expressions of SymPy."""
@@ -939,6 +1061,10 @@ class Editor:
             line = self.source.splitlines()[site.parent.lineno - 1]
             added = f"\n{line[: len(line) - len(line.lstrip())]}{site.statement}{pick.new}"
             return Change("term", span, "", added, *where)
+        if site.span is not None:
+            line = self.source.splitlines()[site.span[0] - 1].encode()
+            old = line[site.span[1] : site.span[3]].decode()
+            return Change(kind, site.span, old, f" {ast.unparse(new)} ", *where)
         old = ast.get_source_segment(self.source, node) or ast.unparse(node)
         text = pick.new or ast.unparse(new)
         if self.source.count('"') > self.source.count("'") and '"' not in text:

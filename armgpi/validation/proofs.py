@@ -200,8 +200,8 @@ def is_number(text: str) -> bool:
 
 
 def _numbers_in(text: str) -> Iterator[tuple[float, ast.Constant]]:
-    """Yield the numbers in an expression but for zeros, and where they stand."""
-    for node in ast.walk(ast.parse(text)):
+    """Yield the numbers in an expression but for zeros, and where they stand; an operator has none."""
+    for node in ast.walk(ast.parse(text)) if text not in ("=", "+=") else ():
         match node:
             case ast.Constant(value=int() | float() as value) if value:
                 yield value, node

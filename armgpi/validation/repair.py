@@ -31,7 +31,7 @@ Signs = tuple[tuple[float, str], ...]
 #: Kind of a change -> how the difference of an entry begins that it undoes.
 _SAID_BY_KIND = {"sign": ("wrong sign: ",), "factor": ("half is missing: ", "twice instead of once: ")}
 #: Time of the processor for a search [s], and where a convention explains all.
-LONG, SHORT = BUDGET, 0.3
+LONG, SHORT = BUDGET, 2.0
 
 
 def seconds_used() -> float:
@@ -285,6 +285,8 @@ _WRONG = {
     "extra": "a term too much",
     "product": "a factor is missing, or too much",
     "swapped": "two values in each other's place",
+    "inverse": "an inverse, or none",
+    "operator": "what is added and what is assigned",
 }
 
 
@@ -338,7 +340,7 @@ def _cause(change: Change) -> Cause:
     line = f"line {change.span[0]}" + (f", in {change.where}" if change.where else "")
     numbers_alone = is_number(change.old) and is_number(change.new)
     wrong = _WRONG.get("" if numbers_alone else change.kind, "a number")
-    text = f"{line}: {change.old} stands where {change.new} belongs ({wrong})"
+    text = f"{line}: {change.old.strip()} stands where {change.new.strip()} belongs ({wrong})"
     if not change.old:
         text = f"{line}: after it {change.new.strip()} is missing (a statement)"
     return Cause(change.kind, text, "", (), formulas=(("stands", change.old), ("belongs", change.new)))

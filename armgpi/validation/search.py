@@ -65,7 +65,10 @@ _FEW = 2
 _KINDS = 14
 #: Kinds of changes of which there are few at a place.
 _USUAL = frozenset(
-    "sign factor square trig angle degrees extra sum transposed cross swapped unit value name index".split()  # noqa: SIM905
+    [
+        *("sign", "factor", "square", "trig", "angle", "degrees", "extra", "sum", "transposed", "cross"),
+        *("swapped", "unit", "value", "name", "index", "operator", "inverse"),
+    ]
 )
 #: Change of a term that shows what it moves: large enough for the digits, small enough for what is curved.
 _NUDGE = 1e-4

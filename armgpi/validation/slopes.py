@@ -13,7 +13,7 @@ from armgpi.validation.models import States
 from armgpi.validation.problem import Problem, function_of
 from armgpi.validation.samples import SAFETY
 from armgpi.validation.tree import Body, Quantities, Tree, evaluate
-from armgpi.validation.units import JOINED, STEP, Slopes, span
+from armgpi.validation.units import JOINED, STEP, BodySlopes, Slopes, moments_of_point, span
 
 #: Quantities of which functions of states are made.
 _ALWAYS = {"D", "H", "G"}
@@ -49,7 +49,31 @@ def slopes(problem: Problem, states: States, names: Sequence[str]) -> Slopes:
         np.stack(ordered, axis=-1),
         SAFETY * noise / (2.0 * STEP),
         problem.is_passive,
+        tuple(_of_bodies(tree, known, ordered)),
     )
+
+
+def _of_bodies(
+    tree: Tree, known: Sequence[tuple[Parameter, int]], columns: Sequence[Array]
+) -> Iterator[BodySlopes]:
+    """Yield the derivatives by what bodies are made of: those by m, c and I about c, taken apart."""
+    for i, body in enumerate(tree.bodies):
+        of_kind: dict[str, list[Array]] = {}
+        for (one, link), column in zip(known, columns, strict=False):
+            if link == i:
+                of_kind.setdefault(one.kind, []).append(column)
+        if not body.mass:
+            continue
+        moments = np.stack(of_kind["inertia"], axis=-1)
+        first = []
+        for k, axis in enumerate(np.eye(3)):
+            ahead, behind = (moments_of_point(body.com + way * axis) for way in (1.0, -1.0))
+            first.append(of_kind["com"][k] / body.mass - moments @ (0.5 * (ahead - behind)))
+        linear = np.stack(first, axis=-1)
+        mass = of_kind["mass"][0] - linear @ body.com - moments @ moments_of_point(body.com)
+        end = tree.next_joint(i)
+        places = (body.com, np.zeros(3), *(() if end is None else (end,)))
+        yield BodySlopes(i, mass, linear, moments, places)
 
 
 class _Stack:

@@ -37,6 +37,40 @@ JOINED = "joined "
 USUAL = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 9.81, 9.8, 9.80665)
 
 
+class BodySlopes(NamedTuple):
+    """Derivatives of what an arm gives by a body of a link, in which it is linear.
+
+    Attributes:
+        link: the link, from 0.
+        mass: by a mass at the origin of the joint's frame, (values,).
+        first: by the first moments, (values, 3).
+        moments: by Ixx, Iyy, Izz, Ixy, Ixz, Iyz about that origin, (values, 6).
+        places: where a mass may be, without a number of its own [m], each (3,).
+    """
+
+    link: int
+    mass: Array
+    first: Array
+    moments: Array
+    places: tuple[Array, ...]
+
+    def of_point(self, place: Array) -> Array:
+        """Return the derivative by a mass at a place [m], (values,)."""
+        return np.asarray(self.mass + self.first @ place + self.moments @ moments_of_point(place))
+
+    def of_coordinate(self, place: Array, k: int) -> Array:
+        """Return the derivative of that by a coordinate of the place, which is exact for any step."""
+        step = np.eye(3)[k]
+        ahead, behind = (moments_of_point(place + way * step) for way in (1.0, -1.0))
+        return np.asarray(self.first[:, k] + self.moments @ (0.5 * (ahead - behind)))
+
+
+def moments_of_point(place: Array) -> Array:
+    """Return Ixx, Iyy, Izz, Ixy, Ixz, Iyz of a mass of one at a place, about the origin [m²], (6,)."""
+    tensor = float(place @ place) * np.eye(3) - np.outer(place, place)
+    return np.asarray(tensor[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)])
+
+
 class Slopes(NamedTuple):
     """Derivatives of what an arm gives by its numbers.
 
@@ -50,6 +84,7 @@ class Slopes(NamedTuple):
         columns: the derivatives by them, (values, count).
         noise: what the rounding of a model's values leaves of a derivative: of finite differences, say.
         curved: whether the values are fractions of the numbers: accelerations, of which D is not known.
+        bodies: the derivatives by what the links' bodies are made of.
     """
 
     names: tuple[str, ...]
@@ -61,6 +96,7 @@ class Slopes(NamedTuple):
     columns: Array
     noise: float = 0.0
     curved: bool = False
+    bodies: tuple[BodySlopes, ...] = ()
 
     def same(self, rest: Array, column: Array) -> bool:
         """Tell whether what is left of a derivative is nothing."""
@@ -143,6 +179,24 @@ class Slopes(NamedTuple):
                 if self.same(rest - basis @ (basis.T @ rest), column):
                     return True
         return False
+
+    def link_of_part(self, column: Array, value: float, stated: Sequence[float]) -> int | None:
+        """Return the link of which a number is of a part: a load, or a lever of one, that the robot joins.
+
+        The derivative then is exactly that by a mass at a place, or by its place, where the places are those
+        of the model's other numbers along the axes. None where it is nothing like that.
+        """
+        sizes = [*dict.fromkeys(abs(x) for x in stated if x)]
+        for body in self.bodies:
+            along = [way * size * axis for size in sizes for axis in np.eye(3) for way in (1.0, -1.0)]
+            for place in (*body.places, *along):
+                if self.same(column - value * body.of_point(place), column):
+                    return body.link
+            for k, way in itertools.product(range(3), (1.0, -1.0)):
+                lever = body.of_coordinate(way * abs(value) * np.eye(3)[k], k) * way * abs(value)
+                if any(self.same(column - mass * lever, column) for mass in sizes):
+                    return body.link
+        return None
 
     def nearest(self, column: Array, value: float, used: Container[int]) -> dict[int, float]:
         """Return the robot's numbers that come nearest to a model's, and how they change with it.
@@ -256,6 +310,7 @@ class _Checked:
         self.standing: dict[int, dict[int, float]] = {}
         self.odd: list[str] = []
         self._linked = True  # whether each is of a link
+        self._joined = False  # whether some are of parts that the robot joins
         self._left: dict[int, Array] = {}  # derivatives by numbers that are none of the robot's alone
         #: The robot's numbers that are used, those of which half is, and the model's that nothing depends on.
         self._used, self._halves, self._unused = set[int](), set[int](), list[float]()
@@ -275,10 +330,14 @@ class _Checked:
         if chosen := known.standing(column, value, self._used):
             self.standing[k] = chosen
             own = {*chosen} & {*whole, *known.alike(value, 0.5)}
-            links = {known.links[j] for j in own}
+            links: set[int] = {known.links[j] for j in own}
             self._used |= own
             self._scaled |= {j: name for j in {*chosen} - own if known.units[j] == "kg m²"}
             self._halves |= own - {*whole}
+        elif (part := known.link_of_part(column, value, self.stated)) is not None:
+            # The robot has one body there, of which no number alone is this one: nothing is varied with it.
+            self._joined = True
+            links = {part}
         else:
             self._left[k] = column
             found = known.of(column, self.stated)
@@ -312,6 +371,7 @@ class _Checked:
         in_order = [[link for _, link in sorted(rows)] for rows in families]
         return (
             self._linked
+            and not self._joined
             and not self.mixed()
             and not any(set(self.known.alike(x)) - left for x in self._unused)
             and all(links == sorted(links) for links in in_order)

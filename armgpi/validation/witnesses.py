@@ -173,6 +173,8 @@ def _find_repair(
         number = _wrong_number(compared)
     if number is None and (found is None or found.doubtful) and not whole:
         number = find_slip(compared, everywhere)
+    if number is not None and found is not None and found.doubts < number.doubts:
+        return found  # fewer numbers speak against it
     return number or found
 
 

@@ -149,3 +149,56 @@ def test_numbers_may_be_defaults_of_a_class(right: str, wrong: str, tmp_path: Pa
     cause = validate(place, robot).causes[0]
     assert cause.line == next(i for i, text in enumerate(PENDULUM.splitlines(), 1) if right in text)
     assert cause.confirmed
+
+
+FLAT = """
+from math import cos, sin
+import numpy as np
+N = 2
+m1, m2, a1, c1, c2, I1, I2 = 3.1, 2.2, 0.25, 0.11, 0.0906, 0.035, 0.021
+
+class Pair:
+    def __init__(self, x, y):
+        self.x, self.y = x, y
+    def __add__(self, other):
+        return Pair(self.x + other.x, self.y + other.y)
+    def __mul__(self, other):
+        return self.x * other.x + self.y * other.y
+
+def ahead(length, angle):
+    return Pair(length * cos(angle), length * sin(angle))
+
+def fill(q, out):
+    k = I2 + m2 * c2 * c2 + m2 * (ahead(a1, q[0]) * ahead(c2, q[0] + q[1]))
+    out[0 * N + 0] = I1 + m1 * c1 * c1 + m2 * a1 * a1
+    out[0 * N + 0] += 2.0 * k - (I2 + m2 * c2 * c2)
+    out[0 * N + 1] = k
+    out[1 * N + 0] = out[0 * N + 1]
+    out[1 * N + 1] = I2 + m2 * c2 * c2
+
+def mass_matrix(q):
+    work = np.zeros(N * N)
+    fill(q, work)
+    return work.reshape(N, N)
+"""
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "belongs"),
+    [
+        ("out[0 * N + 0] += 2.0 * k", "out[0 * N + 0] = 2.0 * k", "= stands where += belongs"),
+        ("out[0 * N + 1] = k", "out[1 * N + 1] = k", "out[1 * N + 1] stands where out[0 * N + 1] belongs"),
+        ("m1 * c1 * c1", "m1 * c1 * a1", "a1 stands where c1 belongs"),
+        ("length * sin(angle))", "length * cos(angle))", "cos(angle) stands where sin(angle) belongs"),
+    ],
+)
+def test_helpers_that_write_into_an_argument_and_operators_of_own_classes_are_searched(
+    right: str, wrong: str, belongs: str, tmp_path: Path
+) -> None:
+    assert FLAT.count(right) == 1
+    robot = Robot.from_xml(URDF.replace("0.09 0.01 0", "0.0906 0 0"))
+    (tmp_path / "flat.py").write_text(FLAT)
+    assert validate(tmp_path / "flat.py", robot).agrees
+    (tmp_path / "wrong.py").write_text(FLAT.replace(right, wrong))
+    report = validate(tmp_path / "wrong.py", robot)
+    assert belongs in report.causes[0].text
