@@ -18,11 +18,9 @@ from sampling import for_search
 from armgpi import (
     GPI,
     Bezier,
-    CartesianImpedance,
     FixedGains,
     RigidBodyPlant,
     Robot,
-    assume_drives,
     default_omega,
     health,
     robots,
@@ -31,7 +29,6 @@ from armgpi import (
 from armgpi.cli.parsing import as_option
 from armgpi.errors import ArmgpiError, NameNotFound, ParameterError, Remedy, UrdfError
 from armgpi.health import findings
-from armgpi.health.compliance import Compliance
 from armgpi.health.findings import Finding
 from armgpi.robot import rotors, urdf
 from armgpi.robot.meshes import MeshFinder
@@ -265,25 +262,6 @@ def test_many_findings_of_a_kind_are_counted(report: Any) -> None:
     assert hits[-1].message == "15 more of this kind"
 
 
-def test_what_holds_of_several_joints_is_said_once_with_ranges_and_one_option_for_all() -> None:
-    found = [
-        Finding(
-            "warning", f"joint {name!r}", f"needs {most} of 10", remedies=(Remedy("effort", (name,), most),)
-        )
-        for name, most in (("j2", 12.5), ("a", 20.0), ("b", -3e-05))
-    ]
-    (one,) = findings.fold(found)
-    assert str(one) == "each of joints 'j2', 'a', 'b': needs -3e-05 to 20.0 of 10"
-    assert as_option(one.remedies[0]) == "--effort j2=12.5,a=20,b=-3e-05"
-    other = found[0]._replace(message="needs 12.5 of it")
-    assert findings.fold([found[0], other]) == [found[0], other]
-    lowest = [
-        each._replace(remedies=(Remedy("omega", (), x),))
-        for each, x in zip(found, (3.0, 1.0, 2.0), strict=True)
-    ]
-    assert findings.fold(lowest)[0].remedies == (Remedy("omega", (), 1.0),)
-
-
 def test_the_report_is_plain_data_the_worst_first() -> None:
     found = health.inspect("double_pendulum")
     levels = [health.LEVELS.index(f.level) for f in found.findings]
@@ -471,27 +449,6 @@ def test_a_slow_default_bandwidth_and_missing_rotors_are_said() -> None:
     values = dict(part.split("=") for part in str(proposed).split(","))
     told = health.inspect("ur5", rotor_inertia={name: float(value) for name, value in values.items()})
     assert "armature" not in {f.kind for f in told.findings}
-
-
-def test_what_an_impedance_controller_may_be_asked_for_is_said_before_one_is_made() -> None:
-    fast, slow = (health.inspect("ur5", dt=dt, delay=1) for dt in (1e-3, 8e-3))
-    said = fast.facts["compliance"]
-    arm = assume_drives(Robot.load("ur5"))
-    largest = [said["stiffness"]] * 3 + [0.06 * said["stiffness"]] * 3
-    CartesianImpedance(arm, 1e-3, stiffness=[0.97 * x for x in largest], delay=1e-3)
-    with pytest.raises(ParameterError, match="at most"):
-        CartesianImpedance(arm, 1e-3, stiffness=[1.03 * x for x in largest], delay=1e-3)
-    assert "compliance" not in {each.kind for each in fast.findings}
-    (finding,) = (each for each in slow.findings if each.kind == "compliance")
-    assert finding.value == pytest.approx(slow.facts["compliance"]["stiffness"])
-    assert isinstance(finding.value, float)
-    assert finding.value < 500.0
-
-
-def test_a_wall_that_a_tool_hardly_moves_against_has_no_stiffest_one() -> None:
-    """4.3e11 kN/m was the median of an arm of two joints, whose tool moves in two directions alone."""
-    found = Compliance(1e5, 1e5, 4.3e5, 4.3e14, 500.0, "")
-    assert "is 430 kN/m in the worst direction, any in the median" in found.describe()[1]
 
 
 def test_no_controller_is_worked_out_only_to_describe_a_whole_body(monkeypatch: pytest.MonkeyPatch) -> None:
