@@ -49,25 +49,32 @@ def json_schema() -> dict[str, Any]:
 
 def _section(kind: type[Section], name: str = "") -> dict[str, Any]:
     """Return the schema of a section; of one that is told apart by its `type`, with that name."""
-    said = notes(kind)
-    properties = {key: _key(key, facts, said.get(key, "")) for key, facts in kind.keys.items()}
+    notes_of_keys = notes(kind)
+    properties = {}
+    for key, facts in kind.keys.items():
+        properties[key] = _key(key, facts, notes_of_keys.get(key, ""))
+    schema: dict[str, Any] = {"type": "object", "properties": properties, "additionalProperties": False}
     if name:
-        old = [before for before, now in OLD_CONTROLLERS.items() if now == name]
-        properties["type"] = {"enum": [name, *old]}
-    found: dict[str, Any] = {"type": "object", "properties": properties, "additionalProperties": False}
-    return {**found, "required": ["type"]} if name else found
+        old_names = [old for old, new in OLD_CONTROLLERS.items() if new == name]
+        properties["type"] = {"enum": [name, *old_names]}
+        schema["required"] = ["type"]
+    return schema
 
 
-def _key(name: str, key: Key, said: str) -> dict[str, Any]:
-    """Return the schema of what may stand at a key."""
+def _key(name: str, key: Key, note: str) -> dict[str, Any]:
+    """Return the schema of what may stand at a key; `note` says what it is where nothing is declared."""
     declared = key.declared
-    text = declared.meaning if declared is not None else said
+    text = declared.meaning if declared is not None else note
     facts = {"description": text} if text else {}
+    nested = getattr(key.form, "__self__", None)
+    value: dict[str, Any]
     if name in _VARIANTS:
         group, is_list = _VARIANTS[name]
-        one = {"anyOf": [{"$ref": f"#/$defs/{group}.{kind}"} for kind in _GROUPS[group]]}
-        value: dict[str, Any] = {"type": "array", "items": one} if is_list else one
-    elif (nested := getattr(key.form, "__self__", None)) is not None:
+        references = [{"$ref": f"#/$defs/{group}.{kind}"} for kind in _GROUPS[group]]
+        value = {"anyOf": references}
+        if is_list:
+            value = {"type": "array", "items": value}
+    elif nested is not None:
         # A robot may be its name, and a section with short forms more: armgpi looks at these.
         value = {"anyOf": [_section(nested), {"type": ["string", "number", "array", "boolean"]}]}
     elif declared is not None:
@@ -98,5 +105,6 @@ def _declared(declared: Parameter) -> dict[str, Any]:
         number = {"anyOf": [*number["anyOf"], {"type": "null"}]}
     if not declared.per_joint:
         return number
-    several = [{"type": "array", "items": number}, {"type": "object", "additionalProperties": number}]
-    return {"anyOf": [number, *several]}
+    as_list = {"type": "array", "items": number}
+    by_name = {"type": "object", "additionalProperties": number}
+    return {"anyOf": [number, as_list, by_name]}

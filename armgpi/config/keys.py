@@ -37,22 +37,28 @@ def find(config: Section, name: str) -> tuple[Parameter, Any]:
     here: Any = config
     declared = Parameter("", name=name)
     for step in path_of(name.replace("controller.", "controllers.0.", 1)):
-        if isinstance(here, Section) or (isinstance(here, type) and issubclass(here, Section)):
+        is_absent_section = isinstance(here, type) and issubclass(here, Section)
+        if isinstance(here, Section) or is_absent_section:
             key = here.keys[str(step)]
-            # Of a section that is not there its class says what it may have.
-            here = vars(here).get(str(step)) if isinstance(here, Section) else None
-            here = getattr(key.form, "__self__", None) if here is None else here
+            value = vars(here).get(str(step)) if isinstance(here, Section) else None
+            if value is None:  # of a section that is not there its class says what it may have
+                value = getattr(key.form, "__self__", None)
+            here = value
             declared = key.declared or declared
         elif isinstance(here, list):
-            here, declared = here[int(step)], replace(declared, kind="number", per_joint=False)
+            here = here[int(step)]
+            declared = replace(declared, kind="number", per_joint=False)
         elif isinstance(here, Mapping):
-            here, declared = here[step], QUANTITIES.get(str(step), replace(declared, per_joint=False))
+            here = here[step]
+            declared = QUANTITIES.get(str(step), replace(declared, per_joint=False))
         else:
             raise LookupError(name)
-    single = isinstance(here, list) and not declared.per_joint and declared.kind in ("number", "integer")
-    if isinstance(here, Mapping) and not declared.per_joint:
+    is_several = isinstance(here, Mapping) or (
+        isinstance(here, list) and declared.kind in ("number", "integer")
+    )
+    if is_several and not declared.per_joint:
         raise LookupError(name)
-    if single or isinstance(here, type | Section | str | bool) or declared.kind in _WORDS:
+    if isinstance(here, type | Section | str | bool) or declared.kind in _WORDS:
         raise LookupError(name)
     return declared, here
 
@@ -71,7 +77,8 @@ def put(data: Any, path: Path, value: Any) -> None:
     """
     *way, last = path
     for step in way:
-        if isinstance(data, dict) and isinstance(step, str) and data.get(step) is None:
+        may_be_missing = isinstance(data, dict) and isinstance(step, str)
+        if may_be_missing and data.get(step) is None:
             data[step] = {}
         data = data[step]
     before = data.get(last) if isinstance(data, dict) else data[last]

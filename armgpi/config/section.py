@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+import itertools
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import FrozenInstanceError
 from numbers import Integral, Real
@@ -106,11 +108,11 @@ class Section:
             data = data.plain(given=True)
         if not isinstance(data, Mapping):
             raise _refusal("a mapping", data, path, f"its keys: {', '.join(cls.keys)}")
-        values = _read_each(
-            [(name, key, data.get(name, REQUIRED)) for name, key in cls.keys.items()]
-            + [(name, _unknown(cls.keys), value) for name, value in data.items() if name not in cls.keys],
-            path,
-        )
+        entries = [(name, key, data.get(name, REQUIRED)) for name, key in cls.keys.items()]
+        for name, value in data.items():
+            if name not in cls.keys:
+                entries.append((name, _unknown(cls.keys), value))
+        values = _read_each(entries, path)
         made = object.__new__(cls)
         vars(made).update(values, given=frozenset(data))
         return made
@@ -123,10 +125,13 @@ class Section:
 
     def plain(self, given: bool = False) -> dict[str, Any]:
         """Return it as plain data: all, or what the file says alone."""
-        found = {name: getattr(self, name) for name in self.keys if not given or name in self.given}
-        return {
-            name: _plain(x, given) for name, x in found.items() if x is not None or name not in self.quiet
-        }
+        data = {}
+        for name in self.keys:
+            value = getattr(self, name)
+            is_left_out = (given and name not in self.given) or (value is None and name in self.quiet)
+            if not is_left_out:
+                data[name] = _plain(value, given)
+        return data
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Refuse to set a key."""
@@ -148,26 +153,32 @@ def _plain(value: Any, given: bool) -> Any:
     if isinstance(value, Section):
         return value.plain(given)
     if isinstance(value, Mapping):
-        return {key: _plain(each, given) for key, each in value.items()}
-    return [_plain(each, given) for each in value] if isinstance(value, list | tuple) else value
+        return {key: _plain(item, given) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item, given) for item in value]
+    return value
 
 
 def _read_each(parts: Iterable[tuple[Any, Key, Any]], path: Path_) -> dict[Any, Any]:
     """Return values by their keys or places; of what is wrong, a misspelt key is raised first."""
-    found, wrong = {}, []
+    values: dict[Any, Any] = {}
+    errors = []
     for name, key, value in parts:
+        place = (*path, name)
         try:
             if value is REQUIRED and key.default is REQUIRED:
-                raise Wrong((*path, name), f"is missing; add it, such as '{name}: ...'")
+                raise Wrong(place, f"is missing; add it, such as '{name}: ...'")
             if value is REQUIRED:
-                found[name] = copy.copy(key.default)
+                values[name] = copy.copy(key.default)
+            elif value is None and key.optional:
+                values[name] = None
             else:
-                found[name] = None if value is None and key.optional else key.form(value, (*path, name))
+                values[name] = key.form(value, place)
         except Wrong as error:
-            wrong.append(error)
-    if wrong:
-        raise min(wrong, key=lambda error: not error.misspelt)
-    return found
+            errors.append(error)
+    if errors:
+        raise min(errors, key=lambda error: not error.misspelt)
+    return values
 
 
 def _unknown(known: Mapping[str, Key]) -> Key:
@@ -177,8 +188,10 @@ def _unknown(known: Mapping[str, Key]) -> Key:
         name = path[-1]
         meant = _MEANT.get(str(name), "")
         remedy = f"write {meant}" if meant in known else ""
-        said = NameNotFound("key", name, tuple(known), remedy) if isinstance(name, str) else "a key is text"
-        raise Wrong(path, str(said), misspelt=True)
+        message = "a key is text"
+        if isinstance(name, str):
+            message = str(NameNotFound("key", name, tuple(known), remedy))
+        raise Wrong(path, message, misspelt=True)
 
     return Key(refuse)
 
@@ -226,19 +239,20 @@ def number(declared: Parameter) -> Form:
         if declared.kind == "integer":
             if isinstance(value, bool) or not isinstance(value, Integral):
                 raise _refusal("a whole number", value, path)
-            found: float | int = int(value)
+            read_number: float | int = int(value)
         else:
-            try:
-                found = float(value) if isinstance(value, str | Real) else math.inf
-            except (ValueError, OverflowError):
-                raise _refusal("a number", value, path) from None
             if isinstance(value, bool) or not isinstance(value, str | Real):
                 raise _refusal("a number", value, path)
-            if not math.isfinite(found):
+            try:
+                read_number = float(value)
+            except (ValueError, OverflowError):
+                raise _refusal("a number", value, path) from None
+            if not math.isfinite(read_number):
                 raise _refusal("a finite number", value, path)
-        if limit := declared.broken_limit(found):
+        limit = declared.broken_limit(read_number)
+        if limit:
             raise _refusal(limit, value, path)
-        return found
+        return read_number
 
     return read
 
@@ -253,7 +267,8 @@ def listing(form: Form, least: int = 0, most: float = math.inf) -> Form:
             count = f"at least {least}" if len(value) < least else f"at most {most}"
             raise _refusal(f"{count} entries", value, path)
         key = Key(form)
-        return list(_read_each(((place, key, x) for place, x in enumerate(value)), path).values())
+        entries = [(place, key, item) for place, item in enumerate(value)]
+        return list(_read_each(entries, path).values())
 
     return read
 
@@ -264,10 +279,11 @@ def mapping(form: Form, optional: bool = False) -> Form:
     def read(value: Any, path: Path_) -> dict[str, Any]:
         if not isinstance(value, Mapping):
             raise _refusal("a mapping", value, path)
-        if odd := [name for name in value if not isinstance(name, str)]:
-            raise Wrong((*path, odd[0]), "a key is text: put it in quotes")
+        for name in value:
+            if not isinstance(name, str):
+                raise Wrong((*path, name), "a key is text: put it in quotes")
         key = Key(form, optional=optional)
-        return _read_each(((name, key, x) for name, x in value.items()), path)
+        return _read_each([(name, key, item) for name, item in value.items()], path)
 
     return read
 
@@ -281,8 +297,9 @@ def by_shape(
         if isinstance(value, Mapping) and named is not None:
             return named(value, path)
         if isinstance(value, list | tuple) and several is not None:
-            inside = nested is not None and value and isinstance(value[0], list | tuple)
-            return nested(value, path) if inside and nested is not None else several(value, path)
+            if nested is not None and value and isinstance(value[0], list | tuple):
+                return nested(value, path)
+            return several(value, path)
         return single(value, path)
 
     return read
@@ -305,8 +322,8 @@ vector = listing(plain_number, 3, 3)
 
 def names(value: Any, path: Path_) -> list[str]:
     """Read names, of which one may stand in place of a list."""
-    found: list[str] = listing(text)([value] if isinstance(value, str) else value, path)
-    return found
+    listed: list[str] = listing(text)([value] if isinstance(value, str) else value, path)
+    return listed
 
 
 def one_of(kinds: Mapping[str, type[Section]], old: Mapping[str, str] = MappingProxyType({})) -> Form:
@@ -355,12 +372,15 @@ def form_of(declared: Parameter) -> Form:
 
 def _box(item: Form) -> Form:
     """Return the form of a box: two ends, or one value that does not adapt."""
-    end, one = Key(per_joint(item)), per_joint(item)
+    single = per_joint(item)
+    end = Key(single)
     ends: type[Section] = type("Box", (Section,), {"keys": {"lower": end, "upper": end}})
 
     def read(value: Any, path: Path_) -> Any:
-        box = isinstance(value, Section) or (isinstance(value, Mapping) and {"lower", "upper"} & set(value))
-        return ends.read(value, path) if box else one(value, path)
+        has_ends = isinstance(value, Mapping) and not {"lower", "upper"}.isdisjoint(value)
+        if isinstance(value, Section) or has_ends:
+            return ends.read(value, path)
+        return single(value, path)
 
     return read
 
@@ -373,7 +393,7 @@ def key_of(declared: Parameter, default: Any = REQUIRED, optional: bool = False)
 
 def keys_of(declared: Mapping[str, Parameter]) -> dict[str, Key]:
     """Return the keys of declared parameters."""
-    return {each.file_key: key_of(each) for each in declared.values() if each.in_file}
+    return {parameter.file_key: key_of(parameter) for parameter in declared.values() if parameter.in_file}
 
 
 def union(where: str, *parts: Mapping[str, Any]) -> dict[str, Any]:
@@ -382,10 +402,14 @@ def union(where: str, *parts: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         ConfigError: when a name is in two of them, as that of a plugin and one of ours.
     """
-    names = [name for part in parts for name in part]
-    if twice := [name for name in names if names.count(name) > 1]:
-        raise ConfigError(where, twice[0], "is taken already; choose another name")
-    return {name: value for part in parts for name, value in part.items()}
+    counts = Counter(itertools.chain(*parts))
+    for name, count in counts.items():
+        if count > 1:
+            raise ConfigError(where, name, "is taken already; choose another name")
+    together: dict[str, Any] = {}
+    for part in parts:
+        together |= part
+    return together
 
 
 def section(
@@ -398,5 +422,7 @@ def section(
         declared: its parameters, when they are not all.
         more: further keys.
     """
-    keys = union(cls.__name__, more or {}, keys_of(parameters(cls) if declared is None else declared))
+    if declared is None:
+        declared = parameters(cls)
+    keys = union(cls.__name__, more or {}, keys_of(declared))
     return type(f"{cls.__name__}Section", (Section,), {"keys": keys, "__doc__": cls.__doc__})

@@ -11,7 +11,7 @@ import io
 import logging
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -76,15 +76,22 @@ def cross_check(robot: Robot) -> CrossCheck:
     document = urdf.parse(text, source, repairs.made_in(robot.provenance))
     _check_unchanged(document, robot)
     other = _read(yourdfpy, text)
-    differences = []
-    found = ("link", document.links, other.link_map), ("joint", document.joints, other.joint_map)
-    for kind, ours, theirs in found:
-        differences += [f"{kind} {name!r} is found by us alone" for name in ours if name not in theirs]
-        differences += [f"{kind} {name!r} is found by yourdfpy alone" for name in theirs if name not in ours]
-    differences += [line for joint in document.joints.values() for line in _of_joint(joint, other)]
+    differences = [
+        *_of_names("link", document.links, other.link_map),
+        *_of_names("joint", document.joints, other.joint_map),
+    ]
+    for joint in document.joints.values():
+        differences += _of_joint(joint, other)
     if differences:
         return CrossCheck(0, 0, float("nan"), float("nan"), tuple(differences))
     return _of_poses(document, robot, partial(_their_poses, document, other), "yourdfpy")
+
+
+def _of_names(kind: str, ours: Collection[str], theirs: Collection[str]) -> list[str]:
+    """Return the names that only one of the readers finds, a sentence each."""
+    lines = [f"{kind} {name!r} is found by us alone" for name in ours if name not in theirs]
+    lines += [f"{kind} {name!r} is found by yourdfpy alone" for name in theirs if name not in ours]
+    return lines
 
 
 def _check_unchanged(document: urdf.Urdf, robot: Robot) -> None:
@@ -125,8 +132,8 @@ def _read(yourdfpy: Any, text: str) -> Any:
                 io.BytesIO(text.encode()), load_meshes=False, build_collision_scene_graph=False
             )
     except Exception as error:  # whatever a parser of others raises
-        said = " ".join(f"{type(error).__name__}: {error}".split())
-        raise CrossCheckUnavailable(f"yourdfpy cannot read it ({said[:200]})") from None
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise CrossCheckUnavailable(f"yourdfpy cannot read it ({reason[:200]})") from None
     finally:
         logger.setLevel(before)
     if not other.link_map:
@@ -152,11 +159,10 @@ def _of_joint(joint: tree.Joint, other: Any) -> list[str]:
         if theirs.limit is not None:
             # Ours is infinite where theirs is huge, and of a continuous joint. No lower and upper means 0 and
             # 0; yourdfpy says None.
-            pairs += [
-                (f"{end} limit", ours, getattr(theirs.limit, end) or 0.0)
-                for end in ("lower", "upper")
-                if math.isfinite(ours := getattr(joint, end))
-            ]
+            for end in ("lower", "upper"):
+                limit = getattr(joint, end)
+                if math.isfinite(limit):
+                    pairs.append((f"{end} limit", limit, getattr(theirs.limit, end) or 0.0))
             pairs.append(("effort limit", joint.effort, theirs.limit.effort))
             pairs.append(("velocity limit", joint.velocity, theirs.limit.velocity))
     return [
@@ -190,20 +196,21 @@ def _of_poses(
     count = max(2, min(_CONFIGURATIONS, _MOST_POSES // len(document.links)))
     configurations = robot.random_positions(count, seed=2)
     apart = _differently_locked(document, robot)
-    has = theirs(robot.provenance["locked"])
-    names = [name for name in document.links if name not in apart and name in has]
+    known_to_them = theirs(robot.provenance["locked"])
+    names = [name for name in document.links if name not in apart and name in known_to_them]
     ours = {name: robot.frame_pose(name, configurations) for name in names}
     position = rotation = 0.0
     worst = names[0]
     for row, q in enumerate(configurations):
-        values = {**robot.provenance["locked"], **dict(zip(robot.joint_names, q.tolist(), strict=True))}
-        poses = theirs(values)
+        moved = dict(zip(robot.joint_names, q.tolist(), strict=True))
+        poses = theirs({**robot.provenance["locked"], **moved})
         for name in names:
             pose = poses[name]
-            far = float(np.linalg.norm(pose[:3, 3] - ours[name].translation[row]))
-            if far > position:
-                position, worst = far, name
-            rotation = max(rotation, float(np.abs(pose[:3, :3] - ours[name].rotation[row]).max()))
+            distance = float(np.linalg.norm(pose[:3, 3] - ours[name].translation[row]))
+            if distance > position:
+                position, worst = distance, name
+            turned = float(np.abs(pose[:3, :3] - ours[name].rotation[row]).max())
+            rotation = max(rotation, turned)
     lines = []
     if not (position <= _ROUNDING and rotation <= _ROUNDING):
         lines.append(
@@ -216,9 +223,9 @@ def _of_poses(
 def _differently_locked(document: urdf.Urdf, robot: Robot) -> set[str]:
     """Return the links behind joints that are locked here and follow a moving joint there."""
     locked = robot.provenance["locked"]
-    still = [
-        name
-        for name, joint in document.joints.items()
-        if not (joint.mimic is not None and name in locked and joint.mimic not in locked)
-    ]
-    return set(document.moved_links(still))
+    alike = []
+    for name, joint in document.joints.items():
+        follows_there = joint.mimic is not None and joint.mimic not in locked
+        if not (name in locked and follows_there):
+            alike.append(name)
+    return set(document.moved_links(alike))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from armgpi.loop.rollout import Status
 from armgpi.loop.simulation import simulate
 from armgpi.plants.elastic import ElasticPlant
 from armgpi.plants.environment import ToolForce
+from armgpi.plants.plant import Plant
 from armgpi.plants.rigid_body import RigidBodyPlant
 from armgpi.plants.sensors import Encoder
 from armgpi.references.waypoints import Hold
@@ -83,50 +84,58 @@ def pushed(
         if controller is None:
             controller = GPI.auto(known, dt, bits=bits)
     home = roomy(robot) if q is None else robot.check_position(q, "q")
-    elastic = not np.isnan(known.drives.value("stiffness")).any()
-    found = []
-    for i, axis in enumerate(_AXES):
-        push = ToolForce(force=force * np.eye(3)[i], onset=_ONSET, frame=robot.tip)
-        arm: Any = (ElasticPlant if elastic else RigidBodyPlant)(known, environment=[push])
-        plant = arm if bits is None else Encoder(arm, bits)
-        rollout = simulate(plant, controller, Hold(home), _ONSET + _WATCHED, progress=False, backend="auto")
+    is_elastic = not np.isnan(known.drives.value("stiffness")).any()
+    engine = ElasticPlant if is_elastic else RigidBodyPlant
+    t_final = _ONSET + _WATCHED
+    pushes = []
+    for axis, direction in zip(_AXES, np.eye(3), strict=True):
+        push = ToolForce(force=force * direction, onset=_ONSET, frame=robot.tip)
+        plant: Plant = engine(known, environment=[push])
+        if bits is not None:
+            plant = Encoder(plant, bits)
+        rollout = simulate(plant, controller, Hold(home), t_final, progress=False, backend="auto")
         if int(rollout["status"]) != Status.FINISHED:
             raise ParameterError("force", force, f"a push that {robot.name!r} withstands along {axis}")
-        found.append(_judge(axis, force, rollout["tool"].values, rollout["time"].values))
-    return found
+        pushes.append(_judge(axis, force, rollout["tool"].values, rollout["time"].values))
+    return pushes
 
 
 def _judge(axis: str, force: float, tool: Array, times: Array) -> Pushed:
     """Return what the tool's positions (samples, 3) [m] say of a push."""
+    dt = times[1] - times[0]
     begin = int(np.searchsorted(times, _ONSET))
     moved = np.linalg.norm(tool[begin:] - tool[begin], axis=-1)
-    speed = np.linalg.norm(np.gradient(tool[begin:], times[1] - times[0], axis=0), axis=-1)
+    speed = np.linalg.norm(np.gradient(tool[begin:], dt, axis=0), axis=-1)
     most = float(moved.max())
-    out = np.flatnonzero(moved > _BACK * most)
-    back = (int(out[-1]) + 1) * float(times[1] - times[0]) if out[-1] + 1 < len(moved) else np.nan
+    last_away = int(np.flatnonzero(moved > _BACK * most)[-1])
+    back = np.nan
+    if last_away + 1 < len(moved):
+        back = (last_away + 1) * float(dt)
     return Pushed(axis, most, force / most, force / float(speed.max()), back)
 
 
 def roomy(robot: Robot) -> Array:
     """Return a configuration far from joint limits and singular ones [rad or m], (n,)."""
-    known = random_configurations(robot, _CONFIGURATIONS, seed=0)
+    configurations = random_configurations(robot, _CONFIGURATIONS, seed=0)
     lower, upper = robot.limits.lower, robot.limits.upper
-    middle, half = robot.middle(), np.minimum(0.5 * (upper - lower), np.pi)
-    margin = 1.0 - np.abs((known - middle) / half).max(axis=1)
-    least = np.linalg.svd(robot.frame_jacobian(robot.tip, known)[:, :3], compute_uv=False)[:, -1]
-    return np.asarray(known[np.argmax(least * margin)])
+    half = np.minimum(0.5 * (upper - lower), np.pi)
+    margin = 1.0 - np.abs((configurations - robot.middle()) / half).max(axis=1)
+    jacobians = robot.frame_jacobian(robot.tip, configurations)[:, :3]
+    least_singular_value = np.linalg.svd(jacobians, compute_uv=False)[:, -1]
+    return np.asarray(configurations[np.argmax(least_singular_value * margin)])
 
 
 def describe(found: list[Pushed], force: float) -> str:
     """Return in words what pushes do, from the softest direction to the stiffest."""
-    softest = max(found, key=lambda each: each.displacement)
-    stiffest = min(found, key=lambda each: each.displacement)
-    slowest = max(each.back for each in found)
+    softest = max(found, key=lambda push: push.displacement)
+    stiffest = min(found, key=lambda push: push.displacement)
+    slowest = max(push.back for push in found)
+    dampings = [push.damping for push in found]
     back = "not back within 2 s" if np.isnan(slowest) else f"back after {slowest:.2g} s at most"
     return (
         f"pushed by {force:g} N, the default controller lets the tool give way by "
         f"{1e3 * stiffest.displacement:.2g} to {1e3 * softest.displacement:.2g} mm "
         f"({softest.stiffness:.3g} to {stiffest.stiffness:.3g} N/m, "
-        f"{min(x.damping for x in found):.2g} to {max(x.damping for x in found):.2g} N s/m), {back} "
+        f"{min(dampings):.2g} to {max(dampings):.2g} N s/m), {back} "
         "(within a tenth of that, though the push goes on)"
     )
