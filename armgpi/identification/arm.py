@@ -36,7 +36,7 @@ from armgpi.identification.elastic import (
     knows_stiffness,
 )
 from armgpi.identification.estimate import Block, Fit, Prior
-from armgpi.identification.logs import TORQUES, Grid, Log, read_log, resample
+from armgpi.identification.logs import TORQUES, Grid, Log, read_log, resample, with_torques
 from armgpi.identification.posterior import Posterior, with_parameters
 from armgpi.identification.resonance import Gears, find_gears
 from armgpi.identification.samples import Finding
@@ -493,7 +493,8 @@ class Identified:
             blocks[index] = block._replace(rows=np.concatenate([block.rows, carried], axis=-1))
         fitted = estimate.fit(blocks, prior)
         load = _load(fitted, prior, element, self.file.tip)
-        if scale_known or np.all(np.asarray(self._data.scale) == 1.0):
+        constants = self._data.current
+        if scale_known or constants is None or np.all(constants == 1.0):
             return load
         mass_std = float(np.hypot(load.mass_std, _CONSTANTS / _95 * load.mass))
         return load._replace(mass_std=mass_std, scale=_CONSTANTS)
@@ -537,16 +538,20 @@ class Identified:
     def _rotor_ends(
         self, joint: str, value: float, expected: float, ends: tuple[float, float]
     ) -> tuple[float, float]:
-        """Return the interval of a rotor: where the log leaves it open, not below what a motor has.
+        """Return the interval of a rotor: where the log leaves it open, that of what was known before.
 
-        A rotor that cannot be told from its link has an interval down to zero, and a controller for that is
-        for an arm that is not there. One that came out light keeps its interval: that is a finding.
+        A rotor that cannot be told from its link has an interval down to zero by the log alone, as the prior
+        of the fit is wide. A controller has to be stable at its lower end, and would be for an arm whose
+        motor nobody builds. A rotor that came out beyond what was known keeps its end there: that is found.
         """
         if self.hidden[self.file.joint_names.index(joint)]:
             return value / SCATTER, value * SCATTER
-        least = LIGHT * expected
+        known = self.file.drives.data.get("rotor_inertia", {}).get(joint)
+        least, most = expected / SCATTER, expected * SCATTER
+        if known is not None and known.low < known.high:
+            least, most = known.low, known.high
         lower, upper = ends
-        return (max(lower, least), upper) if value > least else ends
+        return (max(lower, least) if value > least else lower), (min(upper, most) if value < most else upper)
 
     def _stiffness(self, joint: str, place: int) -> Estimate:
         """Return the stiffness of a joint, 1 / compliance; endless where the log does not bound it."""
@@ -616,6 +621,7 @@ def identify(
         check_first: whether a log that fails a check, before the fit or of it, is refused.
         current: torque at the joint for a unit of what is logged [N m/A or N/A], where that is currents: a
             number, (n,), or joint -> number. A wrong one is not seen: it makes a heavier or lighter arm.
+            Columns named ``current_<joint>``, or in A, need it.
         columns: what the columns of CSV files are called, see :func:`~armgpi.identification.logs.read_log`.
         torque: what the torques are: "motor" (current times a constant), "joint" (a sensor behind the gear)
             or "commanded". In those of a joint there are no rotors and no motor friction: these stay assumed.
@@ -625,7 +631,8 @@ def identify(
     Raises:
         UnfitLog: when a log does not pass the check; it says what the arm must do.
         ArrayError: for a log of other shapes, times that do not increase, or numbers that are not finite.
-        ParameterError: for a robot whose joints follow others, or something that is no log.
+        ParameterError: for a robot whose joints follow others, something that is no log, or currents without
+            their torque constants.
         MissingPackage: when Clarabel is not installed.
     """
     check_type(robot, "robot", Robot, "a Robot")
@@ -634,9 +641,9 @@ def identify(
     if torque is not None:
         check_choice(torque, "torque", TORQUES)
     several = isinstance(logs, (list, tuple)) and not isinstance(logs, Log)
-    scale = 1.0 if current is None else quantity(current, "current", robot.joint_names)
+    constants = None if current is None else quantity(current, "current", robot.joint_names)
     robot = with_published(robot)
-    data = _Data(robot, gravity, scale, columns).with_logs(list(logs) if several else [logs])
+    data = _Data(robot, gravity, constants, columns).with_logs(list(logs) if several else [logs])
     if not data.forms:
         raise ParameterError("logs", logs, "at least one log")
     findings = data.findings(len(data.grids))
@@ -710,7 +717,7 @@ class _Data:
         self,
         robot: Robot,
         gravity: bool,
-        scale: Array | float = 1.0,
+        current: Array | None = None,
         columns: Mapping[str, str] | None = None,
     ) -> None:
         """Begin without logs.
@@ -720,7 +727,7 @@ class _Data:
         """
         if robot.coupling is not None:
             raise ParameterError("robot", robot, "a robot whose joints follow no others (mimic='lock')")
-        self.robot, self.gravity, self.scale, self.lags = robot, gravity, scale, 1
+        self.robot, self.gravity, self.current, self.lags = robot, gravity, current, 1
         self.columns = columns
         self.model = robot.pinocchio_model()
         if not gravity:
@@ -756,7 +763,7 @@ class _Data:
         Raises:
             UnfitLog: for one that is too short for a single moment.
         """
-        other = _Data(self.robot, self.gravity, self.scale, self.columns)
+        other = _Data(self.robot, self.gravity, self.current, self.columns)
         other.width, other.lags, other.frictions = self.width, self.lags, self.frictions
         other.heavy, other.coupled = self.heavy, self.coupled
         other.torque, other.hidden, other.expected = self.torque, self.hidden, self.expected
@@ -789,8 +796,7 @@ class _Data:
 
     def read(self, log: Any) -> Log:
         """Return a log with torques."""
-        there = read_log(log, self.robot, columns=self.columns)
-        return there._replace(tau=self.scale * there.tau)
+        return with_torques(read_log(log, self.robot, columns=self.columns), self.current)
 
     def kind(self, log: Log) -> str:
         """Return what the torques of a log are: what it says itself, or those of the others are.

@@ -19,7 +19,7 @@ from armgpi.base.verdict import Verdict, judge
 from armgpi.errors import ArmgpiError, ParameterError, UnfitLog
 from armgpi.gpi.law import GPI
 from armgpi.identification.excitation import Excitation, blocked, free_configuration, ranges, surroundings
-from armgpi.identification.logs import Grid, Log, read_log, resample
+from armgpi.identification.logs import Grid, Log, read_log, resample, with_torques
 from armgpi.references.recorded import Recorded
 from armgpi.robot.clearance import Clearance
 from armgpi.robot.drives import Drives
@@ -463,13 +463,13 @@ def identify_side(
 
     Raises:
         UnfitLog: when the log shows no joint's chirp.
-        ParameterError: for torques of sensors behind the gears.
+        ParameterError: for torques of sensors behind the gears, or currents without torque constants.
     """
     check_type(robot, "robot", Robot, "a Robot")
-    there = read_log(log, robot, columns=columns)
-    scale = 1.0 if current is None else quantity(current, "current", robot.joint_names)
+    constants = None if current is None else quantity(current, "current", robot.joint_names)
+    there = with_torques(read_log(log, robot, columns=columns), constants)
     kind = there.torque if torque is None else torque
-    return find_side(robot, there._replace(tau=scale * there.tau, torque=kind))
+    return find_side(robot, there._replace(torque=kind))
 
 
 def judge_side(found: Side, joint_names: Sequence[str], accepted: bool = False) -> Verdict:

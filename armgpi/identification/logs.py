@@ -60,6 +60,9 @@ _SAID = {
     "tau_joint_JOINT": "joint",
     "tau_commanded_JOINT": "commanded",
 }
+#: What columns of currents are called, and their units.
+_CURRENT = "current_JOINT"
+_AMPERES = ("A", "mA")
 #: Units that may follow a column's name in brackets, in SI units.
 _UNITS = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9},
@@ -84,6 +87,7 @@ class Log(NamedTuple):
         source: where it came from, for messages.
         torque: what the torques are: "motor", "joint" (a sensor behind the gear) or "commanded"; empty where
             nobody said.
+        currents: whether they are currents, which need torque constants.
     """
 
     t: Array
@@ -91,6 +95,7 @@ class Log(NamedTuple):
     tau: Array
     source: str = "log"
     torque: str = ""
+    currents: bool = False
 
 
 class Grid(NamedTuple):
@@ -153,7 +158,25 @@ def read_log(log: Any, robot: Robot, rollout: int = 0, columns: Mapping[str, str
             )
     if log.torque:
         check_choice(log.torque, f"{log.source}: torque", TORQUES)
-    return Log(t, q, tau, log.source, log.torque)
+    return Log(t, q, tau, log.source, log.torque, log.currents)
+
+
+def with_torques(log: Log, current: Array | None) -> Log:
+    """Return a log of torques for one that may be of currents.
+
+    Args:
+        log: of either.
+        current: torque at the joint for a unit of what is logged [N m/A or N/A], (n,); None for torques.
+
+    Raises:
+        ParameterError: for currents without these constants.
+    """
+    if current is not None:
+        return log._replace(tau=current * log.tau, currents=False)
+    if log.currents:
+        wanted = f"torque constants at the joints [N m/A or N/A], as the columns of {log.source} are currents"
+        raise ParameterError("current", None, f"{wanted}; 1 where these are torques")
+    return log
 
 
 def resample(log: Log) -> Grid:
@@ -221,8 +244,10 @@ def _read_file(path: Path, robot: Robot, rollout: int, columns: Mapping[str, str
     except OSError as error:
         raise UnreadableTrajectory(path, f"{files.reason(error)}; give a log's file") from None
     arrays = {key: _columns(path, head, table, key, robot, columns or {}) for key in _COLUMNS}
-    said = "" if "tau" in (columns or {}) else _SAID.get(_form(head, "tau", robot.joint_names, {}), "")
-    return Log(arrays["time"][:, 0], arrays["q"], arrays["tau"], str(path), said)
+    form = _form(head, "tau", robot.joint_names, columns or {})
+    said = "" if "tau" in (columns or {}) else _SAID.get(form, "")
+    currents = form == _CURRENT or _have_unit(head, _of_joints(form, robot.joint_names), _AMPERES)
+    return Log(arrays["time"][:, 0], arrays["q"], arrays["tau"], str(path), said, currents)
 
 
 def _read_table(path: Path) -> tuple[list[str], Array]:
@@ -280,6 +305,12 @@ def _columns(
             raise UnreadableTrajectory(path, f"{name} is in {unit!r}, expected {', '.join(_UNITS[key])}")
         found.append(table[:, place] * _UNITS[key].get(unit, 1.0))
     return np.stack(found, axis=-1)
+
+
+def _have_unit(head: Sequence[str], wanted: Sequence[str], units: Sequence[str]) -> bool:
+    """Tell whether any of some columns has one of some units in its brackets."""
+    names, there = _names_and_units(head)
+    return any(unit in units for name, unit in zip(names, there, strict=True) if name in wanted)
 
 
 def _names_and_units(head: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -14,6 +14,7 @@ from armgpi.identification.arm import Estimate, Identified, Load, Validation
 from armgpi.identification.estimate import is_supposed
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import assume_gears
+from armgpi.tuning.geared import SENSITIVITIES
 from armgpi.tuning.rule import BITS
 from armgpi.tuning.verdict import verdict
 
@@ -30,8 +31,10 @@ _FRICTIONS = {
 }
 #: What is said of a motor that turns with another joint, too.
 _COUPLED = "its motor turns with {} as well (rotor {}); simulated plants do not have it"
-#: Draws of the arm for what the logs leave open, and slowest sampling that a controller is made for [s].
-_DRAWS, _SLOWEST = 16, 5e-3
+#: Draws of the arm for what the logs leave open.
+_DRAWS = 16
+#: Sample time of `armgpi run` where nobody says another [s].
+_SAMPLE_TIME = 1e-3
 #: Bins of a residual over something, and the share of its power that their means have to explain before
 #: that is named as its cause.
 _BINS, _CAUSE = 12, 0.3
@@ -244,22 +247,32 @@ def say_load(load: Load) -> str:
 def say_law(found: Identified) -> list[str]:
     """Return how fast the automatic controller is by what is known now, and its margins.
 
-    The loop has a delay of one sample at least, as that of `armgpi run` has.
+    The loop has the sample time of `armgpi run`, or that of the log if it is shorter, and a delay of one
+    sample at least, as that of `armgpi run` has.
     """
-    dt = min(found.dt, _SLOWEST)
-    delay = max(round(found.late / dt), 1) * dt
+    dt = min(found.dt, _SAMPLE_TIME)
+    late = max(round(found.late / dt), 1)
     try:
         robot = assume_gears(found.robot)
-        law = GPI.auto(robot, dt, delay=delay, bits=BITS)
+        law = GPI.auto(robot, dt, delay=late * dt, bits=BITS)
     except ArmgpiError as error:
         return [f"no automatic controller for it: {error}"]
     omega = np.asarray(law.gains.nominal().omega_c)
     low, high = found.delta(count=_DRAWS)
-    said = f"bandwidth {omega.min():.3g} to {omega.max():.3g} rad/s, {verdict(law, robot, BITS).describe()}"
-    return [
-        f"the automatic controller: {said}; the logs leave inertia "
+    judged = verdict(law, robot, BITS)
+    samples = "1 sample" if late == 1 else f"{late} samples"
+    lines = [
+        f"the automatic controller at {1e3 * dt:.3g} ms with a delay of {samples}: bandwidth "
+        f"{omega.min():.3g} to {omega.max():.3g} rad/s, {judged.describe()}; the logs leave inertia "
         f"{low:.2f} to {high:.2f} times the identified one"
     ]
+    if "assumed" in robot.drives.sources("stiffness") and judged.sensitivity > SENSITIVITIES[0]:
+        lines.append(
+            "its margins are the smallest ones over the assumed range of the joint stiffness, which slow "
+            "motions do not show; where armgpi excite --resonance has measured it, the rule keeps Ms below "
+            f"{SENSITIVITIES[0]:g} if it can"
+        )
+    return lines
 
 
 def tabulate(found: Identified, validation: Validation | None) -> tuple[list[str], list[list[str]]]:

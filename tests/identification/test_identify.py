@@ -27,7 +27,6 @@ from armgpi.errors import ArmgpiError, ParameterError, UnfitLog
 from armgpi.identification import arm as identification
 from armgpi.identification import resonance
 from armgpi.identification.arm import Identified, Validation, identify, mean_inertia
-from armgpi.identification.check import LIGHT
 from armgpi.identification.chirp import Side
 from armgpi.identification.estimate import Block, Prior, expect, extend_positive, fit
 from armgpi.identification.excitation import excite
@@ -709,7 +708,9 @@ def test_the_interval_of_a_rotor_that_the_log_leaves_open_ends_at_what_a_motor_h
     """A controller for a rotor of zero would be one for an arm that is not there."""
     rows = [row for row in found().table() if row.quantity == "rotor"]
     for row in rows:
-        assert row.lower >= min(LIGHT * row.expected, row.value) or row.value < LIGHT * row.expected
+        inside = row.expected / rotors.SCATTER < row.value < row.expected * rotors.SCATTER
+        assert row.lower >= row.expected / rotors.SCATTER or not inside
+        assert row.upper <= row.expected * rotors.SCATTER or not inside
         assert row.lower <= row.value <= row.upper
 
 
@@ -1291,7 +1292,16 @@ def test_a_log_says_what_its_torques_are(tmp_path: Path) -> None:
         head = ",".join(["time", *(f"q_{x}" for x in names), *(form.format(x) for x in names)])
         rows = np.hstack([log().t[:50, None], log().q[:50], log().tau[:50]])
         np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=head, comments="")
-        assert read_log(tmp_path / "log.csv", file()).torque == torque
+        read = read_log(tmp_path / "log.csv", file())
+        assert read.torque == torque
+        assert read.currents == (form == "current_{}")
+    with pytest.raises(
+        ArmgpiError, match=r"torque constants at the joints .* columns of .*log.csv are currents"
+    ):
+        identify(tmp_path / "log.csv", file())  # of which the last one was
+    amperes = tmp_path / "amperes.csv"
+    amperes.write_text((tmp_path / "log.csv").read_text().replace("current_q1", "current_q1 [A]"))
+    assert read_log(amperes, file()).currents
     with pytest.raises(ArmgpiError, match="motor"):
         read_log(log()._replace(torque="wrist"), file())
     with pytest.raises(ArmgpiError, match="motor"):
