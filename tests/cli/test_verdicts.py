@@ -113,9 +113,11 @@ def test_bound_of_a_force_limit_needs_no_rotor_inertia(cli: Cli, tmp_path: Path)
     file = tmp_path / "pressing.yaml"
     text = "robot: {name: ur5, friction: {coulomb: 1.0}}\nideal: false\n"
     file.write_text(text + "controllers: [{type: gpi_auto, force_limit: 20}]\n", encoding="utf-8")
-    found = cli("bound", file, "--json")
+    found = cli("bound", file, "--payload", "0:0.5", "--json")
     assert found.code == 3
-    assert json.loads(found.out)["force"]["total"] > 20.0
+    force = json.loads(found.out)["force"]
+    assert force["gravity"] == pytest.approx(0.5 * 9.81)  # of a load that the model does not have
+    assert force["total"] > 20.0 + force["gravity"]
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from armgpi.errors import ConfigError, RolloutError
 from armgpi.hardware.export.code import generate
 from armgpi.hardware.export.files import _readme
 from armgpi.hardware.realtime import run, stages
-from armgpi.hardware.realtime.judge import QUESTIONS, _arrays, _of_stage, _Seen, judge
+from armgpi.hardware.realtime.judge import QUESTIONS, _arrays, _of_echo, _of_stage, _Seen, judge
 from armgpi.hardware.realtime.stages import CAPS, Folder, Stage
 from armgpi.identification.logs import read_log
 from armgpi.loop import log as logs
@@ -333,3 +333,35 @@ def test_a_joint_answers_by_how_far_it_goes_from_its_first_sample() -> None:
     (found,) = _of_stage(seen, stage, robot, robot, {})
     assert (found.question, found.joint) == ("command order", "q2")
     assert found.seen == "moved 0.04 where its reference moved 0.1"
+
+
+@pytest.mark.parametrize(
+    ("columns", "factors", "said"),
+    [
+        ([0, 1, 2], [1.0, 1.0, 1.0], []),
+        ([0, 1, 2], [1.0, -1.0, 1.0], [("command sign", "q2", "-1 times the torque that was sent")]),
+        ([0, 1, 2], [1.0, 1.0, 30.0], [("command unit", "q3", "30 times the torque that was sent")]),
+        (
+            [1, 0, 2],
+            [1.0, 1.0, 1.0],
+            [
+                ("command order", "q1", "the one that q2 reports"),
+                ("command order", "q2", "the one that q1 reports"),
+            ],
+        ),
+    ],
+)
+def test_a_torque_that_a_robot_was_given_is_told_by_order_sign_and_unit(
+    columns: list[int], factors: list[float], said: list[tuple[str, str, str]]
+) -> None:
+    robot = Robot.load("anthropomorphic3")
+    t = np.arange(60) * 0.01
+    tau = np.stack([40.0 * np.sin(3.0 * t), 60.0 * np.cos(2.0 * t), 20.0 * np.sin(7.0 * t + 1.0)], axis=1)
+    applied = np.roll(tau, 1, axis=0)[:, columns] * factors  # of the sample before
+    zeros = 0.0 * tau
+    seen = _Seen(robot.joint_names, t, zeros, zeros, tau, zeros, applied, 0, 0, len(t))
+    found = [(each.question, each.joint, each.seen) for each in _of_echo(seen, robot)]
+    assert len(found) == len(said)
+    for own, wanted in zip(found, said, strict=True):
+        assert own[:2] == wanted[:2]
+        assert own[2].endswith(wanted[2])

@@ -873,6 +873,16 @@ def test_the_derivative_of_the_torques_left_is_that_of_their_differences(
         assert slopes[:, k] == pytest.approx(difference, abs=1e-6 * max(np.abs(slopes[:, k]).max(), 1.0))
 
 
+def test_the_time_that_is_expected_has_half_a_sample_for_which_torques_are_held() -> None:
+    given, _ = shaken("link", 8e3)
+    known = arm().with_drives({joint: {"encoder_side": "link"} for joint in arm().joint_names})
+    half = 0.5 * float(given.t[1] - given.t[0])
+    turns = list(resonance._turns(resample(given)))
+    fit = resonance._Fit(rotors.assume_gears(known), turns, "link", np.full(3, 2e-3 + half), True)
+    gears = find_gears(known, given, np.full(3, 2e-3))
+    np.testing.assert_allclose(gears.stiffness, fit.gears().stiffness, rtol=1e-10)
+
+
 def test_encoders_of_few_counts_and_lags_of_gears_spoil_no_first_mode() -> None:
     given, mode = shaken("link", 3e3, 11)
     gears = find_gears(arm(), given, np.array([2e-3, 12e-3, 9e-3]))
