@@ -123,10 +123,12 @@ def validate(
         found = laws.check(worker, states, sampled, own, None if tree is None else tree.viscous)
         if robot is None or tree is None:
             joint_names = tuple(f"q{i + 1}" for i in range(n))
+            found += laws.gradient(worker, states, sampled)
+            left_out = (*_left_out(worker), *laws.unjudged(sampled))
             laws_alone = DynamicsReport(
                 worker.name, None, joint_names, samples.rows_of(sampled), (), (), tuple(found), notes
             )
-            return _with_laws(replace(laws_alone, uncompared=worker.uncompared, left_out=_left_out(worker)))
+            return _with_laws(replace(laws_alone, uncompared=worker.uncompared, left_out=left_out))
         report = _with_laws(_compare(model, worker, robot, tree, rtol, states, sampled, own, found, notes))
         if len(unread) == robot.n:  # an arm with motors is not compared where no torque is read
             missing = "what torques do: forward_dynamics reads none of them"

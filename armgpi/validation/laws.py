@@ -227,6 +227,46 @@ def _energies(states: States, sampled: Mapping[str, Sampled], own: Derived) -> l
     return laws
 
 
+def gradient(worker: Worker, states: States, sampled: Mapping[str, Sampled]) -> list[Law]:
+    """Return whether G of a model without V is the slope of some potential energy: dG/dq is symmetric."""
+    if "gravity" not in sampled or "potential_energy" in sampled or states.q.shape[1] < 2:
+        return []
+    slope = slopes(worker, "gravity", _first(worker, "gravity", states, sampled), STEP)
+    away = np.abs(slope - np.swapaxes(slope, -1, -2))
+    _, i, j = np.unravel_index(int(np.argmax(away)), away.shape)
+    size = max(float(np.abs(slope).max()), _floor(sampled, "gravity"))
+    bad = f"the slope of G[{i + 1}] by q{j + 1} is not that of G[{j + 1}] by q{i + 1}: no V has it"
+    good = "G is the slope of a potential energy"
+    return [_law("dG/dq symmetric", float(away.max()), size, good, bad, _lost(sampled, "gravity"))]
+
+
+#: Function -> the others of a model without which no structural property judges it.
+_JUDGED_WITH: dict[str, tuple[str, ...]] = {
+    "coriolis_matrix": ("mass_matrix",),
+    "coriolis_torque": ("mass_matrix",),
+    "kinetic_energy": ("mass_matrix",),
+    "potential_energy": ("gravity",),
+    "inverse_dynamics": ("mass_matrix", "coriolis_torque", "gravity"),
+    "forward_dynamics": ("mass_matrix", "coriolis_torque", "gravity"),
+    "forward_kinematics": ("jacobian",),
+    "jacobian": ("forward_kinematics",),
+}
+
+
+def unjudged(sampled: Mapping[str, Sampled]) -> list[str]:
+    """Return the functions that no structural property judges, each with what is missing for one."""
+    there = {"coriolis_torque" if name == "coriolis_matrix" else name for name in sampled}
+    found = []
+    for name in sampled:
+        missing = [one for one in _JUDGED_WITH.get(name, ()) if one not in there]
+        if missing:
+            found.append(f"{name}: no structural property judges it without {' and '.join(missing)}")
+    one_joint = "gravity" in sampled and sampled["gravity"].values.shape[-1] < 2
+    if one_joint and "potential_energy" not in sampled:
+        found.append("gravity: no structural property judges it without potential_energy")
+    return found
+
+
 def _consistency(states: States, sampled: Mapping[str, Sampled], viscous: Array | None) -> list[Law]:
     """Return whether the dynamics are made of the model's own terms, and invert each other."""
     laws: list[Law] = []

@@ -47,6 +47,8 @@ ARGUMENTS: dict[str, tuple[str, ...]] = {
 }
 #: Names of a Coriolis function that do not say whether it is the matrix or its torque.
 _EITHER = tuple(mine for mine, name in SHORT.items() if name == "coriolis_matrix")
+#: Numbers of joints with which a Coriolis function of a model without a robot is tried, at most.
+_MOST_TRIED = 8
 #: Names of the paper's arm as a model.
 PAPER = ("paper", "paper-arm", "paper_arm")
 #: Files of bare expressions, read with SymPy's names and the symbols known.
@@ -128,8 +130,9 @@ class Functions:
     def convert(self, convention: Convention) -> Functions:
         """Return the functions in the coordinates of the robot."""
         self.calls = forms.adapted(self.calls, convention.n is not None)
-        if convention.n is not None and set(self.aliases) - set(convention.mapped):
-            self._tell_torque(convention.n)
+        if set(self.aliases) - set(convention.mapped):
+            n = convention.n or self.n
+            self._tell_torque(range(2, _MOST_TRIED + 1) if n is None else [n])
         if convention.A is None:
             name = "forward_dynamics"
             if convention.passive and name in self.calls:
@@ -137,14 +140,16 @@ class Functions:
             return self
         return Functions({name: convention.convert(name, call) for name, call in self.calls.items()}, self.n)
 
-    def _tell_torque(self, n: int) -> None:
-        """Take a Coriolis function for what it gives: a matrix, or its torque."""
+    def _tell_torque(self, counts: Iterable[int]) -> None:
+        """Take a Coriolis function for what it gives with some number of joints: a matrix, or its torque."""
         call = self.calls["coriolis_matrix"]
-        if n == 1 or "coriolis_torque" in self.calls:
-            return
-        with suppress(Exception):  # what it raises is told when it is compared
-            if np.shape(call(np.full(n, 0.1), np.full(n, 0.1))) in ((n,), (n, 1), (1, n)):
-                self.calls["coriolis_torque"] = self.calls.pop("coriolis_matrix")
+        for n in counts if "coriolis_torque" not in self.calls else ():
+            if n == 1:
+                continue
+            with suppress(Exception):  # what it raises is told when it is compared
+                if np.shape(call(np.full(n, 0.1), np.full(n, 0.1))) in ((n,), (n, 1), (1, n)):
+                    self.calls["coriolis_torque"] = self.calls.pop("coriolis_matrix")
+                    return
 
 
 def resolve(model: Any, source: str | None = None, convention: Convention | None = None) -> Functions:
@@ -267,7 +272,7 @@ def _rename(thing: Any, names: Mapping[str, str], mapped: Sequence[str]) -> Any:
         held = getattr(thing, name, None)
         if not is_one(mine, value := getattr(thing, mine, None)):
             continue
-        if _is_plain_number(held):
+        if _is_plain_number(held) or (_holds_numbers(held) and callable(value)):
             before[name] = mine  # the model computes with gravity = 9.81
         elif held is None or before.get(name) == mine:
             with suppress(AttributeError, TypeError):  # an object that takes no attributes
@@ -280,8 +285,16 @@ def _rename(thing: Any, names: Mapping[str, str], mapped: Sequence[str]) -> Any:
 
 
 def _is_plain_number(value: Any) -> bool:
-    """Tell whether a value is a number: a model's ``gravity`` may be one beside its function ``g``."""
+    """Tell whether a value is a number, or an array of numbers: ``gravity`` may be one beside ``g(q)``."""
+    if isinstance(value, np.ndarray):
+        return value.dtype.kind in "iuf"
     return isinstance(value, int | float | np.number) and not isinstance(value, bool)
+
+
+def _holds_numbers(value: Any) -> bool:
+    """Tell whether a value is a number or several: a list may as well be the formulas of a function."""
+    several = isinstance(value, list | tuple) and bool(value)
+    return all(map(_is_plain_number, value)) if several else _is_plain_number(value)
 
 
 def _is_function(value: Any) -> bool:
@@ -474,7 +487,7 @@ def _get(thing: Any, name: str) -> Any:
     if isinstance(thing, Mapping):
         return thing.get(name)
     value = getattr(thing, name, None)
-    if not _is_plain_number(value):
+    if not _holds_numbers(value):
         return value
     if isinstance(thing, ModuleType):
         return getattr(thing, vars(thing).get(ALIASES, {}).get(name, name))

@@ -134,7 +134,8 @@ class DynamicsReport:
             if self.robot is None:
                 text = f"{text[: -len('compared')]}checked"
             if not self.uncompared:
-                text = "the model agrees in what was compared"
+                done = "compared" if self.functions else "checked; its values were not compared"
+                text = f"the model agrees in what was {done}"
         return judge(self.agrees, text, left_out, "--allow-uncompared", accept_uncompared)
 
     def to_dict(self, accept_uncompared: bool = False) -> dict[str, Any]:

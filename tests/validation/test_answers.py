@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from armgpi import validate
 from armgpi.errors import ModelError
 from armgpi.validation.edits import Change
 from armgpi.validation.proofs import Repaired
@@ -63,3 +64,31 @@ def test_changes_arrive_as_they_were_sent() -> None:
     assert _read_repaired(_plain_repaired(None), "x = a") is None
     with pytest.raises(ValueError):  # noqa: PT011 (a line that the source does not have)
         _read_repaired([[[*sent[0][0][:1], [2, 2, 2, 3], *sent[0][0][2:]]], *sent[1:]], "x = a")
+
+
+SLOPE = """
+import numpy as np
+
+
+def G(q):
+    elbow = 0.4 * np.cos(q[0] + q[1])
+    return np.array([1.1 * np.cos(q[0]) + elbow, {share}elbow])
+
+
+def coriolis(q, v):  # the torque
+    return np.array([-v[1] * v[1], v[0] * v[0]])
+"""
+
+
+def test_without_a_robot_gravity_has_to_be_a_slope_and_what_nothing_judges_is_listed(tmp_path: Path) -> None:
+    place = tmp_path / "model.py"
+    place.write_text(SLOPE.format(share="2 * "))
+    report = validate(place)
+    assert not report.agrees
+    assert "dG/dq symmetric" in report.causes[0].text
+    place.write_text(SLOPE.format(share=""))
+    report = validate(place)
+    assert report.agrees
+    (missing,) = report.left_out
+    assert missing == "coriolis_torque: no structural property judges it without mass_matrix"
+    assert report.verdict().startswith("INCOMPLETE")

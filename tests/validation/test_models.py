@@ -125,6 +125,16 @@ def test_a_package_is_a_model(place: str, tmp_path: Path) -> None:
     [
         ("gravity = 9.81\n\ndef G(q):\n    b = 0.15 * gravity * math.cos(q[0] + q[1])", None),
         (
+            "import numpy as np\n\ngravity = np.array([0.0, 0.0, -9.81])\n\ndef G(q):\n"
+            "    gravity = 9.81\n    b = 0.15 * gravity * math.cos(q[0] + q[1])",
+            None,
+        ),
+        (
+            "gravity = [0, 0, -9.81]\n\ndef G(q):\n"
+            "    gravity = 9.81\n    b = 0.15 * gravity * math.cos(q[0] + q[1])",
+            None,
+        ),
+        (
             "class Arm:\n    def __init__(self):\n        self.gravity = 9.81\n\n    def g(self, q):\n"
             "        gravity = self.gravity\n        b = 0.15 * gravity * math.cos(q[0] + q[1])",
             {"g": "gravity"},
@@ -135,7 +145,7 @@ def test_a_package_is_a_model(place: str, tmp_path: Path) -> None:
             None,
         ),
     ],
-    ids=("module", "class", "class beside a number"),
+    ids=("module", "array", "list", "class", "class beside a number"),
 )
 def test_a_number_called_gravity_is_no_function(
     head: str, names: dict[str, str] | None, tmp_path: Path
