@@ -46,6 +46,7 @@ def test_no_rollout_exceeds_a_certificate(options: dict[str, Any]) -> None:
         assert seen.jump.max() >= 0.05  # the load does jump
 
 
+@pytest.mark.slow
 def test_no_rollout_of_the_untuned_law_exceeds_its_certificate() -> None:
     """From the right load's start and from the other one's; its dead zone is in the claims."""
     robot = armgpi.Robot.load("anthropomorphic3").with_armature(0.1)

@@ -93,6 +93,7 @@ def test_a_pendulum_that_can_only_stand_upright_moves_all_the_same() -> None:
     assert np.abs(goal - start).max() == pytest.approx(0.5)
 
 
+@pytest.mark.slow
 def test_commands_files_and_python_have_the_same_move(
     cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1139,6 +1139,7 @@ def test_a_franka_program_reads_the_positions_of_the_side_of_its_controller(
         assert words[0].format(other) not in text
 
 
+@pytest.mark.slow
 def test_joints_without_a_side_have_the_usual_one_of_the_target(
     tmp_path: Path, cli: Callable[..., Answer]
 ) -> None:

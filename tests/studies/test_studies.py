@@ -344,6 +344,7 @@ def test_a_chunk_with_other_draws_is_refused_though_its_hash_is_right(tmp_path: 
             results.collect(whole, there, whole.size)
 
 
+@pytest.mark.slow
 def test_an_interrupt_while_results_are_read_leaves_no_lock(tmp_path: Path) -> None:
     whole, there = filled(tmp_path, 1)
 
