@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import re
 import shlex
+import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from commands import Answer
 
 from armgpi import robots
+from armgpi.cli import experiment as experiment_command
 
 Cli = Callable[..., Answer]
 
@@ -148,3 +152,21 @@ def test_what_an_arm_that_cannot_be_certified_is_told_leads_to_a_certificate(
     judged = cli("certify", "arm.yaml", "--rotor-inertia", "1", "--controller", "gpi", "--allow-part")
     assert judged.code == 0, judged
     assert "ertified" in judged.out
+
+
+def test_options_are_to_be_added_to_the_next_commands_where_some_were_given(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    options: dict[str, Any] = {"config": None, "robot": "ur5", "report": "report.html"}
+    experiment: Any = SimpleNamespace(config=None)
+    for more, added in (([], ""), (["--report=x"], "; add your options")):
+        monkeypatch.setattr(sys, "argv", ["armgpi", "run", "ur5", *more])
+        lines = experiment_command._next_commands(options, False, experiment).splitlines()
+        assert lines[0] == "Next:"
+        assert lines[1].strip() == f"armgpi compare ur5   other controllers on the same arm{added}"
+        assert lines[2].split() == [
+            "armgpi",
+            "new",
+            "ur5",
+            *["a", "file", "of", "this", "experiment", "to", "edit"],
+        ]

@@ -18,8 +18,10 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from armgpi import Robot
 from armgpi.errors import ArmgpiError, ArrayError, ParameterError, ReachError
 from armgpi.paper.arm import REACH_TOLERANCE, ArmParameters, PaperArm
+from armgpi.paper.parts import PaperInverse
 
 Array = npt.NDArray[np.float64]
 Elbow = Literal["up", "down"]
@@ -635,3 +637,12 @@ def test_parameters_that_no_arm_has_are_refused_by_name(name: str, value: float)
     with pytest.raises(ParameterError) as caught:
         replace(TABLE_1, **{name: value})
     assert caught.value.name == name
+
+
+def test_the_papers_inverse_fits_its_own_arm_and_no_other() -> None:
+    arm = Robot.load("anthropomorphic3")
+    tip = arm.tip
+    assert PaperInverse.fits(arm, tip)
+    assert not PaperInverse.fits(arm, arm.joint_names[1])
+    assert not PaperInverse.fits(Robot.load("finger_edu"), Robot.load("finger_edu").tip)
+    assert not PaperInverse.fits(Robot.load("ur5"), Robot.load("ur5").tip)

@@ -431,7 +431,7 @@ def test_outcomes_are_what_their_definitions_say() -> None:
         swaying = still["q_ref"] + size * sway * alternating(still)
         assert health.outcome(still.assign(q=swaying), draw).hunting is expected
     # To and fro until the end, or until the last second.
-    wave = 3.0 * sway * np.sin(2.0 * np.pi * still["time"] / 0.43)
+    wave: Any = 3.0 * sway * np.sin(2.0 * np.pi * still["time"] / 0.43)
     assert health.outcome(still.assign(q=still["q_ref"] + wave), draw).swinging
     dying = wave.where(still["time"] <= draw.t_final - 0.5 * health.SWING, 0.0)
     assert not health.outcome(still.assign(q=still["q_ref"] + dying), draw).swinging

@@ -18,7 +18,7 @@ from armgpi import Robot, validate
 from armgpi.base.arrays import Array
 from armgpi.validation.problem import Element
 from armgpi.validation.report import DynamicsReport
-from armgpi.validation.residual import _Entry
+from armgpi.validation.residual import Explanation, _Entry, _together
 from armgpi.validation.summands import Summand
 
 G = 9.81
@@ -321,3 +321,10 @@ def test_inertias_of_links_of_two_digits_and_of_rotors_are_told_apart() -> None:
         "the inertia of link 1": [0, 1],
         "the inertia of link 10": [2, 3],
     }
+
+
+def test_explanations_of_parts_are_as_long_together_and_half_a_bit_for_each_more() -> None:
+    parts = [Explanation(2.0, "one", "a", (("m1",),)), Explanation(3.0, "two", "-b", (("m2",), ("l1",)))]
+    whole = _together([*parts, Explanation(5.0, "three", "c")])
+    assert whole == Explanation(11.0, "one; two; three", "a - b + c", (("m1",), ("m2",), ("l1",)))
+    assert _together(parts[:1]) == parts[0]
