@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from armgpi.base.arrays import Array
 from armgpi.gpi.gains import Betas, Tuning, betas
 from armgpi.paper.reproduction import runs, tables
 from armgpi.robot.robot import Robot
@@ -155,29 +156,35 @@ def _pareto(every: dict[int, dict[str, tuple[float, float]]]) -> Figure:
     """Return tracking against chatter: networks and fixed gains, a panel per encoder resolution."""
     figure = Figure(figsize=(7.2, 5.0), layout="constrained")
     panels = np.ravel(figure.subplots(2, 2))
-    for panel, (axes, (bits, costs)) in enumerate(zip(panels, every.items(), strict=True)):
+    color_of_fixed, color_of_networks, *_ = style.PALETTE
+    for panel, (bits, costs) in enumerate(every.items()):
+        axes = panels[panel]
         fixed = np.array([cost for name, cost in costs.items() if name != runs.NETWORK])
-        axes.plot(*fixed.T, "o-", color=style.PALETTE[0], label="fixed $\\omega_c$ [rad/s]", markersize=3)
-        axes.plot(*costs[runs.NETWORK], "*", color=style.PALETTE[1], label="networks", markersize=8, zorder=3)
-        for omega, (x, y) in zip(runs.FIXED, fixed, strict=True):
-            axes.annotate(f"{omega:g}", (x, y), xytext=(4, 3), textcoords="offset points", fontsize=6.5)
+        axes.plot(*fixed.T, "o-", color=color_of_fixed, label="fixed $\\omega_c$ [rad/s]", markersize=3)
+        networks = costs[runs.NETWORK]
+        axes.plot(*networks, "*", color=color_of_networks, label="networks", markersize=8, zorder=3)
+        for omega, place in zip(runs.FIXED, fixed, strict=True):
+            axes.annotate(f"{omega:g}", tuple(place), xytext=(4, 3), textcoords="offset points", fontsize=6.5)
         axes.set_xscale("log")
         axes.set_yscale("log")
-        for axis, values in zip((axes.xaxis, axes.yaxis), np.transpose(list(costs.values())), strict=True):
-            # Less than a decade needs more numbers for there to be three.
-            narrow = values.max() < 5.0 * values.min()
-            axis.set_major_locator(
-                ticker.LogLocator(
-                    subs=(1.0, 1.2, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0) if narrow else (1.0, 2.0, 5.0)
-                )
-            )
-            axis.set_major_formatter(ticker.FuncFormatter(lambda value, _: f"{value:g}"))
-            axis.set_minor_formatter(ticker.NullFormatter())
+        errors, variations = np.transpose(list(costs.values()))
+        _number_axis(axes.xaxis, errors)
+        _number_axis(axes.yaxis, variations)
         axes.margins(0.15)
         _name(axes, panel, f"{bits}-bit encoders", "torque variation [N m]")
         axes.set_xlabel("ITAE, sum of the joints [rad s²]")
     _one_legend(figure)
     return figure
+
+
+def _number_axis(axis: Any, values: Array) -> None:
+    """Number a logarithmic axis: less than a decade needs more numbers for there to be three."""
+    subs: tuple[float, ...] = (1.0, 2.0, 5.0)
+    if values.max() < 5.0 * values.min():
+        subs = (1.0, 1.2, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
+    axis.set_major_locator(ticker.LogLocator(subs=subs))
+    axis.set_major_formatter(ticker.FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(ticker.NullFormatter())
 
 
 def _name(axes: Axes, panel: int, title: str, ylabel: str) -> None:
@@ -199,7 +206,11 @@ def _finish(figure: Figure, axes: Any) -> Figure:
 
 def _one_legend(figure: Figure) -> None:
     """Give the figure one legend where there is more than one thing to distinguish."""
-    if len({label for axes in figure.axes for label in axes.get_legend_handles_labels()[1]}) > 1:
+    labels: set[str] = set()
+    for axes in figure.axes:
+        _, labels_there = axes.get_legend_handles_labels()
+        labels.update(labels_there)
+    if len(labels) > 1:
         plots.legend(figure)
 
 

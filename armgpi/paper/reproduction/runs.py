@@ -37,20 +37,29 @@ from armgpi.robot.robot import Robot
 #: Factors on the D(q) of the nominal models, in the order of Tables 2 to 4.
 SCALES = tuple(table.inertia_scale for table in TABLES)
 #: Names of the contenders.
-NETWORK, SLOW_NETWORK = "GPI, networks", "GPI, networks, rate 0.12"
+NETWORK = "GPI, networks"
+SLOW_NETWORK = "GPI, networks, rate 0.12"
 LITERAL = "GPI, networks as printed"
-NEAR_PID, TUNED_PID = "PID + inversion, as published", "PID + inversion, tuned"
+NEAR_PID = "PID + inversion, as published"
+TUNED_PID = "PID + inversion, tuned"
 #: Rollouts that only figures need.
-SCENARIO_1, SCENARIO_2, UNDISTURBED = "scenario 5.1", "scenario 5.2", "undisturbed"
+SCENARIO_1 = "scenario 5.1"
+SCENARIO_2 = "scenario 5.2"
+UNDISTURBED = "undisturbed"
 
-#: The real sensors: 16-bit encoders, one sample of delay at 1 kHz; velocities, for a law that needs them,
+#: The real sensors: encoders of so many bits, and one sample of delay; velocities, for a law that needs them,
 #: from filtered differences.
-BITS, REAL_DT = 16, 1e-3
+BITS = 16
+#: Sample time with real sensors [s].
+REAL_DT = 1e-3
 #: Learning rate of eq. 23 in the row "as printed"; the sweep has more.
 LITERAL_RATE = 0.01
 SWEEP_RATES = (1e-3, 1e-2, 0.1, 1.0, 10.0)
-#: Fixed bandwidths and resolutions of the ablation.
-FIXED, ABLATION_BITS = (20.0, 30.0, 40.0, 60.0), (12, 14, 16, 18)
+#: Fixed bandwidths of the ablation [rad/s].
+FIXED = (20.0, 30.0, 40.0, 60.0)
+#: Its resolutions [bits].
+ABLATION_BITS = (12, 14, 16, 18)
+#: Damping ratio of the networks [-].
 _ZETA = 0.75
 #: Kp, Ki, Kd, arrays that broadcast against (batch, n).
 _PIDGains = tuple[Array, Array, Array]
@@ -92,7 +101,7 @@ class Poles(NamedTuple):
 
 FULL = Setting()
 #: Its tuned PID is the one that the full run finds.
-QUICK = Setting(1e-3, record_every=1, slower=3.0, candidates=((25.0,), (30.0,)), brief=True)
+QUICK = Setting(dt=1e-3, record_every=1, slower=3.0, candidates=((25.0,), (30.0,)), brief=True)
 
 
 #: That of rollouts with real sensors, recorded at every sample: torque may chatter.
@@ -112,20 +121,23 @@ def choose(backend: str) -> None:
 def ideal_gpi(setting: Setting) -> xr.Dataset:
     """Run GPI with ideal sensors: networks and fixed gains for Tables 2 to 4, and what the figures show."""
     one, two, three = (_scenario(name) for name in scenarios.names())
-    box = _box(setting)
-    middle = 0.5 * (box[0] + box[1])
+    lower, upper = _box(setting)
+    middle = 0.5 * (lower + upper)
     fixed = f"GPI, fixed {middle:g} rad/s"
-    rows = [
-        *((NETWORK, scale, three.reference, 1.0) for scale in SCALES),
-        *((fixed, scale, three.reference, 1.0) for scale in SCALES if not setting.brief),
+    # Label, factor on D(q), reference, factor on the disturbances.
+    rows = [(NETWORK, scale, three.reference, 1.0) for scale in SCALES]
+    if not setting.brief:
+        rows += [(fixed, scale, three.reference, 1.0) for scale in SCALES]
+    rows += [
         (UNDISTURBED, 1.0, three.reference, 0.0),
         (SCENARIO_1, 1.0, one.reference, 0.0),
         (SCENARIO_2, 1.0, two.reference, 0.0),
     ]
     labels, scales, references, loaded = zip(*rows, strict=True)
     adapts = np.array([[label != fixed] for label in labels])
-    omega = (np.where(adapts, box[0], middle), np.where(adapts, box[1], middle))
-    gains = _network(omega_c=omega, p_c=omega, zeta_c=(np.where(adapts, _ZETA, 1.0), np.ones_like(omega[0])))
+    omega = (np.where(adapts, lower, middle), np.where(adapts, upper, middle))
+    zeta = (np.where(adapts, _ZETA, 1.0), np.ones(adapts.shape))
+    gains = _network(omega_c=omega, p_c=omega, zeta_c=zeta)
     controller = GPI(_nominal(scales), setting.dt, gains, start="zero")
     plant = Saturated(RigidBodyPlant(_arm(), _paper_loads(loaded)))
     return _run(plant, controller, ReferenceBatch(references), setting, labels, scales, signals=True)
@@ -136,7 +148,8 @@ def ideal_literal(setting: Setting) -> xr.Dataset:
     gains = _literal(_box(setting), LITERAL_RATE)
     controller = GPI(_nominal(SCALES), setting.dt, gains, realisation="paper", start="zero")
     plant = Saturated(RigidBodyPlant(_arm(), paper_disturbances()))
-    return _run(plant, controller, _reference(), setting, [LITERAL] * len(SCALES), SCALES)
+    labels = [LITERAL] * len(SCALES)
+    return _run(plant, controller, _reference(), setting, labels, SCALES)
 
 
 def ideal_pid(setting: Setting) -> xr.Dataset:
@@ -146,7 +159,8 @@ def ideal_pid(setting: Setting) -> xr.Dataset:
     """
     labels = [NEAR_PID] * len(SCALES) + [TUNED_PID] * len(SCALES) + [UNDISTURBED]
     scales = [*SCALES, *SCALES, 1.0]
-    gains = _rows(labels, _near_pid(), _pole_gains([_box(setting)[1]]))
+    _, fastest = _box(setting)
+    gains = _rows(labels, _near_pid(), _pole_gains([fastest]))
     controller = PIDInversion(_nominal(scales), setting.dt, *gains, bias_robot=_arm())
     loaded = [0.0 if label == UNDISTURBED else 1.0 for label in labels]
     plant = Saturated(RigidBodyPlant(_arm(), _paper_loads(loaded)))
@@ -160,9 +174,11 @@ def real_gpi(setting: Setting) -> xr.Dataset:
         names += [SLOW_NETWORK, "GPI, fixed 25 rad/s"]
     rows = [(name, scale) for name in names for scale in SCALES]
     labels, scales = zip(*rows, strict=True)
-    fixed = [{"GPI, fixed 25 rad/s": 25.0, "GPI, fixed 30 rad/s": 30.0}.get(label) for label in labels]
+    bandwidths = {"GPI, fixed 25 rad/s": 25.0, "GPI, fixed 30 rad/s": 30.0}
+    fixed = [bandwidths.get(label) for label in labels]
     rate = [0.12 if label == SLOW_NETWORK else 1e9 for label in labels]
-    controller = GPI(_nominal(scales), REAL_DT, _networks_or_fixed(fixed, rate=rate), start="zero")
+    gains = _networks_or_fixed(fixed, rate=rate)
+    controller = GPI(_nominal(scales), REAL_DT, gains, start="zero")
     return _run(_real(), controller, _reference(), REAL, labels, scales)
 
 
@@ -170,7 +186,8 @@ def real_literal() -> xr.Dataset:
     """Run the paper's controller to the letter behind encoders and a delay."""
     gains = _literal((22.0, 60.0), LITERAL_RATE)
     controller = GPI(_nominal(SCALES), REAL_DT, gains, realisation="paper", start="zero")
-    return _run(_real(), controller, _reference(), REAL, [LITERAL] * len(SCALES), SCALES)
+    labels = [LITERAL] * len(SCALES)
+    return _run(_real(), controller, _reference(), REAL, labels, SCALES)
 
 
 def real_pid(tuned: Poles) -> xr.Dataset:
@@ -187,7 +204,7 @@ def real_pid(tuned: Poles) -> xr.Dataset:
 
 def candidates(setting: Setting) -> xr.Dataset:
     """Run the candidates for the tuned PID + inversion behind encoders and a delay, at D(q) x 1.0."""
-    poles, filters = (np.ravel(x) for x in np.meshgrid(*setting.candidates))
+    poles, filters = map(np.ravel, np.meshgrid(*setting.candidates))
     kp, ki, kd = _pole_gains(poles)
     scales = [1.0] * len(poles)
     controller = PIDInversion(_nominal(scales), REAL_DT, kp, ki, kd, bias_robot=_arm())
@@ -200,54 +217,73 @@ def candidates(setting: Setting) -> xr.Dataset:
 def best_candidate(found: xr.Dataset, gpi: xr.Dataset) -> Poles:
     """Return the candidate with the least ITAE among those that chatter no more than the networks do."""
     budget = float(variation(select(gpi, NETWORK, 1.0)))
-    costs = metrics.itae(found).sum("joint").where(variation(found) <= budget, np.inf)
+    costs = metrics.itae(found).sum("joint")
+    costs = costs.where(variation(found) <= budget, np.inf)
     best = found.isel(rollout=int(np.argmin(costs.values)))
     return Poles(float(best["pole"]), float(best["bandwidth"]))
 
 
+class _Unpublished(NamedTuple):
+    """What the paper does not give, in terms of what is taken for it.
+
+    Attributes:
+        goal: factor on the way of the moves.
+        duration: factor on their durations.
+        raised: how much higher q2 is [rad].
+        omega: factor on the range of omega_c.
+        rate: factor on the learning rate.
+    """
+
+    goal: float = 1.0
+    duration: float = 1.0
+    raised: float = 0.0
+    omega: float = 1.0
+    rate: float = 1.0
+
+
 def sensitivity() -> xr.Dataset:
     """Run the networks with ideal sensors, at 1 kHz for 80 s, each unpublished value halved and doubled."""
-    base = {"goal": 1.0, "duration": 1.0, "raised": 0.0, "omega": 1.0, "rate": 1.0}
-    changes: dict[str, dict[str, float]] = {
-        "as it is": {},
-        "references (way) x 0.5": {"goal": 0.5},
-        "references (way) x 2": {"goal": 2.0},
-        "references (duration) x 0.5": {"duration": 0.5},
-        "references (duration) x 2": {"duration": 2.0},
-        "configuration, q2 0.4 rad lower": {"raised": -0.4},
-        "configuration, q2 0.4 rad higher": {"raised": 0.4},
-        "omega range x 0.5": {"omega": 0.5},
-        "omega range x 2": {"omega": 2.0},
-        "learning rate x 0.5": {"rate": 0.5},
-        "learning rate x 2": {"rate": 2.0},
+    rows = {
+        "as it is": _Unpublished(),
+        "references (way) x 0.5": _Unpublished(goal=0.5),
+        "references (way) x 2": _Unpublished(goal=2.0),
+        "references (duration) x 0.5": _Unpublished(duration=0.5),
+        "references (duration) x 2": _Unpublished(duration=2.0),
+        "configuration, q2 0.4 rad lower": _Unpublished(raised=-0.4),
+        "configuration, q2 0.4 rad higher": _Unpublished(raised=0.4),
+        "omega range x 0.5": _Unpublished(omega=0.5),
+        "omega range x 2": _Unpublished(omega=2.0),
+        "learning rate x 0.5": _Unpublished(rate=0.5),
+        "learning rate x 2": _Unpublished(rate=2.0),
     }
-    rows = [{**base, **change} for change in changes.values()]
-    references = [_reference(row["goal"], row["duration"], row["raised"]) for row in rows]
-    factor = np.array([[row["omega"]] for row in rows])
+    references = [_reference(row.goal, row.duration, row.raised) for row in rows.values()]
+    factor = np.array([[row.omega] for row in rows.values()])
     lower, upper = _box(QUICK)
     gains = _network(
         omega_c=(lower * factor, upper * factor),
         zeta_c=_ZETA,
         p_c=None,
-        learning_rate=[[0.2 * row["rate"]] for row in rows],
+        learning_rate=[[0.2 * row.rate] for row in rows.values()],
     )
     scales = [1.0] * len(rows)
     controller = GPI(_nominal(scales), QUICK.dt, gains, start="zero")
     plant = Saturated(RigidBodyPlant(_arm(), paper_disturbances()))
-    return _run(plant, controller, ReferenceBatch(references), QUICK, list(changes), scales, t_final=80.0)
+    reference = ReferenceBatch(references)
+    return _run(plant, controller, reference, QUICK, list(rows), scales, t_final=80.0)
 
 
 def ablation() -> xr.Dataset:
     """Run networks and fixed gains behind encoders of several resolutions, one sample of delay."""
-    names = [NETWORK, *(f"GPI, fixed {omega:g} rad/s" for omega in FIXED)]
-    rows = [(name, bits) for bits in ABLATION_BITS for name in names]
+    bandwidths = {f"GPI, fixed {omega:g} rad/s": omega for omega in FIXED}
+    rows = [(name, bits) for bits in ABLATION_BITS for name in (NETWORK, *bandwidths)]
     labels, bits = zip(*rows, strict=True)
-    fixed = [dict(zip(names[1:], FIXED, strict=True)).get(label) for label in labels]
-    counts = 2.0 * np.pi / 2.0 ** np.array(bits, dtype=np.float64)[:, np.newaxis]
+    fixed = [bandwidths.get(label) for label in labels]
+    resolutions = np.array(bits, dtype=np.float64)[:, np.newaxis]
+    counts = 2.0 * np.pi / 2.0**resolutions
     scales = [1.0] * len(rows)
     gains = _networks_or_fixed(fixed, error_range=counts, dead_zone=2.0 * counts)
     controller = GPI(_nominal(scales), REAL_DT, gains, start="zero")
-    plant = _real(bits=np.array(bits, dtype=np.float64)[:, np.newaxis])
+    plant = _real(bits=resolutions)
     result = _run(plant, controller, _reference(), REAL, labels, scales)
     return result.assign_coords(bits=("rollout", list(bits)))
 
@@ -259,7 +295,8 @@ def sweep(realisation: str) -> xr.Dataset:
     gains = _literal((30.0, 60.0), [[rate] for rate in rates])
     controller = GPI(_nominal(scales), REAL_DT, gains, realisation=realisation, start="zero")
     plant = Saturated(RigidBodyPlant(_arm(), paper_disturbances()))
-    result = _run(plant, controller, _reference(), REAL, [LITERAL] * len(rows), scales)
+    labels = [LITERAL] * len(rows)
+    result = _run(plant, controller, _reference(), REAL, labels, scales)
     return result.assign_coords(learning_rate=("rollout", list(rates)))
 
 
@@ -275,8 +312,9 @@ def holding_cost() -> Array:
 
 def select(result: xr.Dataset, label: str, scale: float) -> xr.Dataset:
     """Return the one rollout of a contender at a factor on D(q)."""
-    found = np.flatnonzero((result["label"].values == label) & (result["scale"].values == scale))
-    return result.isel(rollout=int(found[0]))
+    is_it = (result["label"].values == label) & (result["scale"].values == scale)
+    first = int(np.flatnonzero(is_it)[0])
+    return result.isel(rollout=first)
 
 
 def variation(result: xr.Dataset) -> xr.DataArray:
@@ -334,9 +372,10 @@ def _horizon() -> float:
 def _reference(goal: float = 1.0, duration: float = 1.0, raised: float = 0.0) -> Waypoints:
     """Return the moves of scenario 5.3: way and duration times a factor, q2 raised everywhere."""
     moves: Any = _scenario("scenario-5.3").config.reference
-    points = [goal * np.array(point, dtype=np.float64) + [0.0, raised, 0.0] for point in moves.points]
-    durations = np.broadcast_to(np.asarray(moves.durations, dtype=np.float64), len(points) - 1)
-    return Waypoints(points, (duration * durations).tolist(), moves.holds)
+    points = goal * np.array(moves.points, dtype=np.float64) + [0.0, raised, 0.0]
+    stated = np.asarray(moves.durations, dtype=np.float64)
+    durations = np.broadcast_to(stated, len(points) - 1)
+    return Waypoints(list(points), (duration * durations).tolist(), moves.holds)
 
 
 def _nominal(scales: Sequence[float]) -> RobotBatch:
@@ -363,15 +402,20 @@ def _stated_networks() -> BSplineNetwork:
 
 def _box(setting: Setting) -> tuple[float, float]:
     """Return the range of omega_c in the scenario files, slower where the sample time is longer."""
-    lower, upper = (float(np.max(end)) / setting.slower for end in _stated_networks().boxes["omega_c"])
-    return lower, upper
+    lower, upper = _stated_networks().boxes["omega_c"]
+    return float(np.max(lower)) / setting.slower, float(np.max(upper)) / setting.slower
 
 
 def _network(**changes: Any) -> BSplineNetwork:
     """Return the networks of scenario 5.3, changed."""
     stated = _stated_networks()
-    names = ("learning_rate", "error_range", "dead_zone", "bandwidth")
-    return BSplineNetwork(**{**{name: getattr(stated, name) for name in names}, **changes})
+    settings: dict[str, Any] = {
+        "learning_rate": stated.learning_rate,
+        "error_range": stated.error_range,
+        "dead_zone": stated.dead_zone,
+        "bandwidth": stated.bandwidth,
+    }
+    return BSplineNetwork(**{**settings, **changes})
 
 
 def _networks_or_fixed(fixed: Sequence[float | None], **changes: Any) -> BSplineNetwork:
@@ -397,8 +441,11 @@ def _literal(box: tuple[float, float], rate: PerJointInput) -> BSplineNetwork:
 
 def _real(filters: Array | None = None, bits: PerJointInput = BITS) -> Plant:
     """Return the arm behind torque limits, encoders and a sample of delay; `filters` make velocities."""
-    plant: Plant = Encoder(Saturated(RigidBodyPlant(_arm(), paper_disturbances())), bits)
-    return Delayed(plant if filters is None else Differentiated(plant, filters), 1)
+    arm = RigidBodyPlant(_arm(), paper_disturbances())
+    plant: Plant = Encoder(Saturated(arm), bits)
+    if filters is not None:
+        plant = Differentiated(plant, filters)
+    return Delayed(plant, 1)
 
 
 def _near_pid() -> _PIDGains:
@@ -410,7 +457,7 @@ def _near_pid() -> _PIDGains:
 def _rows(labels: Sequence[str], near: _PIDGains, tuned: _PIDGains) -> _PIDGains:
     """Return a row of gains for each label: tuned where it says so."""
     chosen = np.array([[label == TUNED_PID] for label in labels])
-    kp, ki, kd = (np.where(chosen, mine, theirs) for mine, theirs in zip(tuned, near, strict=True))
+    kp, ki, kd = (np.where(chosen, *gains) for gains in zip(tuned, near, strict=True))
     return kp, ki, kd
 
 

@@ -84,23 +84,25 @@ class Contender(NamedTuple):
 def contenders(results: Sequence[tuple[str, xr.Dataset]]) -> list[Contender]:
     """Return the rollouts that belong into Tables 2 to 4; each result comes with its sensors' name."""
     figure_only = (runs.SCENARIO_1, runs.SCENARIO_2, runs.UNDISTURBED)
-    found = []
+    listed = []
     for sensors, result in results:
-        values = {metric.name: metric(result).values for metric in metrics.shown_in("reproduction")}
+        tables = {metric.name: metric(result).values for metric in metrics.shown_in("reproduction")}
         ends = describe_end(result)
+        stated = [key for key in ("measurement", "knows") if key in result]
         for row, name in enumerate(result["label"].values):
-            if name not in figure_only:
-                told = [key for key in ("measurement", "knows") if key in result]
-                measures = describe_measurement(*(str(result[key].values[row]) for key in told))
-                scale = float(result["scale"].values[row])
-                own = {metric: table[row] for metric, table in values.items()}
-                found.append(Contender(str(name), sensors, scale, own, ends[row], measures))
-    return found
+            if name in figure_only:
+                continue
+            measures = describe_measurement(*[str(result[key].values[row]) for key in stated])
+            scale = float(result["scale"].values[row])
+            values = {metric: table[row] for metric, table in tables.items()}
+            listed.append(Contender(str(name), sensors, scale, values, ends[row], measures))
+    return listed
 
 
 def _heading(name: str, metric: metrics.Metric) -> str:
     """Return the heading of a column with its unit, where it has one."""
-    return f"{name} [{unit}]" if (unit := metric.unit.symbol()) else name
+    unit = metric.unit.symbol()
+    return f"{name} [{unit}]" if unit else name
 
 
 def _per_joint(metric: metrics.Metric) -> list[str]:
@@ -121,8 +123,10 @@ def comparison(table: published.Table, sensors: str, found: Sequence[Contender],
     for name, cells in (("published PID-like", table.pid), ("published proposal", table.proposal)):
         printed = map(_paper_digits, chain(*cells))
         rows.append((name, "", *printed, *["not stated"] * len(others), ""))
-    least = (_texts(holding) if name == "isci" else ("",) * len(JOINTS) for name in _PUBLISHED)
-    rows.append(("holding against gravity and load alone", "", *chain(*least), *[""] * len(others), ""))
+    least: list[str] = []
+    for name in _PUBLISHED:
+        least += _texts(holding) if name == "isci" else [""] * len(JOINTS)
+    rows.append(("holding against gravity and load alone", "", *least, *[""] * len(others), ""))
     for one in found:
         if (one.sensors, one.scale) == (sensors, table.inertia_scale):
             rows += _rows_of(one, table, shown, others)
@@ -172,7 +176,8 @@ def _cells(table: published.Table, one: Contender) -> Iterator[_Cell]:
     """Return the published cells that a contender is held against, with its own values."""
     theirs = _published_column(table, one.name)
     for name, cells in theirs._asdict().items():
-        for joint, ours, cell in zip(JOINTS, one.metrics[name].tolist(), cells, strict=True):
+        values = one.metrics[name].tolist()
+        for joint, ours, cell in zip(JOINTS, values, cells, strict=True):
             status = published.status(ours if np.isfinite(ours) else None, cell)
             yield _Cell(joint, metrics.ALL[name].heading, ours, cell, status)
 
@@ -190,8 +195,9 @@ def statuses(found: Sequence[Contender]) -> Sheet:
             if one.scale != table.inertia_scale:
                 continue
             for cell in _cells(table, one):
-                where = (str(table.number), one.sensors, one.name, cell.metric, cell.joint)
-                rows.append((*where, *_texts([cell.ours]), _paper_digits(cell.published), cell.status))
+                place = (str(table.number), one.sensors, one.name, cell.metric, cell.joint)
+                values = (*_texts([cell.ours]), _paper_digits(cell.published))
+                rows.append((*place, *values, cell.status))
     return Sheet(
         "statuses",
         "Every cell of Tables 2 to 4",
@@ -204,16 +210,22 @@ def statuses(found: Sequence[Contender]) -> Sheet:
 
 def sensitivity(result: xr.Dataset, horizon: float) -> Sheet:
     """Return what ITAE and ISCI do when a value that the paper does not give is halved or doubled."""
-    whole = {"x 1": horizon, "x 0.5": 0.5 * horizon, "x 2": 2.0 * horizon}
-    cut = {name: result.sel(time=slice(None, end + 1e-9)) for name, end in whole.items()}
-    first = cut["x 1"].isel(rollout=0)
-    cases = [(str(label), cut["x 1"].isel(rollout=i)) for i, label in enumerate(result["label"].values)]
-    cases[1:1] = [(f"horizon {name}", cut[name].isel(rollout=0)) for name in ("x 0.5", "x 2")]
-    base = metrics.itae(first).values
+
+    def until(end: float) -> xr.Dataset:
+        return result.sel(time=slice(None, end + 1e-9))
+
+    rollouts = until(horizon)
+    cases = [(str(label), rollouts.isel(rollout=i)) for i, label in enumerate(result["label"].values)]
+    half, double = until(0.5 * horizon), until(2.0 * horizon)
+    cases.insert(1, ("horizon x 0.5", half.isel(rollout=0)))
+    cases.insert(2, ("horizon x 2", double.isel(rollout=0)))
+    base = metrics.itae(rollouts.isel(rollout=0)).values
     rows = []
     for label, rollout in cases:
-        itae, isci = metrics.itae(rollout).values, metrics.isci(rollout).values
-        rows.append((label, *_texts(itae), *(f"{ratio:.2f}" for ratio in itae / base), *_texts(isci)))
+        itae = metrics.itae(rollout).values
+        isci = metrics.isci(rollout).values
+        ratios = [f"{ratio:.2f}" for ratio in itae / base]
+        rows.append((label, *_texts(itae), *ratios, *_texts(isci)))
     return Sheet(
         "sensitivity",
         "Sensitivity to what the paper does not give",
