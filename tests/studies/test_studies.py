@@ -340,7 +340,7 @@ def test_a_chunk_with_other_draws_is_refused_though_its_hash_is_right(tmp_path: 
         wrong = right.copy()
         wrong[3, column] += 0.5
         there.write(name, wrong)
-        with pytest.raises(RolloutError, match="other draws"):
+        with pytest.raises(RolloutError, match="other scenarios"):
             results.collect(whole, there, whole.size)
 
 
