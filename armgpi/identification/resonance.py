@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 from scipy import optimize
 
 from armgpi.base.arrays import Array, check_number, check_type, check_whole
@@ -23,6 +24,8 @@ from armgpi.robot.rotors import assume_gears, lowest_mode
 from armgpi.tuning.two_mass import Gears as Modes
 from armgpi.tuning.two_mass import damping_at_one, gravity_stiffness
 
+#: Amplitudes at lines.
+_Complex: TypeAlias = npt.NDArray[np.complex128]
 #: Period of the multisine [s], lines from 2 to 60 Hz, and series of phases of which the flattest is taken.
 PERIOD = 2.0
 LINES = np.unique(np.round(PERIOD * np.geomspace(2.0, 60.0, 40))) / PERIOD
@@ -42,6 +45,8 @@ _LOOK = 0.25
 #: assumed and at least, and of both together, which is known; time between torque and position [s].
 _STIFF, _DAMPED, _RUBBED, _LINKS, _ROTOR, _LEAST_ROTOR, _TOTAL = 1.5, 1.0, 3.0, 0.3, 0.5, 0.05, 0.05
 _LATE, _UNKNOWNS = 3e-3, 6
+#: Largest logarithm of a number, either way: steps of the search may be larger.
+_LARGEST = 60.0
 #: Damping ratio that is expected, and error of the linear model as a share of the torque: friction.
 _RATIO, _LINEAR = 0.03, 0.05
 #: Factor on standard deviations for what friction bends and no period shows: chosen on ur5 and panda
@@ -111,8 +116,8 @@ class _Turn(NamedTuple):
     joint: int
     lines: Array
     q: Array
-    tau: Array
-    answer: Array
+    tau: _Complex
+    answer: _Complex
     noise: Array
 
 
@@ -296,11 +301,118 @@ class _Rest(NamedTuple):
         noise: what of it is noise of the torque and of the other joints' positions, (lines,).
     """
 
-    left: Array
-    slope: Array
-    own: Array
-    own_slope: Array
+    left: _Complex
+    slope: _Complex
+    own: _Complex
+    own_slope: _Complex
     noise: Array
+
+
+class _Drives(NamedTuple):
+    """The unknown numbers of the joints, each (n,).
+
+    Attributes:
+        stiffness: of the gears [N m/rad or N/m].
+        damping: of the gears [N m s/rad or N s/m].
+        rotor: inertia of the rotors [kg m^2 or kg].
+        friction: viscous friction of the motors [N m s/rad or N s/m].
+        share: square root of the inertia of the links over that of the model [-].
+        late: time by which positions lag behind torques [s].
+    """
+
+    stiffness: Array
+    damping: Array
+    rotor: Array
+    friction: Array
+    share: Array
+    late: Array
+
+
+class _Torque(NamedTuple):
+    """The torque of the joint that turns, linear in the positions at each line, and its derivatives.
+
+    Attributes:
+        row: torque for a position of each joint, (lines, n).
+        motor: position of the joint's motor, (lines,).
+        by_gear: derivative of the torque by the stiffness of each gear, (lines, n).
+        by_share: the same by the logarithm of the share of each joint's links.
+        own_by_gear: derivative of the row at the joint itself by the stiffness of each gear, (lines, n).
+        own_by_share: the same by the logarithm of the share of each joint's links.
+        own_by_motor: the same by what the motor alone takes for its position, (lines,).
+    """
+
+    row: _Complex
+    motor: _Complex
+    by_gear: _Complex
+    by_share: _Complex
+    own_by_gear: _Complex
+    own_by_share: _Complex
+    own_by_motor: _Complex
+
+
+class _Model:
+    """The two-mass model at the lines, for the turn of one joint.
+
+    At a frequency s, links at q and motors at m obey (L s^2 + G) q = g (m - q) and, at the joint j that
+    turns, torque = (J s^2 + f s) m_j + g_j (m_j - q_j), with g = K + B s. Others may rest in their friction.
+    """
+
+    def __init__(
+        self, joint: int, s: _Complex, answer: _Complex, links: Array, steep: Array, drives: _Drives
+    ) -> None:
+        """Work out what both sides of the encoders have in common.
+
+        Args:
+            joint: that turns.
+            s: frequencies [rad/s], imaginary, (lines,).
+            answer: measured positions of all joints [rad or m], (lines, n).
+            links: inertia L of the links, (n, n).
+            steep: derivative G of their weight by the positions, (n, n).
+            drives: of the joints.
+        """
+        self.joint, self.square, self.answer, self.links = joint, s**2, answer, links
+        self.dynamic = links * self.square[:, None, None] + steep
+        self.gear = drives.stiffness + drives.damping * s[:, None]
+        self.motor_alone = drives.rotor[joint] * self.square + drives.friction[joint] * s
+
+    def of_motors(self) -> _Torque:
+        """Return the torque where positions are those of the motors."""
+        j, n = self.joint, len(self.links)
+        unit_torque = np.broadcast_to(np.eye(n)[j], self.answer.shape)
+        right = np.stack([self.gear * self.answer, unit_torque], axis=-1)
+        matrix = self.dynamic + self.gear[:, :, None] * np.eye(n)
+        link, unit = np.moveaxis(np.linalg.solve(matrix, right), -1, 0)
+        twist = self.answer - link
+        lever = self.gear[:, j, None] * unit  # by how much joint j follows torques at the links
+        row = -lever * self.gear
+        row[:, j] += self.motor_alone + self.gear[:, j]
+        by_gear = -lever * twist
+        by_gear[:, j] += twist[:, j]
+        by_share = self.square[:, None] * (lever * (link @ self.links) + (lever @ self.links) * link)
+        own_by_gear = lever**2
+        own_by_gear[:, j] += 1.0 - 2.0 * lever[:, j]
+        own_by_share = 2.0 * self.square[:, None] * lever * (lever @ self.links)
+        one = np.ones_like(self.square)
+        return _Torque(row, self.answer[:, j], by_gear, by_share, own_by_gear, own_by_share, one)
+
+    def of_links(self) -> _Torque:
+        """Return the torque where positions are those of the links."""
+        j = self.joint
+        own_gear, own_links = self.gear[:, j], self.dynamic[:, j, j]
+        spring = np.einsum("li,li->l", self.dynamic[:, j], self.answer)  # torque of the gear
+        through = 1.0 + self.motor_alone / own_gear  # torque of the motor for one of the gear
+        row = self.dynamic[:, j] * through[:, None]
+        row[:, j] += self.motor_alone
+        by_gear, own_by_gear, own_by_share = np.zeros((3, *self.answer.shape), dtype=complex)
+        by_gear[:, j] = -self.motor_alone * spring / own_gear**2
+        by_share = self.answer * self.links[j]
+        by_share[:, j] += self.answer @ self.links[j]
+        by_share = (self.square * through)[:, None] * by_share
+        own_by_gear[:, j] = -own_links * self.motor_alone / own_gear**2
+        own_by_share[:, j] = 2.0 * self.square * self.links[j, j] * through
+        motor = self.answer[:, j] + spring / own_gear
+        own_by_motor = 1.0 + own_links / own_gear
+        return _Torque(row, motor, by_gear, by_share, own_by_gear, own_by_share, own_by_motor)
 
 
 class _Fit:
@@ -317,7 +429,7 @@ class _Fit:
         self.robot, self.turns, self.side, n = robot, turns, side, robot.n
         self.links = [robot.mass_matrix(turn.q) - np.diag(robot.armature) for turn in turns]
         self.steep = [gravity_stiffness(robot, turn.q) * float(gravity) for turn in turns]
-        self.s = 2j * math.pi * turns[0].lines
+        self.s: _Complex = np.asarray(2j * math.pi * turns[0].lines, dtype=np.complex128)
         rotor, stiffness = robot.armature, robot.drives.value("stiffness")
         low, high = robot.drives.interval("rotor_inertia")
         told = np.log(np.maximum(high, rotor) / np.maximum(low, 1e-3 * rotor)) / (2.0 * _95)
@@ -368,7 +480,7 @@ class _Fit:
         rows = np.concatenate([self._weigh(x, i)[1] for i in range(len(self.turns))])
         return np.concatenate([rows.real, rows.imag, self._sum(x)[1], np.eye(len(x))])
 
-    def _weigh(self, x: Array, index: int) -> tuple[Array, Array]:
+    def _weigh(self, x: Array, index: int) -> tuple[_Complex, _Complex]:
         """Return what is left of the torque of a turn in units of its noise, and the derivative.
 
         The noise of the position counts by as much as the model makes of it: frozen, soft gears, which make
@@ -392,63 +504,43 @@ class _Fit:
         off = np.log(total / (links + rotor))
         return off / _TOTAL, slope.reshape(n, -1) * self.std / _TOTAL
 
-    def _rest(self, x: Array, index: int, period: int | None = None) -> _Rest:
-        """Return what is left of the torque of a turn."""
+    def _rest(self, x: Array, index: int) -> _Rest:
+        """Return what is left of the torque of a turn, and how it changes with the unknowns."""
         turn, s, n = self.turns[index], self.s, self.robot.n
-        at: Any = slice(None) if period is None else slice(period, period + 1)
-        answer, tau = turn.answer[at].mean(axis=0), turn.tau[at].mean(axis=0)
-        values = self.mean + self.std * x
-        K, B, J, f, share = np.exp(np.clip(values[: 5 * n], -60.0, 60.0)).reshape(5, n)
-        j, links, gear = turn.joint, np.outer(share, share) * self.links[index], K + B * s[:, None]
-        late, own = np.exp(-s * values[5 * n + j]) * tau, J[j] * s**2 + f[j] * s
+        j, answer, drives = turn.joint, turn.answer.mean(axis=0), self._drives(x)
+        links = np.outer(drives.share, drives.share) * self.links[index]
+        model = _Model(j, s, answer, links, self.steep[index], drives)
+        torque = model.of_motors() if self.side == "motor" else model.of_links()
+        measured = np.exp(-s * drives.late[j]) * turn.tau.mean(axis=0)
         slope, own_slope = np.zeros((2, len(s), _UNKNOWNS, n), dtype=complex)
-        dynamic = links * s[:, None, None] ** 2 + self.steep[index]
-        if self.side == "motor":
-            right = np.stack([gear * answer, np.broadcast_to(np.eye(n)[j], answer.shape)], axis=-1)
-            link, unit = np.moveaxis(np.linalg.solve(dynamic + gear[:, :, None] * np.eye(n), right), -1, 0)
-            motor, twist = answer[:, j], answer - link
-            row = -gear[:, j, None] * unit * gear
-            row[:, j] += own + gear[:, j]
-            of_gear = gear[:, j, None] * unit * twist
-            of_gear[:, j] -= twist[:, j]
-            bent = unit * (link @ links) + (unit @ links) * link
-            slope[:, 4] = -gear[:, j, None] * (s**2)[:, None] * bent
-            lever = gear[:, j, None] * unit
-            stiff = lever**2
-            stiff[:, j] += 1.0 - 2.0 * lever[:, j]
-            own_slope[:, 4] = 2.0 * (s**2)[:, None] * lever * (lever @ links)
-            own_slope[:, 2, j] = s**2 * J[j]
-            own_slope[:, 3, j] = s * f[j]
-        else:
-            spring = np.einsum("li,li->l", dynamic[:, j], answer)
-            motor = answer[:, j] + spring / gear[:, j]
-            row = dynamic[:, j] * (1.0 + own / gear[:, j])[:, None]
-            row[:, j] += own
-            of_gear = np.zeros((len(s), n), dtype=complex)
-            of_gear[:, j] = own * spring / gear[:, j] ** 2
-            bent = answer * links[j]
-            bent[:, j] += answer @ links[j]
-            both = 1.0 + own / gear[:, j]
-            slope[:, 4] = -((s**2) * both)[:, None] * bent
-            own_slope[:, 4, j] = 2.0 * s**2 * links[j, j] * both
-            stiff = np.zeros_like(of_gear)
-            stiff[:, j] = -dynamic[:, j, j] * own / gear[:, j] ** 2
-            own_slope[:, 2, j] = s**2 * J[j] * (1.0 + dynamic[:, j, j] / gear[:, j])
-            own_slope[:, 3, j] = s * f[j] * (1.0 + dynamic[:, j, j] / gear[:, j])
-        left = late - (row * answer).sum(axis=1)
-        slope[:, 0], slope[:, 1] = of_gear * K, of_gear * B * s[:, None]
-        slope[:, 2, j] -= s**2 * motor * J[j]
-        slope[:, 3, j], slope[:, 5, j] = -s * motor * f[j], -s * late
-        own_slope[:, 0], own_slope[:, 1] = stiff * K, stiff * B * s[:, None]
-        others = np.abs(row * turn.noise[:, 1:])
-        others[:, j] = turn.noise[:, 0]
+        slope[:, 0] = -torque.by_gear * drives.stiffness
+        slope[:, 1] = -torque.by_gear * drives.damping * s[:, None]
+        slope[:, 2, j] = -torque.motor * drives.rotor[j] * s**2
+        slope[:, 3, j] = -torque.motor * drives.friction[j] * s
+        slope[:, 4] = -torque.by_share
+        slope[:, 5, j] = -s * measured
+        own_slope[:, 0] = torque.own_by_gear * drives.stiffness
+        own_slope[:, 1] = torque.own_by_gear * drives.damping * s[:, None]
+        own_slope[:, 2, j] = torque.own_by_motor * drives.rotor[j] * s**2
+        own_slope[:, 3, j] = torque.own_by_motor * drives.friction[j] * s
+        own_slope[:, 4] = torque.own_by_share
+        # The noise of the joint's own position is weighed apart; in its place is that of the torque.
+        noise = np.abs(torque.row * turn.noise[:, 1:])
+        noise[:, j] = turn.noise[:, 0]
         return _Rest(
-            left,
+            measured - (torque.row * answer).sum(axis=1),
             slope.reshape(len(s), -1) * self.std,
-            row[:, j],
+            torque.row[:, j],
             own_slope.reshape(len(s), -1) * self.std,
-            np.linalg.norm(others, axis=1),
+            np.linalg.norm(noise, axis=1),
         )
+
+    def _drives(self, x: Array) -> _Drives:
+        """Return the numbers of the joints that unknowns stand for."""
+        n, values = self.robot.n, self.mean + self.std * x
+        logarithms = np.clip(values[: 5 * n], -_LARGEST, _LARGEST)
+        stiffness, damping, rotor, friction, share = np.exp(logarithms).reshape(5, n)
+        return _Drives(stiffness, damping, rotor, friction, share, values[5 * n :])
 
     def gears(self) -> Gears:
         """Return the gears, with intervals."""

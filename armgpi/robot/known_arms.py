@@ -193,9 +193,21 @@ _FRI_LOOP = Loop(
     ),
 )
 _UR_RATES = "https://github.com/UniversalRobots/Universal_Robots_ROS2_Driver/tree/main/ur_robot_driver/config"
-_UR_DRIVER = Source("rates of Universal Robots' ROS 2 driver", _UR_RATES, "BSD-3-Clause")
-#: Rates of UR's CB3 controllers and of its e-Series.
-_UR_CB3, _UR_E = (Loop((rate, rate), "", _UR_DRIVER) for rate in (125.0, 500.0))
+_UR_ISSUES = "https://github.com/UniversalRobots/Universal_Robots_Client_Library/issues/86"
+_UR_CB3 = Loop(
+    (125.0, 125.0),
+    "",
+    Source("rates of Universal Robots' ROS 2 driver", _UR_RATES, "BSD-3-Clause"),
+)
+_UR_E = Loop(
+    (500.0, 500.0),
+    "numbers that are sent come back after 2 or 3 samples",
+    Source(
+        "samples: a user of a UR10e, without motion; rate: Universal Robots' ROS 2 driver (BSD-3-Clause)",
+        _UR_ISSUES,
+        "not stated",
+    ),
+)
 _SO_LOOP = Loop(
     (100.0, 100.0),
     "",

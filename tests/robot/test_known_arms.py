@@ -241,6 +241,7 @@ def test_rates_of_interfaces_are_those_of_the_controllers() -> None:
     said = known_arms.describe_arm(with_published(armgpi.Robot.load("panda", lock=["panda_finger_joint1"])))
     assert "control rate 1000 Hz; 20 late packets in a row stop the robot" in said
     assert "control rate" in known_arms.table()
+    assert "500 Hz; numbers that are sent come back after 2 or 3 samples" in known_arms.table()
 
 
 def test_a_tx40_has_the_rotors_and_friction_that_were_identified() -> None:
