@@ -17,6 +17,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -70,22 +71,23 @@ LATE = 8e-3
 COMPARED = 5e-3
 #: Damping ratio of the joints at which loops have to be stable [-]; 1 to 5 % are usual.
 DAMPING = 0.03
-#: The same of loops that are late, whose resonance has no other damping than its own [-].
-LATE_DAMPING = 0.01
+#: The same of loops that are late, whose resonance has no other damping than its own [-]; the second where
+#: the first makes joints so slow that arms fall under their loads (tools/first_rule.py, seeds 502 to 504).
+LATE_DAMPINGS = (0.01, 0.02)
 #: Factors of an assumed stiffness at which they have to be.
 STIFFNESS_FACTORS = (0.5, 1.0, 2.0)
-#: By how much all joints are slower where a loop is not stable [-].
+#: By how much those joints are slower that swing where a loop is not stable [-].
 SLOWER = 1.25
 #: Delay below which loops have to be stable in a corner as well [s]: assumed rotors that are as light, and
 #: joints that are as stiff and as little damped, as they may be. Later loops would lose most of their gain.
 GUARDED = 2.5e-3
 #: That corner: factor of assumed rotors, and damping ratio of the joints [-].
 CORNER_ROTORS, CORNER_DAMPING = 0.4, 0.01
-#: By how much all joints are slower where it is not stable, and how often at most.
+#: By how much joints that swing are slower where it is not stable, and how often at most.
 CORNER_SLOWER, CORNER_STEPS = 1.06, 4
-#: Configurations at which inertia is taken, and at which loops are tried.
+#: Configurations at which inertia is taken, at which loops are tried, and late ones.
 _CONFIGURATIONS = 8
-_TRIED = 2
+_TRIED, _LATE_TRIED = 2, 4
 
 
 class Collocated(NamedTuple):
@@ -178,7 +180,13 @@ def delay_of(dt: float, late: int, current: float = CURRENT_LOOP) -> float:
 
 
 def choose(
-    robot: Robot, carried: Robot, dt: float, late: int, counts: Array | None, effort: Array
+    robot: Robot,
+    carried: Robot,
+    dt: float,
+    late: int,
+    counts: Array | None,
+    effort: Array,
+    damping: float = LATE_DAMPINGS[0],
 ) -> Collocated | None:
     """Return the controller of an arm, or None where no bandwidth is stable and quiet enough.
 
@@ -189,6 +197,7 @@ def choose(
         late: samples by which measurements are late.
         counts: one count of each encoder, at the joint [rad or m], (n,); None for exact positions.
         effort: usual effort of each joint [N m or N], (n,).
+        damping: ratio of the joints at which loops that are late have to be stable [-].
     """
     robot = assume_gears(robot)
     rotor = robot.armature
@@ -216,31 +225,37 @@ def choose(
         limits = np.where(quiet_w < w, "noise", limits)
         w = quiet_w
     fast_enough = w
-    nominal = feedback_model(carried, own.link_factor, own.rotor_factor)
-    cases = _loops(robot, dt, late, current, own.damping)
+    nominal: Any = feedback_model(carried, own.link_factor, own.rotor_factor)
+    cases = _loops(robot, dt, late, current, DAMPING if delay < COMPARED else damping)
     shape = (own.link_factor, own.rotor_factor, own.proportional, own.integral)
-    while not _all_stable(cases, nominal, robot, Collocated(w, f, (), *shape).poles, dt):
-        w = w / SLOWER
+
+    def swinging(cases: tuple[geared.Case, ...], w: Array) -> Array:
+        poles = Collocated(w, f, (), *shape).poles
+        return geared.Loops(cases, nominal, robot, poles.member, dt, poles.zeta_c).swinging(poles.omega_c)
+
+    while (which := swinging(cases, w)).any():
+        w = np.where(which, w / SLOWER, w)
         if float(w.min()) < SLOWEST / SLOWER:
             return None
     if delay < GUARDED:
-        corner = _corner(robot, places, dt, late, current)
-        w = _guarded(
-            w, lambda slower: _all_stable(corner, nominal, robot, Collocated(slower, f, (), *shape).poles, dt)
-        )
+        w = _guarded(w, partial(swinging, _corner(robot, places, dt, late, current)))
     limits = np.where(w < fast_enough, "gears", limits)
     return Collocated(w, f, tuple(limits.tolist()), *shape, _rest_zone(own.rest_zone, counts))
 
 
-def _guarded(w: Array, holds: Callable[[Array], bool]) -> Array:
-    """Return velocity gains [rad/s] with which a corner is stable, the same ones where none nearby are."""
-    for step in range(CORNER_STEPS + 1):
-        slower = w / CORNER_SLOWER**step
-        if float(slower.min()) < SLOWEST / SLOWER:
-            break
-        if holds(slower):
-            return slower
-    return w
+def _guarded(w: Array, swinging: Callable[[Array], Array]) -> Array:
+    """Return velocity gains [rad/s] with which a corner is stable, the same ones where none nearby are.
+
+    Args:
+        w: velocity gains [rad/s], (n,).
+        swinging: which joints swing in an unstable loop with some velocity gains, (n,) of bool.
+    """
+    slower, least = w, np.maximum(w / CORNER_SLOWER**CORNER_STEPS, SLOWEST / SLOWER)
+    while (which := swinging(slower)).any():
+        slower = np.where(which, slower / CORNER_SLOWER, slower)
+        if (slower < 0.999 * least).any():
+            return w
+    return slower
 
 
 def _corner(robot: Robot, places: Array, dt: float, late: int, current: float) -> tuple[geared.Case, ...]:
@@ -260,18 +275,12 @@ def _rest_zone(least: float, counts: Array | None) -> float:
     return min(max(least, REST_COUNTS * float(np.max(counts))), LATE_REST_ZONE)
 
 
-def _all_stable(cases: tuple[geared.Case, ...], nominal: Any, robot: Robot, poles: Poles, dt: float) -> bool:
-    """Tell whether all loops of an arm are stable with some poles."""
-    return geared.Loops(cases, nominal, robot, poles.member, dt, poles.zeta_c).holds(poles.omega_c)
-
-
 class _Feedback(NamedTuple):
     """What suits a delay.
 
     Attributes:
         link_factor: share of the links' inertia in the feedback [-].
         rotor_factor: share of the rotors' inertia [-].
-        damping: damping ratio of the joints that loops need [-].
         proportional: divisor of the proportional gain [-].
         integral: divisor of the integral gain [-].
         rest_zone: error that is not integrated at rest [rad or m].
@@ -279,7 +288,6 @@ class _Feedback(NamedTuple):
 
     link_factor: float
     rotor_factor: float
-    damping: float
     proportional: float
     integral: float
     rest_zone: float
@@ -288,8 +296,8 @@ class _Feedback(NamedTuple):
     def of(cls, delay: float) -> _Feedback:
         """Return what suits a delay [s]."""
         if delay < COMPARED:
-            return cls(LINK_FACTOR, ROTOR_FACTOR, DAMPING, PROPORTIONAL, INTEGRAL, REST_ZONE)
-        late = (LATE_LINK_FACTOR, LATE_ROTOR_FACTOR, LATE_DAMPING, LATE_PROPORTIONAL, LATE_INTEGRAL)
+            return cls(LINK_FACTOR, ROTOR_FACTOR, PROPORTIONAL, INTEGRAL, REST_ZONE)
+        late = (LATE_LINK_FACTOR, LATE_ROTOR_FACTOR, LATE_PROPORTIONAL, LATE_INTEGRAL)
         return cls(*late, LATE_REST_ZONE)
 
 
@@ -330,8 +338,9 @@ def _quieten(
 
 
 def _loops(robot: Robot, dt: float, late: int, current: float, damping: float) -> tuple[geared.Case, ...]:
-    """Return the arm at two configurations, at the ends of what is known of the stiffness."""
-    places = (robot.middle(), *random_configurations(robot, _TRIED - 1, seed=1))
+    """Return the arm at some configurations, at the ends of what is known of the stiffness."""
+    tried = _TRIED if delay_of(dt, late, current) < COMPARED else _LATE_TRIED
+    places = (robot.middle(), *random_configurations(robot, tried - 1, seed=1))
     cases = []
     for q, each in itertools.product(places, _stiffness(robot)):
         gears = Gears(robot.armature, each, damping, current, "motor")

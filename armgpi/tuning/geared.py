@@ -278,6 +278,13 @@ class Loops:
             if not np.all(found) or self.holds(found, most) or len(self._critical) == refused:
                 return found
 
+    def swinging(self, omega: float | Array) -> Array:
+        """Return which joints swing in some unstable loop, (n,) of bool; none where all are stable."""
+        own = self._own(omega)
+        every = (*self._critical, *self._others)
+        rows = [loop.case.arm.swinging(around(own, loop.inertia, loop.steep)) for loop in every]
+        return np.asarray(np.any(rows, axis=0)) if rows else np.zeros(self.joints, dtype=bool)
+
     def sensitivity(self, omega: float | Array) -> float:
         """Return the largest sensitivity peak of all loops."""
         own = self._own(omega)

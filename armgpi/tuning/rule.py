@@ -81,6 +81,10 @@ REST_ZONE = 3e-4
 #: Bandwidth of the slowest joint from which on the controller for encoders at the motors is taken unseen
 #: [rad/s]: a slower one yields more than the other may, as on arms whose rotors are light beside the links.
 FAST_ENOUGH = 2.0 * geared.SLOWEST
+#: How much more than the controller for an unknown side that for encoders at the motors may yield where the
+#: loop is late and only the latter is stable at little damping [-]: beyond it arms fall under their loads
+#: (tools/first_rule.py, seeds 502 to 504).
+LATE_YIELDING = 1.5
 #: How a controller for encoders at the motors starts beside its reference, and any where a supervisor limits
 #: the rate of the torque: with no kick. Under the 1 N m per ms that libfranka takes, a Panda that starts 30
 #: mrad beside it is driven away otherwise (tools/motor_side.py --torque-step).
@@ -412,20 +416,38 @@ def _choose_geared(
     robot: Robot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return what is chosen for an arm whose gears twist."""
+    if _collocated_delay(robot, dt, delay) >= collocated.COMPARED:
+        return _choose_late(robot, dt, delay, bits, given)
     stiff = _choose_collocated(robot, dt, delay, bits, given)
-    early = _collocated_delay(robot, dt, delay) < collocated.COMPARED
-    fast_enough = stiff is not None and float(np.min(stiff["omega_c"])) >= FAST_ENOUGH
-    if stiff is not None and early and fast_enough:
+    if stiff is not None and float(np.min(stiff["omega_c"])) >= FAST_ENOUGH:
         return stiff
     soft = _choose_soft(robot, dt, delay, bits, given)
     if stiff is None:
         return soft
-    # Light rotors, encoder counts or late loops may leave the stiff one less than the soft one has anyway.
-    # Late loops: the stiff one is stable at the least usual damping. The soft one is taken where it is stable
-    # there as well and yields less.
-    if early or _is_stable(robot, dt, delay, soft, given):
-        return min((stiff, soft), key=lambda each: _yielding(robot, dt, delay, each))
-    return stiff
+    # Light rotors or encoder counts may leave the stiff one less than the soft one has anyway.
+    return min((stiff, soft), key=lambda each: _yielding(robot, dt, delay, each))
+
+
+def _choose_late(
+    robot: Robot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return what is chosen for an arm whose gears twist and whose loop is late.
+
+    That for encoders at the motors is stable at some damping; the other one mostly is not, so it has to yield
+    less by more than a little.
+    """
+    soft = _choose_soft(robot, dt, delay, bits, given)
+    most = math.nan  # worked out only where there is something to compare
+    for damping in collocated.LATE_DAMPINGS:
+        stiff = _choose_collocated(robot, dt, delay, bits, given, damping)
+        if stiff is None:
+            continue
+        if math.isnan(most):
+            spare = 1.0 if _is_stable(robot, dt, delay, soft, given) else LATE_YIELDING
+            most = spare * _yielding(robot, dt, delay, soft)
+        if _yielding(robot, dt, delay, stiff) <= most:
+            return stiff
+    return soft
 
 
 def _is_stable(
@@ -460,7 +482,12 @@ def _collocated_delay(robot: Robot, dt: float, delay: float) -> float:
 
 
 def _choose_collocated(
-    robot: Robot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
+    robot: Robot,
+    dt: float,
+    delay: float,
+    bits: Any,
+    given: Mapping[str, Any],
+    damping: float = collocated.LATE_DAMPINGS[0],
 ) -> dict[str, Any] | None:
     """Return what is chosen for elastic joints whose encoders are specified to sit at the motors.
 
@@ -475,7 +502,8 @@ def _choose_collocated(
     loads = given.get("payload")
     counts = None if bits is None else robot.encoder_count(checked_bits(bits))
     carried: Any = robot if loads is None else loads.choose(robot, dt, delay, 1e-9).nominal
-    numbers = collocated.choose(robot, carried, dt, samples_late(dt, delay), counts, usual_effort(robot))
+    effort, late_by = usual_effort(robot), samples_late(dt, delay)
+    numbers = collocated.choose(robot, carried, dt, late_by, counts, effort, damping)
     if numbers is None:
         return None
     return {

@@ -244,9 +244,11 @@ def _limits_of(law: Any, robot: Robot, soft: bool, bits: Any) -> tuple[str, ...]
         counts = None if bits is None else robot.encoder_count(checked_bits(bits))
         late_by = samples_late(law.dt, law.delay)
         carried = robot if law.payload is None else law.payload.nominal
-        numbers = collocated.choose(robot, carried, law.dt, late_by, counts, usual_effort(robot))
-        if numbers is not None:
-            return numbers.limits
+        omega, last = law.gains.nominal().omega_c, collocated.LATE_DAMPINGS[-1]
+        for damping in collocated.LATE_DAMPINGS:
+            numbers = collocated.choose(robot, carried, law.dt, late_by, counts, usual_effort(robot), damping)
+            if numbers is not None and (damping == last or np.allclose(numbers.poles.omega_c, omega)):
+                return numbers.limits
     return _what_limits(law, soft, bits)
 
 

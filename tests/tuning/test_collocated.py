@@ -389,17 +389,68 @@ def test_a_batch_takes_what_is_given_of_each_arm() -> None:
 
 
 @pytest.mark.parametrize("arm", [PANDA, UR5], ids=["panda", "ur5"])
-@pytest.mark.parametrize(("dt", "late"), [(2e-3, 2), (2e-3, 3)])
-def test_a_late_loop_is_stable_at_little_damping(arm: Robot, dt: float, late: int) -> None:
+@pytest.mark.parametrize("late", [2, 3])
+def test_a_late_loop_is_stable_at_little_damping(arm: Robot, late: int) -> None:
     """The resonance is excited there, not damped: 12 to 14 of 18 were stable with what loops in time have."""
     known = at(arm, "motor")
-    law = auto(known, late, dt=dt)
-    assert law.link_factor == collocated.LATE_LINK_FACTOR
+    law = auto(known, late, dt=2e-3)
+    # UR5 three samples late would yield more than with the controller for an unknown side, at 2 % too.
+    slow = (arm, late) == (UR5, 3)
+    assert law.link_factor == (1.0 if slow else collocated.LATE_LINK_FACTOR)
     for q in random_configurations(arm, 4, seed=28):
         linear = two_mass.law(law, q)
-        for factor, damping in itertools.product((0.5, 1.0, 2.0), (0.05, 0.01)):
+        for factor, damping in itertools.product((0.5, 1.0, 2.0), (0.05, 0.03 if slow else 0.01)):
             gears = Gears(known.armature, factor * known.drives.value("stiffness"), damping, 500.0, "motor")
-            assert ArmLoop(known, q, gears, dt, late).growth(linear) < 1.0
+            assert ArmLoop(known, q, gears, 2e-3, late).growth(linear) < 1.0
+
+
+def test_a_late_loop_is_not_so_slow_that_the_arm_falls() -> None:
+    """At 1 % of damping joints were so slow that 3 of 17 drawn arms of Romeo's failed; none does now."""
+    found = []
+    for arm, late in itertools.product((PANDA, UR5), (2, 3)):
+        known = at(arm, "motor")
+        law = auto(known, late, dt=2e-3)
+        other = auto(rotors.assume_gears(arm), late, dt=2e-3)
+        off = [accuracy(each, known).yielding.max() for each in (law, other)]
+        found.append(off[0] / off[1])
+    assert max(found) <= 1.5
+
+
+def test_only_the_joints_that_swing_are_slower() -> None:
+    """All joints of UR5 were slower for its last wrist: 17 % more error of the tool than a PID's, for 13."""
+    arms = {name: at(Robot.load(name), "motor") for name in ("ur5", "ur10")}
+    found = {}
+    for name, arm in arms.items():
+        counts = arm.encoder_count(np.full(arm.n, 16.0))
+        numbers = collocated.choose(arm, arm, DT, 1, counts, usual_effort(arm))
+        assert numbers is not None
+        found[name] = numbers
+        assert {limit for limit, w in zip(numbers.limits, numbers.w, strict=True) if w < 45.0} == {"gears"}
+    assert (found["ur5"].w == 45.0).tolist() == [True, True, True, True, True, False]
+    assert (found["ur10"].w == 45.0).tolist() == [False, False, False, True, True, True]
+
+
+@pytest.mark.filterwarnings("ignore:omega_c")
+def test_the_joints_of_an_unstable_mode_are_those_that_move_in_it() -> None:
+    """One joint whose gain is ten times as high: the mode is its own."""
+    known = at(UR5, "motor")
+    for joint in (1, 5):
+        w = np.full(6, 15.0)
+        w[joint] = 300.0
+        poles = collocated.Collocated(w, np.full(6, 1000.0), ()).poles
+        gains = armgpi.FixedGains(poles.omega_c, poles.zeta_c)
+        more: Any = {"second_ratio": poles.second_ratio, "second_zeta": poles.second_zeta}
+        law = GPI(
+            known, DT, delay=DT, gains=gains, integrators=1, rolloff=0, feedforward="computed",
+            link_factor=0.4, rotor_factor=1.5, bias_robot=known, **more,
+        )  # fmt: skip
+        q = known.middle()
+        gears = Gears(known.armature, known.drives.value("stiffness"), 0.03, 500.0, "motor")
+        loop = ArmLoop(known, q, gears, DT, 1)
+        assert loop.growth(two_mass.law(law, q)) > 1.0
+        assert np.flatnonzero(loop.swinging(two_mass.law(law, q))).tolist() == [joint]
+    slow = auto(known)
+    assert not loop.swinging(two_mass.law(slow, q)).any()
 
 
 def test_what_is_not_stable_is_said_with_the_damping_that_would_suffice() -> None:
