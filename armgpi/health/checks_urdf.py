@@ -138,9 +138,12 @@ def inertia(subject: Subject) -> Iterator[Finding]:
             yield Finding("warning", where, message, gyration, _MOST_GYRATION, "check the units: kg m^2, kg")
 
 
-@check("inertia", "an inertia that is written in full and is not symmetric", "warning")
+@check("inertia", "an inertia that is written in full and is not symmetric", "info")
 def asymmetric(subject: Subject) -> Iterator[Finding]:
-    """Find products of inertia that are written twice, and are not the same."""
+    """Find products of inertia that are written twice, and are not the same.
+
+    No warning: what is used is what URDF has, and may well be right.
+    """
     for element in subject.document.root.findall("link"):
         written = element.find("inertial/inertia")
         if written is None:
@@ -151,7 +154,7 @@ def asymmetric(subject: Subject) -> Iterator[Finding]:
                 if one != two:
                     message = f"has {key} {one:g} and {other} {two:g}, which are one number; {key} is used"
                     repair = f"correct the file, whose {other} URDF does not have"
-                    yield Finding("warning", f"link {element.get('name')!r}", message, two, one, repair)
+                    yield Finding("info", f"link {element.get('name')!r}", message, two, one, repair)
 
 
 @check(
