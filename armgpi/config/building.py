@@ -415,7 +415,7 @@ def _robot(section: RobotSection, place: _Place) -> Robot:
 
 
 def _with_changes(
-    robot: Robot, section: Any, place: _Place, names: Sequence[str], known: Robot | None = None
+    robot: Robot, section: Section, place: _Place, names: Sequence[str], known: Robot | None = None
 ) -> Robot:
     """Return the arm with what a section says of some of its quantities.
 
@@ -645,7 +645,7 @@ class _Told(NamedTuple):
     told: set[str]
 
 
-def _told(section: Any, context: Context, place: _Place) -> _Told:
+def _told(section: Section, context: Context, place: _Place) -> _Told:
     """Return what the section of a controller sets."""
     if section.nominal is not None:
         nominal = _nominal(section, context.robot, place.at("nominal"))
@@ -666,7 +666,7 @@ def _told(section: Any, context: Context, place: _Place) -> _Told:
     return _Told(context, law, keys, told)
 
 
-def _controller(section: Any, context: Context, place: _Place) -> tuple[Any, Controller]:
+def _controller(section: Section, context: Context, place: _Place) -> tuple[Any, Controller]:
     """Return one controller, and its section with the defaults filled in."""
     context, law, keys, told = _told(section, context, place)
     robot, kind, set_here = context.robot, KINDS[section.type], context.given
@@ -692,7 +692,7 @@ def _controller(section: Any, context: Context, place: _Place) -> tuple[Any, Con
 
 
 def _says_all(
-    section: Any, declared: Mapping[str, Parameter], keys: Mapping[str, str], told: set[str], robot: Robot
+    section: Section, declared: Mapping[str, Parameter], keys: Mapping[str, str], told: set[str], robot: Robot
 ) -> bool:
     """Tell whether a controller's section leaves nothing to choose for the arm.
 
@@ -715,7 +715,7 @@ def _says_all(
     return True
 
 
-def _force_limited(law: Controller, section: Any, context: Context, place: _Place) -> Controller:
+def _force_limited(law: Controller, section: Section, context: Context, place: _Place) -> Controller:
     """Return a controller under the force limit of its section, where it has none of its own."""
     if KINDS[section.type].limits_force:
         return law
@@ -725,7 +725,7 @@ def _force_limited(law: Controller, section: Any, context: Context, place: _Plac
     return ForceLimited(law, **given, delay=context.delay) if given else law
 
 
-def _nominal(section: Any, robot: Robot, place: _Place) -> Robot:
+def _nominal(section: Section, robot: Robot, place: _Place) -> Robot:
     """Return the arm that a controller takes for the one there is: loaded and held by the same motors."""
     if not isinstance(robot, Robot):
         raise place.error(
@@ -759,7 +759,7 @@ def _as_section(value: Any) -> Any:
 
 
 def _given_values(
-    section: Any,
+    section: Section,
     declared: Mapping[str, Parameter],
     robot: Robot,
     place: _Place,
@@ -894,7 +894,7 @@ def _inverse(
 
 
 def _path(
-    section: Any, robot: Robot, frame: str, direction: list[float] | None, axis: list[float]
+    section: Section, robot: Robot, frame: str, direction: list[float] | None, axis: list[float]
 ) -> tuple[Any, Path]:
     """Return a path, and its section with what was left out chosen for the arm."""
     kind = classes_of(Path)[section.type]

@@ -62,7 +62,7 @@ def in_world(config: ExperimentConfig, robot: Robot) -> ExperimentConfig:
 _JOINTS = {"elastic": "elastic joints", "both": "stiff joints"}
 
 
-def describe(config: ExperimentConfig, robot: Any, every: bool = False) -> str:
+def describe(config: ExperimentConfig, robot: Robot, every: bool = False) -> str:
     """Return one line on the arm and the controller that an experiment has.
 
     Args:
@@ -82,7 +82,7 @@ def _name(config: ExperimentConfig) -> str:
     return "ideal" if config.ideal else "realistic"
 
 
-def describe_arm(config: ExperimentConfig, robot: Any, every: bool = False) -> str:
+def describe_arm(config: ExperimentConfig, robot: Robot, every: bool = False) -> str:
     """Return what :func:`describe` says without the name of the world."""
     sections = config.controllers if every else config.controllers[:1]
     labels = [each.label or each.type for each in sections]
@@ -131,7 +131,7 @@ def _has_friction(robot: Robot) -> bool:
     return bool(np.any(robot.friction.viscous) or np.any(robot.friction.coulomb))
 
 
-def _rotors(robot: Any) -> str:
+def _rotors(robot: Robot) -> str:
     """Return what is known of the rotors of an arm."""
     if not np.any(robot.armature):
         return "no rotors"
@@ -140,7 +140,7 @@ def _rotors(robot: Any) -> str:
     return f"rotors {' and '.join(sources)}{ratio}"
 
 
-def _friction(config: ExperimentConfig, robot: Any) -> str:
+def _friction(config: ExperimentConfig, robot: Robot) -> str:
     """Return what is known of the friction of an arm."""
     plant = config.plant
     if plant.viscous is not None or plant.coulomb is not None:

@@ -13,13 +13,14 @@ to hold.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from armgpi.base.arrays import Array, new
 from armgpi.control.bandwidth import FilteredDifference
 from armgpi.control.impedance_limits import Mode, largest_damping, motor_share
+from armgpi.robot.dynamics import Dynamics
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 
@@ -99,7 +100,7 @@ class SpeedBrake:
         """Return the state after a sample with a position error [rad or m], (n,) or (batch, n)."""
         return new(LimitState, (e, self._decay * state.rate + self._drive * (e - state.e)))
 
-    def torque(self, q: Array, rate: Array, fast: Array, dynamics: Any) -> Array:
+    def torque(self, q: Array, rate: Array, fast: Array, dynamics: Dynamics) -> Array:
         """Return the torque that brakes [N m or N], exactly 0 where the tool is slow.
 
         Args:

@@ -39,6 +39,7 @@ from armgpi.base.version import VERSION, other_format
 from armgpi.control.controller import FullState, Measurement
 from armgpi.errors import NameNotFound, ParameterError, RolloutError
 from armgpi.references.reference import Target
+from armgpi.robot.robot import Robot
 from armgpi.supervisor import OF_TOOL, Reason, State
 
 if TYPE_CHECKING:
@@ -413,7 +414,7 @@ def _check_same(log: ArmLog, controller: Any) -> None:
         raise RolloutError(f"{log.source}: has no {needs}, which this controller is given")
 
 
-def to_rollout(log: ArmLog, robot: Any) -> xr.Dataset:
+def to_rollout(log: ArmLog, robot: Robot) -> xr.Dataset:
     """Return a log as a rollout, for reports, players and metrics.
 
     A log knows the arm by its measurements alone: `q` is the measured position, `v` its central difference.

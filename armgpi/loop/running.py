@@ -10,7 +10,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -28,6 +28,22 @@ LIMIT_SHARE = 1.0 - 1e-9
 #: Times are those of equal steps where they differ from them by no more than this share of a step. Times of
 #: files are k dt, rounded: 1e-10 of a step after 1e6 samples.
 _EVEN = 1e-6
+
+
+class Limits(Protocol):
+    """Limits of an arm or of rollouts, each (n,) or (..., n)."""
+
+    @property
+    def lower(self) -> Array:
+        """Lower position limits [rad or m]."""
+
+    @property
+    def upper(self) -> Array:
+        """Upper position limits [rad or m]."""
+
+    @property
+    def effort(self) -> Array:
+        """Torque limits [N m or N]."""
 
 
 class Sample(NamedTuple):
@@ -359,7 +375,7 @@ class Totals:
         running: Running,
         total: Callable[[str], Array],
         times: Array,
-        limits: Any,
+        limits: Limits,
         even: bool = True,
         has_tool: bool = False,
     ) -> None:
@@ -409,7 +425,7 @@ class Totals:
 
 
 def fold(
-    times: Array, q: Array, q_ref: Array, tau: Array, limits: Any, tool: ToolSample | None = None
+    times: Array, q: Array, q_ref: Array, tau: Array, limits: Limits, tool: ToolSample | None = None
 ) -> Totals:
     """Return the totals of recorded samples.
 
