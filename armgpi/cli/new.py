@@ -298,12 +298,12 @@ def _file(
     ideal = robots.is_textbook(section["name"]) and typed["encoder_bits"] is None and typed["delay"] is None
     sensors = [
         f"  encoder_bits: {_text(bits)}  # per turn{bits_note}",
-        f"  delay: {late}  # samples; measurements are delayed by so many{late_note}",
+        f"  delay: {late}  # samples; delay of the measurements{late_note}",
         _friction_line(rotors.with_published(arm), interface is not None),
     ]
-    realistic = "ideal: false  # a realistic arm: what no line states is assumed (armgpi run says what)"
+    realistic = "ideal: false  # a realistic arm: what no line states is assumed (armgpi run prints it)"
     textbook = "ideal: true  # a textbook's arm: rigid, no rotors, no friction, exact positions"
-    automatic = "  - type: gpi_auto  # chosen for this arm by itself; the others: armgpi run --help"
+    automatic = "  - type: gpi_auto  # tuned automatically for this arm; other types: armgpi run --help"
     printed = "  - type: gpi  # as printed in the paper; the others: armgpi run --help"
     return [
         f"# {arm.name}: {counted(arm.n, 'joint')}, tool {arm.tip!r}. One file for every command:",
@@ -442,7 +442,7 @@ def _friction_line(arm: Any, robot_compensates: bool) -> str:
         return "  friction: none  # the robot compensates gravity and friction by itself"
     viscous, coulomb = arm.friction
     if not (viscous.any() or coulomb.any()):
-        return "  friction: urdf  # the URDF contains none: nothing rubs; specify it by robot.friction"
+        return "  friction: urdf  # the URDF contains no friction; specify it by robot.friction"
     where = (
         "published for this arm" if "published" in arm.drives.sources("viscous") else "contained in the URDF"
     )

@@ -102,7 +102,7 @@ def plain(found: Compliance | None) -> dict[str, Any] | None:
 @check(
     "compliance",
     "an impedance controller of 500 N/m is too stiff for the loop, or a wall of 10 kN/m without damping "
-    "would be hammered",
+    "would make the tool bounce",
     "info",
 )
 def too_stiff(subject: Subject) -> Iterator[Finding]:

@@ -107,8 +107,8 @@ def _model(links: list[_Link]) -> str:
 
 armgpi validate {names}.py --robot {names}.urdf
 
-Each angle is counted from the link before; at zero all links are level. What an entry lacks is said as
-a formula.
+Each angle is measured from the link before; at zero all links are horizontal. The command prints what is
+missing in each entry as a formula.
 """
 
 import numpy as np

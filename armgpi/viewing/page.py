@@ -43,6 +43,10 @@ text = html_text
 class Page(str):
     """The text of a page; a notebook shows the page."""
 
+    def __repr__(self) -> str:
+        """Return a line, not the text, which has megabytes."""
+        return f"<page of {len(self):,} characters: a notebook shows it, and armgpi.view writes it to a file>"
+
     def _repr_html_(self) -> str:
         return f'<iframe srcdoc="{html.escape(self)}" style="width: 100%; height: 40rem; border: 0"></iframe>'
 

@@ -234,11 +234,11 @@ def test_saturation_and_disturbance_are_marked(chromium: browsers.Browser, tmp_p
     shown.eval("armgpi.player.play(false)")
     table = "[...document.querySelectorAll('.gauges tbody tr')].map((row) => row.textContent)"
     shown.eval("armgpi.scene.show(0.05)")
-    assert not any("limit" in row or "pushed" in row for row in shown.eval(table))
+    assert not any("limit" in row or "external" in row for row in shown.eval(table))
     shown.eval("armgpi.scene.show(0.17)")
     rows = shown.eval(table)
     assert "at its limit" in rows[1]
-    assert all("pushed" in row for row in (rows[0], rows[2]))
+    assert all("external" in row for row in (rows[0], rows[2]))
     assert shown.eval("armgpi.scene.robots[0].rings[2].scale.x") > 1.0
     assert shown.eval("document.querySelectorAll('.onsets span').length") == 3
 

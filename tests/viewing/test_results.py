@@ -56,7 +56,9 @@ def test_a_report_of_a_comparison_names_each_controller(tmp_path: Path) -> None:
 def test_view_takes_robots_and_rollouts(tmp_path: Path) -> None:
     view: Any = armgpi.view
     for shown in (ARM, [ARM, ARM], compared().rollouts["one"], compared()):
-        assert isinstance(view(shown, tmp_path / "page.html"), page.Page)
+        made = view(shown, tmp_path / "page.html")
+        assert isinstance(made, page.Page)
+        assert len(repr(made)) < 120  # an interpreter prints a line, not the page
     with pytest.raises(ParameterError, match="shown"):
         view("ur5")
 

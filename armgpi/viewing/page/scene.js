@@ -742,7 +742,7 @@ const Armgpi = (() => {
     box.append(row);
   }
 
-  /** Put a table of the joints into `box`: torque as a bar, saturated, pushed. */
+  /** Put a table of the joints into `box`: torque as a bar, saturated, external torque. */
   function gauges(scene, box) {
     const n = scene.meta.arm.joints.length;
     const head = element("tr", {}, element("th", { scope: "col" }, "joint"));
@@ -780,7 +780,7 @@ const Armgpi = (() => {
           const pushed = scene.clip.disturbance[frame * n + j];
           cell.bar.className = saturated ? "saturated" : "";
           cell.text.textContent = `${short(tau)} ${unit}`;
-          cell.flag.textContent = saturated ? " at its limit" : pushed !== 0 ? ` pushed ${short(pushed, 2)}` : "";
+          cell.flag.textContent = saturated ? " at its limit" : pushed !== 0 ? ` external ${short(pushed, 2)}` : "";
           cell.flag.className = saturated ? "saturated" : "pushed";
         }
       });
