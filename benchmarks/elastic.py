@@ -28,7 +28,7 @@ ROTOR, STIFFNESS, FRICTION = 0.3, 1e4, (2.0, 1.0)
 
 
 def main() -> None:
-    page = _page.begin(__file__, "Gears that twist", "rotors and friction, stiff and elastic joints")
+    page = _page.begin(__file__, "Elastic joints", "rotors and friction, stiff and elastic joints")
     rounds, batch = (3, 64) if page.quick else (7, BATCH)
     _page.say(
         f"Time of {STEPS} steps of {batch} rollouts with GPI, over that of the rigid plant with the same "

@@ -73,8 +73,8 @@ def main() -> None:
     draws = 1 if page.quick else 3
     _page.say(
         f"Circle of {1e3 * DIAMETER:.0f} mm in {PERIOD:g} s by the automatic controller, largest error of "
-        f"the links' tool, {draws} draws an arm: rotors within 30 %, Coulomb friction of 0 to 5 % of the "
-        "effort that is not specified to the controller, 16 to 20 bits, delay of 1 to 3 samples."
+        f"the links' tool, {draws} scenarios for each arm: rotors within 30 %, Coulomb friction of 0 to 5 % "
+        "of the effort that is not specified to the controller, 16 to 20 bits, delay of 1 to 3 samples."
     )
     rows = [row for elastic in (False, True) for row in _circles(places, draws, elastic)]
     print(table(["joints", "tool error, median and worst [mm]", "tool angle [deg]", "goal, median"], rows))

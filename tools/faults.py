@@ -142,7 +142,7 @@ FAULTS = (
 
 
 class Case(NamedTuple):
-    """An arm as a target has it, rigid or with gears that twist."""
+    """An arm as a target has it, with stiff or elastic joints."""
 
     target: str
     arm: str

@@ -259,7 +259,7 @@ def _with_assumptions(
     """Return the arm of an experiment, and the experiment with what is believed of its drives filled in.
 
     It is believed where the file asks for it, and where it does not and has the rule for untuned arms. Then
-    what is simulated has the same drives: the plant is elastic where gears twist, unless another one is
+    what is simulated has the same drives: the plant is elastic where joints are elastic, unless another one is
     asked for. A reality says itself what drives there are.
     """
     section = expand(config, top.at("robot"))
