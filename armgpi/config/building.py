@@ -258,9 +258,9 @@ def _with_assumptions(
 ) -> tuple[ExperimentConfig, Robot]:
     """Return the arm of an experiment, and the experiment with what is believed of its drives filled in.
 
-    It is believed where the file asks for it, and where it does not and has the rule for untuned arms. Then
-    what is simulated has the same drives: the plant is elastic where joints are elastic, unless another one is
-    asked for. A reality says itself what drives there are.
+    They are assumed where the file asks for it, and where it does not and has an automatic controller. Then the
+    plant has the same drives: it is elastic where joints are elastic, unless another one is asked for. An
+    uncertainty model has drives of its own.
     """
     section = expand(config, top.at("robot"))
     config = config.replace(robot=section)
