@@ -256,11 +256,11 @@ class Parts:
 def _with_assumptions(
     config: ExperimentConfig, top: _Place, loaded: Robot | None = None
 ) -> tuple[ExperimentConfig, Robot]:
-    """Return the arm of an experiment, and the experiment with what is believed of its drives filled in.
+    """Return the arm of an experiment, and the experiment with what is assumed of its drives filled in.
 
-    They are assumed where the file asks for it, and where it does not and has an automatic controller. Then the
-    plant has the same drives: it is elastic where joints are elastic, unless another one is asked for. An
-    uncertainty model has drives of its own.
+    They are assumed where the file asks for it, and where it does not and has an automatic controller. Then
+    the plant has the same drives: it is elastic where joints are elastic, unless another one is asked for.
+    An uncertainty model has drives of its own.
     """
     section = expand(config, top.at("robot"))
     config = config.replace(robot=section)
