@@ -331,7 +331,7 @@ class PayloadError(ArmgpiError):
         heaviest: float,
         lightest: float,
     ) -> None:
-        """Describe the range asked for, what it leaves, and the ranges that would do."""
+        """Describe the range asked for, what it leaves, and the ranges that would suffice."""
         self.asked, self.delta, self.omega_c = asked, float(delta), float(omega_c)
         self.heaviest, self.lightest = float(heaviest), float(lightest)
         super().__init__(

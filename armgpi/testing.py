@@ -19,7 +19,7 @@ def assert_dynamics(
 ) -> DynamicsReport:
     """Assert that hand-derived dynamics agree with a robot's, for a test suite.
 
-    Functions of a state that the model has and nothing compares are told in a warning, which pytest lists.
+    Functions of a state that the model has and nothing compares are named in a warning, which pytest lists.
 
     Args:
         model: as in :func:`armgpi.validate`.

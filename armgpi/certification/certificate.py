@@ -208,7 +208,7 @@ def certify(
         budget: processor time for each number [s].
         rate: "auto" for the largest rate found at which a common omega may move, for `gains` that are a
             ``BSplineNetwork(common=True, rate=...)``; None for the one they have.
-        progress: told what is being done, in words.
+        progress: called with what is being done, in words.
         **options: of `armgpi.certification.request.ask`: `speed` (of each joint at most [rad/s or m/s]),
             `payload` (lightest and heaviest load [kg]), `box` (see `armgpi.certification.box.box_of`),
             `radius` (how far the arm may be from its reference [rad or m]), `acceleration` (of a reference

@@ -107,7 +107,7 @@ def prove_numbers(
         setting: what they are taken over.
         tolerance: how near to the largest value seen a bound is near enough, as a share.
         budget: processor time for each number [s]; more makes bounds tighter until all are near enough.
-        progress: told what is being done.
+        progress: called with what is being done.
 
     Raises:
         ParameterError: when D and G are no trigonometric polynomials of degree two.
@@ -370,7 +370,7 @@ def largest(
         near: about the maxima, or less; shape (members,), or (1,) for members together.
         tolerance: how far above the largest value seen a bound need not be, as a share.
         budget: processor time [s]; bounds are looser when it is over, or infinite.
-        spent: told how much of it is.
+        spent: called with how much of it is.
     """
     end = time.process_time() + budget
     search = _Search(near, tolerance)

@@ -161,7 +161,7 @@ def search_numbers(setting: Setting, seed: int = 0, progress: Progress = lambda 
     Args:
         setting: what they are taken over.
         seed: of the configurations that are drawn.
-        progress: told what is being done.
+        progress: called with what is being done.
     """
     return between_ends(setting, at_ends(setting, seed, progress))
 

@@ -52,7 +52,7 @@ def refute(
         robot: the arm that it is for, without load, with the same rotor inertia, repairs and locks.
         count: of configurations, in portions: each for both ends of the loads and for another one between.
         seed: of the draws.
-        progress: told how far it is.
+        progress: called with how far it is.
 
     Raises:
         ParameterError: when the robot is not the one of the certificate, or no certificate says what it does.

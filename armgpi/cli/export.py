@@ -157,7 +157,7 @@ def _export(options: dict[str, Any]) -> int:
 
 
 def _check_arm(experiment: Experiment, target: str) -> None:
-    """Refuse an arm that is told to have no rotors where its robot is geared; warn of CB3."""
+    """Refuse an arm that is specified to have no rotors where its robot is geared; warn of CB3."""
     from armgpi.hardware.export.interfaces import COMPENSATING
     from armgpi.hardware.export.targets import GEARED
 

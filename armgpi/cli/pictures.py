@@ -132,7 +132,7 @@ def _with_estimated_wrench(result: xr.Dataset, experiment: Experiment) -> xr.Dat
 
 
 def page_to_play_with(experiment: Experiment, **options: Any) -> str:
-    """Return the page of an experiment; who looks is told how far it is. See `armgpi.viewing.play.build`."""
+    """Return the page of an experiment; the user sees how far it is. See `armgpi.viewing.play.build`."""
     from armgpi.viewing.play import build
 
     if not sys.stderr.isatty():

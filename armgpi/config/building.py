@@ -296,7 +296,7 @@ def _with_encoder_side(
 ) -> tuple[RobotSection, Robot]:
     """Return the arm with the side of its encoders that the plant was given, where its drives have none.
 
-    Where the encoders sit is a fact of the arm, so the controller is told as well.
+    Where the encoders sit is a fact of the arm, so the controller knows it as well.
     """
     side = config.plant.encoder_side
     unknown = rotors.joints_without_side(robot)
@@ -333,12 +333,12 @@ def resolve(
 
 
 def has_rule(config: ExperimentConfig) -> bool:
-    """Tell whether a controller of an experiment is made by the rule for untuned arms."""
+    """Tell whether a controller of an experiment is tuned automatically."""
     return any(each.type == Untuned.config_name for each in config.controllers)
 
 
 def verdicts(experiment: Experiment) -> dict[str, Verdict]:
-    """Return what each controller made by the rule for untuned arms bears, label -> verdict.
+    """Return what each automatic controller tolerates, label -> verdict.
 
     Those of a reality, whose drives are drawn, have none.
     """
@@ -358,7 +358,7 @@ def expand(config: ExperimentConfig, place: _Place | None = None) -> RobotSectio
     Where arms are drawn from what was identified, its file is named as well.
 
     Raises:
-        ConfigError: when a file in the folder is damaged, or what is believed of drives is asked for as well.
+        ConfigError: when a file in the folder is damaged, or assumptions on drives are asked for as well.
     """
     place = place or _Place(Origin()).at("robot")
     section: RobotSection = config.robot
@@ -450,7 +450,7 @@ def _with_drives(robot: Robot, data: Mapping[str, Any] | None, place: _Place) ->
 
 
 def _context(config: ExperimentConfig, robot: Robot, top: _Place) -> Context:
-    """Return what controllers are told."""
+    """Return what controllers know."""
     delay = getattr(config.plant, "delay", None) or 0
     bits = getattr(config.plant, "encoder_bits", None)
     if bits is not None:
@@ -602,7 +602,7 @@ def controller(section: Any, context: Context) -> Controller:
 
     Args:
         section: plain data, such as ``{"type": "gpi", "omega": 20.0}``.
-        context: what it is told; its robots may be batches.
+        context: what it knows; its robots may be batches.
 
     Raises:
         ConfigError: when the section is wrong or does not fit; it names the key.

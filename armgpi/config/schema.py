@@ -196,7 +196,7 @@ class PlantSection(Section):
         viscous: likewise its viscous friction, in place of the robot's [N m s/rad or N s/m].
         coulomb: likewise its Coulomb friction [N m or N].
         gravity: likewise the acceleration of free fall where it stands [m/s^2].
-        drives: what its drives really are, where the controller believes others.
+        drives: what its drives really are, where the controller assumes others.
         bodies: joint -> what it really moves, up to the next joint: mass, first moments, and second moments
             about the joint's frame (xx, xy, yy, xz, yz, zz).
         friction: "urdf" for the robot's friction coefficients, "none".

@@ -1,4 +1,4 @@
-"""The two worlds of an experiment: what is simulated, and told to controllers, where nothing specifies it.
+"""The two worlds of an experiment: what is simulated, and known to controllers, where nothing specifies it.
 
 *Realistic*: drives specified or assumed, friction that the URDF contains, absolute encoders, a delay, and the
 automatic controller. *Ideal*: rigid joints, no rotors, no friction, exact positions, and the controller as

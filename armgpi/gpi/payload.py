@@ -256,7 +256,7 @@ def payload_range(
         member: of the family of laws.
 
     Raises:
-        PayloadError: when no bandwidth serves the range; it carries the ranges that would do.
+        PayloadError: when no bandwidth serves the range; it has the ranges that would suffice.
         NameNotFound: when there is no such frame.
         ParameterError: when a mass is negative, the range is empty, or the frame does not move.
     """

@@ -357,7 +357,7 @@ def torques_of(arm: Robot, target: Target, friction: Friction | None) -> Array:
 
 
 def ideal_law_holds(draw: Scenario) -> bool:
-    """Return whether a law that knows the truth holds an arm whose gears twist, where it starts and goes.
+    """Return whether a controller with the exact model holds an elastic arm where it starts and goes.
 
     The law is GPI with one integrator, the whole model fed forward, and a share of it or heavier rotors in
     the feedback; it is searched (:data:`SEARCHED`). It holds where the sensitivity of the linear sampled

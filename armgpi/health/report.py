@@ -206,7 +206,7 @@ class _Request(NamedTuple):
         """Return the repairs with which the file loads, those that are asked for among them.
 
         Raises:
-            UrdfError: for what is wrong beside what can be repaired: no set of repairs would do.
+            UrdfError: for what is wrong besides what can be repaired: no set of repairs would suffice.
         """
         asked_for = repairs.repair_names(self.repair)
         broadest = asked_for | {repairs.ALL, repairs.ACCEPT, repairs.NO_FRICTION}

@@ -36,7 +36,7 @@ def tool_wrench(
 
     It has the new variables ``estimated_force``, ``estimated_moment`` and the ends of their intervals
     (``_low``, ``_high``) over ``axis``, in the base frame: what acts on the tool. The intervals are honest
-    about friction: at rest a hand below the level of friction is not told from none.
+    about friction: at rest a hand below the level of friction cannot be distinguished from none.
 
     Args:
         rollout: of every sample, of a run or of a log (:func:`armgpi.loop.log.to_rollout`).

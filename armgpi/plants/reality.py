@@ -270,17 +270,16 @@ class ScenarioBatch(NamedTuple):
 
 @with_parameters
 class Reality(Parametrised):
-    """What arms, drives and sensors are like: distributions to draw experiments from.
+    """An uncertainty model: distributions of arms, drives, sensors, payloads and moves, which give scenarios.
 
-    A "geared" reality has rotor inertia at every joint and friction; a "bare" one has neither, as in a URDF
-    that says nothing of the drives. There is no friction without rotor inertia: gears have both. Their gears
-    are stiff, and known to be.
+    "geared" has rotor inertia and friction at every joint; "bare" has neither, as a URDF that contains
+    nothing about the drives. The joints of both are stiff, and known to be.
 
-    Three have rotors with the scatter of published drives (:mod:`armgpi.robot.rotors`), ripple, and current
-    loops. "undriven" has stiff joints and a controller that has the bare file, whose drives it assumes.
-    "elastic" has elastic joints, and a controller that knows the rotors and where the encoders sit, and
-    assumes the stiffness. "owned" has all at once, as an arm that somebody has: a bare file, and gears that
-    twist behind encoders at the motors.
+    Three models have rotors with the scatter of published drives (:mod:`armgpi.robot.rotors`), torque ripple,
+    and current loops. "undriven" has stiff joints, and a controller that has the bare file, whose drives it
+    assumes. "elastic" has elastic joints, and a controller that knows the rotors and the side of the
+    encoders, and assumes the stiffness. "owned" has all at once, as an arm that somebody has: a bare
+    file, elastic joints, and encoders at the motors.
 
     Ranges are uniform. Coulomb friction, torque steps and efforts are in shares of the arm's own gravity
     torque and effort (:func:`scales`), rotor inertia in shares of its inertia.

@@ -5,8 +5,8 @@ all as seen at the joint. Over five decades of J that time is nearly the same, a
 gear ratios raise T / v as they raise J: the gear ratio cancels. So a joint without a word of its rotor is
 assumed to have J = SPIN_UP T / v.
 
-A gear twists by some angle under its largest torque, small ones as large ones: so a gear without a word of
-its stiffness is assumed to have K = T / TWIST; that of a slide's belt, K = F / STRETCH.
+A joint deflects by some angle under its largest torque, small ones as large ones: so a joint without
+stiffness is assumed to have K = T / TWIST; that of a slide's belt, K = F / STRETCH.
 """
 
 from __future__ import annotations
@@ -189,7 +189,7 @@ def _assumed_rotors(robot: Robot) -> Drives:
 def assume_gears(robot: Robot) -> Robot:
     """Return the arm with assumed stiffness of the gears where nothing is known of it.
 
-    Rotors of which nothing is known are assumed as well: a gear that twists is between two masses.
+    Rotors of which nothing is known are assumed as well: an elastic joint is between two masses.
     """
     robot = with_published(robot)
     rotors, known = _assumed_rotors(robot), robot.drives.data.get("stiffness", {})
@@ -217,7 +217,7 @@ def lowest_mode(links: Array, rotor: Array, stiffness: Array) -> float:
 
 
 def without_rotors(robot: Robot) -> Robot:
-    """Return the arm told to have no rotors where nothing is known of them."""
+    """Return the arm specified to have no rotors where nothing is known of them."""
     return robot.with_armature(dict.fromkeys(silent(robot), 0.0)) if silent(robot) else robot
 
 
@@ -228,7 +228,7 @@ def assumed_joints(robot: Robot) -> tuple[str, ...]:
 
 
 def told_none(robot: Robot) -> tuple[str, ...]:
-    """Return the joints that somebody, and no file of the arm, told to have no rotor."""
+    """Return the joints that the user, not the file of the arm, specified to have no rotor."""
     own = robot.drives.data.get("rotor_inertia", {})
     return tuple(
         joint

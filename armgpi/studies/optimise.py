@@ -140,7 +140,7 @@ class Search:
         """Search to the end.
 
         Args:
-            told: is given the search after each generation that was not kept.
+            told: is called with the search after each generation that was not kept.
             part: of a study, which keeps each generation: it is not run again.
 
         Raises:

@@ -201,7 +201,7 @@ def simulate(
         sweep: with `vary`, and bounds of failure above 0.
         study: its folder.
         count: points of a level, made a multiple of 10.
-        told: is given the points of each level.
+        told: is called with the points of each level.
 
     Returns:
         What was found, the last level, and as many points drawn at random, which belong to no level.
@@ -263,7 +263,7 @@ def climb(
         dimensions: of a point.
         count: points of a level, a multiple of 10.
         kept: gives the level of a number: what was kept, or what the function makes with random numbers.
-        told: is given the points of each level.
+        told: is called with the points of each level.
     """
     levels = [kept(0, partial(first, margin, dimensions, count))]
     bounds = [-np.inf]

@@ -43,7 +43,7 @@ class Stop:
     Attributes:
         bounds: all bounds.
         damping: torque per velocity by which FAULT damps a joint alone [N m s].
-        soft: the same where a gear may twist [N m s].
+        soft: the same where a joint may be elastic [N m s].
         smoothing: of velocities then.
         rest: velocity below which a joint rests [rad or m per sample]: two counts more, as they are smoothed.
         rested: samples for which an arm that moves is not HOLD, at least.
@@ -115,7 +115,7 @@ class Stop:
     def deceleration(self, v: Array, since: Array) -> Array:
         """Return by how much a stop slows down in a sample, at most [rad or m per sample].
 
-        Where torques have a rate, or gears may twist, it builds up and goes no faster than they can.
+        Where torques have a rate, or joints may be elastic, it builds up and goes no faster than they can.
 
         Args:
             v: velocities [rad or m per sample].

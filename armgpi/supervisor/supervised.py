@@ -545,7 +545,7 @@ class Supervised(Controller):
     def _motion(self, seen: Sample, accused: Mask, watch: Watch) -> tuple[Array, Array, Array]:
         """Return the last change, its miss, and the velocity, smoothed; all in rad or m per sample.
 
-        It is smoothed for longer in FAULT, where gears may twist.
+        It is smoothed for longer in FAULT, where joints may be elastic.
         """
         # Not over a gap: a quotient there would not have the same bits in C.
         gap, change = seen.bad + watch.bad > 0.0, seen.q - watch.q

@@ -18,7 +18,7 @@ _SHOWN = 8
 
 
 def untuned_arm(robot: Robot, chosen: Mapping[str, Any], rigid: bool) -> Iterator[Finding]:
-    """Find what will go wrong with an arm under what the rule for untuned arms chose.
+    """Find what will go wrong with an arm under the automatic controller.
 
     Args:
         robot: nominal model.

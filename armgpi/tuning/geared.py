@@ -1,4 +1,4 @@
-"""How fast a law may be on an arm whose gears twist: two-mass loops at the ends of what is known of them."""
+"""How fast a law may be on elastic joints: two-mass loops at the ends of what is known of them."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ SOFTEST = 5.0
 #: Bandwidths that are tried end here [rad/s]; one is below the one before by a factor, and the last interval
 #: is halved so many times.
 _SLOWEST, _STEP, _HALVINGS = 2.0, 1.25, 3
-#: Then joints are raised one by one, by each of these factors that all loops bear: some 3 times lessen an
+#: Then joints are raised one by one, by each of these factors that all loops tolerate: some 3 times lessen an
 #: error by 11, and more only makes wrists noisier.
 _RAISES = (2.0, 2.0**0.5, 2.0**0.25)
 #: Stiffness over rotor inertia of a joint without a rotor, which has no gear [1/s^2]: 500 Hz.
@@ -79,17 +79,17 @@ class Case(NamedTuple):
 
 
 def is_known(robot: Robot) -> bool:
-    """Tell whether something is known of the stiffness of an arm's gears, or believed."""
+    """Tell whether something is known of the stiffness of an arm's joints, or assumed."""
     return bool(robot.drives.data.get("stiffness"))
 
 
 def is_assumed(robot: Robot) -> bool:
-    """Tell whether the stiffness of some gear is believed."""
+    """Tell whether the stiffness of some joint is assumed."""
     return "assumed" in robot.drives.sources("stiffness")
 
 
 def at_link(robot: Robot) -> bool:
-    """Tell whether all encoders are told to be at the link; at the motor is usual."""
+    """Tell whether all encoders are specified to be at the link; at the motor is usual."""
     return bool((robot.drives.value("encoder_side") == "link").all())
 
 
@@ -98,7 +98,7 @@ def cases(robot: Robot, dt: float, late: int, damping: float = DAMPINGS[1]) -> t
     """Return an arm at some configurations with its gears at the ends of what is known of them.
 
     Args:
-        robot: with some stiffness in its drives; that of the other gears is believed.
+        robot: with some stiffness in its drives; that of the other joints is assumed.
         dt: sample time [s].
         late: samples by which measurements are late.
         damping: ratio at which loops have to be stable where nothing is known of it.
@@ -139,7 +139,7 @@ def cases(robot: Robot, dt: float, late: int, damping: float = DAMPINGS[1]) -> t
 
 
 def resonance(robot: Robot) -> float:
-    """Return the lowest resonance of an arm with free motors in the middle [Hz]; gears may be believed."""
+    """Return the lowest resonance of an arm with free motors in the middle [Hz]; stiffness may be assumed."""
     soft = assume_gears(robot)
     rotor = _rotor(soft)
     stiffness = _fill_unknown(soft.drives.value("stiffness"), rotor)
@@ -169,7 +169,7 @@ def rigid_cases(robot: Robot, dt: float, late: int) -> tuple[Case, ...]:
 
 
 def borne(law: Any, robot: Robot, late: int) -> tuple[float, float]:
-    """Return the lowest resonance that a law bears with Ms of at most 3, and that of believed gears [Hz].
+    """Return the lowest resonance that a law tolerates with Ms of at most 3, and that of assumed joints [Hz].
 
     Encoders are at the motors, all gears of the believed stiffness times one factor, at the damping at which
     loops are judged; resonances are those in the middle.
@@ -296,7 +296,7 @@ class Loops:
         return joint_laws(self._realisation, self._realisation.coefficients(tuning, self._dt), self.joints)
 
     def fastest(self, highest: float, most: float = math.inf) -> float:
-        """Return the largest bandwidth up to `highest` that all loops bear [rad/s]; zero for none."""
+        """Return the largest bandwidth up to `highest` that all loops tolerate [rad/s]; zero for none."""
         return self.settle(lambda: _largest(lambda omega: self.may_hold(omega, most), highest), most)
 
 
@@ -319,7 +319,7 @@ class Alike(NamedTuple):
     """How fast the joints of a law may be when all are as fast as each other.
 
     Attributes:
-        fastest: bandwidth that all loops just bear [rad/s].
+        fastest: bandwidth that all loops just tolerate [rad/s].
         most: largest sensitivity peak with it [-]; infinite where the loops are no more than stable.
     """
 
@@ -352,7 +352,7 @@ def bandwidth(loops: Loops, highest: float, believed: bool) -> Alike:
 
 
 def raise_joints(alike: Alike, loops: Loops, highest: float) -> Array:
-    """Return bandwidths raised joint by joint from the tip, as far as all loops bear it [rad/s], (n,).
+    """Return bandwidths raised joint by joint from the tip, as far as all loops tolerate it [rad/s], (n,).
 
     The weakest joint limits what all bear alike; wrists bear several times that.
     """

@@ -415,7 +415,7 @@ def samples_late(dt: float, delay: float) -> int:
 def _choose_geared(
     robot: Robot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return what is chosen for an arm whose gears twist."""
+    """Return what is chosen for an arm with elastic joints."""
     if _collocated_delay(robot, dt, delay) >= collocated.COMPARED:
         return _choose_late(robot, dt, delay, bits, given)
     stiff = _choose_collocated(robot, dt, delay, bits, given)
@@ -577,7 +577,7 @@ def _with_structure(
     bits: Any,
     given: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """Return what is chosen for an arm whose gears twist, with some structure of the law."""
+    """Return what is chosen for an arm with elastic joints, with some structure of the law."""
     chosen: dict[str, Any] = {
         "integrators": INTEGRATORS,
         **structure,

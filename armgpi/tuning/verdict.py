@@ -46,15 +46,15 @@ USUAL_SENSITIVITY = "usual: 1.2 to 2"
 
 
 class Verdict(NamedTuple):
-    """What a law made by the rule bears, and why it is no faster.
+    """What an automatic controller tolerates, and why it is no faster.
 
     Attributes:
         limits: joint by joint what limits the bandwidth, a key of :data:`LIMITS`.
         sensitivity: largest peak Ms over configurations and what is known of the gears; infinite where a loop
             is unstable.
         spare: delay margin, beyond the delay that there is [s].
-        resonance: lowest one of gears as known or believed, in the middle [Hz]; NaN for rigid ones.
-        borne: of rigid ones, the lowest that the law would bear with Ms of at most 3 [Hz]; else NaN.
+        resonance: lowest one of joints as known or assumed, in the middle [Hz]; NaN for rigid ones.
+        borne: of rigid ones, the lowest that the law would tolerate with Ms of at most 3 [Hz]; else NaN.
         usual: of rigid ones, the lowest that gears of such motors have [Hz]; else NaN.
         loops: how many of the loops that are looked at are unstable, and how many there are.
         damping: where some are, the least damping ratio of the joints with which none is [-], of
@@ -184,7 +184,7 @@ def accuracy(law: Any, robot: Robot) -> Accuracy:
 
 
 def verdict(law: Any, robot: Robot, bits: Any = None) -> Verdict:
-    """Return what a law bears on an arm.
+    """Return what a controller tolerates on an arm.
 
     Args:
         law: a GPI with fixed gains, for one arm.

@@ -70,7 +70,7 @@ def wall(
             whether it is a dry run.
         schedule: what goes wrong.
         policy: how they are scheduled.
-        watch: is told some times a second.
+        watch: is called some times a second.
 
     Raises:
         ArmgpiError: when a process cannot do its work.

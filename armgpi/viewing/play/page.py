@@ -73,7 +73,7 @@ def build(
         frame: the tool, whose path is drawn; the tip when not given.
         title: what the page is called; the robot's name when not given.
         more: HTML below it.
-        progress: told what is being done, and how much of all is done.
+        progress: called with what is being done, and how much of all is done.
 
     Raises:
         BackendError: when the package `ziglang` is not installed, or the loop has no generated code.
@@ -169,7 +169,7 @@ def build_module(experiment: Experiment, label: str, progress: Progress = lambda
     Args:
         experiment: from :func:`armgpi.config.build`.
         label: which of its controllers.
-        progress: told how far it is.
+        progress: called with how far it is.
 
     Raises:
         BackendError: when Zig is not installed, or a loop has no generated code.
