@@ -116,7 +116,7 @@ class GPI(Controller):
 
     gains: Gains = parameter("tuning", kind="variant", group=Gains, default=None, none="FixedGains")
     realisation: str = parameter(
-        "discrete form of the control law; paper is as printed",
+        "discrete form of the control law",
         kind="choice",
         default="bumpless",
         choices=("bumpless", "paper"),

@@ -86,7 +86,7 @@ class BSplineNetwork(Boxes, Poles):
 
     config_name: ClassVar[str | None] = "network"
     derived: ClassVar[Mapping[str, str]] = {
-        "_per_error": "one over the error at which a gain's aim is its upper end [1/rad or 1/m]",
+        "_per_error": "one over the error from which a gain goes to its upper end [1/rad or 1/m]",
         "_per_derivative": "one over the range of the filtered derivative [s/rad or s/m]",
         "_leak": "share by which weights decay in a sample [-]",
         "_initial": "initial weights of the basis functions [rad/s or -]",
@@ -110,7 +110,7 @@ class BSplineNetwork(Boxes, Poles):
         slider=(0.0, 1.0),
     )
     error_range: PerJoint = parameter(
-        "error at which a gain's aim is its upper end",
+        "error from which a gain goes to its upper end",
         unit="rad or m",
         default=1e-4,
         least=0.0,

@@ -132,7 +132,7 @@ def _nominal(name: str, value: Any, drawn: int) -> tuple[float, ...]:
     if not (values > 0.0).all():
         raise ParameterError(name, float(values.min()), "a positive value to multiply by the factor")
     if drawn == 1 and len(set(values.tolist())) > 1:
-        raise ParameterError(name, "a factor", "`each: joint` beside it, since its joints have other values")
+        raise ParameterError(name, "a factor", "`each: joint` as well, since its joints have other values")
     return tuple(np.broadcast_to(values if drawn > 1 else values[:1], (drawn,)).tolist())
 
 
