@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.base.arrays import check_number, check_path, check_type, check_whole
-from armgpi.base.escape import html_table, json_data
+from armgpi.base.escape import counted, html_table, json_data
 from armgpi.errors import ArmgpiWarning, ParameterError, Remedy, UrdfError
 from armgpi.gpi.advice import light_model
 from armgpi.gpi.law import GPI
@@ -24,7 +24,7 @@ from armgpi.gpi.payload import largest_payload
 from armgpi.health import checks_control, compliance, findings
 from armgpi.health import checks_shapes as checks_shapes
 from armgpi.health import checks_urdf as checks_urdf  # registers its checks
-from armgpi.health.findings import LEVELS, Finding, Level, Subject
+from armgpi.health.findings import LEVELS, Finding, Level, Subject, fold
 from armgpi.health.trials import with_what_helps
 from armgpi.plants.elastic import sag
 from armgpi.robot import known_arms, repairs, robots, rotors, tensors, urdf_model
@@ -65,10 +65,11 @@ class HealthReport:
         return HealthReport(self.robot, {**self.facts, **facts}, tuple(worst_first))
 
     def _repr_html_(self) -> str:
-        """Return the findings as a table, for notebooks."""
+        """Return the findings as a table, for notebooks: those of several joints or links once."""
         head = ("level", "where", "finding", "what to do")
-        rows = [(finding.level, finding.where, finding.message, finding.repair) for finding in self.findings]
-        return html_table(f"{self.robot.name}: {len(rows)} findings", head, rows)
+        folded = fold(self.findings)
+        rows = [(finding.level, finding.where, finding.message, finding.repair) for finding in folded]
+        return html_table(f"{self.robot.name}: {counted(len(rows), 'finding')}", head, rows)
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything as plain data, None in place of infinity."""
