@@ -390,7 +390,7 @@ class Acting(NamedTuple):
         at_speed: what is added to e' over the sample.
         at_place: what is added to e.
         at_hold: what the torque that holds the arm moves by.
-        count: an error that is measured wrongly; it enters what the controller asks for, and its states.
+        noise: an error that is measured wrongly; it enters what the controller asks for, and its states.
         zone: one that a dead zone hides, which does not enter the integrators.
     """
 
@@ -399,7 +399,7 @@ class Acting(NamedTuple):
     at_speed: list[Fraction]
     at_place: list[Fraction]
     at_hold: list[Fraction]
-    count: list[Fraction]
+    noise: list[Fraction]
     zone: list[Fraction]
 
 
@@ -410,14 +410,14 @@ def acting_of(c, channel, theta, delta):
     order = n - c["delay"]  # states of arm and controller
     held = [theta * theta / 2, theta] + [0] * (n - 2)
     asked = [delta * x for x in held]
-    count = [x * K[late] for x in asked]
+    noise = [x * K[late] for x in asked]
     for i in range(2, order):
-        count[i] = A[i][late]
+        noise[i] = A[i][late]
     zone = [0] * n
     for i in range(2, 2 + m):
         zone[i] = A[i][late]
     at_speed, at_place, at_hold = ([theta * x for x in units[i]] for i in (1, 0, 2))
-    return Acting(held, asked, at_speed, at_place, at_hold, count, zone)
+    return Acting(held, asked, at_speed, at_place, at_hold, noise, zone)
 
 
 def inequality(c, known, omega, turn, delta, s):
