@@ -16,7 +16,15 @@ import pytest
 
 import armgpi
 from armgpi import GPI, PIDInversion, RigidBodyPlant, Robot, config
-from armgpi.base.parameter import REQUIRED, PerJoint, again, parameter, parameters, with_parameters
+from armgpi.base.parameter import (
+    REQUIRED,
+    PerJoint,
+    _listed_attributes,
+    again,
+    parameter,
+    parameters,
+    with_parameters,
+)
 from armgpi.cli import declared
 from armgpi.config import schema
 from armgpi.config.section import union
@@ -361,3 +369,28 @@ def test_a_controller_made_of_a_file_is_the_one_made_in_python() -> None:
     omega = armgpi.default_omega(1e-3)
     own = GPI(ARM, 1e-3, armgpi.FixedGains([omega, 10.0, omega], p_c=[5.0, 10.0, omega]))
     assert made.describe() == own.describe()
+
+
+def test_attributes_of_a_docstring_are_their_words_without_shapes_and_remarks() -> None:
+    text = """A class.
+
+    Attributes:
+        gain: of the position error [1/s^2], shape (n,) or (batch, n).
+        damping: of the velocity error [1/s], likewise.
+        limit: largest torque [N m]; infinite where there
+            is none.
+        mode: what it does,
+            in words.
+        name: of the arm
+
+    Returns:
+        other: nothing.
+    """
+    assert _listed_attributes(text) == {
+        "gain": "of the position error [1/s^2]",
+        "damping": "of the velocity error [1/s]",
+        "limit": "largest torque [N m]",
+        "mode": "what it does, in words",
+        "name": "of the arm",
+    }
+    assert _listed_attributes("A class.") == {}

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import armgpi
-from armgpi.base import hdf5, yaml_text
+from armgpi.base import arrays, hdf5, yaml_text
 from armgpi.certification import trigonometric
 from armgpi.errors import ArrayError, ConfigError, ParameterError, UrdfError
 from armgpi.health import findings
@@ -259,3 +259,13 @@ def test_parts_of_parts_are_counted_as_often_as_they_are_drawn() -> None:
     root = ElementTree.fromstring(text.replace("SCENE", 3 * '<instance_node url="#b"/>'))
     nodes = {e.get("id"): e for e in root.iter() if e.get("id")}
     assert mesh_files._instances(root[-1], nodes, {}, "part.dae") == 6
+
+
+def test_numbers_up_to_the_largest_are_taken_in_either_sign() -> None:
+    names = ("q1", "q2")
+    most = arrays.LARGEST
+    taken = arrays.per_joint([most, -most], "effort", names, "finite", np.isfinite)
+    assert taken.tolist() == [most, -most]
+    for beyond in (np.nextafter(most, np.inf), -np.nextafter(most, np.inf)):
+        with pytest.raises(ArrayError, match="q2"):
+            arrays.per_joint([0.0, beyond], "effort", names, "finite", np.isfinite)
