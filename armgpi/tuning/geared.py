@@ -105,37 +105,67 @@ def cases(robot: Robot, dt: float, late: int, damping: float = DAMPINGS[1]) -> t
     """
     robot = assume_gears(robot)
     drives = robot.drives
-    rotor = _rotor(robot)
-    value, (low, high) = drives.value("stiffness"), drives.interval("stiffness")
-    exact = low == high
-    ends = [
-        np.where(exact, (1.0 - STIFFNESS_OFF) * value, low),
-        np.where(exact, (1.0 + STIFFNESS_OFF) * value, high),
-    ]
-    if is_assumed(robot):
-        softer = min(1.0, (SOFTEST / resonance(robot)) ** 2) if at_link(robot) else 1.0
-        ends = [np.minimum(ends[0], softer * value), value, ends[1]]
-    side = drives.value("encoder_side")
-    sides = [
-        np.where(side == "", other, side) for other in ("motor", "link")[: 2 if (side == "").any() else 1]
-    ]
     current = float(np.min(drives.value("current_bandwidth", CURRENT_LOOP)))
-    told = drives.value("damping")
-    least = drives.interval("rotor_inertia")[0]
-    # An interval down to zero tells no lightest rotor: then that of a believed one.
+    known_damping = drives.value("damping")
+    is_damping_unknown = bool(np.isnan(known_damping).any())
+    # Loops are judged at the first damping ratio, and have to be stable at the second.
+    ratios = (DAMPINGS[0], damping) if is_damping_unknown else DAMPINGS[:1]
+    rotors = _rotor_ends(robot)
+    stiffness_ends = _stiffness_ends(robot)
+    sides = _sides(robot)
+    listed = []
+    for q in _configurations(robot):
+        link = robot.mass_matrix(q) - np.diag(robot.armature)
+        for weight, rotor in enumerate(rotors):
+            for stiffness in stiffness_ends:
+                gears = Gears(rotor, _fill_unknown(stiffness, rotor), current=current)
+                known_ratio = known_damping / damping_at_one(link, gears)
+                for side, (place, ratio) in itertools.product(sides, enumerate(ratios)):
+                    damped = np.where(np.isnan(known_damping), ratio, known_ratio)
+                    loop = ArmLoop(robot, q, gears._replace(damping=damped, side=side), dt, late)
+                    is_judged = weight == place == 0
+                    listed.append(Case(q, loop, is_judged, ratio if is_damping_unknown else math.nan))
+    return tuple(listed)
+
+
+def _stiffness_ends(robot: Robot) -> list[Array]:
+    """Return the joint stiffness at the ends of what is known of it [N m/rad or N/m], (n,) each.
+
+    Of an arm whose stiffness is assumed the assumed one is between them, and the lower end of one with
+    encoders at the links is as soft as its lowest resonance allows.
+    """
+    value = robot.drives.value("stiffness")
+    low, high = robot.drives.interval("stiffness")
+    is_exact = low == high
+    lower = np.where(is_exact, (1.0 - STIFFNESS_OFF) * value, low)
+    upper = np.where(is_exact, (1.0 + STIFFNESS_OFF) * value, high)
+    if not is_assumed(robot):
+        return [lower, upper]
+    softer = 1.0
+    if at_link(robot):
+        softer = min(1.0, (SOFTEST / resonance(robot)) ** 2)
+    return [np.minimum(lower, softer * value), value, upper]
+
+
+def _sides(robot: Robot) -> list[Array]:
+    """Return where the encoders may sit, (n,) each: both sides where one is not known."""
+    side = robot.drives.value("encoder_side")
+    is_unknown = side == ""
+    if not is_unknown.any():
+        return [side]
+    return [np.where(is_unknown, other, side) for other in ("motor", "link")]
+
+
+def _rotor_ends(robot: Robot) -> list[Array]:
+    """Return the expected rotor inertias [kg m^2 or kg], (n,), and lighter ones where they may be lighter."""
+    rotor = _rotor(robot)
+    least, _ = robot.drives.interval("rotor_inertia")
+    # An interval down to zero tells no lightest rotor: then that of an assumed one.
     least = np.where(least > 0.0, least, (1.0 / SCATTER) * rotor)
-    lighter = np.where(least < rotor, np.sqrt(least * rotor), rotor)
-    weights = [rotor, lighter] if (lighter < rotor).any() else [rotor]
-    found = []
-    for q, (i, own), stiffness in itertools.product(_configurations(robot), enumerate(weights), ends):
-        gears = Gears(own, _fill_unknown(stiffness, own), current=current)
-        ratio = told / damping_at_one(robot.mass_matrix(q) - np.diag(robot.armature), gears)
-        usual = (DAMPINGS[0], damping) if np.isnan(told).any() else DAMPINGS[:1]
-        for where, (k, each) in itertools.product(sides, enumerate(usual)):
-            gears = gears._replace(damping=np.where(np.isnan(told), each, ratio), side=where)
-            own_damping = each if np.isnan(told).any() else math.nan
-            found.append(Case(q, ArmLoop(robot, q, gears, dt, late), i == k == 0, own_damping))
-    return tuple(found)
+    is_lighter = least < rotor
+    if not is_lighter.any():
+        return [rotor]
+    return [rotor, np.where(is_lighter, np.sqrt(least * rotor), rotor)]
 
 
 def resonance(robot: Robot) -> float:
