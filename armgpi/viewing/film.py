@@ -229,7 +229,8 @@ def _rotations(axis: Array, angles: Array) -> Array:
     """Return the rotations about an axis of length 1 (Rodrigues' formula), shape (k, 3, 3)."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    sine, cosine = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
+    sine = np.sin(angles)[:, None, None]
+    cosine = np.cos(angles)[:, None, None]
     return np.asarray(np.eye(3) + sine * cross + (1.0 - cosine) * cross @ cross)
 
 
@@ -251,7 +252,10 @@ def _bounds(parts: list[meshes.Triangles], every: list[_Drawn]) -> tuple[Array, 
     """Return the corners of what is seen of all rollouts over the film, with a margin [m]."""
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for drawn in every:
-        seen = [points[np.isfinite(points).all(axis=1)] for points in (drawn.path, drawn.desired)]
+        seen = []
+        for points in (drawn.path, drawn.desired):
+            is_finite = np.isfinite(points).all(axis=1)
+            seen.append(points[is_finite])
         stride = max(1, drawn.placements.shape[1] // _LOOKED_AT)
         for index, part in enumerate(parts):
             placements = drawn.placements[index][::stride]

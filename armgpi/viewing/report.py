@@ -244,7 +244,7 @@ def _quantities(
     time = np.asarray(rollout["time"].values, dtype=float)
     onsets = [tracks.disturbance_onset(rollout, joint) for joint in joints]
     none: list[None] = [None] * len(joints)
-    longest = max(traces, key=lambda trace: int(np.isfinite(trace.data["q_ref"].values).sum())).data
+    longest = max((trace.data for trace in traces), key=_samples_of)
     dotted = Look(REFERENCE, (0, (1, 2)))
     forces = _symbols(TORQUE, prismatic)
 
@@ -274,6 +274,11 @@ def _quantities(
         unit = "" if name == "zeta_c" else "rad/s"
         gains = of_runs(operator.itemgetter(name))
         yield _Quantity(f"Gain {name}", [unit] * len(joints), gains, none, onsets)
+
+
+def _samples_of(data: xr.Dataset) -> int:
+    """Return how many numbers the reference of a rollout has, before the rollout ended."""
+    return int(np.isfinite(data["q_ref"].values).sum())
 
 
 def _symbols(unit: Unit, prismatic: Iterable[np.bool_]) -> list[str]:
@@ -346,8 +351,8 @@ def _lines(
     lines = []
     for joint, column in enumerate(columns):
         x, y = (arrays.add(axis, "float32") for axis in _thin_line(time, column))
-        line = {"joint": joint, "run": run, "color": look.color, "dash": canvas_dashes(look), "x": x, "y": y}
-        lines.append(line)
+        how = {"color": look.color, "dash": canvas_dashes(look)}
+        lines.append({"joint": joint, "run": run, **how, "x": x, "y": y})
     return lines
 
 

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.base.escape import json_data
+from armgpi.codegen.kernels import Kernel
 from armgpi.codegen.symbols import NotElementwise
 from armgpi.config import Origin, check, keys
 from armgpi.config import build as build_experiment
@@ -80,32 +81,42 @@ def build(
         ParameterError: when there is no such controller, or with an uncertainty model or a supervisor.
         MissingPackage: when trimesh is not installed.
     """
-    label = next(iter(experiment.controllers)) if label is None else label
-    found = build_module(experiment, label, progress)
+    if label is None:
+        label = next(iter(experiment.controllers))
+    module_of_forms = build_module(experiment, label, progress)
     arm = scene.build(experiment.robot, frame)
     arrays = page.Arrays()
-    data = {"arm": page.arm_data(arm, arrays), "clip": None, "play": _data(found, experiment, arrays)}
+    data = {
+        "arm": page.arm_data(arm, arrays),
+        "clip": None,
+        "play": _data(module_of_forms, experiment, arrays),
+    }
     values = {
         "title": page.text(title or experiment.robot.name),
         "findings": page.bullets(arm.findings, "findings"),
         "more": more,
     }
-    own = ("scene.js", "loop.js", "curves.js", "play.js")
-    scripts = [page.meshcat_script(), *map(page.asset, own)]
+    names = ("scene.js", "loop.js", "curves.js", "play.js")
+    scripts = [page.meshcat_script(), *map(page.asset, names)]
     return page.fill("play.html", values, data, arrays, scripts, computes=True)
 
 
 def _data(found: Module, experiment: Experiment, arrays: page.Arrays) -> dict[str, Any]:
     """Return what the page knows of the loop and its controls."""
-    loop = ClosedLoop(experiment.plant, next(iter(experiment.controllers.values())), experiment.reference)
+    controller = next(iter(experiment.controllers.values()))
+    loop = ClosedLoop(experiment.plant, controller, experiment.reference)
     steps = round(experiment.t_final / loop.dt)
     moved = found.playable
-    config, urdf = moved.config, None
+    config = moved.config
+    urdf = None
     path = Path(config["robot"]["name"])
     if path.is_file():  # it lies beside the configuration that is copied from the page
         config = {**config, "robot": {**config["robot"], "name": path.name}}
         urdf = [path.name, read_file(path)]
-    contacts = [each.describe() for each in getattr(inside(experiment.plant), "environment", ())]
+    arm = inside(experiment.plant)
+    contacts = [contact.describe() for contact in getattr(arm, "environment", ())]
+    # Bounds that are infinite are null.
+    controls = [json_data({**control._asdict(), "id": control.id}) for control in moved.controls]
     return {
         "walls": [wall._asdict() for wall in scene.walls(contacts)],
         "contacts": len(contacts),
@@ -115,8 +126,7 @@ def _data(found: Module, experiment: Experiment, arrays: page.Arrays) -> dict[st
         "code": arrays.add(np.frombuffer(found.code, dtype=np.uint8), "uint8"),
         "colors": [style.PALETTE[0], style.PALETTE[1]],
         "choices": [{**choice._asdict(), "id": choice.id} for choice in moved.choices],
-        # Bounds that are infinite are null.
-        "controls": [json_data({**control._asdict(), "id": control.id}) for control in moved.controls],
+        "controls": controls,
         "sections": moved.sections,
         "config": config,
         "urdf": urdf,
@@ -132,7 +142,8 @@ def _variant(variant: dict[str, Any], loop: ClosedLoop, steps: int, arrays: page
     if variant["layout"].table:
         targets = loop.targets(np.arange(steps + 1) * np.float64(loop.dt))
         table = arrays.add(np.concatenate(targets, axis=-1), "float64")
-    return {**{key: _with_arrays(value, arrays) for key, value in variant.items()}, "table": table}
+    data = {key: _with_arrays(value, arrays) for key, value in variant.items()}
+    return {**data, "table": table}
 
 
 def _with_arrays(data: Any, arrays: page.Arrays) -> Any:
@@ -141,20 +152,24 @@ def _with_arrays(data: Any, arrays: page.Arrays) -> Any:
         return arrays.add(data, "float64")
     if hasattr(data, "_asdict"):
         return {key: _with_arrays(value, arrays) for key, value in data._asdict().items()}
-    return [_with_arrays(item, arrays) for item in data] if isinstance(data, list | tuple) else data
+    if isinstance(data, list | tuple):
+        return [_with_arrays(item, arrays) for item in data]
+    return data
 
 
 def _defaults(moved: Playable) -> dict[str, Any]:
     """Return what an experiment file need not say."""
-    controllers = {kind: SECTIONS[kind](type=kind).plain() for kind in moved.sections}
+    controllers = {}
+    for kind in moved.sections:
+        section = SECTIONS[kind](type=kind).plain()
+        section.pop("type", None)
+        controllers[kind] = section
     robot = RobotSection(name="").plain()
+    robot.pop("name", None)
     return {
-        "robot": {key: value for key, value in robot.items() if key != "name"},
+        "robot": robot,
         "plant": PlantSection().plain(),
-        "controllers": {
-            kind: {key: value for key, value in section.items() if key != "type"}
-            for kind, section in controllers.items()
-        },
+        "controllers": controllers,
         "reference": dict.fromkeys(_REFERENCE_KEYS),
         "reality": None,
         "supervisor": None,
@@ -201,17 +216,22 @@ def _module(probers: Sequence[Prober], progress: Progress) -> bytes:
     """Return WebAssembly of all forms, that which was made before where there is such."""
     names = [prober.name for prober in probers]
     name = "\n".join(names) if all(names) else ""
-    if (kept := module.find(name)) is not None:
-        return kept
-    traces, samples, kernels = [], [], {}
+    made_before = module.find(name)
+    if made_before is not None:
+        return made_before
+    traces, samples = [], []
+    kernels: dict[str, Kernel] = {}
+    stages = len(probers) + 2
     for i, prober in enumerate(probers):
-        progress("tracing", i / (len(probers) + 2))
+        progress("tracing", i / stages)
         traced, sample = prober.trace()
         traces.append(traced)
         samples.append(sample)
-        found = (*(call.kernel for call in traced.calls), *prober.kernels(sample))
-        kernels.update({kernel.name: kernel for kernel in found})
-    progress("compiling", len(probers) / (len(probers) + 2))
+        for call in traced.calls:
+            kernels[call.kernel.name] = call.kernel
+        for kernel in prober.kernels(sample):
+            kernels[kernel.name] = kernel
+    progress("compiling", len(probers) / stages)
     return module.compile_wasm(module.text(traces, samples, kernels), name)
 
 
@@ -232,8 +252,8 @@ def _possible(moved: Playable, makers: _Makers) -> Playable:
     controls = []
     for control in _buildable(moved, makers):
         if control.arm == "controller":
-            left = tuple(mass for mass in control.values if mass == control.value or serves(control, mass))
-            control = control._replace(stops=left, values=left)
+            served = [x for x in control.values if x == control.value or serves(control, x)]
+            control = control._replace(stops=tuple(served), values=tuple(served))
         controls.append(control)
     return moved._replace(controls=tuple(controls))
 
@@ -256,26 +276,35 @@ def _buildable(moved: Playable, makers: _Makers) -> list[Control]:
             return False
         return True
 
-    ratio = next((x for x in moved.controls if x.rebuilds and x.path[-1] == "damping_ratio"), None)
+    ratios = [x for x in moved.controls if x.rebuilds and x.path[-1] == "damping_ratio"]
+    ratio = ratios[0] if ratios else None
     if ratio is not None:
-        left = tuple(x for x in ratio.values if x == ratio.value or serves([(ratio, x)]))
-        ratio = ratio._replace(stops=left, values=left)
+        served = [x for x in ratio.values if x == ratio.value or serves([(ratio, x)])]
+        ratio = ratio._replace(stops=tuple(served), values=tuple(served))
+
     controls = []
     for control in moved.controls:
         if ratio is not None and control.id == ratio.id:
             controls.append(ratio)
-            continue
-        if not control.rebuilds:
-            controls.append(control)
-            continue
-        beside = [(ratio, x) for x in ratio.values] if ratio and "stiffness" in control.id else []
-        kept = {}
-        for stop, value in zip(control.stops, control.values, strict=True):
-            together = [[(control, value), other] for other in beside] or [[(control, value)]]
-            if value == control.value or all(map(serves, together)):
-                kept[stop] = value
-        controls.append(control._replace(stops=tuple(kept), values=tuple(kept.values())))
+        else:
+            controls.append(_with_places_served(control, ratio, serves) if control.rebuilds else control)
     return controls
+
+
+def _with_places_served(
+    control: Control, ratio: Control | None, serves: Callable[[Sequence[tuple[Control, Any]]], bool]
+) -> Control:
+    """Return a control with the places that are served; those of a stiffness with all damping ratios."""
+    beside = []
+    if ratio is not None and "stiffness" in control.id:
+        beside = [(ratio, x) for x in ratio.values]
+    places = {}
+    for stop, value in zip(control.stops, control.values, strict=True):
+        move = (control, value)
+        together = [[move, other] for other in beside] or [[move]]
+        if value == control.value or all(map(serves, together)):
+            places[stop] = value
+    return control._replace(stops=tuple(places), values=tuple(places.values()))
 
 
 def compose_config(moved: Playable, form: dict[str, Any]) -> dict[str, Any]:
@@ -303,11 +332,14 @@ def compose_config(moved: Playable, form: dict[str, Any]) -> dict[str, Any]:
 
 def _belonging(moved: Playable, form: dict[str, Any]) -> list[Control]:
     """Return the controls that a form has."""
-    return [
-        control
-        for control in moved.controls
-        if control.only is None or form.get(dotted_path(control.only[0])) == control.only[1]
-    ]
+    belonging = []
+    for control in moved.controls:
+        if control.only is not None:
+            path, value = control.only
+            if form.get(dotted_path(path)) != value:
+                continue
+        belonging.append(control)
+    return belonging
 
 
 def _forms(moved: Playable) -> Iterator[dict[str, Any]]:
@@ -315,11 +347,10 @@ def _forms(moved: Playable) -> Iterator[dict[str, Any]]:
     seen = []
     for values in itertools.product(*(choice.values for choice in moved.choices)):
         kind = values[0]
-        form = {
-            choice.id: value
-            for choice, value in zip(moved.choices, values, strict=True)
-            if not choice.only or kind in choice.only
-        }
+        form = {}
+        for choice, value in zip(moved.choices, values, strict=True):
+            if not choice.only or kind in choice.only:
+                form[choice.id] = value
         if form not in seen:
             seen.append(form)
             yield form
@@ -339,12 +370,17 @@ class _Makers:
     def siblings(self, label: str) -> dict[str, dict[str, Any]]:
         """Return the sections of the other controllers that the page has, defaults filled in."""
         config = plain(self.experiment.config)
-        own = next((each for each in config["controllers"] if each["label"] == label), None)
-        if own is None:
-            raise ParameterError("label", label, ", ".join(each["label"] for each in config["controllers"]))
-        found = {}
-        for kind in siblings(own["type"]):
-            shared = {key: own[key] for key in _SHARED if key in own}
+        by_label = {}
+        for section in reversed(config["controllers"]):  # of one label the first
+            by_label[section["label"]] = section
+        if label not in by_label:
+            labels = [section["label"] for section in config["controllers"]]
+            raise ParameterError("label", label, ", ".join(labels))
+        section = by_label[label]
+        sections = {}
+        for kind in siblings(section["type"]):
+            shared = {key: section[key] for key in _SHARED if key in section}
             config["controllers"] = [{"type": kind, **shared}]
-            found[kind] = plain(build_experiment(check(config, Origin())).config)["controllers"][0]
-        return found
+            experiment = build_experiment(check(config, Origin()))
+            sections[kind] = plain(experiment.config)["controllers"][0]
+        return sections
