@@ -39,10 +39,16 @@ from armgpi.viewing.meshes import Triangles
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Triangles of an arm that is drawn; larger meshes are simplified. And of its coarse version.
-TRIANGLES, COARSE = 150_000, 20_000
-#: Frames a second that playing in real time can show, and memory that all frames may take [B].
-FRAME_RATE, FRAME_BYTES = 100.0, 6_000_000
+#: Triangles of an arm that is drawn; larger meshes are simplified.
+TRIANGLES = 150_000
+#: Triangles of its coarse version.
+COARSE = 20_000
+#: Frames a second that playing in real time can show [1/s].
+FRAME_RATE = 100.0
+#: Memory that all frames may take [B].
+FRAME_BYTES = 6_000_000
+#: Memory of a joint in a frame of an actor [B]: position, target, torque and disturbance, and a flag.
+_BYTES = 17
 #: More rollouts than this at once is a crowd.
 MOST_ROBOTS = 6
 #: Colour of what the URDF gives none.
@@ -195,12 +201,12 @@ def build(robot: Robot, frame: str | None = None) -> Scene:
     drawn, links = _visuals(robot, model, findings)
     merged = [None if part is None else _merge_corners(part) for part in drawn]
     size = _size(model, merged)
-    fine = [
-        _stick(model, index, tool, size) if part is None else part
-        for index, part in enumerate(_simplify(merged, TRIANGLES))
-    ]
+    fine: list[Triangles] = []
+    for index, part in enumerate(_simplify(merged, TRIANGLES)):
+        fine.append(_stick(model, index, tool, size) if part is None else part)
     coarse = _simplify(fine, COARSE)
-    bodies = [_body(robot, model, index, links[index], fine, coarse, size) for index in range(model.njoints)]
+    joints = range(model.njoints)
+    bodies = [_body(robot, model, index, links[index], fine, coarse, size) for index in joints]
     return Scene(
         robot=robot,
         bodies=tuple(bodies),
@@ -229,11 +235,14 @@ def _body(
         linear, angular = np.split(np.array(data.S).reshape(6), 2)
         kind, axis = ("prismatic", linear) if linear.any() else ("revolute", angular)
     # Which joint of the robot moves it, by which ratio, from which offset.
-    coordinate, ratio, offset = index - 1, 1.0, 0.0
+    coordinate = index - 1
+    ratio = 1.0
+    offset = 0.0
     if index and robot.coupling is not None:
         ratios = robot.coupling.ratio[index - 1]
         coordinate = int(np.argmax(np.abs(ratios)))
-        ratio, offset = float(ratios[coordinate]), float(robot.coupling.offset[index - 1])
+        ratio = float(ratios[coordinate])
+        offset = float(robot.coupling.offset[index - 1])
     parent = int(model.parents[index]) if index else -1
     placement = np.array(model.jointPlacements[index].homogeneous)
     return Body(
@@ -268,9 +277,9 @@ def clip(rollout: xr.Dataset, robot: Robot) -> Clip:
     shown = traces[:MOST_ROBOTS]
     time = np.asarray(rollout["time"].values, dtype=float)
     # As many as the budget has room for and the eye can tell apart, evenly spread over the samples.
-    most = int(FRAME_BYTES / (17 * len(names) * len(shown)))
-    wanted = math.ceil((time[-1] - time[0]) * FRAME_RATE) + 1
-    count = max(2, min(len(time), most, wanted))
+    most = int(FRAME_BYTES / (_BYTES * len(names) * len(shown)))
+    of_the_eye = math.ceil((time[-1] - time[0]) * FRAME_RATE) + 1
+    count = max(2, min(len(time), most, of_the_eye))
     frames = np.unique(np.linspace(0, len(time) - 1, count).round().astype(np.int64))
     ends = describe_end(rollout)
     actors = tuple(_actor(trace, frames, ends[i]) for i, trace in enumerate(shown))
@@ -278,12 +287,16 @@ def clip(rollout: xr.Dataset, robot: Robot) -> Clip:
     if "disturbance" in rollout:
         first = shown[0].data["disturbance"].transpose("time", "joint").values
         pushed = _single(np.nan_to_num(first[frames]))
-    onsets = {name: tracks.disturbance_onset(rollout, name) for name in names}
+    onsets = {}
+    for name in names:
+        onset = tracks.disturbance_onset(rollout, name)
+        if onset is not None:
+            onsets[name] = onset
     return Clip(
         times=time[frames],
         actors=actors,
         disturbance=pushed,
-        onsets={name: onset for name, onset in onsets.items() if onset is not None},
+        onsets=onsets,
         left_out=len(traces) - len(shown),
         walls=_recorded_walls(rollout) if actors[0].forces.size else (),
     )
@@ -301,14 +314,15 @@ def walls(environment: Sequence[Mapping[str, Any]]) -> tuple[Wall, ...]:
     Args:
         environment: descriptions of the contacts, see ``describe()`` of each contact.
     """
-    found = []
+    listed = []
     for i, contact in enumerate(environment):
         distance = contact.get("distance")
         if contact.get("type") == "Wall" and isinstance(distance, float):
             normal = contact["normal"]
             length = float(np.linalg.norm(normal))
-            found.append(Wall(tuple(float(x) / length for x in normal), distance, i))
-    return tuple(found)
+            unit_normal = tuple(float(x) / length for x in normal)
+            listed.append(Wall(unit_normal, distance, i))
+    return tuple(listed)
 
 
 def robot_of(rollout: xr.Dataset, folder: Path | None = None) -> Robot:
@@ -323,7 +337,8 @@ def robot_of(rollout: xr.Dataset, folder: Path | None = None) -> Robot:
     """
     try:
         made_from = Provenance.from_rollout(rollout).first.robot
-        source, digest = str(made_from["source"]), str(made_from["sha256"])
+        source = str(made_from["source"])
+        digest = str(made_from["sha256"])
         locked = {str(name): float(value) for name, value in made_from["locked"].items()}
         mimic: Literal["lock", "follow"] = "follow" if made_from.get("mimic") == "follow" else "lock"
         repair = made_in(made_from)
@@ -335,7 +350,8 @@ def robot_of(rollout: xr.Dataset, folder: Path | None = None) -> Robot:
     candidates: list[Any] = [name] if name in robots.names() else []
     candidates += [Path(source)]
     if folder is not None:
-        candidates += [folder / Path(source).name, *sorted(folder.glob(f"*{digest[:8]}*.urdf"))]
+        copies = sorted(folder.glob(f"*{digest[:8]}*.urdf"))
+        candidates += [folder / Path(source).name, *copies]
     for candidate in candidates:
         try:
             with warnings.catch_warnings():
@@ -363,7 +379,7 @@ def _visuals(robot: Robot, model: Any, findings: list[str]) -> tuple[list[Triang
     root = _document(robot, findings)
     if root is None:
         return [None] * model.njoints, links
-    named = {m.get("name", ""): _rgb(m) for m in root.iterfind("material")}
+    named = {material.get("name", ""): _rgb(material) for material in root.iterfind("material")}
     parts: list[list[Triangles]] = [[] for _ in range(model.njoints)]
     for link in root.iterfind("link"):
         frame = frames.get(link.get("name", ""))
@@ -474,27 +490,31 @@ def _simplify(parts: list[_T], most: int) -> list[_T]:
     if total <= most:
         return parts
     share = most / total
-    return [
-        None if part is None else meshes.simplify(part, max(100, int(share * len(part.faces))))
-        for part in parts
-    ]
+    simplified = []
+    for part in parts:
+        if part is not None:
+            part = meshes.simplify(part, max(100, int(share * len(part.faces))))
+        simplified.append(part)
+    return simplified
 
 
 def _ring(model: Any, index: int, parts: Sequence[Triangles], axis: Array, size: float) -> float:
     """Return how far out a ring around a joint must be to be seen, short of the next joint [m]."""
-    next_to_it = [
-        c for c in range(1, model.njoints) if index in (c, int(model.parents[c])) and int(model.parents[c])
-    ]
-    lengths = [float(np.linalg.norm(model.jointPlacements[c].translation)) for c in next_to_it]
     # How far the nearest joint is that is not in the same place.
-    spacing = min((length for length in lengths if length > 0.02 * size), default=size)
-    back = np.linalg.inv(np.array(model.jointPlacements[index].homogeneous))
-    parent = parts[int(model.parents[index])]
-    points = np.concatenate([parts[index].points, parent.points @ back[:3, :3].T + back[:3, 3]])
+    spacing = size
+    for child in range(1, model.njoints):
+        parent = int(model.parents[child])
+        length = float(np.linalg.norm(model.jointPlacements[child].translation))
+        if parent and index in (child, parent) and length > 0.02 * size:
+            spacing = min(spacing, length)
+    # The body and the one that it hangs on, in the joint's frame.
+    to_joint = np.linalg.inv(np.array(model.jointPlacements[index].homogeneous))
+    carrier = parts[int(model.parents[index])].points @ to_joint[:3, :3].T + to_joint[:3, 3]
+    points = np.concatenate([parts[index].points, carrier])
     along = points @ axis
     out = np.linalg.norm(points - along[:, None] * axis, axis=1)
-    near = (np.abs(along) < 0.015 * size) & (out < min(0.085 * size, 0.75 * spacing))
-    widest = float(out[near].max()) if near.any() else 0.0
+    is_near = (np.abs(along) < 0.015 * size) & (out < min(0.085 * size, 0.75 * spacing))
+    widest = float(out[is_near].max()) if is_near.any() else 0.0
     return float(np.clip(1.15 * widest, 0.035 * size, 0.1 * size))
 
 
@@ -502,14 +522,17 @@ def _merge_corners(part: Triangles) -> Triangles:
     """Return triangles with corners that look the same made one."""
     size = max(float(np.ptp(part.points, axis=0).max()), 1e-9)
     # As fine as what the page gets: positions to a part in 10^5, normals to a byte.
-    rounded = np.hstack(
-        [np.rint(part.points * (1e5 / size)), np.rint(part.normals * 60.0), np.rint(part.colors * 255.0)]
-    ).astype(np.int32)
-    rows = np.ascontiguousarray(rounded).view(np.dtype((np.void, rounded.dtype.itemsize * rounded.shape[1])))
+    points = np.rint(part.points * (1e5 / size))
+    normals = np.rint(part.normals * 60.0)
+    colors = np.rint(part.colors * 255.0)
+    rounded = np.hstack([points, normals, colors]).astype(np.int32)
+    one_row = np.dtype((np.void, rounded.dtype.itemsize * rounded.shape[1]))
+    rows = np.ascontiguousarray(rounded).view(one_row)
     _, first, group = np.unique(rows.ravel(), return_index=True, return_inverse=True)
     faces = group.ravel()[part.faces]
-    whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
-    return Triangles(part.points[first], part.normals[first], part.colors[first], faces[whole])
+    a, b, c = faces.T
+    stays_a_triangle = (a != b) & (b != c) & (c != a)
+    return Triangles(part.points[first], part.normals[first], part.colors[first], faces[stays_a_triangle])
 
 
 def _size(model: Any, drawn: Sequence[Triangles | None]) -> float:
@@ -517,12 +540,15 @@ def _size(model: Any, drawn: Sequence[Triangles | None]) -> float:
     reach = np.zeros(model.njoints)
     for index in range(1, model.njoints):
         parent = int(model.parents[index])
-        reach[index] = reach[parent] + float(np.linalg.norm(model.jointPlacements[index].translation))
+        length = float(np.linalg.norm(model.jointPlacements[index].translation))
+        reach[index] = reach[parent] + length
     for frame in model.frames:
         joint = int(frame.parentJoint)
-        reach[joint] = max(reach[joint], float(np.linalg.norm(frame.placement.translation)))
+        distance = float(np.linalg.norm(frame.placement.translation))
+        reach[joint] = max(reach[joint], distance)
     largest = float(reach.max())
-    extents = [float(np.linalg.norm(part.points, axis=1).max()) for part in drawn if part is not None]
+    clouds = [part.points for part in drawn if part is not None]
+    extents = [float(np.linalg.norm(points, axis=1).max()) for points in clouds]
     if extents and (largest <= 0.0 or max(extents) < _FAR_OUT * largest):
         largest = max(largest, *extents)
     if largest <= 1e-6:  # a single joint without a tool: out to where its mass is
@@ -535,33 +561,38 @@ def _stick(model: Any, index: int, tool: Any, size: float) -> Triangles:
 
     Where nothing hangs on it, to its centre of mass: else the last link of an arm would be a dot.
     """
-    ends = [
-        np.array(model.jointPlacements[child].translation)
-        for child in range(1, model.njoints)
-        if int(model.parents[child]) == index
-    ]
+    children = [child for child in range(1, model.njoints) if int(model.parents[child]) == index]
+    ends = [np.array(model.jointPlacements[child].translation) for child in children]
     if int(tool.parentJoint) == index:
         ends.append(np.array(tool.placement.translation))
     if index and all(np.linalg.norm(end) <= 1e-3 * size for end in ends):
         ends.append(np.array(model.inertias[index].lever))
-    parts = [meshes.sphere(0.018 * size)] if index else [meshes.box(0.08 * size, 0.08 * size, 0.02 * size)]
+    base = 0.08 * size
+    parts = [meshes.sphere(0.018 * size) if index else meshes.box(base, base, 0.02 * size)]
     for end in ends:
         length = float(np.linalg.norm(end))
         if length > 1e-3 * size:
-            matrix = np.eye(4)
-            z = end / length
-            x = np.cross(np.eye(3)[0] if abs(z[0]) < 0.9 else np.eye(3)[1], z)
-            x /= np.linalg.norm(x)
-            matrix[:3, :3] = np.column_stack([x, np.cross(z, x), z])
-            matrix[:3, 3] = 0.5 * end
-            parts.append(meshes.move(meshes.cylinder(0.01 * size, length), matrix))
+            bar = meshes.cylinder(0.01 * size, length)
+            parts.append(meshes.move(bar, _along(end)))
     whole = meshes.concatenate(parts)
     return whole._replace(colors=np.broadcast_to(_PLAIN, whole.points.shape))
 
 
+def _along(end: Array) -> Array:
+    """Return the placement (4, 4) of a bar along z that reaches from the origin to a point [m], (3,)."""
+    x_axis, y_axis, _ = np.eye(3)
+    z = end / float(np.linalg.norm(end))
+    x = np.cross(x_axis if abs(z[0]) < 0.9 else y_axis, z)
+    x /= np.linalg.norm(x)
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.column_stack([x, np.cross(z, x), z])
+    matrix[:3, 3] = 0.5 * end
+    return matrix
+
+
 def _link_frames(model: Any) -> dict[str, Any]:
     """Return the frames of links by their names."""
-    return {f.name: f for f in model.frames if f.type == pin.FrameType.BODY}
+    return {frame.name: frame for frame in model.frames if frame.type == pin.FrameType.BODY}
 
 
 # The rollouts --------------------------------------------------------------------------------------------
@@ -569,17 +600,17 @@ def _link_frames(model: Any) -> dict[str, Any]:
 
 def _actor(trace: tracks.Trace, frames: npt.NDArray[np.int64], end: str) -> Actor:
     """Return one rollout as frames; a pose is held where it has none."""
-    data = {name: trace.data[name].transpose("time", "joint").values for name in ("q", "q_ref", "tau")}
+    q, q_ref, tau = (trace.data[name].transpose("time", "joint").values for name in ("q", "q_ref", "tau"))
     effort = np.atleast_1d(trace.data["effort"].values)
-    at_limit = np.abs(data["tau"]) >= effort * (1.0 - 1e-9)
+    at_limit = np.abs(tau) >= effort * (1.0 - 1e-9)
     # Between two frames: a torque that touches its limit for a millisecond is seen too.
     saturated = np.maximum.reduceat(at_limit.astype(np.uint8), frames, axis=0)
     return Actor(
         label=trace.label or "actual",
         color=trace.look.color,
-        q=_single(_hold_last(data["q"])[frames]),
-        q_ref=_single(_hold_last(data["q_ref"])[frames]),
-        tau=_single(np.nan_to_num(data["tau"][frames])),
+        q=_single(_hold_last(q)[frames]),
+        q_ref=_single(_hold_last(q_ref)[frames]),
+        tau=_single(np.nan_to_num(tau[frames])),
         saturated=saturated,
         end=end if int(trace.data["status"]) != Status.FINISHED else "finished",
         t_end=float(np.nan_to_num(trace.data["t_end"].values)),
@@ -603,6 +634,7 @@ def _single(values: Array) -> npt.NDArray[np.float32]:
 
 def _hold_last(values: Array) -> Array:
     """Return values (time, n) with the last finite row in place of those that are not; zero before it."""
-    good = np.isfinite(values).all(axis=1)
-    last = np.maximum.accumulate(np.where(good, np.arange(len(values)), -1))
+    is_finite = np.isfinite(values).all(axis=1)
+    rows = np.where(is_finite, np.arange(len(values)), -1)
+    last = np.maximum.accumulate(rows)
     return np.where(last[:, None] >= 0, values[np.maximum(last, 0)], 0.0)
