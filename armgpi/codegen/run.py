@@ -44,6 +44,8 @@ _TABLE = 1 << 20
 _FEWEST = 16
 #: Samples that code compiled quickly takes, at most: for more, fast code saves more than it takes to compile.
 _FEW = 50_000
+#: Lines of code that is compiled quickly, at most: each has a number on the stack; 20 stiff joints have 30,000.
+_LINES = 50_000
 #: Structures of which the code is kept at hand.
 _KEPT = 64
 #: What an array of vectors is aligned to [bytes]: those of 8 lanes.
@@ -120,6 +122,7 @@ def _code_of(
                 text = source(trace_used(loop, state, signals, running), lanes)
                 if found.user_defined:
                     check_repeatable(text, lambda: source(trace_used(loop, state, signals, running), lanes))
+                quick = quick and text.count("\n") <= _LINES
                 made = build.library(text, short if quick else fast, name)
     except NotElementwise as error:
         raise BackendError(f"this loop has no generated code: {error}") from None
