@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from inspect import signature
 from typing import Any, NamedTuple, cast
@@ -46,6 +46,10 @@ _AGREEMENT = 1e-9
 _STATES = 8
 #: Arms of a batch that are compared, at most: they share the expressions, so a few show what is wrong.
 _ARMS = 16
+
+
+#: Kernels of equal models that a process keeps at most: a page with sliders has some 60.
+_KEPT = 512
 
 
 @dataclass(frozen=True)
@@ -255,8 +259,20 @@ class Arm:
         """Return a kernel by the name of the method of :class:`armgpi.robot.dynamics.Dynamics`."""
         # When it is asked for: most loops use a few of them, and making and checking one takes time.
         if name not in self.kernels:
-            self.kernels[name] = self._build_kernel(name)
+            self.kernels[name] = self._shared(name)
         return self.kernels[name]
+
+    def _shared(self, name: str) -> Kernel:
+        """Return a kernel, which equal models have in common."""
+        if self.model.parameters:
+            return self._build_kernel(name)
+        key = name, self.model.fingerprint
+        if (kernel := _made.get(key)) is None:
+            if len(_made) >= _KEPT:
+                _made.clear()
+            kernel = _made[key] = self._build_kernel(name)
+        # One of its own: by that who calls it is told from another arm of the same model.
+        return replace(kernel)
 
     def _build_kernel(self, name: str) -> Kernel:
         n, model = self.model.n, self.model
@@ -320,6 +336,10 @@ class Arm:
                     raise NotElementwise(
                         f"its generated {name} differs from Pinocchio's by {wrong:.2g} relative"
                     )
+
+
+#: Kernels by the name of the method and the fingerprint of the model, of models without parameters.
+_made: dict[tuple[str, str], Kernel] = {}
 
 
 class TracedDynamics:

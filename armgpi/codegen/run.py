@@ -44,7 +44,7 @@ _TABLE = 1 << 20
 _FEWEST = 16
 #: Samples that code compiled quickly takes, at most: for more, fast code saves more than it takes to compile.
 _FEW = 50_000
-#: Lines of code that is compiled quickly, at most: each has a number on the stack; 20 stiff joints have 30,000.
+#: Lines of code that is compiled quickly, at most: each has a number on the stack. 20 joints take 30,000.
 _LINES = 50_000
 #: Structures of which the code is kept at hand.
 _KEPT = 64

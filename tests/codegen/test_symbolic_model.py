@@ -18,6 +18,7 @@ from armgpi.codegen.symbols import NotElementwise
 from armgpi.robot.dynamics import ScaledDynamics
 
 ca = pytest.importorskip("casadi")
+from armgpi.codegen import kernels  # noqa: E402
 from armgpi.codegen.kernels import Arm  # noqa: E402
 
 KERNELS = {
@@ -161,6 +162,7 @@ def test_a_wrong_model_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     mass_matrix = SymbolicModel.mass_matrix
 
     def planted(error: float, name: str) -> None:
+        monkeypatch.setattr(kernels, "_made", {})  # what was made without the error
         # Forward dynamics divides by D: an error in both D and the rest would cancel.
         if name in DIVIDE or name == "mass_matrix":
             monkeypatch.setattr(
@@ -177,6 +179,17 @@ def test_a_wrong_model_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
         with pytest.raises(NotElementwise, match=f"generated {name} differs from Pinocchio's by .*e-09"):
             Arm(robot.dynamics).kernel(name)
         monkeypatch.undo()
+
+
+def test_equal_models_have_their_equations_in_common_and_others_have_not() -> None:
+    robot, again = Robot.load("ur5"), Robot.load("ur5")
+    arms = [Arm(each.dynamics) for each in (robot, again, robot.with_armature(0.1), robot.with_armature(0.2))]
+    first, same, light, heavy = (arm.kernel("forward") for arm in arms)
+    assert same is not first  # who calls it is told by it
+    assert same.outputs is first.outputs
+    assert len({first.name, light.name, heavy.name}) == 3
+    assert light.outputs is not first.outputs
+    assert heavy.outputs is not first.outputs
 
 
 def test_a_batch_is_checked_row_by_row(monkeypatch: pytest.MonkeyPatch) -> None:
