@@ -446,7 +446,9 @@ def fit_soft(robot: armgpi.Robot, arm: armgpi.Robot, log: Log, side: str, mode: 
     true = mean_inertia(arm)
     off = tuple(float(np.abs(mean_inertia(each.robot) / true - 1.0).max()) for each in all_three)
     modes = [
-        each.twist and f"{each.twist.mode(robot.middle()):.3g} {each.twist.side}" for each in all_three[1:]
+        each.twist
+        and f"{each.twist.mode(robot.middle()):.3g} {each.twist.side}, {100.0 * each._data.explained:.2g} %"
+        for each in all_three[1:]
     ]
     shown = " | ".join(f"{100.0 * each:.2g}" for each in off)
     print(f"{label} {' | '.join(each or '' for each in modes)} | {shown} |", flush=True)

@@ -21,6 +21,7 @@ their interval; see tools/identified_control.py.
 from __future__ import annotations
 
 import argparse
+import math
 import warnings
 from collections.abc import Sequence
 from functools import cache
@@ -31,7 +32,7 @@ import numpy as np
 
 import armgpi
 from armgpi.health.reality import has_failed, torques_of
-from armgpi.identification.arm import Identified, identify
+from armgpi.identification.arm import Identified, Load, identify
 from armgpi.identification.logs import Log
 
 #: Torque at the joint for a current [N m/A].
@@ -113,7 +114,8 @@ def control(file: armgpi.Robot, part: armgpi.Robot, truth: armgpi.Robot, moves: 
 def loads(folder: Path, robot: armgpi.Robot) -> None:
     """Print the load of each pair of logs, by the torque constants as they are and by the other pair's."""
     pairs = [[read(find(folder, f"{name}.csv")) for name in pair] for pair in PAIRS]
-    found = [identify(bare, robot, current=GAINS, torque="motor").load(carried) for bare, carried in pairs]
+    arms = [identify(bare, robot, current=GAINS, torque="motor") for bare, _ in pairs]
+    found = [arm.load(carried) for arm, (_, carried) in zip(arms, pairs, strict=True)]
     for (bare, carried), own, other in zip(pairs, found, reversed(found), strict=True):
         wide = 1.96 * own.mass_std
         print(
@@ -126,6 +128,17 @@ def loads(folder: Path, robot: armgpi.Robot) -> None:
             f"  {known.mass:.3f} ± {1.96 * known.mass_std:.3f} kg by those of the other pair, "
             f"{100.0 * (known.mass / LOAD - 1.0):+.2f} %"
         )
+    # The load is the same in both, so that the ratio is 1 but for the scatter of the two estimates.
+    scatter = [known_scale(load) / load.mass for load in found]
+    print(
+        f"the two loads are as {found[0].mass / found[1].mass:.4f} to 1, ± {196.0 * np.hypot(*scatter):.1f} % "
+        "by their intervals without that of the constants: no closer can one pair tell the constants of another"
+    )
+
+
+def known_scale(load: Load) -> float:
+    """Return the standard deviation of a mass without that of the common factor of the constants [kg]."""
+    return math.sqrt(load.mass_std**2 - (load.scale / 1.96 * load.mass) ** 2)
 
 
 def _torque_share(arm: armgpi.Robot, path: armgpi.Bezier) -> float:

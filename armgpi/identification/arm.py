@@ -566,10 +566,11 @@ class Identified:
         """Return that the logs were fitted with elastic joints, where they were."""
         if self.twist is None:
             return []
-        mode = self.twist.mode(self.file.middle())
+        mode, explained = self.twist.mode(self.file.middle()), self._data.explained
         said = (
             f"the joints are elastic: the logs were fitted with their stiffness, encoders at the "
-            f"{self.twist.side}s, and a first mode of {mode:.2g} Hz in the middle; armgpi excite --resonance "
+            f"{self.twist.side}s, and a first mode of {mode:.2g} Hz in the middle, which explains "
+            f"{100.0 * explained:.2g} % of what stiff joints leave of the torques; armgpi excite --resonance "
             "measures it"
         )
         return [Finding("warning", "", said)]
@@ -738,6 +739,7 @@ class _Data:
         self.coupled: list[tuple[int, int, float]] = []  # joints, and which way the motor of the second turns
         self.heavy = robot  # whose gravity is the load of the gears
         self.twist: Twist | None = None  # where joints are elastic
+        self.explained = math.nan  # share that elastic joints explain of what stiff ones leave
         self.compliance = expected_compliance(robot)
         self.grids: list[Grid] = []
         self.rigid: list[WeakForm] = []  # as if links and motors were one
@@ -945,42 +947,79 @@ def _choose_widths(data: _Data, lag: Array) -> Array:
     return np.asarray(np.array(WIDTHS)[np.argmin(left, axis=0)], dtype=np.float64)
 
 
+class _ElasticFit(NamedTuple):
+    """A fit with elastic joints.
+
+    Attributes:
+        explained: share of what stiff joints leave of the torques that it explains (geometric mean).
+        twist: what the twist of the gears is computed from.
+        lag: of positions behind torques [s], (n,).
+    """
+
+    explained: float
+    twist: Twist
+    lag: Array
+
+
 def _choose_elasticity(data: _Data, lag: Array) -> Array:
     """Take the joints for elastic ones where they are soft; return the lag then [s], (n,).
 
-    Soft is a first mode below :data:`SOFT` by a stiffness that is known, or by one that explains much of what
-    stiff joints leave.
+    Soft is a first mode below :data:`SOFT` by a stiffness that is known, or one below :data:`MOST_SOFT` by
+    elastic joints that explain much of what stiff ones leave.
     """
-    known = knows_stiffness(data.robot)
-    if not data.compliance[1].any():  # direct drives
+    _, most = data.compliance
+    if not most.any():  # direct drives
         return lag
     fitted = estimate.fit(data.blocks(lag), data.prior)
-    left = _power(fitted)
     stiff = _twist_of(data, fitted, lag, "motor", np.zeros(data.robot.n))
-    expected = stiff._replace(compliance=data.compliance[0]).mode(data.robot.middle())
-    if known.all() and not expected < SOFT:
+    middle = data.robot.middle()
+    known = bool(knows_stiffness(data.robot).all())
+    if known and not stiff._replace(compliance=data.compliance[0]).mode(middle) < SOFT:
         return lag
-    side = set(data.robot.drives.value("encoder_side").tolist())
-    sides = side if len(side) == 1 and "" not in side else ("motor", "link")
-    best: tuple[float, Twist, Array] | None = None
-    for each in sides:
-        data.set_twist(stiff._replace(side=each))
-        at_once = estimate.fit(data.blocks(lag), data.prior, physical=False)
-        share = float(np.mean(np.log(_power(at_once) / left)))
-        if share < math.log(1.0 - _WORTH) or known.all():
-            own, less = _settle_twist(data, stiff._replace(side=each), lag)
-            share = float(np.mean(np.log(less / left)))
-            assert data.twist is not None
-            if best is None or share < best[0]:
-                best = share, data.twist, own
+    sides = _sides(data.robot)
+    fits = [_fit_elastic(data, stiff._replace(side=side), lag, _power(fitted), known) for side in sides]
     data.set_twist(None)
-    if best is None or best[1].mode(data.robot.middle()) >= MOST_SOFT:
+    best = max((each for each in fits if each is not None), key=lambda each: each.explained, default=None)
+    if best is None or best.twist.mode(middle) >= MOST_SOFT:
         return lag
     least = _ELASTIC if len(sides) == 1 else _ELASTIC_BLIND
-    if best[0] > math.log(1.0 - least) and not known.all():
+    if best.explained < least and not known:
         return lag
-    data.set_twist(best[1])
-    return best[2]
+    data.set_twist(best.twist)
+    data.explained = best.explained
+    return best.lag
+
+
+def _sides(robot: Robot) -> tuple[str, ...]:
+    """Return where the encoders may be: both sides, unless one is known of all joints."""
+    known = set(robot.drives.value("encoder_side").tolist())
+    if len(known) == 1 and "" not in known:
+        return tuple(known)
+    return ("motor", "link")
+
+
+def _fit_elastic(data: _Data, stiff: Twist, lag: Array, left: Array, known: bool) -> _ElasticFit | None:
+    """Return the fit with elastic joints and encoders at one side; None where they explain nothing at once.
+
+    Args:
+        data: of the logs; it keeps the twist.
+        stiff: what the twist is computed from, without compliance.
+        lag: to begin with [s], (n,).
+        left: power of what stiff joints leave of the torque of each joint, (n,).
+        known: whether the stiffness is known: then the fit is wanted whatever it explains.
+    """
+    data.set_twist(stiff)
+    at_once = _power(estimate.fit(data.blocks(lag), data.prior, physical=False))
+    if not known and _explained(at_once, left) < _WORTH:
+        return None
+    settled_lag, settled = _settle_twist(data, stiff, lag)
+    assert data.twist is not None
+    return _ElasticFit(_explained(settled, left), data.twist, settled_lag)
+
+
+def _explained(power: Array, before: Array) -> float:
+    """Return the share of powers before that is gone, all joints together (geometric mean)."""
+    return 1.0 - math.exp(float(np.mean(np.log(power / before))))
 
 
 def _twist_of(data: _Data, fitted: Fit, lag: Array, side: str, compliance: Array) -> Twist:
