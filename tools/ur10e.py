@@ -130,9 +130,10 @@ def loads(folder: Path, robot: armgpi.Robot) -> None:
         )
     # The load is the same in both, so that the ratio is 1 but for the scatter of the two estimates.
     scatter = [known_scale(load) / load.mass for load in found]
+    ratio, wide = found[0].mass / found[1].mass, 196.0 * np.hypot(*scatter)
     print(
-        f"the two loads are as {found[0].mass / found[1].mass:.4f} to 1, ± {196.0 * np.hypot(*scatter):.1f} % "
-        "by their intervals without that of the constants: no closer can one pair tell the constants of another"
+        f"the two loads are as {ratio:.4f} to 1, ± {wide:.1f} % by their intervals without that of the "
+        "constants: no closer can one pair tell the constants of another"
     )
 
 

@@ -191,6 +191,7 @@ def _of_torques(robot: Robot, gravity: bool, prior: Prior, form: WeakForm) -> It
         name = robot.joint_names[i]
         if said := _misfit(robot, i, terms[:, i], torque[:, i], form.rows[:, i, i, 1:4], match, bare):
             yield Finding("error", name, said)
+            continue
         yield from _of_scale(name, terms[:, i], torque[:, i], float(most[i]), gravity and not bare)
 
 
@@ -326,8 +327,8 @@ def _of_scale(name: str, terms: Array, torque: Array, most: float, gravity: bool
             "error",
             name,
             "its torque does not carry the weight that the file has: where the arm adds that itself, say so "
-            "(--no-gravity, gravity=False); else is it this robot, with its joints in this order, and the "
-            "same zero?",
+            "(--no-gravity, gravity=False); else is it this robot, with the same zero, and are its times "
+            "those of the samples, in s?",
         )
 
 

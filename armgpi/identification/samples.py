@@ -36,6 +36,8 @@ _MANY = 200
 _NEAR = 2.0 / _MANY
 #: How many times as long as close to an end a saturated torque is at it.
 _LONGER = 3.0
+#: Fewest changes of a position that show how often it is read.
+_FEWEST_UPDATES = 20
 #: Time for which a position that saturates stays at one value [s].
 _STAYS = 0.05
 #: Changes of a position from which the speed is taken at which it comes to an end.
@@ -117,11 +119,33 @@ def _check_position(robot: Robot, joint: int, name: str, log: Log) -> Iterator[F
         yield Finding("error", name, f"moves {beyond:.3g} beyond its limits; positions are in {unit}")
     elif beyond > _OUTSIDE:
         yield Finding("warning", name, f"is {beyond:.3g} outside its limits: is it the same zero?")
+    yield from _check_updates(name, log, q)
     for end, share in _saturated_shares(log.t, q).items():
         if share > _SATURATED:
             said = f"its position stops at {end:.3g} at speed and stays there in {100.0 * share:.2g} % of "
             said += "the log: its sensor saturates, or it runs against its stop; move it less"
             yield Finding("error", name, said)
+
+
+def _check_updates(name: str, log: Log, q: Array) -> Iterator[Finding]:
+    """Find a position that is new every few samples only, as one that is read more slowly than it is logged.
+
+    Args:
+        name: of the joint.
+        log: with its position.
+        q: that position [rad or m], not all of it equal, (k,).
+    """
+    changes = np.flatnonzero(np.diff(q))
+    if len(changes) < _FEWEST_UPDATES:
+        return
+    every = int(np.gcd.reduce(np.diff(changes)))
+    period = every * float(np.median(np.diff(log.t)))
+    if every > 1:
+        said = (
+            f"its position is a new one every {every} samples only, each {period:.3g} s: read it as often as "
+        )
+        severity = "error" if period > _SLOWEST else "warning"
+        yield Finding(severity, name, f"{said}the torque, at {1.0 / _SLOWEST:g} Hz or more")
 
 
 def _saturated_shares(t: Array, q: Array) -> dict[float, float]:

@@ -732,6 +732,10 @@ def test_the_interval_of_a_rotor_that_the_log_leaves_open_ends_at_what_a_motor_h
         (lambda t, q, tau: (1000.0 * t, q, tau), r"are its times in ms\? Then call the column 'time \[ms\]'"),
         (lambda t, q, tau: (np.where(t < 6.0, t, t - 3.0), q, tau), "got 3 after 5.998 .sample 3001.: cut"),
         (lambda t, q, tau: (t[:200], q[:200], tau[:200]), "is 0.4 s long"),
+        (
+            lambda t, q, tau: (t, np.where([False, True, False], np.repeat(q[::50], 50, axis=0), q), tau),
+            "q2: its position is a new one every 50 samples only, each 0.1 s",
+        ),
     ],
 )
 def test_a_spoilt_log_is_named_with_what_to_do(spoil: Callable[..., Any], said: str) -> None:
