@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 from armgpi import GPI, BSplineNetwork, PIDPositions, Robot, config, default_omega
 from armgpi.config import schema
+from armgpi.config.section import by_shape
 from armgpi.errors import ArmgpiError, ConfigError
 from armgpi.plants.plant import Wrapper
 
@@ -290,6 +291,26 @@ def test_a_urdf_is_looked_for_beside_the_file(tmp_path: Path, monkeypatch: pytes
     assert config.build(*config.read(relative)).robot.name == "mine"
     file.write_text(f"robot: {{name: {folder / 'mine.urdf'}}}")
     assert config.build(*config.read(file)).robot.name == "mine"
+
+
+def test_a_value_is_read_by_its_shape_a_list_of_one_list_as_well() -> None:
+    def named(word: str) -> Any:
+        return lambda value, path: (word, value)
+
+    read = by_shape(named("single"), named("several"), named("named"), named("nested"))
+    cases: tuple[tuple[str, Any], ...] = (
+        ("single", 1.0),
+        ("several", []),
+        ("several", [1.0]),
+        ("several", [1.0, [2.0]]),
+        ("named", {"q1": 1.0}),
+        ("nested", [[1.0]]),
+        ("nested", [[1.0], 2.0]),
+    )
+    for word, value in cases:
+        assert read(value, ()) == (word, value)
+    alone = by_shape(named("single"))
+    assert [alone(value, ())[0] for _, value in cases] == ["single"] * len(cases)
 
 
 def test_a_known_name_stays_one_beside_a_file_that_is_called_so(tmp_path: Path) -> None:

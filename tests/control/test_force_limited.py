@@ -294,6 +294,18 @@ def test_friction_at_the_tool_is_that_of_the_worst_signs() -> None:
     assert limit.force_of(ARM, LEVEL.coulomb) == pytest.approx(np.median(found), rel=0.05)
 
 
+def test_signs_are_tried_for_as_many_joints_as_is_said_and_bounded_beyond(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    limit = ForceLimit(ARM, None, 10.0, None, np.zeros(6))
+    places = limit._usual(ARM)[:4]
+    monkeypatch.setattr("armgpi.control.force_limit._MOST_SIGNS", 6)
+    worst = limit.force_of(ARM, LEVEL.coulomb, places)
+    monkeypatch.setattr("armgpi.control.force_limit._MOST_SIGNS", 5)
+    bound = limit.force_of(ARM, LEVEL.coulomb, places)
+    assert worst < bound < 3.0 * worst
+
+
 def test_it_is_in_files_of_every_controller() -> None:
     origin = config.Origin("x")
     section = {"type": "pid", "force_limit": 30.0, "limit_friction": 0.5}

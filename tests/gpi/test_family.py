@@ -356,6 +356,7 @@ def test_states_have_names_and_pickle(kind: tuple[int, int]) -> None:
     state = law.init(np.array(1.0), None)
     assert state._fields == (*("lam", "chi", "psi")[: kind[0]], *("eta", "eta_2", "eta_3")[: 1 + kind[1]])
     assert pickle.loads(pickle.dumps(state)) == state
+    assert type(state).__name__.endswith(f"{kind[0]}{kind[1]}")  # m integrators, r poles
 
 
 # Neighbours
