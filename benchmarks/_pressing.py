@@ -40,6 +40,8 @@ WALLS, ANGLES, DAMPED, DRAWS = (1e3, 1e4, 1e5), (0.0, 30.0, 60.0), 0.2, 4
 GAP, BEHIND = 0.02, 0.03
 #: Limits [N], of the tool's speed [m/s], times of the approach and of the run [s].
 LIMITS, SPEED, APPROACH, LENGTH = (10.0, 30.0), 0.25, 1.5, 3.0
+#: Whether joints are elastic, and the limit [N].
+CASES = ((False, LIMITS[0]), (False, LIMITS[1]), (True, LIMITS[1]))
 #: Hands on each arm; how long each pushes, and how long the arm has to come back [s].
 HANDS, PUSHED, BACK = 24, 0.4, 2.5
 #: After this time behind a wall the tool is not to leave it [s].
@@ -64,14 +66,21 @@ class Known(NamedTuple):
 
 
 class Pressed(NamedTuple):
-    """What a limit came to on an arm, one number a wall or a hand."""
+    """What a limit came to on an arm, one number a wall."""
 
     over: Array
     bounced: Array
     turned: Array
     straight: Array
-    speed: Array
-    away: Array
+
+
+class Setting(NamedTuple):
+    """A force limit on an arm: as its controller knows it, the controller, and how its loop is made."""
+
+    known: Known
+    law: Any
+    how: dict[str, Any]
+    random: np.random.Generator
 
 
 def walls(quick: bool) -> None:
@@ -99,11 +108,10 @@ def walls(quick: bool) -> None:
         "turned [deg]",
         "up to 30 degrees",
     ]
-    rows, pushes = [], []
+    rows = []
     for name in names:
-        for i, (elastic, limit) in enumerate([(False, LIMITS[0]), (False, LIMITS[1]), (True, LIMITS[1])]):
-            known = _known(name, 1 + (SEEDS[name] + i) % 3)
-            found = _pressed(known, limit, elastic)
+        for i, (elastic, limit) in enumerate(CASES):
+            found = _pressed(_setting(name, i, limit, elastic), limit)
             joints = "elastic" if elastic else "stiff"
             count = len(found.over)
             above = int((found.over > 1.1).sum())
@@ -121,14 +129,36 @@ def walls(quick: bool) -> None:
                     spread(found.turned[found.straight]),
                 ]
             )
-            pushes.append([name, joints, f"{limit:g}", spread(found.speed), spread(1e3 * found.away)])
     print(table(heads, rows))
+
+
+def hands(quick: bool) -> None:
+    """Print the table of hands."""
     _page.say(
-        f"Hands on the same arms, {HANDS} each, from 1.5 times the limit to what `force_bound` says for the "
-        f"configuration (`push`), in all directions for {PUSHED:g} s. Speed of the tool: goal {SPEED:g} m/s. "
-        f"Distance {BACK:g} s after: goal 1 mm."
+        f"Hands on the arms of the walls under the same limits, {HANDS} each, of up to what `force_bound` "
+        f"says for the configuration (`push`), in all directions for {PUSHED:g} s. Speed of the tool: goal "
+        f"{SPEED:g} m/s. Distance {BACK:g} s after: goal 1 mm. Median and worst."
     )
-    print(table(["arm", "joints", "limit [N]", "fastest [m/s]", "distance after [mm]"], pushes))
+    names = ARMS[:1] if quick else ARMS
+    rows = [_hand_row(name, i, elastic, limit) for name in names for i, (elastic, limit) in enumerate(CASES)]
+    print(table(["arm", "joints", "limit [N]", "push [N]", "fastest [m/s]", "distance after [mm]"], rows))
+
+
+def _hand_row(name: str, i: int, elastic: bool, limit: float) -> list[Any]:
+    """Return the row of an arm under a limit."""
+    setting = _setting(name, i, limit, elastic)
+    where, most = (
+        setting.known.place,
+        setting.law.force_bound(configurations=setting.known.place.q[None]).push,
+    )
+    given = _hands(setting, limit, most)
+    still = armgpi.Hold(np.tile(where.q, (HANDS, 1)))
+    made = loop(where.robot, setting.law, still, LENGTH, [Surface(), Hand()], 1, **setting.how)
+    path = tool_of(where.robot, made.run(given)).position
+    speed = np.linalg.norm(np.diff(path, axis=1), axis=-1).max(axis=1) / DT
+    away = 1e3 * np.linalg.norm(path[:, -1] - path[:, 90], axis=-1)
+    joints = "elastic" if elastic else "stiff"
+    return [name, joints, f"{limit:g}", f"{most:.3g}", spread(speed), spread(away)]
 
 
 def circles(quick: bool) -> None:
@@ -167,9 +197,10 @@ def _known(name: str, late: int) -> Known:
     return Known(where, where.robot.with_friction(*level), level, late)
 
 
-def _pressed(known: Known, limit: float, elastic: bool) -> Pressed:
-    """Return what a limit came to behind walls and under hands."""
-    robot, model = known.place.robot, known.robot
+def _setting(name: str, i: int, limit: float, elastic: bool) -> Setting:
+    """Return a force limit [N] on an arm, the i-th one."""
+    known = _known(name, 1 + (SEEDS[name] + i) % 3)
+    model = known.robot
     how: dict[str, Any] = {"late": known.late}
     if elastic:
         model = armgpi.assume_drives(model)
@@ -184,25 +215,29 @@ def _pressed(known: Known, limit: float, elastic: bool) -> Pressed:
         force_limit=limit,
         speed_limit=SPEED,
     )
-    random = np.random.default_rng([int(limit), known.late])
-    (starts, goals), given, allowed, straight = _walls(known, law, limit, random)
-    pushed = _hands(known, law, limit, random)
-    count = len(starts)
-    both = {name: np.concatenate([given[name], pushed[name]]) for name in given}
-    still = np.tile(known.place.q, (HANDS, 1))
-    move = armgpi.Bezier(np.concatenate([starts, still]), np.concatenate([goals, still]), APPROACH)
-    made = loop(robot, law, move, LENGTH, [Surface(), Hand()], 1, **how)
-    tool = tool_of(robot, made.run(both))
-    deep = depth(tool, both, "plant.environment.0")[:count]
+    return Setting(known, law, how, np.random.default_rng([int(limit), known.late]))
+
+
+def _pressed(setting: Setting, limit: float) -> Pressed:
+    """Return what a limit came to behind walls."""
+    robot = setting.known.place.robot
+    (starts, goals), given, allowed, straight = _walls(setting.known, setting.law, limit, setting.random)
+    made = loop(
+        robot,
+        setting.law,
+        armgpi.Bezier(starts, goals, APPROACH),
+        LENGTH,
+        [Surface(), Hand()],
+        1,
+        **setting.how,
+    )
+    tool = tool_of(robot, made.run(given))
+    deep = depth(tool, given, "plant.environment.0")
     force = given["plant.environment.0.stiffness"][:, None] * np.maximum(deep, 0.0)
     end = force[:, tool.times > LENGTH - 0.3].mean(axis=1)
     touched = np.array([float(tool.times[np.argmax(row)]) for row in deep > 0.0])
     left = (deep <= 0.0) & (tool.times > touched[:, None] + SETTLED)
-    by_hand = tool.position[count:]
-    speed = np.linalg.norm(np.diff(by_hand, axis=1), axis=-1).max(axis=1) / DT
-    away = np.linalg.norm(by_hand[:, -1] - by_hand[:, 90], axis=-1)
-    turned = tool.turned[:count].max(axis=1)
-    return Pressed(end / allowed, left.any(axis=1), turned, straight, speed, away)
+    return Pressed(end / allowed, left.any(axis=1), tool.turned.max(axis=1), straight)
 
 
 def _walls(
@@ -256,10 +291,10 @@ def _drawn(known: Known, law: Any, count: int, random: np.random.Generator) -> d
     }
 
 
-def _hands(known: Known, law: Any, limit: float, random: np.random.Generator) -> dict[str, Array]:
-    """Return what is given of the loop for hands, without a wall."""
-    most = law.force_bound(configurations=known.place.q[None]).push
-    force = directions(HANDS, 5) * random.uniform(min(1.5 * limit, most), most, (HANDS, 1))
+def _hands(setting: Setting, limit: float, most: float) -> dict[str, Array]:
+    """Return what is given of the loop for hands of up to a force [N], without a wall."""
+    known, law, random = setting.known, setting.law, setting.random
+    force = directions(HANDS, 5) * random.uniform(min(1.5 * limit, 0.5 * most), most, (HANDS, 1))
     given = _drawn(known, law, HANDS, random)
     given["plant.payload.mass"] = np.zeros(HANDS)
     given |= {f"plant.environment.1.{name}": force[:, i] for i, name in enumerate("xyz")}

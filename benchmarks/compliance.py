@@ -16,7 +16,7 @@ from _compliant import Part
 from _cost import cost
 from _energy import energy
 from _force_stop import stops
-from _pressing import circles, walls
+from _pressing import circles, hands, walls
 from _springs import elastic, front, springs
 from _task_rivals import rivals
 
@@ -27,7 +27,8 @@ PARTS: dict[str, tuple[str, Part]] = {
     "springs": ("Springs", springs),
     "elastic": ("Springs on elastic joints", elastic),
     "front": ("A stiff spring: circle against torque step", front),
-    "walls": ("Force limit: walls and hands", walls),
+    "walls": ("Force limit: walls", walls),
+    "hands": ("Force limit: hands", hands),
     "circle": ("Force limit: the circle", circles),
     "stop": ("A stop by the estimated force", stops),
     "energy": ("Energy at the tool", energy),

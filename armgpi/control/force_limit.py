@@ -30,6 +30,7 @@ from armgpi.base.arrays import (
     not_negative,
     per_joint,
 )
+from armgpi.control.elastic_limits import LEAST_LINK
 from armgpi.control.speed_brake import FREE, LimitState, SpeedBrake
 from armgpi.errors import ArmgpiWarning, Finding, ParameterError
 from armgpi.references.reference import Target
@@ -74,8 +75,9 @@ class ForceBound(NamedTuple):
         impact: peak force of the impact [N], without damping: F + sqrt(F^2 + k m v^2) with F the limit and
             the friction.
         push: force of a hand [N] up to which the tool keeps its speed limit, or which the motors can hold:
-            the least direction, median over configurations; NaN where nothing limits the speed.
+            the least over directions and configurations; NaN where nothing limits the speed.
         fastest: that speed limit [m/s].
+        usual: whether it is of usual configurations, as none were given; near singular ones all is worse.
     """
 
     limit: float
@@ -88,18 +90,22 @@ class ForceBound(NamedTuple):
     impact: float
     push: float = math.nan
     fastest: float = math.nan
+    usual: bool = False
 
     def __str__(self) -> str:
         """Return it in two or three lines."""
         pushed = ""
+        median, least = (
+            (" (median of usual configurations)", " (the least of these)") if self.usual else ("", "")
+        )
         if math.isfinite(self.push):
             pushed = (
-                f"A hand that pushes with up to {self.push:.3g} N moves it no faster than "
+                f"A hand that pushes with up to {self.push:.3g} N{least} moves it no faster than "
                 f"{self.fastest:.3g} m/s relative to its reference.\n"
             )
         return (
-            f"At rest the tool presses with at most {self.total:.3g} N: limit {self.limit:.3g} N, joint "
-            f"friction {self.friction:.3g} N, unknown weight {self.gravity:.3g} N.\n"
+            f"At rest the tool presses with at most {self.total:.3g} N{median}: limit {self.limit:.3g} N, "
+            f"joint friction {self.friction:.3g} N, unknown weight {self.gravity:.3g} N.\n"
             f"{pushed}The impact is not bounded: at {self.speed:.3g} m/s on {self.wall / 1e3:.3g} kN/m it is "
             f"about {self.impact:.3g} N (the tool weighs {self.mass:.3g} kg in motion). "
             "This is no safety function."
@@ -320,7 +326,9 @@ class ForceLimit:
         pressed = limit + rubbed
         impact = pressed + float(np.sqrt(pressed**2 + wall * mass * fast**2))
         push = self._push(robot, places)
-        return ForceBound(limit, rubbed, weight, pressed + weight, fast, wall, mass, impact, push, slowest)
+        return ForceBound(
+            limit, rubbed, weight, pressed + weight, fast, wall, mass, impact, push, slowest, places is None
+        )
 
     def _push(self, robot: Robot, configurations: Array | None) -> float:
         """Return the force of a hand [N] that the brake holds at the speed limit, and the motors at all.
@@ -335,10 +343,34 @@ class ForceLimit:
             jacobian, inertia = robot.frame_jacobian(self._motion.frame, q)[:3], robot.mass_matrix(q)
             damped = jacobian / root
             fastest = float(np.linalg.eigvalsh(damped @ np.linalg.solve(inertia, damped.T)).max())
+            fastest += self._spring_speed(robot, jacobian, inertia)
             spare = np.maximum(robot.limits.effort - np.abs(robot.gravity(q)), 0.0)
             held = float((spare / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-9)).min())
             forces.append(min(braked / fastest, held))
-        return float(np.median(forces) if configurations is None else np.min(forces))
+        return float(np.min(forces))
+
+    def _spring_speed(self, robot: Robot, jacobian: Array, inertia: Array) -> float:
+        """Return how fast a force of 1 N at once makes the tool on elastic joints, their motors held [m/s].
+
+        A force f at once makes a mode of unit stiffness and frequency w as fast as f w, and the modes add up.
+
+        Args:
+            robot: the nominal model.
+            jacobian: of the tool's position, (3, n).
+            inertia: of the arm with its rotors, (n, n).
+        """
+        gear, rotor = robot.drives.value("stiffness"), robot.drives.value("rotor_inertia")
+        elastic = np.flatnonzero(np.isfinite(gear) & np.isfinite(rotor))
+        if not len(elastic):
+            return 0.0
+        motors = np.minimum(rotor[elastic], (1.0 - LEAST_LINK) * np.diag(inertia)[elastic])
+        links = inertia[np.ix_(elastic, elastic)] - np.diag(motors)
+        soft = 1.0 / np.sqrt(gear[elastic])
+        squares, modes = np.linalg.eigh(soft[:, None] * links * soft)  # 1 / w^2, as the stiffness is 1
+        positive = squares > 0.0
+        frequency = np.where(positive, 1.0 / np.sqrt(np.where(positive, squares, 1.0)), 0.0)
+        moved = (jacobian[:, elastic] * soft) @ modes
+        return float(np.linalg.eigvalsh((moved * frequency) @ moved.T).max())
 
     def doubts(self, robot: Robot) -> Iterator[Finding]:
         """Find a limit that friction, as it is known, makes senseless.

@@ -23,6 +23,7 @@ from armgpi.base.arrays import Array, as_float_array, check_type, new
 from armgpi.base.parameter import PerJoint, parameter, with_parameters
 from armgpi.control.bandwidth import FilteredDifference
 from armgpi.control.controller import Controller, ControlStep, Measurement
+from armgpi.control.elastic_limits import Damping, ElasticLoop
 from armgpi.control.force_limit import LEVER, ForceBound, ForceLimit
 from armgpi.control.impedance_limits import ImpedanceLimits, Mode, impedance_limits
 from armgpi.errors import ArrayError, ParameterError
@@ -40,9 +41,11 @@ _USUAL = 10.0
 _CONFIGURATIONS = 40
 #: Shares of all modes between which they have no more than the damping ratio that was asked for.
 _SPREAD = (0.15, 0.85)
-#: Bandwidths that are tried where none is given [rad/s], and the largest stiffness that is enough, over the
-#: specified one.
-_FILTERS, _SPARE = (250.0, 180.0, 120.0, 85.0, 60.0, 42.0, 30.0), 2.0
+#: Bandwidths that are tried where none is given [rad/s], in this order: lower ones for encoders at links; the
+#: last two, which pass more of the encoder's counts on, for late loops on elastic joints.
+_FILTERS = (250.0, 180.0, 120.0, 85.0, 60.0, 42.0, 30.0, 20.0, 500.0, 1000.0)
+#: The largest stiffness that is enough, over the specified one.
+_SPARE = 2.0
 #: The largest stiffness is told with this share of it.
 _ROUNDED = 0.95
 #: Square of a natural frequency below which there is no spring: the tool cannot move that way
@@ -208,21 +211,36 @@ class Impedance(Controller):
 
     def _choose_filter(self, modes: list[Mode], arm: Robot) -> ImpedanceLimits:
         """Choose the filter where none is given, and return what may be asked for with it."""
-        best = None
-        for bandwidth in _FILTERS if self.velocity_filter is None else (self.velocity_filter,):
-            found = impedance_limits(
-                modes, self._alpha.item(), self._beta.item(), bandwidth, self.dt, self.delay, arm.drives
-            )
-            # First that it may have what is asked for, then room for encoders at the links.
-            least = min(found.factor, found.link_factor)
-            worth = found.factor >= 1.0, least
-            if best is None or worth > best[0]:
-                best = worth, bandwidth, found
-            if least >= _SPARE:
-                break
-        assert best is not None
-        self.fill("velocity_filter", best[1])
-        return best[2]
+        alpha, beta = self._alpha.item(), self._beta.item()
+        elastic = ElasticLoop.of([mode.springs for mode in modes], arm.drives, self.dt, self.delay)
+
+        def limits(bandwidth: float) -> ImpedanceLimits:
+            return impedance_limits(modes, alpha, beta, bandwidth, self.dt, self.delay, elastic)
+
+        given: Any = self.velocity_filter
+        if given is not None:
+            return limits(given)
+        for bandwidth in _FILTERS:
+            # Whether there is room takes far less than how much.
+            if elastic is None or self._has_room(elastic, Damping(alpha, beta, bandwidth)):
+                found = limits(bandwidth)
+                if min(found.factor, found.link_factor) >= _SPARE:
+                    self.fill("velocity_filter", bandwidth)
+                    return found
+        # First that it may have what is asked for, then room for encoders at the links.
+        every = {bandwidth: limits(bandwidth) for bandwidth in _FILTERS}
+        worth = {x: (each.factor >= 1.0, min(each.factor, each.link_factor)) for x, each in every.items()}
+        best = max(_FILTERS, key=lambda bandwidth: worth[bandwidth])
+        self.fill("velocity_filter", best)
+        return every[best]
+
+    @staticmethod
+    def _has_room(elastic: ElasticLoop, damping: Damping) -> bool:
+        """Tell whether elastic joints have room beyond the stiffness, wherever encoders sit."""
+        sides = [elastic.at_link]
+        if elastic.unsure.any():
+            sides.append(elastic.at_link | elastic.unsure)
+        return all(elastic.stable(_SPARE, damping, side) for side in sides)
 
     @classmethod
     def configured(cls, given: Mapping[str, Any], context: Context) -> Controller:
@@ -234,13 +252,18 @@ class Impedance(Controller):
         """What may be asked for: the largest stiffness, and the stiffest wall without damping."""
         return self._limits
 
-    def largest_factor(self) -> float:
-        """Return the largest stiffness over the specified one with the filter that suits it best [-]."""
+    def largest_factor(self, at_link: bool = False) -> float:
+        """Return the largest stiffness over the specified one with the filter that suits it best [-].
+
+        Args:
+            at_link: take encoders of which nothing tells the side to sit at the links.
+        """
         arm = one_of(self.robot)
         modes = self._modes(arm, random_configurations(arm, _CONFIGURATIONS, seed=0))
-        alpha, beta, loop = self._alpha.item(), self._beta.item(), (self.dt, self.delay, arm.drives)
-        each = [impedance_limits(modes, alpha, beta, x, *loop).factor for x in _FILTERS]
-        return max(each)
+        elastic = ElasticLoop.of([mode.springs for mode in modes], arm.drives, self.dt, self.delay)
+        alpha, beta, loop = self._alpha.item(), self._beta.item(), (self.dt, self.delay, elastic)
+        every = [impedance_limits(modes, alpha, beta, x, *loop) for x in _FILTERS]
+        return max(found.link_factor if at_link else found.factor for found in every)
 
     def init(self, measurement: Measurement, target: Target) -> ImpedanceState:
         """Return the state before the first sample, at rest; see :meth:`Controller.init`."""
@@ -547,8 +570,16 @@ class CartesianImpedance(Impedance):
             jacobian = arm.frame_jacobian(self._motion.frame, q)
             stiffness = jacobian.T @ (weights[:, None] * jacobian)
             count = min(int((weights > 0.0).sum()), arm.n)
-            found.append(Mode.of(arm.mass_matrix(q), stiffness, count, jacobian[:3]))
+            found.append(Mode.of(arm.mass_matrix(q), stiffness, count, jacobian[:3], self._posture(q)))
         return found
+
+    def _posture(self, q: Array) -> Array | None:
+        """Return the stiffness of the posture in the null space, (n, n); None without one."""
+        if not self._redundant:
+            return None
+        jacobian = self._motion.at(q, 0.0 * q).damped_jacobian(self._length)
+        held = jacobian.transposed @ np.linalg.solve(jacobian.square, jacobian.matrix)
+        return np.asarray(self.nullspace_stiffness * (np.eye(len(q)) - held))
 
 
 def rotation_between(actual: Array, wished: Array) -> Array:

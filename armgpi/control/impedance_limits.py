@@ -4,7 +4,7 @@ Of a mode with unit inertia the controller is C(s) = w^2 + (alpha + beta w^2) s 
 delay T. It damps a motion of the frequency omega where the imaginary part of C(j omega) exp(-j omega T) is
 positive, which is so up to one frequency: there the lag of the filter and the delay have used up the lead of
 the damper. A mode whose frequency is beyond it is driven, not damped. So the stiffness, with a wall beside
-it, must not bring the mode there; and a resonance of elastic joints that is beyond has to be damped by them.
+it, must not bring the mode there. Elastic joints take less; see ``armgpi.control.elastic_limits``.
 """
 
 from __future__ import annotations
@@ -16,13 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.base.arrays import Array
+from armgpi.control.elastic_limits import GEAR_DAMPING, LEAST_LINK, Damping, ElasticLoop, Springs
 
 #: Smallest eigenvalue of an inertia beside the largest that a mode is taken of.
 _LEAST = 1e-9
-#: Least share of a joint's inertia that is its link's.
-_LEAST_LINK = 0.05
-#: Damping ratio of a gear whose damping is not known [-].
-_GEAR_DAMPING = 0.01
 #: Stiffness factors between which the largest one is looked for.
 _FACTORS = (1e-3, 1e5)
 #: So many of them are looked at at once, then as many between the two where it ends, so many times: the last
@@ -41,15 +38,24 @@ class Mode(NamedTuple):
         inertia: own inertias of the joints [kg m^2 or kg], (n,).
         stiffness: own stiffness of the joints [N m/rad or N/m], (n,).
         masses: what the tool weighs in its principal directions [kg], (3,); empty without a tool.
+        springs: the same as matrices of all joints.
     """
 
     square: Array
     inertia: Array
     stiffness: Array
     masses: Array
+    springs: Springs
 
     @classmethod
-    def of(cls, inertia: Array, stiffness: Array, count: int, jacobian: Array | None = None) -> Mode:
+    def of(
+        cls,
+        inertia: Array,
+        stiffness: Array,
+        count: int,
+        jacobian: Array | None = None,
+        posture: Array | None = None,
+    ) -> Mode:
         """Return the modes of an inertia and a stiffness matrix, each (n, n).
 
         Args:
@@ -57,7 +63,9 @@ class Mode(NamedTuple):
             stiffness: K.
             count: how many modes the springs have; the others are free.
             jacobian: of the tool's position, (3, n).
+            posture: stiffness beside that of the springs, which counts on elastic joints alone, (n, n).
         """
+        springs = Springs(inertia, stiffness, np.zeros_like(stiffness) if posture is None else posture)
         factor = np.linalg.inv(np.linalg.cholesky(inertia))
         square = np.linalg.eigvalsh(factor @ stiffness @ factor.T)
         masses = np.empty(0)
@@ -65,7 +73,8 @@ class Mode(NamedTuple):
             mobility = np.linalg.eigvalsh(jacobian @ np.linalg.solve(inertia, jacobian.T))
             with np.errstate(divide="ignore"):  # a tool on the axis of the only joint does not yield
                 masses = 1.0 / np.maximum(mobility, _LEAST * mobility.max())
-        return cls(np.maximum(square[-count:], 0.0), np.diag(inertia), np.diag(stiffness), masses)
+        positive = np.maximum(square[-count:], 0.0)
+        return cls(positive, np.diag(inertia), np.diag(stiffness), masses, springs)
 
 
 class ImpedanceLimits(NamedTuple):
@@ -131,7 +140,7 @@ def impedance_limits(
     bandwidth: float,
     dt: float,
     delay: float,
-    drives: Any = None,
+    elastic: ElasticLoop | None = None,
 ) -> ImpedanceLimits:
     """Return what may be asked for.
 
@@ -142,19 +151,21 @@ def impedance_limits(
         bandwidth: of the filtered difference [rad/s].
         dt: sample time [s].
         delay: transport delay besides the sample and hold [s].
-        drives: of the arm: their joint stiffness counts where it is known.
+        elastic: of the arm, where the stiffness of its joints is known.
     """
     loop = _Loop(alpha, beta, bandwidth, delay + 0.5 * dt)
     square = max(float(mode.square.max()) for mode in modes)
     factor = _largest(lambda factors: loop.scaled(factors).spare(factors * square) > 0.0)
     reason = f"beyond, the sample time of {dt:g} s, the delay and the filter leave no damping"
     link_factor = factor
-    known = _Joints.of(modes, drives)
-    if known is not None:
-        side = known.factor(loop, at_link=known.at_link)
-        link_factor = min(factor, known.factor(loop, at_link=known.at_link | known.unsure))
+    if elastic is not None:
+        damping = Damping(alpha, beta, bandwidth)
+        side = elastic.factor(factor, damping, elastic.at_link)
+        link_factor = side
+        if elastic.unsure.any():
+            link_factor = elastic.factor(factor, damping, elastic.at_link | elastic.unsure)
         if side < factor:
-            factor, reason = side, "beyond, a resonance of the elastic joints is not damped"
+            factor, reason = side, "beyond, a resonance of the elastic joints may not be damped"
     walls = [
         mode.masses * loop.spare(np.array([np.median(mode.square)])) for mode in modes if mode.masses.size
     ]
@@ -208,7 +219,6 @@ class _Joints(NamedTuple):
 
     Attributes:
         resonance: between motor and link [rad/s].
-        square: of the springs, on the joint's own inertia [1/s^2].
         share: inertia of the link over that of the motor [-].
         own: what damps the resonance without the controller [1/s^2].
         at_link: whether the encoder sits at the link, (n,).
@@ -217,7 +227,6 @@ class _Joints(NamedTuple):
     """
 
     resonance: Array
-    square: Array
     share: Array
     own: Array
     at_link: Any
@@ -235,32 +244,14 @@ class _Joints(NamedTuple):
             return None
         gear, rotor = gear[known], rotor[known]
         inertia = np.array([mode.inertia for mode in modes])[:, known]
-        stiffness = np.array([mode.stiffness for mode in modes])[:, known]
-        link = np.maximum(inertia - rotor, _LEAST_LINK * inertia)
+        link = np.maximum(inertia - rotor, LEAST_LINK * inertia)
         reduced = rotor * link / (rotor + link)
         resonance = np.sqrt(gear / reduced)
         damping = drives.value("damping")[known]
-        ratio = np.where(np.isfinite(damping), damping / (2.0 * reduced * resonance), _GEAR_DAMPING)
+        ratio = np.where(np.isfinite(damping), damping / (2.0 * reduced * resonance), GEAR_DAMPING)
         side = np.asarray(drives.value("encoder_side"))[known]
         own = 2.0 * ratio * resonance**2
-        square = stiffness / inertia
-        return cls(resonance, square, link / rotor, own, side == "link", side == "", known)
-
-    def factor(self, loop: _Loop, at_link: Any) -> float:
-        """Return the largest stiffness factor at which all resonances are damped.
-
-        To first order in the feedback, a resonance is damped by s Im C + 2 zeta_g omega^2, per unit of
-        inertia: s is the inertia of the link over that of the motor where the motor's position is measured,
-        and -1 where the link's is.
-        """
-        share = np.where(at_link, -1.0, self.share)
-
-        def damped(factors: Array) -> Any:
-            each = factors[:, None, None]
-            added = share * loop.scaled(each).response(each * self.square, self.resonance).imag
-            return (added + self.own > 0.0).all(axis=(1, 2))
-
-        return _largest(damped)
+        return cls(resonance, link / rotor, own, side == "link", side == "", known)
 
 
 def _largest(holds: Callable[[Array], Any]) -> float:

@@ -19,6 +19,7 @@ import numpy as np
 
 from armgpi.base.arrays import Array, new
 from armgpi.control.bandwidth import FilteredDifference
+from armgpi.control.elastic_limits import Springs
 from armgpi.control.impedance_limits import Mode, largest_damping, motor_share
 from armgpi.robot.dynamics import Dynamics
 from armgpi.robot.kinematics import random_configurations
@@ -81,7 +82,8 @@ class SpeedBrake:
         """
         inertias = robot.mass_matrix(random_configurations(robot, _CONFIGURATIONS, seed=0))
         nothing = np.zeros(robot.n)
-        modes = [Mode(nothing, np.diag(inertia), nothing, nothing[:0]) for inertia in inertias]
+        none = Springs(np.diag(nothing), np.diag(nothing), np.diag(nothing))
+        modes = [Mode(nothing, np.diag(inertia), nothing, nothing[:0], none) for inertia in inertias]
         late = delay + 0.5 * dt
         share = motor_share(modes, robot.drives)
 

@@ -49,7 +49,7 @@ class Compliance(NamedTuple):
     def describe(self) -> list[str]:
         """Return it in two sentences."""
         link = ""
-        if self.link_stiffness < self.stiffness:
+        if self.link_stiffness != self.stiffness:
             link = f" ({self.link_stiffness:.3g} N/m if the encoders sit at the links)"
         return [
             f"largest stiffness {self.stiffness:.3g} N/m at the tool{link}",
@@ -88,8 +88,7 @@ def _worked_out(robot: Robot, dt: float, delay: float) -> Compliance | None:
                 law = CartesianImpedance(robot, dt, stiffness=stiffness, delay=delay)
         except ArmgpiError:
             continue
-        found, largest = law.limits, law.largest_factor()
-        at_link = found.link_factor if found.link_factor < found.factor else largest
+        found, largest, at_link = law.limits, law.largest_factor(), law.largest_factor(at_link=True)
         return Compliance(asked * largest, asked * at_link, found.wall, found.usual_wall, asked, found.reason)
     return None
 

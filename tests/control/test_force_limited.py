@@ -212,6 +212,33 @@ def test_a_hand_as_strong_as_the_bound_says_moves_the_tool_no_faster(limit: floa
         assert speed[:400].max() < 0.2
 
 
+def test_on_elastic_joints_such_a_hand_moves_the_tool_no_faster_either() -> None:
+    """Links swing on their gears while the motors are braked: UR10's tool was at 0.27 m/s of 0.25."""
+    arm = armgpi.assume_drives(armgpi.Robot.load("ur10").with_friction(0.0, 1.0))
+    arm = arm.with_drives(arm.drives.with_value("encoder_side", "motor"))
+    q = np.array([0.0, -1.2, 1.6, -1.97, -1.57, 0.0])
+    law = armgpi.GPI.auto(arm, DT, delay=DT, bits=17, drives="elastic", force_limit=30.0, speed_limit=0.25)
+    push = law.force_bound(configurations=q[None]).push
+    assert push > 5.0
+    gear = arm.drives.value("stiffness")
+    for direction in np.eye(3):
+        hand = armgpi.ToolForce((push * direction).tolist(), onset=0.1, end=0.4)
+        plant = armgpi.ElasticPlant(arm, gear_stiffness=gear, encoder_side="motor", environment=[hand])
+        plain = armgpi.Delayed(armgpi.Encoder(plant, 17), 1)
+        tool = armgpi.simulate(plain, law, armgpi.Hold(q), 0.5, backend="auto")["tool"].values
+        assert np.linalg.norm(np.diff(tool, axis=0), axis=1).max() / DT < 0.25
+
+
+def test_without_configurations_the_line_says_what_it_is_of() -> None:
+    law: Any = armgpi.GPI(ARM, DT, delay=DT, feedforward="model", force_limit=20.0)
+    usual = law.force_bound()
+    assert "(median of usual configurations)" in str(usual)
+    assert "(the least of these)" in str(usual)
+    assert "usual configurations" not in str(law.force_bound(configurations=HOME[None]))
+    every = [law.force_bound(configurations=q[None]).push for q in law._force._usual(ARM)]
+    assert usual.push == pytest.approx(min(every))
+
+
 def test_such_a_hand_is_one_that_the_motors_hold_in_every_direction() -> None:
     arm = armgpi.Robot.load("twodof").with_friction(0.1, 0.1)
     q = np.array([0.4, 0.9])

@@ -14,9 +14,12 @@ from scipy.linalg import expm
 import armgpi
 from armgpi import config
 from armgpi.control.controller import Measurement
+from armgpi.control.elastic_limits import Damping, ElasticLoop, Springs
 from armgpi.control.impedance import rotation_between
 from armgpi.control.impedance_limits import _largest, _Loop
 from armgpi.errors import ArrayError, NameNotFound, ParameterError
+from armgpi.health.compliance import compliance_of
+from armgpi.robot.drives import Drives
 
 DT = 1e-3
 HOMES = {
@@ -197,6 +200,83 @@ def test_on_elastic_joints_it_is_stable_wherever_encoders_sit(side: str, ratio: 
     plant = armgpi.Delayed(armgpi.Encoder(elastic, 18), 1)
     rollout = armgpi.simulate(plant, law, armgpi.Hold(home), 2.5, backend="auto")
     assert np.abs(rollout["v"].values[-200:]).max() < 0.02
+
+
+def unstable(springs: Any, side: str, ratio: float) -> bool:
+    """Whether one elastic joint with a spring swings up, by its own simulation in small steps."""
+    link, rotor, gear, dt, late = 1.2, 0.5, 4e3, DT, 2
+    stiffness, damper, bandwidth = springs
+    reduced = link * rotor / (link + rotor)
+    damping = 2.0 * ratio * math.sqrt(gear * reduced)
+    steps, h = 40, dt / 40
+    q = v = w = 0.0
+    motor, seen, rate, sent = 1e-3, 0.0, 0.0, [0.0] * late
+    size = []
+    half = 0.5 * bandwidth * dt
+    for _ in range(6000):
+        now = motor if side == "motor" else q
+        rate = (1.0 - half) / (1.0 + half) * rate + bandwidth / (1.0 + half) * (now - seen)
+        seen = now
+        sent.append(-stiffness * now - damper * rate)
+        torque = sent.pop(0)
+        for _ in range(steps):  # semi-implicit Euler: a spring keeps its energy
+            pull = gear * (motor - q) + damping * (w - v)
+            v, w = v + h * pull / link, w + h * (torque - pull) / rotor
+            q, motor = q + h * v, motor + h * w
+        size.append(abs(q) + abs(motor))
+        if size[-1] > 1.0:
+            return True
+    return max(size[-500:]) > 1.02 * max(size[-3000:-2500])
+
+
+@pytest.mark.parametrize("side", ["motor", "link"])
+@pytest.mark.parametrize("ratio", [0.01, 0.05])
+@pytest.mark.parametrize("bandwidth", [30.0, 250.0])
+def test_the_limit_on_an_elastic_joint_is_that_of_its_simulation(
+    side: str, ratio: float, bandwidth: float
+) -> None:
+    """What is allowed is 0.6 of the stiffness from which on a joint simulated on its own swings up."""
+    link, rotor, gear = 1.2, 0.5, 4e3
+    plain = 2.0 * ratio * math.sqrt(gear * link * rotor / (link + rotor))
+    drives = Drives(("joint",))
+    for quantity, value in (("rotor_inertia", rotor), ("stiffness", gear), ("damping", plain)):
+        drives = drives.with_value(quantity, value)
+    drives = drives.with_value("encoder_side", side)
+    inertia, spring = np.array([[link + rotor]]), np.array([[30.0]])
+    loop = ElasticLoop([Springs(inertia, spring, np.zeros((1, 1)))], drives, DT, 2 * DT)
+    frequency = math.sqrt(30.0 / (link + rotor))
+    damping = Damping(0.8 * frequency, 0.8 / frequency, bandwidth)
+    factor = loop.factor(1e4, damping, loop.at_link)
+
+    def swings(share: float) -> bool:
+        scaled = factor / 0.6 * share
+        root = math.sqrt(scaled)
+        damper = damping.alpha * root * (link + rotor) + damping.beta * root * 30.0
+        return unstable((30.0 * scaled, damper, bandwidth), side, ratio)
+
+    assert 0.0 < factor < 1e4
+    assert not swings(0.93)
+    assert swings(1.1)
+
+
+@pytest.mark.parametrize("side", ["", "motor", "link"])
+def test_what_inspect_says_is_what_is_refused_beyond(side: str) -> None:
+    arm = armgpi.assume_drives(armgpi.Robot.load("ur5"))
+    if side:
+        arm = arm.with_drives(arm.drives.with_value("encoder_side", side))
+    found = compliance_of(arm, DT, DT)
+    assert found is not None
+    for share in (0.97, 1.03):
+        stiffness = [share * found.stiffness] * 3 + [0.06 * share * found.stiffness] * 3
+        if share < 1.0:
+            assert armgpi.CartesianImpedance(arm, DT, stiffness=stiffness, delay=DT).limits.factor >= 1.0
+        else:
+            with pytest.raises(ParameterError, match="a resonance of the elastic joints may not be damped"):
+                armgpi.CartesianImpedance(arm, DT, stiffness=stiffness, delay=DT)
+    # Where nothing tells the side, what it would be at links is what it is where they are there.
+    at_link = compliance_of(arm.with_drives(arm.drives.with_value("encoder_side", "link")), DT, DT)
+    assert at_link is not None
+    assert found.link_stiffness == pytest.approx(found.stiffness if side else at_link.stiffness, rel=0.02)
 
 
 def test_an_experiment_file_has_both(tmp_path: Path) -> None:

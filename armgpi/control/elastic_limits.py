@@ -1,0 +1,240 @@
+"""How stiff springs may be on elastic joints: from the eigenvalues of the sampled loop.
+
+Between motor and link a joint is a spring of its own, so the controller may drive a resonance that it does
+not know. Which stiffness is too much follows from no single resonance: the inertia and the springs of the
+tool couple those of the joints. So the whole loop is worked out, in some configurations: the arm with motors
+and links, encoders on their side, filter, delay and hold. It is linear but for changes of configuration.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import expm
+
+from armgpi.base.arrays import Array
+from armgpi.control.bandwidth import FilteredDifference
+
+#: Damping ratio of a gear whose damping is not known [-].
+GEAR_DAMPING = 0.01
+#: Least share of a joint's inertia that is its link's.
+LEAST_LINK = 0.05
+#: What is allowed is this part of the stiffness at which the loop is no longer stable [-]: of configurations
+#: that were not looked at, some are worse.
+_SHARE = 0.6
+#: Eigenvalues up to here count as stable: that of a motion without a spring is 1, but for rounding.
+_STABLE = 1.0 + 1e-6
+#: So many factors are looked at between 1 and the largest one, or a thousandth; so many halvings follow.
+_LOOKS, _HALVINGS, _SMALLEST = 16, 5, 1e-3
+#: Configurations in which factors are looked at: the worst of all at the largest. Then all have to hold,
+#: or the worst ones come to them, so many times.
+_WORST, _ROUNDS = 8, 4
+#: By how much rotors are lightened until links have an inertia, where the model has none of them [-].
+_LIGHTER = 0.8
+
+#: Configurations by their places.
+Places = npt.NDArray[np.intp]
+
+
+class Springs(NamedTuple):
+    """A controller of springs in one configuration.
+
+    Attributes:
+        inertia: D with the rotors [kg m^2 or kg], (n, n).
+        stiffness: of the springs at the joints, J' K J [N m/rad or N/m], (n, n).
+        posture: stiffness beside it that does not change with it, likewise.
+    """
+
+    inertia: Array
+    stiffness: Array
+    posture: Array
+
+
+class Damping(NamedTuple):
+    """What damps the springs: alpha [1/s] times D, beta [s] times K, of a filtered difference [rad/s]."""
+
+    alpha: float
+    beta: float
+    bandwidth: float
+
+
+class ElasticLoop:
+    """The sampled loop of springs on elastic joints, in some configurations.
+
+    Attributes:
+        unsure: whether nothing tells on which side an encoder is, (n,).
+        at_link: which encoders sit at links, (n,).
+    """
+
+    def __init__(self, springs: Sequence[Springs], drives: Any, dt: float, delay: float) -> None:
+        """Work out what the arm does in a sample.
+
+        Args:
+            springs: in some configurations.
+            drives: of the arm; the stiffness of one joint is known at least.
+            dt: sample time [s].
+            delay: transport delay besides the sample and hold [s].
+        """
+        self._dt, self._late = dt, max(0, math.ceil(delay / dt - 1e-9))
+        gear, rotor = drives.value("stiffness"), drives.value("rotor_inertia")
+        elastic = np.isfinite(gear) & np.isfinite(rotor) & (rotor > 0.0)
+        self._elastic = np.flatnonzero(elastic)
+        side = np.asarray(drives.value("encoder_side"))
+        self.at_link, self.unsure = elastic & (side == "link"), elastic & (side == "")
+        self._inertia, self._stiffness, self._posture = (
+            np.array(parts) for parts in zip(*springs, strict=True)
+        )
+        damping = drives.value("damping")[elastic]
+        moved = [self._sampled(each, gear[elastic], rotor[elastic], damping) for each in self._inertia]
+        self._transition, self._input = (np.array(parts) for parts in zip(*moved, strict=True))
+
+    @classmethod
+    def of(cls, springs: Sequence[Springs], drives: Any, dt: float, delay: float) -> ElasticLoop | None:
+        """Return the loop; None where the stiffness of no joint is known. Arguments as of the constructor."""
+        if drives is None:
+            return None
+        gear, rotor = drives.value("stiffness"), drives.value("rotor_inertia")
+        known = np.isfinite(gear) & np.isfinite(rotor) & (rotor > 0.0)
+        return cls(springs, drives, dt, delay) if known.any() else None
+
+    def _sampled(self, inertia: Array, gear: Array, rotor: Array, damping: Array) -> tuple[Array, Array]:
+        """Return what a sample, and a torque in it, do to positions and velocities of links and motors."""
+        n, m = len(inertia), len(self._elastic)
+        own = np.diag(inertia)[self._elastic]
+        motors = np.minimum(rotor, (1.0 - LEAST_LINK) * own)
+        chosen = np.eye(n)[:, self._elastic]
+        links = inertia - chosen @ np.diag(motors) @ chosen.T
+        while np.linalg.eigvalsh(links)[0] <= 0.0:
+            motors = _LIGHTER * motors
+            links = inertia - chosen @ np.diag(motors) @ chosen.T
+        reduced = motors * (own - motors) / own
+        ratio = 2.0 * GEAR_DAMPING * np.sqrt(gear * reduced)
+        damping = np.where(np.isfinite(damping), damping, ratio)
+        twist = np.hstack([-chosen.T, np.eye(m)])  # of the gears, from positions of links and motors
+        mass = np.zeros((n + m, n + m))
+        mass[:n, :n], mass[n:, n:] = links, np.diag(motors)
+        pull = -np.linalg.solve(mass, twist.T)
+        motor_torque = np.zeros((n + m, n))
+        stiff = np.setdiff1d(np.arange(n), self._elastic)
+        motor_torque[stiff, stiff] = 1.0
+        motor_torque[n + np.arange(m), self._elastic] = 1.0
+        size = 2 * (n + m)
+        motion = np.zeros((size + n, size + n))
+        motion[: n + m, n + m : size] = np.eye(n + m)
+        motion[n + m : size, : n + m] = pull @ np.diag(gear) @ twist
+        motion[n + m : size, n + m : size] = pull @ np.diag(damping) @ twist
+        motion[n + m : size, size:] = np.linalg.solve(mass, motor_torque)
+        held = expm(motion * self._dt)
+        return held[:size, :size], held[:size, size:]
+
+    def _measured(self, at_link: Array) -> Array:
+        """Return what the encoders see of positions and velocities of links and motors, (n, states)."""
+        n = self._inertia.shape[1]
+        seen = np.zeros((n, self._transition.shape[1]))
+        seen[:, :n] = np.eye(n)
+        for place, joint in enumerate(self._elastic):
+            if not at_link[joint]:
+                seen[joint] = 0.0
+                seen[joint, n + place] = 1.0
+        return seen
+
+    def _radius(self, factor: float, damping: Damping, at_link: Array, where: Places) -> Array:
+        """Return the largest eigenvalue of the loop in some configurations, (configurations,)."""
+        arm, moved = self._transition[where], self._input[where]
+        count, size, n = moved.shape
+        root = math.sqrt(factor)
+        spring = factor * self._stiffness[where] + self._posture[where]
+        damper = damping.alpha * root * self._inertia[where]
+        damper = damper + damping.beta / root * factor * self._stiffness[where]
+        decay, drive = FilteredDifference.of(damping.bandwidth, self._dt)
+        seen = self._measured(at_link)
+        # The state: the arm, positions and rates of the last sample, torques that are on their way.
+        loop = np.zeros((count, size + (2 + self._late) * n, size + (2 + self._late) * n))
+        last, rate, sent = slice(size, size + n), slice(size + n, size + 2 * n), size + 2 * n
+        now = np.zeros((n, loop.shape[2]))
+        now[:, :size] = seen
+        change = np.zeros_like(now)
+        change[:, :size], change[:, last], change[:, rate] = (
+            drive * seen,
+            -drive * np.eye(n),
+            decay * np.eye(n),
+        )
+        torque = -(spring @ now + damper @ change)
+        loop[:, :size, :size] = arm
+        loop[:, last], loop[:, rate] = now, change
+        if self._late:
+            loop[:, sent : sent + n] = torque
+            loop[:, sent + n :, sent:-n] = np.eye((self._late - 1) * n)
+            loop[:, :size, -n:] = moved
+        else:
+            loop[:, :size] = loop[:, :size] + moved @ torque
+        return np.asarray(np.abs(np.linalg.eigvals(loop)).max(axis=1))
+
+    def stable(self, factor: float, damping: Damping, at_link: Array, where: Places | None = None) -> bool:
+        """Tell whether a stiffness is allowed.
+
+        Args:
+            factor: of the stiffness [-].
+            damping: that belongs to a factor of 1.
+            at_link: which encoders sit at links, (n,).
+            where: configurations, by their places; all when not given.
+        """
+        places = np.arange(len(self._transition)) if where is None else where
+        return bool((self._radius(factor / _SHARE, damping, at_link, places) < _STABLE).all())
+
+    def factor(self, most: float, damping: Damping, at_link: Array) -> float:
+        """Return the largest factor of the stiffness that is allowed; 0 where less than a thousandth is.
+
+        Args:
+            most: no larger one is looked at.
+            damping: that belongs to a factor of 1.
+            at_link: which encoders sit at links, (n,).
+        """
+        if not most > 0.0:
+            return 0.0
+        places = np.arange(len(self._transition))
+        worst = np.argsort(-self._radius(most / _SHARE, damping, at_link, places))[:_WORST]
+        for _ in range(_ROUNDS):
+            found = self._up_to(most, damping, at_link, worst)
+            radius = self._radius(max(found, _SMALLEST) / _SHARE, damping, at_link, places)
+            missed = radius >= _STABLE
+            if found == 0.0 or not missed.any():
+                return found
+            worst = np.union1d(worst, np.argsort(-radius)[:_WORST])
+        return self._up_to(most, damping, at_link, places)
+
+    def _up_to(self, most: float, damping: Damping, at_link: Array, where: Places) -> float:
+        """Return the largest factor up to which some configurations are stable, from 1 on; below 1 any."""
+
+        def holds(factor: float) -> bool:
+            return self.stable(factor, damping, at_link, where)
+
+        start = min(1.0, most)
+        if holds(start):
+            low = start
+            for high in np.geomspace(start, most, _LOOKS)[1:].tolist():
+                if not holds(high):
+                    return _halved(low, high, holds)
+                low = high
+            return most
+        high = start
+        for low in np.geomspace(start, _SMALLEST * start, _LOOKS)[1:].tolist():
+            if holds(low):
+                return _halved(low, high, holds)
+            high = low
+        return 0.0
+
+
+def _halved(low: float, high: float, holds: Any) -> float:
+    """Return the largest factor that is found to hold, between one that does and one that does not."""
+    for _ in range(_HALVINGS):
+        middle = math.sqrt(low * high)
+        if holds(middle):
+            low = middle
+        else:
+            high = middle
+    return low
