@@ -178,11 +178,12 @@ def check(kind: str, meaning: str, *levels: Level) -> Callable[[Function], Funct
 def find(subject: Subject, kinds: Container[str] | None = None) -> list[Finding]:
     """Return what all checks find, or those of some kinds alone."""
     registry.load_plugins()
-    found = []
-    for each in CHECKS:
-        if each.function is not None and (kinds is None or each.kind in kinds):
-            found += [finding._replace(kind=each.kind) for finding in each.function(subject)]
-    return found
+    findings: list[Finding] = []
+    for check_of_kind in CHECKS:
+        kind, function = check_of_kind.kind, check_of_kind.function
+        if function is not None and (kinds is None or kind in kinds):
+            findings += [finding._replace(kind=kind) for finding in function(subject)]
+    return findings
 
 
 def fold(findings: Iterable[Finding]) -> list[Finding]:
@@ -192,56 +193,74 @@ def fold(findings: Iterable[Finding]) -> list[Finding]:
     first few are left.
     """
     alike: dict[tuple[Any, ...], list[Finding]] = {}
-    for each in findings:
-        template = _TOKEN.sub("#", each.message)
-        named = _NAMED.fullmatch(each.where)
-        where = each.where if named is None else named[1]
-        kinds = tuple((remedy.kind, type(remedy.value)) for remedy in each.remedies)
-        alike.setdefault((each.level, each.kind, where, template, each.repair, kinds), []).append(each)
-    kept: list[Finding] = []
+    for finding in findings:
+        template = _TOKEN.sub("#", finding.message)
+        named = _NAMED.fullmatch(finding.where)
+        where = finding.where if named is None else named[1]
+        kinds = tuple((remedy.kind, type(remedy.value)) for remedy in finding.remedies)
+        key = (finding.level, finding.kind, where, template, finding.repair, kinds)
+        alike.setdefault(key, []).append(finding)
+    folded: list[Finding] = []
     counts: Counter[tuple[Level, str]] = Counter()
     for group in alike.values():
-        counts[group[0].level, group[0].kind] += 1
-        if counts[group[0].level, group[0].kind] <= _LISTED:
-            kept.append(group[0] if len(group) == 1 else _merge(group))
+        first = group[0]
+        counts[first.level, first.kind] += 1
+        if counts[first.level, first.kind] <= _LISTED:
+            folded.append(first if len(group) == 1 else _merge(group))
     for (level, kind), count in counts.items():
         if count > _LISTED:
-            kept.append(Finding(level, "others", f"{count - _LISTED} more of this kind", kind=kind))
-    return sorted(kept, key=lambda finding: LEVELS.index(finding.level))
+            more = f"{count - _LISTED} more of this kind"
+            folded.append(Finding(level, "others", more, kind=kind))
+    return sorted(folded, key=lambda finding: LEVELS.index(finding.level))
 
 
 def _merge(group: list[Finding]) -> Finding:
     """Return one finding for several whose messages differ in numbers and names alone."""
     first = group[0]
-    names = [*dict.fromkeys(each.where.partition(" ")[2] for each in group)]
-    listed = ", ".join(names[:_LISTED]) + f" and {len(names) - _LISTED} more" * (len(names) > _LISTED)
-    tokens = ([token[0] for token in _TOKEN.finditer(each.message)] for each in group)
+    names = [*dict.fromkeys(finding.where.partition(" ")[2] for finding in group)]
+    listed = ", ".join(names[:_LISTED])
+    if len(names) > _LISTED:
+        listed += f" and {len(names) - _LISTED} more"
+    # Of each name or number of the message, the different ones of the group.
+    tokens = [_TOKEN.findall(finding.message) for finding in group]
     columns = iter([list(dict.fromkeys(column)) for column in zip(*tokens, strict=True)])
 
     def as_range(_: re.Match[str]) -> str:
         values: list[str] = next(columns)
-        if len(values) == 1 or values[0].startswith("'"):
-            return values[0] + ", ..." * (len(values) > 1)
+        if len(values) == 1:
+            return values[0]
+        if values[0].startswith("'"):
+            return f"{values[0]}, ..."
         return f"{min(values, key=float)} to {max(values, key=float)}"
 
-    where = f"each of {first.where.partition(' ')[0]}s {listed}" if len(names) > 1 else first.where
-    remedies = tuple(map(_join, zip(*(each.remedies for each in group), strict=True)))
-    return first._replace(where=where, message=_TOKEN.sub(as_range, first.message), remedies=remedies)
+    where = first.where
+    if len(names) > 1:
+        kind, _, _ = where.partition(" ")
+        where = f"each of {kind}s {listed}"
+    message = _TOKEN.sub(as_range, first.message)
+    remedies_of = [finding.remedies for finding in group]
+    remedies = tuple(map(_join, zip(*remedies_of, strict=True)))
+    return first._replace(where=where, message=message, remedies=remedies)
 
 
 def _join(remedies: tuple[Remedy, ...]) -> Remedy:
     """Return one remedy for joints that have one each; of values that are no joint's, the least."""
     first = remedies[0]
     if not first.joints and isinstance(first.value, str):
-        return first._replace(value=",".join(dict.fromkeys(str(each.value) for each in remedies)))
+        texts = dict.fromkeys(str(remedy.value) for remedy in remedies)
+        return first._replace(value=",".join(texts))
     if not first.joints:
-        return min(remedies, key=lambda each: each.value if isinstance(each.value, float) else 0.0)
-    joints = tuple(dict.fromkeys(joint for remedy in remedies for joint in remedy.joints))
+        return min(remedies, key=lambda remedy: remedy.value if isinstance(remedy.value, float) else 0.0)
+    joints: dict[str, None] = {}
+    assignments = []
     values = {remedy.value for remedy in remedies}
+    for remedy in remedies:
+        joints |= dict.fromkeys(remedy.joints)
+        if len(values) > 1:
+            assignments += [f"{joint}={remedy.value:g}" for joint in remedy.joints]
     if len(values) == 1:
-        return first._replace(joints=joints)
-    each = (f"{joint}={remedy.value:g}" for remedy in remedies for joint in remedy.joints)
-    return Remedy(first.kind, (), ",".join(each))
+        return first._replace(joints=tuple(joints))
+    return Remedy(first.kind, (), ",".join(assignments))
 
 
 def table() -> str:

@@ -14,6 +14,7 @@ from scipy.stats import qmc
 
 from armgpi.base.arrays import Array
 from armgpi.base.parameter import Parameter
+from armgpi.config.section import Section
 from armgpi.errors import ParameterError
 
 #: Kinds of distributions, by their names in experiment files.
@@ -57,21 +58,27 @@ class Distribution(NamedTuple):
     def of(self, u: Array) -> Array:
         """Return the numbers of which a share `u` (0 to 1) of the distribution is below."""
         if self.kind == "choices":
-            places = np.minimum((u * len(self.numbers)).astype(int), len(self.numbers) - 1)
+            count = len(self.numbers)
+            places = np.minimum((u * count).astype(int), count - 1)
             return np.asarray(np.array(self.numbers)[places])
         if self.kind == "factor":
             (factor,) = self.numbers
-            return np.asarray(np.array(self.nominal) * factor ** (2.0 * u - 1.0))
+            power = 2.0 * u - 1.0
+            return np.asarray(np.array(self.nominal) * factor**power)
         low, high = self.numbers
         if self.kind == "uniform":
             return np.asarray(low + (high - low) * u)
         if self.kind == "log_uniform":
-            return np.asarray(np.exp(math.log(low) + (math.log(high) - math.log(low)) * u))
+            span = math.log(high) - math.log(low)
+            return np.asarray(np.exp(math.log(low) + span * u))
+        mean, deviation = self.numbers
         lowest, highest = self.ends
-        return np.asarray(np.clip(low + high * ndtri(u), lowest, highest))
+        return np.asarray(np.clip(mean + deviation * ndtri(u), lowest, highest))
 
 
-def distribution(name: str, given: Any, declared: Parameter, joints: int, value: Any = None) -> Distribution:
+def distribution(
+    name: str, given: Section, declared: Parameter, joints: int, value: Any = None
+) -> Distribution:
     """Return the distribution that an experiment file gives a parameter.
 
     Args:
@@ -85,8 +92,11 @@ def distribution(name: str, given: Any, declared: Parameter, joints: int, value:
         ParameterError: when it is none, or leaves the parameter's bounds.
     """
     kind, numbers = _kind_and_numbers(name, given, declared, value)
-    if declared.kind == "integer" and kind == "uniform" and 0.0 <= numbers[-1] - numbers[0] <= _MOST_WHOLE:
-        kind, numbers = "choices", tuple(range(math.ceil(numbers[0]), math.floor(numbers[-1]) + 1))
+    if declared.kind == "integer" and kind == "uniform":
+        lowest, highest = numbers[0], numbers[-1]
+        if 0.0 <= highest - lowest <= _MOST_WHOLE:
+            kind = "choices"
+            numbers = tuple(range(math.ceil(lowest), math.floor(highest) + 1))
     if kind != "choices":
         _check_numbers(name, kind, numbers)
     if given.each == "joint" and not declared.per_joint:
@@ -95,13 +105,13 @@ def distribution(name: str, given: Any, declared: Parameter, joints: int, value:
         )
     drawn = joints if given.each == "joint" else 1
     nominal = _nominal(name, value, drawn) if kind == "factor" else (1.0,)
-    found = Distribution(kind, numbers, drawn, nominal)
-    _check_bounds(name, found, declared)
-    return found
+    checked = Distribution(kind, numbers, drawn, nominal)
+    _check_bounds(name, checked, declared)
+    return checked
 
 
 def _kind_and_numbers(
-    name: str, given: Any, declared: Parameter, value: Any
+    name: str, given: Section, declared: Parameter, value: Any
 ) -> tuple[str, tuple[float, ...]]:
     """Return which distribution a section gives, and its numbers; with none the declared range."""
     known = {}
@@ -110,9 +120,11 @@ def _kind_and_numbers(
         if numbers is not None:
             known[kind] = (numbers,) if kind == "factor" else tuple(numbers)
     if not known:
-        if (ends := declared.range(value)) is None:
+        ends = declared.range(value)
+        if ends is None:
             raise ParameterError(name, value, "told from where to where it goes, as in {uniform: [1, 2]}")
-        return "log_uniform" if declared.log and ends[0] > 0.0 else "uniform", ends
+        by_factors = declared.log and ends[0] > 0.0
+        return "log_uniform" if by_factors else "uniform", ends
     if len(known) != 1:
         raise ParameterError(name, ", ".join(known), f"one of {', '.join(KINDS)}")
     return next(iter(known.items()))
@@ -133,7 +145,9 @@ def _nominal(name: str, value: Any, drawn: int) -> tuple[float, ...]:
         raise ParameterError(name, float(values.min()), "a positive value to multiply by the factor")
     if drawn == 1 and len(set(values.tolist())) > 1:
         raise ParameterError(name, "a factor", "`each: joint` as well, since its joints have other values")
-    return tuple(np.broadcast_to(values if drawn > 1 else values[:1], (drawn,)).tolist())
+    if drawn == 1:
+        values = values[:1]
+    return tuple(np.broadcast_to(values, (drawn,)).tolist())
 
 
 def _check_numbers(name: str, kind: str, numbers: tuple[float, ...]) -> None:
@@ -190,14 +204,18 @@ def shares(sampling: str, seed: int, first: int, rows: int, names: Sequence[str]
         return np.empty((rows, 0))
     if sampling == "random":
         # A counter-based generator, which makes four numbers a count: rollout i does not need those before.
-        generators = (np.random.Philox(key=draw_key(seed, name), counter=first // 4) for name in names)
-        points = np.column_stack([np.random.Generator(each).random(rows) for each in generators])
+        columns = []
+        for name in names:
+            generator = np.random.Philox(key=draw_key(seed, name), counter=first // 4)
+            columns.append(np.random.Generator(generator).random(rows))
+        points = np.column_stack(columns)
     else:
         if len(names) > _MOST_DIMENSIONS:
             raise ParameterError(
                 "sampling", sampling, f"random: Sobol points have {_MOST_DIMENSIONS} dimensions"
             )
-        sobol = qmc.Sobol(len(names), scramble=True, seed=np.random.default_rng(draw_key(seed, *names)))
+        random = np.random.default_rng(draw_key(seed, *names))
+        sobol = qmc.Sobol(len(names), scramble=True, seed=random)
         if first:  # SciPy has no way of going nowhere
             sobol.fast_forward(first)
         with warnings.catch_warnings():  # that a part of 2^k points is less even: it is a part of them
@@ -208,4 +226,5 @@ def shares(sampling: str, seed: int, first: int, rows: int, names: Sequence[str]
 
 def draw_key(seed: int, *names: str) -> int:
     """Return the key of random numbers with some names, 128 bits."""
-    return int(hashlib.sha256("\0".join([str(seed), *names]).encode()).hexdigest()[:32], 16)
+    text = "\0".join([str(seed), *names])
+    return int(hashlib.sha256(text.encode()).hexdigest()[:32], 16)

@@ -14,6 +14,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy.special import ndtr
 from scipy.stats import norm as normal
 
@@ -48,8 +49,10 @@ FEWEST = 100
 #: of a failure behind a flat margin, by tools/coverage.py (1000 runs each; docs/sweep.md has the table).
 HELD, HELD_UNSEEN = 0.963, 0.875
 
+#: Seeds of rollouts, (k,).
+Seeds = npt.NDArray[np.int64]
 #: How near points come to a failure, from points (k, d) and seeds (k,): failed is above 1, shape (k,).
-Margin = Callable[[Array, Any], Array]
+Margin = Callable[[Array, Seeds], Array]
 
 
 class Rare(NamedTuple):
@@ -99,18 +102,21 @@ def following(margin: Margin, level: Array, random: np.random.Generator, before:
     # Drawn among all that reach the bound: where margins tie these are more than a tenth, and the largest of
     # them are no fair sample. Fewer begin several chains each.
     reached = np.flatnonzero(level[:, -1] >= bound)
-    now = level[random.choice(reached, chains, replace=len(reached) < chains)]
+    begin = random.choice(reached, chains, replace=len(reached) < chains)
+    now = level[begin]
     spread = np.clip(now[:, :-2].std(axis=0), 1e-6, None)
-    rows, step = [now], _STEP
+    rows = [now]
+    step = _STEP
     for move in range(1, _LENGTH):
         size = np.minimum(1.0, step * spread)
         # Reversible with respect to the standard normal: a move is refused for its margin alone. A seed is
         # one more number, drawn anew.
-        moved = np.sqrt(1.0 - size**2) * now[:, :-2] + size * random.standard_normal(now[:, :-2].shape)
-        tried = _table(margin, moved, random.integers(_SEEDS, size=chains))
-        taken = tried[:, -1] >= bound
-        now = np.where(taken[:, None], tried, now)
-        step *= math.exp((taken.mean() - _ACCEPTED) / math.sqrt(move))
+        points = now[:, :-2]
+        moved = np.sqrt(1.0 - size**2) * points + size * random.standard_normal(points.shape)
+        proposed = _table(margin, moved, random.integers(_SEEDS, size=chains))
+        is_accepted = proposed[:, -1] >= bound
+        now = np.where(is_accepted[:, None], proposed, now)
+        step *= math.exp((is_accepted.mean() - _ACCEPTED) / math.sqrt(move))
         rows.append(now)
     return np.vstack(rows)
 
@@ -121,8 +127,9 @@ def estimate(levels: list[Array]) -> Rare:
     # Of each level the relative standard deviation of its share, and how many moves of its chains were taken.
     deviations: list[float] = []
     accepted: list[float] = []
-    for place, (level, bound, share) in enumerate(zip(levels, bounds, shares, strict=True)):
-        reached = level[:, -1] >= bound
+    for place, level in enumerate(levels):
+        share = shares[place]
+        reached = level[:, -1] >= bounds[place]
         correlation = 0.0
         if place > 0:  # the first level has independent points, no chains
             chains = reached.reshape(_LENGTH, -1).astype(float)
@@ -144,19 +151,24 @@ def estimate(levels: list[Array]) -> Rare:
     return Rare(probability, math.sqrt(spread), list(bounds), list(shares), accepted, runs)
 
 
-def _table(margin: Margin, points: Array, seeds: Any) -> Array:
+def _table(margin: Margin, points: Array, seeds: Seeds) -> Array:
     """Return points with their seeds and margins."""
-    found = margin(points, seeds)
-    found = np.where(found == 1.0, np.nextafter(1.0, 0.0), found)  # 1 is the bound of failure, not a margin
-    return np.column_stack([points, seeds, np.where(np.isnan(found), np.inf, found)])
+    margins = margin(points, seeds)
+    # 1 is the bound of failure, not a margin.
+    margins = np.where(margins == 1.0, np.nextafter(1.0, 0.0), margins)
+    margins = np.where(np.isnan(margins), np.inf, margins)
+    return np.column_stack([points, seeds, margins])
 
 
 def bounds_of(levels: list[Array]) -> list[tuple[float, float]]:
     """Return bound and share of every level; a bound that does not rise is the last."""
-    found: list[tuple[float, float]] = []
+    bounds: list[tuple[float, float]] = []
+    before = -np.inf
     for level in levels:
-        found.append(_level_bound(level, found[-1][0] if found else -np.inf))
-    return found
+        bound, share = _level_bound(level, before)
+        bounds.append((bound, share))
+        before = bound
+    return bounds
 
 
 def _level_bound(level: Array, before: float = -np.inf) -> tuple[float, float]:
@@ -222,28 +234,31 @@ def simulate(
         raise ParameterError("rollouts", count, f"at least {FEWEST} in each level")
     count = -(-count // _LENGTH) * _LENGTH
 
-    def margin(points: Array, seeds: Any) -> Array:
+    def margin(points: Array, seeds: Seeds) -> Array:
         """Return how near points come to a failure: the largest metric over its bound."""
         table = sweep.table(sweep.drawn_at(ndtr(points)), seeds)
         shares = [table[name].max(axis=1) / most for name, most in sweep.failure.items()]
         largest = np.max(shares, axis=0)
         # Failed is what the study says, however a division rounds: 1 or less is no failure, more is one.
-        failed = np.maximum(largest, np.nextafter(1.0, 2.0))
-        return np.asarray(np.where(sweep.fails(table), failed, np.minimum(largest, 1.0)))
+        of_failed = np.maximum(largest, np.nextafter(1.0, 2.0))
+        of_others = np.minimum(largest, 1.0)
+        return np.asarray(np.where(sweep.fails(table), of_failed, of_others))
 
     key = draw_key(sweep.config.seed, *sweep.streams, f"rare {count}")  # none of its chunks has it
 
     def keep_level(place: int, level: Callable[[np.random.Generator], Array]) -> Array:
-        random = np.random.Generator(np.random.Philox(key=key, counter=place << 192))
+        generator = np.random.Philox(key=key, counter=place << 192)
+        random = np.random.Generator(generator)
         shape = (count, sweep.width + 2)
         return study.part(f"rare/{count}-{place:02d}", shape, lambda: level(random))
 
     levels = climb(margin, sweep.width, count, keep_level, told)
-    bound = bounds_of(levels)[-1][0]
+    bound, _ = bounds_of(levels)[-1]
     if bound < 1.0:
-        near = f"bounds that can be reached: the nearest comes to {bound:.3g} of one"
-        stuck = "bounds that random rollouts come nearer to: the levels do not rise"
-        raise ParameterError("failure", dict(sweep.failure), near if len(levels) == _LEVELS else stuck)
+        expected = "bounds that random rollouts come nearer to: the levels do not rise"
+        if len(levels) == _LEVELS:
+            expected = f"bounds that can be reached: the nearest comes to {bound:.3g} of one"
+        raise ParameterError("failure", dict(sweep.failure), expected)
     check = keep_level(_LEVELS, partial(first, margin, sweep.width, count))
     told(count)
     return estimate(levels), levels[-1], check
@@ -265,15 +280,17 @@ def climb(
         kept: gives the level of a number: what was kept, or what the function makes with random numbers.
         told: is called with the points of each level.
     """
-    levels = [kept(0, partial(first, margin, dimensions, count))]
-    bounds = [-np.inf]
+    level = kept(0, partial(first, margin, dimensions, count))
+    levels = [level]
+    before = -np.inf
     while True:
         told(count)
-        bounds.append(_level_bound(levels[-1], bounds[-1])[0])
-        if bounds[-1] == 1.0 or bounds[-1] <= bounds[-2] or len(levels) == _LEVELS:
+        bound, _ = _level_bound(level, before)
+        if bound == 1.0 or bound <= before or len(levels) == _LEVELS:
             return levels
-        level, before = levels[-1], bounds[-2]
-        levels.append(kept(len(levels), lambda random: following(margin, level, random, before)))  # noqa: B023
+        level = kept(len(levels), partial(following, margin, level, before=before))
+        levels.append(level)
+        before = bound
 
 
 def summary(sweep: Sweep, found: Rare, last: Array, check: Array) -> dict[str, Any]:
@@ -288,6 +305,13 @@ def summary(sweep: Sweep, found: Rare, last: Array, check: Array) -> dict[str, A
     failed = last[last[:, -1] > 1.0]
     drawn = sweep.drawn_at(ndtr(failed[:, :-2]))
     shares = (0.05, 0.5, 0.95)
+    places = {}
+    for name, column in zip(sweep.drawn_names, drawn.T, strict=True):
+        quantiles = np.quantile(column, shares).tolist()
+        places[name] = dict(zip(map(str, shares), quantiles, strict=True))
+    levels = []
+    for level_bound, share in zip(found.bounds, found.shares, strict=True):
+        levels.append({"bound": level_bound, "share": share})
     return {
         "study": sweep.identity.digest,
         "controller": sweep.label,
@@ -296,9 +320,7 @@ def summary(sweep: Sweep, found: Rare, last: Array, check: Array) -> dict[str, A
         "probability of failure": found.probability._asdict(),
         "coefficient of variation": found.deviation,
         "such intervals hold in at least": {"of known cases": HELD, "behind a flat margin": HELD_UNSEEN},
-        "levels": [
-            {"bound": bound, "share": share} for bound, share in zip(found.bounds, found.shares, strict=True)
-        ],
+        "levels": levels,
         "accepted": found.accepted,
         "plain check": {
             "rollouts": len(check),
@@ -307,10 +329,7 @@ def summary(sweep: Sweep, found: Rare, last: Array, check: Array) -> dict[str, A
             **clopper_pearson(reached, len(check), _CHECKED)._asdict(),
         },
         "unseen is more probable than": 3.0 / (len(check) + len(last)),
-        "failures are at": {
-            name: dict(zip(map(str, shares), np.quantile(column, shares).tolist(), strict=True))
-            for name, column in zip(sweep.drawn_names, drawn.T, strict=True)
-        },
+        "failures are at": places,
     }
 
 
@@ -360,11 +379,12 @@ def _describe_check(check: Mapping[str, Any]) -> str:
 
 def worst(sweep: Sweep, last: Array, count: int = WORST) -> list[ExperimentConfig]:
     """Return the worst rollouts of the last level as experiments, each once."""
-    found: list[ExperimentConfig] = []
     _, places = np.unique(last[:, :-1], axis=0, return_index=True)
-    for i in sorted(places, key=lambda i: (-last[i, -1], i))[:count]:
-        row = dict(
-            zip(sweep.drawn_names, sweep.drawn_at(ndtr(last[i : i + 1, :-2]))[0].tolist(), strict=True)
-        )
-        found.append(sweep.config_of(row, seed=int(last[i, -2])))
-    return found
+    worst_first = sorted(places, key=lambda i: (-last[i, -1], i))
+    configs = []
+    for i in worst_first[:count]:
+        point, seed = last[i : i + 1, :-2], int(last[i, -2])
+        numbers = sweep.drawn_at(ndtr(point))[0].tolist()
+        row = dict(zip(sweep.drawn_names, numbers, strict=True))
+        configs.append(sweep.config_of(row, seed=seed))
+    return configs

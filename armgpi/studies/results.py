@@ -71,7 +71,8 @@ def collect(sweep: Sweep, study: Study, rollouts: int) -> xr.Dataset:
             table = study.read(name, (rows, len(sweep.columns)))
             if not sweep.drew(table, chunk):
                 raise RolloutError(f"{study.place(name)}: has other scenarios than this sweep; remove it")
-            part = _dataset(sweep, table, np.arange(rows) + chunk * sweep.size)
+            places = np.arange(rows) + chunk * sweep.size
+            part = _dataset(sweep, table, places)
             if not written:
                 _declare(file, part, total)
             for key, variable in part.variables.items():
@@ -87,13 +88,17 @@ def _declare(file: Any, part: xr.Dataset, rollouts: int) -> None:
     """Declare in a file what a part of the rollouts has, for all of them, as xarray would write it."""
     file.attrs.update(part.attrs)
     file.dimensions = {**part.sizes, "rollout": rollouts}
-    for name, x in part.variables.items():
+    for name, variable in part.variables.items():
+        dims = variable.dims
         if name == "joint":
-            file.create_variable(name, x.dims, h5py.string_dtype(), data=x.values.astype(object))
+            names = variable.values.astype(object)
+            file.create_variable(name, dims, h5py.string_dtype(), data=names)
             continue
-        real = {"compression": "gzip", "compression_opts": 1, "fillvalue": np.nan}
-        how = real if x.dtype.kind == "f" else {}
-        file.create_variable(name, x.dims, x.dtype, chunks=x.shape, **how).attrs.update(x.attrs)
+        options: dict[str, Any] = {}
+        if variable.dtype.kind == "f":
+            options = {"compression": "gzip", "compression_opts": 1, "fillvalue": np.nan}
+        written = file.create_variable(name, dims, variable.dtype, chunks=variable.shape, **options)
+        written.attrs.update(variable.attrs)
 
 
 def _dataset(sweep: Sweep, table: Array, places: Any) -> xr.Dataset:
@@ -120,7 +125,8 @@ def _dataset(sweep: Sweep, table: Array, places: Any) -> xr.Dataset:
         is_time = name.startswith("t_")
         values = column if is_time else column.astype(np.int32)
         variables[name] = ("rollout", values, attributes_of_ends[name])
-    coordinates = {"rollout": ("rollout", places), "joint": ("joint", np.array(robot.joint_names))}
+    joints = np.array(robot.joint_names)
+    coordinates = {"rollout": ("rollout", places), "joint": ("joint", joints)}
     facts = {
         "title": f"armgpi sweep of {robot.name}",
         "study": sweep.identity.digest,
@@ -130,7 +136,8 @@ def _dataset(sweep: Sweep, table: Array, places: Any) -> xr.Dataset:
     }
     dataset = xr.Dataset(variables, coordinates, facts)
     failed = sweep.fails({name: dataset[name].values for name in (*sweep.metrics, "status")})
-    return dataset.assign(failed=("rollout", failed.astype(np.int8), {"long_name": failure_words(sweep)}))
+    attributes = {"long_name": failure_words(sweep)}
+    return dataset.assign(failed=("rollout", failed.astype(np.int8), attributes))
 
 
 def summary(sweep: Sweep, found: xr.Dataset) -> dict[str, Any]:
@@ -138,13 +145,15 @@ def summary(sweep: Sweep, found: xr.Dataset) -> dict[str, Any]:
     n = found.sizes["rollout"]
     failed = found["failed"].values
     diverged = found["status"].values == Status.DIVERGED
-    quantiles = {}
+    quantiles: dict[str, Any] = {}
     for name in sweep.metrics:
         values = of_arm(found, name)
-        quantiles[name] = {str(share): quantile(values, share)._asdict() for share in QUANTILES}
+        quantiles[name] = {}
+        for share in QUANTILES:
+            quantiles[name][str(share)] = quantile(values, share)._asdict()
     by_one = {name: failure_map(found, [name]) for name in sweep.drawn_names}
     pairs = combinations(_strongest(by_one, failed), 2)
-    by_two = [{"of": list(pair), "parts": failure_map(found, pair)} for pair in pairs]
+    by_two = [{"of": pair, "parts": failure_map(found, pair)} for pair in map(list, pairs)]
     said: dict[str, Any] = {
         "study": sweep.identity.digest,
         "controller": sweep.label,
@@ -178,9 +187,11 @@ def _strongest(maps: Mapping[str, list[dict[str, Any]]], failed: Any) -> list[st
     """Return the names that failures depend on most, in the order of `maps`; none where there are too few."""
     if not failed.any() or len(failed) < 4 * _LEAST:
         return []
-    spans = {name: np.ptp([part["value"] for part in parts]) for name, parts in maps.items()}
-    largest = sorted(maps, key=lambda name: spans[name], reverse=True)[:_PAIRED]
-    return [name for name in maps if name in largest]
+    spans = {}
+    for name, parts in maps.items():
+        spans[name] = np.ptp([part["value"] for part in parts])
+    by_span = sorted(maps, key=lambda name: spans[name], reverse=True)
+    return [name for name in maps if name in by_span[:_PAIRED]]
 
 
 def sentences(said: Mapping[str, Any]) -> list[str]:
@@ -237,15 +248,19 @@ def failure_map(found: xr.Dataset, names: Sequence[str]) -> list[dict[str, Any]]
         For each part `from`, `to` (of two numbers: lists), `rollouts`, and the share of failures.
     """
     failed = found["failed"].values
-    count = max(1, min(_PARTS, int((len(failed) / _LEAST) ** (1.0 / len(names)))))
+    parts_with_enough = int((len(failed) / _LEAST) ** (1.0 / len(names)))
+    count = max(1, min(_PARTS, parts_with_enough))
     cut = [_cut(found[f"drawn.{name}"].values, count) for name in names]
     maps = []
     for parts in product(*cut):
-        inside = np.logical_and.reduce([rows for _, _, rows in parts])
-        low, high = ([part[end] for part in parts] for end in (0, 1))
-        ends = {"from": low, "to": high} if len(names) > 1 else {"from": low[0], "to": high[0]}
+        low, high, rows = zip(*parts, strict=True)
+        inside = np.logical_and.reduce(rows)
+        ends: dict[str, Any] = {"from": list(low), "to": list(high)}
+        if len(names) == 1:
+            ends = {"from": low[0], "to": high[0]}
         n = int(inside.sum())
-        maps.append({**ends, "rollouts": n, **wilson(int(failed[inside].sum()), n)._asdict()})
+        share = wilson(int(failed[inside].sum()), n)
+        maps.append({**ends, "rollouts": n, **share._asdict()})
     return maps
 
 
@@ -255,8 +270,10 @@ def _cut(values: Array, count: int) -> list[tuple[float, float, Any]]:
     if len(levels) <= _PARTS:
         return [(float(x), float(x), values == x) for x in levels]
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, count + 1)))
-    which = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
-    return [(float(edges[i]), float(edges[i + 1]), which == i) for i in range(len(edges) - 1)]
+    last_part = len(edges) - 2
+    part_of = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, last_part)
+    ends = edges.tolist()
+    return [(ends[i], ends[i + 1], part_of == i) for i in range(last_part + 1)]
 
 
 def worst(found: xr.Dataset, count: int = WORST) -> Any:
@@ -275,13 +292,13 @@ def write(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any], folder: Path
         RolloutError: when something cannot be written.
     """
     chosen = worst(found)
-    rows = [{name: float(found[f"drawn.{name}"].values[i]) for name in sweep.drawn_names} for i in chosen]
     places = found["rollout"].values[chosen].tolist()
-    return [
-        folder / RESULTS,
-        files.write(folder / "summary.json", json.dumps(said, indent=2) + "\n"),
-        *write_worst(folder, [sweep.config_of(row, i) for row, i in zip(rows, places, strict=True)]),
-    ]
+    configs = []
+    for i, place in zip(chosen, places, strict=True):
+        row = {name: float(found[f"drawn.{name}"].values[i]) for name in sweep.drawn_names}
+        configs.append(sweep.config_of(row, place))
+    summary_file = files.write(folder / "summary.json", json.dumps(said, indent=2) + "\n")
+    return [folder / RESULTS, summary_file, *write_worst(folder, configs)]
 
 
 def write_worst(folder: Path, configs: Sequence[ExperimentConfig]) -> list[Path]:

@@ -16,6 +16,7 @@ from armgpi.base.arrays import Array
 from armgpi.base.parameter import parameters
 from armgpi.config import Experiment, ExperimentConfig, Origin, build, check, keys, read
 from armgpi.config.building import IDENTIFICATION, real_arm
+from armgpi.config.section import Section
 from armgpi.errors import ArmgpiWarning, BackendError, ConfigError, NameNotFound, ParameterError
 from armgpi.health.reality import alike, in_rows, prepare_draws
 from armgpi.identification.posterior import Posterior, parts, read_posterior
@@ -151,7 +152,7 @@ class Sweep:
                 replace(self, varied=dict(varied))._check_middle(name, origin)
         return varied, tuple(apart)
 
-    def _identified(self, section: Any) -> Distribution:
+    def _identified(self, section: Section) -> Distribution:
         """Return what an identified arm is drawn from, in units of what is left open of each unknown.
 
         Raises:

@@ -37,8 +37,12 @@ from armgpi.robot import robots
 IDENTITY, FORMAT = "study.json", 1
 #: Packages whose sources no number of a study depends on.
 _SHOWS = {"cli", "viewing", "hardware", "validation", "paper"}
-#: Largest file of identity, and longest first line of a chunk [bytes].
-_MOST, _HEAD = 10_000_000, 4096
+#: Largest file of identity [bytes].
+_MOST = 10_000_000
+#: Longest first line of a chunk [bytes].
+_HEAD = 4096
+#: Size of a number of a chunk [bytes].
+_BYTES = 8
 #: Differences that are told.
 _TOLD = 3
 #: Whatever else marks a folder as that of a run or of a study of an earlier version.
@@ -98,16 +102,18 @@ def identify(config: ExperimentConfig, settings: Mapping[str, Any]) -> Identity:
 @lru_cache(maxsize=1)
 def _sources() -> str:
     """Return a hash of the sources that compute: of the package without what shows, and of plugins."""
-    found = hashlib.sha256()
-    for name in sorted({"armgpi", *(each.partition(".")[0] for each in registry.plugins())}):
-        spec: Any = find_spec(name)
+    digest = hashlib.sha256()
+    packages = {plugin.partition(".")[0] for plugin in registry.plugins()}
+    for package in sorted({"armgpi", *packages}):
+        spec: Any = find_spec(package)
         for root in map(Path, spec.submodule_search_locations or [spec.origin]):
             for path in sorted([root, *root.rglob("*")]):
                 parts = path.relative_to(root.parent).parts
-                shows = name == "armgpi" and not _SHOWS.isdisjoint(parts[1:2])
-                if path.suffix in (".py", ".h", ".c", ".yaml") and not shows:
-                    found.update("/".join(parts).encode() + b"\0" + path.read_bytes())
-    return found.hexdigest()[:16]
+                only_shows = package == "armgpi" and not _SHOWS.isdisjoint(parts[1:2])
+                if path.suffix in (".py", ".h", ".c", ".yaml") and not only_shows:
+                    name = "/".join(parts).encode()
+                    digest.update(name + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def code() -> dict[str, str]:
@@ -159,16 +165,23 @@ def rows(part: Part, name: str, kind: Callable[..., _Row], run: Callable[[], Seq
         RolloutError: when the part cannot be read or written.
         ArmgpiError: as `run`.
     """
-    codes = part(name, (None,), lambda: np.array([*json.dumps(run()).encode()], dtype=float))
+
+    def run_as_codes() -> Array:
+        text = json.dumps(run()).encode()
+        return np.array([*text], dtype=float)
+
+    codes = part(name, (None,), run_as_codes)
     try:
-        return [kind(*row) for row in json.loads(bytes(map(int, codes)))]
+        text = bytes(map(int, codes))
+        return [kind(*row) for row in json.loads(text)]
     except (ValueError, OverflowError, TypeError, RecursionError):
         raise BadPart(f"{name}: holds no rows; remove it, and run again") from None
 
 
 def part_name(arm: str, *parts: object) -> str:
     """Return the name of a part of an arm, which the bytes of its URDF are in."""
-    content = hashlib.sha256(robots.locate(arm)[0].read_bytes()).hexdigest()[:8]
+    urdf, _ = robots.locate(arm)
+    content = hashlib.sha256(urdf.read_bytes()).hexdigest()[:8]
     name = "/".join([f"{Path(arm).stem}-{content}", *map(str, parts)])
     return name.replace(" ", "_").replace(",", "").replace("+", "plus")
 
@@ -214,13 +227,15 @@ class Study:
         else:
             _check_free(folder, identity, name)
         files.make_folder(folder)
-        text = {name: identity.text.encode()} if identity.text else {}
-        for copy, content in {**identity.copies, **text}.items():
+        contents = dict(identity.copies)
+        if identity.text:
+            contents[name] = identity.text.encode()
+        for copy, content in contents.items():
             if not (there and (folder / copy).exists()):
                 files.write(folder / copy, content)
         if not there:
-            said = {"digest": identity.digest, "what": identity.what, "codes": codes}
-            _write(folder, {"format": FORMAT, **said})
+            facts = {"digest": identity.digest, "what": identity.what, "codes": codes}
+            _write(folder, {"format": FORMAT, **facts})
         return cls(folder, identity, codes, there)
 
     @property
@@ -243,7 +258,9 @@ class Study:
             BadPart: when it is damaged, or of another study or other code.
             NoRoom: when it cannot be written.
         """
-        return self.read(name, shape) if self.has(name) else self.write(name, run())
+        if self.has(name):
+            return self.read(name, shape)
+        return self.write(name, run())
 
     def write(self, name: str, array: Array) -> Array:
         """Write the numbers of a part and return them.
@@ -252,8 +269,12 @@ class Study:
             NoRoom: when it cannot be written.
         """
         content = np.ascontiguousarray(array, dtype="<f8").tobytes()
-        own = {"study": self.identity.digest, "code": self.identity.code_digest}
-        head: dict[str, Any] = {**own, "name": name, "shape": array.shape}
+        head: dict[str, Any] = {
+            "study": self.identity.digest,
+            "code": self.identity.code_digest,
+            "name": name,
+            "shape": array.shape,
+        }
         head["sha256"] = _hash(head, content)
         place = self.place(name)
         try:
@@ -269,27 +290,33 @@ class Study:
         Raises:
             BadPart: when it is damaged, or of another study or other code.
         """
-        place, remedy = self.place(name), "remove it, and run again"
-        most = _MOST if None in shape else 8 * math.prod(filter(None, shape))
+        place = self.place(name)
+        remedy = "remove it, and run again"
+        most = _MOST if None in shape else _BYTES * math.prod(filter(None, shape))
         try:
             with files.open_regular(place, most + _HEAD) as file:
                 head = json.loads(file.readline(_HEAD))
                 content = file.read(most + 1)
-            whole = head.pop("sha256") == _hash(head, content) and len(content) == 8 * math.prod(
-                head["shape"]
-            )
-            fits = len(head["shape"]) == len(shape) and all(
-                size in (None, own) for size, own in zip(shape, head["shape"], strict=True)
-            )
+            is_as_written = head.pop("sha256") == _hash(head, content)
+            is_whole = is_as_written and len(content) == _BYTES * math.prod(head["shape"])
+            fits = _fits(shape, head["shape"])
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-            whole = False
-        if not whole:
+            is_whole = False
+        if not is_whole:
             raise BadPart(f"{place}: is damaged; {remedy}")
-        if (head["study"], head["name"], fits) != (self.identity.digest, name, True):
+        is_of_this_study = head["study"] == self.identity.digest and head["name"] == name
+        if not is_of_this_study or not fits:
             raise BadPart(f"{place}: is part of another study; {remedy}")
         if head["code"] not in self.codes:
             raise BadPart(f"{place}: was run by other code; {remedy}")
         return np.frombuffer(content, dtype="<f8").reshape(head["shape"])
+
+
+def _fits(shape: Shape, there: Sequence[int]) -> bool:
+    """Tell whether what is there has a shape."""
+    if len(there) != len(shape):
+        return False
+    return all(size in (None, size_there) for size, size_there in zip(shape, there, strict=True))
 
 
 def _is_begun(folder: Path) -> bool:
@@ -307,7 +334,10 @@ def _is_same(folder: Path, identity: Identity) -> bool:
 
 def _check_free(folder: Path, identity: Identity, name: str) -> None:
     """Refuse a folder that holds files which a study would have, others than its own experiment."""
-    for path in (folder / other for other in _OTHERS if (folder / other).exists()):
+    for other in _OTHERS:
+        path = folder / other
+        if not path.exists():
+            continue
         with suppress(OSError, ValueError):
             if path.name == name and files.read_text(path, _MOST) == identity.text:
                 continue  # of a study that was killed before its last file
@@ -324,14 +354,17 @@ def _known_codes(folder: Path, identity: Identity, accept_code: bool) -> Mapping
     """
     known = read_identity(folder)
     if known["digest"] != identity.digest:
-        said = ", ".join(_differences(known["what"], identity.what)) or "its files"
-        raise RolloutError(f"{folder}: holds another study ({said}); choose another folder: --out FOLDER")
+        differences = ", ".join(_differences(known["what"], identity.what)) or "its files"
+        raise RolloutError(
+            f"{folder}: holds another study ({differences}); choose another folder: --out FOLDER"
+        )
     codes: dict[str, Any] = known["codes"]
     if identity.code_digest not in codes:
-        said = ", ".join(_differences(list(codes.values())[-1], identity.code))
+        last_code = list(codes.values())[-1]
+        differences = ", ".join(_differences(last_code, identity.code))
         if not accept_code:
             remedy = "choose another folder (--out FOLDER), or go on all the same with --accept-code"
-            raise RolloutError(f"{folder}: was run by other code ({said}); {remedy}")
+            raise RolloutError(f"{folder}: was run by other code ({differences}); {remedy}")
         codes = {**codes, identity.code_digest: dict(identity.code)}
         _write(folder, {**known, "codes": codes})
     return codes
@@ -348,12 +381,14 @@ def read_identity(folder: Path) -> dict[str, Any]:
         if not place.is_file():
             raise RolloutError(f"{folder}: holds no study")
         known = json.loads(files.read_bytes(place, _MOST))
-        if (found := known.get("format")) != FORMAT:
-            raise RolloutError(f"{place}: {other_format(found, FORMAT)}; choose another folder")
+        version = known.get("format")
+        if version != FORMAT:
+            raise RolloutError(f"{place}: {other_format(version, FORMAT)}; choose another folder")
         if known["digest"] != _digest(dict(known["what"])) or not known["codes"]:
             raise ValueError
-        if any(name != _digest(each) for name, each in known["codes"].items()):
-            raise ValueError
+        for digest, ran in known["codes"].items():
+            if digest != _digest(ran):
+                raise ValueError
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise RolloutError(f"{place}: is damaged; choose another folder") from None
     return dict(known)
@@ -361,12 +396,14 @@ def read_identity(folder: Path) -> dict[str, Any]:
 
 def _hash(head: Mapping[str, Any], content: bytes) -> str:
     """Return the hash of a chunk."""
-    return hashlib.sha256(json.dumps(head, sort_keys=True).encode() + content).hexdigest()
+    text = json.dumps(head, sort_keys=True).encode()
+    return hashlib.sha256(text + content).hexdigest()
 
 
 def _digest(data: Any) -> str:
     """Return a short name of plain data."""
-    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
+    text = json.dumps(data, sort_keys=True).encode()
+    return hashlib.sha256(text).hexdigest()[:16]
 
 
 def _write(folder: Path, data: Mapping[str, Any]) -> None:
@@ -375,25 +412,32 @@ def _write(folder: Path, data: Mapping[str, Any]) -> None:
 
 def _differences(there: Any, here: Any) -> list[str]:
     """Return in words what differs between two sets of plain data, the first ones."""
-    a, b = dict(_flat(there)), dict(_flat(here))
-    # A file's content is in its name: what is here tells it.
-    names = [x for x in {**a, **b} if a.get(x) != b.get(x) and (x in b or not x.startswith("files."))]
-    words = [
-        name.replace("files.", "the bytes of ")
-        if name.startswith("files.")
-        else f"{name.removeprefix('experiment.')}: {_short(a.get(name))} there, {_short(b.get(name))} here"
-        for name in names
-    ]
-    return words[:_TOLD] + (["..."] if len(words) > _TOLD else [])
+    values_there, values_here = dict(_flat(there)), dict(_flat(here))
+    words = []
+    for name in {**values_there, **values_here}:
+        value_there, value_here = values_there.get(name), values_here.get(name)
+        if value_there == value_here:
+            continue
+        if not name.startswith("files."):
+            key = name.removeprefix("experiment.")
+            words.append(f"{key}: {_short(value_there)} there, {_short(value_here)} here")
+        elif name in values_here:  # a file's content is in its name: what is here tells it
+            words.append(name.replace("files.", "the bytes of "))
+    if len(words) > _TOLD:
+        return [*words[:_TOLD], "..."]
+    return words
 
 
 def _flat(data: Any, path: str = "") -> Iterator[tuple[str, Any]]:
     """Yield every value of plain data with its path of keys."""
-    if isinstance(data, Mapping | list) and data:
-        for key, value in data.items() if isinstance(data, Mapping) else enumerate(data):
-            yield from _flat(value, f"{path}.{key}" if path else str(key))
+    if not isinstance(data, Mapping | list):
+        yield path, data
+    elif not data:
+        yield path, None
     else:
-        yield path, None if isinstance(data, Mapping | list) else data
+        items = data.items() if isinstance(data, Mapping) else enumerate(data)
+        for key, value in items:
+            yield from _flat(value, f"{path}.{key}" if path else str(key))
 
 
 def _short(value: Any) -> str:
