@@ -494,6 +494,62 @@ class _Seen(ast.NodeVisitor):
         self.generic_visit(node)
 
 
+def formula_of(text: str) -> ast.expr | None:
+    """Return the expression that a text is; None where it is a name, or no expression."""
+    try:
+        node = ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError):
+        return None
+    return node if isinstance(node, ast.BinOp | ast.UnaryOp | ast.Call) else None
+
+
+def scope_of_texts(texts: Iterable[str], numbers: Iterable[str]) -> Scope:
+    """Return what can be written in formulas that are texts: what is in any of them, and names of numbers."""
+    kinds: dict[str, Any] = {}
+    scalars: dict[str, ast.expr] = {}
+    for node in filter(None, map(formula_of, texts)):
+        calls = [x for x in ast.walk(node) if isinstance(x, ast.Call)]
+        scalars |= {ast.unparse(x): x for x in calls if function_name(x) in _TURNS}
+        called = {x.func for x in calls}
+        kinds |= {x.id: "float" for x in ast.walk(node) if isinstance(x, ast.Name) and x not in called}
+    if kinds:
+        kinds |= {name: "float" for name in numbers if name.isidentifier() and joint_of(name) is None}
+    joints = [ast.Name(name, ast.Load()) for name in kinds if (joint_of(name) or ("",))[0] == "q"]
+    return Scope(kinds, tuple(scalars.values()), joints=tuple(joints))
+
+
+def of_text(node: ast.expr, scope: Scope) -> Iterator[Choice]:
+    """Yield what may stand in place of a text that is a formula, as texts."""
+    if not (scope.kinds and isinstance(node, ast.Constant) and isinstance(node.value, str)):
+        return
+    whole = formula_of(node.value)
+    for part, parent in _with_parents(whole, None) if whole is not None else ():
+        for kind, choice in (*alternatives(part, parent, scope), *_terms_of_text(part, parent, scope)):
+            yield kind, ast.Constant(ast.unparse(_with_part(whole, part, choice)))
+
+
+def _with_parents(node: ast.expr, parent: ast.expr | None) -> Iterator[tuple[ast.expr, ast.expr | None]]:
+    """Yield an expression and its parts, but for the names of functions, with what each is a part of."""
+    yield node, parent
+    for part in ast.iter_child_nodes(node):
+        if isinstance(part, ast.expr) and part is not getattr(node, "func", None):
+            yield from _with_parents(part, node)
+
+
+def _terms_of_text(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
+    """Yield a sum with a term more: a name, or a product of two or three, of which two are equal."""
+    if not insertion(node, parent) or isinstance(parent, ast.Call | ast.BinOp):
+        return
+    moving = {ast.unparse(x) for x in scope.joints}
+    names = [ast.Name(name, ast.Load()) for name in scope.kinds if name not in moving]
+    terms: list[ast.expr] = [*names]
+    terms += [_times(a, b) for a, b in itertools.combinations(names, 2)]
+    terms += [_times(a, _power(b, 2)) for a, b in itertools.permutations(names, 2)]
+    for term in terms:
+        yield "term", ast.BinOp(node, ast.Add(), term)
+        yield "term", ast.BinOp(node, ast.Sub(), term)
+
+
 def insertion(node: ast.expr, parent: Any) -> bool:
     """Tell whether a term may be added to an expression: to a whole sum, not to each of its parts."""
     if isinstance(parent, ast.Subscript | ast.Attribute) or is_sum(parent):
@@ -1085,18 +1141,16 @@ def _of_flat_index(index: ast.BinOp, scope: Scope) -> Iterator[Choice]:
             yield "index", ast.BinOp(rows, ast.Add(), index.right)
 
 
-def _with_part(node: ast.AST, *swaps: ast.expr) -> Any:
+def _with_part(node: Any, *swaps: ast.expr) -> Any:
     """Return an expression with others in place of some of its parts, given as old, new, old, new..."""
+    if isinstance(node, list):
+        return [_with_part(x, *swaps) for x in node]
     for old, new in zip(swaps[::2], swaps[1::2], strict=True):
         if node is old:
             return new
     if not isinstance(node, ast.expr):
         return node
-    fields = {
-        name: _with_part(value, *swaps) if isinstance(value, ast.expr) else value
-        for name, value in ast.iter_fields(node)
-    }
-    return type(node)(**fields)
+    return type(node)(**{name: _with_part(value, *swaps) for name, value in ast.iter_fields(node)})
 
 
 def _shifted_slices(*ends: ast.expr | None) -> Iterator[ast.Slice]:

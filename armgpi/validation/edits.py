@@ -13,6 +13,7 @@ import copy
 import gc
 import inspect
 import itertools
+import re
 import signal
 import sys
 import time
@@ -28,18 +29,21 @@ from armgpi.base.arrays import Array
 from armgpi.validation.alternatives import (
     Scope,
     alternatives,
+    formula_of,
     function_name,
     indices,
     insertion,
     names_in,
     names_with,
+    of_text,
     scope_of,
+    scope_of_texts,
     vector_terms,
 )
 from armgpi.validation.dictionary import Dictionary
 from armgpi.validation.graph import GIVEN, Expression, Matrix, Program, is_drawn, states_of
 from armgpi.validation.models import ALIASES, ARGUMENTS, Origin, States, names_of
-from armgpi.validation.units import Slopes
+from armgpi.validation.units import Slopes, numbers
 
 #: Time of the processor that one changed call of the model may take [s]: a change may make it endless.
 PATIENCE = 0.5
@@ -56,8 +60,10 @@ _HARMLESS = frozenset(
     "collections abc enum fractions copy random time warnings __future__ matplotlib armgpi".split()
 )
 _HARMFUL = frozenset(
-    "open exec eval compile input __import__ save savez savetxt tofile dump system".split()  # noqa: SIM905
+    "open exec input __import__ save savez savetxt tofile dump system".split()  # noqa: SIM905
 )
+#: What computes formulas that are texts: these must not have such names either.
+_READERS = frozenset(("eval", "compile", "sympify", "parse_expr", "evaluate"))
 #: Names under which switches and values of missing terms are known to the compiled code.
 _SWITCH, _TERM = "_armgpi_switch", "_armgpi_term"
 #: Name of the function inside of which a closure is compiled.
@@ -306,6 +312,7 @@ class Block:
         choices = [one for one in every if not (later and later & names_in(one[1], names))]
         literal = self.literals.get(node, "")
         choices += _other_values(node) if literal else ()
+        choices += of_text(node, self.formulas)
         if self.checks_choices:
             choices = [one for one in choices if _compiles(one[1])]
         fitted = insertion(node, parent) or _is_coefficient(node, parent)
@@ -321,6 +328,12 @@ class Block:
             return new
         self.sites.append(Site(node, parent, choices, fitted, literal, whole))
         return self._add_switch(number, [choice for _, choice in choices], new)
+
+    @cached_property
+    def formulas(self) -> Scope:
+        """What can be written in the formulas that are texts of the file; nothing where it computes none."""
+        texts = _texts(self.everywhere) if reads_texts(self.everywhere) else ()
+        return scope_of_texts(texts, (name.strip("'") for name, _ in numbers(self.everywhere)))
 
     def _with_places(self, target: Any) -> Any:
         """Return what is assigned, where an entry's index can be switched to others."""
@@ -610,7 +623,10 @@ def impatient() -> Iterator[None]:
 
 def harmless(source: str) -> bool:
     """Tell whether a source may be changed and run: it imports what computes, and opens nothing."""
-    for node in ast.walk(ast.parse(source)):
+    tree = ast.parse(source)
+    if reads_texts(tree) and not all(map(_is_harmless_text, _texts(tree))):
+        return False
+    for node in ast.walk(tree):
         modules: list[str] = []
         match node:
             case ast.Import(names=aliases):
@@ -622,6 +638,28 @@ def harmless(source: str) -> bool:
         if any(name.split(".")[0] not in _HARMLESS for name in modules):
             return False
     return True
+
+
+def reads_texts(tree: ast.AST) -> bool:
+    """Tell whether a source computes what is written in texts, as by ``eval``."""
+    names = (getattr(x, "id", "") or getattr(x, "attr", "") for x in ast.walk(tree))
+    return not _READERS.isdisjoint(names)
+
+
+def _texts(tree: ast.AST) -> Iterator[str]:
+    """Yield the texts of a source but for its comments."""
+    comments = {x.value for x in ast.walk(tree) if isinstance(x, ast.Expr)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in comments:
+            yield node.value
+
+
+def _is_harmless_text(text: str) -> bool:
+    """Tell whether a text, if it is computed, opens nothing."""
+    words = set(re.findall(r"\w+", text))
+    if text == "eval":  # a mode of `compile`
+        return True
+    return "__" not in text and words.isdisjoint({*_HARMFUL, *_READERS, "import", "os", "sys"})
 
 
 def cross(a: Any, b: Any, *rest: Any, _general: Any = np.cross, **options: Any) -> Any:
@@ -1055,7 +1093,7 @@ class Editor:
         site = pick.block.sites[pick.site]
         node = site.node
         kind, new = site.choices[pick.choice]
-        span = (node.lineno, node.col_offset, node.end_lineno or 0, node.end_col_offset or 0)
+        span = site_span(node)
         where = (pick.block.name, site.literal, float(pick.bits), frozenset(pick.block.reaches))
         if site.statement:
             line = self.source.splitlines()[site.parent.lineno - 1]
@@ -1069,10 +1107,56 @@ class Editor:
         text = pick.new or ast.unparse(new)
         if self.source.count('"') > self.source.count("'") and '"' not in text:
             text = text.replace("'", '"')  # as the file writes its keys
+        if isinstance(node, ast.Constant) and isinstance(new, ast.Constant):
+            span, old, text = _inside_of_text(node, old, new.value) or (span, old, text)
         change = Change(pick.kind, span, old, text, *where)
         if kind == "sign" and (turned := _with_operator(self.source, site)) is not None:
             return change._replace(**turned)
+        if change.span != site_span(node):
+            return change
         return _hold_together(self.source, change)
+
+
+def site_span(node: ast.expr) -> tuple[int, int, int, int]:
+    """Return where an expression stands: first line, first column, last line, last column."""
+    return node.lineno, node.col_offset, node.end_lineno or 0, node.end_col_offset or 0
+
+
+def _inside_of_text(
+    node: ast.Constant, old: str, new: object
+) -> tuple[tuple[int, int, int, int], str, str] | None:
+    """Return the part of a formula that is a text in which another one differs: its span, and both parts.
+
+    None where neither is a formula, or the text is not written in one line as it is.
+    """
+    text = node.value
+    if not (isinstance(text, str) and isinstance(new, str) and old[1:-1] == text and old.isascii()):
+        return None
+    one, other = formula_of(text), formula_of(new)
+    if one is None or other is None or node.lineno != node.end_lineno or text != text.strip():
+        return None
+    a, b = _differing_parts(one, other)
+    begin, end, part = a.col_offset, a.end_col_offset or 0, ast.unparse(b)
+    for inner in (part, f"({part})"):
+        whole = formula_of(text[:begin] + inner + text[end:])
+        if whole is not None and ast.dump(whole) == ast.dump(other):
+            first = node.col_offset + 1
+            return (node.lineno, first + begin, node.lineno, first + end), text[begin:end], inner
+    return None
+
+
+def _differing_parts(one: ast.expr, other: ast.expr) -> tuple[ast.expr, ast.expr]:
+    """Return the smallest parts, of two expressions, outside of which they are the same."""
+    if type(one) is not type(other):
+        return one, other
+    pairs = list(zip(ast.iter_child_nodes(one), ast.iter_child_nodes(other), strict=False))
+    apart = [(a, b) for a, b in pairs if ast.dump(a) != ast.dump(b)]
+    counts = {len([*ast.iter_child_nodes(x)]) for x in (one, other)}
+    if len(apart) == len(counts) == 1:
+        a, b = apart[0]
+        if isinstance(a, ast.expr) and isinstance(b, ast.expr):
+            return _differing_parts(a, b)
+    return one, other
 
 
 def _hold_together(source: str, change: Change) -> Change:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import itertools
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
@@ -159,7 +160,7 @@ def is_read(expression: str, source: str) -> bool:
 
     Args:
         expression: such as ``l1``, ``p.l1`` or ``l[0]``.
-        source: of a module.
+        source: of a module, whose texts may be formulas.
     """
     try:
         wanted = ast.parse(expression.strip(), mode="eval").body
@@ -169,6 +170,9 @@ def is_read(expression: str, source: str) -> bool:
     if not isinstance(wanted, ast.Name | ast.Attribute | ast.Subscript):
         return True
     for node in ast.walk(tree):
+        is_text = isinstance(node, ast.Constant) and isinstance(node.value, str)
+        if is_text and isinstance(wanted, ast.Name) and _is_read_in(node.value, wanted.id):  # type: ignore[attr-defined]
+            return True
         if not isinstance(getattr(node, "ctx", None), ast.Load):
             continue
         if isinstance(wanted, ast.Attribute) and isinstance(node, ast.Attribute):
@@ -177,6 +181,11 @@ def is_read(expression: str, source: str) -> bool:
         elif type(node) is type(wanted) and ast.unparse(node) == ast.unparse(wanted):
             return True
     return False
+
+
+def _is_read_in(text: str, name: str) -> bool:
+    """Tell whether a text, which may be a formula, has a name in it and is not the name alone."""
+    return text != name and name in re.findall(r"\w+", text)
 
 
 def _by_ratios(source: str, changes: Sequence[Change]) -> Iterator[str]:

@@ -70,6 +70,7 @@ def test_right_models_in_odd_styles_agree(path: Path) -> None:
         ("inherited", 3),  # methods of an object of the module were not searched
         ("beamball", 3),  # of accelerations the derivatives were too coarse
         for_search("catalogue", 6),  # a model that reads JSON was not searched
+        for_search("formulas", 9),  # formulas that are texts were not searched
     ],
 )
 def test_a_name_holds_for_other_numbers(style: str, line: int, tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from armgpi import Robot, validate
 from armgpi.errors import ModelError
+from armgpi.validation import edits
 
 URDF = """
 <robot name="scara">
@@ -202,3 +203,39 @@ def test_helpers_that_write_into_an_argument_and_operators_of_own_classes_are_se
     (tmp_path / "wrong.py").write_text(FLAT.replace(right, wrong))
     report = validate(tmp_path / "wrong.py", robot)
     assert belongs in report.causes[0].text
+
+
+TEXTS = """
+from math import cos
+import numpy as np
+
+p = {"m1": 3.1, "m2": 2.2, "a1": 0.25, "c1": 0.11, "c2": 0.0906, "I1": 0.035, "I2": 0.021}
+table = {"h": "m2 * a1 * c2 * cos(q2)", "k": "I2 + m2 * c2**2", "f": "I1 + m1 * c1**2 + m2 * a1**2"}
+
+
+def mass_matrix(q):
+    names = {**p, "cos": cos, "q2": q[1]}
+    h, k, f = (eval(table[name], names) for name in ("h", "k", "f"))
+    return np.array([[f + k + 2 * h, k + h], [k + h, k]])
+"""
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "text"),
+    [
+        ("m1 * c1**2", "m1 * a1**2", "line 6: a1 stands where c1 belongs"),
+        ("I2 + m2 * c2**2", "m2 * c2**2", "line 6: m2 * c2**2 stands where m2 * c2 ** 2 +"),
+    ],
+)
+def test_formulas_that_are_texts_are_searched(right: str, wrong: str, text: str, tmp_path: Path) -> None:
+    robot = Robot.from_xml(URDF.replace("0.09 0.01 0", "0.0906 0 0"))
+    (tmp_path / "texts.py").write_text(TEXTS.replace(right, wrong))
+    cause = validate(tmp_path / "texts.py", robot).causes[0]
+    assert text in cause.text
+    assert cause.confirmed
+
+
+def test_a_source_that_computes_a_text_which_opens_something_is_not_changed() -> None:
+    assert edits.harmless(TEXTS)
+    for text in ("__import__('os').remove('x')", "open('x', 'w')", "a.tofile('x')", "eval('1')"):
+        assert not edits.harmless(f'{TEXTS}\nother = {{"t": {text!r}}}\n')
