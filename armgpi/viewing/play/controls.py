@@ -27,12 +27,16 @@ from armgpi.robot.robot import Robot
 Path = tuple[str | int, ...]
 #: Places of a slider that goes by factors, and of one that goes by steps.
 _PLACES = 40
-#: Factors of the nominal model's inertia; shares of the arm's mass that a load may have.
-_SCALES = tuple(round(0.4 + 0.1 * k, 1) for k in range(13))
-_HEAVIEST, _LOADS = 0.15, 5
+#: Factors of the nominal model's inertia [-].
+_SCALES = (0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6)
+#: Largest load, as a share of the arm's mass [-].
+_HEAVIEST = 0.15
+#: Loads that a slider has, besides none.
+_LOADS = 5
 #: Rotor inertia and friction of the plant, in percent of the inertia at the start and of the effort limits.
 _ROTORS = (0.0, 10.0, 30.0, 100.0)
-_COULOMB, _VISCOUS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0), (0.0, 0.5, 1.0, 2.0, 5.0)
+_COULOMB = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
+_VISCOUS = (0.0, 0.5, 1.0, 2.0, 5.0)
 #: Numbers of a controller that make another nominal model: it has no slider but that of the whole inertia.
 _OF_THE_MODEL = ("link_factor", "rotor_factor")
 #: Bandwidths, in percent of those of the experiment, where they differ by joint.
@@ -65,8 +69,10 @@ _DURATIONS = (0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.25, 1.5, 2.0)
 _FORMS: dict[str, tuple[Any, ...]] = {"rolloff": (0, 1), "feedforward": ("none", "model")}
 #: Controllers that a page changes between.
 _SIBLINGS = ("gpi", "network")
-#: Pushes that a page has room for; how long one lasts [s].
-PUSHES, PUSH = 3, 0.2
+#: Pushes that a page has room for.
+PUSHES = 3
+#: How long one lasts [s].
+PUSH = 0.2
 
 
 def dotted_path(path: Path) -> str:
@@ -183,24 +189,19 @@ def playable(experiment: Experiment, label: str, siblings: Mapping[str, dict[str
     """
     config = plain(experiment.config)
     robot = experiment.robot
-    own = next(section for section in config["controllers"] if section["label"] == label)
-    _fill_springs(own, experiment.controllers[label])
-    sections = {own["type"]: own, **siblings}
-    config["controllers"] = [own]
+    section = next(section for section in config["controllers"] if section["label"] == label)
+    _fill_springs(section, experiment.controllers[label])
+    kind = section["type"]
+    sections = {kind: section, **siblings}
+    config["controllers"] = [section]
     if not (np.any(robot.friction.viscous) or np.any(robot.friction.coulomb)):
         config["plant"]["friction"] = "none"  # as the arm has none; what is switched on has some
     friction = config["plant"]["friction"]
-    choices = [Choice(("controllers", 0), "controller", "the controller", tuple(sections), own["type"])]
-    for key, values in _FORMS.items():
-        having = tuple(name for name, section in sections.items() if key in section)
-        if key in own:
-            declared, place = _declared_parameters(having[0])[key], ("controllers", 0, key)
-            every = tuple(dict.fromkeys((*values, own[key])))
-            text = declared.short or declared.text
-            choices.append(Choice(place, key.replace("_", " "), text, every, own[key], having))
-    choices.append(
-        Choice(("plant", "friction"), "friction", "joint friction of the plant", ("none", "urdf"), friction)
-    )
+    choices = [
+        Choice(("controllers", 0), "controller", "the controller", tuple(sections), kind),
+        *_choices_of_form(section, sections),
+        Choice(("plant", "friction"), "friction", "joint friction of the plant", ("none", "urdf"), friction),
+    ]
     of_model = config["robot"]["friction"]
     config["robot"]["friction"] = _frictions(robot)
     controls = [
@@ -209,15 +210,31 @@ def playable(experiment: Experiment, label: str, siblings: Mapping[str, dict[str
         *_reference(config, robot),
     ]
     arm: Any = inside(experiment.plant)
-    several = len(experiment.config.plant.loads) != len(arm.loads)  # by one entry of the file
+    # An entry of the file may be several loads, whose numbers are none of the file's.
+    has_joint_entries = len(experiment.config.plant.loads) != len(arm.loads)
     known = {control.id for control in controls}
-    controls += [
-        control
-        for control in _own_numbers(experiment, label)
-        if control.id not in known and not (several and control.path[1] == "loads")
-    ]
+    for control in _own_numbers(experiment, label):
+        is_of_joint_entry = has_joint_entries and control.path[1] == "loads"
+        if control.id not in known and not is_of_joint_entry:
+            controls.append(control)
     controls += _loads(config, experiment.t_final, robot)
     return Playable(config, sections, tuple(choices), tuple(controls), of_model)
+
+
+def _choices_of_form(
+    section: Mapping[str, Any], sections: Mapping[str, Mapping[str, Any]]
+) -> Iterator[Choice]:
+    """Yield what of a controller's section has forms of the loop of its own."""
+    for key, values in _FORMS.items():
+        if key not in section:
+            continue
+        kinds = tuple(kind for kind, other in sections.items() if key in other)
+        declared = _declared_parameters(kinds[0])[key]
+        value = section[key]
+        all_values = tuple(dict.fromkeys((*values, value)))
+        text = declared.short or declared.text
+        label = key.replace("_", " ")
+        yield Choice(("controllers", 0, key), label, text, all_values, value, kinds)
 
 
 def plain(config: ExperimentConfig) -> dict[str, Any]:
@@ -227,24 +244,27 @@ def plain(config: ExperimentConfig) -> dict[str, Any]:
 
 def siblings(kind: str) -> tuple[str, ...]:
     """Return the other controllers of a page whose experiment has a controller of some kind."""
-    return tuple(name for name in _SIBLINGS if name != kind) if kind in _SIBLINGS else ()
+    if kind not in _SIBLINGS:
+        return ()
+    return tuple(name for name in _SIBLINGS if name != kind)
 
 
 def _declared_parameters(kind: str) -> dict[str, Parameter]:
     """Return the parameters of a kind of controller by their keys in a file."""
-    return {each.file_key: each for each in KINDS[kind].parameters.values()}
+    return {parameter.file_key: parameter for parameter in KINDS[kind].parameters.values()}
 
 
 def stops_of(declared: Parameter, value: Any = None) -> tuple[float, ...]:
     """Return the places of the slider of a declared parameter, of few digits; none without a range."""
-    if (ends := declared.slider or declared.range(value)) is None:
+    ends = declared.slider or declared.range(value)
+    if ends is None:
         return ()
     low, high = ends
     if declared.kind == "integer":
-        return tuple(float(x) for x in range(int(low), int(high) + 1))
-    log = declared.log and low > 0.0
-    ways = np.geomspace(low, high, _PLACES) if log else np.linspace(low, high, _PLACES + 1)
-    return tuple(dict.fromkeys(float(f"{x:.3g}") for x in ways))
+        return tuple(map(float, range(int(low), int(high) + 1)))
+    by_factors = declared.log and low > 0.0
+    places = np.geomspace(low, high, _PLACES) if by_factors else np.linspace(low, high, _PLACES + 1)
+    return tuple(dict.fromkeys(map(_few, places)))
 
 
 def _slider(path: Path, declared: Parameter, value: Any, label: str, group: str) -> Control:
@@ -252,13 +272,17 @@ def _slider(path: Path, declared: Parameter, value: Any, label: str, group: str)
     stops = stops_of(declared, value)
     if value is not None and not isinstance(value, list):
         stops = tuple(sorted({*stops, float(value)}))
-    values: tuple[Any, ...] = tuple(int(x) if declared.kind == "integer" else x for x in stops)
+    values: tuple[Any, ...] = stops
+    if declared.kind == "integer":
+        values = tuple(map(int, stops))
     return Control(path, label, declared.text, declared.unit, group, stops, values, value)
 
 
 def _controllers(sections: Mapping[str, dict[str, Any]], robot: Robot) -> Iterator[Control]:
     """Yield the controls of the controllers, those of one parameter one after the other."""
-    keys = dict.fromkeys(key for kind in sections for key in _declared_parameters(kind))
+    keys: dict[str, None] = {}
+    for kind in sections:
+        keys |= dict.fromkeys(_declared_parameters(kind))
     for key, kind in itertools.product(keys, sections):
         declared = _declared_parameters(kind).get(key)
         if key in _OF_THE_MODEL or declared is None or not declared.varies:
@@ -268,7 +292,8 @@ def _controllers(sections: Mapping[str, dict[str, Any]], robot: Robot) -> Iterat
             yield from _declared_slider(kind, key, declared, sections[kind][key])
     for kind in sections:
         yield from _force_limit(kind, sections[kind])
-    if compliant := [kind for kind in sections if issubclass(KINDS[kind].law, Impedance)]:
+    compliant = [kind for kind in sections if issubclass(KINDS[kind].law, Impedance)]
+    if compliant:
         # Their damping is made for the inertia of the nominal model, which has no slider then.
         for kind in compliant:
             yield from _springs(kind, sections[kind])
@@ -278,11 +303,14 @@ def _controllers(sections: Mapping[str, dict[str, Any]], robot: Robot) -> Iterat
 
 def _force_limit(kind: str, section: Mapping[str, Any]) -> Iterator[Control]:
     """Yield the slider of a force limit that a file has: its moment follows it where none is given."""
-    declared, limit = _declared_parameters(kind).get("force_limit"), section.get("force_limit")
+    declared = _declared_parameters(kind).get("force_limit")
+    limit = section.get("force_limit")
     if declared is not None and limit is not None and not declared.varies:
+        path = ("controllers", 0, "force_limit")
+        slider = _slider(path, declared, limit, "force limit", "controller")
         stops = tuple(sorted({*_FORCES, float(limit)}))
-        slider = _slider(("controllers", 0, "force_limit"), declared, limit, "force limit", "controller")
-        yield slider._replace(only=(("controllers", 0), kind), stops=stops, values=stops, rebuilds=True)
+        of_kind = (("controllers", 0), kind)
+        yield slider._replace(only=of_kind, stops=stops, values=stops, rebuilds=True)
 
 
 def _fill_springs(section: dict[str, Any], law: Any) -> None:
@@ -298,8 +326,9 @@ def _springs(kind: str, section: Mapping[str, Any]) -> Iterator[Control]:
     """Yield the controls of springs: one scales all of them by the same factor, the other one damps them."""
     key = "joint_stiffness" if "joint_stiffness" in section else "stiffness"
     given = [float(x) for x in section[key]]
-    shown = max(given[:3]) or max(given) if key == "stiffness" else max(given)
-    unit = "N/m" if key == "stiffness" and max(given[:3]) else "N m/rad"
+    shown, unit = max(given), "N m/rad"
+    if key == "stiffness" and max(given[:3]):  # of positions, where there is one
+        shown, unit = max(given[:3]), "N/m"
     stiffness = Control(
         path=("controllers", 0, key),
         label="stiffness",
@@ -307,7 +336,7 @@ def _springs(kind: str, section: Mapping[str, Any]) -> Iterator[Control]:
         unit=unit,
         group="controller",
         stops=tuple(_few(factor * shown) for factor in _STIFFNESS),
-        values=tuple(given if x == 1.0 else _round_values(x * np.array(given)) for x in _STIFFNESS),
+        values=tuple(_scaled(given, factor) for factor in _STIFFNESS),
         value=given,
         only=(("controllers", 0), kind),
         rebuilds=True,
@@ -347,7 +376,7 @@ def _declared_slider(kind: str, key: str, declared: Parameter, value: Any) -> It
 
 def _bandwidth(place: Path, declared: Parameter, value: list[float]) -> Control:
     """Return the slider of bandwidths that differ by joint: it scales all of them by the same factor."""
-    values = tuple(value if x == 100.0 else _round_values(0.01 * x * np.array(value)) for x in _BANDWIDTHS)
+    values = [value if percent == 100.0 else _scaled(value, 0.01 * percent) for percent in _BANDWIDTHS]
     return Control(
         path=place,
         label="bandwidth",
@@ -355,17 +384,17 @@ def _bandwidth(place: Path, declared: Parameter, value: list[float]) -> Control:
         unit="%",
         group="controller",
         stops=_BANDWIDTHS,
-        values=values,
+        values=tuple(values),
         value=value,
     )
 
 
 def _nominal(sections: Mapping[str, dict[str, Any]], robot: Robot) -> Iterator[Control]:
     """Yield the controls of the nominal model: its inertia, and the load that it carries."""
-    one = next(iter(sections.values()))
+    section = next(iter(sections.values()))
     scale: Path = ("controllers", 0, "inertia_scale")
     loaded: Path = ("controllers", 0, "payload_range", "heaviest")
-    scales = tuple(sorted({*_SCALES, one["inertia_scale"]}))
+    scales = tuple(sorted({*_SCALES, section["inertia_scale"]}))
     scaled = Control(
         path=scale,
         label="inertia of the nominal model",
@@ -374,13 +403,14 @@ def _nominal(sections: Mapping[str, dict[str, Any]], robot: Robot) -> Iterator[C
         group="controller",
         stops=scales,
         values=scales,
-        value=one["inertia_scale"],
+        value=section["inertia_scale"],
         excludes=dotted_path(loaded),
     )
-    if not one.get("payload_range"):  # which is chosen for the arm as it is scaled
+    if not section.get("payload_range"):  # which is chosen for the arm as it is scaled
         yield scaled
-    if all("payload_range" in section for section in sections.values()):
-        given = one["payload_range"] or {"lightest": 0.0, "heaviest": 0.0, "frame": None, "com": [0.0] * 3}
+    if all("payload_range" in other for other in sections.values()):
+        none: dict[str, Any] = {"lightest": 0.0, "heaviest": 0.0, "frame": None, "com": [0.0] * 3}
+        given = section["payload_range"] or none
         masses = _masses(robot, given["heaviest"])
         yield Control(
             path=loaded,
@@ -399,10 +429,14 @@ def _nominal(sections: Mapping[str, dict[str, Any]], robot: Robot) -> Iterator[C
 
 def _masses(robot: Robot, given: float) -> tuple[float, ...]:
     """Return loads that an arm may carry [kg]: none, and some of 1, 2, 5 times powers of ten."""
-    most = _HEAVIEST * float(sum(inertia.mass for inertia in robot.pinocchio_model().inertias))
+    inertias = robot.pinocchio_model().inertias
+    most = _HEAVIEST * float(sum(inertia.mass for inertia in inertias))
     power = math.floor(math.log10(most)) if most > 0.0 else 0
-    series = [float(f"{m}e{p}") for p in range(power - 2, power + 1) for m in (1, 2, 5)]
-    return tuple(sorted({0.0, given, *[mass for mass in series if mass <= most][-_LOADS:]}))
+    series = []
+    for exponent in range(power - 2, power + 1):
+        series += [float(f"{digit}e{exponent}") for digit in (1, 2, 5)]
+    allowed = [mass for mass in series if mass <= most]
+    return tuple(sorted({0.0, given, *allowed[-_LOADS:]}))
 
 
 def _plant(config: dict[str, Any], robot: Robot) -> Iterator[Control]:
@@ -423,10 +457,13 @@ def _plant(config: dict[str, Any], robot: Robot) -> Iterator[Control]:
         arm="plant",
     )
     inertia = np.diag(robot.mass_matrix(robot.middle()))
-    lists = [None, *(_round_values(robot.armature + 0.01 * share * inertia) for share in _ROTORS[1:])]
+    added = [_round_values(robot.armature + 0.01 * share * inertia) for share in _ROTORS[1:]]
+    lists: list[Any] = [None, *added]
     stops: tuple[float | None, ...] = _ROTORS
-    if (rotors := plant["rotor_inertia"]) is not None:
-        stops, lists = (*stops, None), [*lists, rotors]
+    rotors = plant["rotor_inertia"]
+    if rotors is not None:
+        stops = (*stops, None)
+        lists.append(rotors)
     yield Control(
         path=("plant", "rotor_inertia"),
         label="rotor inertia",
@@ -440,11 +477,14 @@ def _plant(config: dict[str, Any], robot: Robot) -> Iterator[Control]:
     )
     yield from _friction(config, robot)
     for wrapper in (Delayed, DropOut, Encoder):  # which a page has, whether the file has or not
-        name, exact = str(wrapper.config_name), (None,) if wrapper is Encoder else ()
-        declared = next(each for each in parameters(wrapper).values() if each.in_file)
-        if not isinstance(plant[name], list):
-            control = _slider(("plant", name), declared, plant[name], name.replace("_", " "), "plant")
-            yield control._replace(stops=(*control.stops, *exact), values=(*control.values, *exact))
+        name = str(wrapper.config_name)
+        if isinstance(plant[name], list):
+            continue
+        declared = next(parameter for parameter in parameters(wrapper).values() if parameter.in_file)
+        control = _slider(("plant", name), declared, plant[name], name.replace("_", " "), "plant")
+        if wrapper is Encoder:  # the last place is that of exact positions
+            control = control._replace(stops=(*control.stops, None), values=(*control.values, None))
+        yield control
 
 
 def _own_numbers(experiment: Experiment, label: str) -> Iterator[Control]:
@@ -479,11 +519,12 @@ def _friction(config: dict[str, Any], robot: Robot) -> Iterator[Control]:
     """Yield the controls of the plant's friction, where it has some."""
     efforts = _efforts(robot)
     for key, shares, unit in (("coulomb", _COULOMB, "%"), ("viscous", _VISCOUS, "% s/rad")):
-        own = config["robot"]["friction"][key]
+        of_file = config["robot"]["friction"][key]
         values = [_round_values(0.01 * share * efforts) for share in shares]
         stops: tuple[float | None, ...] = shares
-        if own not in values:
-            stops, values = (*stops, None), [*values, own]
+        if of_file not in values:
+            stops = (*stops, None)
+            values.append(of_file)
         yield Control(
             path=("robot", "friction", key),
             label=f"{key} friction",
@@ -492,7 +533,7 @@ def _friction(config: dict[str, Any], robot: Robot) -> Iterator[Control]:
             group="plant",
             stops=stops,
             values=tuple(values),
-            value=own,
+            value=of_file,
             only=(("plant", "friction"), "urdf"),
         )
 
@@ -505,6 +546,7 @@ def _reference(config: dict[str, Any], robot: Robot) -> Iterator[Control]:
             continue
         low = np.maximum(robot.limits.lower, np.array(point) - _FAR)
         high = np.minimum(robot.limits.upper, np.array(point) + _FAR)
+        ends = [(_inward(a, 1.0), _inward(b, -1.0)) for a, b in zip(low, high, strict=True)]
         yield Control(
             path=("reference", "points", index),
             label="goal" if len(points) <= 3 else f"point {index + 1}",
@@ -514,7 +556,7 @@ def _reference(config: dict[str, Any], robot: Robot) -> Iterator[Control]:
             stops=(),
             values=(),
             value=point,
-            joints=tuple((_inward(a, 1.0), _inward(b, -1.0)) for a, b in zip(low, high, strict=True)),
+            joints=tuple(ends),
         )
     times = config["reference"]["durations"]
     if isinstance(times, list) and times:
@@ -526,7 +568,7 @@ def _reference(config: dict[str, Any], robot: Robot) -> Iterator[Control]:
             text="how long the move takes",
             unit="s",
             group="move",
-            stops=tuple(each[0] for each in lists),
+            stops=tuple(durations[0] for durations in lists),
             values=tuple(lists),
             value=times,
         )
@@ -534,11 +576,13 @@ def _reference(config: dict[str, Any], robot: Robot) -> Iterator[Control]:
 
 def _loads(config: dict[str, Any], t_final: float, robot: Robot) -> Iterator[Control]:
     """Yield the controls of what disturbs the arm, and make room for it in the experiment."""
-    none, onset = [0.0] * robot.n, _few(0.3 * t_final)
+    none = [0.0] * robot.n
+    onset = _few(0.3 * t_final)
     loads = config["plant"]["loads"]
     step = len(loads)
     loads.append({"type": "step", "amplitude": none, "onset": onset, "end": None})
-    loads += [{"type": "pulse", "amplitude": none, "onset": 0.0, "duration": PUSH} for _ in range(PUSHES)]
+    for _ in range(PUSHES):
+        loads.append({"type": "pulse", "amplitude": none, "onset": 0.0, "duration": PUSH})
     torque = Control(
         path=("plant", "loads", step, "amplitude"),
         label="constant torque",
@@ -550,7 +594,8 @@ def _loads(config: dict[str, Any], t_final: float, robot: Robot) -> Iterator[Con
         value=none,
         joints=tuple((-_few(x), _few(x)) for x in 0.3 * _efforts(robot)),
     )
-    onsets = tuple(sorted({onset, *(_few(x) for x in np.linspace(0.0, t_final, _PLACES + 1)[:-1])}))
+    times = np.linspace(0.0, t_final, _PLACES + 1)[:-1]
+    onsets = tuple(sorted({onset, *map(_few, times)}))
     begins = torque._replace(
         path=("plant", "loads", step, "onset"),
         label="its onset",
@@ -562,12 +607,13 @@ def _loads(config: dict[str, Any], t_final: float, robot: Robot) -> Iterator[Con
         joints=(),
     )
     yield from (torque, begins)
-    anything, ends = ((-math.inf, math.inf),) * robot.n, (0.0, t_final)
+    anything = ((-math.inf, math.inf),) * robot.n
+    ends = (0.0, t_final)
     for k in range(step + 1, step + 1 + PUSHES):
-        way: Path = ("plant", "loads", k)
-        yield torque._replace(path=(*way, "amplitude"), label="push", group="pushes", joints=anything)
-        one = begins._replace(path=(*way, "onset"), label="time", group="pushes")
-        yield one._replace(stops=ends, values=ends, value=0.0)
+        push: Path = ("plant", "loads", k)
+        yield torque._replace(path=(*push, "amplitude"), label="push", group="pushes", joints=anything)
+        time = begins._replace(path=(*push, "onset"), label="time", group="pushes")
+        yield time._replace(stops=ends, values=ends, value=0.0)
 
 
 def _efforts(robot: Robot) -> Any:
@@ -597,6 +643,11 @@ def _few(x: float) -> float:
 def _round_values(values: Sequence[float] | Any) -> list[float]:
     """Return numbers of three digits."""
     return [_few(float(x)) for x in values]
+
+
+def _scaled(values: list[float], factor: float) -> list[float]:
+    """Return numbers times a factor, of three digits; as they are where it is 1."""
+    return values if factor == 1.0 else _round_values(factor * np.array(values))
 
 
 def _inward(x: float, toward: float) -> float:
