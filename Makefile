@@ -95,7 +95,7 @@ types: $(FOR_ALL) ## Types, of the tests too (mypy --strict)
 # `armgpi`: where PYTHONDONTWRITEBYTECODE is set, each would compile it anew, for half a second.
 unit: $(FOR_ALL) ## The tests
 	$(BIN)/python -m compileall -q armgpi
-	$(BIN)/pytest -n auto --dist worksteal --durations=10
+	$(BIN)/pytest -n auto --dist worksteal --minutes
 
 quick: $(FOR_ALL) ## The tests of what changed against main, and the fast ones of all
 	$(BIN)/python tools/quick.py

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from commands import Answer
 from hypothesis import settings
+from minutes import Minutes
 
 # As `make` has it, also for whoever calls pytest: a process that forks must not have OpenMP's threads.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -26,6 +27,17 @@ settings.load_profile("armgpi")
 # A shell that starts the tests in the background has them ignore Ctrl-C, and so would every program that they
 # start: some wait for one to end by it.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add `--minutes`."""
+    parser.addoption("--minutes", action="store_true", help="print where the processor time of tests goes")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Note the processor time of every test, where that was asked for."""
+    if config.getoption("--minutes"):
+        config.pluginmanager.register(Minutes())
 
 
 def pytest_collection_finish() -> None:
