@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -98,7 +99,11 @@ def expand(
     except json.JSONDecodeError:
         raise UrdfError(source, f"cannot be expanded: {_death(done.returncode)}") from None
     if "text" in result:
-        return str(result["text"])
+        text = str(result["text"])
+        if not re.search(r"<link[\s/>]", text):
+            said = "it writes no <link>, as a file of macros or constants; expand the file that uses them"
+            raise UrdfError(source, said)
+        return text
     if "size" in result:
         said = f"its URDF has {result['size']} bytes, more than the {markup.MAX_BYTES} allowed"
     elif "memory" in result:

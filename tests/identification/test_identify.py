@@ -887,6 +887,16 @@ def test_the_time_that_is_expected_has_half_a_sample_for_which_torques_are_held(
     np.testing.assert_allclose(gears.stiffness, fit.gears().stiffness, rtol=1e-10)
 
 
+def test_noise_of_a_residual_is_that_of_sensors_of_the_model_and_of_what_does_not_fit() -> None:
+    given = shaken("link", 8e3)[0]
+    turns = list(resonance._turns(resample(given)))
+    fit = resonance._Fit(rotors.assume_gears(arm()), turns, "link", np.full(3, 3e-3), True)
+    for index, turn in enumerate(turns):
+        rest, torque = fit._rest(fit.x, index), np.abs(turn.tau.mean(axis=0))
+        variance = rest.noise**2 / 2.0 + (0.05 * torque) ** 2 + resonance._ROBUST * np.abs(rest.left) * torque
+        np.testing.assert_allclose(fit._noise(fit.x, index), np.sqrt(variance), rtol=1e-12)
+
+
 def test_encoders_of_few_counts_and_lags_of_gears_spoil_no_first_mode() -> None:
     given, mode = shaken("link", 3e3, 11)
     gears = find_gears(arm(), given, np.array([2e-3, 12e-3, 9e-3]))

@@ -164,3 +164,12 @@ def test_a_worker_that_dies_is_no_timeout(
     monkeypatch.setattr(xacro, "SECONDS", seconds)
     with pytest.raises(UrdfError, match=said):
         xacro.expand(written(tmp_path, '<link name="base"/>'))
+
+
+def test_a_file_of_macros_alone_writes_no_robot(tmp_path: Path) -> None:
+    path = package(tmp_path).with_name("rod.xacro")
+    with pytest.raises(UrdfError, match="writes no <link>, as a file of macros or constants; expand"):
+        xacro.expand(path)
+    constants = written(tmp_path, '<xacro:property name="linkage" value="1"/>')
+    with pytest.raises(UrdfError, match="writes no <link>"):
+        xacro.expand(constants)
