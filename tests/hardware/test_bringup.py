@@ -301,7 +301,7 @@ def test_a_torque_that_is_off_in_one_joint_is_no_other_scale_of_the_weight(folde
         logs.write(dry.log._replace(rows=rows), path)
         findings = [each for each in judge(folder, [path]).findings if each.question == "weight"]
         assert findings
-        assert all(("times the weight" in each.seen) is said for each in findings)
+        assert all(("times the gravity torque" in each.seen) is said for each in findings)
 
 
 def test_ten_samples_are_the_least_that_a_stage_is_judged_by() -> None:
