@@ -160,3 +160,17 @@ def test_a_horizon_counts_the_sample_at_its_end() -> None:
     for name, samples in (("as printed", 12), ("horizon x 0.5", 6), ("horizon x 2", 24)):
         expected = metrics.itae(run.isel(time=slice(0, samples + 1))).values
         assert np.array(rows[name], dtype=float) == pytest.approx(expected, rel=0.02)
+
+
+def test_statuses_are_counted_for_one_contender_under_one_kind_of_sensors() -> None:
+    cells = (
+        ("itae", "ideal", "GPI", "better"),
+        ("itae", "ideal", "GPI", "worse"),
+        ("isci", "ideal", "GPI", "better"),
+        ("isci", "real", "GPI", "better"),
+        ("isci", "ideal", "PID", "better"),
+    )
+    rows = [(table, where, who, "metric", "q1", "1", "2", status) for table, where, who, status in cells]
+    sheet = tables.Sheet("statuses", "", "", (), rows)
+    assert tables.count_statuses(sheet, "GPI", "ideal") == {"better": 2, "worse": 1}
+    assert tables.count_statuses(sheet, "PID", "real") == {}

@@ -81,6 +81,13 @@ def test_an_encoder_divides_a_turn_or_the_travel_of_a_slide() -> None:
         np.testing.assert_array_equal(Encoder(RigidBodyPlant(robot), 10).step_size, length / 1024)
 
 
+def test_an_encoder_says_its_bits_once_where_all_joints_have_the_same() -> None:
+    one, two = swing(1), swing(2)
+    assert Encoder(RigidBodyPlant(one), 12).values() == {"bits": 12}
+    assert Encoder(RigidBodyPlant(two), [12, 12]).values() == {"bits": 12}
+    assert Encoder(RigidBodyPlant(two), [12, 14]).values() == {"bits": [12, 14]}
+
+
 def test_an_encoder_reads_a_slide_without_travel() -> None:
     stuck = RigidBodyPlant(sled(bounds=""))  # a URDF limit without lower and upper means [0, 0]
     encoder = Encoder(stuck)
