@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from armgpi.base.escape import counted
-from armgpi.cli.parsing import FAILED, OK, stoppable
+from armgpi.cli import pictures
+from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
 from armgpi.cli.terminal import say
 
 if TYPE_CHECKING:
@@ -20,35 +21,53 @@ ROWS = {
     "replay EXPERIMENT": "Replay the log with the controller of this experiment file or of this folder "
     "of an export, and compare the torques.",
     "csv FILE": "Write the samples as a table.",
+    "plot FILE": "Draw the estimated force on the tool with its interval; with --replay, whose robot it is.",
 }
 #: Torques of one law in Python, and in C on another machine, differ by roundings: this share of the largest.
 _SAME = 1e-9
 
 
 @stoppable
-def log(file: Path, replay: Path | None = None, csv: Path | None = None, as_json: bool = False) -> None:
+def log(
+    file: Path,
+    replay: Path | None = None,
+    csv: Path | None = None,
+    plot: Path | None = None,
+    as_json: bool = False,
+) -> None:
     """Summarise a log of an arm: duration, late samples, why it ended; or replay it through the controller.
 
     \b
     armgpi log motion.armlog
-    armgpi log motion.armlog --replay controller
+    armgpi log motion.armlog --replay controller --plot force.png
     armgpi report motion.armlog --robot my.urdf
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.base import files
     from armgpi.loop.log import read
     from armgpi.loop.log import replay as compare
 
+    if plot is not None:
+        if replay is None:
+            raise refusal("--plot", "requires --replay FOLDER: the force is estimated by its robot")
+        pictures.check(plot=plot)
     there = read(file)
     law = None if replay is None else _law(replay)
     played = None if law is None else compare(there, law)
-    facts = _facts(there, played)
+    facts, found = _facts(there, played), None
     if law is not None and len(there.samples) > 1:
-        facts["wrench"] = _wrench(there, law.robot)
+        found = _estimated(there, law.robot)
+        facts["wrench"] = _wrench(found)
     if csv is not None:
         files.write(csv, _table(there))
+    drawn = None if found is None else plot
+    if found is not None and drawn is not None:
+        from armgpi.viewing import plots
+
+        plots.save(plots.wrench(found), drawn)
     say(json.dumps(facts)) if as_json else _print(file, facts)
-    if csv is not None:
-        say(f"wrote {csv}", err=True)
+    for written in (csv, drawn):
+        if written is not None:
+            say(f"wrote {written}", err=True)
     sys.exit(FAILED if played is not None and not facts["replay"]["same"] else OK)
 
 
@@ -102,14 +121,18 @@ def _facts(there: ArmLog, played: Replay | None) -> dict[str, Any]:
     return facts
 
 
-def _wrench(there: ArmLog, robot: Any) -> dict[str, Any]:
-    """Return the force on the tool that the torques of a log tell, where it was largest and at the end."""
-    import numpy as np
-
+def _estimated(there: ArmLog, robot: Any) -> Any:
+    """Return a log as a rollout with the force on the tool that its torques tell."""
     from armgpi.loop.log import to_rollout
     from armgpi.loop.wrench import tool_wrench
 
-    found = tool_wrench(to_rollout(there, robot), robot)
+    return tool_wrench(to_rollout(there, robot), robot)
+
+
+def _wrench(found: Any) -> dict[str, Any]:
+    """Return the estimated force of a rollout where it was largest and at the end."""
+    import numpy as np
+
     names = ("estimated_force", "estimated_force_low", "estimated_force_high")
     force, low, high = (found[name].values for name in names)
     largest = int(np.argmax(np.linalg.norm(force, axis=-1)))

@@ -731,6 +731,34 @@ def tool(rollout: xr.Dataset) -> Figure:
     return figure
 
 
+def wrench(rollout: xr.Dataset) -> Figure:
+    """Return the estimated force on the tool over time, axis by axis, with the band of its interval.
+
+    Args:
+        rollout: one rollout, or a log as one, with the estimate of :func:`armgpi.tool_wrench`.
+
+    Raises:
+        RolloutError: when the rollout has no estimate, or there are several.
+    """
+    if "estimated_force" not in rollout:
+        raise RolloutError("the rollout has no estimated force; armgpi.tool_wrench(rollout, robot) adds it")
+    if "rollout" in rollout["estimated_force"].dims:
+        raise RolloutError("there are several rollouts; choose one: rollout.isel(rollout=0)")
+    time = rollout["time"].values
+    with styled():
+        figure, places = panels(3, 1)
+        for axes, axis in zip(places[:, 0], "xyz", strict=True):
+            force, low, high = (
+                rollout[f"estimated_force{end}"].sel(axis=axis).values for end in ("", "_low", "_high")
+            )
+            axes.fill_between(time, low, high, color=style.REFERENCE, alpha=0.25, linewidth=0)
+            axes.plot(time, force, color=style.REFERENCE, label="estimated")
+            axes.axhline(0.0, color="0.6", linewidth=0.6)
+            axes.set_ylabel(f"force along {axis} [N]")
+        legend(figure)
+    return figure
+
+
 def disturbances(rollout: xr.Dataset, joints: Sequence[str] | None = None, ax: Any = None) -> Any:
     """Return the disturbance torque of every joint; drawn into `ax`, axes for each joint, where given.
 

@@ -34,6 +34,7 @@ from armgpi import (
     Robot,
     Supervised,
     Supervisor,
+    ToolForce,
     Waypoints,
     export_controller,
 )
@@ -674,6 +675,38 @@ def test_the_cpp_program_moves_a_simulated_arm_too(
     assert figures(arm.report(",".join(map(str, robot.middle()))))["away"] < 1e-3
     rows = logs.read(tmp_path / "stage.armlog").samples["q_ref"]
     np.testing.assert_allclose(rows[-1], robot.middle(), atol=1e-12)
+
+
+@compiled
+@pytest.mark.usefixtures("compile_quickly")
+@pytest.mark.parametrize("target", ["fci", "ur"])
+@pytest.mark.parametrize("program", ["run_python", "run_cpp"])
+def test_a_spring_on_a_robot_gives_way_to_a_hand(
+    target: str, program: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Exported, compiled as the folder says and beside a stand-in: force over stiffness at the tool."""
+    monkeypatch.chdir(tmp_path)
+    robot, dt, rate = interface(target)
+    robot = assume_rotors(robot)
+    law = CartesianImpedance(robot, dt, stiffness=[800.0] * 3 + [40.0] * 3)
+    export_controller(Supervised(law, rate), tmp_path, measure=False, target=target)
+    tool = runpy.run_path(str(Path(__file__).parents[2] / "tools" / "standin.py"))
+    if program == "run_cpp":
+        need("cmake")
+        (tmp_path / "built").mkdir()
+        built = tool["build"](tmp_path, tmp_path / "built")
+        monkeypatch.setitem(tool["run_cpp"].__globals__, "build", lambda *given: built)
+    for module in ("armgpi_controller", "goals"):  # those of another folder
+        monkeypatch.delitem(sys.modules, module, raising=False)
+    start, goal = np.array(ROOM[robot.n]), np.array(ROOM[robot.n]) + 0.1
+    hand = ToolForce([4.0, -3.0, 6.0])
+    arm = tool["Arm"](RigidBodyPlant(robot, environment=[hand]), dt, start)
+    assert tool[program](tmp_path, arm, [",".join(map(str, goal))]) == 0
+    there = arm.plant.true_state(arm.state)
+    moved = robot.frame_pose(robot.tip, there.q).translation - robot.frame_pose(robot.tip, goal).translation
+    np.testing.assert_allclose(moved, np.array(hand.force) / 800.0, atol=4e-4)
+    log = logs.read(tmp_path / "motion.armlog")
+    assert log.fault is None
 
 
 #: A configuration of each target's robot that is far from singular ones.

@@ -338,6 +338,16 @@ def test_the_command_says_what_a_log_is_and_replays_an_export(
     head, *rows = (tmp_path / "log.csv").read_text().splitlines()
     assert head.startswith("time,q_q1,q_q2,q_q3,")
     assert len(rows) == 200
+    pytest.importorskip("matplotlib")
+    code, out, err = cli("log", file, "--replay", tmp_path / "c", "--plot", tmp_path / "force.png")
+    assert code == 0, out + err
+    assert (tmp_path / "force.png").read_bytes().startswith(b"\x89PNG")
+    assert f"wrote {tmp_path / 'force.png'}" in err
+    code, out, err = cli("log", file, "--plot", tmp_path / "none.png")
+    assert code == 2
+    assert err.splitlines() == [
+        "error: command line: --plot: requires --replay FOLDER: the force is estimated by its robot"
+    ]
     facts = json.loads(cli("log", file, "--json")[1])
     assert facts["missed"] == 0
     assert facts["fault"] is None

@@ -80,3 +80,18 @@ def test_the_report_has_an_estimated_force_between_its_least_and_most(touched: x
     assert (least <= value + 1e-9).all()
     assert (value <= most + 1e-9).all()
     assert float((most - least).max()) > 0.1
+
+
+def test_the_estimated_force_is_drawn_axis_by_axis(touched: xr.Dataset) -> None:
+    estimated = armgpi.tool_wrench(touched, armgpi.Robot.load("ur5").with_armature(0.5))
+    with pytest.raises(armgpi.errors.RolloutError, match="tool_wrench"):
+        plots.wrench(touched)
+    if "rollout" in estimated["estimated_force"].dims:
+        with pytest.raises(armgpi.errors.RolloutError, match="choose one"):
+            plots.wrench(estimated)
+        estimated = estimated.isel(rollout=0)
+    figure = plots.wrench(estimated)
+    assert len(figure.axes) == 3
+    for axes, axis in zip(figure.axes, "xyz", strict=True):
+        drawn = np.asarray(axes.lines[0].get_ydata())
+        np.testing.assert_array_equal(drawn, estimated["estimated_force"].sel(axis=axis).values)
