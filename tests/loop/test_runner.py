@@ -130,6 +130,17 @@ def test_a_law_that_python_does_not_repeat_is_logged_by_numpy(monkeypatch: pytes
     np.testing.assert_array_equal(log.tau, true.tau)
 
 
+def test_a_law_for_one_row_alone_is_logged_by_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Single(GPI):
+        def step(self, measurement, target, state):  # type: ignore[no-untyped-def]
+            if measurement.q.ndim > 1:
+                raise TypeError("one row")
+            return super().step(measurement, target, state)
+
+    monkeypatch.setattr(recording, "_SAMPLE", math.inf)
+    assert "v_measured" in _logged(Supervised(Single(ARM, DT)), 0.1, "auto").inputs
+
+
 def test_a_fault_is_in_the_log_by_generated_code(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recording, "_SAMPLE", math.inf)
     plant = Delayed(Encoder(RigidBodyPlant(ARM, [Step([0.0, 10.0, 0.0], 0.05)]), 16), 1)
