@@ -208,7 +208,7 @@ class ArmLoop:
     def swinging(self, of_law: Law) -> Array:
         """Return which joints swing in the mode that grows fastest, (n,) of bool; none of a stable loop.
 
-        Those that have at least half of the energy that the joint with most of it has; gears are elastic.
+        Those whose energy is at least a quarter of that of the joint with most of it; gears are elastic.
 
         Args:
             of_law: what closes it.
