@@ -875,34 +875,44 @@ class _Data:
             linear: whether the twist of elastic joints follows the unknowns; else it stays.
         """
         width = self.width if width is None else width
-        n, found = self.robot.n, []
-        for index, (form, phase) in enumerate(zip(self.forms, self.phases, strict=True)):
-            rows = form.rows.copy()
-            j = np.arange(n)
-            rows[:, j, j, ROTOR] *= ~self.hidden
-            rows[:, j, j, COULOMB] = form.signs(width)
-            torque, slope = form.torque(lag)
-            lagged = np.zeros((len(torque), n, self.lags))
-            lagged[:, j, j if self.lags == n else 0] = -slope
-            more = []
-            for name, asked in self.frictions.items():  # where the data ask for it
-                if name == "load":
-                    size = np.abs(self.heavy.gravity(form.position))
-                else:
-                    size = np.exp(-((form.velocity / _STRIBECK) ** 2))
-                more.append(np.eye(n) * (asked * form.signs(width, size))[:, None])
+        found = []
+        for index, form in enumerate(self.forms):
+            torque, by_lag = form.torque(lag)
+            own, late = self._own_rows(form, width), self._lag_rows(by_lag)
+            more = [self._friction_rows(form, width, name) for name in self.frictions]
             more += [self._coupling(form, width, *each) for each in self.coupled]
             if self.twist is not None:
-                twisted, own = self.twisted[index], float(linear)
-                more.append(own * twisted.slope)
-                rows += own * twisted.rows
-                torque = torque + own * twisted.known
-                late = twisted.late if self.lags == n else twisted.late.sum(axis=-1, keepdims=True)
-                lagged += own * late
-            whole = np.concatenate([rows.reshape(len(torque), n, -1), *more, lagged], axis=-1)
-            valid = form.moving(_STILL)
-            found.append(Block(whole, torque - slope * lag, valid, phase))
+                twisted, follows = self.twisted[index], float(linear)
+                more.append(follows * twisted.slope)
+                own += follows * twisted.rows
+                late += follows * self._for_lags(twisted.late)
+                torque = torque + follows * twisted.known
+            rows = np.concatenate([own.reshape(*torque.shape, -1), *more, late], axis=-1)
+            found.append(Block(rows, torque - by_lag * lag, form.moving(_STILL), self.phases[index]))
         return found
+
+    def _own_rows(self, form: WeakForm, width: Array) -> Array:
+        """Return the rows of the unknowns of every joint, (k, n, n, 14); rotors where torques have them."""
+        rows, j = form.rows.copy(), np.arange(self.robot.n)
+        rows[:, j, j, ROTOR] *= ~self.hidden
+        rows[:, j, j, COULOMB] = form.signs(width)
+        return rows
+
+    def _lag_rows(self, by_lag: Array) -> Array:
+        """Return the rows of the lags, (k, n, lags), from the derivative of the torques by them, (k, n)."""
+        return self._for_lags(-by_lag[:, :, None] * np.eye(self.robot.n))
+
+    def _for_lags(self, rows: Array) -> Array:
+        """Return rows of a lag of each joint, (k, n, n), as they are, or for one lag of all, (k, n, 1)."""
+        return rows if self.lags == self.robot.n else rows.sum(axis=-1, keepdims=True)
+
+    def _friction_rows(self, form: WeakForm, width: Array, name: str) -> Array:
+        """Return the rows of a further friction of the joints whose data ask for it, (k, n, n)."""
+        if name == "load":
+            size = np.abs(self.heavy.gravity(form.position))
+        else:
+            size = np.exp(-((form.velocity / _STRIBECK) ** 2))
+        return np.asarray(np.eye(self.robot.n) * (self.frictions[name] * form.signs(width, size))[:, None])
 
     def _coupling(self, form: WeakForm, width: Array, one: int, other: int, sign: float) -> Array:
         """Return the moments of a motor that turns with two joints, beside its own: (k, n, 3)."""
