@@ -228,50 +228,74 @@ def find_gears(robot: Robot, log: Log, lag: Array, gravity: bool = True) -> Gear
 
 def _turns(grid: Grid) -> Iterator[_Turn]:
     """Find the joints' turns in a log, and their answers at the lines."""
+    begin = _begin_of_turns(grid)
+    length = round(PERIOD / grid.dt)
+    # Below half the log's rate, with the frequencies that show the noise.
+    lines = LINES[: np.searchsorted(LINES * PERIOD, length // 2 - _BETWEEN, "right")]
+    if begin is None or not len(lines):
+        return
+    t = np.arange(length) * grid.dt
+    waves = np.exp(2j * math.pi * lines * t[:, None])
+    # A line's amplitude beside the position about which the joint moves, and its drift.
+    basis = np.hstack([waves.real, waves.imag, np.ones((length, 1)), t[:, None]])
+    inverse = np.linalg.pinv(basis)
+    for joint in range(grid.q.shape[1]):
+        first = begin + round((joint * TURN + _SETTLE) / grid.dt)
+        periods = _whole_periods(grid, joint, first, length)
+        if len(periods) < 2:
+            continue
+        factors = inverse @ periods
+        cosines, sines, _ = np.split(factors, [len(lines), 2 * len(lines)], axis=1)
+        amplitudes, noise = cosines - 1j * sines, _noise_at(lines, periods - basis @ factors)
+        middle = periods[..., 1:].mean(axis=(0, 1))
+        yield _Turn(joint, lines, middle, amplitudes[..., 0], amplitudes[..., 1:], noise)
+
+
+def _begin_of_turns(grid: Grid) -> int | None:
+    """Return the sample at which the motion begins, before 0 where the log begins later; None if too short.
+
+    It is where the joints move in their own turns, and not in those of the others.
+    """
     n, size = grid.q.shape[1], max(2, round(_LOOK / grid.dt))
     count = len(grid.q) // size
-    turn, first = round(TURN / _LOOK), round(_SETTLE / _LOOK)
+    turn, settling = round(TURN / _LOOK), round(_SETTLE / _LOOK)
     if count < turn - 2:
-        return
+        return None
     blocks = grid.q[: count * size].reshape(count, size, n)
     moves = np.abs(np.diff(blocks, axis=1)).sum(axis=1)
     moves /= np.maximum(moves.max(axis=0), 1e-300)
-    middle = [[np.arange(j * turn + first, (j + 1) * turn - 2)] for j in range(n)]
 
-    def matches(begin: int) -> float:
-        """Return how far each joint moves in its own turn beyond what it does in others."""
+    def moved_in_turns(begin: int) -> float:
+        """Return how much the joints move in their own turns, if the motion begins at a block."""
         inside = 0.0
-        for j in range(n):
-            at = middle[j][0] + begin
-            at = at[(at >= 0) & (at < count)]
-            inside += float(moves[at, j].sum())
+        for joint in range(n):
+            own = begin + np.arange(joint * turn + settling, (joint + 1) * turn - 2)
+            own = own[(own >= 0) & (own < count)]
+            inside += float(moves[own, joint].sum())
         return inside
 
-    begin = max(range(-(n - 1) * turn - first, max(count - turn + 3, 1)), key=matches)
-    length = round(PERIOD / grid.dt)
-    t = np.arange(length) * grid.dt
-    # Below half the log's rate, with the frequencies that show the noise.
-    lines = LINES[: np.searchsorted(LINES * PERIOD, length // 2 - _BETWEEN, "right")]
-    if not len(lines):
-        return
-    waves = np.exp(2j * math.pi * lines * t[:, None])
-    basis = np.hstack([waves.real, waves.imag, np.ones((length, 1)), t[:, None]])
-    inverse = np.linalg.pinv(basis)
-    for j in range(n):
-        start = round((begin * size) + (j * TURN + _SETTLE) / grid.dt)
-        there = [start + k * length for k in range(PERIODS)]
-        there = [
-            k for k in there if k >= 0 and k + length <= len(grid.q) and not grid.bad[k : k + length].any()
-        ]
-        if len(there) < 2:
-            continue
-        periods = np.stack(
-            [np.hstack([grid.tau[k : k + length, j : j + 1], grid.q[k : k + length]]) for k in there]
-        )
-        factors = inverse @ periods
-        cosines, sines, _ = np.split(factors, [len(lines), 2 * len(lines)], axis=1)
-        both, noise = cosines - 1j * sines, _noise_at(lines, periods - basis @ factors)
-        yield _Turn(j, lines, periods[..., 1:].mean(axis=(0, 1)), both[..., 0], both[..., 1:], noise)
+    begins = range(-(n - 1) * turn - settling, max(count - turn + 3, 1))
+    return max(begins, key=moved_in_turns) * size
+
+
+def _whole_periods(grid: Grid, joint: int, first: int, length: int) -> Array:
+    """Return the periods of a joint's turn that the log has without a gap, (periods, length, 1 + n).
+
+    Args:
+        grid: the log.
+        joint: whose turn it is.
+        first: sample at which the first period begins.
+        length: samples of a period.
+
+    Returns:
+        The torque of the joint and the positions of all.
+    """
+    found = []
+    for k in range(PERIODS):
+        own = slice(first + k * length, first + (k + 1) * length)
+        if own.start >= 0 and own.stop <= len(grid.q) and not grid.bad[own].any():
+            found.append(np.hstack([grid.tau[own, joint : joint + 1], grid.q[own]]))
+    return np.array(found)
 
 
 def _noise_at(lines: Array, rest: Array) -> Array:
