@@ -93,9 +93,11 @@ def front_table(search: Search, best: Sequence[Validated]) -> str:
     rows: list[list[Any]] = []
     for row in sorted(candidates.values(), key=lambda row: row.means[against]):
         on_others = held_out.get(row.x.tobytes())
-        seen = ["", ""] if on_others is None else [on_others.objective, on_others.means[against]]
+        validated_costs: list[Any] = ["", ""]
+        if on_others is not None:
+            validated_costs = [on_others.objective, on_others.means[against]]
         numbers = problem.space.values(row.x).tolist()
-        rows.append([row.objective, row.means[against], *seen, *numbers])
+        rows.append([row.objective, row.means[against], *validated_costs, *numbers])
     return csv_table(head, rows)
 
 
@@ -110,7 +112,8 @@ def gains_table(search: Search, best: Sequence[Validated]) -> str:
     rows = []
     for dimension, values in zip(space.dimensions, np.transpose(columns).tolist(), strict=True):
         joint = "all" if dimension.joint is None else space.joints[dimension.joint]
-        rows.append([dimension.name, joint, *values, float(dimension.low), float(dimension.high)])
+        low, high = float(dimension.low), float(dimension.high)
+        rows.append([dimension.name, joint, *values, low, high])
     return csv_table([*head, "low", "high"], rows)
 
 
@@ -137,7 +140,8 @@ def evaluations_table(search: Search) -> str:
 def convergence(search: Search) -> Array:
     """Return the best objective after each candidate for every budget, (budgets, candidates)."""
     against = search.problem.against
-    objectives = np.full((len(search.problem.budgets), len(search.rows)), np.inf)
+    shape = (len(search.problem.budgets), len(search.rows))
+    objectives = np.full(shape, np.inf)
     for i, budget in enumerate(search.problem.budgets):
         for k, row in enumerate(search.rows):
             if row.sound and row.means[against] <= budget:
@@ -150,7 +154,8 @@ def report(search: Search, best: Sequence[Validated], given: Row) -> str:
     problem, against = search.problem, search.problem.against
     searched_on, held_out = len(problem.search.draws), len(problem.held_out.draws)
     slides = problem.slides
-    objective, spent = heading(problem.objective.expression.text, slides), heading(against, slides)
+    objective = heading(problem.objective.expression.text, slides)
+    spent = heading(against, slides)
     what, _, unit = spent.rstrip("]").partition(" [")
     head = (
         "",

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from armgpi.errors import ArmgpiError, BackendError, import_extra
 from armgpi.studies.sample import run_chunk
@@ -42,30 +42,56 @@ def run(
         NoRoom: when a chunk cannot be written; those before it are there.
     """
     if workers == 1 and cluster is None:
-        return _gather(((*each, *_attempt(folder, *each)) for each in chunks), done)
+        here = (_Ended(chunk, rows, *_attempt(folder, chunk, rows)) for chunk, rows in chunks)
+        return _gather(here, done)
     distributed = import_extra("dask.distributed", "cluster", "distributed")
     place = str(folder.resolve())  # workers stand elsewhere
     with _client(distributed, workers, cluster) as client:
-        rows = {client.submit(_task, place, *each, pure=False, retries=_RETRIES): each for each in chunks}
+        submitted = {}
+        for chunk, rows in chunks:
+            future = client.submit(_task, place, chunk, rows, pure=False, retries=_RETRIES)
+            submitted[future] = chunk, rows
+        futures = list(submitted)
         # A chunk is on the disk before its future is done: a lost worker loses nothing that was finished.
-        ended = distributed.as_completed(list(rows))
+        completed = distributed.as_completed(futures)
+        ended = (_Ended(*submitted[future], *_task_result(future)) for future in completed)
         try:
-            return _gather(((*rows[future], *_task_result(future)) for future in ended), done)
+            return _gather(ended, done)
         except NoRoom:
-            client.cancel(list(rows))
+            client.cancel(futures)
             raise
 
 
-def _gather(results: Iterable[tuple[int, int, str, bool]], done: Callable[[int], None]) -> dict[int, str]:
-    """Return the chunks that are broken, of results as they come: number, rollouts, and :func:`_attempt`."""
+class _Ended(NamedTuple):
+    """A chunk that came to its end.
+
+    Attributes:
+        chunk: its number.
+        rows: its rollouts.
+        reason: why it could not be run; empty when it was.
+        had_room: whether it could be written.
+    """
+
+    chunk: int
+    rows: int
+    reason: str
+    had_room: bool
+
+
+def _gather(results: Iterable[_Ended], done: Callable[[int], None]) -> dict[int, str]:
+    """Return the chunks that are broken, with the reason, of results as they come.
+
+    Raises:
+        NoRoom: when one could not be written.
+    """
     broken: dict[int, str] = {}
-    for chunk, count, reason, room in results:
-        if not room:
-            raise NoRoom(reason)
-        if reason:
-            broken[chunk] = reason
+    for ended in results:
+        if not ended.had_room:
+            raise NoRoom(ended.reason)
+        if ended.reason:
+            broken[ended.chunk] = ended.reason
         else:
-            done(count)
+            done(ended.rows)
     return broken
 
 
@@ -120,7 +146,12 @@ def _client(distributed: Any, workers: int, cluster: str | None) -> Iterator[Any
         with client:
             yield client
         return
-    options: Any = {"threads_per_worker": 1, "dashboard_address": None, "silence_logs": logging.CRITICAL}
-    options["scheduler_kwargs"] = {"dashboard_address": "127.0.0.1:0"}  # without one it asks for port 8787
-    with distributed.LocalCluster(n_workers=workers, **options) as local, distributed.Client(local) as client:
+    cluster_here = distributed.LocalCluster(
+        n_workers=workers,
+        threads_per_worker=1,
+        dashboard_address=None,
+        silence_logs=logging.CRITICAL,
+        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # without one it asks for port 8787
+    )
+    with cluster_here, distributed.Client(cluster_here) as client:
         yield client
