@@ -185,8 +185,8 @@ class _Checker:
             return True
         if not place.is_relative_to(self.beside):
             return False
-        first, *below = place.relative_to(self.beside).parts
-        return bool(below) and _ASSETS.fullmatch(first) is not None
+        parts = place.relative_to(self.beside).parts  # none where it is that folder itself
+        return len(parts) > 1 and _ASSETS.fullmatch(parts[0]) is not None
 
 
 def _bytes(text: str) -> float:

@@ -186,3 +186,15 @@ def test_warnings_of_mujoco_are_not_printed_nor_written(
         Robot.load(path)
     assert capfd.readouterr() == ("", "")
     assert [file.name for file in tmp_path.iterdir()] == ["m.xml"]
+
+
+@pytest.mark.parametrize("name", ["..", "../", ".", "../mjcf", "../meshes", "../meshes/."])
+def test_a_folder_is_no_file_to_include_or_to_draw(tmp_path: Path, name: str) -> None:
+    """Also the one above the model, in which folders of meshes stand: it has no name there."""
+    folder = tmp_path / "mjcf"
+    for each in (folder, tmp_path / "meshes"):
+        each.mkdir()
+    for more in (f"<include file='{name}'/>", asset("mesh", name)):
+        with pytest.raises(UrdfError) as refused:
+            mjcf_files.check(write(folder, more))
+        assert "outside the folders" in str(refused.value) or "folder" in str(refused.value)
