@@ -42,6 +42,17 @@ GAP, BEHIND = 0.02, 0.03
 LIMITS, SPEED, APPROACH, LENGTH = (10.0, 30.0), 0.25, 1.5, 3.0
 #: Whether joints are elastic, and the limit [N].
 CASES = ((False, LIMITS[0]), (False, LIMITS[1]), (True, LIMITS[1]))
+#: What orientation and bounces depend on: arm, which delay and friction, limit [N] and moment limit [N m].
+CAUSES: tuple[tuple[str, int, float, float | None], ...] = (
+    ("ur3", 0, 10.0, None),
+    ("ur3", 0, 10.0, 10.0),
+    ("xarm7", 0, 10.0, None),
+    ("xarm7", 0, 10.0, 10.0),
+    ("tiago_pro_left_arm", 0, 10.0, None),
+    ("tiago_pro_left_arm", 1, 30.0, None),
+    ("tiago_pro_left_arm", 0, 30.0, None),
+    ("tiago_pro_left_arm", 2, 30.0, None),
+)
 #: Hands on each arm; how long each pushes, and how long the arm has to come back [s].
 HANDS, PUSHED, BACK = 24, 0.4, 2.5
 #: After this time behind a wall the tool is not to leave it [s].
@@ -72,6 +83,7 @@ class Pressed(NamedTuple):
     bounced: Array
     turned: Array
     straight: Array
+    gap: Array  # how far the tool left the wall again at most [m]
 
 
 class Setting(NamedTuple):
@@ -197,8 +209,29 @@ def _known(name: str, late: int) -> Known:
     return Known(where, where.robot.with_friction(*level), level, late)
 
 
-def _setting(name: str, i: int, limit: float, elastic: bool) -> Setting:
-    """Return a force limit [N] on an arm, the i-th one."""
+def causes(quick: bool) -> None:
+    """Print what orientation and bounces depend on."""
+    _page.say(
+        "The walls above on arms that missed a goal, stiff joints, with another moment limit and other "
+        "delays. Turned: worst at walls of 0, 30 and 60 degrees from the tool's axis. Left by: farthest from "
+        f"the wall again, later than {SETTLED:g} s after it was touched."
+    )
+    rows = []
+    for name, i, limit, moment in CAUSES[:1] if quick else CAUSES:
+        setting = _setting(name, i, limit, False, moment)
+        found = _pressed(setting, limit)
+        angles = np.repeat(np.tile(ANGLES, len(WALLS)), DRAWS)
+        turned = [f"{found.turned[angles == angle].max():.3g}" for angle in ANGLES]
+        gap = f"{1e3 * found.gap.max():.2g}" if found.bounced.any() else "-"
+        moment = 0.2 * limit if moment is None else moment
+        row = [name, setting.known.late, f"{limit:g}", f"{moment:g}", f"{found.over.max():.3g}"]
+        rows.append([*row, ", ".join(turned), int(found.bounced.sum()), gap])
+    heads = ["arm", "delay [samples]", "limit [N]", "moment limit [N m]", "over its bound, worst"]
+    print(table([*heads, "turned [deg]", "bounced of 36", "left by [mm]"], rows))
+
+
+def _setting(name: str, i: int, limit: float, elastic: bool, moment: float | None = None) -> Setting:
+    """Return a force limit [N], with a moment limit [N m], on an arm, the i-th one."""
     known = _known(name, 1 + (SEEDS[name] + i) % 3)
     model = known.robot
     how: dict[str, Any] = {"late": known.late}
@@ -213,6 +246,7 @@ def _setting(name: str, i: int, limit: float, elastic: bool) -> Setting:
         bits=17,
         drives="elastic" if elastic else "stiff",
         force_limit=limit,
+        moment_limit=moment,
         speed_limit=SPEED,
     )
     return Setting(known, law, how, np.random.default_rng([int(limit), known.late]))
@@ -237,7 +271,8 @@ def _pressed(setting: Setting, limit: float) -> Pressed:
     end = force[:, tool.times > LENGTH - 0.3].mean(axis=1)
     touched = np.array([float(tool.times[np.argmax(row)]) for row in deep > 0.0])
     left = (deep <= 0.0) & (tool.times > touched[:, None] + SETTLED)
-    return Pressed(end / allowed, left.any(axis=1), tool.turned.max(axis=1), straight)
+    gap = np.where(left, -deep, 0.0).max(axis=1)
+    return Pressed(end / allowed, left.any(axis=1), tool.turned.max(axis=1), straight, gap)
 
 
 def _walls(

@@ -16,7 +16,7 @@ from _compliant import Part
 from _cost import cost
 from _energy import energy
 from _force_stop import stops
-from _pressing import circles, hands, walls
+from _pressing import causes, circles, hands, walls
 from _springs import elastic, front, springs
 from _task_rivals import rivals
 
@@ -28,6 +28,7 @@ PARTS: dict[str, tuple[str, Part]] = {
     "elastic": ("Springs on elastic joints", elastic),
     "front": ("A stiff spring: circle against torque step", front),
     "walls": ("Force limit: walls", walls),
+    "causes": ("Force limit: orientation and bounces", causes),
     "hands": ("Force limit: hands", hands),
     "circle": ("Force limit: the circle", circles),
     "stop": ("A stop by the estimated force", stops),
