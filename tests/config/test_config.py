@@ -16,7 +16,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from armgpi import GPI, BSplineNetwork, PIDPositions, Robot, config, default_omega
-from armgpi.config import schema
+from armgpi.config import building, schema
 from armgpi.config.section import by_shape
 from armgpi.errors import ArmgpiError, ConfigError
 from armgpi.plants.plant import Wrapper
@@ -291,6 +291,14 @@ def test_a_urdf_is_looked_for_beside_the_file(tmp_path: Path, monkeypatch: pytes
     assert config.build(*config.read(relative)).robot.name == "mine"
     file.write_text(f"robot: {{name: {folder / 'mine.urdf'}}}")
     assert config.build(*config.read(file)).robot.name == "mine"
+
+
+def test_the_arm_alone_is_that_of_the_whole_experiment() -> None:
+    given = config.parse("robot: {name: anthropomorphic3, rotor_inertia: 0.2, lock: [q1]}", "x")
+    alone, whole = building.robot(*given), config.build(*given).robot
+    assert isinstance(alone, Robot)
+    assert alone.joint_names == whole.joint_names == ("q2", "q3")
+    np.testing.assert_array_equal(alone.mass_matrix([0.1, 0.2]), whole.mass_matrix([0.1, 0.2]))
 
 
 def test_a_value_is_read_by_its_shape_a_list_of_one_list_as_well() -> None:

@@ -193,6 +193,19 @@ def test_a_rollout_that_diverged_ends_with_a_cross() -> None:
 
 
 @pytest.mark.slow
+def test_a_path_in_space_has_the_same_scale_along_all_axes_about_its_middle() -> None:
+    figure = Figure()
+    axes: Any = figure.add_subplot(projection="3d")
+    plots.plot_path_space(axes, ONE, ARM)
+    (path,) = tracks.tool_paths(ONE, ARM)
+    every = np.concatenate([path.desired, path.drawn])
+    every = every[np.isfinite(every).all(axis=1)]
+    middle, widest = 0.5 * (every.min(axis=0) + every.max(axis=0)), np.ptp(every, axis=0).max()
+    for index, ends in enumerate((axes.get_xlim(), axes.get_ylim(), axes.get_zlim())):
+        assert np.mean(ends) == pytest.approx(middle[index])
+        assert np.ptp(ends) == pytest.approx(1.1 * widest, rel=0.1)
+
+
 def test_names_are_shown_to_the_letter(tmp_path: Path) -> None:
     rollout = compared(**{name: made_up(chain(4, joints=list(HOSTILE))) for name in HOSTILE})
     figure = plots.overview(rollout)
