@@ -58,10 +58,13 @@ def html(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any], unseen: str =
     """
     worst_row = int(worst(found, 1)[0])
     worst_index = int(found["rollout"].values[worst_row])
-    drawn = {name: float(found[f"drawn.{name}"].values[worst_row]) for name in sweep.drawn_names}
+    drawn = {}
+    for name in sweep.drawn_names:
+        drawn[name] = float(found[f"drawn.{name}"].values[worst_row])
     config = sweep.config_of(drawn, worst_index)
     experiment = build(config)
-    rollout = experiments.join({sweep.label: experiments.run(experiment, sweep.label, progress=False)})
+    run = experiments.run(experiment, sweep.label, progress=False)
+    rollout = experiments.join({sweep.label: run})
     parts = []
     if unseen:
         parts.append(f"<p class=fair>{page.text(unseen)}</p>")
@@ -92,7 +95,8 @@ def _quantiles(sweep: Sweep, said: Mapping[str, Any]) -> str:
     rows = []
     for name in sweep.metrics:
         estimates = said["quantiles"][name]
-        rows.append([heading(sweep, name), *(quantile_words(estimates[str(share)]) for share in QUANTILES)])
+        words = [quantile_words(estimates[str(share)]) for share in QUANTILES]
+        rows.append([heading(sweep, name), *words])
     return page.table(head, rows, label="Quantiles of the metrics with 95 % intervals")
 
 
@@ -134,12 +138,15 @@ def _histogram(values: Array) -> str:
     finite = values[np.isfinite(values)]
     if not len(finite):
         return "<p>All infinite.</p>"
-    logarithmic = bool(finite.min() > 0.0 and finite.max() > _DECADES * finite.min())
-    counts, edges = np.histogram(np.log10(finite) if logarithmic else finite, bins=_BARS)
-    ends = 10.0 ** edges[[0, -1]] if logarithmic else edges[[0, -1]]
+    lowest, highest = finite.min(), finite.max()
+    is_logarithmic = bool(lowest > 0.0 and highest > _DECADES * lowest)
+    counts, edges = np.histogram(np.log10(finite) if is_logarithmic else finite, bins=_BARS)
+    ends = edges[[0, -1]]
+    if is_logarithmic:
+        ends = 10.0**ends
     low, high = (metrics.short(float(end), 3) for end in ends)
     caption = f"bars up to {counts.max()} of {len(values)}"
-    if logarithmic:
+    if is_logarithmic:
         caption = f"log scale, {caption}"
     infinite = len(values) - len(finite)
     if infinite:
@@ -171,8 +178,10 @@ def _bars(
     for k, (lower, upper) in enumerate(intervals):
         shapes.append(drawing.line([(k + 0.5, lower), (k + 0.5, upper)], LINE))
     shapes.append(drawing.line([(0.0, 1.0), (0.0, 0.0), (n, 0.0)], LINE))
-    for x, anchor, words in zip((0.0, 0.5 * n, n), ("start", "middle", "end"), texts, strict=True):
-        shapes.append(drawing.text(x, -0.15, words, anchor))
+    left, middle, right = texts
+    shapes.append(drawing.text(0.0, -0.15, left, "start"))
+    shapes.append(drawing.text(0.5 * n, -0.15, middle, "middle"))
+    shapes.append(drawing.text(n, -0.15, right, "end"))
     return drawing.svg(shapes)
 
 

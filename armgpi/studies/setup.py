@@ -146,9 +146,11 @@ def _problem(
 ) -> Problem:
     """Return what is searched; errors name the key of `tune`."""
     try:
-        free = None
+        free: dict[str, Range] | None = None
         if tune.free is not None:
-            free = {key: Range(**({} if each is None else each.plain())) for key, each in tune.free.items()}
+            free = {}
+            for key, searched in tune.free.items():
+                free[key] = Range() if searched is None else Range(**searched.plain())
         space = Space(section, experiment.controllers[label], free)
         objective = Objective(tune.objective, tune.over, tune.share, tune.constraints)
         if tune.against not in known_names():
@@ -158,17 +160,20 @@ def _problem(
     against = known_names()[tune.against]
     names = sorted({*objective.names, against, *KEPT})
     reality, first = reality_of(experiment)
+
+    def evaluator(begin: int, count: int) -> Evaluator:
+        scenarios = [reality.draw(experiment.robot, begin + i) for i in range(count)]
+        return Evaluator(scenarios, names, backend)
+
     try:
-        searched, held_out = (
-            Evaluator([reality.draw(experiment.robot, begin + i) for i in range(count)], names, backend)
-            for begin, count in ((first, tune.scenarios), (first + _APART, tune.held_out))
-        )
+        search = evaluator(first, tune.scenarios)
+        held_out = evaluator(first + _APART, tune.held_out)
     except ArmgpiError as error:
         raise origin.error(("reality",), str(error)) from error
     return Problem(
         space,
         objective,
-        searched,
+        search,
         held_out,
         against,
         tuple(tune.budgets or (math.inf,)),
@@ -189,8 +194,10 @@ def _path(error: ParameterError | NameNotFound, tune: TuneSection) -> tuple[str,
             return ("tune", "against")
         inside = str(error.name) in tune.objective
         return ("tune", "objective" if inside else "constraints")
-    name = error.name.split(".")[0]
-    return ("tune", *error.name.split(".")) if name == "free" else ("tune", name)
+    name, *keys = error.name.split(".")
+    if name == "free":
+        return ("tune", "free", *keys)
+    return ("tune", name)
 
 
 def reality_of(experiment: Experiment) -> tuple[Reality, int]:
@@ -204,7 +211,10 @@ def reality_of(experiment: Experiment) -> tuple[Reality, int]:
         return Reality(**{name: getattr(given, name) for name in parameters(Reality)}), given.index
     plant: Any = experiment.config.plant
     delay = float(plant.delay or 0)
-    changes: dict[str, Any] = {"sample_time": [experiment.config.sample_time], "delay": (delay, delay)}
+    changes: dict[str, Any] = {
+        "sample_time": [experiment.config.sample_time],
+        "delay": (delay, delay),
+    }
     bits = plant.encoder_bits
     if isinstance(bits, int | float):
         changes["encoder_bits"] = (float(bits), float(bits))
@@ -214,7 +224,8 @@ def reality_of(experiment: Experiment) -> tuple[Reality, int]:
 def best_file(wanted: Wanted, x: Any) -> config.Loaded:
     """Return the experiment with the searched controller as found, first, and as it was given after it."""
     tuned = {**wanted.problem.space.with_values(np.asarray(x)), "label": "tuned"}
-    data = {**wanted.data, "controllers": [tuned, {**wanted.section, "label": "default"}]}
+    default = {**wanted.section, "label": "default"}
+    data = {**wanted.data, "controllers": [tuned, default]}
     origin = Origin("best.yaml")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ArmgpiWarning)
