@@ -186,7 +186,7 @@ def mechanisms() -> list[Mechanism]:
         _edit("cross"),
         _edit("swapped", alternatives._of_row),
         _edit("name", alternatives._of_own),
-        _edit("index", alternatives._indices, alternatives._shifted, alternatives._shifted_slices),
+        _edit("index", alternatives.indices, alternatives._shifted, alternatives._shifted_slices),
         _edit("term", alternatives._of_products, alternatives._with_unused, alternatives._siblings),
         Mechanism(
             "terms that are solved for",

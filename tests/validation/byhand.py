@@ -81,7 +81,7 @@ EIGHTH = (
     "plain",
     "projected",
 )
-#: Styles written last, before the search was read again; all of their lines are set aside.
+#: Styles written after these, scored once before the search was changed for them: evidence no more.
 NINTH = ("duals", "flat", "formulas", "gibbs", "quaternions")
 #: Styles of which half of the lines are set aside.
 HALVED = (*SIXTH, *SEVENTH, *EIGHTH)
