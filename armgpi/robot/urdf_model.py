@@ -98,7 +98,7 @@ def build(
     check_choice(mimic, "mimic", ("lock", "follow"))
     locked = _locked_values(urdf, lock, keep, mimic)
     moving = [j for j in urdf.joints.values() if j.moves and j.name not in locked]
-    _check_obstacles(urdf, {joint.name for joint in moving}, locked, mimic)
+    _check_obstacles(urdf, {joint.name for joint in moving}, locked, keep, mimic)
     _check_joints(urdf, moving, locked)
     moved = urdf.moved_links(locked)
     repairs = Repairs(urdf.source, urdf.wanted, urdf.repairs)
@@ -138,7 +138,13 @@ def _check_joints(urdf: Urdf, moving: Collection[Joint], locked: Mapping[str, fl
         ).suggesting(Remedy("keep"))
 
 
-def _check_obstacles(urdf: Urdf, moving: Collection[str], locked: Mapping[str, float], mimic: Mimic) -> None:
+def _check_obstacles(
+    urdf: Urdf,
+    moving: Collection[str],
+    locked: Mapping[str, float],
+    keep: Sequence[str] | None,
+    mimic: Mimic,
+) -> None:
     """Refuse what a tree of rigid bodies on a fixed base does not have, while a joint moves on which it acts.
 
     All of it at once, or joints would have to be locked one refusal after the other. What is proposed to be
@@ -152,7 +158,10 @@ def _check_obstacles(urdf: Urdf, moving: Collection[str], locked: Mapping[str, f
     said = _in_words(urdf, obstacles, names, others_move)
     if not others_move:
         raise UrdfError(urdf.source, said, names[0])
-    refused = UrdfError(urdf.source, said, names[0]).suggesting(Remedy("lock", names))
+    remedy = Remedy("lock", names)
+    if keep is not None:  # what is kept cannot be locked as well
+        remedy = Remedy("keep", tuple(name for name in _name_list(keep, "keep") if name not in names))
+    refused = UrdfError(urdf.source, said, names[0]).suggesting(remedy)
     places = {name: urdf.joints[name].nearest_to_zero() for name in names}
     try:
         with warnings.catch_warnings():

@@ -183,6 +183,11 @@ def test_all_that_stands_against_an_arm_is_named_in_one_refusal_whose_command_lo
     (remedy,) = caught.value.remedies
     assert set(remedy.joints) == {"free", "tip", "slide"}
     assert Robot.load(path, lock=list(remedy.joints)).joint_names == ("a", "joint1")
+    with pytest.raises(UrdfError, match="a spring, which acts on 'tip'") as kept:
+        Robot.load(path, keep=["a", "tip"])
+    (remedy,) = kept.value.remedies
+    assert (remedy.kind, remedy.joints) == ("keep", ("a",))
+    assert Robot.load(path, keep=list(remedy.joints)).joint_names == ("a",)
 
 
 def test_what_no_lock_mends_is_not_proposed_to_be_locked(tmp_path: Path) -> None:
