@@ -39,6 +39,7 @@ from armgpi.studies.distributions import Distribution, distribution, shares
 from armgpi.studies.objective import Expression
 from armgpi.studies.sample import Sweep
 from armgpi.studies.study import IDENTITY
+from armgpi.supervisor import Reason
 
 TEXT = """
 robot: {name: anthropomorphic3}
@@ -154,6 +155,33 @@ def test_a_sweep_runs_under_the_supervisor_of_its_file(tmp_path: Path) -> None:
     )
     assert any(line.startswith("stopped by the supervisor: ") for line in results.sentences(said))
     assert under.identity.digest != made(SUPERVISED.replace("2000", "1000")).identity.digest
+
+
+@pytest.mark.parametrize(
+    ("name", "values"), [("tool_speed", [0.05, 0.15, 40.0]), ("tool_force", [0.5, 5.0, 500.0])]
+)
+def test_a_limit_of_the_tool_may_vary(name: str, values: list[float], tmp_path: Path) -> None:
+    """Each limit decides the form of the code, so its rollouts are stopped as those of a run with it."""
+    text = SUPERVISED.replace("{torque_rate: 2000}", f"{{{name}: 30, following: 50, response: 0}}")
+    text = text.split("vary:")[0]
+    if name == "tool_force":  # a hand that friction, which the model has none of, cannot explain
+        text = text.replace("amplitude: 0.1", "amplitude: 5.0")
+    under = made(text + f"vary:\n  supervisor.{name}: {{choices: {values}}}\n")
+    under.enter(tmp_path)
+    sample.run_chunk(tmp_path, 0, 8)
+    found = results.collect(under, under.enter(tmp_path), 8)
+    results.write(under, found, results.summary(under, found), tmp_path)
+    stopped = set()
+    for place, i in list(enumerate(results.worst(found), start=1)):
+        built = build_experiment(*read(tmp_path / "worst" / f"{place:02d}.yaml"))
+        again = experiments.run(built, "gpi")
+        assert built.supervisor is not None
+        assert getattr(built.supervisor, name) in values
+        assert int(again["fault"]) == int(found["fault"].values[i])
+        np.testing.assert_equal(float(again["t_fault"]), found["t_fault"].values[i])
+        stopped.add(int(again["fault"]))
+    assert int(Reason[name.upper()]) in stopped
+    assert len(set(found["fault"].values.tolist())) > 1
 
 
 def test_what_a_sweep_says_is_in_its_files(done: Path) -> None:
