@@ -258,12 +258,16 @@ class Impedance(Controller):
         Args:
             at_link: take encoders of which nothing tells the side to sit at the links.
         """
+        return self.largest_factors()[int(at_link)]
+
+    def largest_factors(self) -> tuple[float, float]:
+        """Return :meth:`largest_factor` as it is enforced, and for encoders at the links [-]."""
         arm = one_of(self.robot)
         modes = self._modes(arm, random_configurations(arm, _CONFIGURATIONS, seed=0))
         elastic = ElasticLoop.of([mode.springs for mode in modes], arm.drives, self.dt, self.delay)
         alpha, beta, loop = self._alpha.item(), self._beta.item(), (self.dt, self.delay, elastic)
         every = [impedance_limits(modes, alpha, beta, x, *loop) for x in _FILTERS]
-        return max(found.link_factor if at_link else found.factor for found in every)
+        return max(found.factor for found in every), max(found.link_factor for found in every)
 
     def init(self, measurement: Measurement, target: Target) -> ImpedanceState:
         """Return the state before the first sample, at rest; see :meth:`Controller.init`."""

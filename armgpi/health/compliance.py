@@ -88,7 +88,7 @@ def _worked_out(robot: Robot, dt: float, delay: float) -> Compliance | None:
                 law = CartesianImpedance(robot, dt, stiffness=stiffness, delay=delay)
         except ArmgpiError:
             continue
-        found, largest, at_link = law.limits, law.largest_factor(), law.largest_factor(at_link=True)
+        found, (largest, at_link) = law.limits, law.largest_factors()
         return Compliance(asked * largest, asked * at_link, found.wall, found.usual_wall, asked, found.reason)
     return None
 
