@@ -74,7 +74,8 @@ def _front(axes: Axes, search: Search, found: Sequence[Validated], given: Row) -
     _log(axes.set_yscale, [row.objective for row in shown])
     slides = search.problem.slides
     name = plots.text(heading(search.problem.objective.expression.text, slides))
-    axes.set(xlabel=plots.text(heading(against, slides)), ylabel=name, title="front")
+    spent_name = plots.text(heading(against, slides))
+    axes.set(xlabel=spent_name, ylabel=name, title="front")
     axes.legend(fontsize="x-small")
 
 
@@ -86,7 +87,8 @@ def _gains(axes: Axes, search: Search, found: Sequence[Validated]) -> None:
     for index, validated in enumerate(found):
         color, label = style.look(index).color, _name(validated.budget)
         axes.scatter(validated.row.x, places, marker="D", s=24, color=color, label=label)
-    axes.set_yticks(places, [plots.text(dimension.label(space.joints)) for dimension in space.dimensions])
+    labels = [plots.text(dimension.label(space.joints)) for dimension in space.dimensions]
+    axes.set_yticks(places, labels)
     axes.set_xticks([0.0, 1.0], ["low", "high"])
     axes.invert_yaxis()
     axes.set(xlim=(-0.03, 1.03), title="numbers in their ranges")

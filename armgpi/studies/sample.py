@@ -210,7 +210,8 @@ class Sweep:
     @property
     def drawn_names(self) -> list[str]:
         """Names of the numbers that were drawn."""
-        return self.columns[: -len(self.ends) - len(self.metrics) * self.robot.n]
+        others = len(self.ends) + len(self.metrics) * self.robot.n
+        return self.columns[:-others]
 
     @property
     def metrics(self) -> list[str]:
@@ -278,7 +279,8 @@ class Sweep:
         if self.config.reality is not None:  # whose draws take milliseconds
             return True
         # Another machine's exponentials differ in their last digits.
-        return np.allclose(table[:, : self.width], self.numbers(chunk, len(table)), rtol=1e-9, atol=0.0)
+        drawn_there, drawn_here = table[:, : self.width], self.numbers(chunk, len(table))
+        return np.allclose(drawn_there, drawn_here, rtol=1e-9, atol=0.0)
 
     def values(self, drawn: Array) -> dict[str, Any]:
         """Return what was drawn, (rows, width), as a prepared loop takes it."""
@@ -359,7 +361,8 @@ class Sweep:
         """Tell which rollouts have failed, from their metrics (rollouts, joints) and `status`."""
         failed = np.isin(table["status"], (Status.DIVERGED, Status.STOPPED))
         for name, most in self.failure.items():
-            failed |= ~(np.asarray(table[name]).max(axis=1) <= most)
+            largest = np.asarray(table[name]).max(axis=1)
+            failed |= ~(largest <= most)
         return failed
 
     def _find_variable(self, name: str) -> tuple[Variable, bool]:
@@ -558,7 +561,8 @@ def usual_failure(experiment: Experiment) -> dict[str, float]:
     """
     move = _LEAST_MOVE
     if experiment.reference is not None:
-        q = experiment.reference.at(np.linspace(0.0, experiment.t_final, _LOOKS)).q
+        times = np.linspace(0.0, experiment.t_final, _LOOKS)
+        q = experiment.reference.at(times).q
         travel = float(np.ptp(q, axis=0).max())
         move = travel if travel > 0.0 else _LEAST_MOVE
     return {name: float(f"{share * move:.3g}") for name, share in FAILURE_SHARES.items()}
