@@ -5,7 +5,7 @@ from what each style invites. They were committed before anything was fitted to 
 SEEN: what `validate` misses there may change it; the others only measure. THIRD styles were written later, to
 change it as well; FOURTH ones last, by someone who had not read its code, and were scored once. SIXTH,
 SEVENTH and EIGHTH styles too; half of their lines, drawn by a seed, are `aside`: what is missed there changes
-nothing. NINTH ones are aside as a whole.
+nothing. NINTH ones were scored once as a whole, and changed it after that.
 `right/` has right models of robots in odd styles. One line is one mistake:
 
     what stands in the model ==> what a mistaken one has [&& a second] [## what a name has to match] [### why]
