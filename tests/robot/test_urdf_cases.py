@@ -51,7 +51,8 @@ for line in sys.stdin:
     child = os.fork()
     if not child:
         resource.setrlimit(resource.RLIMIT_AS, ({MEMORY}, {MEMORY}))
-        signal.alarm({SECONDS})
+        resource.setrlimit(resource.RLIMIT_CPU, ({SECONDS}, {SECONDS}))
+        signal.alarm(60 * {SECONDS})  # who waits for ever takes no processor time
         sys.stdout, sys.stderr = files
         for i, file in enumerate(files):
             os.dup2(file.fileno(), i + 1)
@@ -82,7 +83,7 @@ def children() -> Iterator[subprocess.Popen[str]]:
 
 @pytest.fixture
 def inspect_file(children: subprocess.Popen[str]) -> Inspect:
-    """How `armgpi inspect` ends, in a process of its own with 10 s and 2 GiB."""
+    """How `armgpi inspect` ends, in a process of its own with 10 s of the processor and 2 GiB."""
 
     def call(*words: Path | str) -> subprocess.CompletedProcess[str]:
         assert children.stdin is not None
