@@ -115,13 +115,15 @@ def near_function(name: str, known: Mapping[str, tuple[str, ...]]) -> str | None
 
 
 def propose_map(name: str, known: Mapping[str, tuple[str, ...]], taken: Collection[str] = ()) -> str:
-    """Return what is said of a function that was not compared, with an option to paste where one is near.
+    """Return why a function was not compared, with an option to paste where a known name is near.
 
     Args:
         name: what the model calls it.
         known: functions that are compared, by name.
         taken: those that the model has under their own names; a second one cannot be mapped to them.
     """
+    if name in known:
+        return f"takes other arguments than ({', '.join(known[name])})"
     function = near_function(name, known)
     if function is None:
         return f"unknown function name. What is it? --map {name}=FUNCTION"

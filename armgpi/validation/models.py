@@ -45,6 +45,8 @@ ARGUMENTS: dict[str, tuple[str, ...]] = {
     "forward_kinematics": ("q",),
     "jacobian": ("q",),
 }
+#: Of these what a model needs for its own use: helpers of the same names may take other arguments.
+_KINEMATICS = ("forward_kinematics", "jacobian")
 #: Names of a Coriolis function that do not say whether it is the matrix or its torque.
 _EITHER = tuple(mine for mine, name in SHORT.items() if name == "coriolis_matrix")
 #: Numbers of joints with which a Coriolis function of a model without a robot is tried, at most.
@@ -236,7 +238,11 @@ def _uncompared_names(thing: Any) -> tuple[str, ...]:
     found: dict[str, None] = {}
     called: set[str] = set()
     for members in map(_members, (thing, *_parts_of(thing))):
-        compared = [x for known in (*SHORT, *ARGUMENTS) if callable(x := members.get(known))]
+        compared = []
+        for known in (*SHORT, *ARGUMENTS):
+            function = members.get(known)
+            if callable(function) and not _is_helper(SHORT.get(known, known), function):
+                compared.append(function)
         for name, value in members.items():
             code = getattr(value, "__code__", None)
             if code is None or name.startswith("_") or value.__name__ in found:
@@ -497,6 +503,7 @@ def _get(thing: Any, name: str) -> Any:
 
 def _of_callables(thing: Any, calls: Mapping[str, Any]) -> Functions:
     """Return the known functions of a thing as they are."""
+    calls = {name: value for name, value in calls.items() if not _is_helper(name, value)} or calls
     for name, value in calls.items():
         if not callable(value):
             raise Unusable(f"{name} must be a function (or a SymPy expression), got {type(value).__name__}")
@@ -509,6 +516,19 @@ def _of_callables(thing: Any, calls: Mapping[str, Any]) -> Functions:
     if getattr(matrix, "__name__", "") != "coriolis_matrix":
         functions.aliases = tuple(k for k in _EITHER if callable(x := _get(thing, k)) and x == matrix)
     return functions
+
+
+def _is_helper(name: str, function: Any) -> bool:
+    """Tell whether a function of kinematics is another one of that name: `jacobian(link, point, q)`, say."""
+    if name not in _KINEMATICS or not callable(function):
+        return False
+    try:
+        inspect.signature(function).bind(*ARGUMENTS[name])
+    except TypeError:
+        return True
+    except ValueError:  # no signature to look at
+        return False
+    return False
 
 
 def _of_graph(drawn: Mapping[str, Any], own: Mapping[str, float]) -> Functions:

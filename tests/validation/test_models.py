@@ -12,7 +12,8 @@ from hand_models import planar
 from sampling import for_search
 
 from armgpi import Robot, validate
-from armgpi.validation import search
+from armgpi.validation import models, search
+from armgpi.validation.conventions import propose_map
 
 NUMBERS = planar(1).model
 
@@ -163,3 +164,29 @@ def test_a_number_called_gravity_is_no_function(
     report = validate(path, robot, names=names)
     assert not report.agrees
     assert report.causes
+
+
+@pytest.mark.parametrize("helper", ["jacobian(link, q)", "forward_kinematics(link, point, q)"])
+def test_a_helper_of_a_known_name_that_takes_other_arguments_is_left_alone(
+    helper: str, tmp_path: Path
+) -> None:
+    """A right model is right, whatever its Jacobian of a link is called."""
+    path = tmp_path / "model.py"
+    path.write_text(f"def {helper}:\n    return q\n\n\ndef gravity(q):\n    return 2.0 * q\n")
+    functions = models.resolve(path)
+    assert list(functions.calls) == ["gravity"]
+    assert functions.uncompared == ()
+
+
+def test_one_that_takes_a_state_first_is_listed_with_the_reason(tmp_path: Path) -> None:
+    path = tmp_path / "model.py"
+    path.write_text("def jacobian(q, link):\n    return q\n\n\ndef gravity(q):\n    return 2.0 * q\n")
+    functions = models.resolve(path)
+    assert functions.uncompared == ("jacobian",)
+    assert propose_map("jacobian", models.ARGUMENTS) == "takes other arguments than (q)"
+
+
+def test_one_that_is_the_only_function_is_called_as_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "model.py"
+    path.write_text("def jacobian(link, q):\n    return q\n")
+    assert list(models.resolve(path).calls) == ["jacobian"]
