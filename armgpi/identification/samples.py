@@ -42,6 +42,8 @@ _FEWEST_UPDATES = 20
 _STAYS = 0.05
 #: Changes of a position from which the speed is taken at which it comes to an end.
 _CHANGES = 8
+#: Share of a joint's range beyond which that many changes are too much of a motion to show how it ends.
+_WHOLE = 0.25
 #: Counts by which a joint would have turned beyond the value at which its sensor ends. One that turns there
 #: by itself would have turned by one count at most; the other one is for the error of the speed.
 _BEYOND = 2.0
@@ -149,10 +151,11 @@ def _check_updates(name: str, log: Log, q: Array) -> Iterator[Finding]:
 
 
 def _saturated_shares(t: Array, q: Array) -> dict[float, float]:
-    """Return the share of a log in which a position stays at each end that it came to at speed.
+    """Return the share of a log in which a position stays at each end that it came to and left at speed.
 
     A joint that turns there by itself, or comes to rest, brakes before: from the boundary of the last count
-    on it goes on by no more than that count. One whose sensor saturates would have gone on by many. Where the
+    on it goes on by no more than that count. One whose sensor saturates would have gone on by many, and is
+    back at speed: of a stay that lasts until the log ends that is not seen, and nothing is said. Where the
     joint stops as abruptly between the ends as well, its counts are too coarse to show how it brakes, and
     nothing is said of the ends.
 
@@ -169,8 +172,13 @@ def _saturated_shares(t: Array, q: Array) -> dict[float, float]:
     durations = t[np.append(changes[1:], len(t) - 1)] - t[changes + 1]
     stayed = {float(q.min()): 0.0, float(q.max()): 0.0}
     for i in np.flatnonzero(durations >= _STAYS):
-        last = slice(i + 1 - _CHANGES, i + 1)
-        if i + 1 < _CHANGES or _overshoot(middles[last], values[last], durations[i]) <= _BEYOND * count:
+        before, after = slice(i + 1 - _CHANGES, i + 1), slice(i + 1, i + 1 + _CHANGES)
+        if i + 1 < _CHANGES or len(changes) < i + 1 + _CHANGES:
+            continue
+        came = _overshoot(middles[before], values[before], durations[i])
+        leaves = _overshoot(-middles[after][::-1], values[after][::-1], durations[i])
+        shown = max(np.ptp(values[before]), np.ptp(values[after])) <= _WHOLE * np.ptp(q)
+        if not shown or min(came, leaves) <= _BEYOND * count:
             continue
         place = float(q[changes[i] + 1])
         if place not in stayed:
@@ -188,6 +196,8 @@ def _overshoot(t: Array, q: Array, duration: float) -> float:
         duration: for which it stays [s].
     """
     acceleration, speed, _ = np.polyfit(t - t[-1], q, 2) * np.array([2.0, 1.0, 1.0])
+    if speed * (q[-1] - q[0]) <= 0.0:  # at rest before already, which a parabola does not follow
+        return 0.0
     # A parabola that is back after that time has its vertex in the middle.
     highest = 0.25 * abs(speed) * duration
     if acceleration * speed < 0.0:  # it brakes

@@ -786,6 +786,36 @@ def test_a_joint_that_comes_to_rest_at_its_ends_does_not_saturate() -> None:
     assert not [message for message in said if "saturates" in message]
 
 
+@pytest.mark.parametrize("rate", [40.0, 100.0, 1000.0])
+@pytest.mark.parametrize("bits", [None, 8, 12, 20])
+def test_a_single_move_from_rest_to_rest_does_not_saturate(rate: float, bits: int | None) -> None:
+    """The last joint of a log that moves joints one by one, then rests; a parabola fits such an end badly."""
+    t = np.arange(0.0, 15.0, 1.0 / rate)
+    path = armgpi.Bezier(np.zeros(1), np.ones(1), velocity_limit=np.array([1.5]))
+    starts = np.array([1.0, 4.0, 7.0])
+    q = np.stack([0.7 * path.at(np.maximum(t - start, 0.0)).q[:, 0] for start in starts], axis=1)
+    if bits is not None:
+        count = 2.0 * np.pi / 2**bits
+        q = np.round(q / count) * count
+    quiet = Log(t, q, np.random.default_rng(0).normal(size=q.shape))
+    said = [str(each) for each in check_samples(file(), quiet, resample(quiet))]
+    assert not [message for message in said if "saturates" in message]
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12])
+def test_trips_to_and_fro_of_few_counts_do_not_saturate(bits: int) -> None:
+    """Eight changes of a coarse encoder are most of the trip, and show nothing of its end."""
+    t, count = np.arange(0.0, 15.0, 1.0 / 60.0), 2.0 * np.pi / 2**bits
+    trips = np.stack(
+        [0.5 - 0.5 * np.cos(np.pi * np.clip(np.mod(t, 2.4) / T, 0.0, 1.0)) for T in (0.8, 1.2, 2.0)]
+    )
+    forth = np.where(np.mod(np.floor(t / 2.4), 2.0) == 0.0, trips, 1.0 - trips).T
+    q = np.round(np.array([0.4, 0.25, 1.1]) * forth / count) * count
+    quiet = Log(t, q, np.random.default_rng(0).normal(size=q.shape))
+    said = [str(each) for each in check_samples(file(), quiet, resample(quiet))]
+    assert not [message for message in said if "saturates" in message]
+
+
 def test_a_known_arm_is_identified_from_what_is_published_of_its_drives() -> None:
     """An SO-100 with its makers' servos: by its URDF's efforts, rotors would be 16 times as heavy.
 
