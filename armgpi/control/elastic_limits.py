@@ -33,6 +33,9 @@ _LOOKS, _HALVINGS, _SMALLEST = 16, 5, 1e-3
 #: Configurations in which factors are looked at: the worst of all at the largest. Then all have to hold,
 #: or the worst ones come to them, so many times.
 _WORST, _ROUNDS = 8, 4
+#: A delay of more samples than these is looked at as these of a longer sample, with the same delay in all: a
+#: loop that is so late is too slow for a difference, and takes no longer to work out.
+_LATEST = 8
 #: By how much rotors are lightened until links have an inertia, where the model has none of them [-].
 _LIGHTER = 0.8
 
@@ -79,7 +82,9 @@ class ElasticLoop:
             dt: sample time [s].
             delay: transport delay besides the sample and hold [s].
         """
-        self._dt, self._late = dt, max(0, math.ceil(delay / dt - 1e-9))
+        late = max(0, math.ceil(delay / dt - 1e-9))
+        self._late = min(late, _LATEST)
+        self._dt = dt * (late + 0.5) / (self._late + 0.5)
         gear, rotor = drives.value("stiffness"), drives.value("rotor_inertia")
         elastic = np.isfinite(gear) & np.isfinite(rotor) & (rotor > 0.0)
         self._elastic = np.flatnonzero(elastic)

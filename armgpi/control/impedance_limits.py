@@ -159,11 +159,15 @@ def impedance_limits(
     reason = f"beyond, the sample time of {dt:g} s, the delay and the filter leave no damping"
     link_factor = factor
     if elastic is not None:
-        damping = Damping(alpha, beta, bandwidth)
-        side = elastic.factor(factor, damping, elastic.at_link)
-        link_factor = side
+        damping, stiff = Damping(alpha, beta, bandwidth), factor
+
+        def largest(at_link: Array) -> float:
+            found = elastic.factor(min(stiff, _FACTORS[1]), damping, at_link)
+            return found if found < _FACTORS[1] else stiff  # no bound was found up to there
+
+        side = link_factor = largest(elastic.at_link)
         if elastic.unsure.any():
-            link_factor = elastic.factor(factor, damping, elastic.at_link | elastic.unsure)
+            link_factor = largest(elastic.at_link | elastic.unsure)
         if side < factor:
             factor, reason = side, "beyond, a resonance of the elastic joints may not be damped"
     walls = [

@@ -202,9 +202,9 @@ def test_on_elastic_joints_it_is_stable_wherever_encoders_sit(side: str, ratio: 
     assert np.abs(rollout["v"].values[-200:]).max() < 0.02
 
 
-def unstable(springs: Any, side: str, ratio: float) -> bool:
+def unstable(springs: Any, side: str, ratio: float, late: int) -> bool:
     """Whether one elastic joint with a spring swings up, by its own simulation in small steps."""
-    link, rotor, gear, dt, late = 1.2, 0.5, 4e3, DT, 2
+    link, rotor, gear, dt = 1.2, 0.5, 4e3, DT
     stiffness, damper, bandwidth = springs
     reduced = link * rotor / (link + rotor)
     damping = 2.0 * ratio * math.sqrt(gear * reduced)
@@ -231,9 +231,9 @@ def unstable(springs: Any, side: str, ratio: float) -> bool:
 
 @pytest.mark.parametrize("side", ["motor", "link"])
 @pytest.mark.parametrize("ratio", [0.01, 0.05])
-@pytest.mark.parametrize("bandwidth", [30.0, 250.0])
+@pytest.mark.parametrize(("bandwidth", "late"), [(30.0, 2), (250.0, 2), (120.0, 12)])
 def test_the_limit_on_an_elastic_joint_is_that_of_its_simulation(
-    side: str, ratio: float, bandwidth: float
+    side: str, ratio: float, bandwidth: float, late: int
 ) -> None:
     """What is allowed is 0.6 of the stiffness from which on a joint simulated on its own swings up."""
     link, rotor, gear = 1.2, 0.5, 4e3
@@ -243,7 +243,7 @@ def test_the_limit_on_an_elastic_joint_is_that_of_its_simulation(
         drives = drives.with_value(quantity, value)
     drives = drives.with_value("encoder_side", side)
     inertia, spring = np.array([[link + rotor]]), np.array([[30.0]])
-    loop = ElasticLoop([Springs(inertia, spring, np.zeros((1, 1)))], drives, DT, 2 * DT)
+    loop = ElasticLoop([Springs(inertia, spring, np.zeros((1, 1)))], drives, DT, late * DT)
     frequency = math.sqrt(30.0 / (link + rotor))
     damping = Damping(0.8 * frequency, 0.8 / frequency, bandwidth)
     factor = loop.factor(1e4, damping, loop.at_link)
@@ -252,11 +252,26 @@ def test_the_limit_on_an_elastic_joint_is_that_of_its_simulation(
         scaled = factor / 0.6 * share
         root = math.sqrt(scaled)
         damper = damping.alpha * root * (link + rotor) + damping.beta * root * 30.0
-        return unstable((30.0 * scaled, damper, bandwidth), side, ratio)
+        return unstable((30.0 * scaled, damper, bandwidth), side, ratio, late)
 
     assert 0.0 < factor < 1e4
     assert not swings(0.93)
     assert swings(1.1)
+
+
+@pytest.mark.parametrize("filtered", [None, 100.0])
+def test_a_spring_that_hardly_pulls_is_allowed_on_elastic_joints(filtered: float | None) -> None:
+    """A loop without a bound of its own looked for one up to infinity, and ended in a traceback."""
+    arm = armgpi.assume_drives(armgpi.Robot.load("ur5"))
+    law = armgpi.JointImpedance(arm, DT, 1e-6, velocity_filter=filtered)
+    assert law.limits.factor == math.inf
+
+
+def test_a_delay_of_many_samples_takes_no_longer_to_work_out() -> None:
+    """The loop of all its samples would have a million states."""
+    drives = Drives(("joint",)).with_value("rotor_inertia", 0.5).with_value("stiffness", 4e3)
+    loop = ElasticLoop([Springs(np.array([[1.7]]), np.array([[1e-3]]), np.zeros((1, 1)))], drives, 1e-6, 1.0)
+    assert 0.0 < loop.factor(10.0, Damping(0.02, 20.0, 30.0), loop.at_link) <= 10.0
 
 
 @pytest.mark.parametrize("side", ["", "motor", "link"])
