@@ -66,8 +66,8 @@ def as_poses(poses: Any, name: str = "poses") -> Poses:
         name: what they are called in messages.
 
     Raises:
-        ArrayError: for arrays of other shapes, numbers that are not finite, matrices that are no rotations,
-            and quaternions of norm 0; it names the pose.
+        ArrayError: for arrays of other shapes, numbers that are not finite, matrices that are no rotations
+            or have another last row than 0, 0, 0, 1, and quaternions of norm 0; it names the pose.
     """
     if isinstance(poses, Poses):
         return poses
@@ -86,7 +86,15 @@ def as_poses(poses: Any, name: str = "poses") -> Poses:
     wrong = (off > _SLACK) | (np.linalg.det(rotations) < 0.0)
     if wrong.any():
         row = int(np.argmax(wrong))
-        raise ArrayError(name, f"pose {row}: expected a rotation matrix; it is {off[row]:.2g} from one")
+        mirrored = "it is a reflection" if off[row] <= _SLACK else f"it is {off[row]:.2g} from one"
+        raise ArrayError(name, f"pose {row}: expected a rotation matrix; {mirrored}")
+    last_row = np.array([0.0, 0.0, 0.0, 1.0])
+    bent = np.abs(array[:, 3] - last_row).max(axis=-1, initial=0.0) > _SLACK
+    if bent.any():  # a transposed matrix has a rotation as well, and its position here
+        row = int(np.argmax(bent))
+        got = ", ".join(f"{x:g}" for x in array[row, 3])
+        expected = f"pose {row}: expected a matrix with the last row 0, 0, 0, 1, not transposed"
+        raise ArrayError(name, f"{expected}; got {got}")
     return Poses(array[:, :3, 3], rotations)
 
 

@@ -41,7 +41,7 @@ _BAR = "#4878a8"
 #: Colour of a bar of what has failed.
 _BAD = "#c44e52"
 #: A histogram has a logarithmic scale where the largest value is more than so many times the smallest.
-_DECADES = 100.0
+_LOGARITHMIC_FROM = 100.0
 
 
 def html(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any], unseen: str = "") -> str:
@@ -137,20 +137,21 @@ def _histogram(values: Array) -> str:
     """Return a histogram of finite values; a logarithmic one where they span more than a hundredfold."""
     finite = values[np.isfinite(values)]
     if not len(finite):
-        return "<p>All infinite.</p>"
-    lowest, highest = finite.min(), finite.max()
-    is_logarithmic = bool(lowest > 0.0 and highest > _DECADES * lowest)
-    counts, edges = np.histogram(np.log10(finite) if is_logarithmic else finite, bins=_BARS)
-    ends = edges[[0, -1]]
-    if is_logarithmic:
-        ends = 10.0**ends
-    low, high = (metrics.short(float(end), 3) for end in ends)
+        return "<p>None is finite.</p>"
+    lowest, highest = float(finite.min()), float(finite.max())
+    is_logarithmic = lowest > 0.0 and highest > _LOGARITHMIC_FROM * lowest
+    scaled = np.log10(finite) if is_logarithmic else finite
+    start, width = scaled.min(), np.ptp(scaled)
+    # As shares of their range: between values that differ by rounding alone there is no room for bins.
+    shares = (scaled - start) / width if width else np.full(len(scaled), 0.5)
+    counts, _ = np.histogram(shares, bins=_BARS, range=(0.0, 1.0))
+    low, high = metrics.short(lowest, 3), metrics.short(highest, 3)
     caption = f"bars up to {counts.max()} of {len(values)}"
     if is_logarithmic:
         caption = f"log scale, {caption}"
-    infinite = len(values) - len(finite)
-    if infinite:
-        caption += f"; {infinite} infinite"
+    others = len(values) - len(finite)
+    if others:
+        caption += f"; {others} not finite"
     return _bars(counts / counts.max(), (low, caption, high), _BAR)
 
 

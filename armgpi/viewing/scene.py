@@ -199,7 +199,7 @@ def build(robot: Robot, frame: str | None = None) -> Scene:
         tool = model.frames[model.getFrameId(name)]
     findings: list[str] = []
     drawn, links = _visuals(robot, model, findings)
-    merged = [None if part is None else _merge_corners(part) for part in drawn]
+    merged = [None if part is None else _merge_equal_corners(part) for part in drawn]
     size = _size(model, merged)
     fine: list[Triangles] = []
     for index, part in enumerate(_simplify(merged, TRIANGLES)):
@@ -518,11 +518,11 @@ def _ring(model: Any, index: int, parts: Sequence[Triangles], axis: Array, size:
     return float(np.clip(1.15 * widest, 0.035 * size, 0.1 * size))
 
 
-def _merge_corners(part: Triangles) -> Triangles:
-    """Return triangles with corners that look the same made one."""
+def _merge_equal_corners(part: Triangles) -> Triangles:
+    """Return painted triangles with corners that look the same made one."""
     size = max(float(np.ptp(part.points, axis=0).max()), 1e-9)
-    # As fine as what the page gets: positions to a part in 10^5, normals to a byte.
-    points = np.rint(part.points * (1e5 / size))
+    # About as fine as what the page gets: positions to a part in 10^5, normals to half of what a byte has.
+    points = np.rint((part.points - part.points.min(axis=0)) * (1e5 / size))
     normals = np.rint(part.normals * 60.0)
     colors = np.rint(part.colors * 255.0)
     rounded = np.hstack([points, normals, colors]).astype(np.int32)

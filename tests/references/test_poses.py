@@ -155,6 +155,11 @@ BAD = {
         r"pose 1: expected a quaternion qx, qy, qz, qw of norm 1; it has norm 0",
     ),
     "no rotation": (lambda: as_poses([np.diag([2.0, 1.0, 1.0, 1.0])]), "pose 0: expected a rotation matrix"),
+    "a reflection": (lambda: as_poses([np.diag([1.0, 1.0, -1.0, 1.0])]), "pose 0: .*; it is a reflection"),
+    "transposed": (
+        lambda: as_poses([np.eye(4), pin.SE3(np.eye(3), np.array([0.5, 0.0, 0.25])).homogeneous.T]),
+        r"pose 1: .* last row 0, 0, 0, 1, not transposed; got 0.5, 0, 0.25, 1",
+    ),
     "another shape": (lambda: as_poses(np.zeros((2, 6))), "expected pinocchio.SE3 poses"),
     "times that run back": (
         lambda: armgpi.PosePath([0.0, 1.0, 0.5], [pin.SE3.Identity()] * 3),

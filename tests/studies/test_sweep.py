@@ -789,12 +789,17 @@ def test_bars_of_a_picture_stand_on_one_line() -> None:
 
 def test_a_histogram_tells_how_many_it_leaves_out() -> None:
     svg = page._histogram(np.array([1.0, 1.0, 2.0, 1.0, np.inf]))
-    assert "bars up to 3 of 5; 1 infinite" in svg
+    assert "bars up to 3 of 5; 1 not finite" in svg
     assert [float(x) for x in re.findall(r">([\d.]+)</text>", svg)] == [1.0, 2.0]
-    assert "infinite" not in page._histogram(np.array([1.0, 2.0]))
+    assert "not finite" not in page._histogram(np.array([1.0, 2.0]))
     for values, log in (([2.0, 200.0], False), ([2.0, 201.0], True), ([0.0, 9.0], False)):
         assert ("log scale" in page._histogram(np.array(values))) == log
         assert f">{values[0]:g}</text>" in page._histogram(np.array(values))
+
+
+@pytest.mark.parametrize("values", [[1.0, np.nextafter(1.0, 2.0)], [0.001, 0.001, np.inf]])
+def test_a_histogram_of_values_that_are_nearly_alike_ends_at_them(values: list[float]) -> None:
+    assert page._histogram(np.array(values)).count(f">{values[0]:g}</text>") == 2
 
 
 def test_a_map_of_one_number_goes_from_its_least_to_its_largest() -> None:

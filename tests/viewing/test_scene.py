@@ -404,3 +404,12 @@ def test_a_rollout_of_another_robot_is_refused() -> None:
         scene.clip(run(ARM, t_final=0.02), chain(3))
     with pytest.raises(NameNotFound, match="hand"):
         scene.build(ARM, "hand")
+
+
+def test_corners_of_a_part_far_from_its_origin_are_merged_by_what_they_look_like() -> None:
+    points = np.array([1e3, -1e3, 0.0]) + np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0], [0.0, 0.01, 0.0]])
+    faces = np.array([[0, 1, 2], [3, 4, 5]])
+    part = meshes.Triangles(np.tile(points, (2, 1)), np.eye(3)[[2] * 6], np.ones((6, 3)), faces)
+    merged = scene._merge_equal_corners(part)
+    assert len(merged.points) == 3
+    assert len(merged.faces) == 2
