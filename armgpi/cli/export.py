@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from armgpi.base.escape import counted
+from armgpi.base.escape import counted, json_data
 from armgpi.cli import options as opt
 from armgpi.cli.declared import values_of
 from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
@@ -136,7 +136,7 @@ def _export(options: dict[str, Any]) -> int:
             config, copied = experiments.portable(experiment.config)
             beside: dict[str, str | bytes] = {"experiment.yaml": config, **copied}
             done = write_code(code, options["out"], log, name=options["prefix"], target=target, beside=beside)
-    _say(done, log, label, options["as_json"])
+    _print_needs(done, log, label, options["as_json"])
     out = options["out"]
     say(f"wrote {len(done.files)} files to {out}; {out / 'README.md'} explains them", err=True)
     if "diverged" in log.header:
@@ -270,8 +270,8 @@ def _target(options: dict[str, Any]) -> str:
     return target
 
 
-def _say(done: Export, log: ArmLog, label: str, as_json: bool) -> None:
-    """Print what the exported code takes."""
+def _print_needs(done: Export, log: ArmLog, label: str, as_json: bool) -> None:
+    """Print what the exported code needs: state, operations, time of a step; and what its replay found."""
     from armgpi.hardware.export.targets import compensates_gravity
 
     measured, typical, worst_case = done.measured, done.code.typical, done.code.worst_case
@@ -287,7 +287,7 @@ def _say(done: Export, log: ArmLog, label: str, as_json: bool) -> None:
         "stopped": log.fault,
     }
     if as_json:
-        say(json.dumps(facts))
+        say(json.dumps(json_data(facts)))
         return
     say(
         f"{type(done.code.law.controller.law).__name__} of {done.code.law.controller.robot.name}, "
@@ -299,15 +299,18 @@ def _say(done: Export, log: ArmLog, label: str, as_json: bool) -> None:
     say(f"  torque                   {carried}")
     say(f"  state                    {done.state_bytes} bytes")
     say(f"  operations of a step     {sum(typical):,}, at worst {sum(worst_case):,}")
+    if log.fault is not None:
+        say(f"  the log has a fault      {log.fault}")
     if measured is None:
-        say("  not compiled here: there is no C compiler; `make` in the folder replays the log")
+        say(
+            "  not replayed here: there is no C compiler, or no program can be run; "
+            "`make` in the folder replays the log"
+        )
         return
     say(
         f"  replay of {len(log.samples)} samples   {measured.difference:.2g} of the torque limits from Python"
     )
-    if log.fault is not None:
-        say(f"  the log has a fault      {log.fault}")
-    elif not measured.agrees:
+    if not measured.agrees:
         say(f"  which is not as it should be:\n{measured.said}", lines=True)
     if measured.step is not None:
         saturated = "" if measured.saturated is None else f", saturated {measured.saturated:.0f} ns"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -223,7 +224,8 @@ def _identify_side(
     else:
         say(verdict.line)
         say(chirp.describe(found, arm), lines=True)
-        say(f"Next: armgpi run {name} --drives {folder / 'drives.yaml'}, or armgpi export with that option")
+        next_run = f"armgpi run {shlex.quote(name)} --drives {shlex.quote(str(folder / 'drives.yaml'))}"
+        say(f"Next: {next_run}, or armgpi export with that option")
     _say_written([folder / "drives.yaml"], out)
     return verdict.exit_code
 
@@ -341,7 +343,9 @@ def excite(
         say(f"{what}: {', '.join(said)}")
     say(motion.clearance.describe(), lines=True)
     if side:
-        say(f"Then: armgpi identify --side LOG --robot {robot}; the log has to have every sample")
+        # The experiment has the arm with its locked joints and drives.
+        arm_again = shlex.quote(str(out / "experiment.yaml"))
+        say(f"Then: armgpi identify --side LOG --robot {arm_again}; the log has to have every sample")
     if first or resonance:
         say(
             "If the arm oscillates, its joints are less stiff than assumed: use --set "

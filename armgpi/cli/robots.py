@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-from armgpi.base.escape import json_data
-from armgpi.cli.parsing import as_option
+from armgpi.base.escape import counted, json_data
+from armgpi.cli.parsing import FAILED, as_option
 from armgpi.cli.terminal import console as console_of
 from armgpi.cli.terminal import say
 
@@ -63,6 +64,10 @@ def robots(
     if described:
         text = f"and {len(described)} names of robot_descriptions, fetched at first use: {described[0]}, ..."
         say(text, err=True)
+    failed = [row["name"] for row in rows if check and row["n"] is None]
+    if failed:
+        say(f"{counted(len(failed), 'robot')} cannot be loaded: {', '.join(failed)}", err=True)
+        sys.exit(FAILED)
 
 
 def _known_facts(name: str) -> dict[str, Any]:

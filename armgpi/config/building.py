@@ -138,13 +138,14 @@ def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
     """
     top = _Place(origin or Origin())
     config, robot = _with_assumptions(config, top)
+    lasts = 0.0
     if config.reality is None:
         context = _context(config, robot, top)
         engine = config.plant.engine
         engines = ENGINES if engine == "both" else (engine,)
         plants = {each: _plant(config, context, top.at("plant"), each) for each in engines}
     else:
-        config, context, drawn = _apply_draw(config, robot, top)
+        config, context, drawn, lasts = _apply_draw(config, robot, top)
         plants = {ENGINES[0]: drawn}
     controllers: dict[str, Controller] = {}
     sections: list[Any] = []
@@ -164,7 +165,7 @@ def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
             raise
         sections.append(section.replace(label=label))
     reference, end, moves = _reference(config, robot, top.at("reference"))
-    t_final = end + _SETTLE if config.t_final is None else config.t_final
+    t_final = max(end + _SETTLE, lasts) if config.t_final is None else config.t_final
     if not 0.5 < t_final / config.sample_time <= _MAX_SAMPLES:
         # Say whose key it is: the run's length may be the reference's, and the samples the default ones.
         given = (key for key in ("t_final", "sample_time", "reference") if key in config.given)
@@ -462,8 +463,16 @@ def _context(config: ExperimentConfig, robot: Robot, top: _Place) -> Context:
 
 def _apply_draw(
     config: ExperimentConfig, robot: Robot, top: _Place
-) -> tuple[ExperimentConfig, Context, Plant]:
-    """Return what a draw of a reality says, and the configuration with what it leaves out filled in."""
+) -> tuple[ExperimentConfig, Context, Plant, float]:
+    """Return what a scenario of an uncertainty model contains, and the configuration completed by it.
+
+    Its delay is in samples, as that of `plant`: another sample time makes it another time. A reference
+    that has its defaults counts as left out.
+
+    Returns:
+        The configuration, what controllers know, the plant, and how long the scenario lasts [s]: as long
+        its own move runs, and at least so long one of the file.
+    """
     place, section = top.at("reality"), config.reality
     assert section is not None
     if config.plant != PlantSection():
@@ -481,12 +490,12 @@ def _apply_draw(
         update["reference"] = ReferenceSection(
             points=points, durations=[move.duration], holds=[move.begin, 0.0]
         )
-    if config.t_final is None:
-        update["t_final"] = draw.t_final
+        if config.t_final is None:
+            update["t_final"] = draw.t_final
     config = config.replace(**update)
     dt = config.sample_time
     context = found.context._replace(dt=dt, seed=config.seed, delay=draw.delay * dt)
-    return config, context, found.plant
+    return config, context, found.plant, float(draw.t_final)
 
 
 def _plant(config: ExperimentConfig, context: Context, place: _Place, engine: str) -> Plant:

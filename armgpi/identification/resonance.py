@@ -279,16 +279,16 @@ def _begin_of_turns(grid: Grid) -> int | None:
 
 
 def _whole_periods(grid: Grid, joint: int, first: int, length: int) -> Array:
-    """Return the periods of a joint's turn that the log has without a gap, (periods, length, 1 + n).
+    """Return the periods in which a joint is excited and the log has no gap, (periods, length, 1 + n).
 
     Args:
         grid: the log.
-        joint: whose turn it is.
+        joint: which joint is excited.
         first: sample at which the first period begins.
         length: samples of a period.
 
     Returns:
-        The torque of the joint and the positions of all.
+        The torque of the joint and the positions of all; an empty array without such a period.
     """
     found = []
     for k in range(PERIODS):

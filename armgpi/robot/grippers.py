@@ -69,6 +69,10 @@ class _Node:
 def find(urdf: Urdf, locked: Collection[str] = ()) -> tuple[Gripper, ...]:
     """Return the grippers among the joints of `urdf` that are not `locked`, in the order of the file.
 
+    All that hangs on one joint of the arm is one gripper: two hands on one link are proposed together. A
+    gripper without an arm before it is none, as it is the whole robot. What is found by branches counts
+    before mimics, and these before single joints.
+
     Args:
         urdf: the robot.
         locked: names of joints that do not move.

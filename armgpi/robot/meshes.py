@@ -83,8 +83,9 @@ class MeshFinder:
             return self._in_package(name, rest)
         if scheme == "file":
             host, _, path = rest.partition("/") if double else ("", "", rest)
-            if host not in ("", "localhost"):
-                return Found(name, None, reason=f"it is on another machine ({host})")
+            if host.lower() not in ("", "localhost"):
+                reason = f"it is on another machine ({host}); a path of this one has three slashes, file:///"
+                return Found(name, None, reason=reason)
             return self._first(name, ((Path("/", unquote(path)), self.roots),))
         return Found(name, None, reason=f"{scheme}:// is not downloaded; save the file next to the URDF")
 

@@ -389,9 +389,10 @@ def _run(path: Path, source: str | None) -> ModuleType:
 
 def _import(name: str) -> ModuleType:
     """Import a module by its name."""
-    sys.path.insert(0, "")  # a module beside the user, as `python -m` has it
     if name.startswith("."):
         raise Unusable(_NOWHERE)
+    if "" not in sys.path:
+        sys.path.insert(0, "")  # a module beside the user, as `python -m` has it; it may import others later
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:

@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from armgpi.base import files
-from armgpi.base.arrays import ArrayLike, as_joint_array
+from armgpi.base.arrays import ArrayLike, as_joint_array, check_whole
 from armgpi.base.escape import counted
 from armgpi.errors import ArmgpiError, ParameterError, Remedy
 from armgpi.robot.robot import Robot
@@ -121,14 +121,15 @@ class Server:
 
         Args:
             html: the page.
-            port: where; the first free one from 7070 on when not given.
+            port: where, 0 for any; when not given, the first free one from 7070 on, and any where the next
+                ones are taken.
 
         Raises:
-            ParameterError: when the port is not valid.
-            ServerError: when it is taken.
+            ParameterError: when the port is no whole number from 0 to 65535.
+            ServerError: when it is taken, or may not be used.
         """
-        if port is not None and (isinstance(port, bool) or not 0 <= port <= 65535):
-            raise ParameterError("port", port, "a number from 0 (any) to 65535")
+        if port is not None:
+            port = check_whole(port, "port", 0, 65535)
         ports = [port] if port is not None else [*range(_FIRST_PORT, _FIRST_PORT + _PORTS), 0]
         for candidate in ports:
             try:

@@ -323,6 +323,21 @@ def test_robots_are_listed_with_what_to_know_of_them(
     assert "head_pan" in rows["baxter_left_arm"]["locked"]
 
 
+@pytest.mark.parametrize("options", [(), ("--json",)])
+def test_a_robot_that_does_not_load_fails_the_check(
+    options: tuple[str, ...], cli: Callable[..., Answer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def inspect(name: str) -> Any:
+        raise armgpi.errors.NameNotFound("mesh", name, ())
+
+    monkeypatch.setattr("armgpi.robot.robots.names", lambda: ("ur5",))
+    monkeypatch.setattr("armgpi.health.report.inspect", inspect)
+    code, out, err = cli("robots", "--check", *options)
+    assert code == 1
+    assert "ur5" in out
+    assert "1 robot cannot be loaded: ur5" in err
+
+
 # --- Looking at robots and at the installation ---------------------------------------------------
 
 

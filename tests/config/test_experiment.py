@@ -355,6 +355,16 @@ def test_a_drawn_arm_moves_in_armgpis_own_simulator() -> None:
     assert list(drawn.plants.items()) == [("armgpi", drawn.plant)]
 
 
+def test_a_reference_of_the_file_runs_to_its_end_in_a_scenario() -> None:
+    text = (
+        "robot: {name: anthropomorphic3}\nreality: {name: geared}\ncontrollers: [{type: gpi, rolloff: 1}]\n"
+    )
+    alone = build(text).t_final
+    for duration, t_final in ((0.5, alone), (20.0, 22.0)):
+        moves = f"reference: {{points: [[0, 0, 0], [0.5, 0.5, 0.5]], durations: [{duration}]}}\n"
+        assert build(text + moves).t_final == pytest.approx(t_final)
+
+
 def test_a_joint_is_at_its_limit_for_more_than_a_share_of_the_time_not_for_just_that() -> None:
     record = {"joints": ["q1", "q2", "q3"], "metrics": {"saturated_time": [0.05, 0.06, None]}}
     assert experiments.describe_saturation(record, 1.0) == "at its torque limit: q2 for 6 % of the time"

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +14,7 @@ import pytest
 from commands import Answer
 
 import armgpi
+from armgpi import config
 from armgpi.errors import ParameterError, UnfitLog
 from armgpi.identification import chirp
 from armgpi.identification.chirp import CHIRP, HIGHEST, LOWEST, TURN, find_side
@@ -217,6 +221,15 @@ def test_a_motion_of_fixed_time_takes_no_seconds(cli: Callable[..., Answer], kin
     done = cli("excite", "ur5", kind, "--seconds", 5)
     assert done.code == 2
     assert f"--seconds must be left out with {kind}" in done.err
+
+
+def test_the_next_command_is_for_the_same_arm(cli: Callable[..., Answer], tmp_path: Path) -> None:
+    folder = tmp_path / "two words"
+    done = cli("excite", "ur5", "--side", "--lock", "wrist_3_joint", "-o", folder)
+    command = re.search(r"armgpi identify --side LOG --robot (.*);", done.out)
+    assert command is not None
+    (robot,) = shlex.split(command[1])
+    assert config.build(*config.read(Path(robot))).robot.n == 5
 
 
 def test_the_torque_of_chirps_is_said_for_the_rotors_that_it_is_computed_with(

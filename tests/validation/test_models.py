@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import types
 from pathlib import Path
 from typing import Any
@@ -190,3 +191,15 @@ def test_one_that_is_the_only_function_is_called_as_it_is(tmp_path: Path) -> Non
     path = tmp_path / "model.py"
     path.write_text("def jacobian(link, q):\n    return q\n")
     assert list(models.resolve(path).calls) == ["jacobian"]
+
+
+def test_modules_that_are_asked_for_leave_the_path_of_imports_as_it_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sys, "path", ["", *sys.path])
+    before = list(sys.path)
+    models._import("json")
+    for name in ("no_such_module_here", ".relative"):
+        with pytest.raises(models.Unusable, match="no such file or module"):
+            models._import(name)
+    assert sys.path == before

@@ -80,7 +80,7 @@ def test_a_port_that_is_taken() -> None:
     assert caught.value.remedies == (Remedy("port"),)
     with Server("a") as first, Server("b") as second:
         assert first.port != second.port
-    for port in (-1, 65536, True):
+    for port in (-1, 65536, True, 7070.5, "7070"):
         with pytest.raises(ParameterError, match="65535"):
             Server("page", port=port)
 

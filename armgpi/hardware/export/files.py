@@ -91,7 +91,8 @@ class Export(NamedTuple):
         folder: where.
         files: what.
         code: the C and its counts.
-        measured: what the replay said; None without a compiler.
+        measured: what the replay said; None where it was not asked for, or there is no compiler, or no
+            program can be run.
         state_bytes: size of the state.
     """
 
@@ -173,7 +174,7 @@ def write_code(
     own = ArmLog({**log.header, **_log_header(code), "made_by": log.header["made_by"]}, rows, log.source)
     measured, logged = None, {"log.armlog": pack(own), "motion.csv": _motion(log).encode()}
     if measure:
-        with suppress(BackendError):  # there is no compiler
+        with suppress(BackendError):  # there is no compiler, or no program can be run
             measured = _run_replay(texts | logged, build.compiler())
     state_bytes = code.state_bytes if measured is None else measured.state_bytes
     readme = _readme(code, len(log.samples), state_bytes, measured, target)
@@ -553,7 +554,8 @@ def _counts(counts: Counts) -> str:
 def _measured_rows(measured: Measured | None) -> str:
     """Return the rows of the table that were measured."""
     if measured is None:
-        return "| time of a step | not measured: no C compiler where this was exported; `make` measures it |"
+        why = "no C compiler, or no program could be run, where this was exported"
+        return f"| time of a step | not measured: {why}; `make` measures it |"
     rows = [("largest difference from Python, as a share of the torque limits", f"{measured.difference:.2g}")]
     for what, value in (
         ("time of a step", measured.step),
