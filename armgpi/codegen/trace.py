@@ -37,6 +37,7 @@ from armgpi.codegen.kernels import (
 from armgpi.codegen.state import flatten, leaves_like, numbers, unflatten
 from armgpi.codegen.symbols import NotElementwise, Scalar, Symbols, flat, is_bool
 from armgpi.control.controller import ControlStep
+from armgpi.errors import BackendError
 from armgpi.gpi.splines import BSplineBasis
 from armgpi.gpi.weights import Weights
 from armgpi.loop.running import TOTALS, Running
@@ -656,11 +657,12 @@ def tracing() -> Iterator[None]:
     """Make one kind of refusal, with its place, of whatever a law does to symbols.
 
     Raises:
-        NotElementwise: for any exception but of memory; a user's law may do anything to what is no array.
+        NotElementwise: for any exception but of memory or a compiler; a user's law may do anything to what is
+            no array.
     """
     try:
         yield
-    except MemoryError:
+    except (MemoryError, BackendError):
         raise
     except Exception as error:
         # The innermost line outside of the generator and of packages is the one in the user's law.
