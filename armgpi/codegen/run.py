@@ -106,19 +106,26 @@ def _code_of(
             found = Inventory(loop, state, running)
             key = (signals, lanes, build.compiler(), *found.structure)
             kept: Any = known if found.user_defined else _generated
-            before = kept[key].samples if key in kept else 0
+            there: Generated | None = kept.get(key)
+            before = 0 if there is None else there.samples
             # With several lanes the code of a short run would need much memory, on the stack of any thread.
             quick = lanes == 1 and before + samples <= _FEW
-            if key in kept and (quick or not kept[key].quick):
-                kept[key].samples += samples
-                return kept[key], found, True
+            if there is not None and (quick or not there.quick):
+                there.samples += samples
+                return there, found, True
             # What a process before made of a loop of this structure needs no trace.
             name = f"{signals} {lanes} {found.name}" if found.name else ""
             made = None
             for flags in (fast, short)[: 1 + quick] if name else ():
                 made = made or build.find_library(name, flags)
             if made is None:
-                build.check_patience(loop.plant.robot.n, patience, quick)
+                try:
+                    build.check_patience(loop.plant.robot.n, patience, quick)
+                except BackendError:
+                    if there is None:
+                        raise
+                    there.samples += samples  # the code of short runs is still faster than NumPy
+                    return there, found, True
                 text = source(trace_used(loop, state, signals, running), lanes)
                 if found.user_defined:
                     check_repeatable(text, lambda: source(trace_used(loop, state, signals, running), lanes))

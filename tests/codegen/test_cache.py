@@ -131,6 +131,23 @@ def test_a_short_run_has_code_that_is_there_soon_and_a_long_one_fast_code_with_t
     assert code.library is fast  # the faster one where it is there
 
 
+def test_code_of_short_runs_stays_where_fast_code_is_not_worth_it(
+    compilations: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """3 joints take 0.18 s to compile quickly, and 0.3 s at full speed."""
+    first = compiled(*LOOP)
+    monkeypatch.setattr(generated, "_FEW", 75)
+    monkeypatch.setattr(prepared.PreparedLoop, "_patience", lambda *_: 0.25)
+    again = [prepare(*LOOP, backend="auto").run() for _ in range(3)]
+    assert ["-O0" in command for command in compilations] == [True]
+    for each in again:
+        assert json.loads(each.attrs["provenance"])["backend"] == "compiled"
+        np.testing.assert_array_equal(each["q"], first["q"])
+    monkeypatch.setattr(prepared.PreparedLoop, "_patience", lambda *_: 0.35)
+    prepare(*LOOP, backend="auto").run()
+    assert ["-O0" in command for command in compilations] == [True, False]
+
+
 def _names() -> list[str]:
     """Return the name of the loop's code."""
     from armgpi.codegen.trace import Inventory
