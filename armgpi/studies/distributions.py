@@ -190,7 +190,7 @@ def shares(sampling: str, seed: int, first: int, rows: int, names: Sequence[str]
     Args:
         sampling: one of :data:`SAMPLINGS`.
         seed: of the study.
-        first: place of the first rollout among all, a multiple of 4.
+        first: place of the first rollout among all, a multiple of 4 as the sizes of chunks are.
         rows: number of rollouts.
         names: of the numbers of a rollout.
 

@@ -494,6 +494,10 @@ def _check_that_it_varies(config: ExperimentConfig, origin: Origin) -> None:
     if config.vary and config.reality is not None:
         message = "a sweep takes distributions below vary or an uncertainty model (reality), not both"
         raise origin.error(("vary",), message)
+    own = [key for key in ("sample_time", "reference", "t_final") if key in config.given]
+    if config.reality is not None and own:
+        message = "left out in a sweep of an uncertainty model (reality): each scenario has its own"
+        raise origin.error((own[0],), message)
     if not config.vary and config.reality is None:
         raise origin.error(
             ("vary",),

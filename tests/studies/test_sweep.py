@@ -550,6 +550,8 @@ def test_bad_distributions_are_refused_by_name(case: str) -> None:
             "supervisor.on_fault: .* form of the generated code",
         ),
         (SUPERVISED.replace("[0.02, 0.4]", "[0, 0.4]"), "vary.supervisor.following"),
+        ("robot: {name: anthropomorphic3}\nreality: {}\nsample_time: 0.004\n", "sample_time: left out"),
+        ("robot: {name: anthropomorphic3}\nreality: {}\nt_final: 1.0\n", "t_final: left out"),
     ],
 )
 def test_bad_studies_are_refused(text: str, said: str) -> None:
