@@ -308,7 +308,8 @@ def _print_needs(done: Export, log: ArmLog, label: str, as_json: bool) -> None:
         )
         return
     say(
-        f"  replay of {len(log.samples)} samples   {measured.difference:.2g} of the torque limits from Python"
+        f"  replay of {counted(len(log.samples), 'sample')}   {measured.difference:.2g} of the torque limits "
+        "from Python"
     )
     if not measured.agrees:
         say(f"  which is not as it should be:\n{measured.said}", lines=True)

@@ -51,6 +51,8 @@ def log(
             raise refusal("--plot", "requires --replay FOLDER: the force is estimated by its robot")
         pictures.check(plot=plot)
     there = read(file)
+    if plot is not None and len(there.samples) < 2:
+        raise refusal("--plot", f"needs a log of two samples at least, {file} has {len(there.samples)}")
     law = None if replay is None else _law(replay)
     played = None if law is None else compare(there, law)
     facts, found = _facts(there, played), None
@@ -59,13 +61,12 @@ def log(
         facts["wrench"] = _wrench(found)
     if csv is not None:
         files.write(csv, _table(there))
-    drawn = None if found is None else plot
-    if found is not None and drawn is not None:
+    if plot is not None and found is not None:
         from armgpi.viewing import plots
 
-        plots.save(plots.wrench(found), drawn)
+        plots.save(plots.wrench(found), plot)
     say(json.dumps(facts)) if as_json else _print(file, facts)
-    for written in (csv, drawn):
+    for written in (csv, plot):
         if written is not None:
             say(f"wrote {written}", err=True)
     sys.exit(FAILED if played is not None and not facts["replay"]["same"] else OK)
@@ -183,7 +184,7 @@ def _print(file: Path, facts: dict[str, Any]) -> None:
     if (played := facts.get("replay")) is None:
         return
     if played["first"] is None:
-        say(f"  replay          the same torques to the bit in {played['samples']} samples")
+        say(f"  replay          the same torques to the bit in {counted(played['samples'], 'sample')}")
     else:
         joint = max(played["difference"], key=played["difference"].__getitem__)
         say(

@@ -348,6 +348,12 @@ def test_the_command_says_what_a_log_is_and_replays_an_export(
     assert err.splitlines() == [
         "error: command line: --plot: requires --replay FOLDER: the force is estimated by its robot"
     ]
+    there = logs.read(file)
+    given = {name: values[:1] for name, values in there.inputs.items()}
+    one = logs.write(logs.of_samples(ARM.joint_names, 1e-3, given, there.tau[:1]), tmp_path / "one.armlog")
+    code, out, err = cli("log", one, "--replay", tmp_path / "c", "--plot", tmp_path / "none.png")
+    assert code == 2
+    assert "--plot: needs a log of two samples at least" in err
     facts = json.loads(cli("log", file, "--json")[1])
     assert facts["missed"] == 0
     assert facts["fault"] is None
