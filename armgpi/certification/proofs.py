@@ -198,10 +198,16 @@ class _Prover:
         return math.exp(float(np.max(self.setting.radius / self.setting.speed)) * sigma.value)
 
     def stiffness(self, found: Number, sigma: Number, torque: Callable[[Model], Polynomial]) -> Number:
-        """Return a bound on the stiffness of a torque beside that of what v* makes."""
+        """Return an upper bound on how a torque and D^ v* change with the position; see :class:`Stiffness`.
+
+        Args:
+            found: the number that a search found, which is returned where sigma is not proved.
+            sigma: the largest rate at which D changes at the stated speed [1/s].
+            torque: the torque of a model, such as its gravity.
+        """
         if sigma.status != "proved":
             return found
-        # What D loses over twice the radius, at most as fast as sigma says.
+        # The share of D that is left at least after twice the radius, as D shrinks no faster than by sigma.
         share = math.exp(-2.0 * float(np.max(self.setting.radius / self.setting.speed)) * sigma.value)
         made = [Stiffness(m, self._residual(m), torque(m), self.setting.radius, share) for m in self.models]
         return self.each([found], made, self.star)[0]

@@ -330,7 +330,8 @@ def excite(
     if is_experiment(robot):
         source, how["lock"] = str(arm.provenance["source"]), arm.provenance["locked"]
     note_published(arm)
-    written = files.write_set(folder, experiment_files(arm, source, motion, how, first or side, not side))
+    experiment = experiment_files(arm, source, motion, how, first=first or side, with_rotors=not side)
+    written = files.write_set(folder, experiment)
     rotors = (
         "the assumed rotor inertia" if side or resonance else "up to four times the assumed rotor inertia"
     )

@@ -73,7 +73,10 @@ def numbers_of(found: Sequence[Body], gravity: Array) -> Array:
 
 
 def varying(model: Any, dynamics: VariedDynamics) -> Any:
-    """Return which numbers of a `pin.Model` vary, as :func:`numbers_of` has them."""
+    """Return which numbers of a `pin.Model` vary, a mask in the order of :func:`numbers_of`.
+
+    Where one rotor inertia varies all do. :func:`varied_table` has the numbers in the same order.
+    """
     found = np.zeros((model.njoints - 1, _WIDTH), dtype=bool)
     if dynamics.load is not None:
         found[dynamics.joint - 1, _INERTIA] = True
@@ -84,9 +87,11 @@ def varying(model: Any, dynamics: VariedDynamics) -> Any:
 def varied_table(model: Any, dynamics: VariedDynamics, own: Array) -> Array:
     """Return the numbers that vary in every row, shape (batch, k), by sums over all rows at once.
 
+    They are in the order of :func:`varying`: body by body, its inertia before its rotor's, then gravity.
+
     Args:
-        model: the `pin.Model` that varies.
-        dynamics: what varies.
+        model: the `pin.Model` that varies, of joints with one coordinate each.
+        dynamics: what varies, at least one number; its load is a point mass.
         own: the model's numbers among them, (k,).
     """
     parts: list[Array] = []
@@ -94,8 +99,8 @@ def varied_table(model: Any, dynamics: VariedDynamics, own: Array) -> Array:
         mass, com = dynamics.load[:, :1], dynamics.load[:, 1:]
         square = (com * com).sum(axis=1)[:, None, None] * np.eye(3) - com[:, :, None] * com[:, None, :]
         second = (mass[..., None] * square)[(slice(None), *np.tril_indices(3))]
-        # Inertias about one point add up, whatever was regrouped among the others.
-        before = (dynamics.joint - 1) if dynamics.armature is not None else 0
+        # Inertias about one point add up, also where base parameters have part of one body's in another.
+        before = (dynamics.joint - 1) if dynamics.armature is not None else 0  # rotors of the bodies before
         parts.append(own[before : before + 10] + np.hstack([mass, mass * com, second]))
     if dynamics.armature is not None:
         places = [int(model.joints[i].idx_v) for i in range(1, model.njoints)]

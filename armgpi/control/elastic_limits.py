@@ -148,7 +148,14 @@ class ElasticLoop:
         return seen
 
     def _radius(self, factor: float, damping: Damping, at_link: Array, where: Places) -> Array:
-        """Return the largest eigenvalue of the loop in some configurations, (configurations,)."""
+        """Return the largest modulus of the eigenvalues of the sampled loop, (configurations,).
+
+        Args:
+            factor: on the stiffness.
+            damping: of the loop at factor 1.
+            at_link: which encoders sit at links, (n,).
+            where: which configurations.
+        """
         arm, moved = self._transition[where], self._input[where]
         count, size, n = moved.shape
         root = math.sqrt(factor)

@@ -268,6 +268,7 @@ def experiment_files(
     name: str,
     motion: Excitation,
     how: Mapping[str, Any],
+    *,
     first: bool = False,
     with_rotors: bool = True,
 ) -> dict[str, str]:

@@ -173,13 +173,14 @@ def metric(
         declared = Metric(*words, unit, group, tables, total, digits, function, of_rollout)
         ALL[name] = declared
 
-        def of_rollouts(rollout: xr.Dataset) -> xr.DataArray:
+        # No functools.wraps: the signature is not the function's, which takes totals.
+        def evaluate(rollout: xr.Dataset) -> xr.DataArray:
             return declared(rollout)
 
-        of_rollouts.__name__ = of_rollouts.__qualname__ = name
-        of_rollouts.__module__ = function.__module__
-        of_rollouts.__doc__ = _documentation(function.__doc__ or "", str(unit) or "1")
-        return of_rollouts
+        evaluate.__name__ = evaluate.__qualname__ = name
+        evaluate.__module__ = function.__module__
+        evaluate.__doc__ = _documentation(function.__doc__ or "", str(unit) or "1")
+        return evaluate
 
     return declare
 

@@ -123,7 +123,7 @@ class _Reader:
         )
 
     def _targets(self) -> set[int]:
-        """Return mocap bodies, which are targets to drag, and what hangs on them, unless a joint does."""
+        """Return mocap bodies, which are targets to drag, with all below them; none with a joint below it."""
         model, skipped = self.model, set[int]()
         moving = {int(body) for body in model.jnt_bodyid}
         for body in range(1, model.nbody):

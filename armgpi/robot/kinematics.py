@@ -529,10 +529,14 @@ class _Search(NamedTuple):
     tolerance: float  # [m and rad]
     iterations: int
     least_gain: float = _LEAST_GAIN
-    last: bool = False  # whether to come to rest where the goal is out of reach
+    last: bool = False  # whether it is the last search: it comes to rest where the goal is out of reach
 
     def descend(self, arm: _Arm, goal: _Goal, start: Array, home: Array | None = None) -> InverseSolution:
-        """Search from configurations (k, n), one per row of the goal; turns are those nearest to `home`."""
+        """Search from configurations (k, n), one per row of the goal.
+
+        Turns of the answers are those nearest to `home`, or to the start when not given. The answers are
+        inside the joint limits, also from a start outside; errors and `reached` are of these.
+        """
         lower, upper = _wide(arm.robot)
         q = np.array(start)
         k = len(q)
@@ -551,7 +555,8 @@ class _Search(NamedTuple):
             rows, e, J, loss = rows[going], e[going], J[going], loss[going]
             if not len(rows):
                 break
-            # Chan and Lawrence; at rest short of the goal, the curvature that steps leave out is that of e.
+            # By Chan and Lawrence. Out of reach e stays large, and with it the second derivative of the loss
+            # that J'J leaves out (e times the change of J): there the damping is the length of e.
             damping = np.sqrt(2.0 * loss) if self.last else _DAMPING * loss
             step = arm.units * _damped_step(
                 e, J, damping + _LEAST_DAMPING, q[rows] <= lower, q[rows] >= upper

@@ -92,7 +92,7 @@ def _moments(triangles: Array) -> tuple[Array, Array]:
 
 
 def _read(plain: Any) -> Hull | None:
-    """Return the hull that was kept as plain data; None where that is none."""
+    """Return the hull that was cached as plain data; None where the data is not a hull's."""
     if not isinstance(plain, dict):
         return None
     try:
@@ -100,7 +100,8 @@ def _read(plain: Any) -> Hull | None:
             np.array(plain.get(name), dtype=float) for name in ("corners", "centre", "spread")
         )
         hull = Hull(corners, float(plain.get("volume", np.nan)), centre, spread)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return None
     shaped = corners.ndim == 2 and corners.shape[1:] == centre.shape == (3,) and spread.shape == (3, 3)
-    return hull if shaped and all(np.isfinite(each).all() for each in hull) else None
+    solid = corners.size > 0 and hull.volume > 0.0
+    return hull if shaped and solid and all(np.isfinite(each).all() for each in hull) else None

@@ -47,9 +47,9 @@ def is_rigid(values: Sequence[float], rounding: float = _ROUNDING) -> bool:
 
 
 def only_reading(values: Sequence[float]) -> Reading | None:
-    """Return the only order in which six numbers are the inertia of a rigid body; None without such.
+    """Return the one of three other known orders in which six numbers are the inertia of a rigid body.
 
-    None too when URDF's own order gives one.
+    None where they are one in URDF's order as well, in none of these orders, or in several that differ.
     """
     a, b, c, d, e, f = values
     if is_rigid(values):

@@ -165,7 +165,7 @@ class ReferenceJump:
 
     def fails(self, target: Target, watch: Watch) -> Mask:
         """Tell which joints fail."""
-        # From one sample to the next: what is smoothed lags, and takes an acceleration for a step.
+        # By the way of the last sample: a smoothed speed lags, and makes an acceleration look like a step.
         samples = 1.0 + watch.bad
         wrong = beyond((target.q - watch.r) - samples * watch.rv, self._step * samples)
         for rate in self._rates(target):

@@ -44,7 +44,10 @@ largest: Callable[[Array], Array] = partial(_over_joints, np.maximum)
 
 
 def worst_joint(code: Array) -> tuple[Array, Array]:
-    """Return the highest number, and the first joint that has it, each of shape (1,) or (batch, 1)."""
+    """Return the highest code of the joints, and the first joint that has it, each (1,) or (batch, 1).
+
+    Without any fault the highest code is 0, and the joint is 0 too: the code says whether there is one.
+    """
     worst = largest(code)
     first = np.zeros_like(worst)
     for j in reversed(range(code.shape[-1])):

@@ -390,7 +390,9 @@ class Block:
         for begin in self._statements.get(statement, ()):
             number, switch, term = len(self.sites), *self.names
             nothing = ast.Constant(0, **at, end_lineno=at["lineno"], end_col_offset=at["col_offset"])
-            self.sites.append(Site(nothing, statement, [("term", nothing)], True, "", False, begin))
+            choices: list[tuple[str, ast.expr]] = [("term", nothing)]
+            site = Site(nothing, statement, choices, fitted=True, literal="", whole=False, statement=begin)
+            self.sites.append(site)
             yield from ast.parse(f"if {switch}[{number}]: {begin}{term}[{number}]").body
 
     @cached_property

@@ -78,6 +78,8 @@ _STEPS = 24
 _REFINED = 3
 #: A root of a square is neared to a quarter of the way at each step; what is left of more has no root.
 _SLOW = 0.7
+#: A change with at most this effect moves nothing: effects are in a thousand times the tolerance.
+_NO_EFFECT = 1e-3
 #: Effects beyond this are those of a change that divides by next to nothing.
 _HUGE = 1e12
 #: Entries of a vector in all passes of a loop, at most, and terms that are tried where it is not linear.
@@ -653,14 +655,18 @@ class _Trials:
                 yield picks[i], picks[j]
 
     def tried_pairs(self) -> Iterator[tuple[Pick, Pick]]:
-        """Yield the pairs of usual changes that make all agree, of those that touch nothing that is right."""
+        """Try pairs of usual changes, and yield those that make all agree.
+
+        Each change of a pair alone moves no output that is right already: changes that cancel there are not
+        looked for.
+        """
         name, tried, effects, _ = self._candidates()
         if len(tried) < 2:
             return
         right = ~self._wrong[name]
-        inside = np.abs(effects[:, right]).max(axis=1, initial=0.0) <= 1e-3
+        inside = np.abs(effects[:, right]).max(axis=1, initial=0.0) <= _NO_EFFECT
         picks = [one.at(k) for (one, k), i in zip(tried, inside, strict=True) if i and one.kind in _USUAL]
-        # In the order of the longer one of both.
+        # Candidates are in the order in which they were tried, pairs in that of the later one of both.
         for later, two in enumerate(picks):
             for one in picks[:later]:
                 if self._over():

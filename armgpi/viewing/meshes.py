@@ -192,10 +192,12 @@ def move(part: Triangles, matrix: Array, scale: Array | float = 1.0) -> Triangle
 
 
 def simplify(part: Triangles, most: int) -> Triangles:
-    """Return about `most` triangles at most, by putting the corners within a small cube at one place.
+    """Return about `most` triangles, by putting the corners within a small cube at one place.
 
-    Corners that face different ways stay apart, at that place: edges are kept, and the surface does not tear.
-    Surfaces of different colours are simplified each by itself.
+    There may be more where the coarsest cubes do not suffice. Corners that face different ways stay separate
+    corners at that place: edges are kept, and the surface does not tear. Surfaces of different colours are
+    simplified each by itself. Triangles that face against their corners' normals are turned round, also where
+    the mesh was small enough.
     """
     _, color = np.unique(np.nan_to_num(part.colors, nan=-1.0), axis=0, return_inverse=True)
     color = color.ravel()

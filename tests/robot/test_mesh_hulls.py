@@ -81,7 +81,20 @@ def test_another_file_at_the_same_place_has_another_hull(tmp_path: Path) -> None
     assert larger.volume == pytest.approx(1.0, rel=1e-6)
 
 
-@pytest.mark.parametrize("plain", [[], {}, {"corners": [1.0], "volume": 1.0}, {"corners": "a", "volume": {}}])
+SOLID = {"corners": np.eye(3).tolist(), "volume": 1.0, "centre": [0.0] * 3, "spread": np.eye(3).tolist()}
+
+
+@pytest.mark.parametrize(
+    "plain",
+    [
+        [],
+        {},
+        {"corners": [1.0], "volume": 1.0},
+        {"corners": "a", "volume": {}},
+        {**SOLID, "volume": 10**400},
+        {**SOLID, "volume": -1.0},
+    ],
+)
 def test_what_was_kept_by_another_program_is_worked_out_anew(
     plain: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -237,7 +237,12 @@ class _Names:
         self._taken: set[str] = set()
 
     def __call__(self, path: str, case: Callable[[str], str]) -> str:
-        """Return a name for a path."""
+        """Return a new C name for a path of attributes, another one each time that it is called.
+
+        Args:
+            path: such as `law.filter._gain`.
+            case: what writes a name in capitals or small letters.
+        """
         steps = [step.strip("_") for step in path.split(".")]
         name = case(re.sub(r"\W", "_", "_".join(step for step in steps if step), flags=re.ASCII))
         if not name[:1].isalpha() or name in _RESERVED:
