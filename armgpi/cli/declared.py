@@ -223,7 +223,11 @@ def _flag(key: str) -> str:
 
 
 def _click_options(wanted: Iterable[Option]) -> list[Any]:
-    """Return options as the library of the command line has them: by way of a command that is not used."""
+    """Return options as the library of the command line has them: by way of a command that is not used.
+
+    Typer takes defaults from the signature and types from the annotations, so that command has both. Values
+    stay texts here: :meth:`Option.value` converts them.
+    """
 
     def command(**_: Any) -> None: ...
 

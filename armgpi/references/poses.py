@@ -74,7 +74,7 @@ def as_poses(poses: Any, name: str = "poses") -> Poses:
     is_list = isinstance(poses, Sequence) and len(poses) > 0
     if is_list and all(hasattr(pose, "homogeneous") for pose in poses):
         poses = np.stack([pose.homogeneous for pose in poses])
-    array = as_sized_array(poses, name)
+    array = np.array(as_sized_array(poses, name))  # a copy: the caller's buffer may be filled again
     if array.ndim == 2 and array.shape[1] == 7:
         return Poses(array[:, :3], _of_quaternions(array[:, 3:], name))
     if array.ndim != 3 or array.shape[1:] != (4, 4):

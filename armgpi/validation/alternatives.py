@@ -445,14 +445,17 @@ class _Seen(ast.NodeVisitor):
                 yield self.vectors[text]
 
     def add_entries(self, index: str, kinds: Mapping[str, Any]) -> None:
-        """Keep what is one entry of a list, of vectors or matrices, or of an argument."""
+        """Keep `name[index]`: vectors and matrices out of lists of them, and numbers out of arguments.
+
+        Numbers out of local lists are too many to try.
+        """
         for name, kind in (one for one in kinds.items() if one[0].isidentifier()):
             entry = _entry(name, ast.Name(index, ast.Load()))
             if isinstance(kind, tuple) and len(kind) > 1:
                 vector = kind[1:] in ((3,), _SPATIAL)
                 into = self.vectors if vector else self.matrices if kind[1:] in _SQUARE else {}
                 into[ast.unparse(entry)] = entry
-            elif name in self._arguments and isinstance(kind, tuple):
+            elif name in self._arguments and isinstance(kind, tuple) and kind:
                 self.scalars[ast.unparse(entry)] = entry
 
     def add_counterparts(self) -> None:

@@ -169,6 +169,14 @@ BAD = {
 }
 
 
+def test_poses_are_a_copy_of_what_the_caller_has() -> None:
+    matrices = np.tile(np.eye(4), (2, 1, 1))
+    found = as_poses(matrices)
+    matrices[:, :3] = 7.0
+    np.testing.assert_array_equal(found.positions, np.zeros((2, 3)))
+    np.testing.assert_array_equal(found.rotations, np.tile(np.eye(3), (2, 1, 1)))
+
+
 @pytest.mark.parametrize("case", BAD)
 def test_bad_poses_are_refused_in_a_line(case: str) -> None:
     call, said = BAD[case]
