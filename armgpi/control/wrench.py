@@ -99,8 +99,10 @@ class OutsideTorque:
         self._decay, self._drive = FilteredDifference.of(bandwidth, dt)
         self._viscous, self.friction = robot.friction
         self.most_friction = friction_within * self.friction
-        if not self.friction.any():
-            self.most_friction = USUAL_WITHIN * usual_friction(one_of(robot))
+        without = ~self.friction.any(axis=-1, keepdims=True)
+        if without.any():  # of a batch each arm is judged as it is alone
+            usual = USUAL_WITHIN * usual_friction(one_of(robot))
+            self.most_friction = np.where(without, usual, self.most_friction)
 
     def init(self, q: Array) -> WrenchState:
         """Return the state of an arm at rest, held by its motors; arguments as of :meth:`after`."""

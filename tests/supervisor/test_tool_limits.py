@@ -202,6 +202,23 @@ def test_what_friction_explains_is_no_fault() -> None:
     assert int(rollout["fault"]) == Reason.TOOL_FORCE
 
 
+def test_of_a_batch_an_arm_without_friction_is_stopped_as_it_is_alone() -> None:
+    """Beside an arm with friction, that of an arm without was taken to be known, and 0."""
+    arms = [ARM, ARM.with_friction(np.zeros(3), 0.01 * ARM.limits.effort)]
+    push = armgpi.ToolForce(force=[0.0, 90.0, 0.0], onset=0.05)
+    given = Supervisor(tool_force=10.0)
+
+    def stops(robot: Any) -> list[float]:
+        plant = RigidBodyPlant(robot, environment=[push])
+        rollout = simulate(plant, GPI(robot, DT), armgpi.Hold(Q), 0.4, supervisor=given)
+        assert (rollout["fault"] == Reason.TOOL_FORCE).all()
+        return np.ravel(rollout["t_fault"]).tolist()
+
+    alone = [stops(arm)[0] for arm in arms]
+    assert stops(armgpi.RobotBatch(arms)) == alone
+    assert alone[0] > alone[1]  # of a model without friction more is reckoned with
+
+
 def test_every_step_has_the_bits_of_any_step() -> None:
     supervised: Any = Supervised(GPI(ARM, DT), Supervisor(**(FAR | {"tool_speed": 0.4})))
     state = supervised.init(Measurement(Q), Target(Q, REST, REST))
