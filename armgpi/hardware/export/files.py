@@ -264,7 +264,8 @@ def _texts(code: Code, log: ArmLog) -> dict[str, str]:
         "init_now": ", ".join("moved" if i == q_ref else f"timed[k][{i}U]" for i in range(len(names))),
         "init_in": ", ".join(f"in[{i}U]" for i in range(len(names))),
         "zero": f"0.0{suffix}",
-        "far": f"{_FAR * float(np.min(code.law.controller.bounds.following)):.6g}{suffix}",
+        # Of a whole number C takes no suffix.
+        "far": f"{float(f'{_FAR * float(np.min(code.law.controller.bounds.following)):.6g}')!r}{suffix}",
     }
     return {
         "armgpi_controller.h": code.header,
