@@ -41,7 +41,7 @@ from armgpi.plants.reality import Reality, Scenario, batches, stack_draws
 from armgpi.robot import rotors
 from armgpi.tuning import collocated, rule
 
-#: Arms of docs/drives.md; romeo's has 2.4 kg.
+#: Arms of docs/drives_measured.md; romeo's has 2.4 kg.
 ARMS = ("ur5", "ur10", "panda", "z1", "g1_left_arm", "romeo_left_arm")
 #: Gear ratio that controllers assume.
 ASSUMED_RATIO = 100.0

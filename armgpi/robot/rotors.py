@@ -40,7 +40,7 @@ TWIST, TWIST_SCATTER = 8e-3, 2.0
 #: load, which is 0.4 % of its specific spring rate (1100 N of 275 kN; Elatech ATL5, T5 and AT5 likewise).
 STRETCH = 2e-3
 #: Median ITAE of a law that assumes gears over that of one for stiff joints, on arms with stiff joints
-#: (docs/drives.md, `undriven`).
+#: (docs/drives_measured.md, `undriven`).
 SOFT_COST = 9.4
 #: An effort or velocity limit from here on, or of zero, is a word for none [N m or N, rad/s or m/s]; so is a
 #: velocity below the last: a turn takes a week.
