@@ -8,6 +8,7 @@ counts keeps a state in :class:`Watch`.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -17,9 +18,11 @@ from armgpi.base.arrays import LARGEST, Array
 from armgpi.control.controller import Controller, FullState, Measurement
 from armgpi.control.force_limit import FREE_FALL, ForceLimit
 from armgpi.control.wrench import BANDWIDTH, OutsideTorque, WrenchState, downwards
+from armgpi.errors import ArmgpiWarning
 from armgpi.references.reference import Target
 from armgpi.robot.batch import one_of
 from armgpi.robot.frame_motion import Chain, FrameMotion, inner
+from armgpi.robot.kinematics import random_configurations
 from armgpi.supervisor.bounds import (
     COUNTS,
     FARTHEST,
@@ -75,6 +78,11 @@ _STANDING = 0.5
 #: How much faster than when it was found a joint that answers the wrong way may be, and still get a torque.
 #: Set by hand: a motor that was wrongly accused stays below 2.5 times (tests/supervisor/test_supervisor.py).
 _FASTER = 1.5
+
+#: Configurations at which the rank of a Jacobian is looked at.
+_RANK_CONFIGURATIONS = 8
+#: Share of the largest singular value up to which one counts as zero.
+_UNFELT = 1e-6
 
 
 class NotFinite:
@@ -271,6 +279,20 @@ class ToolSpeed:
             yield inner(velocity, velocity)
 
 
+def _warn_of_unfelt_directions(arm: Any, frame: str) -> None:
+    """Warn where the joints' torques tell nothing of a force on a frame along some direction."""
+    jacobians = arm.frame_jacobian(frame, random_configurations(arm, _RANK_CONFIGURATIONS, seed=0))[:, :3]
+    singular_values = np.linalg.svd(jacobians, compute_uv=False)
+    felt = singular_values > _UNFELT * singular_values.max()
+    directions = int(felt.sum(axis=1).max())
+    if directions < 3:
+        text = (
+            f"tool_force: the torques of the joints show a force on {frame!r} along {directions} of 3 "
+            "directions at most; one along the others does not stop the arm"
+        )
+        warnings.warn(ArmgpiWarning(text), stacklevel=5)
+
+
 class ToolForce:
     """TOOL_FORCE: what acts on the tool is more than its limit, whatever friction and the payload are.
 
@@ -300,6 +322,8 @@ class ToolForce:
     def measure(self, frame: FrameMotion, arm: Any) -> None:
         """Take the length of an arm, which makes forces and moments comparable, and what is unsure at rest.
 
+        Warns where the joints feel no force along some direction, in any configuration.
+
         Args:
             frame: the tool.
             arm: the robot.
@@ -309,6 +333,7 @@ class ToolForce:
             level = np.max(np.atleast_2d(self.outside.most_friction), axis=0)
             force = ForceLimit(arm, frame.frame, 1.0, None, level).force_of(arm, level)
             self.unsure_force = force + float(np.linalg.norm(self.weight))
+            _warn_of_unfelt_directions(arm, frame.frame)
 
     def init(self, q: Array) -> WrenchState | None:
         """Return what is kept of an arm at rest; None without a limit."""

@@ -358,3 +358,10 @@ def test_exports_say_and_test_them(tmp_path: Path) -> None:
     assert "`WORKSPACE` is reported when the tool" in text
     assert "was faster than 0.2 m/s" in text
     assert "was above 20 N by more than joint friction may be, which at rest is up to 14 N" in text
+
+
+def test_directions_along_which_the_joints_feel_no_force_are_warned_of() -> None:
+    """The tool of one joint moves along one direction in each configuration."""
+    arm = Robot.load("anthropomorphic3", lock=dict.fromkeys(ARM.joint_names[1:], 0.3))
+    with pytest.warns(armgpi.errors.ArmgpiWarning, match="along 1 of 3 directions"):
+        Supervised(GPI(arm, DT), Supervisor(tool_force=10.0, tool_frame=ARM.tip))
