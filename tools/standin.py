@@ -175,23 +175,34 @@ class _Wire(io.BytesIO):
 
 
 def run_python(folder: Path, arm: Arm, words: list[str], version: str = VERSION) -> int:
-    """Run fci.py or ur.py beside stand-ins of pylibfranka 0.21.3 and ur_rtde 1.6.5; its exit code."""
+    """Run fci.py or ur.py beside stand-ins of pylibfranka 0.21.3 and ur_rtde 1.6.5; its exit code.
+
+    What stands in is taken away after it, and so are the modules of the folder.
+    """
     _Robot.arm = arm
     said = struct.pack(">HB4I", 19, 118, *map(int, version.split(".")), 0)
     made: Any = SimpleNamespace
-    sys.modules["pylibfranka"] = made(Robot=_Robot, Torques=lambda tau: made(tau=tau, motion_finished=False))
-    sys.modules["rtde_control"] = made(RTDEControlInterface=_Robot)
-    sys.modules["rtde_receive"] = made(RTDEReceiveInterface=_Robot)
-    socket.create_connection = lambda address, timeout: _Wire(said)  # type: ignore[assignment, misc]
+    modules: dict[str, Any] = {
+        "pylibfranka": made(Robot=_Robot, Torques=lambda tau: made(tau=tau, motion_finished=False)),
+        "rtde_control": made(RTDEControlInterface=_Robot),
+        "rtde_receive": made(RTDEReceiveInterface=_Robot),
+    }
     script = "fci.py" if (folder / "fci.py").exists() else "ur.py"
+    usual = socket.create_connection, sys.argv, sys.path
+    sys.modules.update(modules)
+    socket.create_connection = lambda address, timeout: _Wire(said)  # type: ignore[assignment, misc]
     sys.argv = [script, "127.0.0.1", *words]
-    sys.path.insert(0, str(folder))
+    sys.path = [str(folder), *sys.path]
     try:
         runpy.run_path(str(folder / script), run_name="__main__")
     except SystemExit as ended:
         if not isinstance(ended.code, int):
             raise
         return ended.code
+    finally:
+        socket.create_connection, sys.argv, sys.path = usual
+        for name in (*modules, "armgpi_controller", "goals"):
+            sys.modules.pop(name, None)
     return 0
 
 

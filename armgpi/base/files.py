@@ -166,6 +166,17 @@ def write(path: str | PathLike[str], content: str | bytes) -> Path:
     return target
 
 
+def write_temporary(folder: Path, contents: Mapping[str, str | bytes]) -> None:
+    """Write files into a temporary folder: in no order, and with nothing that outlives a crash.
+
+    Args:
+        folder: that is there, and soon gone.
+        contents: of each file by its name.
+    """
+    for name, content in contents.items():
+        (folder / name).write_bytes(content.encode() if isinstance(content, str) else content)
+
+
 def write_set(folder: Path, contents: Mapping[str, str | bytes], also: Sequence[str] = ()) -> list[Path]:
     """Write files that belong together into a folder that is there, and their hashes last.
 

@@ -289,9 +289,10 @@ def _run_replay(texts: dict[str, str | bytes], found: build.Compiler) -> Measure
     said_of_stack, program = kept.split(b"\n", maxsplit=1)
     # Not in the user's folder, where a program would be left behind.
     with tempfile.TemporaryDirectory(prefix="armgpi-export-") as place:
-        folder, replay = Path(place), Path(place) / "replay"
-        _write_all(folder, {name: text for name, text in texts.items() if name not in sources})
-        replay.write_bytes(program)
+        folder = Path(place)
+        others = {name: text for name, text in texts.items() if name not in sources}
+        files.write_temporary(folder, {**others, "replay": program})
+        replay = folder / "replay"
         replay.chmod(0o700)
         done = _run([str(replay)], folder)
     compiler = found.version.splitlines()[0] if found.version else found.command[0]
@@ -306,7 +307,7 @@ def _build_replay(folder: Path, texts: Mapping[str, str | bytes], found: build.C
         BackendError: when the compiler cannot be run.
         RolloutError: when it fails.
     """
-    _write_all(folder, texts)
+    files.write_temporary(folder, texts)
     sources = sorted((file for file in texts if file.endswith(".c")), key=lambda file: file != "main.c")
     stack, controller = None, folder / sources[1]
     # Not every compiler knows these options, so they do not belong to the build itself.
@@ -323,12 +324,6 @@ def _build_replay(folder: Path, texts: Mapping[str, str | bytes], found: build.C
         lines = [x for x in built.stderr.decode(errors="replace").splitlines() if "error" in x]
         raise RolloutError(f"{' '.join(found.command)} failed: {(lines or ['it printed nothing'])[0]}")
     return json.dumps(stack).encode() + b"\n" + (folder / "replay").read_bytes()
-
-
-def _write_all(folder: Path, texts: Mapping[str, str | bytes]) -> None:
-    """Write files into a folder that is soon gone: in no order, and not to the disk."""
-    for name, text in texts.items():
-        (folder / name).write_bytes(text.encode() if isinstance(text, str) else text)
 
 
 def _read_replay(said: str, compiler: str, agrees: bool, stack: int | None) -> Measured:
