@@ -37,7 +37,10 @@ def test_a_later_loop_may_be_asked_for_less(delay: float) -> None:
     for other in (later, slower):
         assert other is not None
         assert other.stiffness <= here.stiffness
-        assert other.wall <= here.wall
+        assert other.asked <= here.asked
+        # A softer spring tolerates a stiffer wall.
+        if other.asked == here.asked:
+            assert other.wall <= here.wall
 
 
 def test_the_largest_stiffness_is_where_the_constructor_begins_to_refuse() -> None:
