@@ -329,7 +329,7 @@ def judged(style: str, line: int, name: str = "", by_values: bool = False) -> Ca
 def drawn(count: int, seed: int, styles: Sequence[str]) -> list[tuple[str, int]]:
     """Return mistakes of every style, or of some, at random, but for those that are set aside."""
     left_out, found = byhand.aside(), []
-    for style in styles or sorted({*byhand.STYLES, *byhand.LATER} - {*byhand.NINTH, *SLOW}):
+    for style in styles or sorted({*byhand.STYLES, *byhand.LATER} - {*byhand.NINTH, *byhand.TENTH, *SLOW}):
         lines = [m.line for m in byhand.mistakes(style) if (style, m.line) not in left_out]
         chosen = np.random.default_rng([seed, *style.encode()]).permutation(lines)[:count]
         found += [(style, int(line)) for line in sorted(chosen)]
