@@ -925,3 +925,12 @@ def test_whole_numbers_are_not_counted_in_single_precision(tmp_path: Path) -> No
     done = export_controller(Counts(ARM, 1e-3), tmp_path, logged(Counts(ARM, 1e-3), 0.1))
     assert done.measured is not None
     assert done.measured.agrees
+
+
+@pytest.mark.parametrize("following", [0.1, 1.25, 2.5])
+def test_no_whole_number_has_the_suffix_of_a_float(following: float, tmp_path: Path) -> None:
+    """`10F` is no number in C: a position far away that is a whole number was written so."""
+    controller = armgpi.Supervised(GPI(ARM, 1e-3), armgpi.Supervisor(following=following))
+    export_controller(controller, tmp_path, measure=False, real="float")
+    for source in tmp_path.glob("*.c"):
+        assert not re.findall(r"(?<![\w.])(?<!e[-+])\d+F\b", source.read_text(encoding="utf-8")), source.name
