@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,8 @@ from armgpi import (
     simulate,
 )
 from armgpi.base.arrays import Array
-from armgpi.errors import RolloutError
+from armgpi.codegen import build
+from armgpi.errors import BackendError, RolloutError
 from armgpi.hardware.export import recording
 from armgpi.hardware.export.files import record
 from armgpi.loop.closed_loop import ClosedLoop
@@ -86,12 +88,24 @@ def test_a_log_has_the_numbers_of_the_rollout(controller: GPI | PIDInversion) ->
     np.testing.assert_array_equal(log.inputs["v_measured"][0], PLANT.measure(state).v)
 
 
+def _has_compiler() -> bool:
+    try:
+        build.compiler()
+    except BackendError:
+        return False
+    return find_spec("casadi") is not None
+
+
+compiled = pytest.mark.skipif(not _has_compiler(), reason="there is no C compiler, or no CasADi")
+
+
 def _logged(controller: Supervised, seconds: float, backend: str, plant: Plant = PLANT) -> ArmLog:
     """Return a log by a backend; generated code is there in time, however long that takes."""
     move = Bezier([0.0, 0.1, 0.0], [0.2, 0.3, 0.1], 0.8 * seconds)
     return record(plant, controller, move, seconds, backend)
 
 
+@compiled
 @pytest.mark.parametrize("seconds", [0.032, 0.2, 0.2005])
 def test_a_log_by_generated_code_has_the_torques_of_python(
     seconds: float, monkeypatch: pytest.MonkeyPatch
@@ -141,6 +155,7 @@ def test_a_law_for_one_row_alone_is_logged_by_numpy(monkeypatch: pytest.MonkeyPa
     assert "v_measured" in _logged(Supervised(Single(ARM, DT)), 0.1, "auto").inputs
 
 
+@compiled
 def test_a_fault_is_in_the_log_by_generated_code(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recording, "_SAMPLE", math.inf)
     plant = Delayed(Encoder(RigidBodyPlant(ARM, [Step([0.0, 10.0, 0.0], 0.05)]), 16), 1)
