@@ -31,7 +31,7 @@ Signs = tuple[tuple[float, str], ...]
 #: Kind of a change -> how the difference of an entry begins that it undoes.
 _SAID_BY_KIND = {"sign": ("wrong sign: ",), "factor": ("half is missing: ", "twice instead of once: ")}
 #: Time of the processor for a search [s], and where a convention explains all.
-LONG, SHORT = BUDGET, 0.3
+LONG, SHORT = BUDGET, 2.0
 
 
 def seconds_used() -> float:

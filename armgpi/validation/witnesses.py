@@ -265,6 +265,9 @@ def _ranked(
     numbers_alone = all(change.kind == "value" for change in found.changes)
     if numbers_alone and len(values) == 1 and not values[0].structural:  # both say the same
         return _beside(causes, values, VALUES), found.source
+    if whole and whole[0].kind in CONVENTIONS and _only_removes(found):
+        # What converts between two conventions was written on purpose.
+        return _beside(values, causes, SOURCE), None
     plain = bool(differences) and all(one.bits <= _OWN for one in differences)
     if plain and _has_odd_coefficient(found, source):
         unsure = [cause._replace(confirmed=False) for cause in causes]
@@ -282,6 +285,16 @@ def _ranked(
         return _beside(causes, values, VALUES), found.source
     # What the values say goes before a change that agrees at the numbers of the file alone.
     return _beside([_searched(cause, source) for cause in values], causes, SOURCE), None
+
+
+def _only_removes(found: Repaired) -> bool:
+    """Tell whether a repair is one number or term that becomes zero."""
+    if len(found.changes) != 1:
+        return False
+    try:
+        return float(found.changes[0].new) == 0.0
+    except ValueError:
+        return False
 
 
 def _told_by_values(causes: list[Cause], differences: Sequence[Difference]) -> list[Cause]:
