@@ -13,6 +13,8 @@ from armgpi.errors import UrdfError
 from armgpi.robot import tensors
 from armgpi.robot.tensors import as_matrix, is_rigid, only_reading
 
+#: Right files beside the repository, where they are.
+CASES = Path(__file__).parents[3] / "shared" / "cases" / "urdf"
 KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 BODY = """<robot name="arm"><link name="base"/><link name="body"><inertial><origin xyz="0.1 0 0"/>
 <mass value="2"/><inertia {}/></inertial></link>
@@ -186,7 +188,7 @@ def test_no_rounding_of_eigenvalues_is_printed(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["right", "rotated", "extra", "spaces", "products_sign"])
 def test_a_right_file_has_no_warning(name: str) -> None:
     """Tensors in principal axes, attributes that URDF does not have, odd names are no slips."""
-    path = Path("/work/shared/cases/urdf") / f"{name}.urdf"
+    path = CASES / f"{name}.urdf"
     if not path.is_file():
-        pytest.skip("the cases are not at hand")
+        pytest.skip("the cases are not part of this repository")
     assert not [one for one in health.inspect(path).findings if one.level != "info"]
