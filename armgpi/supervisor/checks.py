@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from typing import Any
 
@@ -246,7 +247,37 @@ class Workspace:
             yield any_joint((chain.position < self.lower) | (chain.position > self.upper))
 
 
-class ToolSpeed:
+class _ToolLimit(ABC):
+    """A size of the tool that has a largest value.
+
+    Attributes:
+        checked: whether there is a limit.
+        most: the limit, in the unit of :meth:`_sizes`, (1,).
+    """
+
+    checked: bool
+    most: Array
+
+    @abstractmethod
+    def _sizes(
+        self, frame: FrameMotion | None, chain: Chain | None, q: Array, watch: Watch
+    ) -> Iterator[Array]:
+        """Yield what is compared with the limit, (1,) or (batch, 1), where it is checked."""
+
+    def nominal(
+        self, frame: FrameMotion | None, chain: Chain | None, q: Array, watch: Watch
+    ) -> Iterator[Mask]:
+        """Yield what holds where nothing is wrong; see above."""
+        for size in self._sizes(frame, chain, q, watch):
+            yield size <= self.most
+
+    def fails(self, frame: FrameMotion | None, chain: Chain | None, q: Array, watch: Watch) -> Iterator[Mask]:
+        """Yield whether the tool fails, (1,) or (batch, 1), where it is checked."""
+        for size in self._sizes(frame, chain, q, watch):
+            yield size > self.most
+
+
+class ToolSpeed(_ToolLimit):
     """TOOL_SPEED: the tool is too fast, by the joints' smoothed velocities up to the last sample.
 
     Attributes:
@@ -258,19 +289,7 @@ class ToolSpeed:
         self.checked = given.tool_speed is not None
         self.most = np.array([LARGEST if given.tool_speed is None else (law.dt * given.tool_speed) ** 2])
 
-    def nominal(
-        self, frame: FrameMotion | None, chain: Chain | None, q: Array, watch: Watch
-    ) -> Iterator[Mask]:
-        """Yield what holds where nothing is wrong; see above."""
-        for square in self._square(frame, chain, q, watch):
-            yield square <= self.most
-
-    def fails(self, frame: FrameMotion | None, chain: Chain | None, q: Array, watch: Watch) -> Iterator[Mask]:
-        """Yield whether the tool fails, (1,) or (batch, 1), where it is checked."""
-        for square in self._square(frame, chain, q, watch):
-            yield square > self.most
-
-    def _square(
+    def _sizes(
         self, frame: FrameMotion | None, chain: Chain | None, q: Array, watch: Watch
     ) -> Iterator[Array]:
         """Yield the square of its speed [m^2 per sample^2], (1,) or (batch, 1), where it is checked."""
@@ -293,7 +312,7 @@ def _warn_of_unfelt_directions(arm: Any, frame: str) -> None:
         warnings.warn(ArmgpiWarning(text), stacklevel=5)
 
 
-class ToolForce:
+class ToolForce(_ToolLimit):
     """TOOL_FORCE: what acts on the tool is more than its limit, whatever friction and the payload are.
 
     The force is estimated from torques and positions up to the last sample. Along its own direction friction,
@@ -355,19 +374,7 @@ class ToolForce:
         waiting: WrenchState = choose(waits, watch.wrench._replace(q=q), after)
         return waiting
 
-    def nominal(
-        self, frame: FrameMotion | None, chain: Chain | None, q: Array, watch: Watch
-    ) -> Iterator[Mask]:
-        """Yield what holds where nothing is wrong; see above."""
-        for force in self._sure(frame, chain, q, watch):
-            yield force <= self.most
-
-    def fails(self, frame: FrameMotion | None, chain: Chain | None, q: Array, watch: Watch) -> Iterator[Mask]:
-        """Yield whether the tool fails, (1,) or (batch, 1), where it is checked."""
-        for force in self._sure(frame, chain, q, watch):
-            yield force > self.most
-
-    def _sure(
+    def _sizes(
         self, frame: FrameMotion | None, chain: Chain | None, q: Array, watch: Watch
     ) -> Iterator[Array]:
         """Yield the least that the force may be [N], (1,) or (batch, 1), where it is checked."""
