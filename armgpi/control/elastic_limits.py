@@ -65,6 +65,12 @@ class Damping(NamedTuple):
     bandwidth: float
 
 
+def _are_elastic(drives: Any) -> npt.NDArray[np.bool_]:
+    """Tell of which joints the stiffness and a rotor are known, (n,)."""
+    rotor = drives.value("rotor_inertia")
+    return np.asarray(np.isfinite(drives.value("stiffness")) & np.isfinite(rotor) & (rotor > 0.0))
+
+
 class ElasticLoop:
     """The sampled loop of springs on elastic joints, in some configurations.
 
@@ -85,8 +91,9 @@ class ElasticLoop:
         late = max(0, math.ceil(delay / dt - 1e-9))
         self._late = min(late, _LATEST)
         self._dt = dt * (late + 0.5) / (self._late + 0.5)
-        gear, rotor = drives.value("stiffness"), drives.value("rotor_inertia")
-        elastic = np.isfinite(gear) & np.isfinite(rotor) & (rotor > 0.0)
+        gear = drives.value("stiffness")
+        rotor = drives.value("rotor_inertia")
+        elastic = _are_elastic(drives)
         self._elastic = np.flatnonzero(elastic)
         side = np.asarray(drives.value("encoder_side"))
         self.at_link, self.unsure = elastic & (side == "link"), elastic & (side == "")
@@ -100,11 +107,9 @@ class ElasticLoop:
     @classmethod
     def of(cls, springs: Sequence[Springs], drives: Any, dt: float, delay: float) -> ElasticLoop | None:
         """Return the loop; None where the stiffness of no joint is known. Arguments as of the constructor."""
-        if drives is None:
+        if drives is None or not _are_elastic(drives).any():
             return None
-        gear, rotor = drives.value("stiffness"), drives.value("rotor_inertia")
-        known = np.isfinite(gear) & np.isfinite(rotor) & (rotor > 0.0)
-        return cls(springs, drives, dt, delay) if known.any() else None
+        return cls(springs, drives, dt, delay)
 
     def _sampled(self, inertia: Array, gear: Array, rotor: Array, damping: Array) -> tuple[Array, Array]:
         """Return what a sample, and a torque in it, do to positions and velocities of links and motors."""
@@ -170,11 +175,9 @@ class ElasticLoop:
         now = np.zeros((n, loop.shape[2]))
         now[:, :size] = seen
         change = np.zeros_like(now)
-        change[:, :size], change[:, last], change[:, rate] = (
-            drive * seen,
-            -drive * np.eye(n),
-            decay * np.eye(n),
-        )
+        change[:, :size] = drive * seen
+        change[:, last] = -drive * np.eye(n)
+        change[:, rate] = decay * np.eye(n)
         torque = -(spring @ now + damper @ change)
         loop[:, :size, :size] = arm
         loop[:, last], loop[:, rate] = now, change
