@@ -8,6 +8,12 @@ of its own module first, until one fails, in a fork of the process that has coll
 there, in a process of its own as well. What they take is counted in processor time, so a busy machine finds
 nothing. `--planted` takes the five that once survived the whole suite. What survives may be a change of no
 result.
+
+`--nearest` judges each mutant in one fresh process, by the six test files nearest to it (the same names of
+modules, packages and functions): no test has to run first, and nothing that was worked out before the bug
+was planted is left. `--again FILE` takes the mutants of a table that was printed before, found by their text
+where lines have moved, so what lived once can meet the tests that were written for it: first those that its
+row names.
 """
 
 from __future__ import annotations
@@ -22,6 +28,7 @@ import json
 import os
 import pkgutil
 import random
+import re
 import resource
 import shutil
 import signal
@@ -66,9 +73,13 @@ class Mutant(NamedTuple):
 
     def __str__(self) -> str:
         """Return where it is and what it changes."""
+        return f"{self.path}:{self.lines[0]} | {self.kind} | {self.change}"
+
+    @property
+    def change(self) -> str:
+        """Return what is there and what takes its place."""
         old = self.path.read_bytes()[self.begin : self.end].decode()
-        change = f"`{' '.join(old.split())}` -> `{' '.join(self.new.split())}`"
-        return f"{self.path}:{self.lines[0]} | {self.kind} | {change}"
+        return f"`{' '.join(old.split())}` -> `{' '.join(self.new.split())}`"
 
 
 #: What survived the whole suite on 2026-11-22: file, text that is there once, and what takes its place.
@@ -165,6 +176,111 @@ def draw(count: int, seed: int) -> list[Mutant]:
     for index, name in enumerate(PACKAGES):
         drawn += rng.sample(every_mutant(name), each + (index < more))
     return drawn
+
+
+def again(file: Path) -> dict[Mutant, list[str]]:
+    """Return the mutants of a printed table, and the tests that their rows name.
+
+    Of each it is the one with its text that is nearest to its line.
+
+    Rows whose text a module no longer has are printed, and left out.
+    """
+    found = {}
+    for row in re.finditer(r"(armgpi/\S+\.py):(\d+) \| ([^|]+) \| (`.*)", file.read_text()):
+        path, line, kind, rest = Path(row[1]), int(row[2]), row[3], row[4]
+        alike = [each for each in mutants_of(path) if each.kind == kind and rest.startswith(each.change)]
+        if not alike:
+            print(f"the module no longer has this text: {row[0]}", file=sys.stderr)
+            continue
+        mutant = min(alike, key=lambda each: abs(each.lines[0] - line))
+        found[mutant] = re.findall(r"tests/[^\s|]+", rest)
+    return found
+
+
+# By the nearest tests: one fresh process for each mutant.
+
+#: How many test files a mutant meets.
+_NEAREST = 6
+#: A file of tests counts as near from here on: the same package and a name, or the name of the module.
+_NEAR = 5
+
+
+def nearest(mutant: Mutant, tests: dict[Path, str]) -> list[str]:
+    """Return the tests that are nearest to a mutant, of all tests' texts.
+
+    First the functions of tests that name the function or class of the mutant, then whole files.
+    """
+    stem = mutant.path.stem
+    package = mutant.path.parts[1] if len(mutant.path.parts) > 2 else BASE
+    around = set()
+    for node in ast.walk(ast.parse(mutant.path.read_bytes())):
+        if not isinstance(node, ast.FunctionDef | ast.ClassDef):
+            continue
+        if node.lineno <= mutant.lines[0] <= (node.end_lineno or 0) and not node.name.startswith("__"):
+            around.add(node.name)
+    words = [re.compile(rf"\b{re.escape(name)}\b") for name in around - {"step", "init", "of"}]
+    module = re.compile(rf"\b{package}(\.\w+)*\.{re.escape(stem)}\b|import .*\b{re.escape(stem)}\b")
+
+    def score(path: Path) -> int:
+        own = 8 if path.stem == f"test_{stem}" else 5 if path.stem.startswith(f"test_{stem}") else 0
+        same = 3 if package in path.parts else 1 if "laws" in path.parts else 0
+        says = 4 * sum(bool(word.search(tests[path])) for word in words)
+        return own + same + says + (4 if module.search(tests[path]) else 0)
+
+    ranked = sorted(tests, key=lambda path: (-score(path), len(tests[path]), str(path)))
+    files = [path for path in ranked if score(path) >= _NEAR][:_NEAREST]
+    named = []
+    for path in files:
+        for node in ast.parse(tests[path]).body:
+            if isinstance(node, ast.FunctionDef) and node.name.startswith("test_"):
+                text = ast.get_source_segment(tests[path], node) or ""
+                if any(word.search(text) for word in words):
+                    named.append(f"{path}::{node.name}")
+    return [*named, *map(str, files)]
+
+
+def judge_by_nearest(chosen: list[Mutant], seconds: float, first: dict[Mutant, list[str]]) -> None:
+    """Print which mutants tests find, each in a fresh process.
+
+    Args:
+        chosen: the mutants.
+        seconds: of processor time that the tests of one may take: who needs more has found nothing.
+        first: tests that a mutant meets before those that are nearest to it.
+    """
+    tests = {path: path.read_text() for path in sorted(Path("tests").rglob("test_*.py"))}
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    subprocess.run([sys.executable, "-m", "compileall", "-q", "armgpi", "tests"], env=environment, check=True)
+    print("| mutant | kind | change | by | |\n|---|---|---|---|---|", flush=True)
+    survivors = 0
+    for mutant in chosen:
+        near = [*first.get(mutant, []), *nearest(mutant, tests)]
+        limited = ["bash", "-c", f'ulimit -t {int(seconds)}; exec "$@"', "bash"]
+        command = [*limited, sys.executable, "-m", "pytest", *PYTEST, "-x", "-q", "--no-header", *near]
+        with planted_in_file(mutant):
+            run = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+        failed = [line for line in run.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+        survivors += not failed
+        if failed:
+            said = f"{failed[0].split()[1]} | found"
+        else:
+            ends = "SURVIVES" if run.returncode == 0 else f"SURVIVES, ended with {run.returncode}"
+            said = f"{' '.join(each for each in near if '::' not in each)} | {ends}"
+        print(f"| {mutant} | {said} |", flush=True)
+    print(f"{survivors} of {len(chosen)} survive")
+
+
+@contextlib.contextmanager
+def planted_in_file(mutant: Mutant) -> Iterator[bytes]:
+    """Have a module's file with the mutant for a while; yield its text."""
+    place = mutant.path.resolve()
+    whole, when = place.read_bytes(), place.stat()
+    text = whole[: mutant.begin] + mutant.new.encode() + whole[mutant.end :]
+    place.write_bytes(text)
+    try:
+        yield text
+    finally:
+        place.write_bytes(whole)
+        os.utime(place, (when.st_atime, when.st_mtime))
 
 
 # Which tests reach what, and which fail: this file is a plugin of pytest, which collects the tests once.
@@ -337,16 +453,13 @@ class Judge:
 
     def survives(self, mutant: Mutant, items: list[pytest.Item], seconds: float) -> bool:
         """Tell whether tests pass with a mutant, in their own processes too."""
-        place = mutant.path.resolve()
-        whole, when = place.read_bytes(), place.stat()
-        text = whole[: mutant.begin] + mutant.new.encode() + whole[mutant.end :]
-        place.write_bytes(text)
+        place, whole = mutant.path.resolve(), mutant.path.read_bytes()
 
         def passes_alone() -> bool:
             command = [sys.executable, "-m", "pytest", *PYTEST, "-x", *(item.nodeid for item in items)]
             return subprocess.run(command, check=False).returncode == 0
 
-        def passes() -> bool:
+        def passes(text: bytes) -> bool:
             if not take(whole, text, self.functions.get(str(place), [])):
                 return passes_alone()
             for item, following in zip(items, [*items[1:], None], strict=True):
@@ -355,13 +468,11 @@ class Judge:
                     return False
             return True
 
-        try:
+        with planted_in_file(mutant) as text:
             # What a module of tests worked out, or a cache kept, when tests were collected is without the
             # mutant in a fork: who survives there meets the same tests in a process of its own.
-            return not items or (aside(passes, seconds) and aside(passes_alone, seconds + _STARTS))
-        finally:
-            place.write_bytes(whole)
-            os.utime(place, (when.st_atime, when.st_mtime))
+            survives_here = not items or aside(lambda: passes(text), seconds)
+            return survives_here and (not items or aside(passes_alone, seconds + _STARTS))
 
 
 def main() -> None:
@@ -373,22 +484,32 @@ def main() -> None:
     parser.add_argument("--reach", type=Path, help="where it is kept which tests reach what")
     parser.add_argument("--seconds", type=float, default=40.0, help="of processor time without it for each")
     parser.add_argument("--planted", action="store_true")
+    parser.add_argument("--nearest", action="store_true", help="in fresh processes, by the nearest tests")
+    parser.add_argument("--again", type=Path, help="the mutants of this table, which was printed before")
     parser.add_argument("modules", type=Path, nargs="*", help="all mutants of these, instead")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         tree, kept = Path(folder).resolve() / "tree", (asked.reach or Path(folder, "reach")).resolve()
         ignored = shutil.ignore_patterns(".git", ".venv", "build", "__pycache__", ".*_cache")
         shutil.copytree(Path(__file__).resolve().parent.parent, tree, ignore=ignored)
+        table, first = asked.again and asked.again.resolve(), dict[Mutant, list[str]]()
         os.chdir(tree)
         if asked.planted:
             chosen = list(planted())
+        elif table:
+            first = again(table)
+            chosen = list(first)
         elif asked.modules:
             chosen = [each for path in asked.modules for each in mutants_of(path)]
         else:
             chosen = [each for seed in asked.seed for each in draw(asked.count, seed)]
         sys.path.insert(0, str(tree))
+        os.environ["PYTHONPATH"] = str(tree)
+        if asked.nearest:
+            judge_by_nearest(chosen[asked.skip :], asked.seconds, first)
+            return
         sys.dont_write_bytecode = True
-        os.environ.update(PYTHONPATH=str(tree), PYTHONDONTWRITEBYTECODE="1")
+        os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
         few = {each.path.parts[1] for each in chosen} if asked.modules and kept.exists() else PACKAGES
         rooms = [BASE if name == TOP else name for name in PACKAGES if name in few or name == TOP]
         tests = [f"tests/{name}" for name in ("laws", *rooms)]

@@ -174,10 +174,12 @@ class Certificate:
         path = check_path(path, "path")
         try:
             data = checker.read(path)
-            if (known := data.get("format")) != FORMAT:
-                raise ConfigError(path, "", other_format(known, FORMAT))
+            known = data.get("format")
         except checker.ERRORS as error:
-            raise ConfigError(path, "", f"is not a certificate: {checker.text(repr(error))}") from None
+            said = checker.text(files.reason(error))[1:-1]
+            raise ConfigError(path, "", f"is not a certificate: {said}") from None
+        if known != FORMAT:
+            raise ConfigError(path, "", other_format(known, FORMAT))
         return Certificate(data)
 
 

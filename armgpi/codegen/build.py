@@ -93,7 +93,7 @@ def probe(command: tuple[str, ...], path: str | None) -> Compiler | None:
 
 
 def run_program(
-    command: Sequence[str], patience: float, folder: Path | None = None
+    command: Sequence[str], patience: float, folder: Path | None = None, temporary: Path | None = None
 ) -> subprocess.CompletedProcess[bytes]:
     """Run a program and return what it says, in English; on Ctrl-C, or without an answer in time, end it.
 
@@ -104,18 +104,23 @@ def run_program(
         command: the program and its arguments.
         patience: how long it may take [s].
         folder: where to run it.
+        temporary: where it puts its temporary files; what it leaves there when it is ended is the caller's
+            to remove. The usual folder of this machine by default.
 
     Raises:
         OSError: when it cannot be started.
         subprocess.TimeoutExpired: when it takes longer.
     """
+    environment = {**os.environ, "LC_ALL": "C"}
+    if temporary is not None:
+        environment["TMPDIR"] = str(temporary.absolute())
     # Ctrl-C waits until there is something to end.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         process = subprocess.Popen(
             command,
             cwd=folder,
-            env={**os.environ, "LC_ALL": "C"},
+            env=environment,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -449,7 +454,7 @@ def run_compiler(compiler: Sequence[str], arguments: Sequence[str], file: Path, 
     Args:
         compiler: how it is called.
         arguments: of this call.
-        file: what it makes.
+        file: what it makes, in a folder that is removed soon: the compiler's temporary files are there too.
         patience: how long it may take [s].
 
     Raises:
@@ -458,7 +463,7 @@ def run_compiler(compiler: Sequence[str], arguments: Sequence[str], file: Path, 
     """
     name = " ".join(compiler)
     try:
-        said = run_program([*compiler, *arguments], patience)
+        said = run_program([*compiler, *arguments], patience, temporary=file.parent)
     except subprocess.TimeoutExpired:
         raise BackendError(f"{name} took longer than {patience:g} s") from None
     if said.returncode or not file.is_file():

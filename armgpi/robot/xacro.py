@@ -36,13 +36,23 @@ with contextlib.suppress(ImportError, OSError, ValueError):
     resource.setrlimit(resource.RLIMIT_CPU, (job["seconds"], job["seconds"] + 1))
 answer = os.fdopen(os.dup(1), "w")
 os.dup2(2, 1)  # xacro prints warnings
+class Arguments(dict):  # values by name; it notes which names the file declares or reads
+    names = set()
+    def __contains__(self, name):
+        self.names.add(name)
+        return super().__contains__(name)
+    def __getitem__(self, name):
+        self.names.add(name)
+        return super().__getitem__(name)
 try:
     from xacrodoc import XacroDoc, packages
     packages.look_in(job["packages"])
-    document = XacroDoc.from_file(job["path"], subargs=job["arguments"])
+    arguments = Arguments(job["arguments"])
+    document = XacroDoc.from_file(job["path"], subargs=arguments)
     text = document.to_urdf_string(use_protocols=False, paths_relative_to=job["folder"])
     size = len(text.encode())
     result = {"text": text} if size <= job["largest"] else {"size": size}
+    result["names"] = sorted(map(str, arguments.names))
 except BaseException as error:
     inner = getattr(error, "exc", None) or error
     result = {"error": f"{type(inner).__name__}: {inner}"}
@@ -69,7 +79,7 @@ def expand(
 
     Raises:
         MissingPackage: when xacrodoc is not installed.
-        UrdfError: when it cannot be expanded; it says why.
+        UrdfError: when it cannot be expanded, or does not have an argument; it says why.
     """
     import_extra("xacrodoc", "xacro")
     source = Path(path)
@@ -103,6 +113,7 @@ def expand(
         if not re.search(r"<link[\s/>]", text):
             said = "it writes no <link>, as a file of macros or constants; expand the file that uses them"
             raise UrdfError(source, said)
+        _check_names(source, arguments or {}, result["names"])
         return text
     if "size" in result:
         said = f"its URDF has {result['size']} bytes, more than the {markup.MAX_BYTES} allowed"
@@ -111,6 +122,14 @@ def expand(
     else:
         said = _said(result["error"])
     raise UrdfError(source, f"cannot be expanded: {said}")
+
+
+def _check_names(source: Path, given: Mapping[str, str], names: Sequence[str]) -> None:
+    """Refuse an argument that a file neither declares nor reads: its value would have changed nothing."""
+    for name in given:
+        if name not in names:
+            has = f"it has {', '.join(names)[:_SAID]}" if names else "it has none"
+            raise UrdfError(source, f"has no argument {name!r}; {has}")
 
 
 def _death(code: int) -> str:

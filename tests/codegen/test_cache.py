@@ -450,6 +450,7 @@ def gone(path: Path) -> bool:
 #: A compiler that answers, then waits for a child for ever.
 HANGS = """
 case "$1" in --version) echo hangs; exit;; esac
+: > "${{TMPDIR:-/tmp}}/cc1234.s"
 sleep 1000 &
 echo $! > "{pid}.new"
 mv "{pid}.new" "{pid}"
@@ -473,10 +474,11 @@ def test_children_of_a_compiler_that_takes_too_long_are_ended(
 def test_ctrl_c_ends_the_children_of_a_compiler(tmp_path: Path, cache: Path) -> None:
     pid = tmp_path / "pid"
     cc = script(tmp_path / "hangs", HANGS.format(pid=pid))
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
     code = f"from armgpi.codegen import build\nbuild.library({SOURCE!r})"
-    with subprocess.Popen(
-        [sys.executable, "-c", code], env={**os.environ, "CC": str(cc)}, stderr=subprocess.PIPE
-    ) as process:
+    environment = {**os.environ, "CC": str(cc), "TMPDIR": str(temporary)}
+    with subprocess.Popen([sys.executable, "-c", code], env=environment, stderr=subprocess.PIPE) as process:
         while not pid.exists():
             assert process.poll() is None
             time.sleep(0.05)
@@ -484,6 +486,7 @@ def test_ctrl_c_ends_the_children_of_a_compiler(tmp_path: Path, cache: Path) -> 
         assert b"KeyboardInterrupt" in process.communicate(timeout=200)[1]
     assert gone(pid)
     assert list(cache.iterdir()) == []
+    assert list(temporary.iterdir()) == []  # the compiler's own files are removed with what it makes
 
 
 # What is loaded runs: only what nobody else can have written.

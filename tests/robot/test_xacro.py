@@ -112,6 +112,25 @@ def test_what_an_argument_is_not_is_refused(cli: Callable[..., Answer], tmp_path
     assert "expected the name of an argument, := and its value" in err
 
 
+def test_an_argument_that_the_file_does_not_have_is_refused(
+    cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    """A misspelt name would have left the default in place, in silence."""
+    code, out, err = cli("expand", str(package(tmp_path)), "mass:=3", "mas:=4")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "has no argument 'mas'; it has mass" in err
+    code, out, err = cli("expand", str(written(tmp_path, '<link name="base"/>')), "mass:=3")
+    assert (code, out) == (2, "")
+    assert "has no argument 'mass'; it has none" in err
+
+
+def test_an_argument_counts_where_it_is_read_without_being_declared(tmp_path: Path) -> None:
+    path = written(tmp_path, '<link name="$(arg which)"/><link name="${xacro.arg(\'other\')}"/>')
+    text = xacro.expand(path, {"which": "base", "other": "tool"})
+    assert 'name="base"' in text
+    assert 'name="tool"' in text
+
+
 def test_without_the_package_one_line_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "xacrodoc", None)
     with pytest.raises(MissingPackage, match="pip install xacrodoc"):
