@@ -201,8 +201,8 @@ def again(file: Path) -> dict[Mutant, list[str]]:
 
 #: How many test files a mutant meets.
 _NEAREST = 6
-#: A file of tests counts as near from here on: the same package and a name, or the name of the module.
-_NEAR = 5
+#: A file of tests counts as near from here on: the test file of a module that uses the mutant's.
+_NEAR = 2
 
 
 def nearest(mutant: Mutant, tests: dict[Path, str]) -> list[str]:
@@ -220,12 +220,14 @@ def nearest(mutant: Mutant, tests: dict[Path, str]) -> list[str]:
             around.add(node.name)
     words = [re.compile(rf"\b{re.escape(name)}\b") for name in around - {"step", "init", "of"}]
     module = re.compile(rf"\b{package}(\.\w+)*\.{re.escape(stem)}\b|import .*\b{re.escape(stem)}\b")
+    users = {f"test_{path.stem}" for path in Path("armgpi").rglob("*.py") if module.search(path.read_text())}
 
     def score(path: Path) -> int:
         own = 8 if path.stem == f"test_{stem}" else 5 if path.stem.startswith(f"test_{stem}") else 0
         same = 3 if package in path.parts else 1 if "laws" in path.parts else 0
         says = 4 * sum(bool(word.search(tests[path])) for word in words)
-        return own + same + says + (4 if module.search(tests[path]) else 0)
+        uses = (4 if module.search(tests[path]) else 0) + (2 if path.stem in users else 0)
+        return own + same + says + uses
 
     ranked = sorted(tests, key=lambda path: (-score(path), len(tests[path]), str(path)))
     files = [path for path in ranked if score(path) >= _NEAR][:_NEAREST]
@@ -249,7 +251,6 @@ def judge_by_nearest(chosen: list[Mutant], seconds: float, first: dict[Mutant, l
     """
     tests = {path: path.read_text() for path in sorted(Path("tests").rglob("test_*.py"))}
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-    subprocess.run([sys.executable, "-m", "compileall", "-q", "armgpi", "tests"], env=environment, check=True)
     print("| mutant | kind | change | by | |\n|---|---|---|---|---|", flush=True)
     survivors = 0
     for mutant in chosen:
@@ -490,7 +491,8 @@ def main() -> None:
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         tree, kept = Path(folder).resolve() / "tree", (asked.reach or Path(folder, "reach")).resolve()
-        ignored = shutil.ignore_patterns(".git", ".venv", "build", "__pycache__", ".*_cache")
+        compiled = () if asked.nearest else ("__pycache__",)  # valid where the times of files are kept
+        ignored = shutil.ignore_patterns(".git", ".venv", "build", *compiled, ".*_cache")
         shutil.copytree(Path(__file__).resolve().parent.parent, tree, ignore=ignored)
         table, first = asked.again and asked.again.resolve(), dict[Mutant, list[str]]()
         os.chdir(tree)

@@ -186,3 +186,25 @@ def test_every_arm_has_a_well_conditioned_move_or_none_at_all(name: str) -> None
     assert judge.height(way).max() <= 0.95
     most = max(0.9, float(robot.holding_share(robot.middle()).max()))
     assert robot.holding_share(way).max() <= most + 1e-9
+
+
+def test_a_slower_move_asks_motors_for_what_holding_leaves_of_them() -> None:
+    """The torque that moves goes with 1 / duration^2; the worst joint has four fifths of what is left."""
+    robot = load("ur5")
+    start, goal = np.array([0.0, -1.3, 0.9, 0.2, 0.4, 0.0]), np.array([1.0, -0.2, 1.7, -0.6, 0.1, 0.5])
+    way = armgpi.Bezier(start, goal, 1.0).at(np.linspace(0.0, 1.0, 41))
+    weak = robot.with_limits(effort=1.4 * np.abs(robot.gravity(way.q)).max(axis=0) + 2.0)
+    duration = default_move.gentle_duration(weak, start, goal)
+    strong = default_move.gentle_duration(robot, start, goal)
+    assert strong < duration < 4.0 * strong
+    shares = []
+    for x in np.linspace(0.0, duration, 41):
+        q, v, a = armgpi.Bezier(start, goal, duration).at(x)
+        holding = weak.gravity(q)
+        moving = weak.inverse_dynamics(q, v, a) - holding
+        for j in range(6):
+            left = (
+                weak.limits.effort[j] - holding[j] if moving[j] > 0.0 else weak.limits.effort[j] + holding[j]
+            )
+            shares.append(abs(moving[j]) / left)
+    assert max(shares) == pytest.approx(0.8)

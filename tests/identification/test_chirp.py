@@ -245,3 +245,14 @@ def test_the_torque_of_chirps_is_said_for_the_rotors_that_it_is_computed_with(
         tau = np.abs(known.inverse_dynamics(target.q, target.v, target.a)[:, j]).max()
         # Peaks of gravity and of acceleration are added, so it is above, and by little.
         assert 0.98 < motion.effort[j] * known.limits.effort[j] / tau < 1.25
+
+
+def test_a_log_may_end_with_the_first_chirp() -> None:
+    """Where an arm rests for two turns first, the others' chirps are missing; the first is where it is."""
+    known = arm()
+    t = DT * np.arange(round(3 * TURN / DT) + 2)  # torques are looked at by second differences
+    own = t - 2 * TURN - 0.5
+    wave = np.zeros((len(t), known.n))
+    wave[:, 0] = np.where((own > 0.0) & (own < CHIRP), np.sin(2.0 * np.pi * (10.0 + 30.0 * own) * own), 0.0)
+    grid = Grid(DT, np.cumsum(np.cumsum(wave, axis=0), axis=0) * DT**2, wave, np.zeros(len(t), dtype=bool))
+    assert chirp._begin(known, grid) == round(2 * TURN / DT)

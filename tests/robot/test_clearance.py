@@ -129,3 +129,22 @@ def test_an_arm_is_shaken_where_it_collides_with_nothing(tmp_path: Path) -> None
     q = np.asarray(shake(robot, seed=1, clearance=wall).reference.q)
     assert wall.first_hit(q[::20]) is None
     assert np.abs(q - q[0]).max() < 0.2
+
+
+def test_a_joint_that_follows_is_where_its_ratio_and_its_offset_say(tmp_path: Path) -> None:
+    (tmp_path / "free").mkdir()
+    (tmp_path / "led").mkdir()
+    free = arm(tmp_path / "free")
+    text = (
+        (tmp_path / "free/arm.urdf")
+        .read_text()
+        .replace('<parent link="b"/>', '<mimic joint="j1" multiplier="-0.5" offset="0.7"/><parent link="b"/>')
+    )
+    (tmp_path / "led/arm.urdf").write_text(text)
+    led = Robot.load(tmp_path / "led/arm.urdf", mimic="follow")
+    q = np.random.default_rng(1).uniform(-3.0, 3.0, (200, 2))
+    q = q[np.abs(-0.5 * q[:, 1] + 0.7) < 3.0]
+    whole = np.column_stack([q, -0.5 * q[:, 1] + 0.7])
+    found = [Clearance(led, margin=0.1).first_hit(row) is None for row in q]
+    assert found == [Clearance(free, margin=0.1).first_hit(row) is None for row in whole]
+    assert 10 < sum(found) < len(q) - 10

@@ -743,6 +743,21 @@ def test_levels_and_their_estimate_are_those_that_are_worked_out_point_by_point(
     assert rare._correlation(np.ones((10, 4)), 1.0) == 0.0  # of a level that all of which reach its bound
 
 
+def test_chains_that_stay_count_as_one_point_each_and_those_that_leap_as_all() -> None:
+    """The variance of a mean of L equal points is L times that of L independent ones, which adds L - 1."""
+    staying = np.repeat([[1.0, 0.0, 0.0, 1.0]], 12, axis=0)
+    assert rare._correlation(staying, 0.5) == pytest.approx(11.0)
+    leaping = (np.random.default_rng(0).random((40, 5000)) < 0.3).astype(float)
+    assert rare._correlation(leaping, 0.3) < 0.1
+    # Any chains, lag by lag and point by point.
+    chains = (np.random.default_rng(1).random((6, 7)) < 0.6).astype(float).cumsum(axis=0) % 2
+    share, total = 0.4, 0.0
+    for lag in range(1, 6):
+        pairs = [chains[k, j] * chains[k + lag, j] for k in range(6 - lag) for j in range(7)]
+        total += 2.0 * (1.0 - lag / 6) * (sum(pairs) / len(pairs) - share**2) / (share * (1.0 - share))
+    assert rare._correlation(chains, share) == pytest.approx(max(0.0, total))
+
+
 def test_whole_numbers_are_drawn_from_all_between_the_ends_alike() -> None:
     nothing = dict.fromkeys(("log_uniform", "normal", "choices", "factor", "each"))
     declared = Parameter("samples", kind="integer", least=0, most=2000)

@@ -339,3 +339,14 @@ def test_a_legend_has_as_many_columns_as_its_letters_leave() -> None:
     # A letter is 0.06 in wide, and a line with what is around it half an inch.
     found: Any = figure.legends[0]
     assert found._ncols == int(6.4 / 1.1)
+
+
+def test_neighbours_differ_in_colour_and_in_dashes() -> None:
+    several = [style.look(index) for index in range(60)]
+    for one, other in itertools.pairwise(several):
+        assert one.color != other.color
+        assert one.dashes != other.dashes
+    # A colour comes again with other dashes, as often as there are any.
+    for index in range(len(style.PALETTE)):
+        same = several[index :: len(style.PALETTE)][: len(style._DASHES)]
+        assert len({str(each.dashes) for each in same}) == len(same)
