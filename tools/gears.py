@@ -41,6 +41,7 @@ from armgpi import (
 )
 from armgpi.base.arrays import Array
 from armgpi.config.schema import PlantSection
+from armgpi.control.linear_arm import Law, Sampled, open_loop
 from armgpi.errors import ArmgpiWarning
 from armgpi.robot import rotors
 from armgpi.robot.kinematics import random_configurations
@@ -100,9 +101,9 @@ def untuned(robot: Robot, bits: int | None = BITS, **given: Any) -> GPI:
         return GPI.auto(robot, DT, delay=LATE * DT, bits=bits, **given)
 
 
-def peak(plant: two_mass.Plant, law: two_mass.Law, torque: Array) -> float:
+def peak(plant: Sampled, law: Law, torque: Array) -> float:
     """Return the largest error after a step of torque within 1.5 s [rad]."""
-    A, B, C, _ = two_mass.loop(plant, law, LATE)
+    A, B, C = open_loop(plant, law, LATE)
     x, largest = np.zeros(len(A)), 0.0
     closed, n = A + B @ C, len(plant.A)
     for _ in range(round(1.5 / DT)):

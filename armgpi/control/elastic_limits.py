@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import expm
 
 from armgpi.base.arrays import Array
 from armgpi.control.bandwidth import FilteredDifference
+from armgpi.control.linear_arm import Law, LinearArm, Sampled, closed, critical_damping, measured, sampled
 
 #: Damping ratio of a gear whose damping is not known [-].
 GEAR_DAMPING = 0.01
@@ -101,8 +101,13 @@ class ElasticLoop:
             np.array(parts) for parts in zip(*springs, strict=True)
         )
         damping = drives.value("damping")[elastic]
-        moved = [self._sampled(each, gear[elastic], rotor[elastic], damping) for each in self._inertia]
-        self._transition, self._input = (np.array(parts) for parts in zip(*moved, strict=True))
+        transitions, inputs = [], []
+        for inertia in self._inertia:
+            arm = self._linear(inertia, gear[elastic], rotor[elastic], damping)
+            transition, entry, _ = sampled(arm, self._dt, ~self.at_link)
+            transitions.append(transition)
+            inputs.append(entry)
+        self._transition, self._input = np.array(transitions), np.array(inputs)
 
     @classmethod
     def of(cls, springs: Sequence[Springs], drives: Any, dt: float, delay: float) -> ElasticLoop | None:
@@ -111,9 +116,16 @@ class ElasticLoop:
             return None
         return cls(springs, drives, dt, delay)
 
-    def _sampled(self, inertia: Array, gear: Array, rotor: Array, damping: Array) -> tuple[Array, Array]:
-        """Return what a sample, and a torque in it, do to positions and velocities of links and motors."""
-        n, m = len(inertia), len(self._elastic)
+    def _linear(self, inertia: Array, gear: Array, rotor: Array, damping: Array) -> LinearArm:
+        """Return the arm of links and motors in one configuration, without gravity and current loop.
+
+        Args:
+            inertia: D with the rotors [kg m^2 or kg], (n, n).
+            gear: stiffness of the elastic joints [N m/rad or N/m], (m,).
+            rotor: their inertia, (m,).
+            damping: of the elastic joints [N m s/rad or N s/m], NaN where it is not known, (m,).
+        """
+        n = len(inertia)
         own = np.diag(inertia)[self._elastic]
         motors = np.minimum(rotor, (1.0 - LEAST_LINK) * own)
         chosen = np.eye(n)[:, self._elastic]
@@ -121,36 +133,9 @@ class ElasticLoop:
         while np.linalg.eigvalsh(links)[0] <= 0.0:
             motors = _LIGHTER * motors
             links = inertia - chosen @ np.diag(motors) @ chosen.T
-        reduced = motors * (own - motors) / own
-        ratio = 2.0 * GEAR_DAMPING * np.sqrt(gear * reduced)
-        damping = np.where(np.isfinite(damping), damping, ratio)
-        twist = np.hstack([-chosen.T, np.eye(m)])  # of the gears, from positions of links and motors
-        mass = np.zeros((n + m, n + m))
-        mass[:n, :n], mass[n:, n:] = links, np.diag(motors)
-        pull = -np.linalg.solve(mass, twist.T)
-        motor_torque = np.zeros((n + m, n))
-        stiff = np.setdiff1d(np.arange(n), self._elastic)
-        motor_torque[stiff, stiff] = 1.0
-        motor_torque[n + np.arange(m), self._elastic] = 1.0
-        size = 2 * (n + m)
-        motion = np.zeros((size + n, size + n))
-        motion[: n + m, n + m : size] = np.eye(n + m)
-        motion[n + m : size, : n + m] = pull @ np.diag(gear) @ twist
-        motion[n + m : size, n + m : size] = pull @ np.diag(damping) @ twist
-        motion[n + m : size, size:] = np.linalg.solve(mass, motor_torque)
-        held = expm(motion * self._dt)
-        return held[:size, :size], held[:size, size:]
-
-    def _measured(self, at_link: Array) -> Array:
-        """Return what the encoders see of positions and velocities of links and motors, (n, states)."""
-        n = self._inertia.shape[1]
-        seen = np.zeros((n, self._transition.shape[1]))
-        seen[:, :n] = np.eye(n)
-        for place, joint in enumerate(self._elastic):
-            if not at_link[joint]:
-                seen[joint] = 0.0
-                seen[joint, n + place] = 1.0
-        return seen
+        usual = GEAR_DAMPING * critical_damping(own - motors, motors, gear)
+        damping = np.where(np.isfinite(damping), damping, usual)
+        return LinearArm(links, np.zeros((n, n)), self._elastic, motors, gear, damping, None)
 
     def _radius(self, factor: float, damping: Damping, at_link: Array, where: Places) -> Array:
         """Return the largest modulus of the eigenvalues of the sampled loop, (configurations,).
@@ -161,33 +146,31 @@ class ElasticLoop:
             at_link: which encoders sit at links, (n,).
             where: which configurations.
         """
-        arm, moved = self._transition[where], self._input[where]
-        count, size, n = moved.shape
         root = math.sqrt(factor)
-        spring = factor * self._stiffness[where] + self._posture[where]
-        damper = damping.alpha * root * self._inertia[where]
-        damper = damper + damping.beta / root * factor * self._stiffness[where]
-        decay, drive = FilteredDifference.of(damping.bandwidth, self._dt)
-        seen = self._measured(at_link)
-        # The state: the arm, positions and rates of the last sample, torques that are on their way.
-        loop = np.zeros((count, size + (2 + self._late) * n, size + (2 + self._late) * n))
-        last, rate, sent = slice(size, size + n), slice(size + n, size + 2 * n), size + 2 * n
-        now = np.zeros((n, loop.shape[2]))
-        now[:, :size] = seen
-        change = np.zeros_like(now)
-        change[:, :size] = drive * seen
-        change[:, last] = -drive * np.eye(n)
-        change[:, rate] = decay * np.eye(n)
-        torque = -(spring @ now + damper @ change)
-        loop[:, :size, :size] = arm
-        loop[:, last], loop[:, rate] = now, change
-        if self._late:
-            loop[:, sent : sent + n] = torque
-            loop[:, sent + n :, sent:-n] = np.eye((self._late - 1) * n)
-            loop[:, :size, -n:] = moved
-        else:
-            loop[:, :size] = loop[:, :size] + moved @ torque
+        springs = factor * self._stiffness[where]
+        damper = damping.alpha * root * self._inertia[where] + damping.beta / root * springs
+        law = self._law(springs + self._posture[where], damper, damping.bandwidth)
+        seen = measured(self._elastic, ~at_link, self._transition.shape[-1])
+        arm = Sampled(self._transition[where], self._input[where], seen)
+        loop = closed(arm, law, self._late)
         return np.asarray(np.abs(np.linalg.eigvals(loop)).max(axis=1))
+
+    def _law(self, spring: Array, damper: Array, bandwidth: float) -> Law:
+        """Return springs and dampers as a controller of errors; its state is the last ones and their rates.
+
+        Args:
+            spring: stiffness [N m/rad or N/m], (configurations, n, n).
+            damper: damping [N m s/rad or N s/m], likewise.
+            bandwidth: of the filtered difference [rad/s].
+        """
+        n, one = spring.shape[-1], np.eye(spring.shape[-1])
+        decay, drive = FilteredDifference.of(bandwidth, self._dt)
+        A, B = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, n))
+        B[:n] = one
+        # rate = decay (last rate) + drive (e - last e)
+        A[n:, :n], A[n:, n:], B[n:] = -drive * one, decay * one, drive * one
+        C = np.concatenate([drive * damper, -decay * damper], axis=-1)
+        return Law(A, B, C, -spring - drive * damper)
 
     def stable(self, factor: float, damping: Damping, at_link: Array, where: Places | None = None) -> bool:
         """Tell whether a stiffness is allowed.

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from scipy import optimize
 
 from armgpi.base.arrays import Array, check_number, check_type, check_whole
+from armgpi.control.linear_arm import gravity_stiffness
 from armgpi.errors import ParameterError, UnfitLog
 from armgpi.identification.estimate import expect
 from armgpi.identification.excitation import Excitation, blocked, free_configuration, ranges, surroundings
@@ -22,7 +23,7 @@ from armgpi.robot.drives import Drives
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import assume_gears, lowest_mode
 from armgpi.tuning.two_mass import Gears as Modes
-from armgpi.tuning.two_mass import damping_at_one, gravity_stiffness
+from armgpi.tuning.two_mass import damping_at_one
 
 #: Amplitudes at lines.
 _Complex: TypeAlias = npt.NDArray[np.complex128]

@@ -12,22 +12,14 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from armgpi.base.arrays import Array
+from armgpi.control.linear_arm import Law, gravity_stiffness
 from armgpi.gpi.family import Member
 from armgpi.gpi.gains import Tuning
 from armgpi.gpi.realisation import Bumpless
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import SCATTER, assume_gears, lowest_mode
-from armgpi.tuning.two_mass import (
-    CURRENT_LOOP,
-    ArmLoop,
-    Gears,
-    Law,
-    around,
-    damping_at_one,
-    gravity_stiffness,
-    joint_laws,
-)
+from armgpi.tuning.two_mass import CURRENT_LOOP, ArmLoop, Gears, around, damping_at_one, joint_laws
 from armgpi.tuning.two_mass import law as law_at
 
 #: Largest sensitivity peak where the stiffness is told, and what is tried where none is as low. Where the

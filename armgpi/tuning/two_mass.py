@@ -1,33 +1,36 @@
 """The sampled loop of an arm with rotors and gears, linear about a configuration.
 
-It is M q'' + B (q' - theta') + K (q - theta) + G_q q = 0 and J theta'' + B (theta' - q') + K (theta - q) =
-tau, with a current loop of first order, torque held over a sample, measurements late by whole samples, and
-the law.
+The model is that of ``armgpi.control.linear_arm``, with all joints elastic or none; here are the controllers
+that close its loop, and how far from instability they are.
 """
 
 from __future__ import annotations
 
-import math
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from armgpi.base.arrays import Array
+from armgpi.control.linear_arm import (
+    Law,
+    LinearArm,
+    Sampled,
+    closed,
+    critical_damping,
+    gravity_stiffness,
+    sampled,
+)
 from armgpi.robot.robot import Robot
 
 #: Bandwidth of a current loop of which nothing is known [Hz]; 300 to 1000 are usual.
 CURRENT_LOOP = 500.0
-#: Step of the differences [rad or m].
-_STEP = 1e-5
 #: Frequencies of a response: from this [rad/s], so many, and where a plant's pole is less damped than this
 #: ratio, so many times its width around it.
 _LOWEST, _POINTS, _SHARP, _AROUND = 0.7, 50, 0.3, np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])
 #: Energy of a joint in a mode, over that of the joint with most, from which on it takes part in it: at half,
 #: xArm 7 is unstable in one of 20 corners that were not looked at.
 _SWINGING = 0.25
-#: Terms of the series of e^A at norms to a quarter: the next is below 1e-17.
-_TERMS = 13
 
 
 class Gears(NamedTuple):
@@ -48,16 +51,8 @@ class Gears(NamedTuple):
     side: Any = "motor"
 
 
-class Plant(NamedTuple):
-    """An arm about rest over a sample: x' = A x + B tau, measured = C x."""
-
-    A: Array
-    B: Array
-    C: Array
-
-
-def plant(robot: Robot, q: Array, gears: Gears, dt: float) -> Plant:
-    """Return an arm about rest at q.
+def plant(robot: Robot, q: Array, gears: Gears, dt: float) -> Sampled:
+    """Return an arm about rest at q over a sample.
 
     Args:
         robot: its links; rotors of its own count for nothing.
@@ -65,32 +60,16 @@ def plant(robot: Robot, q: Array, gears: Gears, dt: float) -> Plant:
         gears: its drives.
         dt: sample time [s].
     """
-    n, (links, steep) = robot.n, _links(robot, tuple(q.tolist()))
-    m = n if gears.stiffness is None else 2 * n  # positions
-    size = 2 * m + (0 if gears.current is None else n)
-    rates, C = np.zeros((size + n, size + n)), np.zeros((n, size))  # of the state and of the held torque
-    rates[:m, m : 2 * m] = np.eye(m)
-    entry = np.zeros((m, n))
+    links, steep = _links(robot, tuple(q.tolist()))
     if gears.stiffness is None:
-        entry[:] = np.linalg.inv(links + np.diag(gears.rotor))
-        rates[m : 2 * m, :m] = -entry @ steep
-        C[:, :n] = np.eye(n)
+        none, no_joint = np.zeros(0), np.zeros(0, dtype=np.intp)
+        rigid = links + np.diag(gears.rotor)
+        arm = LinearArm(rigid, steep, no_joint, none, none, none, gears.current)
     else:
-        inverse, K, D = np.linalg.inv(links), gears.stiffness, gears.damping * damping_at_one(links, gears)
-        rates[m : m + n, : 2 * m] = np.hstack(
-            [-inverse * K - inverse @ steep, inverse * K, -inverse * D, inverse * D]
-        )
-        own = [np.diag(each / gears.rotor) for each in (K, -K, D, -D)]
-        rates[m + n : 2 * m, : 2 * m] = np.hstack(own)
-        entry[n:] = np.diag(1.0 / gears.rotor)
-        motor = (np.asarray(gears.side) == "motor") * np.ones(n)
-        C[:, :m] = np.hstack([np.diag(1.0 - motor), np.diag(motor)])
-    rates[m : 2 * m, 2 * m : 2 * m + n] = entry  # of the current where there is one, else of the torque
-    if gears.current is not None:
-        rate = 2.0 * np.pi * gears.current * np.eye(n)
-        rates[2 * m : size, 2 * m : size], rates[2 * m : size, size:] = -rate, rate
-    whole = _exponential(dt * rates)
-    return Plant(whole[:size, :size], whole[:size, size:], C)
+        damping = gears.damping * damping_at_one(links, gears)
+        every = np.arange(robot.n)
+        arm = LinearArm(links, steep, every, gears.rotor, gears.stiffness, damping, gears.current)
+    return sampled(arm, dt, np.broadcast_to(np.asarray(gears.side) == "motor", robot.n))
 
 
 @lru_cache(maxsize=32)
@@ -100,19 +79,6 @@ def _links(robot: Robot, q: tuple[float, ...]) -> tuple[Array, Array]:
     return robot.mass_matrix(at) - np.diag(robot.armature), gravity_stiffness(robot, at)
 
 
-def _exponential(A: Array) -> Array:
-    """Return e^A by its series and squarings; SciPy's takes a second to import."""
-    halvings = max(0, math.ceil(math.log2(max(float(np.abs(A).sum(axis=1).max()), 1e-300))) + 2)
-    small = A / 2.0**halvings
-    term = total = np.eye(len(A))
-    for i in range(1, _TERMS):
-        term = term @ small / i
-        total = total + term
-    for _ in range(halvings):
-        total = total @ total
-    return total
-
-
 def damping_at_one(links: Array, gears: Gears) -> Array:
     """Return the damping of each gear at a ratio of 1 of the joint's own mode [N m s/rad or N s/m], (n,).
 
@@ -120,23 +86,7 @@ def damping_at_one(links: Array, gears: Gears) -> Array:
         links: inertia matrix without rotors [kg m^2], (n, n).
         gears: the drives.
     """
-    mass, stiffness = np.diag(links), np.asarray(gears.stiffness)
-    return np.asarray(2.0 * np.sqrt(stiffness * mass * gears.rotor / (mass + gears.rotor)))
-
-
-def gravity_stiffness(robot: Robot, q: Array) -> Array:
-    """Return dG/dq by central differences, (n, n)."""
-    steps = _STEP * np.eye(robot.n)
-    return np.asarray((robot.gravity(q + steps) - robot.gravity(q - steps)).T / (2.0 * _STEP))
-
-
-class Law(NamedTuple):
-    """A law about rest: state' = A state + B e, torque = C state + D e."""
-
-    A: Array
-    B: Array
-    C: Array
-    D: Array
+    return critical_damping(np.diag(links), gears.rotor, np.asarray(gears.stiffness))
 
 
 def law(controller: Any, q: Array) -> Law:
@@ -202,8 +152,8 @@ class ArmLoop:
             of_law: what closes it.
             later: samples by which measurements are later.
         """
-        A, B, C, _ = loop(self.plant, of_law, self._delay + later)
-        return float(np.abs(np.linalg.eigvals(A + B @ C)).max())
+        turn = closed(self.plant, of_law, self._delay + later)
+        return float(np.abs(np.linalg.eigvals(turn)).max())
 
     def swinging(self, of_law: Law) -> Array:
         """Return which joints swing in the mode that grows fastest, (n,) of bool; none of a stable loop.
@@ -213,8 +163,7 @@ class ArmLoop:
         Args:
             of_law: what closes it.
         """
-        A, B, C, _ = loop(self.plant, of_law, self._delay)
-        values, vectors = np.linalg.eig(A + B @ C)
+        values, vectors = np.linalg.eig(closed(self.plant, of_law, self._delay))
         fastest = int(np.argmax(np.abs(values)))
         if np.abs(values[fastest]) < 1.0:
             return np.zeros(self._n, dtype=bool)
@@ -280,24 +229,3 @@ def law_response(of_law: Law, z: Array) -> Array:
 def _each(B: Array, z: Array) -> Array:
     """Return a matrix for each frequency."""
     return np.broadcast_to(B.astype(complex), (len(z), *B.shape))
-
-
-def loop(of_plant: Plant, of_law: Law, delay: int) -> tuple[Array, Array, Array, Array]:
-    """Return the open loop from a torque at the plant to the torque that the law answers, A, B, C, D."""
-    A, B, C = of_plant
-    k, n, s = len(A), B.shape[1], len(of_law.A)
-    size = k + delay * n + s
-    whole, entry = np.zeros((size, size)), np.zeros((size, n))
-    whole[:k, :k], entry[:k] = A, B
-    late = np.zeros((n, size))  # what the law sees
-    late[:, :k] = C
-    for i in range(delay):
-        row = slice(k + i * n, k + (i + 1) * n)
-        whole[row] = late
-        late = np.zeros((n, size))
-        late[:, row] = np.eye(n)
-    whole[k + delay * n :] = of_law.B @ late
-    whole[k + delay * n :, k + delay * n :] += of_law.A
-    out = of_law.D @ late
-    out[:, k + delay * n :] += of_law.C
-    return whole, entry, out, np.zeros((n, n))

@@ -23,6 +23,7 @@ from commands import Answer
 import armgpi
 from armgpi import config
 from armgpi.config.experiment import portable
+from armgpi.control.linear_arm import gravity_stiffness
 from armgpi.errors import ArmgpiError, ParameterError, UnfitLog
 from armgpi.identification import arm as identification
 from armgpi.identification import resonance
@@ -52,7 +53,7 @@ from armgpi.robot.drives import Drives
 from armgpi.robot.meshes import MeshFinder
 from armgpi.studies import setup
 from armgpi.studies.sample import Sweep
-from armgpi.tuning.two_mass import Gears, damping_at_one, gravity_stiffness
+from armgpi.tuning.two_mass import Gears, damping_at_one
 
 LATE = 2
 

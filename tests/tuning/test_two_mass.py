@@ -10,7 +10,8 @@ from scipy.integrate import solve_ivp
 
 from armgpi import Robot
 from armgpi.base.arrays import Array
-from armgpi.tuning.two_mass import Gears, gravity_stiffness, plant
+from armgpi.control.linear_arm import gravity_stiffness
+from armgpi.tuning.two_mass import Gears, plant
 
 ROTOR, STIFFNESS = np.array([0.4, 0.3, 0.1]), np.array([900.0, 700.0, 300.0])
 Q, DT = np.array([0.3, 0.7, -0.9]), 0.02
