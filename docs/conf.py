@@ -11,6 +11,7 @@ from armgpi.base.parameter import parameters as _parameters
 from armgpi.base.version import VERSION as _VERSION
 from armgpi.cli import declared as _declared
 from armgpi.config.schema import KINDS as _KINDS
+from armgpi.hardware.export import interfaces as _interfaces
 from armgpi.health import findings as _findings
 from armgpi.health import report as _report  # noqa: F401  # registers the checks
 from armgpi.loop import metrics as _metrics
@@ -200,6 +201,7 @@ def options_table():
 
 myst_substitutions = {
     "findings_table": _findings.table(),
+    "interfaces_table": _interfaces.table(),
     "known_arms_table": _known_arms.table(),
     "modules_list": modules_list(),
     "rooms_table": rooms_table(),

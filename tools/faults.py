@@ -49,6 +49,7 @@ from armgpi import (
     simulate,
 )
 from armgpi.base.parameter import parameters
+from armgpi.hardware.export.interfaces import TARGETS
 from armgpi.hardware.realtime.datagram import TORQUE, Datagram
 from armgpi.hardware.realtime.ends import ArmEnd, Watchdog
 from armgpi.supervisor import Reason, State, Supervisor
@@ -158,7 +159,7 @@ class Case(NamedTuple):
 
 def cases(target: str) -> Iterator[Case]:
     """Yield what a target is tried with; the paper's arm has no gears, and no elastic twin."""
-    expected = targets.EXPECTED[target]
+    expected = TARGETS[target]
     carried = ("robot",) if "gravity" in expected.adds else ("robot", "arm")
     times = (expected.dt,) if expected.dt else SAMPLE_TIMES.get(target, (1e-3,))
     for arm, dt, gravity, elastic in itertools.product(targets.ARMS[target], times, carried, (False, True)):
@@ -266,7 +267,7 @@ def happened(case: Case, faults: list[Fault], **given: Any) -> list[Outcome]:
     supervised = Supervised(law, suited(experiment.supervisor, given))
     rows = [
         (fault, joint, late)
-        for late in sorted(set(targets.EXPECTED[case.target].delays))
+        for late in sorted(set(TARGETS[case.target].delays))
         for fault in faults
         for joint in (range(robot.n) if fault.each else (-1,))
     ]
@@ -361,7 +362,7 @@ def pushed(case: Case) -> tuple[float, float]:
     robot, small, late = (
         experiment_of(*case[:4], case.side).robot,
         1e-4,
-        targets.EXPECTED[case.target].delays[0],
+        TARGETS[case.target].delays[0],
     )
     reference, begin = move_of(robot, False, case.dt)
     q = reference.at(begin * case.dt).q
@@ -502,7 +503,7 @@ def own_bounds(rows: list[Worst]) -> Iterator[Row]:
         far = max((row for row in bounded if FAULT[row.fault].rest), key=lambda row: row.travel)
         said = f"{far.travel:.4f} rad ({far.fault}: {far.where})"
         yield Row(f"`{target}`: 0.01 rad after faults at rest", said, far.travel <= 0.01)
-        rate = targets.EXPECTED[target].rate
+        rate = TARGETS[target].rate
         if rate is not None:
             most = max(row.rate for row in those) / rate
             said = f"at most {most:.6f} of it, {sum(row.of for row in those)} faults"
@@ -607,7 +608,7 @@ def arms_table(rows: list[Worst]) -> str:
     for target in dict.fromkeys(row.case.target for row in rows):
         own = [row.case for row in rows if row.case.target == target]
         arms = " and ".join(dict.fromkeys(f"{case.arm} at {1e3 * case.dt:g} ms" for case in own))
-        late = " or ".join(map(str, sorted(set(targets.EXPECTED[target].delays))))
+        late = " or ".join(map(str, sorted(set(TARGETS[target].delays))))
         without = "; ".join(
             f"{case}, gravity by the {case.gravity}" for case in cases(target) if case not in own
         )

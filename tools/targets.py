@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from armgpi.hardware.export.interfaces import INTERFACES
+from armgpi.hardware.export.interfaces import TARGETS
 
 #: Target -> arm -> joints that are locked.
 ARMS: dict[str, dict[str, list[str]]] = {
@@ -13,8 +13,6 @@ ARMS: dict[str, dict[str, list[str]]] = {
     "ros2_control": {"z1": ["jointGripper"]},
     "bare": {"anthropomorphic3": [], "ur5": [], "panda": ["panda_finger_joint1", "panda_finger_joint2"]},
 }
-#: Target -> what its robot expects, of the newest one.
-EXPECTED = {each.target: each for each in reversed(INTERFACES)}
 
 
 def described(
@@ -30,7 +28,7 @@ def described(
         dt: sample time where the target leaves it open [s].
         side: where the encoders are specified to sit; "" for nothing that is known.
     """
-    expected = EXPECTED[target]
+    expected = TARGETS[target]
     carried = "robot" if "gravity" in expected.adds else gravity or "arm"
     plant: dict[str, Any] = {"engine": "armgpi", "encoder_bits": bits, "delay": expected.delays[0]}
     robot: dict[str, Any] = {"name": arm, "lock": ARMS[target][arm], "gravity": carried}

@@ -14,6 +14,7 @@ from armgpi.cli import options as opt
 from armgpi.cli.declared import values_of
 from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
 from armgpi.cli.terminal import print_held, say, working
+from armgpi.hardware.export.interfaces import choices
 
 if TYPE_CHECKING:
     from armgpi.config import Experiment
@@ -34,8 +35,7 @@ ROWS = {
     "default, 0 for no such check (JUMP).",
     "torque_rate NUMBERS": "Highest rate of change of torque [N m/s or N/s], in every state: "
     "'j1=1000,j2=500', or one number for all; no limit by default.",
-    "target NAME": "What is added to the C: nothing (bare, the default), callbacks for libfranka (fci), "
-    "a loop for RTDE (ur), or a plugin (ros2_control). Robots of fci and ur compensate "
+    "target NAME": f"What is added to the C: {choices()}. Robots of fci and ur compensate "
     "gravity and have their own sample time: --gravity is robot for them, and --dt is "
     "0.001 for fci, 0.002 for ur.",
     "direct_drive": "Direct-drive motors: no rotor inertia is assumed (--drives none); for bare and "
@@ -242,8 +242,7 @@ def _declared() -> Any:
 def _target(options: dict[str, Any]) -> str:
     """Return the target, and put what its interface asks for into the options."""
     from armgpi.cli.settings import with_file
-    from armgpi.hardware.export.interfaces import COMPENSATING
-    from armgpi.hardware.export.targets import TARGETS
+    from armgpi.hardware.export.interfaces import COMPENSATING, TARGETS
 
     options.update(with_file(options))
     target: str = options["target"]

@@ -114,15 +114,15 @@ def new(
     armgpi new --dh my_arm.csv
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi import config
-    from armgpi.hardware.export.interfaces import NAMES
+    from armgpi.hardware.export.interfaces import TARGETS
     from armgpi.health import findings, report
 
     typed = {"payload": payload, "encoder_bits": encoder_bits, "delay": delay, "dt": dt, "target": target}
     if _begins_template(robot, planar, dh, dh_convention, out, force, {**typed, **how}):
         return
     assert robot is not None
-    if target not in (None, *NAMES):
-        raise refusal("--target", f"must be one of {', '.join(NAMES)}, got {target!r}")
+    if target not in (None, *TARGETS):
+        raise refusal("--target", f"must be one of {', '.join(TARGETS)}, got {target!r}")
     if is_experiment(robot):
         raise refusal(
             "ROBOT",
@@ -280,10 +280,10 @@ def _file(
     """
     from armgpi.config.schema import FORMAT
     from armgpi.config.world import DELAY
-    from armgpi.hardware.export.interfaces import COMPENSATING, NAMES
+    from armgpi.hardware.export.interfaces import COMPENSATING, TARGETS
     from armgpi.robot import robots, rotors
 
-    target, _ = answers.get(f"Target ({', '.join(NAMES)})", typed["target"], "bare", str)
+    target, _ = answers.get(f"Target ({', '.join(TARGETS)})", typed["target"], "bare", str)
     interface = COMPENSATING.get(target)
     load, _ = answers.get("Heaviest load at the tool [kg]", typed["payload"], 0.0, float)
     bits, bits_note = _resolution(arm, typed["encoder_bits"], answers)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import csv
 import json
 import os
@@ -27,8 +28,7 @@ import armgpi
 from armgpi import Status, config, load, metrics
 from armgpi.cli import app
 from armgpi.cli.commands import ENTRIES
-from armgpi.hardware.export.interfaces import NAMES
-from armgpi.hardware.export.targets import TARGETS
+from armgpi.hardware.export.interfaces import TARGETS
 from armgpi.robot.robots import names
 
 ROOT = Path(__file__).parents[2]
@@ -63,20 +63,29 @@ def test_options_of_one_name_are_one_option_in_every_command() -> None:
         assert option.metavar in ("FILE", "FOLDER")
         if option.default is not None:
             assert (option.metavar == "FILE") == bool(option.default.suffix)
-    silent = {
-        "play",
-        "view",
-        "report",
-        "new",
-        "excite",
-        "derive",
-        "scenarios",
-        "reproduce",
-        "schema",
-        "expand",
-    }
+    page = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
+    _, _, after = page.partition("Commands that only write pages, motions or source (")
+    silent = set(re.findall(r"`(\w+)`", after.partition("do not have it.")[0]))
     assert set(commands) - set(taken["--json"]) == silent
     assert set(taken["--json"]) - set(taken["--report"]) == {"robots", "doctor", "log", "export", "bringup"}
+
+
+def test_commands_import_no_command_and_have_a_row_in_the_page() -> None:
+    """What they share is in modules that are no command: arms, written, settings and the like."""
+    modules = {f"armgpi.cli.{entry.module}" for entry in ENTRIES.values()}
+    for module in modules:
+        tree = ast.parse((ROOT / f"{module.replace('.', '/')}.py").read_text(encoding="utf-8"))
+        imported = set()
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Import):
+                imported |= {each.name for each in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                imported |= {str(node.module), *(f"{node.module}.{each.name}" for each in node.names)}
+        assert not imported & modules, module
+    page = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
+    rows = "".join(line for line in page.splitlines() if line.startswith("| `armgpi "))
+    for name in ENTRIES:
+        assert re.search(rf"`armgpi {name}[ `]", rows), name
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["--version"], ["run", "--bogus"]])
@@ -1363,5 +1372,8 @@ main()
         assert done.returncode == 0, done.stderr
 
 
-def test_a_target_is_known_by_name_before_anything_is_compiled() -> None:
-    assert tuple(TARGETS) == NAMES
+def test_help_names_every_target(cli: Callable[..., Answer]) -> None:
+    helped = " ".join(cli("export", "--help-all").out.split())
+    assert "nothing (bare, the default), callbacks for libfranka (fci), a loop for RTDE (ur)" in helped
+    for name, interface in TARGETS.items():
+        assert f"{interface.summary} ({name}" in helped

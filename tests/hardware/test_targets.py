@@ -1075,7 +1075,9 @@ def test_a_trajectory_controller_drives_the_ros2_controller(tmp_path: Path) -> N
 
 
 def test_the_docs_have_the_table_of_interfaces() -> None:
-    assert table() in (Path(__file__).parents[2] / "docs" / "export.md").read_text()
+    docs = Path(__file__).parents[2] / "docs"
+    assert "\n{{ interfaces_table }}\n" in (docs / "export.md").read_text()
+    assert runpy.run_path(str(docs / "conf.py"))["myst_substitutions"]["interfaces_table"] == table()
 
 
 def test_the_goal_of_the_readme_is_a_tenth_of_a_radian_or_a_quarter_of_the_range_from_the_middle() -> None:

@@ -30,7 +30,7 @@ from armgpi.base.parameter import parameters
 from armgpi.cli import app, declared, main
 from armgpi.config import schema
 from armgpi.config.section import Section
-from armgpi.hardware.export.targets import TARGETS
+from armgpi.hardware.export.interfaces import TARGETS
 from armgpi.loop.backends import BACKENDS
 from armgpi.plants.arm import Arm
 from armgpi.plants.loads import Load

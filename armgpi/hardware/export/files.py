@@ -23,10 +23,10 @@ from armgpi.codegen import build
 from armgpi.control.controller import Controller, FullState, Measurement
 from armgpi.errors import BackendError, RolloutError
 from armgpi.hardware.export.code import MEANING, Code, Counts, generate, supervise, template
+from armgpi.hardware.export.interfaces import TARGETS
 from armgpi.hardware.export.names import check_name, plain, rename, source_of
 from armgpi.hardware.export.recording import record as record
 from armgpi.hardware.export.targets import (
-    TARGETS,
     check_target,
     compensates_gravity,
     move_limits,

@@ -26,6 +26,8 @@ class Interface(NamedTuple):
         echo: where it says which torque it applies; "" where it does not.
         late: how a packet that comes once more is known.
         tried: what was compiled or simulated here, and against what. None was tried on hardware.
+        summary: what `--help` says of the target.
+        files: templates of its own -> where they go in the export.
         positions: side of the joints -> what the interface calls their positions there; the first one is read
             where nothing else is specified. None where nothing tells the side.
     """
@@ -41,6 +43,8 @@ class Interface(NamedTuple):
     echo: str
     late: str
     tried: str
+    summary: str
+    files: Mapping[str, str] = {}
     positions: Mapping[str, str] = {}
 
     def sides(self, specified: Sequence[str]) -> list[str]:
@@ -61,6 +65,20 @@ class Interface(NamedTuple):
 #: tools/faults.py and tools/bringup.py take them. The sides are those of robot_state.h: `q` is the "measured
 #: joint position", and `theta` the "motor position". Nothing that UR or ros2_control publish was found to say
 #: the side of their positions.
+_BARE = Interface(
+    target="bare",
+    robot="any",
+    library="none (C99)",
+    joints=None,
+    dt=None,
+    rate=None,
+    delays=(0, 0),
+    adds=(),
+    echo="",
+    late="the caller's",
+    tried="compiled, simulated",
+    summary="nothing",
+)
 _FR3 = Interface(
     target="fci",
     robot="Franka Research 3, system 5.7.2",
@@ -73,6 +91,8 @@ _FR3 = Interface(
     echo="tau_J_d",
     late="period",
     tried="compiled with libfranka 0.15.0 and 0.21.2; simulated with stubs",
+    summary="callbacks for libfranka",
+    files={name: name for name in ("fci.hpp", "fci.cpp", "fci.py", "goals.hpp", "goals.py")},
     positions={"link": "q", "motor": "theta"},
 )
 _UR = Interface(
@@ -87,8 +107,12 @@ _UR = Interface(
     echo="",
     late="timestamp",
     tried="simulated with stubs",
+    summary="a loop for RTDE",
+    files={name: name for name in ("ur.hpp", "ur.cpp", "ur.py", "goals.hpp", "goals.py")},
 )
+#: Of each target the newest robot first. A new target is a row here, and its templates.
 INTERFACES = (
+    _BARE,
     _FR3,
     _FR3._replace(
         robot="Panda (FER), system 4.2.1",
@@ -113,15 +137,33 @@ INTERFACES = (
         echo="",
         late="all joints alike to the bit",
         tried="compiled with stubs, compared with 4.27.0, 4.46.0, 5.16.0, 6.0.0, 6.8.0",
-    ),
-    Interface(
-        "bare", "any", "none (C99)", *(None,) * 3, (0, 0), (), "", "the caller's", "compiled, simulated"
+        summary="a plugin",
+        files={  # as ros2_controllers have them
+            "ros2_control.hpp": "include/armgpi_controller/ros2_control.hpp",
+            "ros2_control.cpp": "src/ros2_control.cpp",
+            "ros2_parameters.yaml": "src/armgpi_controller_parameters.yaml",
+            "ros2_test_load.cpp": "test/test_load.cpp",
+            "ros2_colcon.yml": ".github/workflows/colcon.yml",
+            "ros2_plugin.xml": "ros2_plugin.xml",
+            "package.xml": "package.xml",
+        },
     ),
 )
-#: What `--target` may be, in the order in which messages list it; nothing is compiled to know that.
-NAMES = ("bare", "fci", "ur", "ros2_control")
+#: Target -> its newest interface; what `--target` may be, in the order in which messages list it.
+TARGETS: dict[str, Interface] = {}
+for _interface in INTERFACES:
+    TARGETS.setdefault(_interface.target, _interface)
 #: Target -> the interface whose robot adds gravity itself.
-COMPENSATING = {each.target: each for each in reversed(INTERFACES) if "gravity" in each.adds}
+COMPENSATING = {name: each for name, each in TARGETS.items() if "gravity" in each.adds}
+
+
+def choices() -> str:
+    """Return what `--help` says of the targets: "nothing (bare, the default), callbacks ... (fci) or ..."."""
+    texts = []
+    for name, interface in TARGETS.items():
+        default = ", the default" if name == "bare" else ""
+        texts.append(f"{interface.summary} ({name}{default})")
+    return f"{', '.join(texts[:-1])} or {texts[-1]}"
 
 
 def table() -> str:

@@ -18,7 +18,7 @@ from armgpi.codegen.following import follow_code
 from armgpi.control.controller import FullState, Measurement
 from armgpi.errors import ParameterError, Remedy
 from armgpi.hardware.export.code import ABI, Code, template
-from armgpi.hardware.export.interfaces import COMPENSATING, Interface
+from armgpi.hardware.export.interfaces import COMPENSATING, TARGETS, Interface
 from armgpi.hardware.export.names import plain
 from armgpi.references.following import FollowLimits, SetpointInverse
 from armgpi.references.reference import Target
@@ -38,21 +38,6 @@ _WIRED = {"q_measured": "q", "q_ref": "to.q", "v_ref": "to.v", "a_ref": "to.a"}
 _MOVE_VELOCITY, _MOVE_EFFORT, _MOVE_STOP, _MOVE_RATE = 0.8, 0.25, 0.5, 0.25
 #: Where no limit says how fast: rad/s or m/s; and the time in which an acceleration builds up at least [s].
 _MOVE_UNLIMITED, _MOVE_ONSET = 1.0, 0.05
-#: Target -> its own files: name of the template -> where it goes; of ROS 2 as ros2_controllers have them.
-TARGETS: dict[str, dict[str, str]] = {
-    "bare": {},
-    "fci": {name: name for name in ("fci.hpp", "fci.cpp", "fci.py", "goals.hpp", "goals.py")},
-    "ur": {name: name for name in ("ur.hpp", "ur.cpp", "ur.py", "goals.hpp", "goals.py")},
-    "ros2_control": {
-        "ros2_control.hpp": "include/armgpi_controller/ros2_control.hpp",
-        "ros2_control.cpp": "src/ros2_control.cpp",
-        "ros2_parameters.yaml": "src/armgpi_controller_parameters.yaml",
-        "ros2_test_load.cpp": "test/test_load.cpp",
-        "ros2_colcon.yml": ".github/workflows/colcon.yml",
-        "ros2_plugin.xml": "ros2_plugin.xml",
-        "package.xml": "package.xml",
-    },
-}
 #: What a target with a geared robot is for, and three ways out.
 GEARED = (
     "one for a model with rotor inertia, as its robot is geared and the loop would be unstable: leave out "
@@ -174,7 +159,7 @@ def position_of(target: str, robot: Any) -> str:
     """Return what a target's interface calls the positions that an arm's controller measures; or nothing.
 
     Args:
-        target: a key of :data:`TARGETS`.
+        target: a key of :data:`armgpi.hardware.export.interfaces.TARGETS`.
         robot: the arm, with the side of its encoders where that was specified.
     """
     interface = COMPENSATING.get(target)
@@ -234,7 +219,7 @@ def package(code: Code, state_bytes: int, target: str) -> dict[str, str]:
     }
     texts = {name: Template(template(name)).substitute(fill) for name in (*_PACKAGE, "test_faults.c")}
     texts |= _follow(law.controller)
-    own = TARGETS[target].items()
+    own = TARGETS[target].files.items()
     return texts | {place: Template(template(name)).safe_substitute(fill) for name, place in own}
 
 
