@@ -150,27 +150,26 @@ class ElasticLoop:
         springs = factor * self._stiffness[where]
         damper = damping.alpha * root * self._inertia[where] + damping.beta / root * springs
         law = self._law(springs + self._posture[where], damper, damping.bandwidth)
-        seen = measured(self._elastic, ~at_link, self._transition.shape[-1])
+        at_motor = ~np.asarray(at_link, dtype=np.bool_)
+        seen = measured(self._elastic, at_motor, self._transition.shape[-1])
         arm = Sampled(self._transition[where], self._input[where], seen)
         loop = closed(arm, law, self._late)
         return np.asarray(np.abs(np.linalg.eigvals(loop)).max(axis=1))
 
     def _law(self, spring: Array, damper: Array, bandwidth: float) -> Law:
-        """Return springs and dampers as a controller of errors; its state is the last ones and their rates.
+        """Return springs and dampers as a controller of errors e, with one state x a joint.
+
+        The filtered difference, rate = decay (last rate) + drive (e - last e), is rate = x + drive e with
+        x' = decay x + (decay - 1) drive e.
 
         Args:
             spring: stiffness [N m/rad or N/m], (configurations, n, n).
             damper: damping [N m s/rad or N s/m], likewise.
             bandwidth: of the filtered difference [rad/s].
         """
-        n, one = spring.shape[-1], np.eye(spring.shape[-1])
+        one = np.eye(spring.shape[-1])
         decay, drive = FilteredDifference.of(bandwidth, self._dt)
-        A, B = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, n))
-        B[:n] = one
-        # rate = decay (last rate) + drive (e - last e)
-        A[n:, :n], A[n:, n:], B[n:] = -drive * one, decay * one, drive * one
-        C = np.concatenate([drive * damper, -decay * damper], axis=-1)
-        return Law(A, B, C, -spring - drive * damper)
+        return Law(decay * one, (decay - 1.0) * drive * one, -damper, -spring - drive * damper)
 
     def stable(self, factor: float, damping: Damping, at_link: Array, where: Places | None = None) -> bool:
         """Tell whether a stiffness is allowed.
