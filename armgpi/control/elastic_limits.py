@@ -8,8 +8,9 @@ and links, encoders on their side, filter, delay and hold. It is linear but for 
 
 from __future__ import annotations
 
+import copy
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,14 +29,22 @@ LEAST_LINK = 0.05
 _SHARE = 0.6
 #: Eigenvalues up to here count as stable: that of a motion without a spring is 1, but for rounding.
 _STABLE = 1.0 + 1e-6
-#: So many factors are looked at between 1 and the largest one, or a thousandth; so many halvings follow.
-_LOOKS, _HALVINGS, _SMALLEST = 16, 5, 1e-3
-#: Configurations in which factors are looked at: the worst of all at the largest. Then all have to hold,
-#: or the worst ones come to them, so many times.
-_WORST, _ROUNDS = 8, 4
-#: A delay of more samples than these is looked at as these of a longer sample, with the same delay in all: a
-#: loop that is so late is too slow for a difference, and takes no longer to work out.
-_LATEST = 8
+#: Ratio of the factors that are tried one after another, from 1 on.
+_STEP = 2.0
+#: Halvings of such a step, to a part of 1.1e-2 of the factor.
+_HALVINGS = 6
+#: Smallest factor that is tried [-].
+_SMALLEST = 1e-3
+#: So many configurations, the worst ones, join those in which factors are tried first.
+_WORST = 3
+#: How often they may: then all configurations are tried at every factor.
+_ROUNDS = 4
+#: Natural frequency of a motor on its spring beyond which the joint is stiff [rad/s]: 16 kHz, which no drive
+#: has; far beyond it rounding hides the motion of the arm.
+_STIFF = 1e5
+#: A delay of more samples than these is looked at as these of a longer sample, with the same delay in all:
+#: the largest stiffness of UR5 and Panda at 5 to 15 ms differs by up to 3 %, and takes a tenth of the time.
+_LATEST = 4
 #: By how much rotors are lightened until links have an inertia, where the model has none of them [-].
 _LIGHTER = 0.8
 
@@ -65,10 +74,20 @@ class Damping(NamedTuple):
     bandwidth: float
 
 
-def _are_elastic(drives: Any) -> npt.NDArray[np.bool_]:
-    """Tell of which joints the stiffness and a rotor are known, (n,)."""
-    rotor = drives.value("rotor_inertia")
-    return np.asarray(np.isfinite(drives.value("stiffness")) & np.isfinite(rotor) & (rotor > 0.0))
+def elastic_joints(drives: Any) -> npt.NDArray[np.bool_]:
+    """Tell which joints are elastic, (n,): a motor with an inertia moves its link through a spring.
+
+    A joint is stiff where its stiffness or its rotor is not known, where the rotor has no inertia (the motor
+    then has no motion of its own), and where the motor on the spring is faster than any drive.
+
+    Args:
+        drives: of the arm.
+    """
+    gear, rotor = drives.value("stiffness"), drives.value("rotor_inertia")
+    known = np.isfinite(gear) & np.isfinite(rotor) & (rotor > 0.0)
+    with np.errstate(over="ignore", invalid="ignore"):  # NaN compares as not known
+        slow = gear < _STIFF**2 * rotor
+    return np.asarray(known & slow)
 
 
 class ElasticLoop:
@@ -93,7 +112,7 @@ class ElasticLoop:
         self._dt = dt * (late + 0.5) / (self._late + 0.5)
         gear = drives.value("stiffness")
         rotor = drives.value("rotor_inertia")
-        elastic = _are_elastic(drives)
+        elastic = elastic_joints(drives)
         self._elastic = np.flatnonzero(elastic)
         side = np.asarray(drives.value("encoder_side"))
         self.at_link, self.unsure = elastic & (side == "link"), elastic & (side == "")
@@ -108,11 +127,12 @@ class ElasticLoop:
             transitions.append(transition)
             inputs.append(entry)
         self._transition, self._input = np.array(transitions), np.array(inputs)
+        self._suspects: Places | None = None
 
     @classmethod
     def of(cls, springs: Sequence[Springs], drives: Any, dt: float, delay: float) -> ElasticLoop | None:
         """Return the loop; None where the stiffness of no joint is known. Arguments as of the constructor."""
-        if drives is None or not _are_elastic(drives).any():
+        if drives is None or not elastic_joints(drives).any():
             return None
         return cls(springs, drives, dt, delay)
 
@@ -137,8 +157,17 @@ class ElasticLoop:
         damping = np.where(np.isfinite(damping), damping, usual)
         return LinearArm(links, np.zeros((n, n)), self._elastic, motors, gear, damping, None)
 
+    def with_posture(self, share: float) -> ElasticLoop:
+        """Return the same loop with a share of the stiffness beside that of the springs."""
+        other = copy.copy(self)
+        other._posture = share * self._posture
+        other._suspects = None
+        return other
+
     def _radius(self, factor: float, damping: Damping, at_link: Array, where: Places) -> Array:
         """Return the largest modulus of the eigenvalues of the sampled loop, (configurations,).
+
+        The state: positions and velocities of links and motors, one filter a joint, torques on their way.
 
         Args:
             factor: on the stiffness.
@@ -171,62 +200,86 @@ class ElasticLoop:
         decay, drive = FilteredDifference.of(bandwidth, self._dt)
         return Law(decay * one, (decay - 1.0) * drive * one, -damper, -spring - drive * damper)
 
-    def stable(self, factor: float, damping: Damping, at_link: Array, where: Places | None = None) -> bool:
-        """Tell whether a stiffness is allowed.
+    def stable(self, factor: float, damping: Damping, at_link: Array) -> bool:
+        """Tell whether a stiffness is allowed: first where others were not, then in all configurations.
 
         Args:
             factor: of the stiffness [-].
             damping: that belongs to a factor of 1.
             at_link: which encoders sit at links, (n,).
-            where: configurations, by their places; all when not given.
         """
-        places = np.arange(len(self._transition)) if where is None else where
-        return bool((self._radius(factor / _SHARE, damping, at_link, places) < _STABLE).all())
+        if self._suspects is not None and not self._stable_at(factor, damping, at_link, self._suspects):
+            return False
+        places = np.arange(len(self._transition))
+        radius = self._radius(factor / _SHARE, damping, at_link, places)
+        missed = bool((radius >= _STABLE).any())
+        if missed:
+            self._suspect(radius)
+        return not missed
 
-    def factor(self, most: float, damping: Damping, at_link: Array) -> float:
+    def _stable_at(self, factor: float, damping: Damping, at_link: Array, where: Places) -> bool:
+        """Tell whether a stiffness is allowed in some configurations."""
+        return bool((self._radius(factor / _SHARE, damping, at_link, where) < _STABLE).all())
+
+    def _suspect(self, radius: Array) -> Places:
+        """Return the configurations to try first, with the worst of all by their radius among them."""
+        worst = np.argsort(-radius)[:_WORST]
+        before = worst if self._suspects is None else self._suspects
+        self._suspects = np.union1d(before, worst)
+        return self._suspects
+
+    def factor(self, most: float, damping: Damping, at_link: Array, beyond: float = 0.0) -> float:
         """Return the largest factor of the stiffness that is allowed; 0 where less than a thousandth is.
 
         Args:
             most: no larger one is looked at.
             damping: that belongs to a factor of 1.
             at_link: which encoders sit at links, (n,).
+            beyond: 0 is returned as well where no larger one than this is allowed.
         """
-        if not most > 0.0:
+        if not most > beyond:
             return 0.0
         places = np.arange(len(self._transition))
-        worst = np.argsort(-self._radius(most / _SHARE, damping, at_link, places))[:_WORST]
+        suspects = self._suspects
+        if suspects is None:
+            suspects = self._suspect(self._radius(most / _SHARE, damping, at_link, places))
+        start = beyond if beyond > 0.0 else min(1.0, most)
+        if beyond > 0.0 and not self._stable_at(start, damping, at_link, suspects):
+            return 0.0
         for _ in range(_ROUNDS):
-            found = self._up_to(most, damping, at_link, worst)
+            found = self._up_to(start, most, damping, at_link, suspects)
             radius = self._radius(max(found, _SMALLEST) / _SHARE, damping, at_link, places)
-            missed = radius >= _STABLE
-            if found == 0.0 or not missed.any():
+            if found == 0.0 or (radius < _STABLE).all():
                 return found
-            worst = np.union1d(worst, np.argsort(-radius)[:_WORST])
-        return self._up_to(most, damping, at_link, places)
+            suspects = self._suspect(radius)
+            if beyond > 0.0 and not self._stable_at(start, damping, at_link, suspects):
+                return 0.0
+        return self._up_to(start, most, damping, at_link, places)
 
-    def _up_to(self, most: float, damping: Damping, at_link: Array, where: Places) -> float:
-        """Return the largest factor up to which some configurations are stable, from 1 on; below 1 any."""
+    def _up_to(self, start: float, most: float, damping: Damping, at_link: Array, where: Places) -> float:
+        """Return the largest factor up to which some configurations are stable, from `start` on.
+
+        Below it the first that is stable, from there down to a thousandth; 0 without one.
+        """
 
         def holds(factor: float) -> bool:
-            return self.stable(factor, damping, at_link, where)
+            return self._stable_at(factor, damping, at_link, where)
 
-        start = min(1.0, most)
-        if holds(start):
-            low = start
-            for high in np.geomspace(start, most, _LOOKS)[1:].tolist():
-                if not holds(high):
-                    return _halved(low, high, holds)
-                low = high
-            return most
-        high = start
-        for low in np.geomspace(start, _SMALLEST * start, _LOOKS)[1:].tolist():
-            if holds(low):
+        low = start
+        if not holds(start):
+            while not holds(low := low / _STEP):
+                if low < _SMALLEST * start:
+                    return 0.0
+            return _halved(low, _STEP * low, holds)
+        while low < most:
+            high = min(_STEP * low, most)
+            if not holds(high):
                 return _halved(low, high, holds)
-            high = low
-        return 0.0
+            low = high
+        return most
 
 
-def _halved(low: float, high: float, holds: Any) -> float:
+def _halved(low: float, high: float, holds: Callable[[float], bool]) -> float:
     """Return the largest factor that is found to hold, between one that does and one that does not."""
     for _ in range(_HALVINGS):
         middle = math.sqrt(low * high)

@@ -30,7 +30,7 @@ from armgpi.base.arrays import (
     not_negative,
     per_joint,
 )
-from armgpi.control.elastic_limits import LEAST_LINK
+from armgpi.control.elastic_limits import LEAST_LINK, elastic_joints
 from armgpi.control.speed_brake import FREE, LimitState, SpeedBrake
 from armgpi.errors import ArmgpiWarning, Finding, ParameterError
 from armgpi.references.reference import Target
@@ -360,7 +360,7 @@ class ForceLimit:
             inertia: of the arm with its rotors, (n, n).
         """
         gear, rotor = robot.drives.value("stiffness"), robot.drives.value("rotor_inertia")
-        elastic = np.flatnonzero(np.isfinite(gear) & np.isfinite(rotor))
+        elastic = np.flatnonzero(elastic_joints(robot.drives))
         if not len(elastic):
             return 0.0
         motors = np.minimum(rotor[elastic], (1.0 - LEAST_LINK) * np.diag(inertia)[elastic])

@@ -23,9 +23,9 @@ from armgpi.base.arrays import Array, as_float_array, check_type, new
 from armgpi.base.parameter import PerJoint, parameter, with_parameters
 from armgpi.control.bandwidth import FilteredDifference
 from armgpi.control.controller import Controller, ControlStep, Measurement
-from armgpi.control.elastic_limits import Damping, ElasticLoop
+from armgpi.control.elastic_limits import ElasticLoop
 from armgpi.control.force_limit import LEVER, ForceBound, ForceLimit
-from armgpi.control.impedance_limits import ImpedanceLimits, Mode, impedance_limits
+from armgpi.control.impedance_limits import ImpedanceLimits, LimitSearch, Mode
 from armgpi.errors import ArrayError, ParameterError
 from armgpi.references.reference import Target
 from armgpi.registry import Context
@@ -57,6 +57,10 @@ _CHANGE, _GUIDE = 0.1, 0.05
 _LEAST_DAMPING = 0.3
 #: Most by which a stiffness may be raised while it runs, where no limit is nearer.
 _RAISED = 1e3
+#: The posture's spring is the cause of a refusal where without it so many times as much is allowed [-].
+_CAUSE = 1.1
+#: Least share of the posture's stiffness that is looked at where it is refused [-].
+_LEAST_POSTURE = 1e-3
 #: Sine below which the logarithm of a rotation is its sine.
 _SMALL = 1e-6
 
@@ -203,44 +207,43 @@ class Impedance(Controller):
         self._share, self._follows = -np.expm1(-self.dt / _CHANGE), -np.expm1(-self.dt / _GUIDE)
         self._decay, self._drive = FilteredDifference.of(self.velocity_filter, self.dt)
         if not found.factor >= 1.0:
-            largest = "less than a thousandth of"
-            if found.factor > 0.0:
-                largest = f"at most {_ROUNDED * found.factor:.2g} times"
-            given = np.asarray(vars(self)["stiffness"]).tolist()
-            raise ParameterError("stiffness", given, f"{largest} that: {found.reason}")
+            raise self._refusal(found, modes, arm)
+
+    def _refusal(self, found: ImpedanceLimits, modes: list[Mode], arm: Robot) -> ParameterError:
+        """Return the refusal of a stiffness that the loop is too slow for, with what is allowed."""
+        largest = "less than a thousandth of"
+        if found.factor > 0.0:
+            largest = f"at most {_ROUNDED * found.factor:.2g} times"
+        return ParameterError("stiffness", self._springs.tolist(), f"{largest} that: {found.reason}")
 
     def _choose_filter(self, modes: list[Mode], arm: Robot) -> ImpedanceLimits:
         """Choose the filter where none is given, and return what may be asked for with it."""
-        alpha, beta = self._alpha.item(), self._beta.item()
-        elastic = ElasticLoop.of([mode.springs for mode in modes], arm.drives, self.dt, self.delay)
-
-        def limits(bandwidth: float) -> ImpedanceLimits:
-            return impedance_limits(modes, alpha, beta, bandwidth, self.dt, self.delay, elastic)
-
+        search = self._search(modes, arm)
         given: Any = self.velocity_filter
         if given is not None:
-            return limits(given)
+            return search.at(given)
         for bandwidth in _FILTERS:
-            # Whether there is room takes far less than how much.
-            if elastic is None or self._has_room(elastic, Damping(alpha, beta, bandwidth)):
-                found = limits(bandwidth)
+            if search.allows(bandwidth, _SPARE):  # this takes far less than how much it allows
+                found = search.at(bandwidth)
                 if min(found.factor, found.link_factor) >= _SPARE:
                     self.fill("velocity_filter", bandwidth)
                     return found
         # First that it may have what is asked for, then room for encoders at the links.
-        every = {bandwidth: limits(bandwidth) for bandwidth in _FILTERS}
-        worth = {x: (each.factor >= 1.0, min(each.factor, each.link_factor)) for x, each in every.items()}
-        best = max(_FILTERS, key=lambda bandwidth: worth[bandwidth])
+        best, found = search.best(_FILTERS)
         self.fill("velocity_filter", best)
-        return every[best]
+        return found
 
-    @staticmethod
-    def _has_room(elastic: ElasticLoop, damping: Damping) -> bool:
-        """Tell whether elastic joints have room beyond the stiffness, wherever encoders sit."""
-        sides = [elastic.at_link]
-        if elastic.unsure.any():
-            sides.append(elastic.at_link | elastic.unsure)
-        return all(elastic.stable(_SPARE, damping, side) for side in sides)
+    def _search(self, modes: list[Mode], arm: Robot) -> LimitSearch:
+        """Return the search of what may be asked for."""
+        return self._search_of(modes, self._elastic(modes, arm))
+
+    def _elastic(self, modes: list[Mode], arm: Robot) -> ElasticLoop | None:
+        """Return the loop with elastic joints; None where joints are stiff."""
+        return ElasticLoop.of([mode.springs for mode in modes], arm.drives, self.dt, self.delay)
+
+    def _search_of(self, modes: list[Mode], elastic: ElasticLoop | None) -> LimitSearch:
+        """Return the search of what may be asked for with elastic joints as they are given."""
+        return LimitSearch(modes, self._alpha.item(), self._beta.item(), self.dt, self.delay, elastic)
 
     @classmethod
     def configured(cls, given: Mapping[str, Any], context: Context) -> Controller:
@@ -264,10 +267,7 @@ class Impedance(Controller):
         """Return :meth:`largest_factor` as it is enforced, and for encoders at the links [-]."""
         arm = one_of(self.robot)
         modes = self._modes(arm, random_configurations(arm, _CONFIGURATIONS, seed=0))
-        elastic = ElasticLoop.of([mode.springs for mode in modes], arm.drives, self.dt, self.delay)
-        alpha, beta, loop = self._alpha.item(), self._beta.item(), (self.dt, self.delay, elastic)
-        every = [impedance_limits(modes, alpha, beta, x, *loop) for x in _FILTERS]
-        return max(found.factor for found in every), max(found.link_factor for found in every)
+        return self._search(modes, arm).largest(_FILTERS)
 
     def init(self, measurement: Measurement, target: Target) -> ImpedanceState:
         """Return the state before the first sample, at rest; see :meth:`Controller.init`."""
@@ -565,6 +565,30 @@ class CartesianImpedance(Impedance):
         moved = np.linalg.solve(jacobian.square, np.matmul(jacobian.matrix, e[..., None]))
         left: Array = e - np.matmul(jacobian.transposed, moved)[..., 0]
         return left
+
+    def _refusal(self, found: ImpedanceLimits, modes: list[Mode], arm: Robot) -> ParameterError:
+        """Return the refusal; it names the posture's stiffness where that is the cause."""
+        elastic = self._elastic(modes, arm)
+        if elastic is None or not self._redundant:
+            return super()._refusal(found, modes, arm)
+        # The filter is the one that was given, or suits the refused springs: without the posture, others may.
+        filters = (self.velocity_filter, *_FILTERS)
+        bandwidth, free = self._search_of(modes, elastic.with_posture(0.0)).best(filters)
+        if free.factor <= _CAUSE * found.factor:
+            return super()._refusal(found, modes, arm)
+        if free.factor < 1.0:
+            largest = f"at most {_ROUNDED * free.factor:.2g} times that with nullspace_stiffness=0"
+            return ParameterError("stiffness", self._springs.tolist(), f"{largest}: {found.reason}")
+        share = 1.0
+        while share > _LEAST_POSTURE:
+            share = share / 2.0
+            if self._search_of(modes, elastic.with_posture(share)).allows_specified(bandwidth):
+                break
+        else:
+            share = 0.0
+        allowed = _ROUNDED * share * self.nullspace_stiffness
+        expected = f"at most {allowed:.2g} for this stiffness: {found.reason}"
+        return ParameterError("nullspace_stiffness", self.nullspace_stiffness, expected)
 
     def _modes(self, arm: Robot, configurations: Array) -> list[Mode]:
         """Return the modes of the tool's spring."""

@@ -16,7 +16,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.base.arrays import Array
-from armgpi.control.elastic_limits import GEAR_DAMPING, LEAST_LINK, Damping, ElasticLoop, Springs
+from armgpi.control.elastic_limits import (
+    GEAR_DAMPING,
+    LEAST_LINK,
+    Damping,
+    ElasticLoop,
+    Springs,
+    elastic_joints,
+)
 
 #: Smallest eigenvalue of an inertia beside the largest that a mode is taken of.
 _LEAST = 1e-9
@@ -133,48 +140,143 @@ class _Loop(NamedTuple):
         return np.asarray(frequency**2 - self.response(square, frequency).real)
 
 
-def impedance_limits(
-    modes: Sequence[Mode],
-    alpha: float,
-    beta: float,
-    bandwidth: float,
-    dt: float,
-    delay: float,
-    elastic: ElasticLoop | None = None,
-) -> ImpedanceLimits:
-    """Return what may be asked for.
+class _Worth(NamedTuple):
+    """By what filters are compared: whether what was asked for is allowed, then how much of it.
 
-    Args:
-        modes: of some configurations.
-        alpha: damping over inertia [1/s].
-        beta: damping over stiffness [s].
-        bandwidth: of the filtered difference [rad/s].
-        dt: sample time [s].
-        delay: transport delay besides the sample and hold [s].
-        elastic: of the arm, where the stiffness of its joints is known.
+    Attributes:
+        enough: whether the specified stiffness is allowed.
+        least: the largest factor, wherever encoders sit [-].
     """
-    loop = _Loop(alpha, beta, bandwidth, delay + 0.5 * dt)
-    square = max(float(mode.square.max()) for mode in modes)
-    factor = _largest(lambda factors: loop.scaled(factors).spare(factors * square) > 0.0)
-    reason = f"beyond, the sample time of {dt:g} s, the delay and the filter leave no damping"
-    link_factor = factor
-    if elastic is not None:
-        damping, stiff = Damping(alpha, beta, bandwidth), factor
 
-        def largest(at_link: Array) -> float:
-            found = elastic.factor(min(stiff, _FACTORS[1]), damping, at_link)
-            return found if found < _FACTORS[1] else stiff  # no bound was found up to there
+    enough: bool
+    least: float
 
-        side = link_factor = largest(elastic.at_link)
-        if elastic.unsure.any():
-            link_factor = largest(elastic.at_link | elastic.unsure)
-        if side < factor:
-            factor, reason = side, "beyond, a resonance of the elastic joints may not be damped"
-    walls = [
-        mode.masses * loop.spare(np.array([np.median(mode.square)])) for mode in modes if mode.masses.size
-    ]
-    lowest, usual = (float(np.min(walls)), float(np.median(walls))) if walls else (math.nan, math.nan)
-    return ImpedanceLimits(factor, reason, link_factor, lowest, usual)
+
+class LimitSearch:
+    """What may be asked for, with one filter after another.
+
+    Attributes:
+        sides: which encoders sit at links, (n,) each: as it is enforced, and as it would be with those at
+            the links of which nothing tells the side; one array where all sides are known.
+    """
+
+    def __init__(
+        self,
+        modes: Sequence[Mode],
+        alpha: float,
+        beta: float,
+        dt: float,
+        delay: float,
+        elastic: ElasticLoop | None = None,
+    ) -> None:
+        """Keep what all filters share.
+
+        Args:
+            modes: of some configurations.
+            alpha: damping over inertia [1/s].
+            beta: damping over stiffness [s].
+            dt: sample time [s].
+            delay: transport delay besides the sample and hold [s].
+            elastic: of the arm, where joints are elastic.
+        """
+        self._modes, self._alpha, self._beta = modes, alpha, beta
+        self._dt, self._delay, self._elastic = dt, delay, elastic
+        self._fastest = max(float(mode.square.max()) for mode in modes)
+        self.sides: list[Any] = []
+        if elastic is not None:
+            self.sides.append(elastic.at_link)
+            if elastic.unsure.any():
+                self.sides.append(elastic.at_link | elastic.unsure)
+
+    def _loop(self, bandwidth: float) -> _Loop:
+        """Return the controller of a mode with a filter [rad/s]."""
+        return _Loop(self._alpha, self._beta, bandwidth, self._delay + 0.5 * self._dt)
+
+    def _stiff(self, bandwidth: float) -> float:
+        """Return the largest factor on stiff joints with a filter [rad/s]."""
+        loop = self._loop(bandwidth)
+        return _largest(lambda factors: loop.scaled(factors).spare(factors * self._fastest) > 0.0)
+
+    def _allowed(self, bandwidth: float, side: Any, stiff: float, beyond: float = 0.0) -> float:
+        """Return the largest factor with encoders on one side; 0 where none beyond `beyond` is."""
+        assert self._elastic is not None
+        damping = Damping(self._alpha, self._beta, bandwidth)
+        found = self._elastic.factor(min(stiff, _FACTORS[1]), damping, side, beyond)
+        return found if found < _FACTORS[1] else stiff  # no bound was found up to there
+
+    def at(self, bandwidth: float) -> ImpedanceLimits:
+        """Return what may be asked for with a filter [rad/s]."""
+        stiff = self._stiff(bandwidth)
+        factors = [self._allowed(bandwidth, side, stiff) for side in self.sides] or [stiff]
+        reason = f"beyond, the sample time of {self._dt:g} s, the delay and the filter leave no damping"
+        if factors[0] < stiff:
+            reason = "beyond, a resonance of the elastic joints may not be damped"
+        lowest, usual = self._walls(bandwidth)
+        return ImpedanceLimits(factors[0], reason, factors[-1], lowest, usual)
+
+    def _walls(self, bandwidth: float) -> tuple[float, float]:
+        """Return the lowest and the median stiffest wall without damping [N/m]; NaN without a tool."""
+        masses = [mode.masses for mode in self._modes if mode.masses.size]
+        if not masses:
+            return math.nan, math.nan
+        usual = np.array([np.median(mode.square) for mode in self._modes if mode.masses.size])
+        walls = np.array(masses) * self._loop(bandwidth).spare(usual)[:, None]
+        return float(walls.min()), float(np.median(walls))
+
+    def allows(self, bandwidth: float, factor: float) -> bool:
+        """Tell whether a filter [rad/s] allows a factor, wherever encoders sit."""
+        if not self._stiff(bandwidth) >= factor:
+            return False
+        return all(self._holds(bandwidth, side, factor) for side in self.sides)
+
+    def allows_specified(self, bandwidth: float) -> bool:
+        """Tell whether a filter [rad/s] allows the specified stiffness as it is enforced."""
+        if not self._stiff(bandwidth) >= 1.0:
+            return False
+        return not self.sides or self._holds(bandwidth, self.sides[0], 1.0)
+
+    def _holds(self, bandwidth: float, side: Any, factor: float) -> bool:
+        """Tell whether elastic joints allow a factor with encoders on one side."""
+        assert self._elastic is not None
+        return self._elastic.stable(factor, Damping(self._alpha, self._beta, bandwidth), side)
+
+    def best(self, bandwidths: Sequence[float]) -> tuple[float, ImpedanceLimits]:
+        """Return the filter that allows most: first what was asked for, then most wherever encoders sit.
+
+        Args:
+            bandwidths: filters to choose from [rad/s]; of equal ones the first.
+        """
+        chosen, worth = bandwidths[0], _Worth(False, 0.0)
+        for bandwidth in bandwidths:
+            other = self._worth(bandwidth, worth)
+            if other > worth:
+                chosen, worth = bandwidth, other
+        return chosen, self.at(chosen)
+
+    def _worth(self, bandwidth: float, before: _Worth) -> _Worth:
+        """Return what a filter [rad/s] is worth; no factor where it is not worth more than another one."""
+        least, enough = self._stiff(bandwidth), self.allows_specified(bandwidth)
+        if enough < before.enough:
+            return _Worth(enough, 0.0)
+        beyond = before.least if enough == before.enough else 0.0
+        for side in self.sides:
+            least = self._allowed(bandwidth, side, least, beyond)
+            if least == 0.0:
+                break
+        return _Worth(enough, least)
+
+    def largest(self, bandwidths: Sequence[float]) -> tuple[float, float]:
+        """Return the largest factors that any filter allows: as it is enforced, and for encoders at links."""
+        if not self.sides:
+            stiff = max(map(self._stiff, bandwidths))
+            return stiff, stiff
+        largest = []
+        for side in self.sides:
+            most = 0.0
+            for bandwidth in bandwidths:
+                most = max(most, self._allowed(bandwidth, side, self._stiff(bandwidth), most))
+            largest.append(most)
+        return largest[0], largest[-1]
 
 
 def largest_damping(modes: Sequence[Mode], bandwidth: float, delay: float, drives: Any) -> Array:
@@ -242,11 +344,10 @@ class _Joints(NamedTuple):
         """Return what is known of the joints; None where no stiffness is."""
         if drives is None:
             return None
-        gear, rotor = drives.value("stiffness"), drives.value("rotor_inertia")
-        known = np.isfinite(gear) & np.isfinite(rotor) & (rotor > 0.0)
+        known = elastic_joints(drives)
         if not known.any():
             return None
-        gear, rotor = gear[known], rotor[known]
+        gear, rotor = drives.value("stiffness")[known], drives.value("rotor_inertia")[known]
         inertia = np.array([mode.inertia for mode in modes])[:, known]
         link = np.maximum(inertia - rotor, LEAST_LINK * inertia)
         reduced = rotor * link / (rotor + link)

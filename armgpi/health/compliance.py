@@ -19,6 +19,8 @@ from armgpi.tuning.kept import remember
 _ASKED = (500.0, 5.0)
 #: Stiffness of rotations over that of positions [m^2].
 _TURNING = 0.06
+#: Stiffness of the posture over that of positions [m^2]: the controller's defaults, 10 over 500.
+_POSTURE = 0.02
 #: A wall below which a table without damping may be too stiff [N/m].
 _TABLE = 1e4
 #: No wall is stiffer [N/m]: a tool that cannot move in a direction has no limit there.
@@ -73,7 +75,8 @@ def compliance_of(robot: Robot, dt: float, delay: float) -> Compliance | None:
         dt: sample time [s].
         delay: transport delay [s].
     """
-    parts = {"robot": robot, "dt": dt, "delay": delay, "asked": _ASKED, "turning": _TURNING}
+    parts = {"robot": robot, "dt": dt, "delay": delay, "asked": _ASKED}
+    parts |= {"turning": _TURNING, "posture": _POSTURE}
     found = remember("compliance", parts, lambda: _worked_out(robot, dt, delay))
     return None if found is None else Compliance(*found)
 
@@ -85,7 +88,13 @@ def _worked_out(robot: Robot, dt: float, delay: float) -> Compliance | None:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", ArmgpiWarning)
-                law = CartesianImpedance(robot, dt, stiffness=stiffness, delay=delay)
+                law = CartesianImpedance(
+                    robot,
+                    dt,
+                    stiffness=stiffness,
+                    nullspace_stiffness=_POSTURE * asked,
+                    delay=delay,
+                )
         except ArmgpiError:
             continue
         found, (largest, at_link) = law.limits, law.largest_factors()

@@ -14,12 +14,13 @@ from scipy.linalg import expm
 import armgpi
 from armgpi import config
 from armgpi.control.controller import Measurement
-from armgpi.control.elastic_limits import Damping, ElasticLoop, Springs
+from armgpi.control.elastic_limits import Damping, ElasticLoop, Springs, elastic_joints
 from armgpi.control.impedance import rotation_between
 from armgpi.control.impedance_limits import _largest, _Loop
 from armgpi.errors import ArrayError, NameNotFound, ParameterError
 from armgpi.health.compliance import compliance_of
 from armgpi.robot.drives import Drives
+from armgpi.robot.kinematics import random_configurations
 
 DT = 1e-3
 HOMES = {
@@ -272,6 +273,75 @@ def test_a_delay_of_many_samples_takes_no_longer_to_work_out() -> None:
     drives = Drives(("joint",)).with_value("rotor_inertia", 0.5).with_value("stiffness", 4e3)
     loop = ElasticLoop([Springs(np.array([[1.7]]), np.array([[1e-3]]), np.zeros((1, 1)))], drives, 1e-6, 1.0)
     assert 0.0 < loop.factor(10.0, Damping(0.02, 20.0, 30.0), loop.at_link) <= 10.0
+
+
+def test_the_largest_stiffness_is_that_of_all_configurations_tried_one_by_one() -> None:
+    """A slow twin: every filter, every configuration, factors of 5 % from 1 on, no configuration first."""
+    arm = armgpi.assume_drives(armgpi.Robot.load("ur5"))
+    law = armgpi.CartesianImpedance(arm, DT, delay=3 * DT)
+    modes = law._modes(arm, random_configurations(arm, 40, seed=0))
+    loop = ElasticLoop.of([mode.springs for mode in modes], arm.drives, DT, 3 * DT)
+    assert loop is not None
+    places = np.arange(40)
+
+    def largest(bandwidth: float) -> float:
+        damping = Damping(law._alpha.item(), law._beta.item(), bandwidth)
+        factor = 1.0
+        while (loop._radius(1.05 * factor / 0.6, damping, loop.at_link, places) < 1.0 + 1e-6).all():
+            factor *= 1.05
+        return factor
+
+    slow = max(largest(bandwidth) for bandwidth in (250.0, 180.0, 120.0, 500.0, 1000.0))
+    assert law.largest_factor() == pytest.approx(slow, rel=0.055)
+
+
+def test_how_much_a_search_looks_at_stays_small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All filters and configurations one by one were 10,000 loops: 2 to 25 s."""
+    looked = []
+
+    def counted(loops: Any) -> Any:
+        looked.append(len(loops))
+        return eigvals(loops)
+
+    eigvals = np.linalg.eigvals
+    arm = armgpi.assume_drives(armgpi.Robot.load("ur5"))
+    monkeypatch.setattr(np.linalg, "eigvals", counted)
+    law = armgpi.CartesianImpedance(arm, DT, delay=3 * DT)
+    assert sum(looked) < 1500
+    law.largest_factors()
+    assert sum(looked) < 2500
+
+
+def test_a_posture_that_is_too_stiff_is_the_cause_that_a_refusal_names() -> None:
+    panda = armgpi.Robot.load("panda", lock=("panda_finger_joint1", "panda_finger_joint2"))
+    arm = armgpi.assume_drives(panda)
+    asked = {"stiffness": [5.0] * 3 + [0.3] * 3, "delay": 8 * DT}
+    with pytest.raises(ParameterError, match=r"nullspace_stiffness must be at most \S+ for this") as refused:
+        armgpi.CartesianImpedance(arm, DT, nullspace_stiffness=10.0, **asked)
+    allowed = float(str(refused.value).split("at most ")[1].split()[0])
+    law = armgpi.CartesianImpedance(arm, DT, nullspace_stiffness=allowed, **asked)
+    assert law.limits.factor >= 1.0
+    found = compliance_of(arm, DT, 8 * DT)  # was none, as 5 N/m were refused
+    assert found is not None
+    assert 50.0 < found.stiffness < 100.0
+
+
+@pytest.mark.parametrize("gear", [1e12, 1e20])
+def test_a_joint_far_stiffer_than_any_is_stiff(gear: float) -> None:
+    """Rounding hid the motion of the arm beside it, and every stiffness was refused."""
+    arm = armgpi.assume_drives(armgpi.Robot.load("ur5"))
+    stiff = armgpi.CartesianImpedance(armgpi.Robot.load("ur5").with_armature(arm.armature), DT, delay=DT)
+    hard = armgpi.CartesianImpedance(arm.with_drives(arm.drives.with_value("stiffness", gear)), DT, delay=DT)
+    assert hard.limits.factor == stiff.limits.factor
+
+
+def test_one_place_decides_which_joints_are_elastic() -> None:
+    drives = Drives(tuple("abcd"))
+    np.testing.assert_array_equal(elastic_joints(drives), [False] * 4)
+    drives = drives.with_value("stiffness", np.array([1e4, 1e4, 1e20, 1e20]))
+    np.testing.assert_array_equal(elastic_joints(drives), [False] * 4)
+    drives = drives.with_value("rotor_inertia", np.array([0.5, 0.0, 0.5, 0.0]))
+    np.testing.assert_array_equal(elastic_joints(drives), [True, False, False, False])
 
 
 @pytest.mark.parametrize("side", ["", "motor", "link"])
