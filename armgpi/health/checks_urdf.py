@@ -11,7 +11,7 @@ import numpy as np
 
 from armgpi.errors import Remedy
 from armgpi.health.findings import Finding, Level, Subject, check
-from armgpi.robot import chains, grippers, markup, tree, urdf
+from armgpi.robot import chains, from_mujoco, grippers, markup, tree, urdf
 from armgpi.robot.batch import enough_effort
 
 #: Turns beyond two to either side are hardly meant in radians [rad], nor such speeds [rad/s].
@@ -454,6 +454,16 @@ def whole(subject: Subject) -> Iterator[Finding]:
         remedies = (Remedy("keep", (arm,)),)
         repair = "keep one of them by its name"
         yield Finding("warning", "robot", chains.describe(several), len(several), 1, repair, remedies)
+
+
+@check("fluid", "a fluid around the arm of an MJCF, whose forces are left out", "warning")
+def fluid(subject: Subject) -> Iterator[Finding]:
+    """Find a fluid, such as water, whose forces MuJoCo adds and armgpi does not."""
+    compiled = subject.document.compiled
+    around = "" if compiled is None else from_mujoco.fluid(compiled)
+    if around:
+        repair = "take density and viscosity out of <option> if the arm moves in air"
+        yield Finding("warning", "robot", around, float(compiled.opt.density), 0.0, repair)
 
 
 @check("shape", "a shape without a solid, or a size or origin that is not a number", "warning")

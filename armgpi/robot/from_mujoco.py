@@ -9,15 +9,17 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from collections.abc import Iterator, Mapping
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
+from armgpi.base import files
 from armgpi.base.arrays import Array
-from armgpi.errors import UrdfError, import_extra
+from armgpi.errors import ArmgpiWarning, UrdfError, import_extra
 from armgpi.robot import mjcf_files, urdf
 from armgpi.robot.tree import Joint, Link
 from armgpi.robot.urdf import Coupled, Urdf
@@ -33,8 +35,13 @@ _NO_INERTIA = (0.0,) * 6
 
 
 def is_mjcf(text: str) -> bool:
-    """Tell whether the text of a file is that of a MuJoCo model."""
-    return "<mujoco" in text and "<robot" not in text
+    """Tell whether the text of a file is that of a MuJoCo model: by its first element."""
+    begun = text.find("<")
+    while begun >= 0 and text.startswith(("<!", "<?"), begun):  # a comment, or a declaration
+        last = "-->" if text.startswith("<!--", begun) else ">"
+        end = text.find(last, begun + 4 if last == "-->" else begun)
+        begun = text.find("<", end + len(last)) if end >= 0 else -1
+    return text.startswith("<mujoco", begun) if begun >= 0 else False
 
 
 def read(path: Path, text: str) -> Urdf:
@@ -48,13 +55,33 @@ def read(path: Path, text: str) -> Urdf:
         MissingPackage: when MuJoCo is not installed.
         UrdfError: when MuJoCo refuses it, or a joint is none that an arm has; it names the joint.
     """
-    return _Reader(compiled(path), path).document(text)
+    import_extra("mujoco", "mujoco")
+    others = mjcf_files.check(path)  # which refuses what is no regular file, where MuJoCo would wait
+    return _Reader(_compiled(path), path).document(_hash(path, text, others))
 
 
-def compiled(path: Path) -> Any:
-    """Return the `mujoco.MjModel` of a file; errors as for :func:`read`."""
+def _hash(path: Path, text: str, others: Sequence[Path]) -> str:
+    """Return the SHA-256 of a model: of its text, and of the files that its bodies depend on.
+
+    That of a model in a single file is that file's. Of several it depends on what is in them alone, so that a
+    copy of the folder is the same model.
+
+    Raises:
+        UrdfError: when one of them cannot be read any more.
+    """
+    digest = hashlib.sha256(text.encode())
+    try:
+        contents = {hashlib.sha256(files.read_bytes(other, mjcf_files.MOST)).digest() for other in others}
+    except OSError as error:
+        raise UrdfError(path, f"names a file that cannot be read: {files.reason(error)}") from None
+    for content in sorted(contents):
+        digest.update(content)
+    return digest.hexdigest()
+
+
+def _compiled(path: Path) -> Any:
+    """Return the `mujoco.MjModel` of a file whose names were checked; errors as for :func:`read`."""
     mujoco = import_extra("mujoco", "mujoco")
-    mjcf_files.check(path)  # which refuses what is no regular file, where MuJoCo would wait
     # Or its warnings would be printed, and written into a file of the folder that one stands in.
     handler = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda text: None)
@@ -68,6 +95,32 @@ def compiled(path: Path) -> Any:
         raise UrdfError(path, f"MuJoCo cannot read it: {said.removeprefix('Error: ')}") from None
     finally:
         mujoco.set_mju_user_warning(handler)
+
+
+def fluid(model: Any) -> str:
+    """Return what to say of the fluid around the arm of a `mujoco.MjModel`; empty where there is none."""
+    option = model.opt
+    if not (option.density > 0.0 or option.viscosity > 0.0) or not _is_passive(model):
+        return ""
+    numbers = f"density {option.density:g} kg/m^3, viscosity {option.viscosity:g} Pa s"
+    return f"the forces of the fluid around the arm are left out ({numbers}), which MuJoCo adds"
+
+
+def _acts(model: Any, *parts: str) -> bool:
+    """Tell whether parts of MuJoCo's equations act: none of them is switched off by `<option><flag>`.
+
+    Args:
+        model: the `mujoco.MjModel`.
+        parts: as in `mjtDisableBit`, without `mjDSBL_`; one that this version does not have acts.
+    """
+    bits = import_extra("mujoco", "mujoco").mjtDisableBit
+    off = int(model.opt.disableflags)
+    return not any(off & int(getattr(bits, f"mjDSBL_{part}", 0)) for part in parts)
+
+
+def _is_passive(model: Any) -> bool:
+    """Tell whether forces act that are neither constraints nor actuators: some, if not springs."""
+    return _acts(model, "PASSIVE") and (_acts(model, "SPRING") or _acts(model, "DAMPER"))
 
 
 class _Reader:
@@ -94,8 +147,8 @@ class _Reader:
         self.links: dict[str, Link] = {}
         self.joints: dict[str, Joint] = {}
 
-    def document(self, text: str) -> Urdf:
-        """Return the whole tree."""
+    def document(self, sha256: str) -> Urdf:
+        """Return the whole tree of a model with a hash."""
         model = self.model
         self.mimics = self._mimics()
         self.efforts = self._efforts()
@@ -109,18 +162,24 @@ class _Reader:
             if self.joints[name].moves:
                 rotors[name] = float(model.dof_armature[int(model.jnt_dofadr[joint])])
         name = _model_name(model) or "unnamed"
+        if around := fluid(model):
+            warnings.warn(f"{self.source}: {around}", ArmgpiWarning, stacklevel=2)
         return urdf.assemble(
             source=str(self.source),
             name=name,
-            sha256=hashlib.sha256(text.encode()).hexdigest(),
+            sha256=sha256,
             root=urdf.elements(name, self.links, self.joints),
             links=self.links,
             joints=self.joints,
             armature=rotors,
-            gravity=tuple(float(x) for x in model.opt.gravity),
+            gravity=tuple(float(x) for x in model.opt.gravity) if self._acts("GRAVITY") else _ZEROS,
             coupled=tuple(self._more_than_an_arm()),
             compiled=model,
         )
+
+    def _acts(self, *parts: str) -> bool:
+        """Tell whether parts of MuJoCo's equations act; see :func:`_acts`."""
+        return _acts(self.model, *parts)
 
     def _targets(self) -> set[int]:
         """Return mocap bodies, which are targets to drag, with all below them; none with a joint below it."""
@@ -193,7 +252,7 @@ class _Reader:
         else:
             shift = shift * pin.SE3(pin.exp3(-zero * axis), np.zeros(3))
         lower, upper = -math.inf, math.inf
-        if model.jnt_limited[joint]:
+        if model.jnt_limited[joint] and self._acts("LIMIT", "CONSTRAINT"):
             lower, upper = (float(x) for x in model.jnt_range[joint])
         elif kind == "revolute":
             kind = "continuous"
@@ -209,8 +268,8 @@ class _Reader:
             lower=lower,
             upper=upper,
             effort=float(self.efforts[joint]),
-            damping=float(np.ravel(model.dof_damping[row])[0]),
-            friction=float(model.dof_frictionloss[row]),
+            damping=float(np.ravel(model.dof_damping[row])[0]) * self._acts("PASSIVE", "DAMPER"),
+            friction=float(model.dof_frictionloss[row]) * self._acts("FRICTIONLOSS", "CONSTRAINT"),
             mimic=leader,
             mimic_multiplier=ratio,
             mimic_offset=offset,
@@ -289,6 +348,8 @@ class _Reader:
     def _equalities(self, kind: str) -> list[int]:
         """Return the equality constraints of one kind that are active."""
         mujoco, model = import_extra("mujoco", "mujoco"), self.model
+        if not self._acts("EQUALITY", "CONSTRAINT"):
+            return []
         wanted = int(getattr(mujoco.mjtEq, kind))
         return [i for i in range(model.neq) if model.eq_active0[i] and int(model.eq_type[i]) == wanted]
 
@@ -296,24 +357,29 @@ class _Reader:
         """Give what equations of rigid bodies on a tree do not have, with the joints that it acts on."""
         model = self.model
         for joint in range(model.njnt):
-            if np.any(model.jnt_stiffness[joint]):
+            if np.any(model.jnt_stiffness[joint]) and self._acts("PASSIVE", "SPRING"):
                 yield Coupled("a spring", (self.joint_names[joint],))
         for body in range(1, model.nbody):
-            if model.body_gravcomp[body]:
+            if model.body_gravcomp[body] and self._acts("GRAVITY") and _is_passive(model):
                 joints = self._joints_of(self._above(body))
                 yield Coupled(f"gravity compensated (gravcomp) at body {self.bodies[body]!r}", joints)
         yield from self._constraints()
         mujoco = import_extra("mujoco", "mujoco")
+        actuators = _names([model.actuator(a).name for a in range(model.nu)], "actuator")
+        tendons = _names([model.tendon(t).name for t in range(model.ntendon)], "tendon")
         for a in range(model.nu):
             tendon = int(model.actuator_trnid[a, 0])
             by_tendon = int(model.actuator_trntype[a]) == int(mujoco.mjtTrn.mjTRN_TENDON)
             if by_tendon and self._led_by(tendon) is None:
-                what = f"actuator {model.actuator(a).name!r} on tendon {model.tendon(tendon).name!r}"
+                what = f"actuator {actuators[a]!r} on tendon {tendons[tendon]!r}"
                 yield Coupled(f"{what}, one force for several joints", self._joints_of_tendon(tendon))
+        pulls = [model.tendon_stiffness] if self._acts("PASSIVE", "SPRING") else []
+        pulls += [model.tendon_damping] if self._acts("PASSIVE", "DAMPER") else []
+        pulls += [model.tendon_frictionloss] if self._acts("FRICTIONLOSS", "CONSTRAINT") else []
+        pulls += [model.tendon_limited] if self._acts("LIMIT", "CONSTRAINT") else []
         for tendon in range(model.ntendon):
-            acts = (model.tendon_stiffness, model.tendon_damping, model.tendon_frictionloss)
-            if any(np.any(numbers[tendon]) for numbers in acts) or model.tendon_limited[tendon]:
-                what = f"tendon {model.tendon(tendon).name!r}, which pulls by itself"
+            if any(np.any(numbers[tendon]) for numbers in pulls):
+                what = f"tendon {tendons[tendon]!r}, which pulls by itself"
                 yield Coupled(what, self._joints_of_tendon(tendon))
 
     def _constraints(self) -> Iterator[Coupled]:

@@ -21,7 +21,7 @@ from armgpi.robot.markup import MAX_ELEMENTS, read_file
 from armgpi.robot.meshes import MeshFinder
 
 #: Largest mesh, texture or field [bytes], and most of them.
-_MOST, _MANY = 64 * 2**20, 2_000
+MOST, _MANY = 64 * 2**20, 2_000
 #: Most files that are included, and how deep.
 _INCLUDED, _DEPTH = 200, 20
 #: Most copies of parts of a model, and the memory that it may ask for [bytes].
@@ -44,14 +44,19 @@ _ASSETS = re.compile(r"(.*[_-])?(assets?|mesh(es)?|stls?|objs?|textures?)", re.I
 _SUFFIXES = {"K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40, "P": 2**50, "E": 2**60}
 
 
-def check(path: Path) -> None:
+def check(path: Path) -> list[Path]:
     """Check all files that MuJoCo would open for a model.
+
+    Returns:
+        Files on which its bodies depend besides its own: those that it includes or attaches, and meshes.
 
     Raises:
         UrdfError: for one that is no regular file, too large, or outside the folders of the model, or a model
             that would grow; it names the file.
     """
-    _Checker(path).check()
+    checker = _Checker(path)
+    checker.check()
+    return sorted(checker.shaping)
 
 
 class _Checker:
@@ -62,6 +67,7 @@ class _Checker:
         roots: folders in which files may be.
         beside: folder in which folders of meshes may be as well, by their names.
         seen: files that were looked at.
+        shaping: of these the ones on which bodies depend: models and meshes, but no pictures.
         count: of those that were read as models.
     """
 
@@ -73,6 +79,7 @@ class _Checker:
         self.roots = (*MeshFinder(path).roots, folder, *beside)
         self.beside = folder.parent
         self.seen: set[Path] = set()
+        self.shaping: set[Path] = set()
         self.count = 0
 
     def check(self) -> None:
@@ -88,9 +95,13 @@ class _Checker:
                 for key in _NAMING.get(element.tag, ()):
                     if name := element.get(key):
                         named += 1
-                        self._asset(model.parent, folders, name)
+                        found = self._asset(model.parent, folders, name)
+                        if element.tag == "mesh":
+                            self.shaping.update(found)
                 if element.tag == "model" and (name := element.get("file")):
-                    waiting += [place for place in self._places(model.parent, {""}, name) if self._new(place)]
+                    attached = [place for place in self._places(model.parent, {""}, name) if self._new(place)]
+                    self.shaping.update(attached)
+                    waiting += attached
             if named > _MANY:
                 raise UrdfError(self.path, f"names more than {_MANY} files")
 
@@ -113,6 +124,7 @@ class _Checker:
                 for folder in {base, file.parent}:
                     for place in self._places(folder, {""}, name):
                         if self._new(place):
+                            self.shaping.add(place)
                             yield from self._elements(place, base, depth + 1)
 
     def _root(self, file: Path) -> Element:
@@ -143,13 +155,14 @@ class _Checker:
                 raise UrdfError(self.path, f"makes more than {_COPIES} copies of parts (<{element.tag}>)")
             waiting += [(child, times * max(count, 1)) for child in element]
 
-    def _asset(self, base: Path, folders: set[str], name: str) -> None:
-        """Check a file of a mesh, texture or field, wherever MuJoCo may look for it."""
-        for place in self._places(base, {"", *folders}, name):
+    def _asset(self, base: Path, folders: set[str], name: str) -> list[Path]:
+        """Check a file of a mesh, texture or field wherever MuJoCo may look for it; return these places."""
+        places = list(self._places(base, {"", *folders}, name))
+        for place in places:
             if not self._new(place):
                 continue
             try:
-                with files.open_regular(place, _MOST) as stream:
+                with files.open_regular(place, MOST) as stream:
                     head = stream.read(24)
             except OSError as error:
                 raise UrdfError(
@@ -160,6 +173,7 @@ class _Checker:
                 if width * height > _PIXELS:
                     said = f"names {name!r}, a picture of {width} x {height}, more than {_PIXELS} pixels"
                     raise UrdfError(self.path, said)
+        return places
 
     def _places(self, base: Path, folders: set[str], name: str) -> Iterator[Path]:
         """Give the files that a name may mean, if they are there and in the folders of the model."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from armgpi import Robot
-from armgpi.errors import UrdfError
+from armgpi.errors import ArmgpiWarning, UrdfError
 from armgpi.health import report as health
 
 mujoco = pytest.importorskip("mujoco")
@@ -219,4 +220,88 @@ def test_what_is_refused_after_the_lock_is_said_as_well() -> None:
 def test_a_mesh_that_is_not_there_is_named_with_where_it_is_looked_for(tmp_path: Path) -> None:
     path = write(tmp_path, '<asset><mesh name="hull" file="hull.stl"/></asset>')
     with pytest.raises(UrdfError, match=r"names the file 'hull.stl', which is not there: copy it to where"):
+        Robot.load(path)
+
+
+#: A part of the arm: its fluid, a spring, gravity compensated, a loop, damping, friction and limits.
+ACTING = """<option density="{density}" gravity="1 2 -9"><flag {flags}/></option>
+<equality><weld body1="two"/></equality>"""
+
+
+def flagged(folder: Path, flags: str, old: str = "", new: str = "", density: float = 0.0) -> Path:
+    """Write the arm with parts of MuJoCo's equations switched off."""
+    path = write(folder, ACTING.format(flags=flags, density=density))
+    path.write_text(path.read_text(encoding="utf-8").replace(old, new, 1), encoding="utf-8")
+    return path
+
+
+def test_what_flags_switch_off_does_not_act(tmp_path: Path) -> None:
+    with pytest.raises(UrdfError, match="a loop: <weld>"):
+        Robot.load(flagged(tmp_path, 'gravity="disable"'))
+    flags = 'gravity="disable" equality="disable" damper="disable" spring="disable"'
+    path = flagged(tmp_path, flags, density=1000.0)
+    robot = Robot.load(path)
+    check_equations(robot, path, ["a", "joint1", "slide", "tip"])
+    assert not np.any(robot.gravity(robot.middle()))
+    assert not np.any(robot.friction.viscous)
+    assert robot.friction.coulomb.tolist() == [0.0, 0.0, 0.3, 0.0]
+    path = flagged(tmp_path, 'equality="disable" frictionloss="disable" limit="disable"', density=1000.0)
+    with pytest.warns(ArmgpiWarning, match="the fluid around the arm are left out"):
+        robot = Robot.load(path)
+    check_equations(robot, path, ["a", "joint1", "slide", "tip"])
+    assert robot.friction.viscous.tolist() == [0.7, 0.2, 0.2, 0.2]
+    assert not np.any(robot.friction.coulomb)
+    assert np.isinf(robot.limits.lower).all()
+    assert any("density 1000" in each.message for each in health.inspect(path).findings)
+
+
+def test_springs_that_are_switched_off_are_none(tmp_path: Path) -> None:
+    spring = ('name="tip"', 'name="tip" stiffness="3"')
+    with pytest.raises(UrdfError, match="a spring"):
+        Robot.load(flagged(tmp_path, 'equality="disable"', *spring))
+    assert (
+        Robot.load(flagged(tmp_path, 'equality="disable" spring="disable" damper="disable"', *spring)).n == 4
+    )
+
+
+def test_a_model_is_one_by_its_first_element(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    plain = path.read_text(encoding="utf-8")
+    names = Robot.load(path).joint_names
+    for head in (
+        '<!-- made from <robot name="x"> -->',
+        "<?xml version='1.0'?>\n<!-- a > b --><!---->",
+        "  \n",
+    ):
+        path.write_text(head + plain, encoding="utf-8")
+        assert Robot.load(path).joint_names == names
+    urdf = '<!-- not a <mujoco> --><robot name="a"><mujoco><compiler/></mujoco><link name="b"/></robot>'
+    path.write_text(urdf, encoding="utf-8")
+    with pytest.raises(UrdfError, match="no moving joint"):
+        Robot.load(path)
+
+
+def test_a_model_is_another_where_a_file_that_it_includes_is(tmp_path: Path) -> None:
+    """A certificate of the one is none of the other."""
+    path = tmp_path / "scene.xml"
+    part = tmp_path / "part.xml"
+    path.write_text("<mujoco><include file='part.xml'/></mujoco>", encoding="utf-8")
+
+    def digest(mass: float) -> str:
+        geom = f"<body><joint name='a'/><geom size='0.1' mass='{mass}' pos='0.2 0 0'/></body>"
+        part.write_text(f"<mujoco><worldbody>{geom}</worldbody></mujoco>", encoding="utf-8")
+        return str(Robot.load(path).provenance["sha256"])
+
+    first = digest(1.0)
+    assert digest(2.0) != first
+    assert digest(1.0) == first
+    alone = write(tmp_path)
+    assert Robot.load(alone).provenance["sha256"] == hashlib.sha256(alone.read_bytes()).hexdigest()
+
+
+def test_what_has_no_name_is_named_by_its_place(tmp_path: Path) -> None:
+    joints = '<joint joint="a" coef="1"/><joint joint="tip" coef="1"/>'
+    more = f'<tendon><fixed>{joints}</fixed></tendon><actuator><motor tendon="t"/></actuator>'
+    path = write(tmp_path, more.replace("<fixed>", '<fixed name="t">'))
+    with pytest.raises(UrdfError, match="actuator 'actuator2' on tendon 't'"):
         Robot.load(path)
