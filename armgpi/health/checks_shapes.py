@@ -28,6 +28,9 @@ _PLACEHOLDER = 0.02
 #: A link lighter than this share of what moves gets no verdict, nor an arm with fewer different shapes.
 _NEGLIGIBLE = 1e-4
 _DIFFERENT = 2
+#: Shapes longer than the last, or than so many times the arm's median link and the one between [m], are not
+#: written in metres: most are meshes in millimetres without a scale.
+_LONG_BESIDE, _LONG_SHAPE, _LONGEST_SHAPE = 50.0, 3.0, 20.0
 #: How far beyond its shapes a centre of mass may be, as a share of their diagonal.
 _BESIDE = 0.1
 #: Where the centres of mass of more than this share of the links are, their shapes may be stand-ins.
@@ -82,8 +85,8 @@ class _Extent(NamedTuple):
 @check(
     "shape-mass",
     "centre of mass, radius of gyration, density or signs of products of inertia contradict the link's own "
-    "shapes (boxes, cylinders, spheres, hulls of meshes), as a wrong unit, an inertia about the joint or a "
-    "copied inertial does",
+    "shapes (boxes, cylinders, spheres, hulls of meshes), as a wrong unit, an inertia about the joint, a "
+    "copied inertial or a mesh in millimetres does",
     "warning",
 )
 def against_shapes(subject: Subject) -> Iterator[Finding]:
@@ -91,6 +94,11 @@ def against_shapes(subject: Subject) -> Iterator[Finding]:
     bodies = _bodies(subject)
     if len({each.extent.corners.tobytes() for each in bodies}) < _DIFFERENT:
         return  # one shape for every link is a placeholder
+    longest = _longest_shape(bodies)
+    yield from (_too_long(body, longest) for body in bodies if body.length > longest)
+    bodies = [body for body in bodies if body.length <= longest]
+    if not bodies:
+        return
     alike: set[str] = set()
     for finding, names in _copied(bodies):
         yield finding
@@ -113,6 +121,22 @@ def against_shapes(subject: Subject) -> Iterator[Finding]:
         yield from _gyration(link, extent)
         if not stand_ins:
             yield from _density(link, density, usual)
+
+
+def _longest_shape(bodies: list[_Body]) -> float:
+    """Return the length up to which shapes may be in metres [m]: beyond, a link is longer than all others."""
+    usual = median(body.length for body in bodies)
+    return float(np.clip(_LONG_BESIDE * usual, _LONG_SHAPE, _LONGEST_SHAPE))
+
+
+def _too_long(body: _Body, longest: float) -> Finding:
+    """Return the finding of a shape whose unit is not the metre."""
+    message = f"its shapes are {body.length:.3g} m long"
+    repair = (
+        'a mesh in millimetres needs scale="0.001 0.001 0.001", a size in millimetres to be written in metres'
+    )
+    where = f"link {body.link.name!r}"
+    return Finding("warning", where, message, body.length, longest, repair)
 
 
 def _doubt(beside: list[str], count: int) -> Finding:
@@ -140,6 +164,11 @@ class _Body(NamedTuple):
     link: Link
     extent: _Extent
     density: float
+
+    @property
+    def length(self) -> float:
+        """Largest extent of its shapes along an axis of its frame [m]."""
+        return float(np.ptp(self.extent.corners, axis=0).max())
 
     @property
     def solid(self) -> float:

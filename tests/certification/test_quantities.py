@@ -24,6 +24,7 @@ from armgpi.certification.quantities import (
     functions,
     largest,
     motion,
+    points,
     search_numbers,
     slopes,
 )
@@ -389,3 +390,15 @@ def test_a_box_is_where_it_was_asked_for_or_a_turn_about_the_middle() -> None:
     ):
         found = box_of(arm, wanted)
         np.testing.assert_allclose(found, [lower, upper], err_msg=str(wanted))
+
+
+def test_a_point_is_beside_its_reference_by_shares_of_the_radius() -> None:
+    case = setting()
+    z = np.random.default_rng(8).uniform(-1.0, 1.0, (5, 9))
+    at = points(case, z)
+    for row in range(5):
+        for j in range(3):
+            star = z[row, j]
+            assert at.star[row, j] == star
+            assert at.q[row, j] == star + case.radius[j] * z[row, 3 + j]
+            assert at.between[row, j] == star + case.radius[j] * z[row, 6 + j]

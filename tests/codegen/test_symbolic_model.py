@@ -13,9 +13,10 @@ from sampling import sample
 from strategies import robots_and_states
 
 from armgpi import ArmgpiWarning, Robot, RobotBatch, robots
+from armgpi.codegen import model
 from armgpi.codegen.model import SymbolicModel
 from armgpi.codegen.symbols import NotElementwise
-from armgpi.robot.dynamics import ScaledDynamics
+from armgpi.robot.dynamics import PinocchioDynamics, ScaledDynamics, VariedDynamics
 
 ca = pytest.importorskip("casadi")
 from armgpi.codegen import kernels  # noqa: E402
@@ -208,3 +209,26 @@ def test_dynamics_of_others_are_refused() -> None:
     for dynamics in (Own(), ScaledDynamics(Own(), 2.0)):
         with pytest.raises(NotElementwise, match="its dynamics are Own, not Pinocchio's"):
             Arm(dynamics)
+
+
+@pytest.mark.parametrize("what", ["load", "armature", "gravity"])
+def test_numbers_that_vary_are_those_that_differ_between_the_rows(what: str) -> None:
+    """Rows of a batch have other numbers where they are said to vary, and nowhere else."""
+    arm = Robot.load("ur5").dynamics
+    assert isinstance(arm, PinocchioDynamics)
+    rng = np.random.default_rng(4)
+    given: dict[str, Any] = {
+        "load": {
+            "joint": 4,
+            "load": np.column_stack([rng.uniform(1.0, 2.0, 3), rng.uniform(-0.1, 0.1, (3, 3))]),
+        },
+        "armature": {"armature": rng.uniform(0.1, 1.0, (3, 6))},
+        "gravity": {"gravity": rng.uniform(-9.0, 9.0, (3, 3))},
+    }
+    varied = VariedDynamics(arm, 3, **given[what])
+    rows = np.array([model.numbers_of(*model.bodies(varied.row(i).model)) for i in range(3)])
+    says = model.varying(arm.model, varied)
+    differ = (rows != rows[0]).any(axis=0)
+    assert says.shape == rows[0].shape
+    assert not (differ & ~says).any()
+    assert differ.sum() >= 0.9 * says.sum()  # a moment may be equal by chance, a mass is not

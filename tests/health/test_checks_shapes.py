@@ -295,3 +295,21 @@ def test_centres_of_mass_in_the_frame_of_the_base_are_no_millimetres() -> None:
     (finding,) = find(links)
     assert finding.where == "robot"
     assert "another frame" in finding.message
+
+
+@pytest.mark.parametrize("links", [3, 5])
+def test_shapes_in_millimetres_are_named_and_no_mass_is_blamed_for_them(links: int) -> None:
+    """One link's, or those of all: with masses and centres in SI units."""
+    solids = [box((0.1, 0.08, 0.3 - 0.04 * k), 2700.0) for k in range(links)]
+    for slips in ((1,), range(links)):
+        told = [
+            {**solid, "edges": [1e3 * x for x in solid["edges"]]} if k in slips else solid
+            for k, solid in enumerate(solids)
+        ]
+        found = find(told)
+        assert [each.where for each in found] == [f"link 'l{k}'" for k in slips]
+        assert all("m long" in each.message and 'scale="0.001' in (each.repair or "") for each in found)
+
+
+def test_a_long_boom_is_no_slip() -> None:
+    assert find([box((0.6, 0.5, z), 300.0) for z in (0.8, 9.0, 6.0)]) == []

@@ -548,3 +548,21 @@ def test_light_rotors_leave_the_arm_the_controller_that_yields_less() -> None:
     assert slow is not None
     assert slow.poles.omega_c.min() < 9.0
     assert law.link_factor == 1.0
+
+
+def test_configurations_are_as_many_as_is_said_the_middle_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, drawn = at(UR5, "motor"), list[int]()
+
+    def counted(arm: Robot, count: int, seed: int) -> Any:
+        drawn.append(count)
+        return random_configurations(arm, count, seed=seed)
+
+    monkeypatch.setattr(collocated, "random_configurations", counted)
+    for late, most in ((0, collocated._TRIED), (8, collocated._LATE_TRIED)):
+        cases = collocated._loops(robot, DT, late, 1e3, 0.05)
+        places = np.unique([case.q for case in cases], axis=0)
+        assert len(places) == most
+        np.testing.assert_array_equal(cases[0].q, robot.middle())
+    assert drawn == [collocated._TRIED - 1, collocated._LATE_TRIED - 1]
+    auto(robot)
+    assert drawn[2] == collocated._CONFIGURATIONS - 1
