@@ -54,10 +54,14 @@ class Code:
     Attributes:
         lines: the lines.
         operations: how many arithmetic operations there are.
+        before: lines that work out what stays the same, once before.
+        constants: how many numbers these give.
     """
 
     lines: list[str] = field(default_factory=list)
     operations: int = 0
+    before: list[str] = field(default_factory=list)
+    constants: int = 0
 
 
 @dataclass(frozen=True)
@@ -109,6 +113,7 @@ def straight_line(
     dialect: Dialect,
     calls: Sequence[CallSite] = (),
     order: Sequence[int] = (),
+    constants: int | None = None,
 ) -> Code:
     """Return the C that works out expressions and assigns them.
 
@@ -122,6 +127,8 @@ def straight_line(
         dialect: how to write numbers.
         calls: calls, in their order.
         order: of each output; all the same when not given.
+        constants: number of the first entry of `c` for what constants and parameters alone decide, which is
+            worked out before; None to work all out in its place.
 
     Raises:
         NotElementwise: when an operation has no C here.
@@ -131,7 +138,17 @@ def straight_line(
         "f", [ca.vertcat(*(x for x, _ in inputs))] if inputs else [], [ca.SX(ca.vertcat(*outputs))]
     )
     graph = _graph(function, [name for _, name in inputs], dialect)
+    moved: dict[str, str] = {}
+    before: list[str] = []
+    if constants is not None:
+        moved = _staying(graph, dialect, constants)
+        early = _Writer(graph, dialect)
+        for text, place in moved.items():
+            early.assign(place, text)
+        before = early.code.lines
+        graph = _without(graph, moved)
     writer = _Writer(graph, dialect)
+    writer.code.before, writer.code.constants = before, len(moved)
     level = _levels(graph, calls)
     # CasADi leaves out outputs that are zero by structure.
     values = [graph.outputs.get(i, dialect.constant(0.0)) for i in range(len(outputs))]
@@ -177,7 +194,58 @@ def _graph(function: Any, inputs: Sequence[str], dialect: Dialect) -> _Graph:
             operands = tuple(names[place] for place in function.instruction_input(i))
             names[out] = f"x{i}"
             graph.steps[names[out]] = _as_selection(graph.steps, kind, operands) or _Step(kind, operands)
-    return graph
+    return graph._replace(steps=_with_shared_inverses(graph.steps))
+
+
+def _with_shared_inverses(steps: dict[str, _Step]) -> dict[str, _Step]:
+    """Return steps of which those that divide by the same divide once.
+
+    A division takes as long as many products. It is one rounding more.
+    """
+    divisors = Counter(step.operands[1] for step in steps.values() if step.kind == ca.OP_DIV)
+    inverses: dict[str, str] = {}  # divisor -> its reciprocal
+    made: dict[str, _Step] = {}
+    for name, step in steps.items():
+        if step.kind == ca.OP_DIV and divisors[step.operands[1]] > 1:
+            number, divisor = step.operands
+            if divisor not in inverses:
+                inverses[divisor] = f"i{name}"
+                made[f"i{name}"] = _Step(ca.OP_INV, (divisor,))
+            step = _Step(ca.OP_MUL, (number, inverses[divisor]))
+        made[name] = step
+    return made
+
+
+def _staying(graph: _Graph, dialect: Dialect, first: int) -> dict[str, str]:
+    """Return what constants and parameters alone decide and the rest uses, and its place in `c`."""
+    fixed: set[str] = set()
+    for name, step in graph.steps.items():  # operands first
+        known = (x in fixed or (x not in graph.steps and x.startswith(dialect.sound)) for x in step.operands)
+        # Not what is true or not: a number would have to be made of it.
+        if step.kind not in _COMPARISON and step.kind not in _LOGIC and all(known):
+            fixed.add(name)
+    used = [x for name, step in graph.steps.items() if name not in fixed for x in step.operands]
+    moved: dict[str, str] = {}
+    for text in (*used, *graph.outputs.values()):
+        # The negative of a parameter stays where it is seen that it is never NaN, see `_is_sound`.
+        if text in fixed and not _is_negative_input(graph.steps, text):
+            moved.setdefault(text, f"c[{first + len(moved)}]")
+    return moved
+
+
+def _is_negative_input(steps: dict[str, _Step], text: str) -> bool:
+    """Tell whether a step is the negative of what is no step."""
+    return steps[text].kind == ca.OP_NEG and steps[text].operands[0] not in steps
+
+
+def _without(graph: _Graph, moved: dict[str, str]) -> _Graph:
+    """Return a graph that takes some values from elsewhere."""
+    steps = {
+        name: step._replace(operands=tuple(moved.get(text, text) for text in step.operands))
+        for name, step in graph.steps.items()
+        if name not in moved
+    }
+    return _Graph(steps, {i: moved.get(text, text) for i, text in graph.outputs.items()})
 
 
 def _as_selection(steps: dict[str, _Step], kind: int, operands: tuple[str, ...]) -> _Step | None:
@@ -207,8 +275,6 @@ class _Writer:
         self._steps, self._dialect = graph.steps, dialect
         self._written: set[str] = set()
         self._truths: set[str] = set()
-        self._inverses: dict[str, str] = {}  # divisor -> its reciprocal
-        self._divisors = Counter(s.operands[1] for s in graph.steps.values() if s.kind == ca.OP_DIV)
 
     def assign(self, target: str, text: str) -> None:
         """Write an assignment, and before it what it needs."""
@@ -233,16 +299,7 @@ class _Writer:
         """Write one step."""
         kind, operands = step
         numbers = [self._number(text) for text in operands]
-        one = self._dialect.constant(1.0)
-        if kind == ca.OP_DIV and self._divisors[operands[1]] > 1:
-            # One division for all that have a divisor in common, as it takes as long as many products. It is
-            # one rounding more.
-            if operands[1] not in self._inverses:
-                self._inverses[operands[1]] = f"i{name}"
-                self.code.lines.append(f"const {self._dialect.number} i{name} = {one} / {numbers[1]};")
-                self.code.operations += 1
-            text = f"{numbers[0]} * {self._inverses[operands[1]]}"
-        elif kind in (ca.OP_FMIN, ca.OP_FMAX):
+        if kind in (ca.OP_FMIN, ca.OP_FMAX):
             text = self._clamp(kind, numbers[0], numbers[1])
         elif kind in _NUMBER:
             text = _NUMBER[kind].format(*numbers)
@@ -257,7 +314,7 @@ class _Writer:
         elif kind == _SELECT:
             text = f"v_select({self._truth(operands[0])}, {numbers[1]}, {numbers[2]})"
         elif kind == ca.OP_INV:
-            text = f"{one} / {numbers[0]}"
+            text = f"{self._dialect.constant(1.0)} / {numbers[0]}"
         else:
             raise NotElementwise(f"it uses CasADi's operation {kind}, which the generator does not know")
         kept = self._dialect.truth if name in self._truths else self._dialect.number

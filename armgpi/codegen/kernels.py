@@ -26,7 +26,7 @@ from armgpi.plants.friction import (
     Iterate,
     braked_velocity,
     first_iterate,
-    is_moving,
+    is_apart,
     newton_step,
 )
 from armgpi.robot.dynamics import (
@@ -99,8 +99,8 @@ class Kernel:
 class Iteration(Kernel):
     """A kernel that repeats a step until it changes nothing any more, for each rollout by itself.
 
-    Its result is worked out of its inputs and of the last state. A lane that has settled keeps its numbers,
-    so that they do not depend on the rollouts beside it.
+    Its result is the beginning of the state after the step with which a lane settled, and of a lane that has
+    not settled `outputs`. So it does not depend on the rollouts beside it.
 
     Attributes:
         state: the symbols of what a step changes.
@@ -119,25 +119,27 @@ class Iteration(Kernel):
     def _body(self, dialect: Dialect) -> list[str]:
         """Work out the lines."""
         size = len(self.state)
-        places = [f"s[{i}]" for i in range(size)]
         # What ends in a bracket takes a condition.
         targets = [*(f"z[{i}]" for i in range(size)), *["moving |= ("] * len(self.moving)]
         return [
-            f"V s[{size}], z[{size}];",
+            f"V states[2][{size}];",
             "{",
-            *self._assign(self.begin, places, dialect),
+            *self._assign(self.begin, [f"states[0][{i}]" for i in range(size)], dialect),
             "}",
             "M running = v_not((M){0});",
             f"for (int step = 0; step < {self.most}; ++step) {{",
+            "const V *restrict s = states[step & 1];",
+            "V *restrict z = states[~step & 1];",
             "M moving = (M){0};",
             *self._assign([*self.following, *self.moving], targets, dialect, self.state),
-            f"for (int i = 0; i < {size}; ++i) s[i] = v_select(running, z[i], s[i]);",
+            f"for (int i = 0; i < {self.size}; ++i) y[i] = v_select(running, z[i], y[i]);",
             "running = v_and(running, moving);",
-            "if (!v_any(running)) break;",
+            "if (!v_any(running)) return;",
             "}",
-            "{",
-            *self._assign(self.outputs, [f"y[{i}]" for i in range(self.size)], dialect, self.state),
-            "}",
+            f"const V *s = states[{self.most & 1}];",
+            f"V z[{self.size}];",
+            *self._assign(self.outputs, [f"z[{i}]" for i in range(self.size)], dialect, self.state),
+            f"for (int i = 0; i < {self.size}; ++i) y[i] = v_select(running, z[i], y[i]);",
         ]
 
 
@@ -561,34 +563,42 @@ class TracedTool(Tool):
 #: What a depth may be off by rounding [m].
 _ROUNDING = 1e-9
 
-#: Arguments besides velocities: viscous, coulomb, h, stick and inertia. Vectors of the arm follow.
-_BESIDE = 5
+#: Arguments besides `v_free`: before, viscous, coulomb, h, stick and inertia. Vectors of the arm follow.
+_BESIDE = 6
 
 
 @lru_cache(maxsize=32)
-def _friction_kernel(sticks: bool, braking: Callable[..., Braked], width: int, n: int) -> Kernel:
+def _friction_kernel(sticks: tuple[bool, ...], braking: Callable[..., Braked], width: int, n: int) -> Kernel:
     """Return the kernel of friction.
 
     Args:
-        sticks: whether there is Coulomb friction.
+        sticks: whether there is Coulomb friction, for one stretch of the velocities after the other.
         braking: the arm's equation.
         width: velocities that there are: of the joints, or of links and motors.
         n: number of joints.
     """
     vectors = len(signature(braking).parameters) - 3  # besides h, v_free and the inertia
-    sizes = (width, width, width, 1, 1, n * n, *[n] * vectors)
+    sizes = (width, width, width, width, 1, 1, n * n, *[n] * vectors)
     given = [Symbols.new(f"x{i}_", (size,)) for i, size in enumerate(sizes)]
-    v_free, viscous, coulomb, h, stick, inertia, *arm = given
+    v_free, before, viscous, coulomb, h, stick, inertia, *arm = given
     braked = braking(h, v_free, inertia.reshape(n, n), *arm)
-    friction = Friction(cast(Any, viscous), cast(Any, coulomb))
-    smooth: Any = stick
-    now = Iterate(*(cast(Any, Symbols.new(f"s{i}_", (width,))) for i in range(2)))
     symbols = [x for part in given for x in flat(part)]
-    name = f"friction_{braking.__name__}_{width}_{sticks:d}"
-    if not sticks:
-        after = braked_velocity(braked, first_iterate(cast(Any, v_free)), friction, smooth)
+    name = f"friction_{braking.__name__}_{width}_{''.join(str(int(each)) for each in sticks)}"
+    if not any(sticks):
+        after = braked(cast(Any, viscous), np.zeros(width))
         return Kernel(name, sizes, width, (), symbols, flat(after))
+    sticking = np.repeat(sticks, width // len(sticks))
+    friction = Friction(cast(Any, viscous), np.where(sticking, cast(Any, coulomb), 0.0))
+    smooth: Any = stick
+    now = Iterate(*(cast(Any, Symbols.new(f"s{i}_", (width,))) for i in range(4)))
     following = newton_step(braked, now, friction, smooth)
+
+    def changing(iterate: Iterate) -> list[Any]:
+        """Return what a step needs of the one before: where there is no Coulomb friction, nothing."""
+        others = [flat(part)[i] for part in (iterate.sign, iterate.slope) for i in sticking.nonzero()[0]]
+        return [*flat(iterate.v), *others]
+
+    apart = flat(is_apart(following))
     return Iteration(
         name,
         sizes,
@@ -596,10 +606,10 @@ def _friction_kernel(sticks: bool, braking: Callable[..., Braked], width: int, n
         (),
         symbols,
         flat(braked_velocity(braked, now, friction, smooth)),
-        state=[*flat(now.v), *flat(now.share)],
-        begin=[x for part in first_iterate(cast(Any, v_free)) for x in flat(part)],
-        following=[*flat(following.v), *flat(following.share)],
-        moving=flat(is_moving(following, now, smooth)),
+        state=changing(now),
+        begin=changing(first_iterate(cast(Any, before), smooth)),
+        following=changing(following),
+        moving=[apart[i] for i in sticking.nonzero()[0]],
         most=MOST_STEPS,
     )
 

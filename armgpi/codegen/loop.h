@@ -83,7 +83,7 @@ static void record(const Job *job, int64_t block, int64_t k, const V *now, int w
 /* Take the samples k0 to k1 - 1 of some blocks. In the final one the torque is the one held before. */
 void run(const Job *job, int64_t first, int64_t last)
 {
-    V state[2][NS + 1], now[NR], u[ND * N + 1], table[NT + 1];
+    V state[2][NS + 1], now[NR], u[ND * N + 1], table[NT + 1], fixed[NC + 1];
     for (int64_t block = first; block < last; ++block) {
         double *memory = job->state + block * (NS + NR) * LANES;
         const V *own = (const V *)(job->own + block * NO * LANES);
@@ -94,6 +94,7 @@ void run(const Job *job, int64_t first, int64_t last)
         }
         M running = v_holding(runs);
         if (!v_any(running)) continue; /* all that are in it have diverged */
+        prepare(job->shared, own, fixed);
         memcpy(state[0], memory, NS * sizeof(V));
         memcpy(now, memory + NS * LANES, sizeof now);
         V sums[2][NA + 1];
@@ -110,8 +111,8 @@ void run(const Job *job, int64_t first, int64_t last)
                 else table[i] = v_set(job->table[at]);
             }
             draw(job->draws, job->seeds + block * LANES, job->padded, k, u);
-            const int took = sample(state[turn], state[turn ^ 1], job->shared, own, table, u, v_set((double)k),
-                now, usual == 3);
+            const int took = sample(state[turn], state[turn ^ 1], job->shared, own, fixed, table, u,
+                v_set((double)k), now, usual == 3);
             usual = (usual << 1 | took) & 3;
             if (job->final) memcpy(now + HELD * N, held + HELD * N, (VARIABLES - HELD) * N * sizeof(V));
             /* The rule of armgpi.loop.runner.in_control; what is NaN is not <= anything. */

@@ -10,7 +10,7 @@ from importlib.resources import files
 from typing import Any, NamedTuple
 
 from armgpi.codegen.algebra import ca
-from armgpi.codegen.emit import CallSite, Dialect, straight_line
+from armgpi.codegen.emit import CallSite, Code, Dialect, straight_line
 from armgpi.codegen.kernels import Call, Kernel, Placed, place_calls
 from armgpi.codegen.trace import Seed, Trace, trace
 from armgpi.loop.running import Running
@@ -124,27 +124,34 @@ def sizes(traced: Trace, lanes: int) -> dict[str, int]:
 
 
 def sample(traced: Trace, dialect: Dialect) -> list[str]:
-    """Return the lines of the functions that take one sample, tell whether it was usual, and add it up."""
+    """Return the lines of the functions that take one sample, tell whether it was usual, and add it up.
+
+    What parameters alone decide is worked out by `prepare`, once for many samples.
+    """
     names = recorded_names(traced)
     head = "static __attribute__((noinline)) int"
     if traced.usual is None:
-        lines = [f"{head} sample({_ARGUMENTS})", "{", *_lines(traced, names, dialect), "return 0;", "}"]
+        whole = _sample_code(traced, names, dialect, 0)
+        before, constants = whole.before, whole.constants
+        lines = [f"{head} sample({_ARGUMENTS})", "{", *whole.lines, "return 0;", "}"]
     else:
-        usual = _lines(traced.usual, names, dialect)
+        usual = _sample_code(traced.usual, names, dialect, 0)
+        whole = _sample_code(traced, names, dialect, usual.constants)
+        before, constants = ["{", *usual.before, "}", *whole.before], usual.constants + whole.constants
         # Bits do not change: what is left out decides nothing where all that is asked holds, in every lane.
         lines = [
             f"{head} usual({_ARGUMENTS})",
             "{",
-            *(line for line in usual if not _CONSTANT.fullmatch(line)),
+            *(line for line in usual.lines if not _CONSTANT.fullmatch(line)),
             # Constants are stored after two usual samples: two states take turns.
             "if (!kept) {",
-            *filter(_CONSTANT.fullmatch, usual),
+            *filter(_CONSTANT.fullmatch, usual.lines),
             "}",
             "return 1;",
             "}",
             f"{head} whole({_ARGUMENTS})",
             "{",
-            *_lines(traced, names, dialect),
+            *whole.lines,
             "return 0;",
             "}",
             f"static inline int sample({_ARGUMENTS})",
@@ -152,7 +159,14 @@ def sample(traced: Trace, dialect: Dialect) -> list[str]:
             f"return usual({_GIVEN}) || whole({_GIVEN});",
             "}",
         ]
-    return [*lines, *_sums(traced, names, dialect)]
+    prepare = [
+        f"#define NC {constants}",
+        "static __attribute__((noinline)) void prepare(const double *p, const V *o, V *restrict c)",
+        "{",
+        *before,
+        "}",
+    ]
+    return [*prepare, *lines, *_sums(traced, names, dialect)]
 
 
 def function(kernel: Kernel, dialect: Dialect) -> list[str]:
@@ -169,14 +183,14 @@ def function(kernel: Kernel, dialect: Dialect) -> list[str]:
 
 #: The arguments of a sample, and their names.
 _ARGUMENTS = """const V *restrict s, V *restrict z, const double *p,
-    const V *o, const V *t, const V *u, V k, V *restrict r, int kept"""
-_GIVEN = "s, z, p, o, t, u, k, r, kept"
+    const V *o, const V *c, const V *t, const V *u, V k, V *restrict r, int kept"""
+_GIVEN = "s, z, p, o, c, t, u, k, r, kept"
 #: A line that writes what is always the same.
 _CONSTANT = re.compile(r"[zr]\[\d+\] = v_set\([^a-z]*\);")
 
 
-def _lines(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:
-    """Return the lines that take one sample."""
+def _sample_code(traced: Trace, names: list[str], dialect: Dialect, constants: int) -> Code:
+    """Return what takes one sample; `constants` as in :func:`armgpi.codegen.emit.straight_line`."""
     calls = _placed(traced, traced.calls)
     recorded = [x for name in names for x in traced.recorded[name]]
     targets = [*calls.targets, *_entry_names("z", traced.after), *_entry_names("r", recorded)]
@@ -193,8 +207,10 @@ def _lines(traced: Trace, names: list[str], dialect: Dialect) -> list[str]:
         targets += ["v_require("] * len(conditions)
         order += [i * traced.n // len(conditions) for i in range(len(conditions))]  # joint after joint
     inputs = [*_inputs(traced), *calls.inputs]
-    lines = straight_line(inputs, outputs, targets, dialect, sites, order).lines
-    return [*_buffers(traced.calls), *(["M held = v_not((M){0});"] if traced.holds else ()), *lines]
+    code = straight_line(inputs, outputs, targets, dialect, sites, order, constants)
+    held = ["M held = v_not((M){0});"] if traced.holds else []
+    code.lines = [*_buffers(traced.calls), *held, *code.lines]
+    return code
 
 
 def _placed(traced: Trace, calls: Sequence[Call]) -> Placed:

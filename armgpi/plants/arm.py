@@ -86,7 +86,7 @@ class Arm(Parametrised, Plant):
                 raise ParameterError(name, given, f"none: {type(self).__name__} does not name it in `feels`")
         # What differs by rollout was declared to vary, whatever it is.
         coulomb = np.zeros(0) if self.friction is None else self.friction.coulomb
-        self._brake = ImplicitFriction(coulomb.ndim == 2 or bool(coulomb.any()))
+        self._brake = ImplicitFriction((coulomb.ndim == 2 or bool(coulomb.any()),))
 
     def _check_metrics_frame(self) -> None:
         """Refuse a frame for metrics that the arm has not, or that no joint moves."""
@@ -163,12 +163,23 @@ class Arm(Parametrised, Plant):
             return 0.0
         return self._surroundings.torque(q, v, (k + substep / self.substeps) * dt)
 
-    def velocity_after_friction(self, q: Array, v: Array, h: float, stick: float = STICK_VELOCITY) -> Array:
-        """Return what friction leaves of the velocity `v` that a step of `h` from `q` gave without it."""
+    def velocity_after_friction(
+        self, q: Array, v: Array, h: float, stick: float = STICK_VELOCITY, before: Array | None = None
+    ) -> Array:
+        """Return what friction leaves of a velocity that a step gave without it.
+
+        Args:
+            q: positions at the beginning of the step [rad or m], (n,) or (batch, n).
+            v: velocities after the step without friction [rad/s or m/s], likewise.
+            h: length of the step [s].
+            stick: speed below which Coulomb friction is smoothed [rad/s or m/s].
+            before: velocities at the beginning of the step, from which less is to search; `v` when not given.
+        """
         if self.friction is None:
             return v
         viscous, coulomb = self.friction
-        return self._brake(v, viscous, coulomb, h, stick, self.robot.dynamics.mass_matrix(q))
+        begin = v if before is None else before
+        return self._brake(v, begin, viscous, coulomb, h, stick, self.robot.dynamics.mass_matrix(q))
 
     def disturbance(self, t: Array) -> Array | None:
         """Return the sum of the loads; see :meth:`Plant.disturbance`."""

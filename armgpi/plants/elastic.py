@@ -204,9 +204,9 @@ class ElasticPlant(Arm):
         self._friction_of_both = Friction(
             of_both(self.link_viscous, motor_viscous), of_both(self.link_coulomb, motor_coulomb)
         )
-        viscous, coulomb = map(_acts, self._friction_of_both)
-        self._rubs = viscous or coulomb
-        self._brake = ImplicitFriction(coulomb, _brake_elastic)
+        self._rubs = any(map(_acts, self._friction_of_both))
+        sticks = _acts(self.link_coulomb), _acts(np.asarray(motor_coulomb))
+        self._brake = ImplicitFriction(sticks, _brake_elastic)
 
     def _check_positive(self, name: str, value: Array) -> None:
         """Refuse what a joint lacks."""
@@ -308,7 +308,7 @@ class ElasticPlant(Arm):
         ahead = _ahead(x, h, k1)
         k2, _ = stage(ahead, end + touched(ahead.q, ahead.v, substep=i + 1.0), k1, forces)
         free = _ahead(_ahead(x, 1.5 * h, k1), 0.5 * h, k2)
-        return self._apply_friction(free, inertia, h) if self._rubs else free
+        return self._apply_friction(x, free, inertia, h) if self._rubs else free
 
     def _implicit(self, inertia: Array, h: float) -> _Implicit:
         """Return what both stages of a step solve with, for an inertia matrix of links and rotors."""
@@ -365,13 +365,13 @@ class ElasticPlant(Arm):
         stage = _Motion(q, a, theta, alpha)
         return stage, _Motion(q, link + passed, theta, rotor - passed)
 
-    def _apply_friction(self, free: _Motion, inertia: Array, h: float) -> _Motion:
-        """Return what friction of links and motors together leaves of a step without."""
+    def _apply_friction(self, before: _Motion, free: _Motion, inertia: Array, h: float) -> _Motion:
+        """Return what friction of links and motors together leaves of a step without, from `before`."""
         n, rotor = self.robot.n, self._rotor
         tied = h * (0.5 * h * self.gear_stiffness + self.gear_damping)
-        v_free = np.concatenate([free.v, free.omega], axis=-1)
+        begin, v_free = (np.concatenate([x.v, x.omega], axis=-1) for x in (before, free))
         viscous, coulomb = self._friction_of_both
-        left = self._brake(v_free, viscous, coulomb, h, self.stick_velocity, inertia, rotor, tied)
+        left = self._brake(v_free, begin, viscous, coulomb, h, self.stick_velocity, inertia, rotor, tied)
         change = left - v_free
         dv, domega = change[..., :n], change[..., n:]
         half = 0.5 * h

@@ -13,8 +13,8 @@ from armgpi.robot.equations import Friction
 
 #: Newton steps for Coulomb friction at most: 1e-9 of it is left after 16 for all of 12,000 random arms.
 MOST_STEPS = 16
-#: A rollout is settled when no velocity changed by more than this share of itself and of the stick velocity.
-#: Newton's method is quadratic there, so that what is left is below the rounding of the equation.
+#: A rollout is settled when the torque of friction in a step's equation is that of the velocities found, but
+#: for this share of Coulomb friction at each joint.
 _SETTLED = 1e-10
 #: Speed below which Coulomb friction is smoothed [rad/s or m/s], where nobody says another.
 STICK_VELOCITY = 1e-3
@@ -24,14 +24,18 @@ Braked = Callable[[Array, Array], Array]
 
 
 class Iterate(NamedTuple):
-    """A step of Newton's method.
+    """A step of Newton's method, each of shape (d,) or (batch, d).
 
     Attributes:
-        v: velocities [rad/s or m/s], (d,) or (batch, d).
-        share: share of Coulomb friction in use, -1 to 1, likewise.
+        v: velocities [rad/s or m/s].
+        sign: share of Coulomb friction that acts at these velocities, -1 to 1.
+        slope: how that share changes with the velocity in the next step [s/rad or s/m].
+        share: the share that acted in the equation which gave these velocities.
     """
 
     v: Array
+    sign: Array
+    slope: Array
     share: Array
 
 
@@ -58,18 +62,25 @@ class ImplicitFriction:
     """The velocity that friction leaves of an arm's after a substep; a function of its own in generated C.
 
     Attributes:
-        sticks: whether there is Coulomb friction.
+        sticks: whether there is Coulomb friction, for the joints; or for links and for motors.
         braking: makes :data:`Braked` from the length of the step, the velocities without friction, and what
             else it takes of the arm.
     """
 
-    def __init__(self, sticks: bool, braking: Callable[..., Braked] = brake_rigid) -> None:
-        """Note whether there is Coulomb friction, and the arm's equation."""
+    def __init__(self, sticks: tuple[bool, ...], braking: Callable[..., Braked] = brake_rigid) -> None:
+        """Note where there is Coulomb friction, and the arm's equation."""
         self.sticks = sticks
         self.braking = braking
 
     def __call__(
-        self, v_free: Array, viscous: Array, coulomb: Array, h: float, stick: float, *arm: Array
+        self,
+        v_free: Array,
+        before: Array,
+        viscous: Array,
+        coulomb: Array,
+        h: float,
+        stick: float,
+        *arm: Array,
     ) -> Array:
         """Return the velocity that friction leaves of `v_free` after `h`.
 
@@ -77,6 +88,8 @@ class ImplicitFriction:
 
         Args:
             v_free: velocities without friction [rad/s or m/s], (d,) or (batch, d).
+            before: velocities before the step, likewise: the search begins there, and ends as well anywhere
+                else, but later.
             viscous: f_v [N m s/rad or N s/m], likewise.
             coulomb: f_c [N m or N], likewise.
             h: length of the step [s].
@@ -84,33 +97,40 @@ class ImplicitFriction:
             arm: what `braking` takes besides.
         """
         braked = self.braking(h, v_free, *arm)
+        if not any(self.sticks):
+            return braked(viscous, np.zeros_like(v_free))
         friction = Friction(viscous, coulomb)
-        iterate = first_iterate(v_free)
+        iterate = first_iterate(before, stick)
+        left = np.zeros_like(v_free)
         running = np.ones((*v_free.shape[:-1], 1), dtype=bool)
-        for _ in range(MOST_STEPS if self.sticks else 0):
-            following = newton_step(braked, iterate, friction, stick)
-            moved = is_moving(following, iterate, stick).any(axis=-1, keepdims=True)
+        for _ in range(MOST_STEPS):
+            iterate = newton_step(braked, iterate, friction, stick)
             # A rollout that has settled keeps its numbers, so that they do not depend on its neighbours.
-            v = np.where(running, following.v, iterate.v)
-            share = np.where(running, following.share, iterate.share)
-            iterate = Iterate(v, share)
-            running = running & moved
+            left = np.where(running, iterate.v, left)
+            apart = is_apart(iterate) & (coulomb > 0.0)
+            running = running & apart.any(axis=-1, keepdims=True)
             if not running.any():
-                break
-        return braked_velocity(braked, iterate, friction, stick)
+                return left
+        return np.where(running, braked_velocity(braked, iterate, friction, stick), left)
 
 
-def first_iterate(v_free: Array) -> Iterate:
-    """Return where Newton's method begins: no friction."""
-    return Iterate(v_free, np.zeros_like(v_free))
+def first_iterate(before: Array, stick: float) -> Iterate:
+    """Return where Newton's method begins: the velocities before the step, with their friction.
+
+    They are nearer to those after it than the velocities without friction: friction of a joint that moves
+    changes little in a step, and so do the velocities of a joint that is held.
+    """
+    speed = np.sqrt(before * before + stick * stick)
+    sign = before / speed
+    return Iterate(before, sign, (1.0 - sign * sign) / speed, sign)
 
 
 def newton_step(braked: Braked, iterate: Iterate, friction: Friction, stick: float) -> Iterate:
     """Return the next step of Newton's method.
 
     It works on v and on the share of Coulomb friction in use together (Chan, Golub, Mulet 1999), which
-    unlike Newton's method on v alone converges from v_free, mostly in five steps. Each step is one linear
-    equation per rollout.
+    unlike Newton's method on v alone converges from any velocity, mostly in two steps from that before. Each
+    step is one linear equation per rollout.
 
     Args:
         braked: the arm's equation.
@@ -119,26 +139,23 @@ def newton_step(braked: Braked, iterate: Iterate, friction: Friction, stick: flo
         stick: speed below which Coulomb friction is smoothed [rad/s or m/s].
     """
     viscous, coulomb = friction
-    v, share = iterate
-    speed = np.sqrt(v * v + stick * stick)
-    sign = v / speed
-    slope = (1.0 - share * sign) / speed
-    resistance = viscous + coulomb * slope
-    push = coulomb * (sign - slope * v)
-    ahead = braked(resistance, push)
-    share_ahead = sign + slope * (ahead - v)
-    return Iterate(ahead, np.minimum(np.maximum(share_ahead, -1.0), 1.0))
+    v, sign, slope, _ = iterate
+    ahead = braked(viscous + coulomb * slope, coulomb * (sign - slope * v))
+    share = sign + slope * (ahead - v)
+    bounded = np.minimum(np.maximum(share, -1.0), 1.0)
+    speed = np.sqrt(ahead * ahead + stick * stick)
+    sign_ahead = ahead / speed
+    return Iterate(ahead, sign_ahead, (1.0 - bounded * sign_ahead) / speed, share)
 
 
-def is_moving(following: Iterate, iterate: Iterate, stick: float) -> npt.NDArray[np.bool_]:
-    """Tell for each joint whether a step of Newton's method changed its velocity."""
-    rounding = _SETTLED * (abs(following.v) + stick)
-    moving: npt.NDArray[np.bool_] = abs(following.v - iterate.v) > rounding
-    return moving
+def is_apart(iterate: Iterate) -> npt.NDArray[np.bool_]:
+    """Tell for each joint whether the friction that acted is another than that of the velocity found."""
+    apart: npt.NDArray[np.bool_] = abs(iterate.sign - iterate.share) > _SETTLED
+    return apart
 
 
 def braked_velocity(braked: Braked, iterate: Iterate, friction: Friction, stick: float) -> Array:
-    """Return the velocity with friction at the speed found.
+    """Return the velocity with friction at the speed found, for a rollout that has not settled.
 
     A step of this form can only take energy, whatever is left to solve.
     """

@@ -126,5 +126,5 @@ class RigidBodyPlant(Arm):
         Where friction is in balance with the torque, the balance is exact.
         """
         q_free, v_free = self._without_friction(q, v, begin, middle, end, h, touched, i)
-        new = self.velocity_after_friction(q, v_free, h, self.stick_velocity)
+        new = self.velocity_after_friction(q, v_free, h, self.stick_velocity, v)
         return q_free + 0.5 * h * (new - v_free), new

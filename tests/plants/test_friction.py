@@ -244,15 +244,16 @@ def test_bad_friction_is_named(friction: Any, error: type[ArmgpiError], named: s
 
 def test_a_rollout_settles_by_itself_whatever_its_neighbours_need() -> None:
     # Newton's method ends for a rollout when its own numbers rest: three arms, from calm to sliding.
-    brake = ImplicitFriction(sticks=True)
+    brake = ImplicitFriction(sticks=(True,))
     random = np.random.default_rng(27)
     spread = random.normal(size=(3, 4, 4)) * np.array([0.1, 1.0, 10.0])[:, None, None]
     inertia = spread @ spread.swapaxes(-1, -2) + 1e-2 * np.eye(4)
     v_free = random.normal(size=(3, 4)) * np.array([1e-6, 1e-2, 10.0])[:, None]
+    before = random.normal(size=(3, 4))
     coulomb = np.array([1e-2, 1.0, 300.0])[:, None] * np.ones(4)
-    together = brake(v_free, 0.1 * coulomb, coulomb, DT, STICK, inertia)
+    together = brake(v_free, before, 0.1 * coulomb, coulomb, DT, STICK, inertia)
     for row in range(3):
-        alone = brake(v_free[row], 0.1 * coulomb[row], coulomb[row], DT, STICK, inertia[row])
+        alone = brake(v_free[row], before[row], 0.1 * coulomb[row], coulomb[row], DT, STICK, inertia[row])
         np.testing.assert_array_equal(together[row], alone)
 
 
@@ -264,9 +265,36 @@ def test_what_settled_is_the_balance_of_momentum_and_friction(seed: int) -> None
     spread = random.normal(size=(n, n)) * 10.0 ** random.uniform(-2.0, 1.0)
     inertia = spread @ spread.T + np.diag(10.0 ** random.uniform(-3.0, 0.5, n))
     v_free = random.normal(size=n) * 10.0 ** random.uniform(-5.0, 1.0)
+    before = random.normal(size=n) * 10.0 ** random.uniform(-8.0, 1.0)
     viscous = 10.0 ** random.uniform(-3.0, 2.0, n)
     coulomb = 10.0 ** random.uniform(-3.0, 3.0, n)
-    v = ImplicitFriction(sticks=True)(v_free, viscous, coulomb, DT, STICK, inertia)
+    v = ImplicitFriction(sticks=(True,))(v_free, before, viscous, coulomb, DT, STICK, inertia)
     impulse = DT * (viscous * v + coulomb * v / np.sqrt(v * v + STICK * STICK))
     scale = np.abs(inertia) @ np.abs(v_free) + DT * coulomb
     assert (np.abs(inertia @ (v - v_free) + impulse) <= 1e-8 * scale.max()).all()
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_where_the_search_begins_decides_nothing(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    n = int(random.integers(1, 8))
+    spread = random.normal(size=(n, n))
+    inertia = spread @ spread.T + np.diag(10.0 ** random.uniform(-3.0, 0.5, n))
+    v_free = random.normal(size=n) * 10.0 ** random.uniform(-5.0, 1.0)
+    coulomb = 10.0 ** random.uniform(-3.0, 3.0, n)
+    # At rest, without friction, the other way round, and far too fast.
+    starts = (np.zeros(n), v_free, -v_free, 1e3 * random.normal(size=n))
+    brake = ImplicitFriction(sticks=(True,))
+    first, *others = (brake(v_free, start, 0.1 * coulomb, coulomb, DT, STICK, inertia) for start in starts)
+    # What is left of the balance is 1e-10 of Coulomb friction, whatever the start.
+    for other in others:
+        assert (np.abs(inertia @ (other - first)) <= 1e-8 * DT * coulomb.max() * n).all()
+
+
+def test_what_has_no_coulomb_friction_is_not_waited_for() -> None:
+    # The first joint has none: its velocity is free, and the second one's is that of the arm with both.
+    inertia = np.array([[1.0, 0.2], [0.2, 0.5]])
+    v_free, coulomb = np.array([0.3, 2e-3]), np.array([0.0, 0.4])
+    v = ImplicitFriction(sticks=(True,))(v_free, np.zeros(2), np.zeros(2), coulomb, DT, STICK, inertia)
+    impulse = DT * coulomb * v / np.sqrt(v * v + STICK * STICK)
+    np.testing.assert_allclose(inertia @ (v - v_free), -impulse, rtol=0.0, atol=1e-9 * DT)

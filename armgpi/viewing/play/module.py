@@ -39,7 +39,7 @@ _LIBRARY = re.compile(r"\bv_(?:tanh|atan)\((?!V )")
 #: How what is known of its layout begins in a module, and how it ends.
 _BEGIN, _END = "armgpi: ", " :armgpi"
 #: What every form has of its own.
-_OWN = ("Job", "NR", "v_mix", "draw", "record", "sample", "add_up", "add_early", "run")
+_OWN = ("Job", "NR", "v_mix", "draw", "record", "prepare", "sample", "add_up", "add_early", "run")
 #: A call of a kernel in a sample.
 _CALL = re.compile(r"\b\w+\(x_(\d+), o \+ \d+, y\1\)")
 #: The same call by the pointer for it.
@@ -70,7 +70,7 @@ def text(traces: Sequence[Trace], samples: Sequence[Sample], kernels: Mapping[st
         parts += [f"#define {name} {value}" for name, value in sizes.items() if name != "LANES"]
         parts += [_CALL.sub(_BY_POINTER, line) for line in source.sample(traced, dialect)]
         parts.append(source.library_text("loop.h"))
-        parts += [f"#undef {name}" for name in (*_OWN, *sizes) if name != "LANES"]
+        parts += [f"#undef {name}" for name in (*_OWN, "NC", *sizes) if name != "LANES"]
     return "\n".join(parts)
 
 
