@@ -313,8 +313,13 @@ def excite(
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.identification.excitation import surroundings
     from armgpi.identification.writing import experiment_files
+    from armgpi.robot.rotors import without_rotors
 
     arm = load_arm(robot, {**how, "drives": drives})
+    given = {**_section(robot), **opt.drives_given(None, drives)}
+    rotorless = given.get("drives") == "none"
+    if rotorless:
+        arm = without_rotors(arm)
     clear = surroundings(
         arm,
         _floor(floor, no_floor),
@@ -323,26 +328,22 @@ def excite(
         not no_collisions,
         how.pop("package_dir") or (),  # no key of the file that is written
     )
-    how |= opt.drives_given(None, drives)
+    section = {**given, **{key: value for key, value in how.items() if value}}
     motion = _motion(arm, first, resonance, side, (seconds, share, seed), clear)
     folder = files.make_folder(out)
     source = robot
     if is_experiment(robot):
-        source, how["lock"] = str(arm.provenance["source"]), arm.provenance["locked"]
-    note_published(arm)
-    experiment = experiment_files(arm, source, motion, how, first=first or side, with_rotors=not side)
+        source, section["lock"] = str(arm.provenance["source"]), arm.provenance["locked"]
+    if not rotorless:
+        note_published(arm)
+    experiment = experiment_files(arm, source, motion, section, first=first or side)
     written = files.write_set(folder, experiment)
-    rotors = (
-        "the assumed rotor inertia" if side or resonance else "up to four times the assumed rotor inertia"
-    )
-    torque = f"largest torque in percent of its limit, for {rotors}"
-    for what, shares in {
-        "largest speed in percent of its limit": motion.share,
-        torque: motion.effort,
-    }.items():
-        said = (f"{name} {100 * x:.2g}" for name, x in zip(arm.joint_names, shares, strict=True))
-        say(f"{what}: {', '.join(said)}")
-    say(motion.clearance.describe(), lines=True)
+    rotors = "up to four times the assumed rotor inertia"
+    if side or resonance:
+        rotors = "the assumed rotor inertia"
+    if rotorless:
+        rotors = "no rotor inertia but what the file contains"
+    _say_motion(arm, motion, rotors)
     if side:
         # The experiment has the arm with its locked joints and drives.
         arm_again = shlex.quote(str(out / "experiment.yaml"))
@@ -353,6 +354,34 @@ def excite(
             "controller.omega=5, then 3."
         )
     _say_written(written, out)
+
+
+def _section(robot: str) -> dict[str, Any]:
+    """Return what the section `robot` of an experiment file says of its arm; nothing of a robot's name."""
+    if not is_experiment(robot):
+        return {}
+    from armgpi import config
+
+    section: dict[str, Any] = config.read(Path(robot)).config.robot.plain(given=True)
+    return {key: value for key, value in section.items() if key not in ("name", "lock", "keep", "posterior")}
+
+
+def _say_motion(arm: Robot, motion: Excitation, rotors: str) -> None:
+    """Say how much of the limits a motion takes, and what it was compared with.
+
+    Args:
+        arm: that moves.
+        motion: of it.
+        rotors: for which rotor inertia it was planned.
+    """
+    shares = {
+        "largest speed in percent of its limit": motion.share,
+        f"largest torque in percent of its limit, for {rotors}": motion.effort,
+    }
+    for what, of_joints in shares.items():
+        said = (f"{name} {100 * x:.2g}" for name, x in zip(arm.joint_names, of_joints, strict=True))
+        say(f"{what}: {', '.join(said)}")
+    say(motion.clearance.describe(), lines=True)
 
 
 def _motion(

@@ -245,9 +245,57 @@ class Identified:
 
     @property
     def posterior(self) -> Posterior:
-        """What the logs leave open, as a normal distribution of the unknowns of the joints."""
-        own = slice(0, len(COLUMNS) * self.file.n)
-        return Posterior.of(self.theta[own], self._prior.std[own], self._fit.covariance[own, own])
+        """What the logs leave open, as a normal distribution of the unknowns of the joints within bounds.
+
+        Rotors are bounded by what is known of them beside the logs. Friction of motors that are not in the
+        torques comes on top of what was found, within what :attr:`drives` says.
+        """
+        n = self.file.n
+        own = slice(0, len(COLUMNS) * n)
+        std, mean = self._prior.std[own], self.theta[own].copy()
+        covariance = self._fit.covariance[own, own].copy()
+        lower, upper = (np.full((n, len(COLUMNS)), end) for end in (-np.inf, np.inf))
+        lower[:, ROTOR], upper[:, ROTOR] = self._rotor_bounds()
+        for column in (VISCOUS, COULOMB):
+            places = np.flatnonzero(self.hidden) * len(COLUMNS) + column
+            covariance[places, places] += 1.0
+            lower[self.hidden, column], upper[self.hidden, column] = self._hidden_friction(column)
+        rotors = self._exact_rotors
+        exact = np.isfinite(rotors)
+        places = np.flatnonzero(exact) * len(COLUMNS) + ROTOR
+        mean[places] = rotors[exact]
+        covariance[places, :] = covariance[:, places] = 0.0
+        lower[exact, ROTOR], upper[exact, ROTOR] = -np.inf, np.inf
+        return Posterior.of(mean, std, covariance, (lower.ravel(), upper.ravel()))
+
+    @property
+    def _exact_rotors(self) -> Array:
+        """Return rotors that torques do not show and that were specified exactly, (n,); NaN for others."""
+        known = self.file.drives.data.get("rotor_inertia", {})
+        exact = np.full(self.file.n, np.nan)
+        for joint, name in enumerate(self.file.joint_names):
+            datum = known.get(name)
+            if self.hidden[joint] and datum is not None and not datum.low < datum.high:
+                exact[joint] = datum.value
+        return exact
+
+    def _rotor_bounds(self) -> tuple[Array, Array]:
+        """Return what is known of the rotors beside the logs [kg m^2 or kg], (n,) each; else infinite."""
+        lower, upper = np.full((2, self.file.n), np.inf) * np.array([[-1.0], [1.0]])
+        expected = self._prior.mean[ROTOR : len(COLUMNS) * self.file.n : len(COLUMNS)]
+        for joint, name in enumerate(self.file.joint_names):
+            value = float(self.theta[joint * len(COLUMNS) + ROTOR])
+            lower[joint], upper[joint] = self._known_rotor(name, value, float(expected[joint]))
+        if self.side is not None:
+            chirped = self._chirped
+            lower[chirped], upper[chirped] = self.side.low[chirped], self.side.high[chirped]
+        return lower, upper
+
+    def _hidden_friction(self, column: int) -> tuple[Array, Array]:
+        """Return the ends of the friction where motors are not in the torques, (hidden,) each."""
+        rows = [row for row in self.table() if row.quantity == COLUMNS[column]]
+        hidden = [row for row, own in zip(rows, self.hidden, strict=True) if own]
+        return np.array([row.lower for row in hidden]), np.array([self._with_motor(row) for row in hidden])
 
     @property
     def drives(self) -> Drives:
@@ -256,10 +304,17 @@ class Identified:
         Rotors and motor friction that are not in the torques of the logs, and rotors that are not plausible
         for a motor, are "assumed".
         """
+        drives = self._add_stiffness(self._fitted_drives)
+        if self.side is not None:
+            drives = self.side._replace(identified=self._chirped).add_to(drives)
+        return drives
+
+    @property
+    def _fitted_drives(self) -> Drives:
+        """Rotors, friction and offsets by the fit alone."""
         drives = self.file.drives
         implausible = {each.joint for each in self._rotor_findings()}
         hidden = dict(zip(self.file.joint_names, self.hidden, strict=True))
-        stds = self._prior.std[: len(COLUMNS) * self.file.n].reshape(self.file.n, -1)
         for row in self.table():
             if not (name := _DRIVES.get(row.quantity)):
                 continue
@@ -270,17 +325,24 @@ class Identified:
             decided &= not (row.quantity == "rotor" and row.joint in implausible)
             upper = row.upper
             if hidden[row.joint] and row.quantity != "rotor":
-                # What was found is the friction behind the sensor; the motor's comes on top.
-                place = self.file.joint_names.index(row.joint), COLUMNS.index(row.quantity)
-                upper = max(upper, row.value + float(stds[place]))
+                upper = self._with_motor(row)
             value, low, high = ({row.joint: x} for x in (row.value, row.lower, upper))
             drives = drives.with_value(name, value, low, high, "identified" if decided else "assumed")
-        drives = self._add_stiffness(drives)
-        if self.side is not None:
-            undecided = [each != "identified" for each in drives.sources("rotor_inertia")]
-            chirped = self.side.identified & np.array(undecided)
-            drives = self.side._replace(identified=chirped).add_to(drives)
         return drives
+
+    def _with_motor(self, row: Estimate) -> float:
+        """Return the upper end of friction behind a sensor, when the motor's comes on top."""
+        joint, column = self.file.joint_names.index(row.joint), COLUMNS.index(row.quantity)
+        std = float(self._prior.std[joint * len(COLUMNS) + column])
+        return max(row.upper, row.value + std)
+
+    @property
+    def _chirped(self) -> npt.NDArray[np.bool_]:
+        """Which rotors are those of a log of chirps, as the other logs did not decide them, (n,)."""
+        if self.side is None:
+            return np.zeros(self.file.n, dtype=bool)
+        undecided = [each != "identified" for each in self._fitted_drives.sources("rotor_inertia")]
+        return np.asarray(self.side.identified & np.array(undecided), dtype=np.bool_)
 
     def _add_stiffness(self, drives: Drives) -> Drives:
         """Return drives with the stiffness that the logs show, and the side that it was found for.
@@ -544,14 +606,21 @@ class Identified:
         of the fit is wide. A controller has to be stable at its lower end, and would be for an arm whose
         motor nobody builds. A rotor that came out beyond what was known keeps its end there: that is found.
         """
+        lower, upper = ends
+        least, most = self._known_rotor(joint, value, expected)
         if self.hidden[self.file.joint_names.index(joint)]:
-            return value / SCATTER, value * SCATTER
+            return least, most
+        return max(lower, least), min(upper, most)
+
+    def _known_rotor(self, joint: str, value: float, expected: float) -> tuple[float, float]:
+        """Return the interval of a rotor that was known before; endless where it came out beyond."""
         known = self.file.drives.data.get("rotor_inertia", {}).get(joint)
         least, most = expected / SCATTER, expected * SCATTER
         if known is not None and known.low < known.high:
             least, most = known.low, known.high
-        lower, upper = ends
-        return (max(lower, least) if value > least else lower), (min(upper, most) if value < most else upper)
+        if self.hidden[self.file.joint_names.index(joint)]:
+            return least, most
+        return (least if value > least else -math.inf), (most if value < most else math.inf)
 
     def _stiffness(self, joint: str, place: int) -> Estimate:
         """Return the stiffness of a joint, 1 / compliance; endless where the log does not bound it."""

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy import optimize
 
 from armgpi.base.arrays import Array, PerJointInput, check_number, check_type, quantity
@@ -94,7 +95,7 @@ class Side(NamedTuple):
     rotor: Array
     low: Array
     high: Array
-    identified: Array
+    identified: npt.NDArray[np.bool_]
     late: float
     counts: Array
 

@@ -17,7 +17,7 @@ from armgpi.identification.weak_form import BODY, COLUMNS, COULOMB, OFFSET, ROTO
 from armgpi.plants.reality import scales
 from armgpi.robot.repairs import SUPPOSE, made_in
 from armgpi.robot.robot import Robot
-from armgpi.robot.rotors import typical_inertia, with_published
+from armgpi.robot.rotors import told_none, typical_inertia, with_published
 
 #: Standard deviations that a maker's file has, chosen wide. Mass: a share of the link's, and of the arm's for
 #: the last one, which may carry something. Rotor: a share, so that four times either way is within. Friction
@@ -143,6 +143,16 @@ def expect(robot: Robot) -> Prior:
     return Prior(mean.ravel(), std.ravel(), tuple(places), tuple(positive))
 
 
+def planned_rotors(robot: Robot) -> Array:
+    """Return the rotor inertia that a motion is planned with [kg m^2 or kg], (n,).
+
+    It is what is expected of the arm, and none where the user specified that there is none.
+    """
+    rotors = expect(robot).mean.reshape(robot.n, len(COLUMNS))[:, ROTOR].copy()
+    rotors[np.isin(robot.joint_names, told_none(robot))] = 0.0
+    return rotors
+
+
 def is_supposed(robot: Robot) -> bool:
     """Tell whether the file of an arm has no masses."""
     return any(name.startswith(SUPPOSE) for name in made_in(robot.provenance))
@@ -235,7 +245,7 @@ def _score_covariance(scores: Array, phase: npt.NDArray[np.intp]) -> Array:
     return np.asarray(total)
 
 
-def project(free: Array, root: Array, prior: Prior) -> Array:
+def project(free: Array, root: Array, prior: Prior, bounds: tuple[Array, Array] | None = None) -> Array:
     """Return the physical unknowns ``free + root y`` with the shortest y, (p,).
 
     Physical: every pseudo-inertia positive definite, rotors positive, friction not negative. A log tells some
@@ -246,6 +256,8 @@ def project(free: Array, root: Array, prior: Prior) -> Array:
         free: unknowns, physical or not, in units of the prior's standard deviations, (p,).
         root: a matrix whose product with its transpose is the inverse of the metric's information, (p, p).
         prior: which of them are bodies, and which cannot be negative.
+        bounds: lower and upper ones of the unknowns, in the same units, each (p,); infinite where there are
+            none. None for none at all.
 
     Raises:
         MissingPackage: when Clarabel is not installed.
@@ -253,6 +265,10 @@ def project(free: Array, root: Array, prior: Prior) -> Array:
     """
     clarabel = import_extra("clarabel", "certify")
     rows, right, cones = _constraints(clarabel, prior)
+    if bounds is not None:
+        more, ends = _bound_rows(*bounds)
+        rows, right = np.vstack([more, rows]), np.concatenate([ends, right])
+        cones = [clarabel.NonnegativeConeT(len(ends)), *cones]
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     size = root.shape[1]
@@ -300,6 +316,14 @@ def _constraints(clarabel: Any, prior: Prior) -> tuple[Array, Array, list[Any]]:
         right.append(constant)
         cones.append(clarabel.PSDTriangleConeT(4))
     return np.vstack(rows), np.concatenate(right), cones
+
+
+def _bound_rows(lower: Array, upper: Array) -> tuple[Array, Array]:
+    """Return A and b of ``A x <= b`` for the bounds that are finite."""
+    one_each = np.eye(len(lower))
+    below, above = np.isfinite(lower), np.isfinite(upper)
+    rows = np.vstack([-one_each[below], one_each[above]])
+    return rows, np.concatenate([-lower[below], upper[above]])
 
 
 def _pseudo_basis() -> Array:

@@ -12,8 +12,7 @@ import numpy as np
 
 from armgpi.base.arrays import Array, ArrayLike, as_sized_array, check_number, check_type, check_whole
 from armgpi.errors import ParameterError
-from armgpi.identification.estimate import expect
-from armgpi.identification.weak_form import COLUMNS, ROTOR
+from armgpi.identification.estimate import planned_rotors
 from armgpi.references.recorded import Recorded
 from armgpi.robot.clearance import Clearance, Hit, usual_floor
 from armgpi.robot.robot import Robot
@@ -249,7 +248,7 @@ def _torque(robot: Robot, q: Array, v: Array, a: Array, share: float) -> Array:
     That is the largest for every rotor within four times the expected one, and that for the expected one over
     the share that may be used.
     """
-    rotor = expect(robot).mean.reshape(robot.n, len(COLUMNS))[:, ROTOR]
+    rotor = planned_rotors(robot)
     body = robot.inverse_dynamics(q, v, a) - robot.armature * a
     factors = {1.0 / _ROTORS: 1.0, 1.0: share, _ROTORS: 1.0}
     torques = [np.abs(body + factor * rotor * a) / part for factor, part in factors.items()]

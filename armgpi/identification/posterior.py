@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,36 +15,62 @@ from armgpi.base.arrays import LARGEST, Array, check_whole
 from armgpi.errors import UrdfError
 from armgpi.identification import estimate
 from armgpi.identification.estimate import Prior
+from armgpi.identification.truncated import draw_truncated
 from armgpi.identification.weak_form import BODY, COLUMNS, COULOMB, ROTOR, VISCOUS
 from armgpi.robot.batch import RobotBatch
 from armgpi.robot.equations import Friction
-from armgpi.robot.identified import read_data
+from armgpi.robot.identified import is_number, read_data
 from armgpi.robot.robot import Robot
 
 
 class Posterior(NamedTuple):
-    """A normal distribution of the unknowns of the joints, as COLUMNS has them; p is 14 n.
+    """A normal distribution of the unknowns of the joints within bounds; p is 14 n, see COLUMNS.
+
+    A rotor that a log cannot tell from its link is known to be that of a motor that somebody builds. So the
+    distribution is truncated, all unknowns together: a rotor that is bounded from below bounds its link from
+    above.
 
     Attributes:
         mean: the estimate, in SI units, (p,).
         scale: standard deviations of the prior, (p,); positive.
         root: lower triangle whose product with its transpose is the covariance, in units of `scale`, (p, p).
+        lower: bounds from below of the unknowns, in SI units, (p,); minus infinity where there is none.
+        upper: bounds from above, (p,), likewise; above `lower`.
     """
 
     mean: Array
     scale: Array
     root: Array
+    lower: Array
+    upper: Array
 
     @classmethod
-    def of(cls, mean: Array, scale: Array, covariance: Array) -> Posterior:
-        """Return the posterior with a covariance in units of the prior's standard deviations, (p, p)."""
+    def of(
+        cls,
+        mean: Array,
+        scale: Array,
+        covariance: Array,
+        bounds: tuple[Array, Array] | None = None,
+    ) -> Posterior:
+        """Return the posterior of a covariance.
+
+        Args:
+            mean: the estimate, in SI units, (p,).
+            scale: standard deviations of the prior, (p,); positive.
+            covariance: in units of `scale`, (p, p).
+            bounds: lower and upper bounds of the unknowns, each (p,); None for none.
+        """
+        endless = np.full(len(mean), np.inf)
+        lower, upper = (-endless, endless) if bounds is None else bounds
         values, vectors = np.linalg.eigh(covariance)
-        # A factor by QR is there where rounding leaves no Cholesky factor.
-        upper: Array = np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0.0))).T, mode="r")  # type: ignore[assignment]
-        return cls(mean, scale, (upper * np.where(np.diag(upper) < 0.0, -1.0, 1.0)[:, None]).T)
+        factor = vectors * np.sqrt(np.maximum(values, 0.0))
+        return cls(mean, scale, _triangle(factor), lower, upper)
 
     def unknowns(self, normal: Array) -> Array:
         """Return the physical unknowns that are nearest to some points of the distribution, (count, p).
+
+        The points are those of the normal distribution truncated to the bounds. Each depends on its own
+        standard normal numbers alone. Where nothing is bounded it is ``mean + scale root z``.
 
         Args:
             normal: standard normal numbers, (count, p).
@@ -54,8 +81,30 @@ class Posterior(NamedTuple):
         places = range(0, len(self.mean), len(COLUMNS))
         positive = [place + k for place in places for k in (ROTOR, COULOMB, VISCOUS)]
         prior = Prior(self.mean, self.scale, tuple(places), tuple(positive))
-        draws = [estimate.project(self.root @ each, self.root, prior) for each in normal]
-        return self.mean + self.scale * np.array(draws)
+        bounds = (self.lower - self.mean) / self.scale, (self.upper - self.mean) / self.scale
+        draws = [estimate.project(point, self.root, prior, bounds) for point in self._points(normal)]
+        # The solver stops short of a bound by its accuracy.
+        return np.clip(self.mean + self.scale * np.array(draws), self.lower, self.upper)
+
+    def _points(self, normal: Array) -> Array:
+        """Return points of the distribution around its mean in units of `scale`, physical or not, (count, p).
+
+        The bounded unknowns come first in a triangle of their own. They are drawn within their bounds, and
+        the others follow them as the covariance says.
+        """
+        bounded = np.isfinite(self.lower) | np.isfinite(self.upper)
+        bounded &= (self.root != 0.0).any(axis=1)
+        if not bounded.any():
+            return normal @ self.root.T
+        order = np.argsort(~bounded, kind="stable")
+        count = int(bounded.sum())
+        root = _triangle(self.root[order])
+        low, high = (((bound - self.mean) / self.scale)[order[:count]] for bound in (self.lower, self.upper))
+        drawn = normal[:, order].copy()
+        drawn[:, :count] = draw_truncated(root[:count, :count], low, high, drawn[:, :count])
+        points = np.empty_like(drawn)
+        points[:, order] = drawn @ root.T
+        return points
 
     def sample(self, robot: Robot, count: int = 64, seed: int = 0) -> RobotBatch:
         """Return arms drawn, each physical.
@@ -70,9 +119,28 @@ class Posterior(NamedTuple):
         return RobotBatch([with_parameters(robot, theta) for theta in self.unknowns(normal)])
 
     def plain(self) -> dict[str, Any]:
-        """Return the distribution as plain data: float64, little-endian, Base64; of the root the triangle."""
-        parts = {"mean": self.mean, "scale": self.scale, "root": self.root[np.tril_indices(len(self.mean))]}
-        return {key: base64.b64encode(x.astype("<f8").tobytes()).decode() for key, x in parts.items()}
+        """Return the distribution as plain data: float64, little-endian, Base64; of the root the triangle.
+
+        Bounds are lists, with null where there is none.
+        """
+        triangle = self.root[np.tril_indices(len(self.mean))]
+        numbers = {"mean": self.mean, "scale": self.scale, "root": triangle}
+        plain: dict[str, Any] = {}
+        for key, values in numbers.items():
+            plain[key] = base64.b64encode(values.astype("<f8").tobytes()).decode()
+        for key, bound in (("lower", self.lower), ("upper", self.upper)):
+            plain[key] = [x if math.isfinite(x) else None for x in bound.tolist()]
+        return plain
+
+
+def _triangle(factor: Array) -> Array:
+    """Return the lower triangle L, its diagonal not negative, with L L' = F F' of a square factor F.
+
+    A factor by QR is there where rounding leaves no Cholesky factor.
+    """
+    upper: Array = np.linalg.qr(factor.T, mode="r")  # type: ignore[assignment]
+    signs = np.where(np.diag(upper) < 0.0, -1.0, 1.0)
+    return (upper * signs[:, None]).T
 
 
 def read_posterior(path: Path, robot: Robot) -> Posterior:
@@ -99,7 +167,22 @@ def read_posterior(path: Path, robot: Robot) -> Posterior:
         raise UrdfError(path, "posterior.scale: expected positive numbers; identify again")
     root = np.zeros((p, p))
     root[np.tril_indices(p)] = triangle
-    return Posterior(mean, scale, root)
+    lower = _bounds(path, said, "lower", p, -math.inf)
+    upper = _bounds(path, said, "upper", p, math.inf)
+    if not (lower < upper).all():
+        raise UrdfError(
+            path, "posterior.lower: expected bounds below those of posterior.upper; identify again"
+        )
+    return Posterior(mean, scale, root, lower, upper)
+
+
+def _bounds(path: Path, said: Mapping[str, Any], key: str, size: int, endless: float) -> Array:
+    """Return bounds of a file, `endless` where it has null."""
+    values = said.get(key)
+    valid = isinstance(values, list) and len(values) == size
+    if not valid or not all(x is None or is_number(x) for x in values or ()):
+        raise UrdfError(path, f"posterior.{key}: expected {size} finite numbers or null; identify again")
+    return np.array([endless if x is None else float(x) for x in values or ()])
 
 
 def _numbers(path: Path, said: Mapping[str, Any], key: str, size: int) -> Array:

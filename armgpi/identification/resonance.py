@@ -13,10 +13,9 @@ from scipy import optimize
 from armgpi.base.arrays import Array, check_number, check_type, check_whole
 from armgpi.control.linear_arm import gravity_stiffness
 from armgpi.errors import ParameterError, UnfitLog
-from armgpi.identification.estimate import expect
+from armgpi.identification.estimate import planned_rotors
 from armgpi.identification.excitation import Excitation, blocked, free_configuration, ranges, surroundings
 from armgpi.identification.logs import Grid, Log, resample
-from armgpi.identification.weak_form import COLUMNS, ROTOR
 from armgpi.references.recorded import Recorded
 from armgpi.robot.clearance import Clearance
 from armgpi.robot.drives import Drives
@@ -171,7 +170,7 @@ def _shake_about(robot: Robot, centre: Array, share: float, seed: int, clear: Cl
     if not (spare > 0.0).all():
         name = robot.joint_names[int(spare.argmin())]
         raise ParameterError("robot", robot.name, f"an arm that {name} holds where it is shaken")
-    rotor = expect(robot).mean.reshape(robot.n, len(COLUMNS))[:, ROTOR]
+    rotor = planned_rotors(robot)
     inertia = np.diag(robot.mass_matrix(centre)) - robot.armature + rotor
     times = np.arange(0.0, robot.n * TURN + 0.5 * _SAMPLE, _SAMPLE)
     q = np.tile(centre, (len(times), 1))

@@ -21,10 +21,8 @@ from armgpi.base.escape import json_data
 from armgpi.config import schema
 from armgpi.errors import UrdfError
 from armgpi.identification.arm import Identified, Load, Validation
-from armgpi.identification.estimate import expect
 from armgpi.identification.excitation import Excitation
 from armgpi.identification.text import say_causes, say_notes, say_residuals, tabulate
-from armgpi.identification.weak_form import COLUMNS, ROTOR
 from armgpi.robot import markup
 from armgpi.robot.assembly import Assembly, inertia_of, join
 from armgpi.robot.identified import FORMAT, NAME, original_of
@@ -270,9 +268,8 @@ def experiment_files(
     how: Mapping[str, Any],
     *,
     first: bool = False,
-    with_rotors: bool = True,
 ) -> dict[str, str]:
-    """Return a motion and the experiment that runs it with expected rotors.
+    """Return a motion and the experiment that runs it in the world that `armgpi run` has of the arm.
 
     Args:
         robot: the arm.
@@ -280,8 +277,6 @@ def experiment_files(
         motion: from :func:`armgpi.identification.excitation.excite`.
         how: how the robot was loaded: keys of the section `robot` -> texts.
         first: whether the arm is stopped where it is far from the motion: nobody knows yet how it answers.
-        with_rotors: whether the rotors that are expected are specified; else the experiment is realistic and
-            assumes them itself.
     """
     import yaml
 
@@ -290,15 +285,14 @@ def experiment_files(
     rows = [",".join(f"{x:.12g}" for x in (t, *q)) for t, q in zip(reference.times, reference.q, strict=True)]
     there = Path(name).is_file() or find_identified(name) is not None
     place = str(Path(name).resolve()) if there else name
-    rotors = expect(robot).mean.reshape(robot.n, len(COLUMNS))[:, ROTOR]
     section: dict[str, Any] = {"name": place}
     section |= {key: value for key, value in how.items() if value}
-    if with_rotors:
-        section["rotor_inertia"] = dict(zip(robot.joint_names, rotors.tolist(), strict=True))
+    if not how.get("drives") and (rotors := _specified_rotors(robot)):
+        section["rotor_inertia"] = rotors
     experiment = {
         "format": schema.FORMAT,
         "robot": section,
-        **({} if with_rotors else {"ideal": False}),
+        "ideal": False,
         "controllers": [{"type": "gpi_auto"}],
         "reference": {"file": "reference.csv"},
         "t_final": float(reference.t_end),
@@ -307,6 +301,16 @@ def experiment_files(
         experiment["supervisor"] = {"following": _FIRST_ERROR}
     text = yaml.safe_dump(experiment, sort_keys=False, allow_unicode=True)
     return {"reference.csv": "\n".join([head, *rows]) + "\n", "experiment.yaml": text}
+
+
+def _specified_rotors(robot: Robot) -> dict[str, float]:
+    """Return rotor inertia that was specified beside the robot's file, joint -> value [kg m^2 or kg]."""
+    known = robot.drives.data.get("rotor_inertia", {})
+    specified: dict[str, float] = {}
+    for joint, datum in known.items():
+        if datum.source == "specified" and not datum.file:
+            specified[joint] = datum.value
+    return specified
 
 
 def plain(found: Identified, emptied: Sequence[str], validation: Validation | None) -> dict[str, object]:

@@ -78,7 +78,7 @@ def read(path: Path) -> Identification:
     arm = arm if isinstance(arm, dict) else {}
     lock, repair = arm.get("lock"), arm.get("repair")
     urdf, before, drives = (_beside(path, arm, key) for key in ("urdf", "before", "drives"))
-    if not isinstance(lock, dict) or not all(_is_number(x) for x in lock.values()):
+    if not isinstance(lock, dict) or not all(is_number(x) for x in lock.values()):
         raise UrdfError(path, f"arm.lock: expected joint -> value, got {lock!r:.40}; {_REMEDY}")
     if not isinstance(repair, list) or not all(isinstance(x, str) for x in repair):
         raise UrdfError(path, f"arm.repair: expected names, got {repair!r:.40}; {_REMEDY}")
@@ -125,6 +125,6 @@ def _beside(path: Path, arm: Mapping[str, Any], key: str) -> Path:
     return file
 
 
-def _is_number(value: Any) -> bool:
+def is_number(value: Any) -> bool:
     """Tell whether something is a finite number."""
     return isinstance(value, float | int) and not isinstance(value, bool) and abs(value) < LARGEST

@@ -22,6 +22,7 @@ from commands import Answer
 
 import armgpi
 from armgpi import config
+from armgpi.config import building
 from armgpi.config.experiment import portable
 from armgpi.control.linear_arm import gravity_stiffness
 from armgpi.errors import ArmgpiError, ParameterError, UnfitLog
@@ -332,6 +333,42 @@ def test_a_sweep_draws_the_arms_that_were_left_open_and_each_runs_alone() -> Non
         assert vars(arm_there)["friction"].coulomb == pytest.approx(wanted.friction.coulomb)
         run = armgpi.simulate(alone.plant, alone.controllers["gpi"], alone.reference, 0.2)
         assert armgpi.metrics.peak_error(run).values == pytest.approx(peak, rel=1e-6, abs=1e-9)
+
+
+def test_rotors_that_logs_leave_open_are_drawn_within_what_is_known_of_them() -> None:
+    """A rotor at zero, which no motor has, came out of one draw in ten."""
+    own = copy.copy(found())
+    own._fit = own._fit._replace(covariance=np.eye(len(own.theta)))
+    posterior = own.posterior
+    joints = posterior.lower[ROTOR :: len(COLUMNS)], posterior.upper[ROTOR :: len(COLUMNS)]
+    drawn = np.array([each.armature for each in posterior.sample(file(), 40).robots])
+    assert (drawn >= joints[0]).all()
+    assert (drawn <= joints[1]).all()
+    assert np.ptp(drawn, axis=0).min() > 0.1 * file().armature.max()
+    expected = own._prior.mean[ROTOR : len(COLUMNS) * file().n : len(COLUMNS)]
+    for value, low, high, middle in zip(own.robot.armature, *joints, expected, strict=True):
+        assert low == (pytest.approx(middle / rotors.SCATTER) if value > middle / rotors.SCATTER else -np.inf)
+        assert high == (pytest.approx(middle * rotors.SCATTER) if value < middle * rotors.SCATTER else np.inf)
+
+
+@pytest.mark.parametrize("rotor", [None, 0.0, 0.2])
+def test_rotors_and_friction_of_hidden_motors_are_drawn_within_their_drives(rotor: float | None) -> None:
+    """Assumed rotors have an interval, specified ones a value, which may be none."""
+    given = Drives(file().joint_names)
+    given = given if rotor is None else given.with_value("rotor_inertia", rotor)
+    own = armgpi.identify(log(), file().with_drives(given), torque="joint")
+    drives = own.drives
+    arms = own.sample(40).robots
+    for name, drawn in (
+        ("rotor_inertia", [each.armature for each in arms]),
+        ("coulomb", [each.friction.coulomb for each in arms]),
+        ("viscous", [each.friction.viscous for each in arms]),
+    ):
+        for joint, values in zip(file().joint_names, np.transpose(drawn), strict=True):
+            known = drives.data[name][joint]
+            assert values.min() >= known.low - 1e-6
+            assert values.max() <= known.high + 1e-6
+            assert np.ptp(values) >= 0.3 * (known.high - known.low)
 
 
 @pytest.mark.parametrize(
@@ -1230,7 +1267,9 @@ def record_experiment(folder: Path) -> tuple[Path, Log]:
     """Return an experiment, and the log of an arm that has another rotor and friction than its file says."""
     near, motion = file().with_armature([0.2, 0.15, 0.08]), excite(file(), 6.0, 0.6, seed=3)
     files = experiment_files(near, "anthropomorphic3", motion, {})
-    text = files["experiment.yaml"].replace("gpi_auto", "gpi\n  omega: 10.0") + "sample_time: 0.004\nplant: "
+    # Exact positions: counts of an encoder would be in the torques of both, each in its own way.
+    text = files["experiment.yaml"].replace("ideal: false", "ideal: true")
+    text = text.replace("gpi_auto", "gpi\n  omega: 10.0") + "sample_time: 0.004\nplant: "
     plant = {"rotor_inertia": [0.3, 0.2, 0.1], "coulomb": 0.5, "viscous": 0.4}
     known = {"engine": "armgpi", "delay": 1}
     for name, own in (("real", {**known, **plant}), ("file", known)):
@@ -1439,3 +1478,42 @@ def test_torques_that_lag_either_way_are_summed_under_the_whole_test_function(sh
     for found, start in zip(value, form.starts, strict=True):
         u = ((np.arange(60) - start + 0.5) * dt + lag[0]) / (count * dt)  # of all samples; it is 0 outside
         np.testing.assert_allclose(found, bump(u) @ tau * dt, rtol=1e-9)
+
+
+def test_the_experiment_of_a_motion_has_the_world_of_a_run(
+    cli: Callable[..., Answer], tmp_path: Path
+) -> None:
+    """One truth on the arm: assumed drives, encoders and delay of `armgpi run ARM`, whatever the motion."""
+    cli("excite", "ur5", "--seconds", 4, "--share", 0.2, "-o", tmp_path / "first")
+    worlds = []
+    for name in ("ur5", tmp_path / "first" / "experiment.yaml"):
+        run = cli("inspect", name)
+        worlds += [line for line in run.err.splitlines() if line.startswith("world:")]
+    assert worlds[0] == worlds[1]
+    assert "realistic" in worlds[0]
+    assert "rotors assumed" in worlds[0]
+
+
+def test_a_motion_without_drives_uses_no_published_ones(cli: Callable[..., Answer], tmp_path: Path) -> None:
+    with_drives = cli("excite", "so101", "--seconds", 4, "--no-floor", "-o", tmp_path / "with")
+    without = cli(
+        "excite", "so101", "--drives", "none", "--seconds", 4, "--no-floor", "-o", tmp_path / "without"
+    )
+    assert "Published for this arm" in with_drives.err
+    assert "Published" not in without.err
+    assert "no rotor inertia but what the file contains" in without.out
+    experiment = (tmp_path / "without" / "experiment.yaml").read_text(encoding="utf-8")
+    assert "drives: none" in experiment
+    assert "rotor_inertia" not in experiment
+    _, arm_there = building.resolve(*config.read(tmp_path / "without" / "experiment.yaml"))
+    assert not arm_there.armature.any()
+
+
+def test_a_motion_of_an_experiment_file_has_its_arm(cli: Callable[..., Answer], tmp_path: Path) -> None:
+    path = tmp_path / "arm.yaml"
+    arm_there = "{name: anthropomorphic3, rotor_inertia: [0.2, 0.1, 0.05], friction: {coulomb: 0.3}}"
+    path.write_text(f"format: 1\nrobot: {arm_there}\n", encoding="utf-8")
+    cli("excite", path, "--seconds", 4, "--share", 0.2, "-o", tmp_path / "motion")
+    loaded = config.build(*config.read(tmp_path / "motion" / "experiment.yaml"))
+    assert loaded.robot.armature == pytest.approx([0.2, 0.1, 0.05])
+    assert loaded.robot.friction.coulomb == pytest.approx([0.3] * 3)

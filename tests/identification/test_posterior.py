@@ -7,7 +7,9 @@ import json
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
+from scipy import stats
 
 from armgpi import Robot
 from armgpi.errors import UrdfError
@@ -15,11 +17,12 @@ from armgpi.identification.posterior import Posterior, parts, read_posterior, wi
 from armgpi.identification.weak_form import BODY, COLUMNS, COULOMB, ROTOR, VISCOUS
 from armgpi.robot.identified import FORMAT
 
+Numbers = npt.NDArray[np.float64]
 ARM = Robot.load("anthropomorphic3")
 SIZE = len(COLUMNS) * ARM.n
 
 
-def truth() -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+def truth() -> Numbers:
     """Return unknowns of an arm well inside of what is physical: balls of 2 kg at 0.1 m."""
     table = np.zeros((ARM.n, len(COLUMNS)))
     mass, place, ball = 2.0, np.array([0.1, 0.0, 0.0]), 0.05
@@ -32,14 +35,62 @@ def truth() -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
 
 
 def pseudo_inertia(
-    body: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
-) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    body: Numbers,
+) -> Numbers:
     """Return the matrix whose positive semidefiniteness is physical consistency (Wensing et al. 2018)."""
     mass, first = body[0], body[1:4]
     xx, xy, yy, xz, yz, zz = body[4:10]
     moments = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     second = 0.5 * np.trace(moments) * np.eye(3) - moments
     return np.block([[second, first[:, None]], [first[None], np.array([[mass]])]])
+
+
+def rotor_bounds(low: float, high: float) -> tuple[Numbers, Numbers]:
+    """Return lower and upper bounds of the unknowns that bound the rotors alone."""
+    lower, upper = np.full(SIZE, -np.inf), np.full(SIZE, np.inf)
+    lower[ROTOR :: len(COLUMNS)], upper[ROTOR :: len(COLUMNS)] = low, high
+    return lower, upper
+
+
+def coupled() -> Numbers:
+    """Return a covariance in which a heavier rotor goes with a lighter link, as logs leave it open."""
+    factor = 1e-3 * np.eye(SIZE)
+    for joint in range(ARM.n):
+        place = joint * len(COLUMNS)
+        factor[place + ROTOR, place + ROTOR] = 0.3
+        factor[place + 9, place + ROTOR] = -0.01
+        factor[place + ROTOR, ROTOR] += 0.1
+    return np.asarray(factor @ factor.T)
+
+
+def test_rotors_and_links_are_drawn_within_bounds_as_by_rejection() -> None:
+    """The slow twin draws without bounds until the rotors of all joints are within them."""
+    lower, upper = rotor_bounds(0.4, 0.9)
+    rng = np.random.default_rng(11)
+    posterior = Posterior.of(truth(), np.ones(SIZE), coupled(), (lower, upper))
+    drawn = posterior.unknowns(rng.normal(size=(500, SIZE)))
+    assert (drawn >= lower).all()
+    assert (drawn <= upper).all()
+    free = rng.multivariate_normal(truth(), coupled(), size=60_000)
+    kept = free[((free >= lower) & (free <= upper)).all(axis=1)]
+    assert 3000 < len(kept) < 30_000
+    rotor = np.arange(ARM.n) * len(COLUMNS) + ROTOR
+    shown = np.concatenate([rotor, rotor - ROTOR + 9])
+    for place in shown:
+        assert stats.ks_2samp(drawn[:, place], kept[:, place]).pvalue > 1e-3
+    one, other = np.corrcoef(drawn[:, shown].T), np.corrcoef(kept[:, shown].T)
+    assert one == pytest.approx(other, abs=0.15)
+    # The link follows its rotor: that of a rotor clipped alone would stay.
+    assert kept[:, rotor[0] - ROTOR + 9].mean() < truth()[9] - 1e-3
+
+
+def test_a_draw_depends_on_its_own_numbers_alone() -> None:
+    posterior = Posterior.of(truth(), np.ones(SIZE), coupled(), rotor_bounds(0.4, 0.9))
+    normal = np.random.default_rng(12).normal(size=(4, SIZE))
+    together = posterior.unknowns(normal)
+    for row, drawn in zip(normal, together, strict=True):
+        assert posterior.unknowns(row[None])[0] == pytest.approx(drawn, rel=1e-9, abs=1e-12)
+    assert np.ptp(together[:, ROTOR]) > 0.01
 
 
 @pytest.mark.parametrize("rank", [SIZE, SIZE // 2, 1])
@@ -93,7 +144,8 @@ def test_arms_drawn_have_the_unknowns_that_were_drawn() -> None:
 
 def test_a_posterior_that_was_written_is_read_to_the_bit(tmp_path: Path) -> None:
     factor = np.random.default_rng(6).normal(size=(SIZE, SIZE))
-    posterior = Posterior.of(truth(), np.linspace(0.1, 1.0, SIZE), factor @ factor.T)
+    lower, upper = rotor_bounds(0.1, 0.7)
+    posterior = Posterior.of(truth(), np.linspace(0.1, 1.0, SIZE), factor @ factor.T, (lower, upper))
     path = tmp_path / "identification.json"
     data = {**posterior.plain(), "joints": list(ARM.joint_names)}
     path.write_text(json.dumps({"format": FORMAT, "posterior": data}), encoding="utf-8")
@@ -109,12 +161,17 @@ def test_a_posterior_that_was_written_is_read_to_the_bit(tmp_path: Path) -> None
         ("root", base64.b64encode(bytes(8)).decode(), "posterior.root"),
         ("scale", base64.b64encode(np.full(SIZE, np.nan).tobytes()).decode(), "posterior.scale"),
         ("scale", base64.b64encode(np.zeros(SIZE).tobytes()).decode(), "posterior.scale: expected positive"),
+        ("lower", [0.0], f"posterior.lower: expected {SIZE} finite numbers or null"),
+        ("upper", None, "posterior.upper: expected"),
+        ("upper", [True] * SIZE, "posterior.upper: expected"),
+        ("upper", [-1e3] * SIZE, "posterior.lower: expected bounds below"),
     ],
 )
 def test_a_damaged_posterior_is_refused_by_its_key(
     key: str, value: object, said: str, tmp_path: Path
 ) -> None:
-    posterior = Posterior.of(truth(), np.ones(SIZE), np.eye(SIZE))
+    bounds = np.full(SIZE, -1e2), np.full(SIZE, 1e2)
+    posterior = Posterior.of(truth(), np.ones(SIZE), np.eye(SIZE), bounds)
     data = {**posterior.plain(), "joints": list(ARM.joint_names), key: value}
     path = tmp_path / "identification.json"
     path.write_text(json.dumps({"format": FORMAT, "posterior": data}), encoding="utf-8")
