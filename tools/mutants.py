@@ -205,10 +205,11 @@ _NEAREST = 6
 _NEAR = 2
 
 
-def nearest(mutant: Mutant, tests: dict[Path, str]) -> list[str]:
+def nearest(mutant: Mutant, tests: dict[Path, str]) -> tuple[list[str], list[str]]:
     """Return the tests that are nearest to a mutant, of all tests' texts.
 
-    First the functions of tests that name the function or class of the mutant, then whole files.
+    Returns:
+        the functions of tests that name the function or class of the mutant; and whole files.
     """
     stem = mutant.path.stem
     package = mutant.path.parts[1] if len(mutant.path.parts) > 2 else BASE
@@ -238,7 +239,24 @@ def nearest(mutant: Mutant, tests: dict[Path, str]) -> list[str]:
                 text = ast.get_source_segment(tests[path], node) or ""
                 if any(word.search(text) for word in words):
                     named.append(f"{path}::{node.name}")
-    return [*named, *map(str, files)]
+    return named, [str(path) for path in files]
+
+
+class Failure(NamedTuple):
+    """The first test of a process that failed; empty where none did, or the time was over."""
+
+    test: str
+
+
+def fails(tests: list[str], seconds: float, environment: dict[str, str]) -> Failure:
+    """Run tests in a process, in so much processor time at most."""
+    if not tests:
+        return Failure("")
+    limited = ["bash", "-c", f'ulimit -t {int(seconds)}; exec "$@"', "bash"]
+    command = [*limited, sys.executable, "-m", "pytest", *PYTEST, "-x", "-q", "--no-header", *tests]
+    run = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    failed = [line for line in run.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    return Failure(failed[0].split()[1] if failed else "")
 
 
 def judge_by_nearest(chosen: list[Mutant], seconds: float, first: dict[Mutant, list[str]]) -> None:
@@ -254,18 +272,13 @@ def judge_by_nearest(chosen: list[Mutant], seconds: float, first: dict[Mutant, l
     print("| mutant | kind | change | by | |\n|---|---|---|---|---|", flush=True)
     survivors = 0
     for mutant in chosen:
-        near = [*first.get(mutant, []), *nearest(mutant, tests)]
-        limited = ["bash", "-c", f'ulimit -t {int(seconds)}; exec "$@"', "bash"]
-        command = [*limited, sys.executable, "-m", "pytest", *PYTEST, "-x", "-q", "--no-header", *near]
+        named, files = nearest(mutant, tests)
         with planted_in_file(mutant):
-            run = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-        failed = [line for line in run.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
-        survivors += not failed
-        if failed:
-            said = f"{failed[0].split()[1]} | found"
-        else:
-            ends = "SURVIVES" if run.returncode == 0 else f"SURVIVES, ended with {run.returncode}"
-            said = f"{' '.join(each for each in near if '::' not in each)} | {ends}"
+            # One after the other: to collect whole files may take longer than to run a single test.
+            runs = (fails(stage, seconds, environment) for stage in (first.get(mutant, []), named, files))
+            found = next((each for each in runs if each.test), Failure(""))
+        survivors += not found.test
+        said = f"{found.test} | found" if found.test else f"{' '.join(files)} | SURVIVES"
         print(f"| {mutant} | {said} |", flush=True)
     print(f"{survivors} of {len(chosen)} survive")
 

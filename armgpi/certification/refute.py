@@ -61,8 +61,8 @@ def refute(
         ArmgpiWarning: when its seal is missing or broken.
     """
     if certificate.data.get("seal") != seal(certificate.data):
-        has = "another seal than" if certificate.data.get("seal") else "no seal, which is"
-        text = f"the certificate has {has} that of its content: its numbers may not be those that were made"
+        seal_is = "a seal that is not that of its content" if certificate.data.get("seal") else "no seal"
+        text = f"the certificate has {seal_is}: its numbers may not be those that were made"
         warnings.warn(text, ArmgpiWarning, stacklevel=2)
     asked, rng = again(certificate, robot), np.random.default_rng(seed)
     low, width = ranges(asked.setting)

@@ -59,19 +59,25 @@ class Polynomial(NamedTuple):
 
     def at(self, q: Array) -> Array:
         """Return values at configurations (k, n), shape (k, *shape)."""
-        x, values = q - self.center, np.broadcast_to(self.coefficients, (len(q), *self.coefficients.shape))
+        distance = q - self.center
+        values = np.broadcast_to(self.coefficients, (len(q), *self.coefficients.shape))
         for joint, slides in enumerate(self.prismatic):
-            each = _functions(x[:, joint], slides)[: values.shape[1]]
-            values = np.einsum("fk,kf...->k...", each, values)
+            terms = values.shape[1]
+            weights = _functions(distance[:, joint], slides)[:terms]
+            values = np.einsum("fk,kf...->k...", weights, values)
         return np.asarray(values)
 
     def derivative(self, joint: int) -> Polynomial:
         """Return the partial derivative by a joint."""
         matrix = np.zeros((5, 5))
         if self.prismatic[joint]:
-            matrix[0, 1], matrix[1, 2] = 1.0, 2.0
+            matrix[0, 1] = 1.0  # of x
+            matrix[1, 2] = 2.0  # of x^2
         else:
-            matrix[1, 2], matrix[2, 1], matrix[3, 4], matrix[4, 3] = 1.0, -1.0, 2.0, -2.0
+            matrix[1, 2] = 1.0  # of sin x
+            matrix[2, 1] = -1.0  # of cos x
+            matrix[3, 4] = 2.0  # of sin 2x
+            matrix[4, 3] = -2.0  # of cos 2x
         size = self.coefficients.shape[joint]
         return self._replace(coefficients=_along(self.coefficients, joint, matrix[:size, :size]))
 
@@ -104,23 +110,29 @@ class Cell(NamedTuple):
 
     def middle(self) -> list[Array]:
         """Return the values of each polynomial at the center, but for what is beyond, shape `shape`."""
-        values = self._values(lambda x, _, slides: _functions(x, slides)[None, :3])
-        return [each[(0,) * len(self.half)] for each in values]
+
+        def at_center(x: float, _: float, slides: bool) -> Array:
+            return _functions(x, slides)[None, :3]
+
+        first = (0,) * len(self.half)
+        return [values[first] for values in self._values(at_center)]
 
     def halves(self, joint: int) -> list[Cell]:
         """Return the two halves of a cell along a joint."""
         step = np.zeros_like(self.half)
         step[joint] = self.half[joint] / 2
-        return [self._replace(center=self.center + x, half=self.half - step) for x in (step, -step)]
+        half = self.half - step
+        above = self._replace(center=self.center + step, half=half)
+        below = self._replace(center=self.center - step, half=half)
+        return [above, below]
 
     def _values(self, functions: Callable[[float, float, bool], Array]) -> list[Array]:
         """Return sums of the piece's coefficients, weighted by functions of each joint."""
         table = self.piece.table
-        for joint, (x, half, slides) in enumerate(
-            zip(self.center, self.half, self.piece.prismatic, strict=True)
-        ):
+        for joint, slides in enumerate(self.piece.prismatic):
             if table.shape[joint] > 1:
-                table = _along(table, joint, functions(x, half, slides))
+                weights = functions(self.center[joint], self.half[joint], slides)
+                table = _along(table, joint, weights)
         return self.piece.split(table)
 
 
@@ -140,9 +152,12 @@ class Piece(NamedTuple):
 
     def split(self, table: Array) -> list[Array]:
         """Return the columns of each polynomial, in its shape."""
-        ends = np.cumsum([each.size for each in self.beyond])[:-1]
-        parts = zip(np.split(table, ends, axis=-1), self.beyond, strict=True)
-        return [part.reshape(*table.shape[:-1], *each.shape) for part, each in parts]
+        ends = np.cumsum([bound.size for bound in self.beyond])[:-1]
+        columns = np.split(table, ends, axis=-1)
+        split = []
+        for part, bound in zip(columns, self.beyond, strict=True):
+            split.append(part.reshape(*table.shape[:-1], *bound.shape))
+        return split
 
 
 def pieces(polynomials: Sequence[Polynomial], half: Array, margin: Array) -> Iterator[Cell]:
@@ -155,13 +170,17 @@ def pieces(polynomials: Sequence[Polynomial], half: Array, margin: Array) -> Ite
     """
     first = polynomials[0]
     terms = first.coefficients.shape[: len(half)]
-    table = np.concatenate([each.coefficients.reshape(*terms, -1) for each in polynomials], axis=-1)
+    columns = [each.coefficients.reshape(*terms, -1) for each in polynomials]
+    table = np.concatenate(columns, axis=-1)
     ends = np.cumsum([math.prod(each.shape) for each in polynomials])[:-1]
     cut = _Cut(first, half, margin, table)
-    for plain, beyond in cut.visit(0, cut.table, cut.sups, np.zeros(table.shape[-1])):
-        split = zip(np.split(beyond, ends), polynomials, strict=True)
-        left = [part.reshape(each.shape) for part, each in split]
-        yield Cell(Piece(first.prismatic, plain, left), np.zeros(len(half)), cut.widths)
+    nothing_beyond = np.zeros(table.shape[-1])
+    for plain, beyond in cut.visit(0, cut.table, cut.sups, nothing_beyond):
+        left_out = []
+        for part, polynomial in zip(np.split(beyond, ends), polynomials, strict=True):
+            left_out.append(part.reshape(polynomial.shape))
+        piece = Piece(first.prismatic, plain, left_out)
+        yield Cell(piece, np.zeros(len(half)), cut.widths)
 
 
 class _Cut:
@@ -176,15 +195,23 @@ class _Cut:
 
     def __init__(self, first: Polynomial, half: Array, margin: Array, table: Array) -> None:
         """Take coefficients of all polynomials; of the first one little is left out."""
-        self.prismatic, self.half, self.margin = first.prismatic, half, margin
-        terms = table.shape[:-1]
-        bases, most = zip(*map(_local, 0.0 * half, half + margin, first.prismatic), strict=True)
-        for j, size in enumerate(terms):
-            table = _along(table, j, bases[j][:size, :size])
-        self.table, self.sups = table, [sup[:size] for sup, size in zip(most, terms, strict=True)]
-        self._back = [np.linalg.inv(each) for each in bases]
+        self.prismatic = first.prismatic
+        self.half = half
+        self.margin = margin
+        self.sups: list[Array] = []
+        self._back = []
+        for joint, size in enumerate(table.shape[:-1]):
+            widest = half[joint] + margin[joint]
+            basis, largest = _local(0.0, widest, first.prismatic[joint])
+            table = _along(table, joint, basis[:size, :size])
+            self.sups.append(largest[:size])
+            self._back.append(np.linalg.inv(basis))
+        self.table = table
         scale = _scale(first)
-        self.counts = [0 if size < 5 else self._count_parts(j, scale) for j, size in enumerate(terms)]
+        self.counts: list[int] = []
+        for joint, size in enumerate(table.shape[:-1]):
+            is_cut = size == 5  # sin 2x and cos 2x enter
+            self.counts.append(self._count_parts(joint, scale) if is_cut else 0)
         self.widths = half / np.maximum(self.counts, 1)
 
     def _count_parts(self, j: int, scale: Array) -> int:
@@ -204,37 +231,52 @@ class _Cut:
         """Yield a table in each part of a joint's range, the maxima there, and bounds on what is left out."""
         for k in range(count):
             center = (2 * k + 1) * self.half[j] / count - self.half[j]
-            local, sup = _local(center, self.half[j] / count + self.margin[j], False)
-            low, high = np.split(_along(table, j, local @ self._back[j]), [3], axis=j)
-            beyond = np.abs(high)
-            for each in (*sups[:j], sup[3:], *sups[j + 1 :]):
-                beyond = np.tensordot(each, beyond, axes=1)
-            yield low, [*sups[:j], sup[:3], *sups[j + 1 :]], beyond
+            widest = self.half[j] / count + self.margin[j]
+            local, largest = _local(center, widest, False)
+            in_part = _along(table, j, local @ self._back[j])
+            kept, left_out = np.split(in_part, [3], axis=j)
+            before, after = sups[:j], sups[j + 1 :]
+            beyond = np.abs(left_out)
+            for sup in (*before, largest[3:], *after):
+                beyond = np.tensordot(sup, beyond, axes=1)
+            yield kept, [*before, largest[:3], *after], beyond
 
     def visit(self, j: int, table: Array, sups: list[Array], beyond: Array) -> Iterator[tuple[Array, Array]]:
         """Yield the tables of all pieces, cut along the joints from j on, and what is left out of each."""
         if j == len(self.counts):
-            # Coefficients of 1, cos x and sin x for those of 1, sin x and cos x less its middle.
-            for joint, slides in enumerate(self.prismatic):
-                if table.shape[joint] > 1 and not slides:
-                    middle = _middle(float(self.widths[joint] + self.margin[joint]))
-                    matrix = np.array([[1.0, 0.0, -middle], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
-                    table = _along(table, joint, matrix)
-            yield table, beyond
+            yield self._as_plain(table), beyond
         elif not self.counts[j]:
             yield from self.visit(j + 1, table, sups, beyond)
         else:
-            for low, most, more in self._parts(j, self.counts[j], table, sups):
-                yield from self.visit(j + 1, low, most, beyond + more)
+            for part, sups_there, left_out in self._parts(j, self.counts[j], table, sups):
+                yield from self.visit(j + 1, part, sups_there, beyond + left_out)
+
+    def _as_plain(self, table: Array) -> Array:
+        """Return coefficients of 1, cos x and sin x for those of 1, sin x and cos x less its middle."""
+        for joint, slides in enumerate(self.prismatic):
+            if slides or table.shape[joint] == 1:
+                continue
+            middle = _middle(float(self.widths[joint] + self.margin[joint]))
+            matrix = np.array(
+                [
+                    [1.0, 0.0, -middle],  # 1
+                    [0.0, 0.0, 1.0],  # cos x
+                    [0.0, 1.0, 0.0],  # sin x
+                ]
+            )
+            table = _along(table, joint, matrix)
+        return table
 
 
 def _scale(polynomial: Polynomial) -> Array:
     """Return how large the entries are: of a matrix by its diagonal, which is positive, of others at most."""
     joints = len(polynomial.center)
     if len(polynomial.shape) == 2:
-        size = np.sqrt(np.abs(np.diagonal(polynomial.coefficients[(0,) * joints])))
+        mean = polynomial.coefficients[(0,) * joints]
+        size = np.sqrt(np.abs(np.diagonal(mean)))
         return np.asarray(np.outer(size, size)).ravel()
-    most = np.abs(polynomial.coefficients).sum(axis=tuple(range(joints)))
+    every_joint = tuple(range(joints))
+    most = np.abs(polynomial.coefficients).sum(axis=every_joint)
     return np.full(most.size, most.max())
 
 
@@ -249,15 +291,18 @@ def _functions(x: Array | float, slides: bool) -> Array:
 
 def _corners(x: float, half: float, slides: bool) -> Array:
     """Return 1 and a corner of a joint's triangle in each row: an end, where tangents meet, the other end."""
-    ends = [_functions(x - half, slides)[:3], _functions(x + half, slides)[:3]]
+    low_end = _functions(x - half, slides)[:3]
+    high_end = _functions(x + half, slides)[:3]
     if slides:
         apex = np.array([1.0, x, x * x - half * half])
     elif half > _TANGENTS:  # they meet too far away, or behind: a triangle around the whole circle
-        turned = _functions(x + math.pi / 1.5 * np.array([-1.0, 0.0, 1.0]), slides)[:3].T
-        return np.asarray(turned * [1.0, 2.0, 2.0])
+        third = math.pi / 1.5
+        angles = x + third * np.array([-1.0, 0.0, 1.0])
+        on_circle = _functions(angles, slides)[:3].T
+        return np.asarray(on_circle * [1.0, 2.0, 2.0])
     else:
         apex = np.array([1.0, math.cos(x) / math.cos(half), math.sin(x) / math.cos(half)])
-    return np.array([ends[0], apex, ends[1]])
+    return np.array([low_end, apex, high_end])
 
 
 def _middle(half: float) -> float:
@@ -273,19 +318,36 @@ def _local(center: float, half: float, slides: bool) -> tuple[Array, Array]:
     if slides:
         return np.eye(3), half ** np.arange(3.0)
     half = min(half, math.pi)
-    m, away, near = _middle(half), 0.5 * (1.0 - math.cos(half)), 0.25 * (1.0 + 3.0 * math.cos(half))
+    m = _middle(half)
+    away = 0.5 * (1.0 - math.cos(half))  # of cos t from m, at most
+    near = 0.25 * (1.0 + 3.0 * math.cos(half))  # b below
     # sin 2t - 2 b sin t is largest at an end or where its derivative 4 c^2 - 2 b c - 2 is zero, c = cos t.
-    turns = [0.25 * (near + sign * math.sqrt(near * near + 8.0)) for sign in (1.0, -1.0)]
-    inside = [half, *(math.acos(c) for c in turns if -1.0 <= c <= 1.0 and math.acos(c) <= half)]
-    r = max(abs(math.sin(2 * t) - 2.0 * near * math.sin(t)) for t in inside)
-    sup = np.array([1.0, math.sin(min(half, math.pi / 2)), away, r, away * away])
-    # cos 2t = 2 (m + x)^2 - 1 with x = cos t - m, and 2 x^2 is away^2 but for away^2.
-    even = np.array([2 * m * m - 1 + away * away, 0.0, 4 * m, 0.0, 1.0])
-    odd = np.array([0.0, 2.0 * near, 0.0, 1.0, 0.0])
-    C, S, C2, S2 = (f(k * center) for k in (1, 2) for f in (math.cos, math.sin))
-    cosine, sine = np.array([m, 0.0, 1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0, 0.0, 0.0])
-    columns = [C * cosine - S * sine, S * cosine + C * sine, C2 * even - S2 * odd, S2 * even + C2 * odd]
-    return np.stack([np.eye(5)[0], *columns], axis=1), sup
+    discriminant = math.sqrt(near * near + 8.0)
+    candidates = [half]
+    for sign in (1.0, -1.0):
+        c = 0.25 * (near + sign * discriminant)
+        if -1.0 <= c <= 1.0 and math.acos(c) <= half:
+            candidates.append(math.acos(c))
+    r = max(abs(math.sin(2 * t) - 2.0 * near * math.sin(t)) for t in candidates)
+    largest_sine = math.sin(min(half, math.pi / 2))
+    sup = np.array([1.0, largest_sine, away, r, away * away])
+    # In terms of 1, sin t, cos t - m, r and s: cos 2t = 2 (m + x)^2 - 1 with x = cos t - m, and 2 x^2 is
+    # away^2 but for away^2.
+    cosine = np.array([m, 0.0, 1.0, 0.0, 0.0])
+    sine = np.array([0.0, 1.0, 0.0, 0.0, 0.0])
+    double_cosine = np.array([2 * m * m - 1 + away * away, 0.0, 4 * m, 0.0, 1.0])
+    double_sine = np.array([0.0, 2.0 * near, 0.0, 1.0, 0.0])
+    # The joint's functions are those of center + t.
+    C, S = math.cos(center), math.sin(center)
+    C2, S2 = math.cos(2 * center), math.sin(2 * center)
+    columns = [
+        np.eye(5)[0],
+        C * cosine - S * sine,
+        S * cosine + C * sine,
+        C2 * double_cosine - S2 * double_sine,
+        S2 * double_cosine + C2 * double_sine,
+    ]
+    return np.stack(columns, axis=1), sup
 
 
 def _along(table: Array, axis: int, matrix: Array) -> Array:
@@ -313,44 +375,78 @@ def polynomials_of(robots: Sequence[Robot], center: Array) -> list[tuple[Polynom
         ParameterError: when there are too many joints, or a robot's D or G is no such polynomial (a joint
             that follows another turns by a multiple of it).
     """
-    robot, n = robots[0], robots[0].n
-    grids = [
-        np.array([-1.0, 0.0, 1.0]) if slides else 2 * np.pi * np.arange(5) / 5 for slides in robot.prismatic
-    ]
-    if math.prod(map(len, grids)) > _MOST:
-        raise ParameterError("robot", robot.name, f"at most 8 joints for a proof, not {n}; lock some")
-    grids = [grid if enters else grid[:1] for grid, enters in zip(grids, _entering(robots), strict=True)]
-    q = center + np.stack(np.meshgrid(*grids, indexing="ij"), axis=-1).reshape(-1, n)
+    robot = robots[0]
+    grids = _grids(robots)
+    q = center + np.stack(np.meshgrid(*grids, indexing="ij"), axis=-1).reshape(-1, robot.n)
     found = []
     for each in robots:
-        table = np.concatenate([each.mass_matrix(q), each.gravity(q)[..., None]], axis=-1)
-        table = table.reshape(*map(len, grids), n, n + 1)
+        gravity = each.gravity(q)[..., None]
+        table = np.concatenate([each.mass_matrix(q), gravity], axis=-1)
+        table = table.reshape(*map(len, grids), robot.n, robot.n + 1)
         for joint, (grid, slides) in enumerate(zip(grids, robot.prismatic, strict=True)):
             functions = _functions(grid, slides)[: len(grid)]
-            table = _along(table, joint, np.asarray(np.linalg.inv(functions.T), float))
+            interpolating = np.asarray(np.linalg.inv(functions.T), float)
+            table = _along(table, joint, interpolating)
         whole = Polynomial(center, robot.prismatic, table)
         _check(each, whole)
-        found.append((whole.map_values(lambda c: c[..., :-1]), whole.map_values(lambda c: c[..., -1])))
+        D = whole.map_values(lambda c: c[..., :-1])
+        G = whole.map_values(lambda c: c[..., -1])
+        found.append((D, G))
     return found
+
+
+def _grids(robots: Sequence[Robot]) -> list[Array]:
+    """Return the distances of each joint from its center at which D and G are sampled [rad or m].
+
+    Raises:
+        ParameterError: when they are too many samples.
+    """
+    robot = robots[0]
+    grids = []
+    for slides in robot.prismatic:
+        circle = 2 * np.pi * np.arange(5) / 5
+        grids.append(np.array([-1.0, 0.0, 1.0]) if slides else circle)
+    if math.prod(map(len, grids)) > _MOST:
+        raise ParameterError("robot", robot.name, f"at most 8 joints for a proof, not {robot.n}; lock some")
+    for joint, enters in enumerate(_entering(robots)):
+        if not enters:
+            grids[joint] = grids[joint][:1]
+    return grids
 
 
 def _entering(robots: Sequence[Robot]) -> list[bool]:
     """Return by which joints D and G of some robots change."""
-    rng, n = np.random.default_rng(1), robots[0].n
+    n = robots[0].n
+    rng = np.random.default_rng(1)
     q = rng.uniform(-3.0, 3.0, (16, n))
     found = []
     for j in range(n):
-        other = np.where(np.arange(n) == j, rng.uniform(-3.0, 3.0, q.shape), q)
-        pairs = [(f(q), f(other)) for each in robots for f in (each.mass_matrix, each.gravity)]
-        found.append(any(np.abs(x - y).max() > _EQUAL * np.abs(x).max() for x, y in pairs))
+        elsewhere = rng.uniform(-3.0, 3.0, q.shape)
+        moved = np.where(np.arange(n) == j, elsewhere, q)
+        found.append(any(_differs(robot, q, moved) for robot in robots))
     return found
+
+
+def _differs(robot: Robot, q: Array, moved: Array) -> bool:
+    """Tell whether D or G of a robot differ between configurations (k, n) by more than rounding."""
+    for function in (robot.mass_matrix, robot.gravity):
+        before = function(q)
+        change = np.abs(before - function(moved)).max()
+        if change > _EQUAL * np.abs(before).max():
+            return True
+    return False
 
 
 def _check(robot: Robot, whole: Polynomial) -> None:
     """Hold a polynomial against what it was made from, off the grid."""
     q = np.random.default_rng(0).uniform(-3.0, 3.0, (32, robot.n))
-    values, D, G = whole.at(q), robot.mass_matrix(q), robot.gravity(q)
-    for made, given in ((values[..., :-1], D), (values[..., -1], G)):
-        if np.abs(made - given).max() > _EQUAL * max(np.abs(given).max(), 1e-30):
+    values = whole.at(q)
+    pairs = (
+        (values[..., :-1], robot.mass_matrix(q)),
+        (values[..., -1], robot.gravity(q)),
+    )
+    for polynomial, function in pairs:
+        scale = max(np.abs(function).max(), 1e-30)
+        if np.abs(polynomial - function).max() > _EQUAL * scale:
             expected = "a robot in which no joint follows another, for a proof; lock those that do"
             raise ParameterError("robot", robot.name, expected)

@@ -77,7 +77,9 @@ def test_sizes_below_their_shares_and_limits_of_another_arm_are_refused(
             refute(armgpi.Certificate(data), robot, count=1)
 
 
-@pytest.mark.parametrize(("found", "said"), [(None, "no seal"), ("0" * 64, "another seal")])
+@pytest.mark.parametrize(
+    ("found", "said"), [(None, "no seal"), ("0" * 64, "a seal that is not that of its content")]
+)
 def test_a_file_whose_seal_is_missing_or_broken_is_said_to_be(
     robot: armgpi.Robot, made: armgpi.Certificate, found: str | None, said: str
 ) -> None:

@@ -1517,3 +1517,17 @@ def test_a_motion_of_an_experiment_file_has_its_arm(cli: Callable[..., Answer], 
     loaded = config.build(*config.read(tmp_path / "motion" / "experiment.yaml"))
     assert loaded.robot.armature == pytest.approx([0.2, 0.1, 0.05])
     assert loaded.robot.friction.coulomb == pytest.approx([0.3] * 3)
+
+
+def test_the_noise_of_a_residual_is_what_adds_to_it() -> None:
+    """Squares add: noise of two real parts, what is not linear, and part of what does not fit at all."""
+    rng = np.random.default_rng(2)
+    noise, left = rng.uniform(0.1, 0.2, 4), rng.normal(size=4) + 1j * rng.normal(size=4)
+    tau = rng.normal(size=(3, 4)) + 1j * rng.normal(size=(3, 4))
+    rest = SimpleNamespace(noise=noise, left=left)
+    fit: Any = SimpleNamespace(_rest=lambda x, index: rest, turns=[SimpleNamespace(tau=tau)])
+    for line, found in enumerate(resonance._Fit._noise(fit, np.zeros(1), 0)):
+        torque = abs(sum(tau[period, line] for period in range(3)) / 3)
+        squares = 0.5 * noise[line] ** 2 + 0.05**2 * torque**2
+        robust = resonance._ROBUST * abs(left[line]) * torque
+        assert found == pytest.approx((squares + robust) ** 0.5)
