@@ -25,9 +25,14 @@ from armgpi.robot.robot import Robot
 
 #: Bandwidth of a current loop of which nothing is known [Hz]; 300 to 1000 are usual.
 CURRENT_LOOP = 500.0
-#: Frequencies of a response: from this [rad/s], so many, and where a plant's pole is less damped than this
-#: ratio, so many times its width around it.
-_LOWEST, _POINTS, _SHARP, _AROUND = 0.7, 50, 0.3, np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])
+#: Lowest frequency of a response [rad/s], and how many there are at least.
+_LOWEST, _POINTS = 0.7, 50
+#: Damping ratio below which a pole of the plant has frequencies of its own around it [-]...
+_SHARP = 0.3
+#: ... at so many times its width.
+_AROUND = np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])
+#: The last frequency over that of half the samples, where the response of a sampled loop ends.
+_HIGHEST = 0.999 * np.pi
 #: Energy of a joint in a mode, over that of the joint with most, from which on it takes part in it: at half,
 #: xArm 7 is unstable in one of 20 corners that were not looked at.
 _SWINGING = 0.25
@@ -75,8 +80,9 @@ def plant(robot: Robot, q: Array, gears: Gears, dt: float) -> Sampled:
 @lru_cache(maxsize=32)
 def _links(robot: Robot, q: tuple[float, ...]) -> tuple[Array, Array]:
     """Return the inertia matrix without rotors, and dG/dq: many drives are looked at in one place."""
-    at = np.array(q)
-    return robot.mass_matrix(at) - np.diag(robot.armature), gravity_stiffness(robot, at)
+    place = np.array(q)
+    links = robot.mass_matrix(place) - np.diag(robot.armature)
+    return links, gravity_stiffness(robot, place)
 
 
 def damping_at_one(links: Array, gears: Gears) -> Array:
@@ -90,24 +96,35 @@ def damping_at_one(links: Array, gears: Gears) -> Array:
 
 
 def law(controller: Any, q: Array) -> Law:
-    """Return a GPI controller with fixed gains, linear about rest at q."""
+    """Return a GPI controller with fixed gains, linear about rest at q.
+
+    Its torque is linear in the error of the measured positions, to which a feedforward that is taken at these
+    adds dG/dq: there `bias_robot` and `robot` of the controller count, not the arm that it moves.
+    """
     steep = None
     if controller.feedforward == "computed":
         steep = gravity_stiffness(controller.bias_robot, q)
-    own = joint_laws(controller._law, controller._nominal, controller.robot.n)
-    return around(own, controller.robot.mass_matrix(q), steep)
+    of_joints = joint_laws(controller._law, controller._nominal, controller.robot.n)
+    return around(of_joints, controller.robot.mass_matrix(q), steep)
 
 
 def joint_laws(realisation: Any, coefficients: Any, n: int) -> Law:
-    """Return the realisation of n joints, from errors to accelerations v."""
-    first = realisation.init(np.zeros(n), coefficients)
-    size = len(first) * n
+    """Return the realisation of n joints, from errors to accelerations v.
+
+    A step of the realisation is linear and acts on each joint alone, so that its matrices are what it makes
+    of unit states and unit errors.
+    """
+    at_rest = realisation.init(np.zeros(n), coefficients)
+    states = len(at_rest)
+    size = states * n
     unit = np.eye(size + n)
-    e = unit[:, size:]
-    state = type(first)(*(unit[:, i * n : (i + 1) * n] for i in range(len(first))))
-    v = realisation.output(e, state, coefficients)
-    ahead = np.concatenate(realisation.update(e, v, None, state, coefficients), axis=1)
-    return Law(ahead[:size].T, ahead[size:].T, v[:size].T, v[size:].T)
+    error = unit[:, size:]
+    columns = [unit[:, i * n : (i + 1) * n] for i in range(states)]
+    state = type(at_rest)(*columns)
+    v = realisation.output(error, state, coefficients)
+    following = realisation.update(error, v, None, state, coefficients)
+    ahead = np.concatenate(following, axis=1)
+    return Law(A=ahead[:size].T, B=ahead[size:].T, C=v[:size].T, D=v[size:].T)
 
 
 def around(own: Law, inertia: Array, steep: Array | None = None) -> Law:
@@ -118,7 +135,9 @@ def around(own: Law, inertia: Array, steep: Array | None = None) -> Law:
         inertia: of the nominal model [kg m^2], (n, n).
         steep: dG/dq of the nominal model where the feedforward is taken at the measured position, (n, n).
     """
-    direct = inertia @ own.D if steep is None else inertia @ own.D + steep
+    direct = inertia @ own.D
+    if steep is not None:
+        direct = direct + steep
     return Law(own.A, own.B, inertia @ own.C, direct)
 
 
@@ -140,9 +159,13 @@ class ArmLoop:
             dt: sample time [s].
             delay: samples by which measurements are late.
         """
-        self.dt, self._delay, self.plant = dt, delay, plant(robot, q, gears, dt)
+        self.dt = dt
+        self.plant = plant(robot, q, gears, dt)
+        self._delay = delay
         links, _ = _links(robot, tuple(q.tolist()))
-        self._inertia, self._rotor, self._n = links + np.diag(gears.rotor), gears.rotor, robot.n
+        self._inertia = links + np.diag(gears.rotor)
+        self._rotor = gears.rotor
+        self._n = robot.n
         self._response: tuple[Any, Any] | None = None
 
     def growth(self, of_law: Law, later: int = 0) -> float:
@@ -167,8 +190,10 @@ class ArmLoop:
         fastest = int(np.argmax(np.abs(values)))
         if np.abs(values[fastest]) < 1.0:
             return np.zeros(self._n, dtype=bool)
-        link, motor = np.abs(vectors[: 2 * self._n, fastest]).reshape(2, self._n)
-        energy = (np.diag(self._inertia) - self._rotor) * link**2 + self._rotor * motor**2
+        positions = np.abs(vectors[: 2 * self._n, fastest])
+        of_link, of_motor = positions.reshape(2, self._n)
+        links = np.diag(self._inertia) - self._rotor
+        energy = links * of_link**2 + self._rotor * of_motor**2
         swing = energy >= _SWINGING * energy.max()
         return np.asarray(swing if swing.any() else ~swing)  # of numbers that are none, all
 
@@ -183,8 +208,10 @@ class ArmLoop:
         z, P = self._respond()
         K = law_response(of_law, z)
         root = np.linalg.cholesky(self._inertia)
-        L = root.T @ P @ K @ np.linalg.inv(root.T)
-        return float(1.0 / np.linalg.svd(np.eye(self._n) - L, compute_uv=False)[:, -1].min())
+        weighted = root.T @ P @ K @ np.linalg.inv(root.T)
+        singular = np.linalg.svd(np.eye(self._n) - weighted, compute_uv=False)
+        smallest = singular[:, -1].min()
+        return float(1.0 / smallest)
 
     def delay_margin(self, of_law: Law) -> float:
         """Return by how much later measurements may be until the stable loop swings [s]; infinite for ever.
@@ -193,39 +220,57 @@ class ArmLoop:
         """
         z, P = self._respond()
         order = np.argsort(np.angle(z))
-        turn, values = np.angle(z)[order], np.linalg.eigvals(P @ law_response(of_law, z))[order]
-        values = np.take_along_axis(values, np.argsort(np.abs(values), axis=1), axis=1)
+        turn = np.angle(z)[order]
+        values = np.linalg.eigvals(P @ law_response(of_law, z))[order]
+        by_size = np.argsort(np.abs(values), axis=1)
+        values = np.take_along_axis(values, by_size, axis=1)
         size = np.log(np.abs(values))
-        cross = size[:-1] * size[1:] < 0.0
-        share = np.where(cross, size[:-1] / np.where(cross, size[:-1] - size[1:], 1.0), 0.0)
-        w = turn[:-1, None] + share * np.diff(turn)[:, None]
-        where = np.where(share < 0.5, values[:-1], values[1:])
-        margins = np.where(cross, np.angle(where) % (2.0 * np.pi) / w, np.inf)
+        # Between two frequencies an eigenvalue passes the size of 1: where, is linear in its logarithm.
+        crosses = size[:-1] * size[1:] < 0.0
+        difference = np.where(crosses, size[:-1] - size[1:], 1.0)
+        share = np.where(crosses, size[:-1] / difference, 0.0)
+        crossing = turn[:-1, None] + share * np.diff(turn)[:, None]
+        nearer = np.where(share < 0.5, values[:-1], values[1:])
+        angle = np.angle(nearer) % (2.0 * np.pi)
+        margins = np.where(crosses, angle / crossing, np.inf)
         return float(margins.min()) * self.dt
 
     def _respond(self) -> tuple[Any, Any]:
-        """Return frequencies, as points on the unit circle, and the plant's response there."""
+        """Return frequencies, as points on the unit circle, and the plant's response there.
+
+        Those around the plant's poles of little damping are as many as it takes to find a narrow peak.
+        """
         if self._response is not None:
             return self._response
         A, B, C = self.plant
         poles = np.linalg.eigvals(A)
         turn = np.abs(np.angle(poles))
-        width = np.abs(np.log(np.abs(poles) + 1e-300)) / np.maximum(turn, 1e-9)
-        sharp = (turn > 1e-2) & (turn < np.pi) & (width < _SHARP)
-        near = (turn[sharp, None] * (1.0 + width[sharp, None] * _AROUND)).ravel()
-        w = np.concatenate([np.geomspace(_LOWEST * self.dt, 0.999 * np.pi, _POINTS), near])
-        z = np.exp(1j * np.clip(w, _LOWEST * self.dt, 0.999 * np.pi))
-        P = C @ np.linalg.solve(z[:, None, None] * np.eye(len(A)) - A, _each(B, z))
-        self._response = z, P * (z**-self._delay)[:, None, None]
+        decay = np.abs(np.log(np.abs(poles) + 1e-300))
+        width = decay / np.maximum(turn, 1e-9)
+        is_oscillation = (turn > 1e-2) & (turn < np.pi)
+        is_sharp = is_oscillation & (width < _SHARP)
+        steps = 1.0 + width[is_sharp, None] * _AROUND
+        near = (turn[is_sharp, None] * steps).ravel()
+        lowest = _LOWEST * self.dt
+        everywhere = np.geomspace(lowest, _HIGHEST, _POINTS)
+        frequencies = np.clip(np.concatenate([everywhere, near]), lowest, _HIGHEST)
+        z = np.exp(1j * frequencies)
+        resolvent = z[:, None, None] * np.eye(len(A)) - A
+        P = C @ np.linalg.solve(resolvent, _each(B, z))
+        transport = (z**-self._delay)[:, None, None]
+        self._response = z, P * transport
         return self._response
 
 
 def law_response(of_law: Law, z: Array) -> Array:
     """Return the response of a law at points on the unit circle, from errors to torques, (len(z), n, n)."""
     A, B, C, D = of_law
-    return np.asarray(C @ np.linalg.solve(z[:, None, None] * np.eye(len(A)) - A, _each(B, z)) + D)
+    resolvent = z[:, None, None] * np.eye(len(A)) - A
+    states = np.linalg.solve(resolvent, _each(B, z))
+    return np.asarray(C @ states + D)
 
 
 def _each(B: Array, z: Array) -> Array:
     """Return a matrix for each frequency."""
-    return np.broadcast_to(B.astype(complex), (len(z), *B.shape))
+    shape = (len(z), *B.shape)
+    return np.broadcast_to(B.astype(complex), shape)
