@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -118,7 +118,8 @@ class Collocated(NamedTuple):
     def poles(self) -> Poles:
         """The poles of each joint's loop, as parameters of the GPI family."""
         joints = zip(self.w, self.f, strict=True)
-        return Poles(*np.array([poles_of(w, f, self.proportional, self.integral) for w, f in joints]).T)
+        rows = [poles_of(w, f, self.proportional, self.integral) for w, f in joints]
+        return Poles(*np.array(rows).T)
 
 
 class Poles(NamedTuple):
@@ -158,14 +159,16 @@ def poles_of(
     """
     stiffness = w * w / proportional
     rate = w**3 / integral
-    roots = np.roots([1.0 / f, 1.0, w + stiffness / f, stiffness + rate / f, rate])
-    order = np.argsort(np.abs(roots.imag))
-    slow, fast = np.sort(-roots[order[:2]].real)
-    pair = roots[order[2]]
+    polynomial = [1.0 / f, 1.0, w + stiffness / f, stiffness + rate / f, rate]
+    roots = np.roots(polynomial)
+    most_real_first = np.argsort(np.abs(roots.imag))
+    slow, fast = np.sort(-roots[most_real_first[:2]].real)
+    pair = roots[most_real_first[2]]
     omega = float(np.abs(pair))
-    product = float(slow * fast)
-    second = math.sqrt(product)
-    return omega, float(-pair.real) / omega, second / omega, float(slow + fast) / (2.0 * second)
+    damping = float(-pair.real) / omega
+    second_omega = math.sqrt(float(slow * fast))
+    second_damping = float(slow + fast) / (2.0 * second_omega)
+    return omega, damping, second_omega / omega, second_damping
 
 
 def delay_of(dt: float, late: int, current: float = CURRENT_LOOP) -> float:
@@ -205,42 +208,65 @@ def choose(
         return None
     current = float(np.min(robot.drives.value("current_bandwidth", CURRENT_LOOP)))
     delay = delay_of(dt, late, current)
-    places = np.stack([robot.middle(), *random_configurations(robot, _CONFIGURATIONS - 1, seed=0)])
-    links = carried.mass_matrix(places) - np.diag(carried.armature)
-    own = _Feedback.of(delay)
-    feedback = own.link_factor * links + own.rotor_factor * np.diag(rotor)
-    own_ratio = np.max(np.diagonal(feedback, axis1=1, axis2=2) / rotor, axis=0)
-    w = np.minimum(FASTEST, DELAY_SHARE / (delay * own_ratio))
-    coupled = np.abs(np.linalg.eigvals(feedback / rotor[:, None] * w)).max()
-    w = w * min(1.0, DELAY_SHARE / (delay * coupled))
-    # Of a heavier rotor the torque would move less, and the delay allow more.
-    light = own_ratio > _LIGHT * own.rotor_factor
-    limits = np.where(w < FASTEST, np.where(light, "rotors", "delay"), "crossover").astype("U9")
-    w = np.maximum(w, SLOWEST)
+    suited = _Feedback.of(delay)
+    places = _places(robot, _CONFIGURATIONS, seed=0)
+    inertia = suited.inertia(carried, rotor, places)
+    w, limits = _allowed_by_delay(inertia, rotor, delay, suited.rotor_factor)
     f = np.full(robot.n, min(HIGHEST_FILTER, 2.0 / dt))
     if counts is not None:
-        quiet_w, f = _quieten(np.abs(feedback).max(axis=0), counts, effort, w, f, dt)
+        quiet_w, f = _quieten(np.abs(inertia).max(axis=0), counts, effort, w, f, dt)
         if float(quiet_w.min()) < SLOWEST:
             return None
         limits = np.where(quiet_w < w, "noise", limits)
         w = quiet_w
     fast_enough = w
-    nominal: Any = feedback_model(carried, own.link_factor, own.rotor_factor)
-    cases = _loops(robot, dt, late, current, DAMPING if delay < COMPARED else damping)
-    shape = (own.link_factor, own.rotor_factor, own.proportional, own.integral)
+    nominal: Any = feedback_model(carried, suited.link_factor, suited.rotor_factor)
+    shape = (suited.link_factor, suited.rotor_factor, suited.proportional, suited.integral)
 
     def swinging(cases: tuple[geared.Case, ...], w: Array) -> Array:
         poles = Collocated(w, f, (), *shape).poles
-        return geared.Loops(cases, nominal, robot, poles.member, dt, poles.zeta_c).swinging(poles.omega_c)
+        loops = geared.Loops(cases, nominal, robot, poles.member, dt, poles.zeta_c)
+        return loops.swinging(poles.omega_c)
 
-    while (which := swinging(cases, w)).any():
-        w = np.where(which, w / SLOWER, w)
+    cases = _loops(robot, dt, late, current, DAMPING if delay < COMPARED else damping)
+    while (is_swinging := swinging(cases, w)).any():
+        w = np.where(is_swinging, w / SLOWER, w)
         if float(w.min()) < SLOWEST / SLOWER:
             return None
     if delay < GUARDED:
-        w = _guarded(w, partial(swinging, _corner(robot, places, dt, late, current)))
+        corner = _corner(robot, places, dt, late, current)
+        w = _guarded(w, partial(swinging, corner))
     limits = np.where(w < fast_enough, "gears", limits)
-    return Collocated(w, f, tuple(limits.tolist()), *shape, _rest_zone(own.rest_zone, counts))
+    rest_zone = _rest_zone(suited.rest_zone, counts)
+    return Collocated(w, f, tuple(limits.tolist()), *shape, rest_zone)
+
+
+def _places(robot: Robot, count: int, seed: int) -> Array:
+    """Return the middle and other configurations, `count` in all, (count, n)."""
+    others = random_configurations(robot, count - 1, seed=seed)
+    return np.stack([robot.middle(), *others])
+
+
+def _allowed_by_delay(inertia: Array, rotor: Array, delay: float, rotor_factor: float) -> tuple[Array, Array]:
+    """Return the velocity gains that the delay leaves [rad/s], (n,), and joint by joint what limits them.
+
+    Args:
+        inertia: of the feedback at some configurations [kg m^2], (configurations, n, n).
+        rotor: inertia of the rotors [kg m^2], (n,): all that a torque moves at high frequencies.
+        delay: of hold, transport and current loop [s].
+        rotor_factor: share of the rotors' inertia in the feedback [-].
+    """
+    alone = np.diagonal(inertia, axis1=1, axis2=2) / rotor
+    ratio = np.max(alone, axis=0)
+    w = np.minimum(FASTEST, DELAY_SHARE / (delay * ratio))
+    # All joints together have a larger ratio than the largest of one alone.
+    coupled = np.linalg.eigvals(inertia / rotor[:, None] * w)
+    w = w * min(1.0, DELAY_SHARE / (delay * np.abs(coupled).max()))
+    # Of a heavier rotor the torque would move less, and the delay allow more.
+    is_light = ratio > _LIGHT * rotor_factor
+    by_delay = np.where(is_light, "rotors", "delay")
+    limits = np.where(w < FASTEST, by_delay, "crossover").astype("U9")
+    return np.maximum(w, SLOWEST), limits
 
 
 def _guarded(w: Array, swinging: Callable[[Array], Array]) -> Array:
@@ -250,9 +276,10 @@ def _guarded(w: Array, swinging: Callable[[Array], Array]) -> Array:
         w: velocity gains [rad/s], (n,).
         swinging: which joints swing in an unstable loop with some velocity gains, (n,) of bool.
     """
-    slower, least = w, np.maximum(w / CORNER_SLOWER**CORNER_STEPS, SLOWEST / SLOWER)
-    while (which := swinging(slower)).any():
-        slower = np.where(which, slower / CORNER_SLOWER, slower)
+    least = np.maximum(w / CORNER_SLOWER**CORNER_STEPS, SLOWEST / SLOWER)
+    slower = w
+    while (is_swinging := swinging(slower)).any():
+        slower = np.where(is_swinging, slower / CORNER_SLOWER, slower)
         if (slower < 0.999 * least).any():
             return w
     return slower
@@ -264,15 +291,28 @@ def _corner(robot: Robot, places: Array, dt: float, late: int, current: float) -
     if not assumed.any():
         return ()
     rotor = np.where(assumed, CORNER_ROTORS, 1.0) * robot.armature
-    gears = Gears(rotor, _stiffness(robot)[-1], CORNER_DAMPING, current, "motor")
-    return tuple(geared.Case(q, ArmLoop(robot, q, gears, dt, late), False) for q in places)
+    stiffest = _stiffness(robot)[-1]
+    gears = Gears(rotor, stiffest, CORNER_DAMPING, current, "motor")
+    return _stable_cases(robot, places, [gears], dt, late)
+
+
+def _stable_cases(
+    robot: Robot, places: Array, drives: Sequence[Gears], dt: float, late: int
+) -> tuple[geared.Case, ...]:
+    """Return loops that have to be stable, and no more than that: each place with each of some drives."""
+    listed = []
+    for q, gears in itertools.product(places, drives):
+        loop = ArmLoop(robot, q, gears, dt, late)
+        listed.append(geared.Case(q, loop, judged=False))
+    return tuple(listed)
 
 
 def _rest_zone(least: float, counts: Array | None) -> float:
     """Return the error that is not integrated at rest [rad or m]: above what encoders cannot tell."""
     if counts is None:
         return least
-    return min(max(least, REST_COUNTS * float(np.max(counts))), LATE_REST_ZONE)
+    unresolved = REST_COUNTS * float(np.max(counts))
+    return min(max(least, unresolved), LATE_REST_ZONE)
 
 
 class _Feedback(NamedTuple):
@@ -300,6 +340,17 @@ class _Feedback(NamedTuple):
         late = (LATE_LINK_FACTOR, LATE_ROTOR_FACTOR, LATE_PROPORTIONAL, LATE_INTEGRAL)
         return cls(*late, LATE_REST_ZONE)
 
+    def inertia(self, carried: Robot, rotor: Array, places: Array) -> Array:
+        """Return the inertia of the feedback at some places [kg m^2], (places, n, n).
+
+        Args:
+            carried: the arm with the load of the nominal model.
+            rotor: inertia of the rotors [kg m^2], (n,).
+            places: configurations, (places, n).
+        """
+        links = carried.mass_matrix(places) - np.diag(carried.armature)
+        return np.asarray(self.link_factor * links + self.rotor_factor * np.diag(rotor))
+
 
 def has_feedback(link_factor: float, rotor_factor: float) -> bool:
     """Tell whether a controller has the inertia in its feedback that this rule gives it at some delay."""
@@ -323,7 +374,8 @@ def _quieten(
 
     def torque(w: Array, f: Array) -> Array:
         # The derivative's gain at the sample of a step: w f / (1 + dt f / 2).
-        return np.asarray(feedback @ (counts * w * f / (1.0 + 0.5 * dt * f)) / effort)
+        acceleration = counts * w * f / (1.0 + 0.5 * dt * f)
+        return np.asarray(feedback @ acceleration / effort)
 
     least = np.minimum(f, np.maximum(LOWEST_FILTER, LEAST_FILTER_RATIO * w))
     lowered = f
@@ -331,29 +383,28 @@ def _quieten(
         lowered = least + share * (f - least)
         if (torque(w, lowered) <= COUNT_SHARE).all():
             return w, lowered
-    noise = torque(w, lowered)
+    noise = torque(w, lowered) / COUNT_SHARE
     # Each joint's torque hears the counts of all others: those that are too loud are all slower.
-    loudest = np.max(np.where(feedback > 0.0, (noise / COUNT_SHARE)[:, None], 0.0), axis=0)
+    heard = np.where(feedback > 0.0, noise[:, None], 0.0)
+    loudest = np.max(heard, axis=0)
     return w / np.maximum(loudest, 1.0), lowered
 
 
 def _loops(robot: Robot, dt: float, late: int, current: float, damping: float) -> tuple[geared.Case, ...]:
     """Return the arm at some configurations, at the ends of what is known of the stiffness."""
-    tried = _TRIED if delay_of(dt, late, current) < COMPARED else _LATE_TRIED
-    places = (robot.middle(), *random_configurations(robot, tried - 1, seed=1))
-    cases = []
-    for q, each in itertools.product(places, _stiffness(robot)):
-        gears = Gears(robot.armature, each, damping, current, "motor")
-        cases.append(geared.Case(q, ArmLoop(robot, q, gears, dt, late), False))
-    return tuple(cases)
+    is_late = delay_of(dt, late, current) >= COMPARED
+    places = _places(robot, _LATE_TRIED if is_late else _TRIED, seed=1)
+    drives = [Gears(robot.armature, stiffness, damping, current, "motor") for stiffness in _stiffness(robot)]
+    return _stable_cases(robot, places, drives, dt, late)
 
 
 def _stiffness(robot: Robot) -> list[Array]:
     """Return the least, the usual and the largest stiffness that joints may have [N m/rad or N/m], (n,)."""
     stiffness = robot.drives.value("stiffness")
     low, high = robot.drives.interval("stiffness")
-    assumed = np.array(robot.drives.sources("stiffness")) == "assumed"
-    return [
-        np.where(assumed | (low == high), factor * stiffness, end)
-        for factor, end in zip(STIFFNESS_FACTORS, (low, stiffness, high), strict=True)
-    ]
+    is_assumed = np.array(robot.drives.sources("stiffness")) == "assumed"
+    is_open = is_assumed | (low == high)
+    ends = []
+    for factor, end in zip(STIFFNESS_FACTORS, (low, stiffness, high), strict=True):
+        ends.append(np.where(is_open, factor * stiffness, end))
+    return ends

@@ -165,17 +165,20 @@ def resonance(robot: Robot) -> float:
     soft = assume_gears(robot)
     rotor = _rotor(soft)
     stiffness = _fill_unknown(soft.drives.value("stiffness"), rotor)
-    return lowest_mode(soft.mass_matrix(soft.middle()) - np.diag(soft.armature), rotor, stiffness)
+    links = soft.mass_matrix(soft.middle()) - np.diag(soft.armature)
+    return lowest_mode(links, rotor, stiffness)
 
 
 def _configurations(robot: Robot) -> tuple[Array, ...]:
     """Return the configurations that are looked at."""
-    return (robot.middle(), *random_configurations(robot, CONFIGURATIONS - 1, seed=1))
+    others = random_configurations(robot, CONFIGURATIONS - 1, seed=1)
+    return (robot.middle(), *others)
 
 
 def _rotor(robot: Robot) -> Array:
     """Return the rotors of an arm, none so light that nothing twists [kg m^2 or kg], (n,)."""
-    links = np.diag(robot.mass_matrix(robot.middle())) - robot.armature
+    inertia = np.diag(robot.mass_matrix(robot.middle()))
+    links = inertia - robot.armature
     return np.maximum(robot.armature, _LEAST_ROTOR * links)
 
 
@@ -187,7 +190,11 @@ def _fill_unknown(stiffness: Array, rotor: Array) -> Array:
 def rigid_cases(robot: Robot, dt: float, late: int) -> tuple[Case, ...]:
     """Return an arm at the same configurations with rigid gears; arguments as :func:`cases`."""
     gears = Gears(robot.armature, current=CURRENT_LOOP)
-    return tuple(Case(q, ArmLoop(robot, q, gears, dt, late), True) for q in _configurations(robot))
+    listed = []
+    for q in _configurations(robot):
+        loop = ArmLoop(robot, q, gears, dt, late)
+        listed.append(Case(q, loop, judged=True))
+    return tuple(listed)
 
 
 def borne(law: Any, robot: Robot, late: int) -> tuple[float, float]:
@@ -204,19 +211,23 @@ def borne(law: Any, robot: Robot, late: int) -> tuple[float, float]:
     soft = assume_gears(robot)
     rotor = _rotor(soft)
     stiffness = _fill_unknown(soft.drives.value("stiffness"), rotor)
-    linear = [(q, law_at(law, q)) for q in _configurations(robot)]
+    laws = [(q, law_at(law, q)) for q in _configurations(robot)]
 
-    def gears(factor: float) -> Gears:
-        return Gears(rotor, factor * stiffness, DAMPINGS[0], CURRENT_LOOP)
-
-    def bears(factor: float) -> bool:
-        arms = ((ArmLoop(robot, q, gears(factor), law.dt, late), own) for q, own in linear)
-        return all(arm.sensitivity(own) <= RIGID_SENSITIVITY for arm, own in arms)
+    def is_tolerated(factor: float) -> bool:
+        gears = Gears(rotor, factor * stiffness, DAMPINGS[0], CURRENT_LOOP)
+        for q, at_place in laws:
+            arm = ArmLoop(robot, q, gears, law.dt, late)
+            if not arm.sensitivity(at_place) <= RIGID_SENSITIVITY:
+                return False
+        return True
 
     exponents = np.linspace(-1.0, 4.0, 21)
-    low = bisect.bisect_left(exponents.tolist(), True, key=lambda x: bears(10.0**x))
+    lowest = bisect.bisect_left(exponents.tolist(), True, key=lambda power: is_tolerated(10.0**power))
     usual = resonance(robot)
-    return (usual * 10.0 ** (0.5 * exponents[low]) if low < len(exponents) else math.inf), usual
+    if lowest == len(exponents):
+        return math.inf, usual
+    # A resonance grows with the root of the stiffness.
+    return usual * 10.0 ** (0.5 * exponents[lowest]), usual
 
 
 class _Closed(NamedTuple):
@@ -226,16 +237,20 @@ class _Closed(NamedTuple):
     inertia: Array
     steep: Array | None
 
+    def under(self, own: Law) -> Law:
+        """Return the law of torques there, of one of accelerations."""
+        return around(own, self.inertia, self.steep)
+
     def holds(self, own: Law, most: float) -> bool:
         """Tell whether it is stable, and where it is judged no more sensitive than `most`."""
-        law = around(own, self.inertia, self.steep)
+        law = self.under(own)
         if self.case.judged and most < math.inf:
             return self.case.arm.sensitivity(law) <= most
         return self.case.arm.growth(law) < 1.0
 
     def sensitivity(self, own: Law) -> float:
         """Return its sensitivity peak [-]."""
-        return self.case.arm.sensitivity(around(own, self.inertia, self.steep))
+        return self.case.arm.sensitivity(self.under(own))
 
 
 class Loops:
@@ -264,30 +279,39 @@ class Loops:
             dt: sample time [s].
             zeta: damping ratio of the first pair of poles [-], a number or (n,).
         """
-        self._realisation, self._dt, self.joints = Bumpless(member), dt, nominal.n
+        self.joints = nominal.n
+        self._realisation = Bumpless(member)
+        self._dt = dt
         self._zeta = zeta * np.ones(nominal.n)
-        at = {id(case.q): case.q for case in cases}
-        steep = {i: None if bias is None else gravity_stiffness(bias, q) for i, q in at.items()}
-        inertia = {i: nominal.mass_matrix(q) for i, q in at.items()}
         # Those that refused some bandwidth so far, which most likely refuse the next one as well; the others.
         self._critical: list[_Closed] = []
-        self._others = [_Closed(case, inertia[id(case.q)], steep[id(case.q)]) for case in cases]
+        self._others: list[_Closed] = []
+        places: dict[int, tuple[Array, Array | None]] = {}  # worked out once for all cases at the same place
+        for case in cases:
+            place = id(case.q)
+            if place not in places:
+                steep = None if bias is None else gravity_stiffness(bias, case.q)
+                places[place] = nominal.mass_matrix(case.q), steep
+            self._others.append(_Closed(case, *places[place]))
 
     def holds(self, omega: float | Array, most: float = math.inf) -> bool:
-        """Tell whether all loops are stable, with a sensitivity peak of at most `most`."""
+        """Tell whether all loops are stable, with a sensitivity peak of at most `most`.
+
+        The first loop that refuses is from now on among those that :meth:`may_hold` asks.
+        """
         if not self.may_hold(omega, most):
             return False
-        own = self._own(omega)
+        law = self._law(omega)
         for i, loop in enumerate(self._others):
-            if not loop.holds(own, most):
+            if not loop.holds(law, most):
                 self._critical.append(self._others.pop(i))
                 return False
         return True
 
     def may_hold(self, omega: float | Array, most: float = math.inf) -> bool:
         """Tell whether the loops hold that refused something so far: a few of all."""
-        own = self._own(omega)
-        return all(loop.holds(own, most) for loop in self._critical)
+        law = self._law(omega)
+        return all(loop.holds(law, most) for loop in self._critical)
 
     def settle(self, find: Callable[[], _Found], most: float = math.inf) -> _Found:
         """Return what a search by :meth:`may_hold` finds once all loops hold there.
@@ -296,30 +320,40 @@ class Loops:
         already was found for want of something better.
         """
         while True:
-            found, refused = find(), len(self._critical)
-            if not np.all(found) or self.holds(found, most) or len(self._critical) == refused:
-                return found
+            bandwidths = find()
+            refused = len(self._critical)
+            if not np.all(bandwidths) or self.holds(bandwidths, most):
+                return bandwidths
+            if len(self._critical) == refused:  # refused by a loop that had refused before
+                return bandwidths
 
     def swinging(self, omega: float | Array) -> Array:
         """Return which joints swing in some unstable loop, (n,) of bool; none where all are stable."""
-        own = self._own(omega)
-        every = (*self._critical, *self._others)
-        rows = [loop.case.arm.swinging(around(own, loop.inertia, loop.steep)) for loop in every]
-        return np.asarray(np.any(rows, axis=0)) if rows else np.zeros(self.joints, dtype=bool)
+        law = self._law(omega)
+        swings = np.zeros(self.joints, dtype=bool)
+        for loop in (*self._critical, *self._others):
+            swings |= loop.case.arm.swinging(loop.under(law))
+        return swings
 
     def sensitivity(self, omega: float | Array) -> float:
         """Return the largest sensitivity peak of all loops."""
-        own = self._own(omega)
-        return max(loop.sensitivity(own) for loop in (*self._critical, *self._others))
+        law = self._law(omega)
+        return max(loop.sensitivity(law) for loop in (*self._critical, *self._others))
 
-    def _own(self, omega: float | Array) -> Law:
-        every = omega * np.ones(self.joints)
-        tuning = Tuning(every, self._zeta, every)
-        return joint_laws(self._realisation, self._realisation.coefficients(tuning, self._dt), self.joints)
+    def _law(self, omega: float | Array) -> Law:
+        """Return the law of accelerations at a bandwidth [rad/s], a number or (n,)."""
+        bandwidths = omega * np.ones(self.joints)
+        tuning = Tuning(bandwidths, self._zeta, bandwidths)
+        coefficients = self._realisation.coefficients(tuning, self._dt)
+        return joint_laws(self._realisation, coefficients, self.joints)
 
     def fastest(self, highest: float, most: float = math.inf) -> float:
         """Return the largest bandwidth up to `highest` that all loops tolerate [rad/s]; zero for none."""
-        return self.settle(lambda: _largest(lambda omega: self.may_hold(omega, most), highest), most)
+
+        def find() -> float:
+            return _largest(lambda omega: self.may_hold(omega, most), highest)
+
+        return self.settle(find, most)
 
 
 def _largest(holds: Callable[[float], bool], highest: float) -> float:
@@ -381,12 +415,14 @@ def raise_joints(alike: Alike, loops: Loops, highest: float) -> Array:
     share, of_raised = alike.shares
 
     def raise_all() -> Array:
-        found = alike.fastest * np.ones(loops.joints)
-        for joint, factor in itertools.product(reversed(range(loops.joints)), _RAISES):
-            faster = found.copy()
-            faster[joint] = min(factor * found[joint], highest / share)
-            if faster[joint] > found[joint] and loops.may_hold(faster, alike.most):
-                found = faster
-        return found
+        raised = alike.fastest * np.ones(loops.joints)
+        from_tip = reversed(range(loops.joints))
+        for joint, factor in itertools.product(from_tip, _RAISES):
+            faster = raised.copy()
+            faster[joint] = min(factor * raised[joint], highest / share)
+            if faster[joint] > raised[joint] and loops.may_hold(faster, alike.most):
+                raised = faster
+        return raised
 
-    return np.maximum(alike.omega, of_raised * loops.settle(raise_all, alike.most))
+    raised = loops.settle(raise_all, alike.most)
+    return np.maximum(alike.omega, of_raised * raised)
