@@ -7,6 +7,9 @@ Usage:
     python tools/faults.py --side motor   encoders known to be at the motors, beside the page: nothing is
                                           written
     python tools/faults.py --page         nothing is measured: the page anew from docs/faults.csv
+    python tools/faults.py --stops 3 --fault 'a joint blocked'
+                                          when arms stop and rest, over 3 s after the fault, with the side of
+                                          the encoders unknown and known; nothing is written
 
 Each fault happens in the middle of a move of all joints, at 0.75 rad/s for the fastest, with 18-bit encoders,
 in each joint in turn: one batch for each arm, and for measurements as late as is usual and as at most.
@@ -202,9 +205,17 @@ class Outcome(NamedTuple):
     @property
     def rest(self) -> float:
         """Time from which on the arm is at rest [s]; infinite when it is not."""
-        moving = np.flatnonzero(~(np.abs(self.v).max(axis=1) <= REST))
+        return self.slower_from(REST)
+
+    def slower_from(self, speed: float) -> float:
+        """Return the time from which on no joint is faster than some speed [rad/s]; infinite for none [s]."""
+        moving = np.flatnonzero(~(np.abs(self.v).max(axis=1) <= speed))
         last = moving[-1] + 1 if moving.size else 0
         return float(self.times[last]) if last < len(self.times) else np.inf
+
+    def rests_after_stop(self, speed: float) -> bool:
+        """Tell whether the arm goes on, or no joint is faster than a speed [rad/s] soon after its stop."""
+        return self.goes_on or self.slower_from(speed) <= self.noticed + SOON
 
     @property
     def goes_on(self) -> bool:
@@ -253,12 +264,13 @@ def move_of(robot: Robot, rest: bool, dt: float) -> tuple[Bezier, int]:
     return Bezier(middle, middle + step, duration), round(0.5 * duration / dt)
 
 
-def happened(case: Case, faults: list[Fault], **given: Any) -> list[Outcome]:
+def happened(case: Case, faults: list[Fault], seconds: float = SECONDS, **given: Any) -> list[Outcome]:
     """Let faults that share the arm and the samples missed happen in a batch: in each joint, at each delay.
 
     Args:
         case: the arm.
         faults: with the same `away`, `blocked`, `payload` and `rest`.
+        seconds: that are simulated after them [s].
         **given: bounds of the supervisor that differ from the export's.
     """
     experiment = experiment_of(*case[:4], case.side)
@@ -288,7 +300,7 @@ def happened(case: Case, faults: list[Fault], **given: Any) -> list[Outcome]:
     first: Any = None
     sent, missed, rate = np.zeros(shape), 0, np.zeros(len(rows))
     noticed = np.full(len(rows), np.inf)
-    for k in range(begin + round(SECONDS / dt)):
+    for k in range(begin + round(seconds / dt)):
         t, target = (k - begin) * dt, reference.at(k * dt)
         seen, wanted = arm.sample().values, np.broadcast_to(target.q, shape)
         if k == begin:
@@ -647,6 +659,35 @@ def against(rows: list[Worst], page: list[Worst]) -> Iterator[str]:
             yield f"| `{case.target}`, {case}, {case.gravity} | {side} | {' | '.join(counts)} | {said} |"
 
 
+#: Speed [rad/s] below which a joint without brakes and friction that nothing measures is slow as well.
+DRIFT = 0.05
+
+
+def stops(chosen: list[str], side: str, faults: list[Fault], seconds: float) -> Iterator[str]:
+    """Yield the lines of a table: when arms stop and rest after faults, by the side of their encoders."""
+    yield (
+        "| target's arms | fault | side | 0.1 rad | goes on | stops, median [s] "
+        f"| at rest 0.5 s after the fault | 0.5 s after the stop | the same, below {DRIFT:g} rad/s |"
+    )
+    yield "|---|---|---|---:|---:|---:|---:|---:|---:|"
+    for target, elastic in itertools.product(chosen, (False, True)):
+        mine = [case for case in cases(target) if case.elastic is elastic and case.arm != "anthropomorphic3"]
+        for fault, known in itertools.product(faults, ("", side)):
+            found = [x for case in mine for x in happened(case._replace(side=known), [fault], seconds)]
+            noticed = [x.noticed for x in found if not x.goes_on]
+            counts = (
+                sum(x.travel() <= NEAR for x in found),
+                sum(x.goes_on for x in found),
+                f"{np.median(noticed):.3f}" if noticed else "-",
+                sum(x.goes_on or x.rest <= SOON for x in found),
+                sum(x.rests_after_stop(REST) for x in found),
+                sum(x.rests_after_stop(DRIFT) for x in found),
+            )
+            joints = "elastic" if elastic else "stiff"
+            what = f"`{target}`, {joints} ({len(found)}) | {fault.name} | {known or 'unknown'}"
+            yield f"| {what} | {' | '.join(map(str, counts))} |"
+
+
 def main() -> None:
     """Run what is asked for, and write page and table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -656,7 +697,15 @@ def main() -> None:
     parser.add_argument(
         "--side", choices=("motor", "link"), help="encoders known to be there; nothing is written"
     )
+    parser.add_argument("--stops", type=float, help="seconds after faults: when arms stop and rest [s]")
+    parser.add_argument("--fault", nargs="+", choices=FAULT, default=list(FAULT), help="these alone")
     given = parser.parse_args()
+    if given.stops:
+        chosen = [given.target] if given.target else list(targets.ARMS)
+        faults = [FAULT[name] for name in given.fault]
+        for line in stops(chosen, given.side or "motor", faults, given.stops):
+            print(line, flush=True)
+        return
     if given.side:
         chosen = [given.target] if given.target else list(targets.ARMS)
         rows = list(worst_of(measure(chosen, given.side)))

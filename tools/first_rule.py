@@ -4,8 +4,20 @@
     python tools/first_rule.py --requests requests.json; see tools/old_rule.py
     python tools/first_rule.py --old old.json --out outcomes.json
     python tools/first_rule.py --variants '{rest_dead_zone: 1.0e-3}' '{PROPORTIONAL: 2.5, INTEGRAL: 25.0}'
+    python tools/first_rule.py --loops --arms z1 --variants '{given: {rolloff: 1, rolloff_ratio: 8.0}}'
 
-Variants change parameters of the controller, or, in capitals, numbers of armgpi/tuning/collocated.py.
+Variants change parameters of the controller, or, in capitals, numbers of armgpi/tuning/collocated.py. Four
+words have a meaning of their own:
+
+    rotors: specified    the rule knows the rotors of the drawn arm
+    soft: true           the controller for an unknown side, in place of that for encoders at the motors
+    given: {...}         parameters that are specified before the rule chooses the others
+    gains: {...}         no rule: all joints with the same w, filter, link_factor, rotor_factor, proportional
+                         and integral (armgpi/tuning/collocated.py)
+
+With ``--loops`` a line of each draw comes first: its delay, the median stiffness and the lightest rotor of
+its joints over the assumed ones, and by controller how fast the slowest or fastest growing mode of the true
+arm's sampled loop decays [1/s] (negative: grows), its frequency [Hz], and what the run came to.
 
 Draws are those of the uncertainty model `owned` with encoders of 15 to 18 bits at the motors, whose side the
 first controller knows. All controllers have the same encoders, and all assume a gear ratio of 100. Draws
@@ -32,6 +44,8 @@ import yaml
 import armgpi
 from armgpi import Robot
 from armgpi.base.escape import markdown_table
+from armgpi.control.linear_arm import closed
+from armgpi.errors import ParameterError
 from armgpi.gpi.gains import FixedGains
 from armgpi.gpi.payload import LoadRange
 from armgpi.health import reality as health
@@ -39,7 +53,7 @@ from armgpi.health.zoo import fingers
 from armgpi.loop.prepared import prepare
 from armgpi.plants.reality import Reality, Scenario, batches, stack_draws
 from armgpi.robot import rotors
-from armgpi.tuning import collocated, rule
+from armgpi.tuning import collocated, rule, two_mass
 
 #: Arms of docs/drives_measured.md; romeo's has 2.4 kg.
 ARMS = ("ur5", "ur10", "panda", "z1", "g1_left_arm", "romeo_left_arm")
@@ -92,21 +106,147 @@ class Rest(NamedTuple):
 Chooser = Callable[[Scenario], dict[str, Any]]
 
 
-def known(changes: Mapping[str, Any]) -> Chooser:
-    """Return today's rule with other numbers, in capitals, and what is changed of its choice."""
-    numbers = {key: value for key, value in changes.items() if key.isupper()}
-    overrides = {key: value for key, value in changes.items() if not key.isupper()}
+class Variant(NamedTuple):
+    """A change of the automatic controller; see the head of this file.
 
-    def choose(draw: Scenario) -> dict[str, Any]:
-        kept = {key: vars(collocated)[key] for key in numbers}
-        vars(collocated).update(numbers)
+    Attributes:
+        numbers: of armgpi/tuning/collocated.py, in capitals.
+        given: parameters that are specified before the rule chooses the others.
+        changed: parameters that are changed after it chose.
+        gains: the same feedback of all joints, in place of a rule.
+        soft: whether it is the controller for an unknown side.
+        rotors: "specified" where the rule knows the rotors of the drawn arm.
+    """
+
+    numbers: Mapping[str, Any]
+    given: Mapping[str, Any]
+    changed: Mapping[str, Any]
+    gains: Mapping[str, float]
+    soft: bool
+    rotors: str
+
+    @classmethod
+    def of(cls, changes: Mapping[str, Any]) -> Variant:
+        """Return the variant with some changes, as they are written on the command line."""
+        own = {"given": {}, "gains": {}, "soft": False, "rotors": "assumed"}
+        own.update({key: value for key, value in changes.items() if key in own})
+        numbers = {key: value for key, value in changes.items() if key.isupper()}
+        changed = {key: value for key, value in changes.items() if key not in own and key not in numbers}
+        return cls(numbers, own["given"], changed, own["gains"], own["soft"], own["rotors"])
+
+    def values(self, draw: Scenario) -> dict[str, Any]:
+        """Return the parameters of the controller of a draw."""
+        robot = as_known(draw)
+        if self.rotors == "specified":
+            rows = zip(robot.joint_names, draw.arm.armature.tolist(), strict=True)
+            robot = robot.with_drives({joint: {"rotor_inertia": rotor} for joint, rotor in rows})
+        if self.gains:
+            return {**same_gains(robot, **self.gains), **self.changed}
+        asked = (robot, draw.dt, draw.delay * draw.dt, draw.encoder_bits, self.given)
+        kept = {key: vars(collocated)[key] for key in self.numbers}
+        vars(collocated).update(self.numbers)
         try:
-            values, _ = rule._chosen(as_known(draw), draw.dt, draw.delay * draw.dt, draw.encoder_bits, {})
+            chosen = rule._choose_soft(*asked) if self.soft else rule._chosen(*asked)[0]
         finally:
             vars(collocated).update(kept)
-        return {**values, **overrides}
+        return {**chosen, **self.given, **self.changed}
 
-    return choose
+
+def same_gains(
+    robot: Robot,
+    w: float,
+    filter: float,
+    link_factor: float,
+    rotor_factor: float,
+    proportional: float,
+    integral: float,
+) -> dict[str, Any]:
+    """Return a controller for encoders at the motors with the same numbers in all joints.
+
+    Args:
+        robot: the arm.
+        w: velocity gain [rad/s].
+        filter: highest filter frequency [rad/s].
+        link_factor: share of the links' inertia in the feedback [-].
+        rotor_factor: share of the rotors' inertia [-].
+        proportional: divisor of the proportional gain [-].
+        integral: divisor of the integral gain [-].
+    """
+    shape = (link_factor, rotor_factor, proportional, integral)
+    same = collocated.Collocated(np.full(robot.n, w), np.full(robot.n, filter), (), *shape)
+    return {
+        "integrators": 1,
+        "rolloff": 0,
+        "feedforward": "computed",
+        "link_factor": link_factor,
+        "rotor_factor": rotor_factor,
+        "friction_feedforward": False,
+        "rest_dead_zone": same.rest_zone,
+        "start": "rest",
+        **same.poles._asdict(),
+    }
+
+
+def known(changes: Mapping[str, Any]) -> Chooser:
+    """Return today's rule, with what a variant changes."""
+    return Variant.of(changes).values
+
+
+class Mode(NamedTuple):
+    """The mode of a sampled loop that decays slowest, or grows fastest.
+
+    Attributes:
+        decay: its rate [1/s]; negative where it grows.
+        frequency: of it [Hz].
+    """
+
+    decay: float
+    frequency: float
+
+
+def true_mode(draw: Scenario, values: Mapping[str, Any]) -> Mode:
+    """Return the worst mode of the loop of the true arm, linear about the start and the goal of its move."""
+    law = controller([draw], [values])
+    drives = draw.gears
+    if drives is None:
+        raise ParameterError("draw", draw.index, "an arm with elastic joints")
+    rotor = draw.arm.armature
+    found = []
+    for q in (draw.move.start, draw.move.goal):
+        links = draw.arm.mass_matrix(q) - np.diag(rotor)
+        full = two_mass.damping_at_one(links, two_mass.Gears(rotor, drives.stiffness))
+        current = float(np.min(drives.current))
+        gears = two_mass.Gears(rotor, drives.stiffness, drives.damping / full, current, drives.side)
+        plant = two_mass.plant(draw.arm, q, gears, draw.dt)
+        values_of_loop = np.linalg.eigvals(closed(plant, two_mass.law(law, q), draw.delay))
+        largest = values_of_loop[np.argmax(np.abs(values_of_loop))]
+        rate = -math.log(abs(largest)) / draw.dt
+        found.append(Mode(rate, abs(float(np.angle(largest))) / (2.0 * math.pi * draw.dt)))
+    return min(found)
+
+
+def loops_table(
+    draws: Sequence[Scenario], kinds: Mapping[str, Chooser], found: Mapping[str, Sequence[Rest]]
+) -> str:
+    """Return, as Markdown, the draws of an arm one by one: what each is, and what each controller does."""
+    head = ["draw", "T [ms]", "stiffness", "lightest rotor"]
+    for label in kinds:
+        head += [f"{label}: decay [1/s], frequency [Hz]", "run"]
+    lines = []
+    for k, draw in enumerate(draws):
+        known_arm = as_known(draw)
+        stiffness, rotor = math.inf, draw.arm.armature / known_arm.armature
+        if draw.gears is not None:
+            stiffness = float(np.median(draw.gears.stiffness / known_arm.drives.value("stiffness")))
+        cells = [str(draw.index), f"{1e3 * health.loop_lag(draw):.2f}", f"{stiffness:.3g}"]
+        cells.append(f"{rotor.min():.2f}")
+        for label, choose in kinds.items():
+            mode = "-" if draw.gears is None else "{:.1f}, {:.1f}".format(*true_mode(draw, choose(draw)))
+            each = found[label][k]
+            said = [word for word in ("failed", "hunting", "chatter") if getattr(each.outcome, word)]
+            cells += [mode, ", ".join((*said, f"ITAE seen {each.itae_seen:.3g}"))]
+        lines.append(cells)
+    return markdown_table(head, lines)
 
 
 def as_known(draw: Scenario) -> Robot:
@@ -364,8 +504,25 @@ def options() -> argparse.Namespace:
     parser.add_argument("--stiff", action="store_true", help="the controller for stiff joints as well")
     parser.add_argument("--alone", action="store_true", help="without the controller for an unknown side")
     parser.add_argument("--variants", type=yaml.safe_load, nargs="+", default=[], help="changed parameters")
+    parser.add_argument("--loops", action="store_true", help="draws one by one, with the true arm's loop")
     parser.add_argument("--out", type=Path, help="write outcomes as JSON")
     return parser.parse_args()
+
+
+def choosers(given: argparse.Namespace, name: str, draws: Sequence[Scenario]) -> dict[str, Chooser]:
+    """Return what is compared on the draws of an arm, the reference first, by its label in the tables."""
+    names = {draw.index: name for draw in draws}
+    kinds: dict[str, Chooser] = {}
+    if given.old:
+        kinds["older version"] = stored(name, json.loads(given.old.read_text("utf-8")))
+    if not given.alone:
+        kinds["side unknown"] = unknown(names)
+    kinds["automatic"] = known({})
+    if given.stiff:
+        kinds["stiff joints"] = stiff(names)
+    for change in given.variants:
+        kinds[json.dumps(change)] = known(change)
+    return kinds
 
 
 def main() -> None:
@@ -377,24 +534,16 @@ def main() -> None:
     if given.requests:
         given.requests.write_text(json.dumps(requests(given.arms, draws)), encoding="utf-8")
         return
-    old = json.loads(given.old.read_text("utf-8")) if given.old else None
     found: dict[str, list[Rest]] = {}
     for name in given.arms:
-        here = draws[name]
-        names = {draw.index: name for draw in here}
-        kinds: dict[str, Chooser] = {}
-        if not given.alone:
-            kinds["side unknown"] = unknown(names)
-        kinds["automatic"] = known({})
-        if given.stiff:
-            kinds["stiff joints"] = stiff(names)
-        if old is not None:
-            kinds = {"older version": stored(name, old), **kinds}
-        for change in given.variants:
-            kinds[json.dumps(change)] = known(change)
+        kinds = choosers(given, name, draws[name])
+        of_arm = {}
         for label, choose in kinds.items():
             print(f"{name}, {label}", file=sys.stderr, flush=True)
-            found.setdefault(label, []).extend(run(name, here, choose))
+            of_arm[label] = run(name, draws[name], choose)
+            found.setdefault(label, []).extend(of_arm[label])
+        if given.loops:
+            print(f"\n{name}\n\n{loops_table(draws[name], kinds, of_arm)}", flush=True)
     for label, (least, most) in CLASSES.items():
         print(f"\n{label}\n\n{table(found, least, most)}\n{by_arm(found, least, most)}", flush=True)
     if given.out:

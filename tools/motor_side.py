@@ -5,6 +5,7 @@
     python tools/motor_side.py --late [ARM ...]
     python tools/motor_side.py --filters [ARM ...]
     python tools/motor_side.py --others [ARM ...]
+    python tools/motor_side.py --bandwidths [ARM ...]
 
 Stability is that of the sampled linear loop (eigenvalues) at configurations that no rule looks at: with the
 assumed stiffness times 0.5, 1 and 2, at damping ratios of 5 and 1 %, and in the corners with the true rotors
@@ -21,6 +22,12 @@ With ``--filters``: the first table with lower and higher filters of the derivat
 With ``--late``: loops at 1 to 4 ms that are one to three samples late, by the damping ratio of the joints:
 which controller is taken, how fast its slowest joint is, and how many linear loops are stable.
 
+With ``--bandwidths``: the controller for an unknown side at 1, 2 and 4 ms, one sample late, as it is and
+with a roll-off at eight times the bandwidth: how fast its slowest joint is, how far a push moves a link, and
+with the same bandwidth in all joints the lowest one at which a loop of the assumed rotors is unstable, at 1 %
+of damping and with the stiffness times 0.5, 1 and 2, by the side of the encoders, with the frequency of the
+mode.
+
 With ``--torque-step``: the largest change of torque in a sample that the controllers ask for, of all joints,
 and what is left where a supervisor limits it to 1 N m per ms, as libfranka does. The robot carries its own
 weight, as those that libfranka controls do. Largest and final errors are those of the links.
@@ -32,16 +39,18 @@ import argparse
 import itertools
 import math
 import warnings
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 import armgpi
+from armgpi.control.linear_arm import closed
 from armgpi.control.pid_positions import PIDPositions
 from armgpi.health.zoo import fingers
 from armgpi.loop import metrics
 from armgpi.robot.kinematics import random_configurations
-from armgpi.tuning import collocated, two_mass
+from armgpi.tuning import collocated, rule, two_mass
 
 ARMS = ("panda", "ur5", "ur10", "ur3", "kinova", "xarm7", "z1")
 #: Arms of ``--others``: three below 4 kg, one of 80 kg, and one with a slide.
@@ -63,6 +72,11 @@ LIGHTEST_SHARE = 0.15
 FILTERS = (250.0, 500.0, 1000.0, 2000.0)
 #: Loops that are late: sample time [s] and samples.
 LATE_LOOPS = ((1e-3, 2), (1e-3, 3), (2e-3, 1), (2e-3, 2), (2e-3, 3), (4e-3, 1), (4e-3, 2), (4e-3, 3))
+#: Of the bandwidths: sample times [s], a sample late, roll-offs over the bandwidth [-], and the bandwidths
+#: that are tried in all joints [rad/s].
+BANDWIDTH_TIMES = (1e-3, 2e-3, 4e-3)
+ROLLOFF_RATIOS = (None, 8.0)
+BANDWIDTHS = (4.0, 5.0, 6.0, 7.0, 8.0, 10.0, 12.0, 15.0, 20.0, 25.0, 30.0)
 #: Of the torque's step: bits of the encoders, gear ratios, and the rate that libfranka takes [N m/s].
 STEP_BITS = (16, 18, 20)
 GEAR_RATIOS = (30, 100, 160)
@@ -205,6 +219,47 @@ def filters(name: str, seed: int) -> None:
     vars(collocated)["HIGHEST_FILTER"] = chosen
 
 
+def first_unstable(robot: armgpi.Robot, dt: float, values: dict[str, Any], side: str, seed: int) -> str:
+    """Return the lowest of some bandwidths at which a loop is unstable [rad/s], and the mode there [Hz].
+
+    Args:
+        robot: the arm with assumed drives.
+        dt: sample time [s]; measurements are one sample late.
+        values: what the rule chose for it; the bandwidth is replaced.
+        side: where the encoders sit.
+        seed: of the configurations.
+    """
+    stiffness = robot.drives.value("stiffness")
+    places = random_configurations(robot, 4, seed=seed)
+    structure = {name: value for name, value in values.items() if name not in ("omega_c", "zeta_c")}
+    for omega in BANDWIDTHS:
+        gains = armgpi.FixedGains(omega * np.ones(robot.n), values.get("zeta_c", 1.0))
+        law = armgpi.GPI(robot, dt, delay=dt, gains=gains, bias_robot=robot, **structure)
+        for q, factor in itertools.product(places, STIFFNESS):
+            gears = two_mass.Gears(
+                robot.armature, factor * stiffness, DAMPING[-1], two_mass.CURRENT_LOOP, side
+            )
+            plant = two_mass.plant(robot, q, gears, dt)
+            modes = np.linalg.eigvals(closed(plant, two_mass.law(law, q), 1))
+            largest = modes[np.argmax(np.abs(modes))]
+            if not abs(largest) < 1.0:
+                return f"{omega:g}, {abs(np.angle(largest)) / (2.0 * np.pi * dt):.0f} Hz"
+    return f"none to {BANDWIDTHS[-1]:g}"
+
+
+def bandwidths(name: str, seed: int) -> None:
+    """Print how fast an arm's controller for an unknown side may be, with and without a roll-off."""
+    robot = load(name, "")
+    for dt, ratio in itertools.product(BANDWIDTH_TIMES, ROLLOFF_RATIOS):
+        given = {} if ratio is None else {"rolloff": 1, "rolloff_ratio": ratio}
+        law = armgpi.GPI.auto(robot, dt, delay=dt, bits=BITS, **given)
+        values = {**rule.apply_rule(robot, dt, dt, BITS, given).values, **given}
+        cells = [f"{float(np.min(law.gains.nominal().omega_c)):.3g}", f"{1e3 * push(robot, law, 1):.3g}"]
+        cells += [first_unstable(robot, dt, values, side, seed) for side in ("motor", "link")]
+        shape = "none" if ratio is None else f"{ratio:g}"
+        print(f"| {name} | {1e3 * dt:g} ms | {shape} | " + " | ".join(cells) + " |", flush=True)
+
+
 class Motion(NamedTuple):
     """What an arm is to do: its reference, loads, and how far from the reference it starts [rad]."""
 
@@ -268,8 +323,8 @@ def step_and_errors(rollout: Any) -> tuple[float, float, float]:
     return float(step), float(error.max()), float(error[-1].max())
 
 
-def main() -> None:
-    """Print the table."""
+def options() -> argparse.Namespace:
+    """Return what is asked for."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -280,25 +335,66 @@ def main() -> None:
         "--others", action="store_true", help="light arms, a heavy one and a SCARA; 1 and 8 ms"
     )
     parser.add_argument("--late", action="store_true", help="late loops instead")
+    parser.add_argument("--bandwidths", action="store_true", help="the controller for an unknown side")
     parser.add_argument("--torque-step", action="store_true", help="steps of torque instead")
     wished = parser.parse_args()
     wished.arms = wished.arms or (OTHERS if wished.others else ARMS)
+    return wished
+
+
+#: Heads of the tables of one kind of loop each, and what prints the rows of an arm.
+TABLES: dict[str, tuple[tuple[str, ...], Callable[[str, int], None]]] = {
+    "filters": (
+        (
+            "arm",
+            "f [rad/s]",
+            "slowest omega [rad/s]",
+            "rotors x 0.4-1.6",
+            "push [mrad]",
+            "ITAE",
+            "variation",
+        ),
+        filters,
+    ),
+    "late": (
+        (
+            "arm",
+            "loop",
+            "T [ms]",
+            "controller",
+            "slowest omega [rad/s]",
+            "5 %",
+            "1 %",
+            "rotors, 5 %",
+            "rotors, 1 %",
+        ),
+        late_loops,
+    ),
+    "bandwidths": (
+        (
+            "arm",
+            "loop",
+            "roll-off",
+            "slowest omega [rad/s]",
+            "push [mrad]",
+            "unstable from, motor",
+            "unstable from, link",
+        ),
+        bandwidths,
+    ),
+}
+
+
+def main() -> None:
+    """Print the table."""
+    wished = options()
     warnings.simplefilter("ignore")
-    if wished.filters:
-        print(
-            "| arm | f [rad/s] | slowest omega [rad/s] | rotors x 0.4-1.6 | push [mrad] | ITAE | variation |"
-        )
-        print("|---" * 7 + "|")
-        for name in wished.arms:
-            filters(name, wished.seed)
-        return
-    if wished.late:
-        heads = ("arm", "loop", "T [ms]", "controller", "slowest omega [rad/s]", "5 %", "1 %")
-        print("| " + " | ".join((*heads, "rotors, 5 %", "rotors, 1 %")) + " |")
-        print("|---" * 9 + "|")
-        for name in wished.arms:
-            late_loops(name, wished.seed)
-        return
+    for kind, (heads, rows) in TABLES.items():
+        if getattr(wished, kind):
+            print(f"| {' | '.join(heads)} |\n{'|---' * len(heads)}|")
+            for name in wished.arms:
+                rows(name, wished.seed)
+            return
     if wished.torque_step:
         print("| arm | loop | controller | motion | asked | limited | error | error, limited | final |")
         print("|---|---|---|---|---|---|---|---|---|")
