@@ -17,6 +17,64 @@ PACKAGES = ("armgpi", "casadi", "pin", "numpy", "mujoco", "drake", "dynibo")
 #: World of plants that are made in Python, of which nothing is assumed.
 EXPLICIT = "ideal: stiff joints, no rotors, no friction, exact positions, but for what a table names"
 
+#: Script -> the sentence that its page begins with: what a reader finds there.
+PURPOSE = {
+    "batch": (
+        "This page says how long one sample of one rollout takes when many rollouts run at once, "
+        "and how many times as long other programs take."
+    ),
+    "compliance": (
+        "This page has what impedance controllers and force limits reach in simulation: springs, "
+        "walls, hands and rivals, each against a goal."
+    ),
+    "derive": (
+        "This page says how long `armgpi derive` takes to derive D, C and G in closed form, arm by arm."
+    ),
+    "elastic": (
+        "This page says how many times as long a batch with elastic joints takes as one with stiff joints."
+    ),
+    "export": (
+        "This page says how long one step of an exported controller takes in C, and how many "
+        "times as long it takes in Python."
+    ),
+    "first_result": (
+        "This page says how many seconds pass until a first simulated run is done, with and "
+        "without code in the cache."
+    ),
+    "growth": (
+        "This page says how the time of a compiled run grows with joints, rollouts, samples and "
+        "what is recorded."
+    ),
+    "inverse_kinematics": (
+        "This page says how many poses `armgpi.inverse_kinematics` solves, and how long a pose takes."
+    ),
+    "kernels": (
+        "This page says how long forward dynamics, inverse dynamics and the inertia matrix take "
+        "in generated code, and in other libraries."
+    ),
+    "prepared": "This page says how long a prepared loop takes to start again, and what metrics cost.",
+    "realistic": (
+        "This page says how many times as long the loop of `armgpi run` takes as the simplest "
+        "one, and which part of it costs how much."
+    ),
+    "recording": (
+        "This page says how many times as long a run takes that keeps its trajectories, by what it keeps."
+    ),
+    "references": "This page says what it costs that each rollout of a batch has a reference of its own.",
+    "single": (
+        "This page says how long one sample of a single run takes, and how many times as long "
+        "other programs take."
+    ),
+    "start": "This page says how much processor time each command takes from its start to its end.",
+    "supervisor": "This page says how many times as long a simulated run takes under a supervisor.",
+    "sweep": "This page says how long a sweep of a million rollouts takes, compared with a bare loop.",
+    "tool": (
+        "This page has how closely the tool follows a circle and noisy streams of poses, and what "
+        "a sample of that costs."
+    ),
+    "validate": "This page says how long `armgpi validate` takes for right and wrong models.",
+}
+
 
 class Page(NamedTuple):
     """A benchmark under way.
@@ -64,7 +122,7 @@ def begin(file: str, title: str, world: str = EXPLICIT, parts: Sequence[str] = (
     quick, part = options.quick, getattr(options, "part", "")
     name = Path(file).stem
     facts = _timing.machine(PACKAGES)
-    print(f"# {title}")
+    print(f"# {title}\n\n{PURPOSE[name]}")
     given = (f" --part {part}" if part else "") + (" --quick" if quick else "")
     print(f"\n`python benchmarks/{name}.py{given}`\n")
     print(f"World: {world}.\n")

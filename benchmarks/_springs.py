@@ -50,6 +50,8 @@ ELASTIC = (
 REST = 0.05
 #: The stiff spring [N/m], its filters [rad/s] and smoothing of friction [rad/s], share of the friction known.
 STIFF, FILTERS, SMOOTH, KNOWN = 3000.0, (60.0, 120.0, 250.0, 500.0), (0.01, 0.02, 0.05, 0.1, 0.2, 0.4), 0.8
+#: The filter whose points have their smoothing written beside them in the picture [rad/s].
+NAMED = 500.0
 #: What a Panda's motors may step [N m per ms], and the circle that is wanted [mm].
 STEP, CIRCLE = 1.0, 3.0
 #: Where the picture of the two goes.
@@ -302,22 +304,22 @@ def _draw(points: list[Point]) -> None:
     """Draw the circle against the torque step for docs/compliance.md."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(7.5, 3.4), layout="constrained")
-    for axes, name in zip(figure.subplots(1, 2), ("panda", "xarm7"), strict=True):
-        for bandwidth, marker in zip(FILTERS, "osD^", strict=True):
+    figure = Figure(figsize=(7.5, 3.8), layout="constrained")
+    panels = figure.subplots(1, 2)
+    for axes, name in zip(panels, ("panda", "xarm7"), strict=True):
+        for bandwidth, marker, dashes in zip(FILTERS, "osD^", ("-", "--", "-.", ":"), strict=True):
             own = [p for p in points if (p.arm, p.bandwidth) == (name, bandwidth)]
-            label = f"filter {bandwidth:g} rad/s"
-            axes.plot([p.step for p in own], [p.circle for p in own], marker + "-", ms=4, lw=1, label=label)
-            if own and bandwidth == FILTERS[1]:
-                for point in own:
-                    text = f"{point.smoothing:g}"
-                    axes.annotate(
-                        text, (point.step, point.circle), (4, 3), textcoords="offset points", fontsize=7
-                    )
-        axes.axhline(CIRCLE, color="0.6", linewidth=0.8)
-        axes.axvline(STEP, color="0.6", linewidth=0.8)
-        axes.set(title=name, xlabel="torque step in 1 ms [N m]", ylabel="error on the circle [mm]")
-        axes.set_ylim(bottom=0.0)
-        axes.set_xlim(left=0.0)
-    axes.legend(frameon=False, fontsize=7, loc="lower right")
+            look = {"marker": marker, "linestyle": dashes, "markersize": 4, "linewidth": 1}
+            label = f"velocity filter {bandwidth:g} rad/s"
+            axes.plot([p.step for p in own], [p.circle for p in own], label=label, **look)
+            for point in own if bandwidth == NAMED else ():
+                if point.smoothing == SMOOTH[1]:  # its point is next to that of the first
+                    continue
+                at = (point.step, point.circle)
+                axes.annotate(f"{point.smoothing:g}", at, (5, 2), textcoords="offset points", fontsize=7)
+        axes.axhline(CIRCLE, color="0.5", linewidth=0.8)
+        axes.axvline(STEP, color="0.5", linewidth=0.8)
+        axes.set(title=name, xlabel="largest torque step in 1 ms [N m]", ylabel="largest error [mm]")
+        axes.set(xlim=(0.0, 2.3), ylim=(0.0, 4.5))
+    figure.legend(*panels[0].get_legend_handles_labels(), fontsize=7, loc="outside lower center", ncols=4)
     figure.savefig(PICTURE, dpi=150)

@@ -47,11 +47,11 @@ FLOOR, COMPILED, WHOLE = (
 START, LOOP = "start", "armgpi, compiled, without its start"
 NUMPY, KERNELS = "armgpi, NumPy", "Pinocchio's parallel kernels alone"
 RK4, EULER_WORD = (
-    "mujoco.rollout, RK4, law in NumPy",
-    "mujoco.rollout, Euler, law in NumPy (other integrator)",
+    "mujoco.rollout, RK4, controller in NumPy",
+    "mujoco.rollout, Euler, controller in NumPy (other integrator)",
 )
-RK4_REPLAY = "mujoco.rollout, RK4, torques replayed (no law)"
-EULER_REPLAY = "mujoco.rollout, Euler, torques replayed (no law, other integrator)"
+RK4_REPLAY = "mujoco.rollout, RK4, torques replayed (no controller)"
+EULER_REPLAY = "mujoco.rollout, Euler, torques replayed (no controller, other integrator)"
 
 
 def main() -> None:
@@ -75,7 +75,7 @@ def main() -> None:
             samples = _batch(page, arm, word, batch, rounds, units, few)
         rows += _goals(name, networks, batches[-1], samples)
     print("\n## Goals\n")
-    print(table(["", "goal", "found", "kept"], rows))
+    print(table(["", "goal", "found", "met"], rows))
     for missing, label in ((_arms.mujoco, "MuJoCo"),):
         if missing is None:
             print(f"\n{label} is not installed and so not in the tables: pip install '.[mujoco]'.")

@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 import warnings
 
+import _page
 import _timing
 import numpy as np
 from _timing import table
@@ -51,7 +52,7 @@ def main() -> None:
             raise SystemExit(f"{name}: off by {error:.2g}")
         part = "whole" if whole else "first 4 joints"
         rows.append((name, robot.n, part, f"{took:.2f}", f"{error:.1e}", len(text.splitlines())))
-    print("# Closed forms\n")
+    print(f"# Closed forms\n\n{_page.PURPOSE['derive']}\n")
     facts = _timing.machine(("armgpi", "sympy", "pin", "numpy"))
     print(f"`python benchmarks/derive.py`\n\n{_timing.machine_table(facts)}")
     print(

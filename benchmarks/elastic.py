@@ -42,7 +42,7 @@ def main() -> None:
             rows.append(
                 [f"{name}, {'with' if rubs else 'without'} friction", f"at most {GOAL:g}", found, kept]
             )
-    print(table(["", "goal", "found", "kept"], rows))
+    print(table(["", "goal", "found", "met"], rows))
     page.write()
 
 

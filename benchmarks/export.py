@@ -74,7 +74,7 @@ def main() -> None:
                 word = "networks" if networks else "fixed gains"
                 goals.append([f"{name}, {word}: a step in double", f"{GOAL:g} µs", f"{time} µs", kept])
     print("\n## Goals\n")
-    print(table(["", "at most", "found", "kept"], goals))
+    print(table(["", "at most", "found", "met"], goals))
     _page.say(
         "Floor: D(q) v alone, generated, one state at a time. NumPy: `controller.step` called from "
         "Python. Exported, from Python: an `ExportedController`, so ctypes and copies included."

@@ -89,7 +89,7 @@ def main() -> None:
     print()
     print(table(["", "compiled", "NumPy", "auto"], rows))
     print("\n## Goals\n")
-    print(table(["", "at most", "found", "kept"], goals))
+    print(table(["", "at most", "found", "met"], goals))
     page.write()
 
 

@@ -15,6 +15,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import _page
 import _timing
 import numpy as np
 import numpy.typing as npt
@@ -115,7 +116,7 @@ def main() -> None:
         spent = (time.process_time() - begin) / len(far.q)
         beyond.append([name, f"{100.0 * np.mean(~far.reached):.1f} %", f"{1e3 * spent:.1f}"])
         figures[f"{name}: beyond"] = {"refused": float(np.mean(~far.reached)), "together": spent}
-    print("# Inverse kinematics\n")
+    print(f"# Inverse kinematics\n\n{_page.PURPOSE['inverse_kinematics']}\n")
     facts = _timing.machine(("armgpi", "pin", "numpy"))
     print(f"`python benchmarks/inverse_kinematics.py`\n\n{_timing.machine_table(facts)}")
     print(

@@ -36,7 +36,7 @@ def main() -> None:
     rows: list[list[object]] = []
     for name in ("panda", "anthropomorphic3"):
         rows += _robot(name, batch, rounds)
-    print(table(["", "goal", "found", "kept"], rows))
+    print(table(["", "goal", "found", "met"], rows))
     page.write()
 
 

@@ -94,7 +94,7 @@ def main() -> None:
         begin = _start(name, rounds)
         goals.append([f"{name}: start of a rollout [µs]", f"{START:g}", begin, _kept(begin, START)])
     print("\n## Goals\n")
-    print(table(["", "at most", "found", "kept"], goals))
+    print(table(["", "at most", "found", "met"], goals))
     page.write()
 
 

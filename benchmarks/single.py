@@ -55,7 +55,7 @@ def main() -> None:
     print("\n## The paper's arm for 40 s, with disturbances\n")
     found += _paper(page, 2 if page.quick else 5)
     print("\n## Goals\n")
-    print(table(["", "at most", "found", "kept"], found))
+    print(table(["", "at most", "found", "met"], found))
     page.write()
 
 
@@ -141,7 +141,7 @@ def _add_peers(
             run = replay.replayed(*recorded)
             return Trajectory(*(x[:, 0] for x in run[:3]), run.q_end[0])
 
-        add("MuJoCo, torques replayed, RK4 (no law)", REPLAYED, replayed)
+        add("MuJoCo, torques replayed, RK4 (no controller)", REPLAYED, replayed)
     if (drake := _arms.drake) and not networks:
         plant = drake.load(arm.urdf, fixed, names)
         add("Drake, stages, RK4", SAME, lambda: drake.run_stages(plant, arm.law(arm.q0), *arguments, DT))

@@ -107,7 +107,7 @@ def main() -> None:
     for name, (against, bound) in GOALS.items():
         found = _ratio(times, name, against)
         rows.append([name, against, f"{bound:g}", f"{found:.2f}", "yes" if found <= bound else "no"])
-    print(table(["", "against", "at most", "found", "kept"], rows))
+    print(table(["", "against", "at most", "found", "met"], rows))
     print("\n## Where `armgpi run ur5` goes\n")
     print(_split("`armgpi run ur5`", times, folders))
     for folder in folders.values():

@@ -49,7 +49,7 @@ def main() -> None:
             )
             times = [spread(1e3 * one.times) for one in (alone, supervised)]
             rows.append([name, batch, *times, ratio(supervised, alone)])
-    print(table(["arm", "rollouts", "law and arm", "with a supervisor", "×"], rows))
+    print(table(["arm", "rollouts", "controller and arm", "with a supervisor", "×"], rows))
     page.write()
 
 

@@ -78,7 +78,7 @@ def main() -> None:
         ["one bare process's time over that of two", "-", processes, "-"],
     ]
     print()
-    print(table(["", "goal", "found", "kept"], rows))
+    print(table(["", "goal", "found", "met"], rows))
     page.figures.update({"wall": wall, "bare": list(bare.values()), "workers": dask._asdict()})
     page.write()
 

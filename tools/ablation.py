@@ -58,7 +58,7 @@ LAWS = {
         for name, each in CONTENDERS.items()
         if name
         in (
-            *("GPI, printed law", "GPI, schedule", "GPI, network"),
+            *("GPI, printed controller", "GPI, schedule", "GPI, network"),
             *("GPI, roll-off", "GPI, schedule, roll-off", "GPI, network, roll-off"),
             *("GPI, trained network, roll-off", "PID + inversion, positions"),
         )

@@ -57,8 +57,9 @@ def call(script: str, cwd: Path, bin_dir: Path) -> subprocess.CompletedProcess[s
 
 def installing(text: str, wheel: Path) -> str:
     """Return commands whose `pip install` of this project takes the wheel."""
-    pip = f"python -m pip install --quiet --disable-pip-version-check -c {ROOT / 'constraints.txt'}"
-    text = text.replace("pip install", pip)
+    # Python compiles the modules that a page imports by itself, a fraction of all.
+    pip = "python -m pip install --quiet --disable-pip-version-check --no-compile"
+    text = text.replace("pip install", f"{pip} -c {ROOT / 'constraints.txt'}")
     return re.sub(r"""(["']?)(?:\.|armgpi)\[([\w,]+)\]\1""", rf"'{wheel}[\2]'", text)
 
 

@@ -112,7 +112,7 @@ def untuned_table(found: Sequence[Untuned]) -> str:
 #: Laws whose numbers are tried on the other arms; the first one is what they are compared with.
 TRANSFERRED = (
     *("GPI, roll-off", "GPI, schedule, roll-off", "GPI, network, roll-off", "GPI, trained network, roll-off"),
-    *("GPI, printed law", "ADRC, order 3"),
+    *("GPI, printed controller", "ADRC, order 3"),
 )
 
 

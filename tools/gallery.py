@@ -6,6 +6,9 @@ extras, and with Chromium)
 
 from __future__ import annotations
 
+import io
+import math
+import re
 import shutil
 import subprocess
 import sys
@@ -22,6 +25,7 @@ import xarray as xr  # noqa: E402
 from PIL import Image  # noqa: E402
 
 import armgpi  # noqa: E402
+from armgpi.studies import pictures  # noqa: E402
 from armgpi.viewing import meshcat, plots, scene  # noqa: E402
 
 IMAGES = ROOT / "docs" / "images"
@@ -48,6 +52,8 @@ t_final: 40
 """
 
 
+#: Pictures that need no browser: of a search, and of the benchmark of controllers.
+DRAWN = ("tune", "contend")
 #: The moving picture: begin, end and step of what is shown [s], and how long each image stays [ms].
 MOVING, STAYS = (16.0, 28.0, 0.3), 90
 
@@ -55,7 +61,16 @@ MOVING, STAYS = (16.0, 28.0, 0.3), 90
 def main() -> None:
     """Run the experiments, draw them, and take the stills."""
     IMAGES.mkdir(exist_ok=True)
-    wanted = set(sys.argv[1:]) or {*STILLS, *FIGURES, "moving", "figures", "report", "play", "tune"}
+    wanted = set(sys.argv[1:]) or {
+        *STILLS,
+        *FIGURES,
+        "moving",
+        "figures",
+        "report",
+        "play",
+        "tune",
+        "contend",
+    }
     running = browsers.Browser((960, 640))
     try:
         with tempfile.TemporaryDirectory() as name:
@@ -106,10 +121,34 @@ def _plots(wanted: set[str], folder: Path) -> None:
     for picture, (text, figure) in FIGURES.items():
         if picture in wanted:
             _of_text(folder, text, figure, IMAGES / f"{picture}.png")
+    if "contend" in wanted:
+        _contest()
     if "tune" in wanted:
         command = [sys.executable, "-m", "armgpi.cli", "tune", str(ROOT / "examples" / "tune.yaml")]
         subprocess.run([*command, "--out", str(folder / "tuned")], check=True)
         shutil.copyfile(folder / "tuned" / "study.png", IMAGES / "tune.png")
+
+
+def _contest() -> None:
+    """Draw the fronts of the benchmark of controllers from the tables of its page (hours of runs)."""
+    text = (ROOT / "docs" / "contest.md").read_text(encoding="utf-8")
+    arms: dict[str, dict[str, dict[str, float]]] = {}
+    groups: dict[str, list[str]] = {}
+    for table in re.findall(r"^\| \w+: controller \(numbers\).*\n(?:\|.*\n)+", text, re.MULTILINE):
+        head, _, *rows = [[cell.strip(" *") for cell in line.split("|")[1:-1]] for line in table.splitlines()]
+        own = arms.setdefault(head[0].partition(":")[0], {})
+        for name, *cells in rows:
+            if not any(cells):
+                laws = groups.setdefault(name, [])
+                continue
+            law = re.sub(r" \(\d+\)$", "", name)
+            errors = [math.nan if cell == "-" else float(cell) for cell in cells[:-1]]
+            own[law] = dict(zip(head[1:-1], errors, strict=True))
+            laws += [] if law in laws else [law]
+    shown = {name: laws for name, laws in groups.items() if len(laws) > 1}
+    with Image.open(io.BytesIO(pictures.draw_contest(arms, shown))) as drawn:
+        drawn.convert("RGB").quantize(64).save(IMAGES / "contend.png", optimize=True)
+    print(f"wrote {IMAGES / 'contend.png'}")
 
 
 def _of_text(folder: Path, text: str, figure: str, image: Path) -> None:

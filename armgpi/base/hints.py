@@ -264,16 +264,19 @@ class MissingAttribute(AttributeError):
         return missing(f"{self._kind.__name__!r} object", self._missing, self._known, names)
 
 
-def missing(owner: str, name: str, known: Mapping[str, str], names: list[str]) -> str:
-    """Return the message of an attribute that does not exist.
+def missing(
+    owner: str, name: str, known: Mapping[str, str], names: list[str], what: str = "attribute"
+) -> str:
+    """Return the message of an attribute, or of something else with a name, that does not exist.
 
     Args:
         owner: what has no such attribute, as Python says it.
         name: of the attribute.
         known: names of other libraries -> what to write.
         names: attributes that exist.
+        what: the word for it.
     """
-    text = f"{owner} has no attribute {name!r}"
+    text = f"{owner} has no {what} {name!r}"
     if name in known:
         return f"{text}; use {known[name]}"
     near = get_close_matches(name, names, n=1)

@@ -817,10 +817,10 @@ def describe(found: PathBound) -> list[str]:
     width = max(len(name) for name in robot.joint_names)
     for j, name in enumerate(robot.joint_names):
         shares = sorted(((x[j], what) for what, x in found.parts.items()), reverse=True)
-        told = ", ".join(f"{what} {100.0 * x:.0f} %" for x, what in shares if x >= _TOLD)
+        parts = ", ".join(f"{what} {100.0 * x:.0f} %" for x, what in shares if x >= _TOLD)
         lines.append(
             f"  {name:<{width}}  {found.error[j]:.3g} {POSITION.symbol(slides[j])}, torque up to "
-            f"{found.torque[j]:.3g} {TORQUE.symbol(slides[j])}; {told}"
+            f"{found.torque[j]:.3g} {TORQUE.symbol(slides[j])}{'; ' if parts else ''}{parts}"
         )
     return lines
 

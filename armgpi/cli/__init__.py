@@ -17,7 +17,7 @@ import re
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Annotated, Any
 
@@ -25,56 +25,97 @@ import typer
 
 from armgpi.base.escape import printable
 from armgpi.cli.commands import Commands
-from armgpi.cli.parsing import BAD_INPUT, INTERRUPTED, in_options, with_options
+from armgpi.cli.parsing import BAD_INPUT, INTERRUPTED, in_options, refusal, with_options
 from armgpi.cli.terminal import lines_held, say
 
 #: How often Python looks for garbage.
 _USUAL = gc.get_threshold()
 
 
-#: What Typer says of words that it cannot use -> what we say.
-_OURS = {
+#: What Typer says of a value -> what was expected.
+_EXPECTED = {
     "Input should be a valid number, unable to parse string as a number": "expected a number with a point, "
     "in SI units and without its unit (kg, m, rad, s): 30 deg is 0.5236, 5 ms is 0.005",
     "Input should be a valid integer, unable to parse string as an integer": "expected a whole number",
-    "Got unexpected": "at most one robot or file at a time: got unexpected",
 }
 
 
 class _Commands(Commands):
-    """The commands; what Click says of wrong options and arguments is shown as everything else is."""
+    """The commands; what Click says of wrong options and arguments is shown as every other error is."""
 
     def make_context(self, *arguments: Any, **options: Any) -> Any:
         """Read the options of armgpi itself."""
-        with _usage_shown():
+        with _usage_errors_as_ours():
             return super().make_context(*arguments, **options)
 
     def invoke(self, ctx: Any) -> Any:
         """Read the options of a command, and run it."""
-        with _usage_shown(), lines_held():
+        with _usage_errors_as_ours(), lines_held():
             return super().invoke(ctx)
 
 
 @contextmanager
-def _usage_shown() -> Iterator[None]:
-    """Make a usage error one line, in which what cannot be seen is written out."""
+def _usage_errors_as_ours() -> Iterator[None]:
+    """Raise a usage error as one of our own: one line, in which what cannot be seen is written out."""
     try:
         yield
     except Exception as error:
         # Of Click, which Typer may have a copy of; without a command its message is the whole help.
-        if hasattr(error, "format_message") and type(error).__name__ != "NoArgsIsHelpError":
-            message, context = vars(error)["message"], vars(error).get("ctx")
-            line = printable(message).rstrip(".")
-            for theirs, ours in _OURS.items():
-                line = line.replace(theirs, ours)
-            line = re.sub(r"^(No such option: -\w)", r"\1 (names have two dashes, as --payload)", line)
-            if context is not None:
-                # Click puts a sentence of its own before no message.
-                command = "armgpi" if context.parent is None else f"armgpi {context.info_name}"
-                line += f"{'; see' if line else 'See'} {command} --help"
-                vars(error)["ctx"] = None
-            vars(error)["message"] = line
-        raise
+        if not hasattr(error, "format_message") or type(error).__name__ == "NoArgsIsHelpError":
+            raise
+        context = vars(error).get("ctx")
+        command = "armgpi"
+        if context is not None and context.parent is not None:
+            command = f"armgpi {context.info_name}"
+        raise refusal(*_usage_error(error, command)) from None
+
+
+def _usage_error(error: Exception, command: str) -> tuple[str, str]:
+    """Return the option or argument that Click refuses, empty where it is none, and what is wrong with it."""
+    kind, facts = type(error).__name__, vars(error)
+    said = printable(facts["message"] or "").rstrip(".")
+    see = f"see {command} --help"
+    if kind == "NoSuchOption":
+        return "", f"{_unknown_option(printable(facts['option_name']), facts['possibilities'])}; {see}"
+    if kind == "MissingParameter":
+        return _option_name(facts), f"is missing; {see}"
+    if kind == "BadParameter":
+        for theirs, ours in _EXPECTED.items():
+            said = said.replace(theirs, ours)
+        return _option_name(facts), f"{said}; {see}"
+    if extra := re.match(r"Got unexpected extra argument\S* \((.*)\)", said):
+        return "", f"{command} takes {_arguments(facts.get('ctx'))}, so {extra[1]!r} is too much; {see}"
+    if needs := re.match(r"Option '(.*)' requires an argument", said):
+        return needs[1], f"needs a value after it; {see}"
+    said = re.sub(
+        r"^No such command (.*)\. Did you mean (.*)\?", r"There is no command \1 (did you mean \2?)", said
+    )
+    said = re.sub(r"^No such command", "There is no command", said)
+    return "", f"{said[:1].lower()}{said[1:]}; {see}"
+
+
+def _option_name(facts: dict[str, Any]) -> str:
+    """Return the option or argument that an error of Click is about, as its help shows it."""
+    hint = facts.get("param_hint") or (facts["param"].get_error_hint() if facts.get("param") else "")
+    names = [hint] if isinstance(hint, str) else list(hint)
+    return " / ".join(names).replace("'", "")
+
+
+def _unknown_option(name: str, near: Sequence[str] | None) -> str:
+    """Return the sentence on an option that does not exist."""
+    if name[1:2] != "-":
+        return f"there is no option {name}; names of options have two dashes, such as --payload"
+    proposed = f" (did you mean {' or '.join(sorted(near))}?)" if near else ""
+    return f"there is no option {name}{proposed}"
+
+
+def _arguments(context: Any) -> str:
+    """Return which arguments a command takes."""
+    words = [] if context is None else context.command.collect_usage_pieces(context)
+    names = [word.strip("[]") for word in words if not word.startswith("[OPTIONS")]
+    if not names:
+        return "no argument"
+    return f"one argument, {names[0]}" if len(names) == 1 else f"the arguments {' '.join(names)}"
 
 
 app = typer.Typer(

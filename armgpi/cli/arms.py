@@ -134,9 +134,9 @@ def note_world(config: ExperimentConfig, arm: Any, judged: str = "") -> None:
     """
     from armgpi.config import world
 
-    if judged and judged != world.describe_arm(config, arm):
-        hold(f"judged instead: {judged}")
     hold(world.describe(config, arm))
+    if judged and judged != world.describe_arm(config, arm):
+        hold(f"evaluated instead: {judged}")
 
 
 def note_drives(experiment: Experiment, explain: bool = True) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
@@ -77,6 +78,7 @@ class DeclaredCommand(Command):
         args = ["--help" if word == "--help-all" else word for word in args]
         own = {flag for each in self.params for flag in (*each.opts, *each.secondary_opts)}
         typed = {word.partition("=")[0] for word in args if word.startswith("--")}
+        typed |= {f"-{word}" for word in args if re.match(r"-[a-z]{2}", word)}  # a dash was forgotten
         ctx.meta[_WANTED] = ctx.resilient_parsing or not typed <= own  # the former for completion
         return super().parse_args(ctx, args)
 

@@ -9,7 +9,8 @@ from typing import Any
 
 from typer.core import TyperCommand
 
-from armgpi.cli.parsing import OFFERED
+from armgpi.base.escape import in_si
+from armgpi.cli.parsing import OFFERED, TYPED, refusal
 
 #: Group -> its options, of whatever command. Declared parameters bring a group of their own.
 _OPTIONS = {
@@ -50,13 +51,20 @@ class Command(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> Any:
         """Read the command line."""
-        read_as_typed(self.get_params(ctx))
+        OFFERED.clear()
+        TYPED.clear()
+        params = self.get_params(ctx)
+        read_as_typed(params)
+        refuse_single_dash(params, args)
         return super().parse_args(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command; messages propose its options."""
-        OFFERED.clear()
-        OFFERED.update(flag for each in self.get_params(ctx) for flag in each.opts)
+        for each in self.get_params(ctx):
+            OFFERED.update(each.opts)
+            source = ctx.get_parameter_source(each.name)
+            if source is not None and source.name == "COMMANDLINE":
+                TYPED.update(dict.fromkeys(each.opts, each.opts[0]))
         return super().invoke(ctx)
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
@@ -83,6 +91,16 @@ class Command(TyperCommand):
                 formatter.write_dl(groups[name])
 
 
+def refuse_single_dash(params: list[Any], args: list[str]) -> None:
+    """Refuse an option whose name has one dash: `-omega 30` would be `-o mega` and a word too many."""
+    names = {flag for each in params for flag in each.opts if flag.startswith("--")}
+    for word in args:
+        if word == "--":
+            return
+        if word.startswith("-") and f"-{word.partition('=')[0]}" in names:
+            raise refusal(word.partition("=")[0], f"names of options have two dashes: -{word}")
+
+
 def read_as_typed(params: list[Any]) -> None:
     """Let arguments and options take text, paths, and nothing where nothing is given, as they are.
 
@@ -97,12 +115,24 @@ def _read(parameter: Any, ctx: Any, value: Any) -> Any:
     several = parameter.multiple or parameter.nargs == -1
     kind = getattr(getattr(parameter, "type_descriptor", None), "annotation", None)  # none in older Typer
     if kind is None or (parameter.required if value is None else several or kind not in (str, Path)):
-        return type(parameter).process_value(parameter, ctx, value)
+        return _read_by_typer(parameter, ctx, value)
     if value is None:
         value = () if several else None
     elif kind is Path:
         value = Path(value)
     return value if parameter.callback is None else parameter.callback(ctx, parameter, value)
+
+
+def _read_by_typer(parameter: Any, ctx: Any, value: Any) -> Any:
+    """Return a value as Typer reads it; a refusal says what was typed, and how it is written in SI units."""
+    try:
+        return type(parameter).process_value(parameter, ctx, value)
+    except Exception as error:
+        if hasattr(error, "format_message") and isinstance(value, str):
+            said = vars(error)["message"].rstrip(".")
+            hint = "" if "integer" in said else in_si(value)
+            vars(error)["message"] = f"{said}, got {value!r}{'; ' if hint else ''}{hint}"
+        raise
 
 
 def _usage(piece: str) -> str:

@@ -46,6 +46,8 @@ def log(
     from armgpi.loop.log import read
     from armgpi.loop.log import replay as compare
 
+    if plot is not None and csv is not None and plot.resolve() == csv.resolve():
+        raise refusal("--csv", f"is the same file as --plot, {plot}; name another one")
     if plot is not None:
         if replay is None:
             raise refusal("--plot", "requires --replay FOLDER: the force is estimated by its robot")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -137,19 +137,45 @@ def drives_given(rotor_inertia: list[str] | None, path: Path | None) -> dict[str
     return found
 
 
+#: Endings of a page; a name without one may be a device or a pipe.
+_PAGES = ("", ".html", ".htm")
+
+
 def page_file(parameter: typer.CallbackParam, path: Path | None) -> Path | None:
     """Return the file of a page, refusing the name of a picture or document."""
+    return _check_ending(parameter, path, ())
+
+
+def _check_ending(parameter: typer.CallbackParam, path: Path | None, others: Sequence[str]) -> Path | None:
+    """Return the file that an option writes, refusing a name that promises something else than a page.
+
+    Args:
+        parameter: the option.
+        path: its value.
+        others: endings of what the option writes besides pages.
+    """
     from armgpi.cli.parsing import refusal
 
-    if path is not None and path.suffix.lower() in (".pdf", ".png", ".svg", ".jpg"):
+    if path is not None and path.suffix.lower() not in (*_PAGES, *others):
         name = max(parameter.opts, key=len)
-        raise refusal(name, f"writes HTML, which browsers print as PDF: name it {path.with_suffix('.html')}")
+        instead = f", or a name that ends in {' or '.join(others)}" if others else ""
+        page = path.with_suffix(".html")
+        raise refusal(name, f"writes HTML, which browsers print as PDF: name it {page}{instead}")
     return path
 
 
-def page(text: str) -> Any:
-    """Return the option --out of a command that writes a page; `text` is its help."""
-    return typer.Option("--out", "-o", metavar="FILE", callback=page_file, help=text)
+def page(text: str, others: Sequence[str] = ()) -> Any:
+    """Return the option --out of a command that writes a page.
+
+    Args:
+        text: its help.
+        others: endings of what it writes besides pages.
+    """
+
+    def check(parameter: typer.CallbackParam, value: Path | None) -> Path | None:
+        return _check_ending(parameter, value, others)
+
+    return typer.Option("--out", "-o", metavar="FILE", callback=check, help=text)
 
 
 #: Flag -> what checks its value.

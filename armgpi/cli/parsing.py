@@ -12,7 +12,7 @@ import typer
 
 from armgpi.base.escape import in_si
 from armgpi.cli.terminal import say
-from armgpi.errors import ConfigError, Remedy
+from armgpi.errors import ConfigError, ParameterError, Remedy
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
@@ -40,6 +40,8 @@ OPTIONS = {
 
 #: The options of the command that runs.
 OFFERED: set[str] = set()
+#: Names of the options that were typed -> the first name of each.
+TYPED: dict[str, str] = {}
 #: Options that are keys of an experiment file as well, of which a command may offer the file alone.
 _KEYS = {
     **{f"--{key}": f"robot.{key}" for key in ("lock", "keep", "mimic", "repair", "effort")},
@@ -76,10 +78,17 @@ def with_options(error: BaseException) -> str:
     cause: BaseException | None = error
     while cause is not None and not getattr(cause, "remedies", ()):
         cause = cause.__cause__
-    text = in_options(str(error))
+    text = in_options(_of_option(error))
     options = [in_options(as_option(remedy)) for remedy in getattr(cause, "remedies", ())]
     options = [option for option in options if re.split(r"(?:=|: )[\d.]+", option)[0] not in text]
     return f"{text} ({' or '.join(options)})" if options else text
+
+
+def _of_option(error: BaseException) -> str:
+    """Return the text of an error; it names the option where the value of one was wrong."""
+    if isinstance(error, ParameterError) and (option := TYPED.get(f"--{error.name.replace('_', '-')}")):
+        return str(refusal(option, str(error).removeprefix(f"{error.name} ")))
+    return str(error)
 
 
 #: Calls in Python that messages propose, and the options that do the same.

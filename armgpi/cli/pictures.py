@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from armgpi.cli.parsing import refusal
 from armgpi.cli.terminal import progress, say
+from armgpi.errors import ParameterError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -43,7 +44,10 @@ def check(
     if plot is not None:
         from armgpi.viewing import plots
 
-        plots.check_path(plot)
+        try:
+            plots.check_path(plot)
+        except ParameterError as error:
+            raise refusal("--plot", str(error).removeprefix(f"{error.name} ")) from None
     if interactive:
         if report is None:
             raise refusal("--interactive", "requires --report FILE")

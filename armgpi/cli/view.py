@@ -25,8 +25,13 @@ FILMS = (".gif", ".mp4")
 File = Annotated[
     Path | None,
     opt.page(
-        "Write one file and serve nothing: a page for any browser, or of a rollout a film (.gif, .mp4)."
+        "Write one file and serve nothing: a page for any browser, or of a rollout a film (.gif, .mp4).",
+        FILMS,
     ),
+]
+Report = Annotated[
+    Path,
+    opt.page("The file to write: .html; or a log: .mcap (Foxglove, PlotJuggler) or .rrd (Rerun).", LOGS),
 ]
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
@@ -35,8 +40,6 @@ ROWS = {
     "robot ROBOT": "The arm of a rollout, where the one it was made with is gone.",
     "browser --open": "Open it in a browser.",
     "files <FILE...>": "Rollouts (.nc), folders of --out, or logs (.armlog), of one robot.",
-    "output --out -o FILE": "The file to write: .html; or a log: .mcap (Foxglove, PlotJuggler) or .rrd "
-    "(Rerun).",
     "title TEXT": "Title; the robot's name by default.",
 }
 
@@ -80,7 +83,7 @@ def view(
 @stoppable
 def report(
     files: list[Path],
-    output: Path = Path("report.html"),
+    output: Report = Path("report.html"),
     title: str | None = None,
     robot: str | None = None,
     package_dir: list[Path] | None = None,

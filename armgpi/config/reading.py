@@ -10,7 +10,7 @@ from armgpi.base import files
 from armgpi.config.schema import FORMAT, REFERENCE_FILES, ExperimentConfig
 from armgpi.config.section import Path_, Section, Wrong
 from armgpi.errors import ConfigError
-from armgpi.robot import identified
+from armgpi.robot import identified, robots
 
 #: Largest size of an experiment file [bytes].
 _MAX_BYTES = 1_000_000
@@ -102,17 +102,25 @@ def _text(path: Path) -> str:
     try:
         return files.read_text(path, _MAX_BYTES)
     except FileNotFoundError:
-        raise ConfigError(
-            path, "", "there is no such file; `armgpi new ROBOT` writes an experiment file"
-        ) from None
+        raise ConfigError(path, "", f"there is no such file; {_how_to_write_one(path)}") from None
     except files.NotRegular as error:
-        raise ConfigError(path, "", f"is {error.kind}; expected the YAML file itself") from None
+        inside = path / "experiment.yaml"
+        file = str(inside) if inside.is_file() else "the YAML file itself"
+        raise ConfigError(path, "", f"is {error.kind}; expected {file}") from None
     except files.TooLarge:
         raise ConfigError(path, "", f"is larger than {_MAX_BYTES} bytes") from None
     except UnicodeDecodeError:
         raise ConfigError(path, "", "is not UTF-8 text") from None
     except (OSError, ValueError) as error:
         raise ConfigError(path, "", f"cannot be read: {files.reason(error)}") from None
+
+
+def _how_to_write_one(path: Path) -> str:
+    """Return how an experiment file is written; for a robot, where its name stands in place of a file."""
+    name = str(path)
+    if name in robots.names():
+        return f"expected an experiment file, and `armgpi new {name} --out {name}.yaml` writes one"
+    return "`armgpi new ROBOT` writes an experiment file"
 
 
 def parse(text: str, source: str) -> Loaded:

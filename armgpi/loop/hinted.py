@@ -9,6 +9,14 @@ import xarray as xr
 from armgpi.base.hints import ROLLOUT, missing
 
 
+class MissingVariable(KeyError):
+    """A variable that a rollout does not have; unlike a `KeyError` it is shown as its sentence, unquoted."""
+
+    def __str__(self) -> str:
+        """Return the sentence."""
+        return str(self.args[0])
+
+
 class Rollout(xr.Dataset):  # type: ignore[no-untyped-call]  # of its base
     """What a run recorded: an ``xarray.Dataset`` that says what to write for a variable that it has not."""
 
@@ -27,6 +35,19 @@ class Rollout(xr.Dataset):  # type: ignore[no-untyped-call]  # of its base
                 raise
         # With an object of its own, Python would add a second hint to this one.
         raise AttributeError(missing("a rollout", name, ROLLOUT, self._names()), name=name, obj=None)
+
+    def __getitem__(self, key: Any) -> Any:
+        """Return a variable, or several, or a part, as xarray does.
+
+        Raises:
+            KeyError: where there is no variable of this name; it names the nearest one.
+        """
+        try:
+            return super().__getitem__(key)
+        except KeyError:
+            if not isinstance(key, str):
+                raise
+        raise MissingVariable(missing("a rollout", key, ROLLOUT, self._names(), "variable"))
 
     def _names(self) -> list[str]:
         """Return the names of variables and coordinates."""

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from armgpi.studies.contend import CONTENDERS, Entry, classes, medians
+from armgpi.studies.contend import Entry, classes, medians
 from armgpi.studies.found import convergence, front
 from armgpi.studies.objective import heading
 from armgpi.studies.optimise import Row, Search, Validated
@@ -108,38 +108,60 @@ def _log(scale: Any, values: Sequence[float]) -> None:
         scale("log")
 
 
+#: Markers of the curves of a panel, filled for GPI and open for others: they tell more curves than there
+#: are colours apart, also in grey.
+_MARKERS = "osD^v<>P*X"
+
+
 def contest_picture(entries: Sequence[Entry]) -> bytes:
     """Return the fronts of a contest as PNG: a row for each arm, a column for each class of several laws."""
     arms = list(dict.fromkeys(entry.arm for entry in entries))
     all_groups = classes(entries)
     groups = {name: laws for name, laws in all_groups.items() if len(laws) > 1} or all_groups
+    return draw_contest({arm: medians(entries, arm) for arm in arms}, groups)
+
+
+def draw_contest(
+    arms: Mapping[str, Mapping[str, Mapping[str, float]]], groups: Mapping[str, Sequence[str]]
+) -> bytes:
+    """Return the fronts of a contest as PNG.
+
+    Args:
+        arms: arm -> controller -> limit of torque variation -> error; a row of panels for each arm.
+        groups: class -> its controllers; a column of panels for each class.
+    """
     with plots.styled():
         figure = Figure(figsize=(6.2 * len(groups), 2.8 * len(arms)), layout="constrained")
         panels = figure.subplots(len(arms), len(groups), squeeze=False)
-        for row, arm in enumerate(arms):
-            values = medians(entries, arm)
+        for row, (arm, values) in enumerate(arms.items()):
             for axes, (group, laws) in zip(panels[row], groups.items(), strict=True):
                 _draw_fronts(axes, laws, values)
-                axes.set_title(plots.text(f"{arm}, {group.rpartition(', ')[2]}"), fontsize="small")
+                title = f"{plots.text(arm)}: {plots.text(group.partition(', ')[2])}"
+                axes.set_title(title, fontsize="small")
                 if row == 0:
                     axes.legend(fontsize=6.5, loc="upper left", bbox_to_anchor=(1.01, 1.0))
-            panels[row, 0].set_ylabel("ITAE, held out [rad s²]")
+            panels[row, 0].set_ylabel("ITAE on held-out scenarios [rad s²]")
     return png(figure)
 
 
 def _draw_fronts(axes: Any, laws: Sequence[str], values: Mapping[str, Mapping[str, float]]) -> None:
-    """Draw the errors of some laws over their budgets."""
+    """Draw the errors of some laws over their budgets: GPI with filled markers, others with open ones."""
+    ours = [law.startswith("GPI") for law in laws]
     for index, law in enumerate(laws):
         if law not in values:
             continue
         budgets = [float(budget) for budget in values[law]]
         errors = [error if math.isfinite(error) else math.nan for error in values[law].values()]
-        color, dashes = style.look(index)
-        marker = "o"
-        if not CONTENDERS[law].gpi:
-            dashes, marker = (0, (4, 1.5)), "x"
-        axes.plot(budgets, errors, color=color, label=law, markersize=3.5, linestyle=dashes, marker=marker)
+        color, _ = style.look(index)
+        gpi = ours[index]
+        place = ours[:index].count(gpi)
+        look: dict[str, Any] = {
+            "linestyle": "-" if gpi else (0, (4, 1.5)),
+            "marker": _MARKERS[place % len(_MARKERS)],
+            "markerfacecolor": color if gpi else "white",
+        }
+        axes.plot(budgets, errors, color=color, label=law, markersize=4.0, linewidth=1.0, **look)
     axes.set(xscale="log", yscale="log", xlabel="torque variation up to [N m]")
     ticks = [float(budget) for budget in next(iter(values.values()))]
-    axes.set_xticks(ticks, [f"{tick:.3g}" for tick in ticks])
+    axes.set_xticks(ticks, [f"{tick:.6g}" for tick in ticks])
     axes.minorticks_off()

@@ -15,7 +15,7 @@ from armgpi.base.parameter import parameters
 from armgpi.config import Experiment, ExperimentConfig, Origin
 from armgpi.config.building import expand
 from armgpi.config.reading import beside, check_section, read_data
-from armgpi.errors import ArmgpiError, ArmgpiWarning, NameNotFound, ParameterError, require_extra
+from armgpi.errors import ArmgpiError, ArmgpiWarning, ConfigError, NameNotFound, ParameterError, require_extra
 from armgpi.loop import metrics
 from armgpi.plants.reality import Reality
 from armgpi.robot import rotors
@@ -30,6 +30,9 @@ from armgpi.studies.study import Identity, identify
 
 #: Held-out draws begin so many draws after those that are searched on.
 _APART = 1 << 20
+#: Keys of an experiment that say what `armgpi run` simulates, and that a search does not use: its scenarios
+#: have moves and a duration of their own.
+_UNUSED = ("reference", "t_final", "vary")
 #: What is searched for an identified arm, where nobody says it: errors that are not bought by torque chatter.
 _OBJECTIVE = "itae + 0.001*variation"
 
@@ -96,6 +99,13 @@ def read(path: Path, changes: Mapping[str, Any] | None = None, backend: str = "c
 def _read(path: Path) -> tuple[dict[str, Any], Origin]:
     """Return an experiment file as plain data, or the study of the arm in a folder of `armgpi identify`."""
     if find_identified(path) is None:
+        if path.is_dir():
+            said = "is a folder, but not one of armgpi identify (it has no identification.json)"
+            inside = path / "experiment.yaml"
+            remedy = (
+                f"give the experiment file in it: {inside}" if inside.is_file() else "give an experiment file"
+            )
+            raise ConfigError(path, "", f"{said}; {remedy}")
         return read_data(path)
     # The arm and controller that `armgpi run` has of the same folder.
     arm = {"robot": {"name": str(path.resolve())}, "ideal": False, "tune": {"objective": _OBJECTIVE}}
@@ -112,6 +122,11 @@ def _warn(given: ExperimentConfig, experiment: Experiment, silent: bool, origin:
     if experiment.supervisor is not None:
         said = "tuning simulates without the supervisor of the file; run the result under it"
         warnings.warn(str(origin.error(("supervisor",), said)), ArmgpiWarning, stacklevel=3)
+    unused = [key for key in _UNUSED if key in given.given]
+    if unused:
+        verb = "is" if len(unused) == 1 else "are"
+        said = f"tuning simulates random moves of its own; the file's {' and '.join(unused)} {verb} not used"
+        warnings.warn(str(origin.error((unused[0],), said)), ArmgpiWarning, stacklevel=3)
     left = {*given.plant.given} - {"delay", "encoder_bits"}
     friction = experiment.robot.friction
     if not (np.any(friction.viscous) or np.any(friction.coulomb)):

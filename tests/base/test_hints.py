@@ -46,6 +46,11 @@ def test_a_variable_that_a_rollout_has_not_gets_a_hint(name: str, hint: str, tmp
             getattr(each, name)
         assert str(caught.value).startswith(f"a rollout has no attribute {name!r}; {hint}")
         assert caught.value.obj is None
+        with pytest.raises(KeyError) as missing:
+            each[name]
+        assert str(missing.value).startswith(f"a rollout has no variable {name!r}; {hint}")
+    with pytest.raises(KeyError, match="'no'"):
+        rollout[["no", "such"]]
     assert loaded.identical(rollout)
     assert not hasattr(rollout, "_repr_png_")
 

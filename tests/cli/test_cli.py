@@ -381,7 +381,7 @@ def test_inspect_takes_the_side_of_the_encoders_as_an_option_and_from_a_file(
     assert found["option"] == found["file"] != found["link"] == found["option over file"]
     code, out, err = cli("inspect", "ur5", "--encoder-side", "gear")
     assert (code, out) == (2, "")
-    assert err == "error: encoder_side must be one of motor, link, got 'gear'\n"
+    assert err == "error: command line: --encoder-side: must be one of motor, link, got 'gear'\n"
     code, out, err = cli("inspect", "pandas")
     assert (code, out) == (2, "")
     assert "did you mean 'panda'" in err
@@ -980,9 +980,13 @@ BAD: dict[str, tuple[list[str], str]] = {
     "a missing file": (["run", "none.urdf"], "none.urdf: there is no such file"),
     "a folder": (["run", "/"], "a folder"),
     "a long name": (["run", "a" * 5000], "ROBOT"),
-    "two robots": (["run", ARM, ARM], "unexpected extra argument"),
-    "an unknown command": (["rum", ARM], "No such command 'rum'"),
-    "an unknown option": (["run", ARM, "--payloda", "1"], "No such option: --payloda"),
+    "two robots": (["run", ARM, ARM], "armgpi run takes one argument, ROBOT, so"),
+    "an argument too much": (["doctor", "x"], "armgpi doctor takes no argument, so 'x' is too much"),
+    "an unknown command": (["rum", ARM], "there is no command 'rum' (did you mean 'run'?)"),
+    "an unknown option": (["run", ARM, "--payloda", "1"], "no option --payloda (did you mean --payload"),
+    "one dash": (["run", ARM, "-omega", "30"], "-omega: names of options have two dashes: --omega"),
+    "a unit": (["run", ARM, "--payload", "0.5kg"], "got '0.5kg'; write 0.5 (kg)"),
+    "a page of another kind": (["view", ARM, "-o", "arm.avi"], "--out: writes HTML"),
     "an option without value": (["run", ARM, "--payload"], "--payload"),
     "a joint that does not exist": (["run", ARM, "--to", "j1=0.8"], "--to: there is no joint named 'j1'"),
     "too few joints": (["run", ARM, "--to", "1,2"], "--to: expected 3 numbers (q1, q2, q3), got 2"),

@@ -183,7 +183,7 @@ def test_drives_that_the_user_supplied_and_that_are_not_judged_make_a_verdict_fo
     page = tmp_path / "page.html"
     done = cli(*words, "--report", page)
     assert done.code == 3, (done.out, done.err)
-    assert done.err.splitlines()[0].startswith("judged instead: stiff joints")
+    assert done.err.splitlines()[1].startswith("evaluated instead: stiff joints")
     assert done.out.splitlines()[0].startswith("INCOMPLETE: ")
     assert named in done.out.splitlines()[0]
     assert "<p class=fair>INCOMPLETE" in page.read_text()

@@ -166,10 +166,10 @@ def test_a_command_that_cannot_judge_the_arm_says_which_it_judges(
     command: str, arm: Path, cli: Callable[..., Answer]
 ) -> None:
     answer = cli(command, arm)
-    (line,) = [line for line in answer.err.splitlines() if line.startswith("judged instead:")]
+    (line,) = [line for line in answer.err.splitlines() if line.startswith("evaluated instead:")]
     assert "stiff joints, no rotors" in line
     textbook = cli(command, "anthropomorphic3", *(("--payload", "0:0.1") if command == "certify" else ()))
-    assert "judged instead" not in textbook.err
+    assert "evaluated instead" not in textbook.err
 
 
 def test_an_option_that_names_sensors_leaves_the_world(arm: Path, cli: Callable[..., Answer]) -> None:

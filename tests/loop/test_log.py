@@ -343,6 +343,11 @@ def test_the_command_says_what_a_log_is_and_replays_an_export(
     assert code == 0, out + err
     assert (tmp_path / "force.png").read_bytes().startswith(b"\x89PNG")
     assert f"wrote {tmp_path / 'force.png'}" in err
+    same = tmp_path / "same.png"
+    code, out, err = cli("log", file, "--replay", tmp_path / "c", "--plot", same, "--csv", same)
+    assert (code, out) == (2, "")
+    assert "--csv: is the same file as --plot" in err
+    assert not same.exists()
     code, out, err = cli("log", file, "--plot", tmp_path / "none.png")
     assert code == 2
     assert err.splitlines() == [

@@ -16,7 +16,7 @@ from commands import Answer
 
 from armgpi.base import files
 from armgpi.cli import main
-from armgpi.errors import ArmgpiWarning
+from armgpi.errors import ArmgpiWarning, ConfigError
 from armgpi.studies import contend, setup
 from armgpi.studies.optimise import Search
 from armgpi.studies.study import IDENTITY
@@ -66,6 +66,21 @@ def test_a_search_says_that_it_leaves_the_supervisor_out(tmp_path: Path) -> None
     path.write_text(path.read_text() + "supervisor: {}\n")
     with pytest.warns(ArmgpiWarning, match=r"supervisor: tuning simulates without the supervisor"):
         setup.read(path)
+
+
+def test_a_search_says_which_keys_of_the_file_it_does_not_use(tmp_path: Path) -> None:
+    path = tmp_path / "study.yaml"
+    path.write_text("robot: {name: anthropomorphic3}\nt_final: 2\nreference: {points: [[0, 0.3, 0]]}\n")
+    with pytest.warns(ArmgpiWarning, match=r"study.yaml:3: reference: .* reference and t_final are not used"):
+        setup.read(path)
+
+
+def test_a_folder_that_is_no_identified_arm_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"not one of armgpi identify .*; give an experiment file"):
+        setup.read(tmp_path)
+    (tmp_path / "experiment.yaml").write_text("robot: {name: anthropomorphic3}\n")
+    with pytest.raises(ConfigError, match=r"give the experiment file in it: .*experiment.yaml"):
+        setup.read(tmp_path)
 
 
 def test_a_search_says_what_of_the_plant_its_scenarios_do_not_have(tmp_path: Path) -> None:

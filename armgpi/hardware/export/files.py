@@ -297,7 +297,11 @@ def _run_replay(texts: dict[str, str | bytes], found: build.Compiler) -> Measure
         done = _run([str(replay)], folder)
     compiler = found.version.splitlines()[0] if found.version else found.command[0]
     stack = json.loads(said_of_stack)
-    return _read_replay(done.stdout.decode(errors="replace"), compiler, done.returncode == 0, stack)
+    said = done.stdout.decode(errors="replace")
+    if re.search(r"state \d+", said) is None:
+        end = f"it ended with {done.returncode} after printing {said[-200:].strip()!r}"
+        raise BackendError(f"the replay of the exported controller did not report its state: {end}")
+    return _read_replay(said, compiler, done.returncode == 0, stack)
 
 
 def _build_replay(folder: Path, texts: Mapping[str, str | bytes], found: build.Compiler) -> bytes:
