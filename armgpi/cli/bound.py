@@ -201,6 +201,19 @@ class _Judged(NamedTuple):
     exit_code: int
 
 
+def _instead(law: Any) -> str:
+    """Return what can be bounded of a controller in place of its error; nothing for most."""
+    from armgpi.control.impedance import CartesianImpedance, Impedance
+
+    if not isinstance(law, Impedance):
+        return ""
+    limited = "; with force_limit, its force at rest is" if isinstance(law, CartesianImpedance) else ""
+    reason = (
+        "no proof bounds the error of a spring, whose damping from filtered positions ends at some frequency"
+    )
+    return f": {reason}{limited}"
+
+
 def _has_force_limit(experiment: Any) -> bool:
     """Tell whether the controller has a force limit, so that the force has a bound and the error has none."""
     return getattr(next(iter(experiment.controllers.values())), "force_limit", None) is not None
@@ -341,7 +354,7 @@ def _experiment(name: str, drives: dict[str, Any], controller: str | None, known
     if not isinstance(law, GPI):
         raise origin.error(
             ("controllers", 0, "type"),
-            f"a bound can be computed for gpi and gpi_auto, got {type(law).__name__}",
+            f"a bound can be computed for gpi and gpi_auto, got {type(law).__name__}{_instead(law)}",
         )
     for name in ("torque_rate", "torque_cap"):
         if getattr(experiment.supervisor, name, None) is not None:

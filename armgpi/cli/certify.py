@@ -33,6 +33,12 @@ if TYPE_CHECKING:
     from armgpi.certification.certificate import Certificate
     from armgpi.config import ExperimentConfig
 
+#: Controllers that no proof covers, and why; see docs/compliance.md.
+_COMPLIANT = ("cartesian_impedance", "joint_impedance")
+_NOT_PROVED = (
+    "no proof covers a spring, whose damping from filtered positions ends at some frequency; "
+    "`armgpi inspect` prints the largest stiffness"
+)
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
     "speed NUMBERS": "Largest speed of each joint of the reference [rad/s or m/s]; for a reference at "
@@ -282,6 +288,8 @@ def _loop_of(
             from armgpi.config import read
 
             expected = f"a certificate can be computed for gpi and gpi_auto, got {law!r}"
+            if law in _COMPLIANT:
+                expected += f"; {_NOT_PROVED}"
             raise read(Path(robot)).origin.error(("controllers", 0, "type"), expected)
         usual = (config.sample_time, getattr(config.plant, "delay", None) or 0, law)
     return (

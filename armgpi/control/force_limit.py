@@ -24,6 +24,7 @@ import numpy as np
 from armgpi.base.arrays import (
     Array,
     ArrayLike,
+    as_float_array,
     as_joint_array,
     check_number,
     new,
@@ -31,8 +32,8 @@ from armgpi.base.arrays import (
     per_joint,
 )
 from armgpi.control.elastic_limits import LEAST_LINK, elastic_joints
-from armgpi.control.speed_brake import FREE, LimitState, SpeedBrake
-from armgpi.errors import ArmgpiWarning, Finding, ParameterError
+from armgpi.control.speed_brake import FREE, SpeedBrake
+from armgpi.errors import ArmgpiWarning, ArrayError, Finding, ParameterError
 from armgpi.references.reference import Target
 from armgpi.robot.frame_motion import DampedJacobian, FrameMotion, inner
 from armgpi.robot.kinematics import random_configurations
@@ -52,6 +53,8 @@ USUAL_FRICTION, USUAL_WITHIN = 0.03, 2.0
 KNOWN_WITHIN = 1.2
 #: Stiffness of what is hit, where none is given [N/m].
 HIT = 1e4
+#: Time constant of a change of the limit [s].
+CHANGE = 0.1
 #: Configurations over which forces are taken, of those that are drawn.
 _CONFIGURATIONS, _DRAWN = 20, 60
 #: Joints of which all combinations of signs are tried.
@@ -112,6 +115,22 @@ class ForceBound(NamedTuple):
         )
 
 
+class LimitState(NamedTuple):
+    """State of a force limit.
+
+    Attributes:
+        e: position error of the last sample [rad or m].
+        rate: filtered difference of it [rad/s or m/s].
+        force: the limit now [N], (1,) or (batch, 1).
+        force_goal: the limit that it changes to, likewise.
+    """
+
+    e: Array
+    rate: Array
+    force: Array
+    force_goal: Array
+
+
 class Gentle(NamedTuple):
     """A torque under a force limit.
 
@@ -150,7 +169,10 @@ class ForceLimit:
         speed: of the tool beside its reference [m/s].
     """
 
-    derived: ClassVar[Mapping[str, str]] = SpeedBrake.derived
+    derived: ClassVar[Mapping[str, str]] = {
+        **SpeedBrake.derived,
+        "_change": "share of a change of the force limit that a sample makes [-]",
+    }
 
     def __init__(
         self,
@@ -184,10 +206,30 @@ class ForceLimit:
         self.speed = speed
         self._length = self._motion.reach(robot)
         self._brake = SpeedBrake(robot, *loop)
+        self._change = -np.expm1(-loop[0] / CHANGE)
 
     def init(self, e: Array) -> LimitState:
         """Return the state before the first sample, at rest, from a position error."""
-        return LimitState(e, np.zeros_like(e))
+        force = 0.0 * e[..., :1] + self.force
+        return LimitState(e, np.zeros_like(e), force, force)
+
+    def changed(self, state: LimitState, limit: Any, weight: float) -> LimitState:
+        """Return a state from which on the limit goes to another one, without a step of torque.
+
+        Args:
+            state: of the running limit.
+            limit: largest force [N], a number or one a rollout, (batch, 1).
+            weight: that the model is uncertain by [N].
+
+        Raises:
+            ParameterError: when it is not positive, or below that weight.
+            ArrayError: when its shape does not fit.
+        """
+        value = as_float_array(limit, "limit")
+        if not (value > 0.0).all():
+            raise ParameterError("limit", value.tolist(), "positive [N]")
+        check_weight(value, weight, "limit")
+        return state._replace(force_goal=fitted(value, state.force_goal, "limit"))
 
     def gentle(
         self, q: Array, target: Target, parts: tuple[Array, Array], state: LimitState, dynamics: Any
@@ -206,15 +248,18 @@ class ForceLimit:
             dynamics: of the arm: its inertia scales the damping.
         """
         asked, known = parts
-        after = self._brake.rate(q - target.q, state)
-        much = self._excess(q, asked - known)
-        motion = self._motion.at(q, after.rate)
+        e = q - target.q
+        after_rate = self._brake.rate(e, state.e, state.rate)
+        force = limit_after(state.force, state.force_goal, self._change)
+        much = self._excess(q, asked - known, force)
+        motion = self._motion.at(q, after_rate)
         swift = inner(motion.velocity, motion.velocity)
         turning = LEVER * LEVER * inner(motion.rate, motion.rate)
         fast = np.sqrt(np.maximum(np.maximum(swift, turning), 1e-12)) / self.speed
-        brake = self._brake.torque(q, after.rate, fast, dynamics)
+        brake = self._brake.torque(q, after_rate, fast, dynamics)
         given_way = self._given_way(much, dynamics.inertia_solve(q, much.torque))
         told = asked - dynamics.inertia_times(q, given_way)
+        after = new(LimitState, (e, after_rate, force, state.force_goal))
         return new(Gentle, (asked - much.torque - brake, told, after))
 
     def _given_way(self, much: _Excess, acceleration: Array) -> Array:
@@ -233,17 +278,18 @@ class ForceLimit:
             q: measured positions [rad or m], (n,) or (batch, n).
             torque: beyond the model's [N m or N], likewise.
         """
-        return self._excess(q, torque).torque
+        return self._excess(q, torque, self.force).torque
 
-    def _excess(self, q: Array, torque: Array) -> _Excess:
-        """Return what is too much of a torque beyond the model's."""
+    def _excess(self, q: Array, torque: Array, most: Any) -> _Excess:
+        """Return what is too much of a torque beyond the model's, under a largest force [N]."""
         jacobian = self._motion.at(q, 0.0 * q).damped_jacobian(self._length)
         seen = np.matmul(jacobian.matrix, torque[..., None])
         wrench: Any = np.linalg.solve(jacobian.square, seen)[..., 0]
         force, moment = wrench[..., 0:3], wrench[..., 3:6]
-        much = np.concatenate(
-            [_beyond(force, self.force * self._length), _beyond(moment, self.moment)], axis=-1
-        )
+        # The moment's limit changes with that of the force.
+        largest_moment = self.moment * (most / self.force)
+        beyond = [_beyond(force, most * self._length), _beyond(moment, largest_moment)]
+        much = np.concatenate(beyond, axis=-1)
         taken = np.matmul(jacobian.transposed, much[..., None])[..., 0]
         left: Array = taken - np.minimum(np.maximum(taken, -self.friction), self.friction)
         return new(_Excess, (left, much, jacobian))
@@ -425,7 +471,31 @@ def usual_friction(robot: Robot) -> Array:
     return np.asarray(USUAL_FRICTION * efforts)
 
 
-def check_weight(limit: Any, weight: float) -> None:
+def limit_after(limit: Any, goal: Any, share: Any) -> Any:
+    """Return a limit after a sample on its way to another one: a far larger one is reached by growing.
+
+    Args:
+        limit: now.
+        goal: where it goes.
+        share: of the way, and of the limit itself at most, in a sample [-].
+    """
+    nearer = limit + share * (goal - limit)
+    return np.minimum(nearer, limit + share * limit)
+
+
+def fitted(value: Array, like: Array, name: str) -> Array:
+    """Return an array in the shape of another one.
+
+    Raises:
+        ArrayError: when it does not fit.
+    """
+    try:
+        return np.array(np.broadcast_to(value, like.shape))
+    except ValueError:
+        raise ArrayError(name, f"expected shape {like.shape}, got {value.shape}") from None
+
+
+def check_weight(limit: Any, weight: float, name: str = "force_limit") -> None:
     """Refuse a force limit below the weight that a model is uncertain by [N].
 
     Raises:
@@ -433,7 +503,7 @@ def check_weight(limit: Any, weight: float) -> None:
     """
     if weight > float(np.min(limit)):
         expected = f"more than {weight:.3g} N, the weight that the payload is uncertain by"
-        raise ParameterError("force_limit", limit, expected)
+        raise ParameterError(name, np.asarray(limit).tolist(), expected)
 
 
 def warn(findings: Iterable[Finding], level: int) -> None:

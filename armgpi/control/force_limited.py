@@ -66,7 +66,7 @@ class LimitedState(NamedTuple):
     """State of a controller under a force limit.
 
     Attributes:
-        limit: what the speed limit remembers.
+        limit: state of the force limit.
         law: state of the controller in it.
     """
 
@@ -162,6 +162,11 @@ class ForceLimited(Controller):
             warn(self.force.doubts(arm), 2)
 
     @property
+    def least_limit(self) -> float:
+        """The weight that the nominal model is uncertain by [N]: no force limit may be below it."""
+        return self._weight
+
+    @property
     def force_limit(self) -> float:
         """The force limit [N]."""
         return self.settings.force_limit
@@ -169,6 +174,10 @@ class ForceLimited(Controller):
     def force_bound(self, **given: Any) -> ForceBound:
         """Return what the tool presses with, and the impact beside it; see :meth:`armgpi.GPI.force_bound`."""
         return self.force.bound(one_of(self.bias_robot), weight=self._weight, **given)
+
+    def changed(self, state: LimitedState, limit: float) -> LimitedState:
+        """Return a state from which on it has another force limit; see :meth:`armgpi.GPI.changed`."""
+        return state._replace(limit=self.force.changed(state.limit, limit, self._weight))
 
     def init(self, measurement: Any, target: Target) -> LimitedState:
         """Return the state before the first sample; see :meth:`Controller.init`."""

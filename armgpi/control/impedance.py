@@ -24,7 +24,7 @@ from armgpi.base.parameter import PerJoint, parameter, with_parameters
 from armgpi.control.bandwidth import FilteredDifference
 from armgpi.control.controller import Controller, ControlStep, Measurement
 from armgpi.control.elastic_limits import ElasticLoop
-from armgpi.control.force_limit import LEVER, ForceBound, ForceLimit
+from armgpi.control.force_limit import CHANGE, LEVER, ForceBound, ForceLimit, fitted, limit_after
 from armgpi.control.impedance_limits import ImpedanceLimits, LimitSearch, Mode
 from armgpi.errors import ArrayError, ParameterError
 from armgpi.references.reference import Target
@@ -51,8 +51,8 @@ _ROUNDED = 0.95
 #: Square of a natural frequency below which there is no spring: the tool cannot move that way
 #: [1/s^2].
 _STILL = 1e-6
-#: Time constant of changes of stiffness, limit and target [s], and of the target that follows a hand.
-_CHANGE, _GUIDE = 0.1, 0.05
+#: Time constant of the target that follows a hand [s].
+_GUIDE = 0.05
 #: Least share of the damping that is left where the stiffness goes to zero.
 _LEAST_DAMPING = 0.3
 #: Most by which a stiffness may be raised while it runs, where no limit is nearer.
@@ -204,7 +204,7 @@ class Impedance(Controller):
         self._roots = np.sqrt(self._springs)
         count = (self._springs > 0.0).sum(axis=-1, keepdims=True)
         self._weights = np.where(self._roots > 0.0, 1.0 / np.maximum(self._roots, 1e-150), 0.0) / count
-        self._share, self._follows = -np.expm1(-self.dt / _CHANGE), -np.expm1(-self.dt / _GUIDE)
+        self._share, self._follows = -np.expm1(-self.dt / CHANGE), -np.expm1(-self.dt / _GUIDE)
         self._decay, self._drive = FilteredDifference.of(self.velocity_filter, self.dt)
         if not found.factor >= 1.0:
             raise self._refusal(found, modes, arm)
@@ -314,20 +314,20 @@ class Impedance(Controller):
             value = as_float_array(limit, "limit")
             if not (value > 0.0).all():
                 raise ParameterError("limit", value.tolist(), "positive")
-            given["limit_goal"] = _like(value, state.limit, "limit")
+            given["limit_goal"] = fitted(value, state.limit, "limit")
         if guided is not None:
             check_type(guided, "guided", bool, "True or False")
             now = np.full_like(state.guided, float(guided))
             given |= {"guided": now, "kept": np.ones_like(now)}
         if moved is not None:
-            by = _like(as_float_array(moved, "moved"), state.offset, "moved")
+            by = fitted(as_float_array(moved, "moved"), state.offset, "moved")
             # The last error is one from the new target: what was set elsewhere is no motion to be damped.
             given |= {"e": state.e + by, "offset": state.offset + by, "kept": np.zeros_like(state.kept)}
         return state._replace(**given)
 
     def _checked(self, stiffness: Any, like: Array) -> Array:
         """Return a stiffness that the loop is fast enough for."""
-        value = _like(as_float_array(stiffness, "stiffness"), like, "stiffness")
+        value = fitted(as_float_array(stiffness, "stiffness"), like, "stiffness")
         if not ((value >= 0.0) & (value <= self._most)).all():
             most = np.asarray(self._most).tolist()
             raise ParameterError("stiffness", value.tolist(), f"from 0 to the largest one, {most}")
@@ -345,9 +345,7 @@ class Impedance(Controller):
         root = state.root + self._share * (np.sqrt(wanted) - state.root)
         limit = state.limit
         if limit is not None:
-            # A far larger limit is reached by growing: a sample adds no more than a share of what there is.
-            nearer = limit + self._share * (state.limit_goal - limit)
-            limit = np.minimum(nearer, limit + self._share * limit)
+            limit = limit_after(limit, state.limit_goal, self._share)
         back = self._share * (1.0 - state.guided) * (1.0 - state.kept)
         offset = state.offset + (self._follows * state.guided) * (e - state.offset) - back * state.offset
         parts = (e, rate, root, state.goal, limit, state.limit_goal, offset, state.guided, state.kept)
@@ -631,18 +629,6 @@ def rotation_between(actual: Array, wished: Array) -> Array:
     angle = 2.0 * np.arctan(length / np.maximum(0.5 * (trace + 1.0), 1e-12))
     rotation: Array = sine * np.where(length > _SMALL, angle / np.maximum(length, _SMALL), 1.0)
     return rotation
-
-
-def _like(value: Array, like: Array, name: str) -> Array:
-    """Return an array in the shape of another one.
-
-    Raises:
-        ArrayError: when it does not fit.
-    """
-    try:
-        return np.array(np.broadcast_to(value, like.shape))
-    except ValueError:
-        raise ArrayError(name, f"expected shape {like.shape}, got {value.shape}") from None
 
 
 def _shortened(vector: Array, most: Any) -> Array:

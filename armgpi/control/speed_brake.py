@@ -17,7 +17,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.base.arrays import Array, new
+from armgpi.base.arrays import Array
 from armgpi.control.bandwidth import FilteredDifference
 from armgpi.control.elastic_limits import Springs
 from armgpi.control.impedance_limits import Mode, largest_damping, motor_share
@@ -37,18 +37,6 @@ _MOTOR_GAIN = 0.8
 _SPARE = 0.5
 #: Configurations in which resonances are taken.
 _CONFIGURATIONS = 20
-
-
-class LimitState(NamedTuple):
-    """What the speed limit remembers.
-
-    Attributes:
-        e: position error of the last sample [rad or m].
-        rate: filtered difference of it [rad/s or m/s].
-    """
-
-    e: Array
-    rate: Array
 
 
 class _Brake(NamedTuple):
@@ -98,9 +86,16 @@ class SpeedBrake:
         self._root = np.sqrt(self.gain)
         self._decay, self._drive = FilteredDifference.of(best.bandwidth, dt)
 
-    def rate(self, e: Array, state: LimitState) -> LimitState:
-        """Return the state after a sample with a position error [rad or m], (n,) or (batch, n)."""
-        return new(LimitState, (e, self._decay * state.rate + self._drive * (e - state.e)))
+    def rate(self, e: Array, last: Array, rate: Array) -> Array:
+        """Return the filtered rate of the position error after a sample [rad/s or m/s].
+
+        Args:
+            e: position error [rad or m], (n,) or (batch, n).
+            last: that of the last sample, likewise.
+            rate: the filtered rate of the last sample, likewise.
+        """
+        filtered: Array = self._decay * rate + self._drive * (e - last)
+        return filtered
 
     def torque(self, q: Array, rate: Array, fast: Array, dynamics: Dynamics) -> Array:
         """Return the torque that brakes [N m or N], exactly 0 where the tool is slow.

@@ -43,7 +43,7 @@ class GPIState(NamedTuple):
         law: state of the realisation.
         gains: state of the gains.
         learn: 1 where the last torque was applied as asked, 0 where it was cut; shape as the errors.
-        limit: what the speed limit of a force limit remembers; None without one.
+        limit: state of the force limit; None without one.
     """
 
     law: Any
@@ -436,6 +436,26 @@ class GPI(Controller):
             known = self.add_friction(known, v)
         return self._force.gentle(q, target, (asked, known), state, self._bias)
 
+    def changed(self, state: GPIState, limit: float) -> GPIState:
+        """Return a state from which on it has another force limit, without a step of torque.
+
+        The limit goes there with a time constant of 0.1 s; one that is more than twice as large grows e times
+        in 0.1 s. The limit of the moment changes in proportion. `force_bound` is of the limit that was given
+        to the constructor.
+
+        Args:
+            state: of the running controller.
+            limit: largest force [N], a number or one a rollout, (batch, 1).
+
+        Raises:
+            ParameterError: for a controller without a force limit, and for a limit that is not positive or
+                below the weight that the payload is uncertain by.
+            ArrayError: when its shape does not fit.
+        """
+        if self._force is None:
+            raise ParameterError("limit", limit, "left out of a controller without a force limit")
+        return state._replace(limit=self._force.changed(state.limit, limit, self.least_limit))
+
     def force_bound(self, **given: Any) -> ForceBound:
         """Return what the tool presses with under the force limit, and the impact beside it.
 
@@ -447,10 +467,11 @@ class GPI(Controller):
         """
         if self._force is None:
             raise ParameterError("force_limit", None, "given where the force is to be bounded")
-        return self._force.bound(one_of(self.bias_robot), weight=self._unknown_weight(), **given)
+        return self._force.bound(one_of(self.bias_robot), weight=self.least_limit, **given)
 
-    def _unknown_weight(self) -> float:
-        """Return the weight that the payload is uncertain by [N]."""
+    @property
+    def least_limit(self) -> float:
+        """The weight that the payload is uncertain by [N]: no force limit may be below it."""
         if self.payload is None:
             return 0.0
         return float(FREE_FALL * (self.payload.heaviest - self.payload.lightest))
@@ -468,7 +489,7 @@ class GPI(Controller):
                 if vars(self)[name] is not None:
                     raise ParameterError(name, vars(self)[name], "left out where there is no force_limit")
             return None
-        check_weight(limit, self._unknown_weight())
+        check_weight(limit, self.least_limit)
         friction: Any = self.limit_friction
         fastest: Any = self.speed_limit
         found = ForceLimit(

@@ -438,3 +438,16 @@ def test_an_effort_that_is_proposed_passes_the_check_that_proposed_it(cli: Cli, 
         found = re.findall(r"--effort (\S+?)\)?(?=\s|$)", refused.out + refused.err)
         (proposed,) = dict.fromkeys(found)
         assert cli(*words, "--effort", proposed.rstrip("),")).code == 0
+
+
+@pytest.mark.parametrize("command", ["certify", "bound"])
+@pytest.mark.parametrize("kind", ["cartesian_impedance", "joint_impedance"])
+def test_what_has_no_proof_for_a_spring_says_why(cli: Cli, tmp_path: Path, command: str, kind: str) -> None:
+    file = tmp_path / "arm.yaml"
+    file.write_text(f"robot: {{name: ur5}}\ncontrollers:\n  - {{type: {kind}}}\n")
+    answer = cli(command, str(file))
+    assert answer.code == 2
+    [line] = answer.err.strip().splitlines()
+    assert "whose damping from filtered positions ends at some frequency" in line
+    limited = kind == "cartesian_impedance" and command == "bound"
+    assert ("with force_limit, its force at rest is" in line) == limited

@@ -11,7 +11,7 @@ import scipy.linalg
 
 import armgpi
 from armgpi import config
-from armgpi.control.controller import FullState
+from armgpi.control.controller import FullState, Measurement
 from armgpi.control.force_limit import ForceLimit, usual_friction
 from armgpi.control.speed_brake import SpeedBrake
 from armgpi.errors import ArmgpiWarning, ArrayError, ConfigError, NameNotFound, ParameterError
@@ -412,3 +412,75 @@ def test_a_spring_under_a_force_limit_is_a_spring_to_a_supervisor() -> None:
 def test_of_limits_that_differ_by_rollout_the_largest_bounds_the_force() -> None:
     law = armgpi.CartesianImpedance(ARM, DT, force_limit=np.array([[10.0], [40.0]]))
     assert law.force_bound().limit == 40.0
+
+
+@pytest.mark.filterwarnings("ignore::armgpi.ArmgpiWarning")
+@pytest.mark.parametrize("name", ["gpi", "wrapped"])
+def test_another_limit_while_it_presses_changes_the_force_without_a_step(name: str) -> None:
+    """On a wall the end force goes from one limit to the other, and no torque steps by more than before."""
+    wall = armgpi.Wall(
+        normal=[0.0, 0.0, 1.0], distance=float(DOWN.translation[2]) - 0.02, stiffness=1e4, damping=20.0
+    )
+    law: Any = armgpi.ForceLimited(LAWS["adrc"](), 40.0, limit_friction=0.0)
+    if name == "gpi":
+        law = armgpi.GPI(
+            ARM,
+            DT,
+            delay=DT,
+            feedforward="model",
+            friction_feedforward=True,
+            force_limit=40.0,
+            limit_friction=0.0,
+        )
+    plant = armgpi.Delayed(armgpi.Encoder(armgpi.RigidBodyPlant(BARE, (), "urdf", environment=[wall]), 17), 1)
+    loop = armgpi.ClosedLoop(plant, law, armgpi.Bezier(HOME, BEYOND, 0.6))
+    state, torques, forces = loop.init(), [], []
+    for sample in range(2200):
+        if sample in (1000, 1600):
+            limit = 12.0 if sample == 1000 else 30.0
+            state = state._replace(controller=law.changed(state.controller, limit))
+        taken = loop.step(state)
+        state = taken.state
+        torques.append(taken.tau)
+        reached = state.controller.limit.force
+        forces.append(float(reached[0]))
+    assert forces[999] == 40.0
+    assert forces[1599] == pytest.approx(12.0, rel=0.01)
+    assert forces[-1] == pytest.approx(30.0, rel=0.01)
+    steps = np.abs(np.diff(np.array(torques), axis=0)).max(axis=1)
+    assert steps[1000:].max() < 2.0 * max(steps[300:1000].max(), 0.05)
+
+
+def test_a_changed_limit_ends_with_the_bits_of_the_other_one() -> None:
+    """Once it is there, the limit takes away what one of that size does."""
+    small, large = (ForceLimit(ARM, None, force, None, np.zeros(6), loop=(DT, DT)) for force in (10.0, 25.0))
+    torque = np.array([20.0, 60.0, -40.0, 6.0, 4.0, -2.0])
+    state = large.changed(large.init(np.zeros(6)), 10.0, 0.0)
+    rest = armgpi.Hold(HOME).at(0.0)
+    dynamics = ARM.dynamics
+    for _ in range(20_000):
+        gentle = large.gentle(HOME, rest, (torque, np.zeros(6)), state, dynamics)
+        state = gentle.state
+    other = small.gentle(HOME, rest, (torque, np.zeros(6)), small.init(np.zeros(6)), dynamics)
+    np.testing.assert_allclose(gentle.tau, other.tau, rtol=1e-12)
+    assert np.abs(torque - gentle.tau).max() > 1.0
+
+
+def test_a_limit_that_cannot_be_is_refused_while_it_runs() -> None:
+    law = armgpi.GPI(ARM, DT, delay=DT, feedforward="model", force_limit=30.0)
+    at = armgpi.Hold(HOME).at(0.0)
+    state = law.init(Measurement(HOME), at)
+    for bad in (0.0, -1.0):
+        with pytest.raises(ParameterError, match="limit must be positive"):
+            law.changed(state, bad)
+    for wrong in (math.nan, [1.0, 2.0]):
+        with pytest.raises(ArrayError, match="limit"):
+            law.changed(state, wrong)
+    free = armgpi.GPI(ARM, DT, delay=DT)
+    with pytest.raises(ParameterError, match="a controller without a force limit"):
+        free.changed(free.init(Measurement(HOME), at), 10.0)
+    wrapped = armgpi.ForceLimited(LAWS["adrc"](), 30.0, uncertain_mass=2.0)
+    start = wrapped.init(Measurement(HOME), at)
+    with pytest.raises(ParameterError, match=r"more than 19\.6 N, the weight"):
+        wrapped.changed(start, 19.0)
+    assert wrapped.changed(start, 20.0).limit.force_goal.item() == 20.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import math
 import re
 import runpy
 import shutil
@@ -26,10 +27,12 @@ from armgpi import (
     GPI,
     CartesianImpedance,
     FixedGains,
+    ForceLimited,
     Hold,
     JointImpedance,
     Measurement,
     PIDInversion,
+    PIDPositions,
     RigidBodyPlant,
     Robot,
     Supervised,
@@ -881,6 +884,93 @@ for k, q in enumerate(given["rows"]):
     print("[" if k == 0 else ",", json.dumps(tau))
 print("]")
 """
+
+
+@compiled
+@pytest.mark.filterwarnings("ignore::armgpi.ArmgpiWarning")
+@pytest.mark.parametrize("kind", ["gpi", "wrapped"])
+def test_an_exported_force_limit_changes_as_in_python(kind: str, tmp_path: Path) -> None:
+    """The function in C is what `changed` is in Python; what is refused changes nothing."""
+    target = Hold(ARM.middle())
+    law: Any = GPI(ARM, 1e-3, feedforward="model", force_limit=3.0, limit_friction=0.0)
+    if kind == "wrapped":
+        law = ForceLimited(PIDPositions(ARM, 1e-3), 3.0, uncertain_mass=0.1, limit_friction=0.0)
+    controller = Supervised(law)
+    export_controller(controller, tmp_path, measure=False)
+    rows = ARM.middle() + 0.1 + 0.02 * np.sin(0.01 * np.arange(400.0))[:, None]
+    (tmp_path / "try.py").write_text(OTHER_LIMITS)
+    wrong = [0.0, -1.0, math.nan, math.inf] + [0.9] * (kind == "wrapped")
+    given = {"rows": rows.tolist(), "r": target.at(0.0).q.tolist(), "wrong": wrong}
+    (tmp_path / "given.json").write_text(json.dumps(given))
+    shown = np.array(json.loads(run(sys.executable, "try.py", folder=tmp_path)))
+    at = target.at(0.0)
+    state = controller.init(Measurement(rows[0]), at)
+    expected = []
+    for k, q in enumerate(rows):
+        if k in (50, 250):
+            state = state._replace(law=law.changed(state.law, 1.0 if k == 50 else 9.0))
+        taken = controller.step(Measurement(q), at, state)
+        state = taken.state
+        expected.append(taken.tau)
+    np.testing.assert_allclose(shown, expected, rtol=1e-9, atol=1e-9)
+    unchanged = Supervised(law)
+    state = unchanged.init(Measurement(rows[0]), at)
+    for q in rows:
+        taken = unchanged.step(Measurement(q), at, state)
+        state = taken.state
+    assert np.abs(taken.tau - shown[-1]).max() > 0.05  # it acts
+
+
+#: What Python beside exported C does with its force limit.
+OTHER_LIMITS = """
+import json
+import armgpi_controller as c
+given = json.load(open("given.json"))
+arm = c.Controller()
+zero = [0.0] * c.N
+arm.init(given["rows"][0], given["r"], zero, zero)
+for k, q in enumerate(given["rows"]):
+    if k in (40, 260):
+        assert not any(arm.force_limit(value) for value in given["wrong"])
+    if k in (50, 250):
+        assert arm.force_limit(1.0 if k == 50 else 9.0)
+    status, tau = arm.step(q, given["r"], zero, zero)
+    print("[" if k == 0 else ",", json.dumps(tau))
+print("]")
+"""
+
+
+@compiled
+@pytest.mark.filterwarnings("ignore::armgpi.ArmgpiWarning")
+def test_the_force_limit_of_a_ros2_controller_changes_by_its_topic(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A weight that the model does not know is held up to the limit, and no longer below its force."""
+    need("g++")
+    monkeypatch.chdir(tmp_path)
+    law = GPI(ARM, 1e-3, feedforward="model", force_limit=20.0, limit_friction=0.0)
+    export_controller(law, tmp_path, measure=False, target="ros2_control")
+    tool = runpy.run_path(str(Path(__file__).parents[2] / "tools" / "standin.py"))
+    (tmp_path / "built").mkdir()
+    program = tool["build"](tmp_path, tmp_path / "built")
+    monkeypatch.setitem(tool["run_cpp"].__globals__, "build", lambda *given: program)
+    arm = tool["Arm"](RigidBodyPlant(ARM.with_payload(ARM.tip, 0.3)), 1e-3, ARM.middle())
+    changes = {
+        "force_limit@50": "1,1",  # two numbers
+        "force_limit@60": "0",
+        "force_limit@900": "0.5",
+        "force_limit@1600": "20",
+    }
+    assert tool["run_cpp"](tmp_path, arm, [f"{at}:{values}" for at, values in changes.items()]) == 0
+    assert capfd.readouterr().err.count("force limit refused") == 2
+    log = logs.read(tmp_path / "motion.armlog")
+    tau, q = log.samples["tau"], log.inputs["q_measured"]
+    away = np.abs(q - ARM.middle()).max(axis=1)
+    assert away[850] < 0.02
+    assert away[1600] > 2.0 * away[850]  # 2.9 N hang on 0.5 N
+    steps = np.abs(np.diff(tau, axis=0)).max(axis=1)
+    assert steps[895:960].max() < 0.05
+    assert steps[1595:1610].max() < 0.05
 
 
 @compiled

@@ -26,7 +26,7 @@ from armgpi.errors import BackendError, ParameterError
 from armgpi.hardware.export.law import Law, Routine, Table, trace_controller
 from armgpi.hardware.export.layout import block, comma_lines, elementary, members, rows
 from armgpi.hardware.export.names import identifiers, plain, source_of
-from armgpi.hardware.export.springs import springs_code
+from armgpi.hardware.export.springs import compliance_code
 from armgpi.loop.log import INPUTS
 from armgpi.supervisor import COUNTED, Reason, State, Supervised, Supervisor
 from armgpi.supervisor.reasons import REASONS
@@ -98,7 +98,7 @@ class Code(NamedTuple):
         layout: a hash of what the state is made of.
         typical: operations of a step whose torque is within its limits.
         worst_case: operations of any step, the one that meets a fault as well.
-        springs: methods of the class in Python that change springs; empty without any.
+        compliance: methods of the class in Python that change springs or a force limit; empty without any.
     """
 
     header: str
@@ -108,7 +108,7 @@ class Code(NamedTuple):
     layout: int
     typical: Counts
     worst_case: Counts
-    springs: str = ""
+    compliance: str = ""
 
     @property
     def state_bytes(self) -> int:
@@ -227,7 +227,7 @@ class _Writer:
             "counted": self.literal(COUNTED),
             "filled": ", ".join({"q_measured": "q", "q_ref": "r"}.get(name, name) for name in law.inputs),
         }
-        springs = springs_code(law, self.literal, template)
+        compliance = compliance_code(law, self.literal, template)
         called = (self.counts[call.kernel.name] for call in law.step.calls)
         law_step = self.counts["law_step"].plus(*called)
         # D(q)^-1 of the saturation residual, and the torque of the open loop: neither in a typical step.
@@ -235,15 +235,15 @@ class _Writer:
         typical = self.counts["law_step"].plus(*(self.counts[name] for name in used))
         return Code(
             Template(template("armgpi_controller.h")).substitute(
-                self._header(supervised.robot), springs=springs.header
+                self._header(supervised.robot), compliance=compliance.header
             ),
-            Template(template("armgpi_controller.c")).substitute(fill, springs=springs.source),
+            Template(template("armgpi_controller.c")).substitute(fill, compliance=compliance.source),
             law,
             self.real,
             self.layout,
             typical,
             law_step,
-            springs.methods,
+            compliance.methods,
         )
 
     @property

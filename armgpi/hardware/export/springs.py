@@ -1,4 +1,4 @@
-"""The functions of exported C that change springs while they act: stiffness, limit and hand guiding."""
+"""The functions of exported C that change springs and a force limit while they act, and hand guiding."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from armgpi.control.force_limited import ForceLimited
 from armgpi.control.impedance import CartesianImpedance, Impedance
+from armgpi.gpi.law import GPI
 from armgpi.hardware.export.law import Law
 from armgpi.hardware.export.layout import comma_lines
 
@@ -31,8 +33,8 @@ _LIMIT_METHOD = """\
 """
 
 
-class SpringsCode(NamedTuple):
-    """What changes springs; all empty for a controller that has none.
+class ComplianceCode(NamedTuple):
+    """What changes springs or a force limit; all empty for a controller that has none.
 
     Attributes:
         header: what the header in C declares.
@@ -44,6 +46,11 @@ class SpringsCode(NamedTuple):
     source: str
     methods: str
 
+    def joined(self, other: ComplianceCode) -> ComplianceCode:
+        """Return this code, and then another one's."""
+        header, source, methods = (mine + its for mine, its in zip(self, other, strict=True))
+        return ComplianceCode(header, source, methods)
+
 
 def springs_of(controller: Any) -> Impedance | None:
     """Return the impedance controller that another one is put around; None where there is none."""
@@ -53,7 +60,41 @@ def springs_of(controller: Any) -> Impedance | None:
     return controller
 
 
-def springs_code(law: Law, literal: Callable[[float], str], read: Callable[[str], str]) -> SpringsCode:
+def limited_by(controller: Any) -> GPI | ForceLimited | None:
+    """Return the controller with a force limit that another one is put around; None where there is none."""
+    while controller is not None:
+        if isinstance(controller, ForceLimited):
+            return controller
+        if isinstance(controller, GPI):
+            return controller if controller.force_limit is not None else None
+        controller = getattr(controller, "law", None)
+    return None
+
+
+def compliance_code(law: Law, literal: Callable[[float], str], read: Callable[[str], str]) -> ComplianceCode:
+    """Return the functions for a controller's springs and for its force limit.
+
+    Args:
+        law: the controller as expressions.
+        literal: makes C of a number.
+        read: returns the text of a template.
+    """
+    return _springs_code(law, literal, read).joined(_limit_code(law, literal, read))
+
+
+def _limit_code(law: Law, literal: Callable[[float], str], read: Callable[[str], str]) -> ComplianceCode:
+    """Return the function for a force limit."""
+    limited = limited_by(law.controller.law)
+    if limited is None:
+        return ComplianceCode("", "", "")
+    [goal] = [part for part in law.state if part.path.endswith("limit.force_goal")]
+    fill = {"least": literal(limited.least_limit), "zero": literal(0.0), "goal": goal.name}
+    names_of_files = ("force_limit.h", "force_limit.c", "force_limit.py")
+    header, source, methods = (Template(read(name)).substitute(fill) for name in names_of_files)
+    return ComplianceCode(header, source, methods)
+
+
+def _springs_code(law: Law, literal: Callable[[float], str], read: Callable[[str], str]) -> ComplianceCode:
     """Return the functions for a controller's springs.
 
     Args:
@@ -63,7 +104,7 @@ def springs_code(law: Law, literal: Callable[[float], str], read: Callable[[str]
     """
     springs = springs_of(law.controller.law)
     if springs is None:
-        return SpringsCode("", "", "")
+        return ComplianceCode("", "", "")
     names = {part.path.rpartition(".")[2]: part for part in law.state if part.path.startswith("law.")}
     goal = names["goal"]
     limits = len(names["limit_goal"].symbols) if "limit_goal" in names else 0
@@ -91,4 +132,4 @@ def springs_code(law: Law, literal: Callable[[float], str], read: Callable[[str]
         }
     names_of_files = ("springs.h", "springs.c", "springs.py")
     header, source, methods = (Template(read(name)).substitute(fill) for name in names_of_files)
-    return SpringsCode(f"\n{header}", source, methods)
+    return ComplianceCode(f"\n{header}", source, methods)

@@ -208,7 +208,7 @@ def package(code: Code, state_bytes: int, target: str) -> dict[str, str]:
         ),
         "velocity": _VELOCITY if "v_measured" in names else "",
         "c_real": f"c_{real}",
-        "springs": code.springs,
+        "compliance": code.compliance,
         "joint_list": repr([*map(plain, law.controller.robot.joint_names)]),
         "status_list": repr(statuses),
         "reason_list": repr(reasons),

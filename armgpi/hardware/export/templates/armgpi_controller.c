@@ -167,4 +167,4 @@ void armgpi_within_rate(armgpi_state_t *state, const armgpi_real_t applied[ARMGP
         }
     }
 }
-$springs
+$compliance

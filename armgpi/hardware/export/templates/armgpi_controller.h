@@ -112,7 +112,7 @@ void armgpi_within_rate(armgpi_state_t *state, const armgpi_real_t applied[ARMGP
  */
 armgpi_status_t armgpi_reset(armgpi_state_t *state,
 $parameters);
-$springs
+$compliance
 #ifdef __cplusplus
 }
 #endif

@@ -260,6 +260,10 @@ class Controller {
 #endif
   bool guide(std::uint32_t guided) noexcept { return armgpi_guide(&state_, guided) != 0U; }
 #endif
+#ifdef ARMGPI_FORCE_LIMIT
+  // Change the force limit; false for what is refused. See armgpi_controller.h.
+  bool force_limit(armgpi_real_t to) noexcept { return armgpi_force_limit(&state_, to) != 0U; }
+#endif
   [[nodiscard]] armgpi_status_t status() const noexcept { return state_.status; }
   [[nodiscard]] armgpi_reason_t reason() const noexcept { return state_.reason; }
   [[nodiscard]] const char* fault_joint() const noexcept {
@@ -335,6 +339,35 @@ class Springs {
   std::atomic<bool> limited_{false};
 #endif
   std::atomic<std::uint32_t> guided_{0U};
+};
+#endif
+
+#ifdef ARMGPI_FORCE_LIMIT
+// Changes of the force limit: one other thread gives them, the loop takes them before a step, and neither waits.
+class ForceLimit {
+ public:
+  // False: refused, as it is not above 0 or below armgpi_least_force_limit; or the loop has not taken the last one yet.
+  bool limit(armgpi_real_t to) noexcept {
+    const bool good = to > armgpi_real_t{0} && to >= armgpi_least_force_limit && to <= std::numeric_limits<armgpi_real_t>::max();
+    if (!good || given_.load(std::memory_order_acquire)) {
+      return false;
+    }
+    to_ = to;
+    given_.store(true, std::memory_order_release);
+    return true;
+  }
+
+  // Of the loop, before a step.
+  void apply(Controller& controller) noexcept {
+    if (given_.load(std::memory_order_acquire)) {
+      controller.force_limit(to_);
+      given_.store(false, std::memory_order_release);
+    }
+  }
+
+ private:
+  armgpi_real_t to_{};
+  std::atomic<bool> given_{false};
 };
 #endif
 

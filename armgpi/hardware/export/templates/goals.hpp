@@ -166,6 +166,10 @@ class Loop {
   // Changes of stiffness, limit and guiding, from one other thread, without a step of torque.
   Springs springs;
 #endif
+#ifdef ARMGPI_FORCE_LIMIT
+  // Changes of the force limit, from one other thread, without a step of torque.
+  ForceLimit force;
+#endif
   // Before it runs: goals to move to one after the other, then poses to follow as they arrive; or a motion to move to and to
   // follow; and to end there. Without any the arm is held where it is.
   void visit(const Asked& asked) {
@@ -237,6 +241,9 @@ class Loop {
     }
 #ifdef ARMGPI_SPRINGS
     springs.apply(controller_);
+#endif
+#ifdef ARMGPI_FORCE_LIMIT
+    force.apply(controller_);
 #endif
     const std::uint32_t late = elapsed == 0U ? 1U : elapsed;
     const armgpi_status_t status = controller_.step_late(late, $wired, tau);

@@ -10,7 +10,8 @@
 // Or it follows a file: its parameter `motion`, as motion.csv is, from a move to where that begins.
 // Springs (impedance controllers) change while they act, without a step of torque: ~/stiffness and ~/force_limit
 // (std_msgs/Float64MultiArray), numbers as armgpi_stiffness and armgpi_spring_limit take them, and the service ~/guide
-// (std_srvs/SetBool), with which a hand guides the arm, and it stays where it was left.
+// (std_srvs/SetBool), with which a hand guides the arm, and it stays where it was left. A force limit (of GPI, or around another
+// controller) changes by ~/force_limit as well, one number.
 // The service ~/stop (std_srvs/Trigger) stops the arm under control, as a fault of the reference does: go on by
 // deactivating and activating. Status, reason and joint are on ~/status (std_msgs/String) when they change, and a fault is
 // logged. `update` allocates nothing. armgpi's tests compile it against stub headers, which proves that it is C++ and
@@ -120,7 +121,7 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
       }
     });
 #ifdef ARMGPI_SPRING_LIMITS
-    limits_ = get_node()->create_subscription<Goal>("~/force_limit", 1, [this](const std::shared_ptr<const Goal> given) {
+    limits_ = get_node()->create_subscription<Goal>(SPRING_LIMIT_TOPIC, 1, [this](const std::shared_ptr<const Goal> given) {
       SpringLimit to{};
       if (!fill(to, given->data) || !springs_.limit(to)) {
         RCLCPP_WARN(get_node()->get_logger(), "force limit refused: it has not %u numbers above 0, or another waits",
@@ -133,6 +134,14 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
           springs_.guide(asked->data ? ARMGPI_GUIDED : ARMGPI_LEFT);
           answer->success = true;
         });
+#endif
+#ifdef ARMGPI_FORCE_LIMIT
+    forces_ = get_node()->create_subscription<Goal>("~/force_limit", 1, [this](const std::shared_ptr<const Goal> given) {
+      if (given->data.size() != 1U || !force_.limit(static_cast<armgpi_real_t>(given->data[0]))) {
+        RCLCPP_WARN(get_node()->get_logger(), "force limit refused: it is not one number above 0 and from "
+                    "armgpi_least_force_limit on, or another waits");
+      }
+    });
 #endif
     // By a timer, which is not in the loop: publishing may wait.
     said_ = get_node()->create_publisher<Text>("~/status", 1);
@@ -254,6 +263,12 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
   using Stop = std_srvs::srv::Trigger;
 #ifdef ARMGPI_SPRINGS
   using Guide = std_srvs::srv::SetBool;
+#ifdef ARMGPI_FORCE_LIMIT
+  // Springs inside a controller with a force limit, which has the other name.
+  static constexpr const char* SPRING_LIMIT_TOPIC = "~/spring_limit";
+#else
+  static constexpr const char* SPRING_LIMIT_TOPIC = "~/force_limit";
+#endif
 
   // Take as many numbers as there is room for; false for another count.
   template <typename Values>
@@ -273,6 +288,9 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
     }
 #ifdef ARMGPI_SPRINGS
     springs_.apply(controller_);
+#endif
+#ifdef ARMGPI_FORCE_LIMIT
+    force_.apply(controller_);
 #endif
     const armgpi_status_t status = controller_.step_late(elapsed, $wired, tau_);
     log_->take(controller_, elapsed, $wired, tau_);
@@ -374,6 +392,10 @@ class Ros2Controller : public controller_interface::ChainableControllerInterface
   std::shared_ptr<rclcpp::Subscription<Goal>> limits_;
 #endif
   std::shared_ptr<rclcpp::Service<Guide>> guides_;
+#endif
+#ifdef ARMGPI_FORCE_LIMIT
+  ForceLimit force_{};
+  std::shared_ptr<rclcpp::Subscription<Goal>> forces_;
 #endif
   std::string log_path_;
   std::unique_ptr<Log> log_{std::make_unique<Log>(0.0)};
