@@ -71,35 +71,47 @@ class Loops(NamedTuple):
 
 def sampled_loops(controller: GPI, delay: int) -> Loops:
     """Return the loops of a controller whose measurements are late by some samples."""
-    h, n = controller.dt, controller.robot.n
+    h = controller.dt
+    n = controller.robot.n
     law = Bumpless(controller.member)
-    c = law.coefficients(Tuning(*(np.broadcast_to(x, (n,)) for x in controller.gains.nominal())), h)
-    none, one = np.zeros(n), np.ones(n)
-    rest = law.init(none, c)
-    units = [rest._replace(**{name: one}) for name in rest._fields]
-    size = 2 + len(rest) + delay
-    own, late = slice(2, 2 + len(rest)), size - 1 if delay else 0
+    gains = (np.broadcast_to(gain, (n,)) for gain in controller.gains.nominal())
+    coefficients = law.coefficients(Tuning(*gains), h)
+    none = np.zeros(n)
+    one = np.ones(n)
+    at_rest = law.init(none, coefficients)
+    size = 2 + len(at_rest) + delay
+    own = slice(2, 2 + len(at_rest))
+    late = size - 1 if delay else 0  # which state is the error that the law has
 
     def states(values: Any) -> Array:
-        x = np.zeros((n, size))
-        x[:, own] = np.stack(values, axis=-1)
-        return x
+        """Return the states (n, m) of loops whose law has some, all others 0."""
+        found = np.zeros((n, size))
+        found[:, own] = np.stack(values, axis=-1)
+        return found
 
     A = np.zeros((n, size, size))
-    A[:, 0, 0] = A[:, 1, 1] = 1.0
+    A[:, 0, 0] = 1.0
     A[:, 0, 1] = h
-    for j, unit in enumerate(units):
-        A[:, :, 2 + j] = states(law.update(none, none, None, unit, c))
-    measured = states(law.update(one, none, None, rest, c))
+    A[:, 1, 1] = 1.0
+    asked = []
+    for j, name in enumerate(at_rest._fields):
+        unit = at_rest._replace(**{name: one})
+        A[:, :, 2 + j] = states(law.update(none, none, None, unit, coefficients))
+        asked.append(law.output(none, unit, coefficients))
+    measured = states(law.update(one, none, None, at_rest, coefficients))
     A[:, :, late] += measured
     for i in range(delay):
-        A[:, size - delay + i, size - delay + i - 1 if i else 0] = 1.0
-    asks, direct = states([law.output(none, unit, c) for unit in units]), law.output(one, rest, c)
+        before = size - delay + i - 1 if i else 0
+        A[:, size - delay + i, before] = 1.0
+    asks = states(asked)
+    direct = law.output(one, at_rest, coefficients)
     asks[:, late] += direct
     push = np.zeros(size)
     push[:2] = 0.5 * h * h, h
-    integrated = states(law.update(none, none, None, rest, c, Resting(one, one)))
-    return Loops(A, push, asks, measured, direct, states(law.init(one, c)), integrated)
+    held = states(law.init(one, coefficients))
+    not_integrated = Resting(one, one)
+    integrated = states(law.update(none, none, None, at_rest, coefficients, not_integrated))
+    return Loops(A, push, asks, measured, direct, held, integrated)
 
 
 def channel(controller: GPI, delay: int, gain: Array) -> Channel | None:
@@ -116,72 +128,116 @@ def channel(controller: GPI, delay: int, gain: Array) -> Channel | None:
     Raises:
         ParameterError: when a loop is so slow that its response has no end.
     """
+    h = controller.dt
     loops = sampled_loops(controller, delay)
     push = gain[:, None] * loops.push
     A = loops.open + push[:, :, None] * loops.asks[:, None, :]
     if np.abs(np.linalg.eigvals(A)).max() >= 1.0:
         return None
-    units = np.broadcast_to(np.eye(2, A.shape[1]), (len(A), 2, A.shape[1]))  # an acceleration within a sample
+    n, size, _ = A.shape
+    e_and_speed = np.broadcast_to(np.eye(2, size), (n, 2, size))  # an acceleration within a sample moves both
     measured = loops.measured + push * loops.direct[:, None]
-    inputs = np.concatenate([units, np.stack([measured, loops.held, loops.integrated], axis=1)], axis=1)
-    outputs = np.concatenate([units, loops.asks[:, None]], axis=1)
-    h = controller.dt
-    pushed, sums, peaks, later = _responses(A, inputs.swapaxes(1, 2), outputs, h)
-    count = sums[..., 2]
-    count[:, 2] += np.abs(loops.direct)  # what is hidden now reaches the torque at once
-    each = [np.moveaxis(x, 1, 0) for x in (pushed, count, sums[..., 3], sums[..., 4], peaks)]
+    others = np.stack([measured, loops.held, loops.integrated], axis=1)
+    inputs = np.concatenate([e_and_speed, others], axis=1)
+    outputs = np.concatenate([e_and_speed, loops.asks[:, None]], axis=1)
+    responses = _responses(A, inputs.swapaxes(1, 2), outputs, h)
+    of_measured = responses.sums[..., 2]
+    of_measured[:, 2] += np.abs(loops.direct)  # what is hidden now reaches the torque at once
     # Where all joints ask alike, the torques of a disturbance do not pass through D^ and D^-1.
+    later = responses.later
     course = _swept(later[..., 0], later[..., 1], h)
     asked = later[:, 2]
     mean = asked.mean(axis=1, keepdims=True)
-    alike, apart = (_swept(x[..., 0], x[..., 1], h) for x in (mean, asked - mean))
+    beside = asked - mean
+    alike = _swept(mean[..., 0], mean[..., 1], h)
+    apart = _swept(beside[..., 0], beside[..., 1], h)
     passed = np.cumsum(course[:, 2], axis=0)
-    last = int(np.argmax((passed >= (1.0 - _FORGOTTEN) * passed[-1]).all(axis=1)))
-    own = apart[: last + 1].sum(axis=0) + pushed[:, 2] - passed[last]
-    rest, seen, shift, zone, start = each
-    shared = float(alike[: last + 1].sum())
-    return Channel(rest, seen, shift, zone, start, course, shared, own, h * (last + 1.0))
+    is_nearly_all = (passed >= (1.0 - _FORGOTTEN) * passed[-1]).all(axis=1)
+    last = int(np.argmax(is_nearly_all))
+    within_memory = slice(last + 1)
+    own = apart[within_memory].sum(axis=0) + responses.pushed[:, 2] - passed[last]
+    return Channel(
+        rest=responses.pushed.T,
+        measured=of_measured.T,
+        shift=responses.sums[..., 3].T,
+        zone=responses.sums[..., 4].T,
+        start=responses.peaks.T,
+        course=course,
+        shared=float(alike[within_memory].sum()),
+        own=own,
+        memory=h * (last + 1.0),
+    )
 
 
-def _responses(A: Array, inputs: Array, outputs: Array, h: float) -> tuple[Array, Array, Array, Array]:
-    """Return sums and peaks of impulse responses: for accelerations, for inputs 2 to 4, peaks of input 3.
+class _Responses(NamedTuple):
+    """Impulse responses of n loops: of e, e' and what is asked for.
 
-    And the outputs in each sample after a change of position and of speed, (samples, 3, n, 2).
+    Attributes:
+        pushed: their sums for an acceleration of at most 1, (n, 3).
+        sums: sums of sizes after a unit of each input, (n, 3, inputs).
+        peaks: largest sizes after a unit of input 3, (n, 3).
+        later: outputs in each sample after a change of position and of speed, (samples, 3, n, 2).
+    """
+
+    pushed: Array
+    sums: Array
+    peaks: Array
+    later: Array
+
+
+def _responses(A: Array, inputs: Array, outputs: Array, h: float) -> _Responses:
+    """Return sums and peaks of the impulse responses of loops.
 
     An acceleration z(t) in a sample, s before its end, moves the position by s and the speed by 1. So each
     later output moves by at most the integral of ``|a s + b|`` over the sample for ``|z| <= 1``.
+
+    Args:
+        A: the loops' states after a sample, (n, m, m).
+        inputs: what a unit of each input does to the states, (n, m, inputs).
+        outputs: rows by which outputs depend on the states, (n, 3, m).
+        h: sample time [s].
+
+    Raises:
+        ParameterError: when a loop is so slow that its response has no end.
     """
-    n, size, _ = A.shape
-    x = inputs.copy()
-    sums, peaks = np.zeros((n, 3, inputs.shape[2])), np.zeros((n, 3))
-    power = np.broadcast_to(np.eye(size), (n, size, size))
-    weights, rows = np.zeros((n, 3, size)), outputs.copy()
+    n, size, count = inputs.shape
+    states = inputs.copy()
+    rows = outputs.copy()  # by which outputs so many samples later depend on the states
+    sums = np.zeros((n, 3, count))
+    peaks = np.zeros((n, 3))
+    weights = np.zeros((n, 3, size))
     every = []
     for k in range(_LONGEST):
-        y = outputs @ x
-        every.append(y[..., :2])
-        sums += np.abs(y)
-        peaks = np.maximum(peaks, np.abs(y[..., 3]))
+        response = outputs @ states
+        every.append(response[..., :2])
+        sums += np.abs(response)
+        peaks = np.maximum(peaks, np.abs(response[..., 3]))
         weights += np.abs(rows)
-        x, rows = A @ x, rows @ A
-        if k % 64 == 63:
-            power = np.linalg.matrix_power(A, k + 1)
-            norm = np.abs(power).sum(axis=2).max(axis=1)
-            if (norm < _SMALL).all():
-                # All that comes later, as a geometric series of what has come.
-                tail = weights.sum(axis=2)[..., None] * (norm / (1.0 - norm))[:, None, None]
-                ends = np.abs(inputs).max(axis=1)[:, None, :]
-                later = tail * ends
-                outputs_later = np.array(every)
-                pushed = _swept(outputs_later[..., 0], outputs_later[..., 1], h).sum(axis=0)
-                pushed += h * (later[..., 0] + later[..., 1])
-                return pushed, sums + later, peaks, outputs_later.swapaxes(1, 2)
+        states = A @ states
+        rows = rows @ A
+        if k % 64 != 63:
+            continue
+        power = np.linalg.matrix_power(A, k + 1)
+        norm = np.abs(power).sum(axis=2).max(axis=1)
+        if (norm < _SMALL).all():
+            # All that comes later, as a geometric series of what has come.
+            series = norm / (1.0 - norm)
+            tail = weights.sum(axis=2)[..., None] * series[:, None, None]
+            largest_inputs = np.abs(inputs).max(axis=1)[:, None, :]
+            beyond = tail * largest_inputs
+            outputs_later = np.array(every)
+            swept = _swept(outputs_later[..., 0], outputs_later[..., 1], h)
+            pushed = swept.sum(axis=0)
+            pushed += h * (beyond[..., 0] + beyond[..., 1])
+            return _Responses(pushed, sums + beyond, peaks, outputs_later.swapaxes(1, 2))
     raise ParameterError("controller", "its loop", "a loop of each joint that forgets within 200,000 samples")
 
 
 def _swept(a: Array, b: Array, h: float) -> Array:
     """Return the integral of ``|a s + b|`` over s from 0 to h."""
     end = a * h + b
-    steep = np.where(a == 0.0, 1.0, a)
-    crossing = (b * b + end * end) / (2.0 * np.abs(steep))
-    return np.where(b * end < 0.0, crossing, np.abs(0.5 * h * (b + end)))
+    slope = np.where(a == 0.0, 1.0, a)
+    two_triangles = (b * b + end * end) / (2.0 * np.abs(slope))
+    trapezoid = np.abs(0.5 * h * (b + end))
+    changes_sign = b * end < 0.0
+    return np.where(changes_sign, two_triangles, trapezoid)
