@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -106,60 +106,66 @@ class _Problem:
     """The inequality's matrices as functions of the unknowns: lower triangle of P, t, a and (P^-1)_11."""
 
     def __init__(self, basis: Array, sizes: Array, used: _Used, start: Array) -> None:
-        self.basis, self.sizes, self.used, self.n = basis, sizes, used, len(start)
+        self.basis = basis
+        self.sizes = sizes
+        self.used = used
+        self.n = len(start)
         self._choose(start)
 
     @classmethod
     def from_facts(cls, facts: Any) -> _Problem | None:
         """Return the problem; None where a sample adds too much for any solution."""
         known = checker.sample(facts)
-        (f, wide), rest, ends, gains, sizes, *_ = known
-        if not (min(f, wide) >= 1.0 and 0.0 < rest <= 1.0):
+        growth, growth_while_late = known.growths
+        if not (min(growth, growth_while_late) >= 1.0 and 0.0 < known.rest <= 1.0):
             return None
-        omegas, h = facts["omega"], facts["sample_time"]
-        n = len(checker.loop(facts, omegas[0])[1])
-        sources = [i for i, gain in enumerate(gains) if gain] + [4] + [5] * bool(facts["kappa_f"])
-        used = _Used(sources, [i for i, x in enumerate(sizes) if x])
-        steps = []
-        last = len(omegas) - 1
-        for i in sorted({0, min(1, last), last // 2, max(last - 1, 0), last}):
-            near = sorted({*omegas[max(i - 1, 0) : i + 2]})
-            steps += [(omegas[i], omegas[i] / after) for after in near]
+        first, *_ = facts["omega"]
+        n = len(checker.loop(facts, first).A)
+        sources = [i for i, gain in enumerate(known.gains) if gain]
+        sources.append(4)
+        if facts["kappa_f"]:
+            sources.append(5)
+        inputs = [i for i, size in enumerate(known.sizes) if size]
+        used = _Used(sources, inputs)
+        corners = [*itertools.product(_steps(facts["omega"]), known.ends)]
         basis = []
-        for unit in np.eye(n * (n + 1) // 2 + sum(map(len, used))):
-            P, t, a = (each.tolist() for each in _split(unit, n, used))
+        for unit in np.eye(n * (n + 1) // 2 + len(sources) + len(inputs)):
+            P, t, a = (part.tolist() for part in _split(unit, n, used))
             solution = {"P": P, "alpha": 0.0, "t": t, "a": a}
-            corners = itertools.product(steps, ends)
-            basis.append(
-                [
-                    np.array(checker.inequality(facts, known, *step, delta, solution)) / (step[0] * h)
-                    for step, delta in corners
-                ]
-            )
-        return cls(
-            np.array(basis), np.array(sizes)[used.a], used, _lyapunov(facts, math.sqrt(ends[0] * ends[1]))
-        )
+            matrices = []
+            for (omega, ratio), delta in corners:
+                matrix = np.array(checker.inequality(facts, known, omega, ratio, delta, solution))
+                matrices.append(matrix / (omega * facts["sample_time"]))
+            basis.append(matrices)
+        low, high = known.ends
+        start = _lyapunov(facts, math.sqrt(low * high))
+        return cls(np.array(basis), np.array(known.sizes)[inputs], used, start)
 
     def _choose(self, P: Array) -> None:
         """Take coordinates in which a P is the unit matrix; the solver needs them."""
         self._to = np.linalg.inv(np.linalg.cholesky(P)).T
         back = np.linalg.inv(self._to)
-        n, (_, corners, size, _) = self.n, self.basis.shape
+        n = self.n
+        unknowns, corners, size, _ = self.basis.shape
         lower = n * (n + 1) // 2
-        units = [_split(unit, n, _Used([], []))[0] for unit in np.eye(lower)]
         rows, columns = np.tril_indices(n)
-        self._mixed = np.eye(len(self.basis))
-        self._mixed[:lower, :lower] = [(back.T @ unit @ back)[rows, columns] for unit in units]
+        units = [_split(unit, n, _Used([], []))[0] for unit in np.eye(lower)]
+        turned_units = [(back.T @ unit @ back)[rows, columns] for unit in units]
+        self._mixed = np.eye(unknowns)
+        self._mixed[:lower, :lower] = turned_units
         # Inputs in units in which the unit matrix meets them with ones, and their multipliers with them.
-        at = np.tensordot(P[rows, columns], self.basis[:lower], 1)
-        weights = 1.0 / np.sqrt(np.maximum(-np.diagonal(at, axis1=1, axis2=2)[:, n:].min(axis=0), 1e-12))
+        at_start = np.tensordot(P[rows, columns], self.basis[:lower], 1)
+        of_inputs = -np.diagonal(at_start, axis1=1, axis2=2)[:, n:].min(axis=0)
+        weights = 1.0 / np.sqrt(np.maximum(of_inputs, 1e-12))
         turn = np.diag(np.concatenate([np.ones(n), weights]))
         turn[:n, :n] = self._to
-        inputs = range(lower, len(self.basis))
+        inputs = range(lower, unknowns)
         self._mixed[inputs, inputs] = 1.0 / weights**2
         mixed = np.tensordot(self._mixed, self.basis, 1)
-        self._matrices = np.array([[_svec(turn.T @ X @ turn) for X in each] for each in mixed])
-        self._units = np.zeros((len(self.basis), corners, size * (size + 1) // 2))
+        turned = turn.T @ mixed.reshape(-1, size, size) @ turn
+        vectors = np.array([_svec(matrix) for matrix in turned])
+        self._matrices = vectors.reshape(unknowns, corners, -1)
+        self._units = np.zeros((unknowns, corners, size * (size + 1) // 2))
         for k, unit in enumerate(units):
             whole = np.zeros((size, size))
             whole[:n, :n] = unit
@@ -181,38 +187,55 @@ class _Problem:
     def solve_at(self, alpha: float, margin: float) -> Array | None:
         """Return the unknowns as Clarabel has them; None for numbers that are not finite."""
         clarabel = import_extra("clarabel", "certify")
-        n, (unknowns, corners, size, _) = self.n, self.basis.shape
+        unknowns, corners, size, _ = self.basis.shape
         matrices = self._matrices - alpha * self._units
-        relative = self.sizes / self.sizes.max()
-        line = np.zeros((1, unknowns + 1))
-        line[0, unknowns - len(relative) : unknowns] = relative**2
-        line[0, :unknowns] = self._mixed @ line[0, :unknowns]
-        blocks, right = [line], [np.array([alpha])]
+        blocks = [self._size_of_inputs()]
+        right = [np.array([alpha])]
+        without_bound = np.zeros((1, matrices.shape[2]))
         for corner in range(corners):
-            blocks.append(-np.vstack([matrices[:, corner], np.zeros((1, matrices.shape[2]))]).T)
+            blocks.append(-np.vstack([matrices[:, corner], without_bound]).T)
             right.append(_svec(-margin * np.eye(size)))
-        # [[P, c], [c, z]] is positive semidefinite where z is at least c P^-1 c.
+        bound, fixed = self._bound_of_error()
+        blocks.append(bound)
+        right.append(fixed)
+        cones = [clarabel.NonnegativeConeT(1)]
+        cones += [clarabel.PSDTriangleConeT(size)] * corners
+        cones.append(clarabel.PSDTriangleConeT(self.n + 1))
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        objective = np.eye(unknowns + 1)[-1]
+        no_squares = sparse.csc_matrix((unknowns + 1, unknowns + 1))
+        constraints = sparse.csc_matrix(np.vstack(blocks))
+        solver = clarabel.DefaultSolver(
+            no_squares, objective, constraints, np.concatenate(right), cones, settings
+        )
+        inner = np.array(solver.solve().x)[:-1]
+        x = self._mixed.T @ inner
+        if not np.isfinite(x).all():
+            return None
+        return np.asarray(x)
+
+    def _size_of_inputs(self) -> Array:
+        """Return the row of what all inputs add to V, which is at most alpha; (1, unknowns + 1)."""
+        unknowns = len(self.basis)
+        relative = self.sizes / self.sizes.max()
+        row = np.zeros((1, unknowns + 1))
+        row[0, unknowns - len(relative) : unknowns] = relative**2
+        row[0, :unknowns] = self._mixed @ row[0, :unknowns]
+        return row
+
+    def _bound_of_error(self) -> tuple[Array, Array]:
+        """Return matrix and right side of: [[P, c], [c, z]] is positive semidefinite, so z >= c P^-1 c."""
+        n, unknowns = self.n, len(self.basis)
         bound = np.zeros((unknowns + 1, n + 1, n + 1))
         for k in range(n * (n + 1) // 2):
             bound[k, :n, :n] = _split(np.eye(unknowns)[k], n, self.used)[0]
         bound[-1, n, n] = 1.0
+        c = self._to[0] / np.abs(self._to[0]).max()
         fixed = np.zeros((n + 1, n + 1))
-        fixed[:n, n] = fixed[n, :n] = self._to[0] / np.abs(self._to[0]).max()
-        blocks.append(-np.array([_svec(each) for each in bound]).T)
-        right.append(_svec(fixed))
-        cones = [clarabel.NonnegativeConeT(1), *[clarabel.PSDTriangleConeT(size)] * corners]
-        cones.append(clarabel.PSDTriangleConeT(n + 1))
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        objective = np.eye(unknowns + 1)[-1]
-        empty = sparse.csc_matrix((unknowns + 1, unknowns + 1))
-        solver = clarabel.DefaultSolver(
-            empty, objective, sparse.csc_matrix(np.vstack(blocks)), np.concatenate(right), cones, settings
-        )
-        x = self._mixed.T @ np.array(solver.solve().x)[:-1]
-        if not np.isfinite(x).all():
-            return None
-        return np.asarray(x)
+        fixed[:n, n] = c
+        fixed[n, :n] = c
+        return -np.array([_svec(matrix) for matrix in bound]).T, _svec(fixed)
 
     def violation(self, x: Array, alpha: float) -> float:
         """Return by how much a solution misses the inequality, in the solver's coordinates."""
@@ -223,11 +246,13 @@ class _Problem:
     def to_decimals(self, x: Array, alpha: float) -> Solution:
         """Return a solution in decimal numbers."""
         P, t, a = _split(x, self.n, self.used)
+        lower = np.tril(P)
+        symmetric = lower + np.tril(lower, -1).T  # of both triangles, which rounding tells apart, the lower
         return Solution(
-            [[_text(P[max(i, j), min(i, j)]) for j in range(self.n)] for i in range(self.n)],
+            [list(map(_text, row)) for row in symmetric],
             _text(alpha),
-            [_text(each) for each in t],
-            [_text(each) for each in a],
+            [_text(multiplier) for multiplier in t],
+            [_text(multiplier) for multiplier in a],
         )
 
     def error_bound(self, x: Array, alpha: float) -> float:
@@ -238,23 +263,39 @@ class _Problem:
 
 def _split(x: Array, n: int, used: _Used) -> tuple[Array, Array, Array]:
     """Return P, t and a of the unknowns."""
-    P, t, a = np.zeros((n, n)), np.zeros(6), np.zeros(5)
-    lower, end = n * (n + 1) // 2, len(x) - len(used.a)
+    lower = n * (n + 1) // 2
+    end = len(x) - len(used.a)
+    P = np.zeros((n, n))
     P[np.tril_indices(n)] = x[:lower]
     P = P + np.tril(P, -1).T
-    t[used.t], a[used.a] = x[lower:end], x[end:]
+    t = np.zeros(6)
+    t[used.t] = x[lower:end]
+    a = np.zeros(5)
+    a[used.a] = x[end:]
     return P, t, a
+
+
+def _steps(omegas: Sequence[float]) -> list[tuple[float, float]]:
+    """Return bandwidths, and each over the one that follows it, at the ends and in the middle of a range."""
+    last = len(omegas) - 1
+    steps = []
+    for i in sorted({0, min(1, last), last // 2, max(last - 1, 0), last}):
+        near = sorted({*omegas[max(i - 1, 0) : i + 2]})
+        steps += [(omegas[i], omegas[i] / after) for after in near]
+    return steps
 
 
 def _lyapunov(facts: Any, delta: float) -> Array:
     """Return the V of the loop with one delta, or of a stable one near it: coordinates to begin with."""
     omega = facts["omega"][0]
-    A, K = (np.array(x, dtype=float) for x in checker.loop(facts, omega)[1:3])
+    channel = checker.loop(facts, omega)
+    A = np.array(channel.A, dtype=float)
+    K = np.array(channel.K, dtype=float)
     theta = omega * facts["sample_time"]
     push = np.zeros(len(A))
     push[:2] = 0.5 * theta * theta, theta
-    for each in (delta, 1.0):
-        closed = A + each * np.outer(push, K)
+    for gain in (delta, 1.0):
+        closed = A + gain * np.outer(push, K)
         if np.abs(np.linalg.eigvals(closed)).max() < 1.0:
             return np.asarray(linalg.solve_discrete_lyapunov(closed.T, theta * np.eye(len(A))))
     return np.eye(len(A))
