@@ -175,16 +175,25 @@ def at_ends(setting: Setting, seed: int = 0, progress: Progress = lambda _: None
         found[name] = largest(setting, function, seed)
 
     def number(name: str) -> Number:
-        return Number((1.0 + MARGIN) * found[name]) if name in found else Number(0.0, "proved")
+        if name not in found:
+            return Number(0.0, "proved")
+        return Number((1.0 + MARGIN) * found[name])
 
     def delta(x: float, away: bool) -> Number:  # more is farther from 1, or nearer to it
-        return Number(1.0 + (x - 1.0) * (1.0 + MARGIN if away else 1.0 / (1.0 + MARGIN)))
+        factor = 1.0 + MARGIN if away else 1.0 / (1.0 + MARGIN)
+        return Number(1.0 + (x - 1.0) * factor)
 
-    low, high = -found["-delta_low"], found["delta_high"]
-    made: dict[str, Any] = {"delta_low": delta(low, low < 1.0), "delta_high": delta(high, high > 1.0)}
+    low = -found["-delta_low"]
+    high = found["delta_high"]
+    made: dict[str, Any] = {
+        "delta_low": delta(low, low < 1.0),
+        "delta_high": delta(high, high > 1.0),
+    }
     for name in Numbers._fields[2:]:
-        joints = [f"{name}.{j}" for j in range(setting.nominal.n)] if name in PER_JOINT else []
-        made[name] = tuple(map(number, joints)) if joints else number(name)
+        if name in PER_JOINT:
+            made[name] = tuple(number(f"{name}.{j}") for j in range(setting.nominal.n))
+        else:
+            made[name] = number(name)
     return Numbers(**made)
 
 
@@ -197,13 +206,20 @@ def between_ends(setting: Setting, found: Numbers) -> Numbers:
     """
     if setting.arms[0] is setting.arms[-1]:
         return found
-    low, high = min(1.0, found.delta_low.value), found.delta_high
-    factors = dict.fromkeys(("sigma_error", "kappa_error"), math.sqrt(high.value / low))
+    low = min(1.0, found.delta_low.value)
+    high = found.delta_high
+    between = math.sqrt(high.value / low)
+    factors = {
+        "sigma_error": between,
+        "kappa_error": between,
+        "shift": math.sqrt(1.0 / low),
+    }
     proven = found.delta_low.status == high.status == "proved"
     changed: dict[str, Any] = {}
-    for name, longer in {**factors, "shift": math.sqrt(1.0 / low)}.items():
-        each = getattr(found, name)
-        changed[name] = Number(longer * each.value, each.status if proven else "searched")
+    for name, longer in factors.items():
+        at_an_end = getattr(found, name)
+        status = at_an_end.status if proven else "searched"
+        changed[name] = Number(longer * at_an_end.value, status)
     return found._replace(**changed)
 
 
@@ -211,15 +227,19 @@ def count_outside(setting: Setting, found: Numbers, others: Sequence[Robot], see
     """Return how many other arms exceed a number where that of the controller's own is the largest."""
     if not others:
         return 0
-    own, outside = setting._replace(arms=setting.arms[-1:]), np.zeros(len(others), bool)
+    own = setting._replace(arms=setting.arms[-1:])
+    outside = np.zeros(len(others), bool)
     for name, function in functions(setting).items():
         z, values = _search(own, function, seed)
-        at = points(setting, z[np.argsort(-values)[:_BEST]])
+        worst = np.argsort(-values)[:_BEST]
+        at = points(setting, z[worst])
         group, _, joint = name.lstrip("-").partition(".")
         number = getattr(found, group)
         most = (number[int(joint)] if joint else number).value
-        most = -most if name.startswith("-") else most
-        outside |= [bool(function(setting, arm, at).max() > most + TINY) for arm in others]
+        if name.startswith("-"):
+            most = -most
+        for place, arm in enumerate(others):
+            outside[place] |= function(setting, arm, at).max() > most + TINY
     return int(outside.sum())
 
 
@@ -236,14 +256,23 @@ def functions(setting: Setting) -> dict[str, _Function]:
         "kappa_error": _kappa_error,
     }
     for name, per_joint in PER_JOINT.items():
-        every.update({f"{name}.{j}": per_joint(j) for j in range(setting.nominal.n)})
+        for j in range(setting.nominal.n):
+            every[f"{name}.{j}"] = per_joint(j)
     if setting.arms[0] is not setting.arms[-1]:
         every["jump"] = _jump
     if setting.viscous.any():
         every["kappa_f"] = _rubbing
-    lengths = dict.fromkeys(("velocity", "acceleration", "encoder", "zone"), _length)
-    for name, value in {"torque": _force, "friction": _force, **lengths}.items():
-        if (bound := getattr(setting, name)).any():
+    sizes = {
+        "torque": _force,
+        "friction": _force,
+        "velocity": _length,
+        "acceleration": _length,
+        "encoder": _length,
+        "zone": _length,
+    }
+    for name, value in sizes.items():
+        bound = getattr(setting, name)
+        if bound.any():
             every[name] = _largest_of(bound, value)
     if setting.velocity.any():
         every["shift"] = _largest_of(setting.velocity, _shift)
@@ -268,20 +297,26 @@ def _search(setting: Setting, function: _Function, seed: int) -> tuple[Array, Ar
     low, width = ranges(setting)
 
     def values(z: Array) -> Array:
-        parts = np.array_split(z, -(-len(z) * n * n * 2 ** min(n, MOST_CORNERS) // _TOGETHER))
-        found = [[function(setting, arm, points(setting, x)) for x in parts] for arm in setting.arms]
-        return np.asarray(np.max([np.concatenate(each) for each in found], axis=0))
+        work = len(z) * n * n * 2 ** min(n, MOST_CORNERS)
+        parts = np.array_split(z, -(-work // _TOGETHER))
+        of_arms = []
+        for arm in setting.arms:
+            of_parts = [function(setting, arm, points(setting, part)) for part in parts]
+            of_arms.append(np.concatenate(of_parts))
+        return np.asarray(np.max(of_arms, axis=0))
 
     share = rng.random((_DRAWN, 3 * n))
     # Extremes are often at the ends of the box and of the distance to the reference.
-    ends = rng.random(share.shape) < np.concatenate([np.full(n, 0.1), np.full(2 * n, 0.7)])
-    z = low + width * np.where(ends, np.rint(share), share)
+    likely = np.concatenate([np.full(n, 0.1), np.full(2 * n, 0.7)])
+    at_end = rng.random(share.shape) < likely
+    z = low + width * np.where(at_end, np.rint(share), share)
     found = values(z)
     for closer in range(_ROUNDS):
         best = np.argsort(-found)[:_BEST]
         z, found = z[best], found[best]
         near = np.repeat(z, _NEAR, axis=0)
-        near = near + 0.2 * 0.5**closer * width * rng.standard_normal(near.shape)
+        spread = 0.2 * 0.5**closer * width
+        near = near + spread * rng.standard_normal(near.shape)
         near = np.clip(near, low, low + width)
         z = np.concatenate([z, near])
         found = np.concatenate([found, values(near)])
@@ -298,17 +333,24 @@ def motion(robot: Robot, count: int = 64) -> dict[str, float]:
     Returns:
         `sigma`, `kappa_v` and `kappa_e` of :class:`Numbers`, the largest there.
     """
-    q, rest = random_configurations(robot, count, seed=0), np.zeros(robot.n)
-    setting = Setting((robot,), robot, robot, rest, rest, rest, rest + 1.0, "none")
-    at, every = Points(q, q, q), functions(setting)
-    return {name: float(every[name](setting, robot, at).max()) for name in ("sigma", "kappa_v", "kappa_e")}
+    q = random_configurations(robot, count, seed=0)
+    none = np.zeros(robot.n)
+    setting = Setting((robot,), robot, robot, none, none, none, none + 1.0, "none")
+    at = Points(q, q, q)
+    every = functions(setting)
+    found = {}
+    for name in ("sigma", "kappa_v", "kappa_e"):
+        values = every[name](setting, robot, at)
+        found[name] = float(values.max())
+    return found
 
 
 def ranges(setting: Setting) -> tuple[Array, Array]:
     """Return the lower ends and the widths of the coordinates of :func:`points`, (3 n,)."""
     offsets = np.ones(2 * setting.nominal.n)
     low = np.concatenate([setting.lower, -offsets])
-    return low, np.concatenate([setting.upper - setting.lower, 2.0 * offsets])
+    width = np.concatenate([setting.upper - setting.lower, 2.0 * offsets])
+    return low, width
 
 
 def points(setting: Setting, z: Array) -> Points:
@@ -324,7 +366,8 @@ def slopes(function: Callable[[Array], Array], q: Array) -> Array:
     moved = q[:, None, None] + steps[:, None] * np.eye(n)[:, None]
     values = function(moved.reshape(-1, n))
     values = values.reshape(k, n, 4, *values.shape[1:])
-    near, far = values[:, :, 0] - values[:, :, 1], values[:, :, 2] - values[:, :, 3]
+    near = values[:, :, 0] - values[:, :, 1]
+    far = values[:, :, 2] - values[:, :, 3]
     return np.asarray((8.0 * near - far) / (12.0 * _STEP))
 
 
@@ -337,9 +380,11 @@ def corners(bound: Array) -> Array:
     """Return the corners of a box of vectors, one of each pair of opposites; some of very many."""
     n = len(bound)
     if n <= MOST_CORNERS:
-        signs = np.array([(1.0, *rest) for rest in itertools.product((1.0, -1.0), repeat=n - 1)])
+        others = itertools.product((1.0, -1.0), repeat=n - 1)
+        signs = np.array([(1.0, *signs) for signs in others])
     else:
-        signs = np.sign(np.random.default_rng(0).standard_normal((2 * _CORNERS, n)))
+        drawn = np.random.default_rng(0).standard_normal((2 * _CORNERS, n))
+        signs = np.sign(drawn)
     return signs * bound
 
 
@@ -353,7 +398,8 @@ def resting(setting: Setting, arm: Robot, star: Array) -> Array:
 
 def norms(X: Array) -> Array:
     """Return the largest singular values of matrices (..., n, n)."""
-    return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(X.swapaxes(-1, -2) @ X)[..., -1], 0.0)))
+    squares = np.linalg.eigvalsh(X.swapaxes(-1, -2) @ X)[..., -1]
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
 
 def _in_metric(arm: Robot, q: Array, X: Array) -> Array:
@@ -365,7 +411,8 @@ def _in_metric(arm: Robot, q: Array, X: Array) -> Array:
 
 def _deltas(setting: Setting, arm: Robot, at: Points) -> Array:
     """Return the eigenvalues of D^-1 D^, shape (k, n)."""
-    return np.asarray(np.linalg.eigvalsh(_in_metric(arm, at.q, setting.nominal.mass_matrix(at.q))))
+    ratio = _in_metric(arm, at.q, setting.nominal.mass_matrix(at.q))
+    return np.asarray(np.linalg.eigvalsh(ratio))
 
 
 def christoffel(slope: Array, v: Array) -> Array:
@@ -390,14 +437,16 @@ def _over_velocities(S: Array) -> Array:
     crossed = 0.5 * (G[:, i, a, j, b] + G[:, i, b, j, a])
     size = np.where(a == b, 1.0, math.sqrt(2.0))  # of an element in the length of a symmetric matrix
     mixed = [(1.0 - share) * straight + share * crossed for share in _CROSSED]
-    squares = np.linalg.eigvalsh(size[:, None] * size * np.stack(mixed))[..., -1].min(axis=0)
+    forms = size[:, None] * size * np.stack(mixed)
+    squares = np.linalg.eigvalsh(forms)[..., -1].min(axis=0)
     return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
 
 def _sigma_error(setting: Setting, arm: Robot, at: Points) -> Array:
     """Return at least the largest rate of the metric over velocities of length 1."""
-    inverse = roots(arm.mass_matrix(at.q))
-    rates = np.einsum("kiab,kji->kjab", slopes(arm.mass_matrix, at.q), inverse)
+    D_slopes = slopes(arm.mass_matrix, at.q)
+    unit_velocities = roots(arm.mass_matrix(at.q))
+    rates = np.einsum("kiab,kji->kjab", D_slopes, unit_velocities)
     return _over_velocities(_in_metric(arm, at.q, rates))
 
 
@@ -406,55 +455,72 @@ def _kappa_error(setting: Setting, arm: Robot, at: Points) -> Array:
 
     C(q, a) b = C(q, b) a, so each of its components is a symmetric form, and largest where a is b.
     """
-    C = christoffel(slopes(arm.mass_matrix, at.q), roots(arm.mass_matrix(at.q)))
+    D_slopes = slopes(arm.mass_matrix, at.q)
+    unit_velocities = roots(arm.mass_matrix(at.q))
+    C = christoffel(D_slopes, unit_velocities)
     return _over_velocities(_in_metric(arm, at.q, C).swapaxes(1, 2))
 
 
 def _sigma(setting: Setting, arm: Robot, at: Points) -> Array:
     """Return the largest rate of the metric; convex in the speeds, so largest at a corner of them."""
-    rates = np.einsum("kiab,ci->kcab", slopes(arm.mass_matrix, at.q), corners(setting.speed))
-    return np.asarray(np.abs(np.linalg.eigvalsh(_in_metric(arm, at.q, rates))).max(axis=(1, 2)))
+    D_slopes = slopes(arm.mass_matrix, at.q)
+    rates = np.einsum("kiab,ci->kcab", D_slopes, corners(setting.speed))
+    eigenvalues = np.linalg.eigvalsh(_in_metric(arm, at.q, rates))
+    return np.asarray(np.abs(eigenvalues).max(axis=(1, 2)))
 
 
 def _coriolis(setting: Setting, arm: Robot, at: Points) -> Array:
     """Return the norm of Christoffel's C(q, v), at a corner of the speeds."""
-    C = christoffel(slopes(arm.mass_matrix, at.q), corners(setting.speed))
-    return np.asarray(norms(_in_metric(arm, at.q, C)).max(axis=1))
+    D_slopes = slopes(arm.mass_matrix, at.q)
+    C = christoffel(D_slopes, corners(setting.speed))
+    sizes = norms(_in_metric(arm, at.q, C))
+    return np.asarray(sizes.max(axis=1))
 
 
 def _stiffness(setting: Setting, arm: Robot, at: Points) -> Array:
     """Return the norm of d(G - D^ v*)/dq, the metric at q, the gradient in between, v* at q*."""
-    v, n = resting(setting, arm, at.star), arm.n
-    slope = slopes(arm.gravity, at.between)
-    v = np.repeat(v, 4 * n, axis=0)
-    slope = slope - slopes(lambda q: setting.nominal.inertia_times(q, v), at.between)
+    v = resting(setting, arm, at.star)
+    v_of_steps = np.repeat(v, 4 * arm.n, axis=0)
+
+    def holding(q: Array) -> Array:
+        return setting.nominal.inertia_times(q, v_of_steps)
+
+    slope = slopes(arm.gravity, at.between) - slopes(holding, at.between)
     return norms(_in_metric(arm, at.q, slope.swapaxes(1, 2)))
 
 
 def _gravity(setting: Setting, arm: Robot, at: Points) -> Array:
     """Return the norm of dG/dq."""
-    return norms(_in_metric(arm, at.q, slopes(arm.gravity, at.between).swapaxes(1, 2)))
+    slope = slopes(arm.gravity, at.between)
+    return norms(_in_metric(arm, at.q, slope.swapaxes(1, 2)))
 
 
 def _rubbing(setting: Setting, arm: Robot, at: Points) -> Array:
     """Return the largest eigenvalue of D^-1 F."""
     F = np.broadcast_to(np.diag(setting.viscous), (len(at.q), arm.n, arm.n))
-    return np.asarray(np.linalg.eigvalsh(_in_metric(arm, at.q, F))[:, -1])
+    eigenvalues = np.linalg.eigvalsh(_in_metric(arm, at.q, F))
+    return np.asarray(eigenvalues[:, -1])
 
 
 def _inverse(joint: int) -> _Function:
     """Return the function that gives an element of the diagonal of D^-1."""
-    return lambda setting, arm, at: np.asarray(np.linalg.inv(arm.mass_matrix(at.q))[:, joint, joint], float)
+
+    def element(_: Setting, arm: Robot, at: Points) -> Array:
+        inverse = np.linalg.inv(arm.mass_matrix(at.q))
+        return np.asarray(inverse[:, joint, joint], float)
+
+    return element
 
 
 def _hold(joint: int) -> _Function:
     """Return the function that gives the torque with which a joint is held [N m or N]."""
 
     def torque(setting: Setting, arm: Robot, at: Points) -> Array:
-        held = setting.nominal.inertia_times(at.q, resting(setting, arm, at.star))
+        v = resting(setting, arm, at.star)
+        torques = setting.nominal.inertia_times(at.q, v)
         if setting.feedforward != "none":
-            held = held + setting.known.gravity(at.star)
-        return np.abs(held[:, joint])
+            torques = torques + setting.known.gravity(at.star)
+        return np.abs(torques[:, joint])
 
     return torque
 
@@ -464,7 +530,8 @@ def _reach(joint: int) -> _Function:
 
     def factor(setting: Setting, arm: Robot, at: Points) -> Array:
         row = setting.nominal.mass_matrix(at.q)[:, joint]
-        return np.asarray(np.sqrt(np.einsum("ki,ki->k", row, arm.inertia_solve(at.q, row))))
+        squares = np.einsum("ki,ki->k", row, arm.inertia_solve(at.q, row))
+        return np.asarray(np.sqrt(squares))
 
     return factor
 
@@ -472,26 +539,36 @@ def _reach(joint: int) -> _Function:
 def _jump(setting: Setting, arm: Robot, at: Points) -> Array:
     """Return the length of the change of v* between an arm, or the first, and the controller's."""
     other = setting.arms[0] if arm is setting.arms[-1] else arm
-    light, heavy = (resting(setting, each, at.star) for each in (other, setting.arms[-1]))
-    return _length(setting, arm, at, (heavy - light)[:, None])[:, 0]
+    light = resting(setting, other, at.star)
+    heavy = resting(setting, setting.arms[-1], at.star)
+    change = (heavy - light)[:, None]
+    return _length(setting, arm, at, change)[:, 0]
 
 
 def _largest_of(bound: Array, value: Callable[[Setting, Robot, Points, Array], Array]) -> _Function:
     """Return the largest value of a function that is convex in a vector within bounds: it is at a corner."""
     ends = corners(bound)
-    return lambda setting, arm, at: np.asarray(value(setting, arm, at, ends).max(axis=1))
+
+    def largest_at_corners(setting: Setting, arm: Robot, at: Points) -> Array:
+        values = value(setting, arm, at, ends)
+        return np.asarray(values.max(axis=1))
+
+    return largest_at_corners
 
 
 def _length(_: Setting, arm: Robot, at: Points, x: Array) -> Array:
     """Return the lengths (k, c) of velocities or accelerations (c, n) or (k, c, n) in the metric of D."""
-    along = np.broadcast_to(x, (len(at.q), *x.shape[-2:])) @ arm.mass_matrix(at.q)
-    return np.asarray(np.sqrt((along * x).sum(axis=-1)))
+    vectors = np.broadcast_to(x, (len(at.q), *x.shape[-2:]))
+    squares = (vectors @ arm.mass_matrix(at.q) * x).sum(axis=-1)
+    return np.asarray(np.sqrt(squares))
 
 
 def _force(_: Setting, arm: Robot, at: Points, x: Array) -> Array:
     """Return the lengths (k, c) of torques in the metric of D^-1."""
-    along = np.broadcast_to(x, (len(at.q), *x.shape[-2:])) @ np.linalg.inv(arm.mass_matrix(at.q))
-    return np.asarray(np.sqrt((along * x).sum(axis=-1)))
+    vectors = np.broadcast_to(x, (len(at.q), *x.shape[-2:]))
+    inverse = np.linalg.inv(arm.mass_matrix(at.q))
+    squares = (vectors @ inverse * x).sum(axis=-1)
+    return np.asarray(np.sqrt(squares))
 
 
 def _shift(setting: Setting, arm: Robot, at: Points, v: Array) -> Array:
@@ -499,7 +576,8 @@ def _shift(setting: Setting, arm: Robot, at: Points, v: Array) -> Array:
 
     With both linear in the load its length is of third degree, and not largest at an end.
     """
-    return _length(setting, setting.arms[-1], at, v @ slopes(lambda q: resting(setting, arm, q), at.star))
+    changes = slopes(lambda q: resting(setting, arm, q), at.star)
+    return _length(setting, setting.arms[-1], at, v @ changes)
 
 
 #: Numbers that each joint has one of.
