@@ -112,10 +112,13 @@ def prove_numbers(
     Raises:
         ParameterError: when D and G are no trigonometric polynomials of degree two.
     """
-    made = at_ends(setting, progress=progress)
+    searched = at_ends(setting, progress=progress)
     prover = _Prover(setting, tolerance, budget, progress)
-    found = between_ends(setting, made._replace(**prover.of_motion(made)))
-    return found._replace(**prover.of_torques(found), **prover.of_inputs(found))
+    of_motion = prover.of_motion(searched)
+    numbers = between_ends(setting, searched._replace(**of_motion))
+    of_torques = prover.of_torques(numbers)
+    of_inputs = prover.of_inputs(numbers)
+    return numbers._replace(**of_torques, **of_inputs)
 
 
 class _Prover:
@@ -124,13 +127,19 @@ class _Prover:
     def __init__(
         self, setting: Setting, tolerance: float, budget: float, progress: Progress = lambda _: None
     ) -> None:
-        self.setting, self.tolerance, self.budget = setting, tolerance, budget
-        self.progress, self.proofs = progress, 0
+        self.setting = setting
+        self.tolerance = tolerance
+        self.budget = budget
+        self.progress = progress
+        self.proofs = 0
         self.star = (setting.upper - setting.lower) / 2
         self.around = self.star + setting.radius
         center = (setting.lower + setting.upper) / 2
-        *arms, nominal, known = polynomials_of([*setting.arms, setting.nominal, setting.known], center)
-        self.models = [Model(*arm, nominal[0], known[1]) for arm in arms]
+        robots = [*setting.arms, setting.nominal, setting.known]
+        *arms, nominal, known = polynomials_of(robots, center)
+        D_nominal, _ = nominal
+        _, G_known = known
+        self.models = [Model(*arm, D_nominal, G_known) for arm in arms]
 
     def each(
         self,
@@ -140,7 +149,8 @@ class _Prover:
         tolerance: float | None = None,
     ) -> tuple[Number, ...]:
         """Return bounds where they are proved in time, or else what a search found."""
-        near = np.maximum([each.value for each in found], TINY) / (1.0 + MARGIN)
+        searched = [number.value for number in found]
+        near = np.maximum(searched, TINY) / (1.0 + MARGIN)
         half = self.around if half is None else half
         tolerance = self.tolerance if tolerance is None else tolerance
         self.proofs += 1
@@ -150,41 +160,58 @@ class _Prover:
             self.progress(said.format(seconds))
 
         bounds = largest(quantities, half, near, tolerance, self.budget, spent)
-        return tuple(
-            Number((1.0 + OUTWARD) * float(bound), "proved") if np.isfinite(bound) else number
-            for bound, number in zip(bounds, found, strict=True)
-        )
+        numbers = []
+        for bound, number in zip(bounds, found, strict=True):
+            proved = Number((1.0 + OUTWARD) * float(bound), "proved")
+            numbers.append(proved if np.isfinite(bound) else number)
+        return tuple(numbers)
 
     def number(
         self, found: Number, quantity: Callable[[Model], Quantity], tolerance: float | None = None
     ) -> Number:
         """Return a bound on a number of all true arms; see :meth:`each`."""
-        return self.each([found], [quantity(m) for m in self.models], tolerance=tolerance)[0]
+        quantities = [quantity(model) for model in self.models]
+        (number,) = self.each([found], quantities, tolerance=tolerance)
+        return number
 
     def of_motion(self, made: Numbers) -> dict[str, Any]:
         """Return what the matrix inequality takes: delta, what motion and gravity add, and D^-1."""
-        v, first = corners(self.setting.speed), self.models[-1]
+        v = corners(self.setting.speed)
+        first = self.models[-1]
         low = Number(1.0, "proved")
         # Loads add to D, so the nominal model with the heaviest one is at least the true D.
         if not np.array_equal(first.D.coefficients, first.D_nominal.coefficients):
-            above = self.number(_reciprocal(made.delta_low), lambda m: Norm(m.D_nominal, _one(m.D)))
+            searched = _reciprocal(made.delta_low)
+            above = self.number(searched, lambda m: Norm(m.D_nominal, _one(m.D)))
             low = _reciprocal(above)
+        high = self.number(made.delta_high, lambda m: Norm(m.D, _one(m.D_nominal)))
         sigma = self.number(made.sigma, lambda m: Norm(m.D, _slopes(m.D), v))
-        axes = [x._replace(value=math.sqrt(x.value)) for x in made.inverse]
-        made_of = [Lengths(m.D, _axes(m.D), together=False) for m in self.models]
-        lengths = self.each(axes, made_of, tolerance=math.sqrt(1.0 + self.tolerance) - 1.0)
+        kappa_v = self.number(made.kappa_v, lambda m: Norm(m.D, _christoffel(m.D), v))
+        kappa_e = self.stiffness(made.kappa_e, sigma, lambda m: m.G)
+        kappa_f = self.rubbing(made.kappa_f)
+        kappa_g = self.number(made.kappa_g, lambda m: Norm(m.D, _one(_gradient(m.G))))
+        sigma_error = self.number(made.sigma_error, lambda m: Unfolded(m.D, _slopes(m.D)), _LOOSE)
+        kappa_error = self.number(made.kappa_error, lambda m: Unfolded(m.D, _christoffel(m.D)), _LOOSE)
         return {
             "delta_low": low,
-            "delta_high": self.number(made.delta_high, lambda m: Norm(m.D, _one(m.D_nominal))),
+            "delta_high": high,
             "sigma": sigma,
-            "kappa_v": self.number(made.kappa_v, lambda m: Norm(m.D, _christoffel(m.D), v)),
-            "kappa_e": self.stiffness(made.kappa_e, sigma, lambda m: m.G),
-            "kappa_f": self.rubbing(made.kappa_f),
-            "kappa_g": self.number(made.kappa_g, lambda m: Norm(m.D, _one(_gradient(m.G)))),
-            "inverse": tuple(x._replace(value=x.value**2) for x in lengths),
-            "sigma_error": self.number(made.sigma_error, lambda m: Unfolded(m.D, _slopes(m.D)), _LOOSE),
-            "kappa_error": self.number(made.kappa_error, lambda m: Unfolded(m.D, _christoffel(m.D)), _LOOSE),
+            "kappa_v": kappa_v,
+            "kappa_e": kappa_e,
+            "kappa_f": kappa_f,
+            "kappa_g": kappa_g,
+            "inverse": self.inverse(made.inverse),
+            "sigma_error": sigma_error,
+            "kappa_error": kappa_error,
         }
+
+    def inverse(self, searched: Sequence[Number]) -> tuple[Number, ...]:
+        """Return bounds on the diagonal of D^-1: the squared lengths of unit vectors in its metric."""
+        lengths = [number._replace(value=math.sqrt(number.value)) for number in searched]
+        axes = [Lengths(model.D, _axes(model.D), together=False) for model in self.models]
+        tolerance = math.sqrt(1.0 + self.tolerance) - 1.0
+        bounds = self.each(lengths, axes, tolerance=tolerance)
+        return tuple(number._replace(value=number.value**2) for number in bounds)
 
     def rubbing(self, found: Number) -> Number:
         """Return a bound on what viscous friction adds."""
@@ -195,7 +222,8 @@ class _Prover:
 
     def grown(self, sigma: Number) -> float:
         """Return by what factor D grows at most between the arm and its reference."""
-        return math.exp(float(np.max(self.setting.radius / self.setting.speed)) * sigma.value)
+        seconds = float(np.max(self.setting.radius / self.setting.speed))
+        return math.exp(seconds * sigma.value)
 
     def stiffness(self, found: Number, sigma: Number, torque: Callable[[Model], Polynomial]) -> Number:
         """Return an upper bound on how a torque and D^ v* change with the position; see :class:`Stiffness`.
@@ -208,28 +236,36 @@ class _Prover:
         if sigma.status != "proved":
             return found
         # The share of D that is left at least after twice the radius, as D shrinks no faster than by sigma.
-        share = math.exp(-2.0 * float(np.max(self.setting.radius / self.setting.speed)) * sigma.value)
-        made = [Stiffness(m, self._residual(m), torque(m), self.setting.radius, share) for m in self.models]
-        return self.each([found], made, self.star)[0]
+        seconds = float(np.max(self.setting.radius / self.setting.speed))
+        share = math.exp(-2.0 * seconds * sigma.value)
+        quantities = []
+        for model in self.models:
+            held = self._residual(model)
+            quantities.append(Stiffness(model, held, torque(model), self.setting.radius, share))
+        (number,) = self.each([found], quantities, self.star)
+        return number
 
     def of_torques(self, found: Numbers) -> dict[str, Any]:
         """Return what the motors must give, and what a jump of the load does, from what is proved of D."""
-        low, high, n = found.delta_low, found.delta_high, len(self.star)
+        low = found.delta_low
+        high = found.delta_high
+        n = len(self.star)
         nominal = self.models[0].D_nominal
         light = self._residual(self.models[0])
         heavy = self._residual(self.models[-1])
         changed = light._replace(coefficients=heavy.coefficients - light.coefficients)
         # The length of v* in the metric of D^, and of its change between the loads.
-        jump, length_light, length_heavy = (
-            self.each([Number(0.0)], [Lengths(nominal, _one(each))], self.star)[0]
-            for each in (changed, light, heavy)
-        )
-        if any(each.status != "proved" for each in (jump, length_light, length_heavy)):
+        jump = self._length_at_rest(nominal, changed)
+        length_light = self._length_at_rest(nominal, light)
+        length_heavy = self._length_at_rest(nominal, heavy)
+        lengths = (jump, length_light, length_heavy)
+        if any(number.status != "proved" for number in lengths):
             return {}  # what a search found
         length = max(length_light.value, length_heavy.value)
-        largest_v = length * np.sqrt([each.value / low.value for each in found.inverse])
+        largest_v = length * np.sqrt([number.value / low.value for number in found.inverse])
         # Torques that hold the arm: gravity, and by how much D^ v* changes within the radius.
-        gravity = [Sizes(m.G, np.eye(n), together=False) for m in self.models]
+        every_joint = np.eye(n)
+        gravity = [Sizes(model.G, every_joint, together=False) for model in self.models]
         held = self.each(found.hold, gravity, self.star)
         slopes = most(_slopes(nominal), self.around)
         more = np.einsum("k,kij,j->i", self.setting.radius, slopes, largest_v)
@@ -239,51 +275,64 @@ class _Prover:
             hold.append(_from(torque.value + float(change), *proved_of))
         # Torques per acceleration: the diagonal of D^, whose squares are bounded.
         diagonal = nominal.map_values(lambda c: c[:, range(n), range(n)])
-        begin = [x._replace(value=x.value**2) for x in found.reach]
-        squares = self.each(begin, [Sizes(diagonal, np.eye(n), together=False)])
-        reach = [_from(math.sqrt(x.value) * math.sqrt(high.value), x, high) for x in squares]
+        searched = [number._replace(value=number.value**2) for number in found.reach]
+        squares = self.each(searched, [Sizes(diagonal, every_joint, together=False)])
+        reach = []
+        for square in squares:
+            size = math.sqrt(square.value) * math.sqrt(high.value)
+            reach.append(_from(size, square, high))
         jumped = found.jump
-        if self.setting.arms[0] is not self.setting.arms[-1]:
+        lightest, heaviest = self.setting.arms[0], self.setting.arms[-1]
+        if lightest is not heaviest:
             # D is that of the arm, D^ that of the reference.
-            size = jump.value * math.sqrt(self.grown(found.sigma) / low.value)
-            jumped = _from(size, jump, low, found.sigma)
+            longer = math.sqrt(self.grown(found.sigma) / low.value)
+            jumped = _from(jump.value * longer, jump, low, found.sigma)
         return {"jump": jumped, "hold": tuple(hold), "reach": tuple(reach)}
+
+    def _length_at_rest(self, nominal: Polynomial, torque: Polynomial) -> Number:
+        """Return a bound on the length of D^^-1 torque in the metric of D^, at references."""
+        quantity = Lengths(nominal, _one(torque))
+        (length,) = self.each([Number(0.0)], [quantity], self.star)
+        return length
 
     def of_inputs(self, found: Numbers) -> dict[str, Any]:
         """Return how large what disturbs is."""
-        setting, low = self.setting, found.delta_low
-        made = {}
+        setting = self.setting
+        low = found.delta_low
+        bounds = {}
         for name in ("torque", "friction"):
-            if (bound := getattr(setting, name)).any():
-                ends = corners(bound)
-                made[name] = self.number(
-                    getattr(found, name),
-                    lambda m, v=ends: Lengths(m.D, _constant(m.D, v)),  # type: ignore[misc]
-                )
+            if getattr(setting, name).any():
+                bounds[name] = self._force(getattr(found, name), corners(getattr(setting, name)))
         for name in ("velocity", "acceleration", "encoder", "zone"):
-            if (bound := getattr(setting, name)).any():
-                ends = corners(bound)
-                squares = (ends[:, :, None] * ends[:, None]).reshape(len(ends), -1)
-                square = getattr(found, name)
-                square = self.number(
-                    square._replace(value=square.value**2),
-                    lambda m, v=squares: Sizes(m.D, v),  # type: ignore[misc]
-                )
-                made[name] = square._replace(value=math.sqrt(square.value))
+            if getattr(setting, name).any():
+                bounds[name] = self._motion(getattr(found, name), corners(getattr(setting, name)))
         if setting.velocity.any():
             stiffness = found.kappa_e
             if setting.feedforward != "none":
                 stiffness = self.stiffness(found.kappa_e, found.sigma, self._residual)
-            moved = made["velocity"]
+            moved = bounds["velocity"]
             size = stiffness.value * moved.value * self.grown(found.sigma) / low.value
-            made["shift"] = _from(size, stiffness, moved, low, found.sigma)
-        return made
+            bounds["shift"] = _from(size, stiffness, moved, low, found.sigma)
+        return bounds
+
+    def _force(self, searched: Number, torques: Array) -> Number:
+        """Return a bound on the lengths of torques (c, n) in the metric of D^-1."""
+        return self.number(searched, lambda m: Lengths(m.D, _constant(m.D, torques)))
+
+    def _motion(self, searched: Number, vectors: Array) -> Number:
+        """Return a bound on the lengths of velocities or accelerations (c, n) in the metric of D."""
+        products = vectors[:, :, None] * vectors[:, None]
+        weights = products.reshape(len(vectors), -1)
+        square = searched._replace(value=searched.value**2)
+        square = self.number(square, lambda m: Sizes(m.D, weights))
+        return square._replace(value=math.sqrt(square.value))
 
     def _residual(self, model: Model) -> Polynomial:
         """Return D^ v*: what the feedforward holds, v* does not."""
         if self.setting.feedforward == "none":
             return model.G
-        return model.G._replace(coefficients=model.G.coefficients - model.G_known.coefficients)
+        missing = model.G.coefficients - model.G_known.coefficients
+        return model.G._replace(coefficients=missing)
 
 
 def _reciprocal(number: Number) -> Number:
@@ -328,8 +377,10 @@ class _Search:
     """
 
     def __init__(self, near: Array, tolerance: float) -> None:
-        self.seen, self.waiting = np.array(near), list[_Waiting]()
-        self._share, self._arrived = 1.0 + tolerance, itertools.count()
+        self.seen = np.array(near)
+        self.waiting: list[_Waiting] = []
+        self._share = 1.0 + tolerance
+        self._arrived = itertools.count()
 
     def look(self, quantity: Quantity, cell: Cell, which: npt.NDArray[np.intp]) -> None:
         """Bound some members of a quantity in a cell."""
@@ -338,25 +389,37 @@ class _Search:
         np.maximum.at(self.seen, at, known.seen)
         upper = np.where(np.isnan(known.upper), np.inf, known.upper)  # NaN proves nothing
         shares = upper / (self._share * self.seen[at])
-        if (left := shares > 1.0).any():
-            order = -float(shares.max()), next(self._arrived)
-            heapq.heappush(
-                self.waiting, _Waiting(*order, quantity, cell, which[left], upper[left], known.joint)
+        left = shares > 1.0
+        if left.any():
+            waiting = _Waiting(
+                share=-float(shares.max()),
+                order=next(self._arrived),
+                quantity=quantity,
+                cell=cell,
+                which=which[left],
+                upper=upper[left],
+                joint=known.joint,
             )
+            heapq.heappush(self.waiting, waiting)
 
     def halve(self) -> None:
         """Bound what waits first in the halves of its cell."""
         _, _, quantity, cell, which, upper, joint = heapq.heappop(self.waiting)
-        left = which[upper > self._share * self.seen[quantity.places(which)]]
-        if len(left):
-            for half in cell.halves(_most_curved_joint(cell) if joint is None else joint):
-                self.look(quantity, half, left)
+        enough = self._share * self.seen[quantity.places(which)]
+        left = which[upper > enough]
+        if not len(left):
+            return
+        if joint is None:
+            joint = _most_curved_joint(cell)
+        for half in cell.halves(joint):
+            self.look(quantity, half, left)
 
     def bounds(self) -> Array:
         """Return bounds on all members."""
         most = self._share * self.seen
-        for each in self.waiting:
-            np.maximum.at(most, each.quantity.places(each.which), each.upper)
+        for waiting in self.waiting:
+            places = waiting.quantity.places(waiting.which)
+            np.maximum.at(most, places, waiting.upper)
         return most
 
 
@@ -394,11 +457,13 @@ def largest(
 
 def most(polynomial: Polynomial, half: Array) -> Array:
     """Return bounds on the magnitudes of a polynomial in a box, of its shape."""
-    found = np.zeros(polynomial.shape)
+    largest_sizes = np.zeros(polynomial.shape)
     for cell in pieces([polynomial], half, 0.0 * half):
         (hull,) = _flat(cell)
-        found = np.maximum(found, np.abs(hull).max(axis=0) + cell.piece.beyond[0])
-    return found
+        (beyond,) = cell.piece.beyond
+        sizes = np.abs(hull).max(axis=0) + beyond
+        largest_sizes = np.maximum(largest_sizes, sizes)
+    return largest_sizes
 
 
 def _flat(cell: Cell) -> list[Array]:
@@ -421,10 +486,13 @@ def _weights(cell: Cell) -> tuple[Array, Array]:
     """
     sizes = cell.piece.table.shape[:-1]
     axes = [np.linspace(-1.0, 1.0, size) if size > 1 else np.zeros(1) for size in sizes]
-    place = np.stack([each.ravel() for each in np.meshgrid(*axes, indexing="ij")])
-    each = place.shape[1] / 3.0
+    grids = np.meshgrid(*axes, indexing="ij")
+    place = np.stack([grid.ravel() for grid in grids])  # -1 and 1 at the ends, 0 at the apex
+    third = place.shape[1] / 3.0
     enters = np.array(sizes)[:, None] > 1
-    return place / (2.0 * each), enters * np.where(place, -0.5, 1.0) / each
+    differences = place / (2.0 * third)
+    second_differences = enters * np.where(place, -0.5, 1.0) / third
+    return differences, second_differences
 
 
 def _most_curved_joint(cell: Cell) -> int:
@@ -448,27 +516,32 @@ def _roots(D: Array, beyond: Array) -> Array | None:
     size = np.sqrt(np.abs(np.diagonal(D[0])))
     less = np.sum(beyond * size[:, None] / size, axis=1)
     try:
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(D - np.diag(less))))
+        L = np.linalg.cholesky(D - np.diag(less))
+        return np.asarray(np.linalg.inv(L))
     except np.linalg.LinAlgError:
         return None
 
 
 def _normal(root: Array, X: Array) -> Array:
     """Return L^-1 X L^-T, matrices (k, n, n) for X of shape (k, ..., n, n)."""
-    root = root.reshape(len(root), *(1 for _ in X.shape[3:]), *root.shape[1:])
+    more_axes = (1,) * (X.ndim - 3)
+    root = root.reshape(len(root), *more_axes, *root.shape[1:])
     return np.asarray(root @ X @ root.swapaxes(-1, -2))
 
 
 def _error(root: Array, beyond: Array) -> Array:
     """Return bounds on the norms of L^-1 E L^-T for all ``|E| <= beyond``, shape (k,)."""
-    away = np.abs(root)
-    return np.asarray(np.linalg.norm(away @ beyond @ away.swapaxes(-1, -2), axis=(-2, -1)))
+    sizes = np.abs(root)
+    turned = sizes @ beyond @ sizes.swapaxes(-1, -2)
+    return np.asarray(np.linalg.norm(turned, axis=(-2, -1)))
 
 
 def _sizes(X: Array) -> Array:
     """Return bounds on :func:`norms`, at most n^(1/8) times them and in a tenth of the time."""
     squares = X.swapaxes(-1, -2) @ X
-    return np.asarray(np.sum((squares @ squares) ** 2, axis=(-2, -1)) ** 0.125)
+    fourth = squares @ squares
+    eighth = np.sum(fourth**2, axis=(-2, -1))
+    return np.asarray(eighth**0.125)
 
 
 def _nothing(count: int) -> Bounds:
@@ -487,16 +560,20 @@ class Norm(Quantity):
 
     def bounds(self, cell: Cell, which: npt.NDArray[np.intp], x: Array) -> Bounds:
         """Return what is known of some weights in a cell."""
-        (D, X), (less, beyond), weights = _flat(cell), cell.piece.beyond, self.weights[which]
+        D, X = _flat(cell)
+        less, beyond = cell.piece.beyond
+        weights = self.weights[which]
         root = _roots(D, less)
         if root is None:
             return _nothing(len(which))
         values = np.tensordot(weights, _normal(root, X), axes=(1, 1))
-        error = _error(root, np.max(np.tensordot(np.abs(weights), beyond, axes=1), axis=0))
+        beyond_sums = np.tensordot(np.abs(weights), beyond, axes=1)
+        error = _error(root, np.max(beyond_sums, axis=0))
         upper = _sizes(values) + error
         far = upper > x[:, None]
         upper[far] = norms(values[far]) + np.broadcast_to(error, upper.shape)[far]
-        seen = np.where(far, upper, 0.0)[:, _ends(cell)].max(axis=1)
+        exact = np.where(far, upper, 0.0)
+        seen = exact[:, _ends(cell)].max(axis=1)
         return Bounds(upper.max(axis=1), seen)
 
 
@@ -505,18 +582,23 @@ class Lengths(Quantity):
 
     def __init__(self, D: Polynomial, vectors: Polynomial, together: bool = True) -> None:
         """Take D, and vectors (m, n)."""
-        self.polynomials, self.members, self.together = (D, vectors), vectors.shape[0], together
+        self.polynomials = (D, vectors)
+        self.members = vectors.shape[0]
+        self.together = together
 
     def bounds(self, cell: Cell, which: npt.NDArray[np.intp], x: Array) -> Bounds:
         """Return what is known of some vectors in a cell."""
-        (D, vectors), (less, beyond) = _flat(cell), cell.piece.beyond
+        D, vectors = _flat(cell)
+        less, beyond = cell.piece.beyond
         root = _roots(D, less)
         if root is None:
             return _nothing(len(which))
         turned = root @ vectors[:, which].swapaxes(1, 2)
+        turned_beyond = np.abs(root) @ beyond[which].T
         upper = np.linalg.norm(turned, axis=1).T
-        upper += np.linalg.norm(np.abs(root) @ beyond[which].T, axis=1).T
-        return Bounds(upper.max(axis=1), upper[:, _ends(cell)].max(axis=1))
+        upper += np.linalg.norm(turned_beyond, axis=1).T
+        seen = upper[:, _ends(cell)].max(axis=1)
+        return Bounds(upper.max(axis=1), seen)
 
 
 class Sizes(Quantity):
@@ -524,15 +606,20 @@ class Sizes(Quantity):
 
     def __init__(self, P: Polynomial, weights: Array, together: bool = True) -> None:
         """Take a polynomial, and weights of its entries (w, entries)."""
-        self.polynomials, self.weights = (P,), weights
-        self.members, self.together = len(weights), together
+        self.polynomials = (P,)
+        self.weights = weights
+        self.members = len(weights)
+        self.together = together
 
     def bounds(self, cell: Cell, which: npt.NDArray[np.intp], x: Array) -> Bounds:
         """Return what is known of some sums in a cell."""
-        (entries,), weights = _flat(cell), self.weights[which]
+        (entries,) = _flat(cell)
+        (beyond,) = cell.piece.beyond
+        weights = self.weights[which]
         upper = np.abs(weights @ entries.reshape(len(entries), -1).T)
-        upper += np.abs(weights) @ cell.piece.beyond[0].reshape(-1, 1)
-        return Bounds(upper.max(axis=1), upper[:, _ends(cell)].max(axis=1))
+        upper += np.abs(weights) @ beyond.reshape(-1, 1)
+        seen = upper[:, _ends(cell)].max(axis=1)
+        return Bounds(upper.max(axis=1), seen)
 
 
 def _beside(X: Array) -> Array:
@@ -541,13 +628,15 @@ def _beside(X: Array) -> Array:
     It is the norm of the matrices beside each other, shape (m,).
     """
     wide = X.swapaxes(1, 2).reshape(*X.shape[:2], -1)
-    return np.asarray(np.sqrt(np.linalg.eigvalsh(wide @ wide.swapaxes(1, 2))[:, -1]))
+    squares = np.linalg.eigvalsh(wide @ wide.swapaxes(1, 2))[:, -1]
+    return np.asarray(np.sqrt(squares))
 
 
 def _in_all(X: Array, *along: Array) -> Array:
     """Return a table with a matrix applied along each of its last axes."""
     for axis, matrix in zip(range(-len(along), 0), along, strict=True):
-        X = np.moveaxis(np.moveaxis(X, axis, -1) @ matrix.T, -1, axis)
+        last = np.moveaxis(X, axis, -1) @ matrix.T
+        X = np.moveaxis(last, -1, axis)
     return X
 
 
@@ -563,18 +652,23 @@ class Unfolded(Quantity):
 
     def bounds(self, cell: Cell, which: npt.NDArray[np.intp], x: Array) -> Bounds:
         """Return what is known in a cell."""
-        (D, X), (less, beyond), (middle, there) = _flat(cell), cell.piece.beyond, cell.middle()
-        root, center = _roots(D, less), _roots(middle[None], less)
-        if root is None or center is None:
+        D, X = _flat(cell)
+        less, beyond = cell.piece.beyond
+        D_center, X_center = cell.middle()
+        root = _roots(D, less)
+        center_roots = _roots(D_center[None], less)
+        if root is None or center_roots is None:
             return _nothing(1)
+        center = center_roots[0]
         one = np.eye(len(less))
-        upper = _beside(_normal(root, _in_all(X, center[0], one, one)))
-        for each, length in zip(beyond, np.linalg.norm(center[0], axis=0), strict=True):
-            upper += length * _error(root, each)
+        upper = _beside(_normal(root, _in_all(X, center, one, one)))
+        lengths = np.linalg.norm(center, axis=0)
+        for beyond_joint, length in zip(beyond, lengths, strict=True):
+            upper += length * _error(root, beyond_joint)
         # D is at least this share of D at the center.
-        inverses = np.asarray(root @ np.linalg.cholesky(middle))  # the squared norm is that of (L L^T)^-1 D
+        inverses = np.asarray(root @ np.linalg.cholesky(D_center))  # squared norm: that of (L L^T)^-1 D
         share = 1.0 / norms(inverses).max() ** 2
-        seen = _beside(_in_all(there[None], *[center[0]] * 3))
+        seen = _beside(_in_all(X_center[None], center, center, center))
         return Bounds(np.array([upper.max() / math.sqrt(share)]), seen)
 
 
@@ -594,12 +688,16 @@ class _Solved(NamedTuple):
     @classmethod
     def of(cls, odd: Array, base: Array, nominal: Array, r: Array, loose: Array, beyond: Array) -> _Solved:
         """Take the hull's odd weights, and values of D^, with roots, and of r, with what is beyond them."""
-        most, inner = norms(base).max(), float(np.linalg.norm(beyond))
-        length = most * (np.linalg.norm(base @ r[..., None], axis=(1, 2)).max() + most * inner)
+        largest_root = norms(base).max()
+        inner = float(np.linalg.norm(beyond))
+        solved = np.linalg.norm(base @ r[..., None], axis=(1, 2)).max()
+        length = largest_root * (solved + largest_root * inner)
         along = odd @ r
-        inner += np.linalg.norm(r - np.sign(odd.T) @ along, axis=1).max()
+        left = r - np.sign(odd.T) @ along
+        inner += np.linalg.norm(left, axis=1).max()
         # e = r + (1 - D^) e
-        away, error = np.eye(len(beyond)) - nominal, float(np.linalg.norm(loose))
+        away = np.eye(len(beyond)) - nominal
+        error = float(np.linalg.norm(loose))
         loss = _sizes(away).max() + error
         turned = np.linalg.norm(away @ along.T, axis=1).sum(axis=1).max()
         turned += error * np.linalg.norm(along, axis=1).sum() + loss * (inner + loss * length)
@@ -685,26 +783,34 @@ class Stiffness(Quantity):
         r_more = beyond.held + beyond.nominal @ np.abs(v)
         e = _Solved.of(odd, base, at.nominal, r, beyond.nominal, r_more)
         # torque' - M v - N r
-        K = at.torque - np.tensordot(v, at.M, axes=(0, 1)) - np.tensordot(r, N, axes=1)
+        M_v = np.tensordot(v, at.M, axes=(0, 1))
+        N_r = np.tensordot(r, N, axes=1)
+        K = at.torque - M_v - N_r
         K_more = beyond.torque + np.tensordot(np.abs(v), beyond.M, axes=1)
         K_more += np.tensordot(r_more, np.abs(N), axes=1)
         # M - N D^
         W = at.M - np.tensordot(at.nominal, N, axes=1)
-        W_more = np.linalg.norm(beyond.M + np.tensordot(beyond.nominal, np.abs(N), axes=1))
+        beyond_W = beyond.M + np.tensordot(beyond.nominal, np.abs(N), axes=1)
+        W_more = np.linalg.norm(beyond_W)
         more = float(np.linalg.norm(K_more)) + e.length * float(W_more)
         slopes = at.held_slope, at.rates
         slopes_more = beyond.held_slope, beyond.rates
         more += self._apart(N, v, e.length, slopes, slopes_more)
-        upper = self._upper(_roots(self.share * at.D, self.share * beyond.D), K, W, e, more, x[0])
+        least_root = _roots(self.share * at.D, self.share * beyond.D)
+        upper = self._upper(least_root, K, W, e, more, x[0])
         if upper > x[0]:
             root = self._apart_root(at.D, beyond.D, values.moves, beyond.moves)
             upper = min(upper, self._upper(root, K, W, e, more, x[0]))
-        seen = norms((center.torque - np.tensordot(v, N, axes=1))[None])
+        K_center = center.torque - np.tensordot(v, N, axes=1)
+        seen = norms(K_center[None])
         # The cell is cut along the joint that adds most to what is of second order.
-        along_joints = np.tensordot(np.tensordot(odd, W, axes=1), e.along, axes=(1, 1))
+        W_along = np.tensordot(odd, W, axes=1)
+        along_joints = np.tensordot(W_along, e.along, axes=(1, 1))
         pairs = np.linalg.norm(along_joints, axis=(1, 2))
-        bends = np.linalg.norm(np.tensordot(even, K, axes=1), axis=(1, 2))
-        bends = bends + np.linalg.norm(np.tensordot(even, seen * at.D, axes=1), axis=(1, 2))
+        K_bends = np.tensordot(even, K, axes=1)
+        D_bends = np.tensordot(even, seen * at.D, axes=1)
+        bends = np.linalg.norm(K_bends, axis=(1, 2))
+        bends = bends + np.linalg.norm(D_bends, axis=(1, 2))
         bends = bends + pairs.sum(axis=0) + pairs.sum(axis=1) + _EVEN * cell.half
         return Bounds(np.array([upper]), seen, int(np.argmax(bends)))
 
@@ -713,9 +819,11 @@ class Stiffness(Quantity):
         """Return a bound on the norm of K - W e and `more`, in a metric with these roots at the corners."""
         if root is None:
             return np.inf
-        wide, K = _normal(root, W), _normal(root, K)
-        rest = _sizes(np.tensordot(e.along, wide, axes=(1, 1))).sum(axis=0)
-        rest += e.ball * _beside(wide) + more * norms(root) ** 2
+        K = _normal(root, K)
+        W = _normal(root, W)
+        W_e = np.tensordot(e.along, W, axes=(1, 1))
+        rest = _sizes(W_e).sum(axis=0)
+        rest += e.ball * _beside(W) + more * norms(root) ** 2
         upper = _sizes(K) + rest
         far = upper > x
         upper[far] = norms(K[far]) + rest[far]
@@ -723,13 +831,16 @@ class Stiffness(Quantity):
 
     def _apart_root(self, D: Array, less: Array, rates: Array, beyond: Array) -> Array | None:
         """Return the roots of D less what it may lose from K's configuration to its own; None for a lot."""
-        there, away = rates[-1], 2.0 * self.radius
-        more = away @ (_sizes(rates - there).max(axis=0) + np.linalg.norm(beyond, axis=(1, 2)))
+        there = rates[-1]
+        away = 2.0 * self.radius
+        change = _sizes(rates - there).max(axis=0)
+        more = away @ (change + np.linalg.norm(beyond, axis=(1, 2)))
         if 2.0 * more > 1.0 - self.share:
             return None
         values, vectors = np.linalg.eigh(there)
         lost = np.einsum("j,jab,jb,jcb->ac", away, vectors, np.abs(values), vectors)
-        return _roots(D - lost - more * np.eye(len(lost)), less)
+        left = D - lost - more * np.eye(len(lost))
+        return _roots(left, less)
 
     def _in_metrics(self, cell: Cell) -> tuple[_InMetrics, _InMetrics] | None:
         """Return values at the corners and the center, and what is beyond them, in the metrics at the center.
@@ -748,7 +859,9 @@ class Stiffness(Quantity):
         for each in values, beyond:
             each.insert(5, np.moveaxis(each[5], -3, -1))  # M once more, as dD^/dq_j
         # Of each axis the root of D (C), that of D^ (B), or none.
-        C, B, one = center[0], base[0], np.eye(len(cell.half))
+        C = center[0]
+        B = base[0]
+        one = np.eye(len(cell.half))
         metrics = [
             (C, C),  # D
             (B, B),  # nominal
@@ -759,8 +872,11 @@ class Stiffness(Quantity):
             (B, C, C),  # M
             (one, C, C),  # moves
         ]
-        inside = [_in_all(x, *roots) for x, roots in zip(values, metrics, strict=True)]
-        outside = [_in_all(x, *map(np.abs, roots)) for x, roots in zip(beyond, metrics, strict=True)]
+        inside = []
+        outside = []
+        for value, more, roots in zip(values, beyond, metrics, strict=True):
+            inside.append(_in_all(value, *roots))
+            outside.append(_in_all(more, *map(np.abs, roots)))
         return _InMetrics(*inside), _InMetrics(*outside)
 
     def _apart(
@@ -779,10 +895,13 @@ class Stiffness(Quantity):
         slope_more, rates_more = beyond
         changes = (slope - rates @ v).swapaxes(1, 2)
         turns = _sizes(np.tensordot(changes, N, axes=1)).max(axis=0)
-        more = np.linalg.norm(slope_more + rates_more @ np.abs(v), axis=0)
-        most_rates = _sizes(rates.swapaxes(1, 2)).max(axis=0) + np.linalg.norm(rates_more, axis=(0, 2))
+        beyond_changes = slope_more + rates_more @ np.abs(v)
+        more = np.linalg.norm(beyond_changes, axis=0)
+        most_rates = _sizes(rates.swapaxes(1, 2)).max(axis=0)
+        most_rates = most_rates + np.linalg.norm(rates_more, axis=(0, 2))
         more += length * most_rates
-        return float((turns + _beside(N[None])[0] * more) @ self.radius)
+        N_size = _beside(N[None])[0]
+        return float((turns + N_size * more) @ self.radius)
 
 
 def _one(P: Polynomial) -> Polynomial:
@@ -792,22 +911,24 @@ def _one(P: Polynomial) -> Polynomial:
 
 def _slopes(D: Polynomial) -> Polynomial:
     """Return the partial derivatives of D, shape (n, n, n), the joint first."""
-    return stack_polynomials([D.derivative(j) for j in range(len(D.center))])
+    joints = range(len(D.center))
+    return stack_polynomials([D.derivative(j) for j in joints])
 
 
 def _christoffel(D: Polynomial) -> Polynomial:
     """Return the matrices C_k of C(q, v) = sum of v_k C_k, shape (n, n, n)."""
 
     def combine(S: Array) -> Array:
-        return np.asarray(0.5 * (S + S.transpose(0, 3, 2, 1) - S.transpose(0, 3, 1, 2)))
+        along = S.transpose(0, 3, 2, 1)
+        across = S.transpose(0, 3, 1, 2)
+        return np.asarray(0.5 * (S + along - across))
 
     return _slopes(D).map_values(combine)
 
 
 def _gradient(G: Polynomial) -> Polynomial:
     """Return dG_i/dq_j, shape (n, n)."""
-    slopes = stack_polynomials([G.derivative(j) for j in range(len(G.center))])
-    return slopes.map_values(lambda c: c.transpose(0, 2, 1))
+    return _slopes(G).map_values(lambda c: c.transpose(0, 2, 1))
 
 
 def _constant(like: Polynomial, value: Array) -> Polynomial:
