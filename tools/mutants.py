@@ -12,8 +12,8 @@ result.
 `--nearest` judges each mutant in one fresh process, by the six test files nearest to it (the same names of
 modules, packages and functions): no test has to run first, and nothing that was worked out before the bug
 was planted is left. `--again FILE` takes the mutants of a table that was printed before, found by their text
-where lines have moved, so what lived once can meet the tests that were written for it: first those that its
-row names.
+where lines have moved, so what lived once can meet the tests that were written for it: those that its row
+names, or else the nearest.
 """
 
 from __future__ import annotations
@@ -259,13 +259,13 @@ def fails(tests: list[str], seconds: float, environment: dict[str, str]) -> Fail
     return Failure(failed[0].split()[1] if failed else "")
 
 
-def judge_by_nearest(chosen: list[Mutant], seconds: float, first: dict[Mutant, list[str]]) -> None:
+def judge_by_nearest(chosen: list[Mutant], seconds: float, asked: dict[Mutant, list[str]]) -> None:
     """Print which mutants tests find, each in a fresh process.
 
     Args:
         chosen: the mutants.
         seconds: of processor time that the tests of one may take: who needs more has found nothing.
-        first: tests that a mutant meets before those that are nearest to it.
+        asked: tests that a mutant meets in place of those that are nearest to it.
     """
     tests = {path: path.read_text() for path in sorted(Path("tests").rglob("test_*.py"))}
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
@@ -275,10 +275,12 @@ def judge_by_nearest(chosen: list[Mutant], seconds: float, first: dict[Mutant, l
         named, files = nearest(mutant, tests)
         with planted_in_file(mutant):
             # One after the other: to collect whole files may take longer than to run a single test.
-            runs = (fails(stage, seconds, environment) for stage in (first.get(mutant, []), named, files))
+            stages = [asked[mutant]] if asked.get(mutant) else [named, files]
+            runs = (fails(stage, seconds, environment) for stage in stages)
             found = next((each for each in runs if each.test), Failure(""))
         survivors += not found.test
-        said = f"{found.test} | found" if found.test else f"{' '.join(files)} | SURVIVES"
+        met = asked.get(mutant) or files
+        said = f"{found.test} | found" if found.test else f"{' '.join(met)} | SURVIVES"
         print(f"| {mutant} | {said} |", flush=True)
     print(f"{survivors} of {len(chosen)} survive")
 

@@ -45,3 +45,18 @@ def test_a_number_is_not_a_word(tmp_path: Path) -> None:
     path.write_text("robot: anthropomorphic3\nt_final: on\n")
     with pytest.raises(ConfigError, match="t_final"):
         config.read(path)
+
+
+def test_every_key_and_every_entry_of_a_list_has_its_line() -> None:
+    text = "a:\n- 1\n\n- b: 2\n  c: [3,\n    4]\nd: {e: 5}\n"
+    assert parse(text, "text").lines == {
+        ("a",): 1,
+        ("a", 0): 2,
+        ("a", 1): 4,
+        ("a", 1, "b"): 4,
+        ("a", 1, "c"): 5,
+        ("a", 1, "c", 0): 5,
+        ("a", 1, "c", 1): 6,
+        ("d",): 7,
+        ("d", "e"): 7,
+    }

@@ -175,6 +175,15 @@ def test_the_network_beats_a_fixed_gain_in_error_and_in_torque_variation_on_ever
     assert (metrics.total_variation(network) < metrics.total_variation(constant)).all()
 
 
+def test_a_box_may_have_ends_that_are_equal_in_some_joints() -> None:
+    low, high = np.array([20.0, 30.0, 25.0]), np.array([20.0, 60.0, 25.0])
+    joints = ("q1", "q2", "q3")
+    given = BSplineNetwork((low, high)).prepare(joints, DT)
+    np.testing.assert_array_equal(given.omega_c, (low, high))
+    with pytest.raises(ArrayError, match="expected lower <= upper"):
+        BSplineNetwork((low, np.nextafter(high, 0.0))).prepare(joints, DT)
+
+
 @settings(max_examples=20)
 @given(st.floats(0.0, 5.0))
 @example(2.0 - 5.1 * DT)  # with the leak of 5 1/s, just below what is stable and just above

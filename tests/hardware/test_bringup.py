@@ -365,3 +365,19 @@ def test_a_torque_that_a_robot_was_given_is_told_by_order_sign_and_unit(
     for own, wanted in zip(found, said, strict=True):
         assert own[:2] == wanted[:2]
         assert own[2].endswith(wanted[2])
+
+
+def test_caps_are_wider_by_the_friction_that_is_specified(tmp_path: Path) -> None:
+    """What holds and moves the model does not have it, so a joint that rubs may take so much more."""
+    caps = []
+    for name, friction in (("without", ""), ("with", ", friction: {coulomb: [0.3, 0.2, 0.1]}")):
+        path = tmp_path / name
+        path.mkdir()
+        (path / "arm.yaml").write_text(ARM.replace("0.02}", f"0.02{friction}}}"))
+        loaded = config.read(path / "arm.yaml")
+        written = stages.write(loaded, config.build(*loaded), path / "bringup")
+        stage = kinds(written, "joint")[0]
+        own = written.experiment(stage).supervisor
+        assert own is not None
+        caps.append(np.asarray(own.torque_cap))
+    np.testing.assert_allclose(caps[1] - caps[0], [0.3, 0.2, 0.1], atol=2e-3)  # files round

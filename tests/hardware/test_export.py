@@ -45,6 +45,7 @@ from armgpi.control.impedance import CartesianImpedance, JointImpedance
 from armgpi.errors import BackendError, ParameterError, RolloutError
 from armgpi.gpi.gains import GainStep, Tuning
 from armgpi.gpi.schedule import GainSchedule
+from armgpi.hardware.export import files
 from armgpi.loop import log as logs
 from armgpi.loop.log import INPUTS, ArmLog, Event, LogWriter
 from armgpi.plants.loads import paper_disturbances
@@ -934,3 +935,8 @@ def test_no_whole_number_has_the_suffix_of_a_float(following: float, tmp_path: P
     export_controller(controller, tmp_path, measure=False, real="float")
     for source in tmp_path.glob("*.c"):
         assert not re.findall(r"(?<![\w.])(?<!e[-+])\d+F\b", source.read_text(encoding="utf-8")), source.name
+
+
+def test_a_program_that_cannot_be_run_is_named(tmp_path: Path) -> None:
+    with pytest.raises(BackendError, match=r"^no-such-program cannot be run: .*No such file"):
+        files._run(["no-such-program", "second"], tmp_path)

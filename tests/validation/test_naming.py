@@ -15,7 +15,7 @@ from sampling import for_search, sample
 from scoring import alarms, interval, outcomes, summary
 
 from armgpi import errors, testing, validate
-from armgpi.validation import edits, search
+from armgpi.validation import edits, models, search
 from armgpi.validation.dictionary import Dictionary
 
 #: What was named wrongly once: arm, what the right source has, and what the mistaken one has instead.
@@ -318,3 +318,12 @@ def test_mistakes_in_arms_that_nobody_had_seen_are_named(mistakes: int) -> None:
 @pytest.mark.parametrize("arm", textbooks.ARMS)
 def test_random_numbers_raise_no_alarm(arm: str) -> None:
     assert alarms(arm, 10, int.from_bytes(os.urandom(4), "big")) == []
+
+
+def test_casadis_symbols_have_as_many_joints_as_their_names_say() -> None:
+    """Without a function whose size says it: a frame of two joints, of which one does not enter."""
+    casadi = pytest.importorskip("casadi")
+    q = casadi.SX.sym("q2")
+    found = models._of_casadi(casadi, {"forward_kinematics": casadi.vertcat(casadi.cos(q), q)}, {})
+    assert found.n == 2
+    np.testing.assert_allclose(found.calls["forward_kinematics"](np.array([9.0, 0.4])), [np.cos(0.4), 0.4])
