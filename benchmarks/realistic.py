@@ -36,6 +36,8 @@ MANY = 4096
 REALISTIC, RUBBING = 1.6, 1.25
 #: What a first compiled run may take, in times of importing NumPy and Pinocchio; a rollout's start [us].
 FIRST, START = 12.0, 2.0
+#: What one sample of controller and reference may take in Python [us], and of how many the time is taken.
+PYTHON, CALLS = 40.0, 2000
 #: How far starts are apart [rad].
 APART = 1e-3
 RIGID, RUBS, TWISTS, COUNTS, WATCHED = (
@@ -86,13 +88,16 @@ def main() -> None:
     print("\n## Starts\n")
     _page.say(
         "A first compiled run of the realistic loop, nothing kept, in imports of NumPy and Pinocchio. "
-        f"The start of one of {MANY} rollouts in a prepared loop, with one sample."
+        f"The start of one of {MANY} rollouts in a prepared loop, with one sample. A sample of the automatic "
+        "controller and the default reference, called from Python one by one."
     )
     for name in arms:
         first = _first(name, 1 if page.quick else 3)
         goals.append([f"{name}: first compiled run", f"{FIRST:g}", first, _kept(first, FIRST)])
         begin = _start(name, rounds)
         goals.append([f"{name}: start of a rollout [µs]", f"{START:g}", begin, _kept(begin, START)])
+        one = _python(name, rounds)
+        goals.append([f"{name}: a sample in Python [µs]", f"{PYTHON:g}", one, _kept(one, PYTHON)])
     print("\n## Goals\n")
     print(table(["", "at most", "found", "met"], goals))
     page.write()
@@ -188,6 +193,24 @@ def _start(name: str, rounds: int) -> Spread:
         run()
         ended = resource.getrusage(resource.RUSAGE_SELF)
         found.append((ended.ru_utime + ended.ru_stime - begun.ru_utime - begun.ru_stime) / MANY * 1e6)
+    return spread(np.array(found))
+
+
+def _python(name: str, rounds: int) -> Spread:
+    """Return what a sample of the default controller and reference takes in Python [us]."""
+    origin = configuration.Origin("benchmark")
+    made = configuration.build(configuration.check(_data(name), origin), origin)
+    (law,) = made.controllers.values()
+    found = []
+    for _ in range(rounds):
+        target = made.reference.at(0.0)
+        measured = armgpi.Measurement(target.q)
+        state, begun = law.init(measured, target), resource.getrusage(resource.RUSAGE_SELF)
+        for k in range(CALLS):
+            target = made.reference.at(k * law.dt)
+            state = law.step(measured, target, state).state
+        ended = resource.getrusage(resource.RUSAGE_SELF)
+        found.append((ended.ru_utime + ended.ru_stime - begun.ru_utime - begun.ru_stime) / CALLS * 1e6)
     return spread(np.array(found))
 
 

@@ -29,6 +29,8 @@ def two(x: int = 1): ...
 app()
 """
 ARMGPI = ("-m", "armgpi.cli")
+#: The first command of README.
+README = ("run", "ur5", "--payload", "0.5", "--encoder-bits", "16", "--delay", "1")
 COMMANDS = {
     "`import pinocchio`": ("-c", "import pinocchio"),
     "`import xarray`": ("-c", "import xarray"),
@@ -40,6 +42,8 @@ COMMANDS = {
     "`armgpi run ur5`": (*ARMGPI, "run", "ur5"),
     "`armgpi run ur5 --out FOLDER`": (*ARMGPI, "run", "ur5", "--out", "out"),
     "`armgpi run ur5`, compiled before": (*ARMGPI, "run", "ur5", "--backend", "compiled"),
+    "README's `armgpi run`": (*ARMGPI, *README),
+    "README's `armgpi run`, nothing kept": (*ARMGPI, *README),
     "`armgpi export ur5`": (*ARMGPI, "export", "ur5", "--out", "ur5"),
     "`armgpi export ur5`, nothing kept": (*ARMGPI, "export", "ur5", "--out", "ur5"),
     "`armgpi export panda --target fci`": (*ARMGPI, "export", "panda", "--target", "fci", "--out", "panda"),
@@ -62,6 +66,7 @@ BEFORE = {
 }
 #: Whose folder is emptied before every round: the others find what the round before them kept.
 COLD = (
+    "README's `armgpi run`, nothing kept",
     "`armgpi run ur5 --backend compiled`, nothing kept",
     "`armgpi play ur5`, nothing kept",
     "`armgpi export ur5`, nothing kept",
@@ -73,7 +78,10 @@ GOALS = {
     "`armgpi inspect ur5`": (PINOCCHIO, 3.5),
     "`armgpi new panda`": (PINOCCHIO, 4.5),
     "`armgpi run ur5`": (PINOCCHIO, 4.0),
+    "README's `armgpi run`": (PINOCCHIO, 4.5),
+    "README's `armgpi run`, nothing kept": (PINOCCHIO, 7.0),
     "`armgpi export ur5`": (PINOCCHIO, 10.0),
+    "`armgpi export ur5`, nothing kept": (PINOCCHIO, 10.0),
     "`armgpi export panda --target fci`": (PINOCCHIO, 12.0),
     "`armgpi export` of a file that `new` wrote": (PINOCCHIO, 12.0),
     "`armgpi run ur5 --backend compiled`, nothing kept": (PINOCCHIO, 7.0),

@@ -272,13 +272,13 @@ class CompiledRun:
         """Return the arrays that the code reads and writes, by their names in `Job`."""
         layout, values = self._layout, self._values
         # Each rollout's own parameters lie lane by lane, so that one load fetches those of all lanes.
-        own = np.empty((len(layout.own), self._places.size))
+        own = np.empty((len(layout.own), self.rows))
         for row, place in zip(own, layout.own, strict=True):
-            row[:] = np.broadcast_to(values.own[place], self.rows)[self._places]
+            row[:] = values.own[place]
         drawn = [values.seeds[seed] if given else seed for given, seed, _, _ in layout.draws]
-        sums = np.empty((0, self._places.size))
+        sums = np.empty((0, self.rows))
         if running is not None:
-            sums = np.concatenate(running.init((layout.n, self._places.size)))
+            sums = np.concatenate(running.init((layout.n, self.rows)))
         return {
             "state": self._start(values.start),
             "shared": np.array([values.shared[i] for i in layout.shared]),
@@ -366,8 +366,7 @@ class CompiledRun:
 
     def _start(self, columns: Array) -> Array:
         """Return the memory of blocks whose rollouts begin with these numbers (s, rollouts)."""
-        recorded = np.zeros((len(self._layout.names) * self._layout.n, columns.shape[1]))
-        return self._pack(np.concatenate([columns, recorded])[:, self._places])
+        return self._pack(columns, len(self._layout.names) * self._layout.n)
 
     def take(self, count: int) -> int:
         """Take `count` samples and record them."""
@@ -467,15 +466,20 @@ class CompiledRun:
                     late = max(0, int(-(-ended[row] // recording.every)) - begin)
                     rows[late:, row] = values[late:, row]
 
-    def _pack(self, columns: Array) -> Array:
-        """Return numbers (k, padded) as blocks of k vectors of lanes, aligned for them."""
+    def _pack(self, columns: Array, zeros: int = 0) -> Array:
+        """Return numbers (k, rollouts) and so many zeros as blocks of vectors of lanes, aligned for them."""
         # Block by block, as a block's state is all that a core works on: it stays in its cache.
-        blocks = np.ascontiguousarray(columns.reshape(len(columns), self._blocks, self.lanes).swapaxes(0, 1))
-        buffer = np.empty(blocks.size + _ALIGNMENT // blocks.itemsize)
-        begin = (-buffer.ctypes.data % _ALIGNMENT) // blocks.itemsize
-        aligned = buffer[begin : begin + blocks.size]
-        aligned[:] = blocks.ravel()
-        return aligned
+        count, lanes, whole = len(columns), self.lanes, self.rows // self.lanes
+        size = self._blocks * (count + zeros) * lanes
+        buffer = np.empty(size + _ALIGNMENT // columns.itemsize)
+        begin = (-buffer.ctypes.data % _ALIGNMENT) // columns.itemsize
+        packed = buffer[begin : begin + size]
+        blocks = packed.reshape(self._blocks, count + zeros, lanes)
+        blocks[:whole, :count] = columns[:, : whole * lanes].reshape(count, whole, lanes).swapaxes(0, 1)
+        if whole < self._blocks:
+            blocks[whole, :count] = columns[:, self._places[whole * lanes :]]
+        blocks[:, count:] = 0.0
+        return packed
 
 
 def _shifted_copy(state: Any, random: np.random.Generator | None, k: int = 0, size: float = 0.0) -> Any:

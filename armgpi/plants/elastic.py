@@ -27,8 +27,11 @@ _GAMMA = 1.0 - math.sqrt(0.5)
 _AT_ONCE = 1e6
 #: Damping of gears of which nothing is known, as a ratio of each joint's own mode: 1 to 5 % are usual.
 _RATIO = 0.03
-#: Steps in which links sink to their balance: each takes the share dG/dq / K, a hundredth, of what is left.
+#: Steps in which links sink to their balance, at most: of what is left, each leaves the share dG/dq / K.
 _SINKING = 8
+#: A rollout is in balance when a step moved no link by more than this [rad or m]: the next one would move it
+#: by a hundredth, which is below the rounding of a position.
+_BALANCED = 1e-14
 #: Configurations over which the sag is taken.
 _CONFIGURATIONS = 200
 
@@ -253,9 +256,11 @@ class ElasticPlant(Arm):
         link, gravity = q, self.robot.dynamics.gravity(q)
         for _ in range(_SINKING):
             sunk = np.where(self._at_motor > 0.5, q - gravity / self.gear_stiffness, q)
-            if np.array_equal(sunk, link):
-                break  # in balance: the next steps would change no bit
-            link = sunk
+            moves = (abs(sunk - link) > _BALANCED).any(axis=-1, keepdims=True)
+            if not moves.any():
+                break
+            # A rollout in balance keeps its numbers, so that they do not depend on its neighbours.
+            link = np.where(moves, sunk, link)
             gravity = self.robot.dynamics.gravity(link)
         theta = np.where(self._at_motor > 0.5, q, q + gravity / self.gear_stiffness)
         return ElasticState(0, link, v, theta, v, gravity, np.zeros_like(q))
