@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +25,8 @@ _DRAWN = 12
 _FARTHER = 2.5
 #: More arms, that are held against what follows, at the nominal arm's worst points: a trial, no confidence.
 _TRIED = 59
+#: Keys of the section `robot` that have an option of the same name.
+_ARM_KEYS = tuple(each.name for each in fields(opt.Arm))
 #: Sources of a number that the user supplied: with "" it is the URDF's.
 _SUPPLIED = ("", "specified", "identified")
 
@@ -38,7 +40,7 @@ def load_robot(robot: str, lock: list[str] | None, keep: list[str] | None) -> Ro
     return Robot.load(robot, lock=locked, keep=None if keep is None else split(keep))
 
 
-def load_arm(name: str, how: Mapping[str, Any]) -> Any:
+def load_arm(name: str, how: opt.Loading) -> Any:
     """Return the robot with what its joints have; that of an experiment file where the name is one's."""
     from armgpi import config
 
@@ -47,19 +49,22 @@ def load_arm(name: str, how: Mapping[str, Any]) -> Any:
         section = config.read(Path(name)).config.robot.plain(given=True)
     section |= opt.robot_given(how)
     options = {"robot": "ROBOT", "robot.name": "ROBOT"}
-    options |= {f"robot.{key}": f"--{key.replace('_', '-')}" for key in (*how, "rotor_inertia", "drives")}
+    options |= {f"robot.{key}": f"--{key.replace('_', '-')}" for key in _ARM_KEYS}
     # The longest keys first: of "robot.lock" and "robot", the first says more.
     origin = config.Origin("command line", options=dict(sorted(options.items(), key=lambda x: -len(x[0]))))
     return config.robot(config.check({"robot": section}, origin), origin)
 
 
-def resolved(robot: str, how: Mapping[str, Any], loaded: Any = None) -> tuple[ExperimentConfig, Any]:
+def resolved(
+    robot: str, how: opt.Loading, loaded: Any = None, encoder_side: str | None = None
+) -> tuple[ExperimentConfig, Any]:
     """Return what `armgpi run` resolves for a robot or an experiment file, and its arm.
 
     Args:
         robot: name of a robot, path of a URDF or of an experiment file.
-        how: options of how the arm is loaded, of its drives and of the side of its encoders.
+        how: options of how the arm is loaded, and of its drives.
         loaded: the arm that a command has loaded for these already; None for none.
+        encoder_side: of all joints, "motor" or "link"; None where it was not typed.
     """
     from armgpi import config as configuration
     from armgpi.config import building
@@ -74,8 +79,8 @@ def resolved(robot: str, how: Mapping[str, Any], loaded: Any = None) -> tuple[Ex
         data, origin = {"robot": {"name": robot}}, configuration.Origin("command line")
         data["ideal"] = robots.is_textbook(robot)
     data["robot"] = {**data["robot"], **opt.robot_given(how)}
-    if how.get("encoder_side") is not None:
-        data["plant"] = {**data.get("plant", {}), "encoder_side": how["encoder_side"]}
+    if encoder_side is not None:
+        data["plant"] = {**data.get("plant", {}), "encoder_side": encoder_side}
     return building.resolve(configuration.check(data, origin), origin, loaded)
 
 

@@ -305,8 +305,7 @@ def _read(
     """Return the experiment that a bound is of, and what is run; say which arms these are."""
     from armgpi.config import world
 
-    how = {"rotor_inertia": rotor_inertia, "drives": drives}
-    known = resolved(robot, how)
+    known = resolved(robot, opt.Arm(rotor_inertia=rotor_inertia, drives=drives))
     experiment = _experiment(robot, opt.drives_given(rotor_inertia, drives), controller, known[1])
     note_world(*known, world.describe_arm(experiment.config, experiment.robot))
     law = next(iter(experiment.controllers.values()))

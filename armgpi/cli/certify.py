@@ -83,7 +83,7 @@ ROWS = {
 
 
 @stoppable
-@opt.add_options(opt.loading, opt.arm)
+@opt.add_options
 def certify(
     robot: str,
     speed: str = "0.2",
@@ -115,7 +115,8 @@ def certify(
     identified: Path | None = None,
     allow_part: bool = False,
     as_json: bool = False,
-    **how: Any,
+    *,
+    how: opt.Arm,
 ) -> None:
     """Bound the whole arm's error under GPI, in a certificate that another program checks exactly.
 
@@ -126,10 +127,7 @@ def certify(
     from armgpi.certification.certificate import certify as certified
     from armgpi.certification.text import verdict as verdict_of
 
-    if refute is None:
-        require_extra("clarabel", "certify")
-    if report is not None:
-        check_file(report, "--report")
+    _check_means(refute, report)
     arm = load_arm(robot, how)
     _refute_file(refute, arm)
     known = resolved(robot, how, arm)
@@ -149,6 +147,14 @@ def certify(
     verdict = judge(found.certified, verdict_of(found), left_out, accepted=allow_part)
     _publish(found, arm, out, report, as_json, verdict)
     sys.exit(verdict.exit_code)
+
+
+def _check_means(refute: Path | None, report: Path | None) -> None:
+    """Refuse what lacks a package, and a page that cannot be written, before the long work."""
+    if refute is None:
+        require_extra("clarabel", "certify")
+    if report is not None:
+        check_file(report, "--report")
 
 
 def _note_judged(

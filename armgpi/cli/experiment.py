@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shlex
 import sys
-from collections.abc import Mapping
 from importlib import util
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,12 +31,13 @@ if TYPE_CHECKING:
 
 
 @stoppable
-@opt.add_options(opt.loading, opt.arm, opt.experiment, opt.results)
+@opt.add_options
 def run(
     context: typer.Context,
     robot: str | None = None,
     controller: str | None = None,
-    **options: Any,
+    *,
+    options: opt.Run,
 ) -> None:
     """Simulate one controller on a robot and print how well it tracked.
 
@@ -45,17 +45,18 @@ def run(
     armgpi run ur5 --payload 0.5 --encoder-bits 16
     armgpi run anthropomorphic3 --to q1=0.8,q2=0.4 --t-final 8 --out results
     """  # noqa: D301 (\b keeps the lines apart)
-    options |= {"robot": robot, "controllers": controller, "declared": values_of(context)}
-    sys.exit(_run(options, compare=False))
+    asked = opt.Asked(robot=robot, controllers=controller, declared=values_of(context), options=options)
+    sys.exit(_run(asked, options, compare=False))
 
 
 @stoppable
-@opt.add_options(opt.loading, opt.arm, opt.experiment, opt.results)
+@opt.add_options
 def compare(
     context: typer.Context,
     robot: str | None = None,
     controllers: str | None = None,
-    **options: Any,
+    *,
+    options: opt.Run,
 ) -> None:
     """Simulate several controllers on the same robot and print one table.
 
@@ -63,11 +64,11 @@ def compare(
     armgpi compare ur5 --controllers gpi_auto,pid_positions --inertia-scale 0.8
     armgpi compare --config experiment.yaml --out results
     """  # noqa: D301 (\b keeps the lines apart)
-    options |= {"robot": robot, "controllers": controllers, "declared": values_of(context)}
-    sys.exit(_run(options, compare=True))
+    asked = opt.Asked(robot=robot, controllers=controllers, declared=values_of(context), options=options)
+    sys.exit(_run(asked, options, compare=True))
 
 
-def _run(options: dict[str, Any], compare: bool) -> int:
+def _run(asked: opt.Asked, options: opt.Run, compare: bool) -> int:
     """Run what the options describe, print it, save it, and return the exit code."""
     import numpy as np
 
@@ -78,14 +79,19 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     from armgpi.config import experiment as experiments
     from armgpi.loop.rollout import Status
 
-    backend = known_backend(options["backend"])
-    wanted = ("plot", "view", "html", "report", "interactive")
-    pictures.check(**{name: options[name] for name in wanted})
-    check_table(options["table"])
-    experiment = configuration.build(*settings(options, compare))
+    backend = known_backend(options.backend)
+    pictures.check(
+        plot=options.plot,
+        view=options.view,
+        html=options.html,
+        report=options.report,
+        interactive=options.interactive,
+    )
+    check_table(options.table)
+    experiment = configuration.build(*settings(asked, compare))
     experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
-    check_out(options, experiment)
-    note_drives(experiment, options["explain"])
+    check_out(options.out, options.config, options.force, experiment)
+    note_drives(experiment, options.explain)
     _note_end_and_load(experiment)
     _warn_of_weak_motors(experiment)
     note_differences(experiment)
@@ -95,22 +101,23 @@ def _run(options: dict[str, Any], compare: bool) -> int:
     runs = experiments.record_all(experiment, backend=backend)
     result: Any = None
     # A table on the terminal needs no dataset; what has all digits is to the last bit what is written.
-    if any(options[name] for name in ("out", "plot", "view", "html", "report", "as_json", "table")):
+    files = (options.out, options.plot, options.html, options.report, options.table)
+    if options.view or options.as_json or any(file is not None for file in files):
         import_xarray()
         result = experiments.join({label: each.dataset() for label, each in runs.items()})
     records = experiments.records_of(runs) if result is None else experiments.records(result)
     paths: list[Path] = []
     try:  # first the files, then the table: whoever reads it may go away, as in `armgpi run ... | head`
-        if options["out"] is not None:
-            paths = experiments.save(result, experiment, options["out"])
-        if options["table"] is not None:
-            paths.append(write_table(experiment, records, options["table"]))
+        if options.out is not None:
+            paths = experiments.save(result, experiment, options.out)
+        if options.table is not None:
+            paths.append(write_table(experiment, records, options.table))
         paths += pictures.make(options, result, experiment)
     finally:
-        _print_results(options, compare, experiment, records)
+        _print_results(asked, options, compare, experiment, records)
     for path in paths:
         say(f"wrote {path}", err=True)
-    if options["view"] and result.sizes["time"]:
+    if options.view and result.sizes["time"]:
         pictures.serve_rollout(result, experiment.plant.robot)
     held = all(experiments.describe_saturation(each, experiment.t_final) for each in records)
     if held or experiments.overall_status(records) == Status.DIVERGED:
@@ -121,36 +128,37 @@ def _run(options: dict[str, Any], compare: bool) -> int:
 
 
 def _print_results(
-    options: Mapping[str, Any], compare: bool, experiment: Experiment, records: list[dict[str, Any]]
+    asked: opt.Asked, options: opt.Run, compare: bool, experiment: Experiment, records: list[dict[str, Any]]
 ) -> None:
     """Print the results as JSON; or the table, how each rollout ended, and what to do next."""
     from armgpi.cli.tables import print_tables
     from armgpi.config import experiment as experiments
     from armgpi.loop.rollout import Status
 
-    if options["as_json"]:
+    if options.as_json:
         say(json.dumps(records))
         return
     if compare and (said := _verdict(experiment, records)):
         say(said)
     print_tables(experiment, records)
     finished = experiments.overall_status(records) == Status.FINISHED
-    if finished and (commands := _next_commands(options, compare, experiment)):
+    if finished and (commands := _next_commands(asked, options, compare, experiment)):
         say(commands, lines=True)
 
 
-def _next_commands(options: Mapping[str, Any], compare: bool, experiment: Experiment) -> str:
+def _next_commands(asked: opt.Asked, options: opt.Run, compare: bool, experiment: Experiment) -> str:
     """Return the commands that a reader of the table may want next."""
     from armgpi.robot import robots
 
-    file = options["config"] or (options["robot"] if is_experiment(options["robot"]) else None)
-    name = shlex.quote(str(file or options["robot"]))
+    is_file = asked.robot is not None and is_experiment(asked.robot)
+    file = options.config or (asked.robot if is_file else None)
+    name = shlex.quote(str(file or asked.robot))
     in_its_place = file is None or is_experiment(str(file))  # a scenario is no ROBOT, it needs --config
     given = name if in_its_place else f"--config {name}"
     command = f"armgpi {'compare' if compare else 'run'} {given}"
     same = "" if len(sys.argv) <= _PLAIN else "; add your options"
     proposals = []
-    if options["report"] is None and util.find_spec("trimesh") is not None:
+    if options.report is None and util.find_spec("trimesh") is not None:
         proposals.append((f"{command} --report report.html", f"plots and animation{same}"))
     if not compare:
         proposals.append((f"armgpi compare {given}", f"other controllers on the same arm{same}"))
@@ -161,7 +169,7 @@ def _next_commands(options: Mapping[str, Any], compare: bool, experiment: Experi
             proposals.append((f"armgpi play --config {name}", "a page with sliders"))
         elif in_its_place:
             proposals.append((f"armgpi inspect {name}", "what the model contains, and its problems"))
-    elif robots.find_identified(options["robot"]) is not None:
+    elif robots.find_identified(asked.robot) is not None:
         proposals.append((f"armgpi export {name} -o exported", "C code of the controller"))
     else:
         proposals.append((f"armgpi new {name}", "a file of this experiment to edit"))

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
@@ -17,9 +18,11 @@ from armgpi.cli.terminal import print_held, say, working
 from armgpi.hardware.export.interfaces import choices
 
 if TYPE_CHECKING:
-    from armgpi.config import Experiment
+    from armgpi.cli.declared import Option
+    from armgpi.config import Experiment, Loaded
     from armgpi.hardware.export.files import Export
     from armgpi.loop.log import ArmLog
+    from armgpi.supervisor import Supervised
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
@@ -59,7 +62,7 @@ _JUST_BELOW = 1.0 - 1e-6
 
 
 @stoppable
-@opt.add_options(opt.loading, opt.arm, opt.experiment, opt.printing)
+@opt.add_options
 def export(
     context: typer.Context,
     robot: str | None = None,
@@ -74,7 +77,8 @@ def export(
     direct_drive: bool = False,
     controller: str | None = None,
     explain: bool = False,
-    **options: Any,
+    *,
+    options: opt.PrintedExperiment,
 ) -> None:
     """Write a controller as freestanding C99 for hardware, with a log to replay.
 
@@ -82,21 +86,41 @@ def export(
     armgpi export ur5 -o controller
     armgpi export --config experiment.yaml --real float -o controller
     """  # noqa: D301 (\b keeps the lines apart)
-    own = {"robot": robot, "out": out, "real": real, "on_fault": on_fault, "frozen": frozen, "jump": jump}
-    own |= {
-        "torque_rate": torque_rate,
-        "prefix": name,
-        "controllers": controller,
-        "target": target,
-        "explain": explain,
-    }
-    if direct_drive and options["drives"] is not None:
+    if direct_drive and options.drives is not None:
         raise refusal("--direct-drive", "is mutually exclusive with --drives")
-    options["drives"] = Path("none") if direct_drive else options["drives"]
-    sys.exit(_export({**own, "declared": values_of(context), **options, "supervised": True}))
+    options = replace(options, supervised=True, drives=Path("none") if direct_drive else options.drives)
+    supervisor = opt.SupervisorOptions(on_fault=on_fault, frozen=frozen, jump=jump, torque_rate=torque_rate)
+    asked = opt.Asked(
+        robot=robot,
+        controllers=controller,
+        declared=values_of(context),
+        options=options,
+        supervisor=supervisor,
+    )
+    sys.exit(_export(asked, _Written(out, real, name, target, explain, options.as_json)))
 
 
-def _export(options: dict[str, Any]) -> int:
+class _Written(NamedTuple):
+    """What is written of a controller, and printed.
+
+    Attributes:
+        out: folder for the export.
+        real: number type in C.
+        prefix: of files, functions and types; None for the usual one.
+        target: what is added to the C.
+        explain: whether the assumed values of the drives are printed.
+        as_json: whether what the code needs is printed as JSON.
+    """
+
+    out: Path
+    real: str
+    prefix: str | None
+    target: str
+    explain: bool
+    as_json: bool
+
+
+def _export(asked: opt.Asked, written: _Written) -> int:
     """Write what the options describe, print what it takes, and return the exit code."""
     import numpy as np
 
@@ -105,40 +129,44 @@ def _export(options: dict[str, Any]) -> int:
     from armgpi.errors import ParameterError, require_extra
 
     require_extra("casadi", "compiled")
-    if options["real"] not in ("double", "float"):
-        raise refusal("--real", f"must be one of double, float, got {options['real']!r}")
+    if written.real not in ("double", "float"):
+        raise refusal("--real", f"must be one of double, float, got {written.real!r}")
     from armgpi.hardware.export.code import generate, supervise
     from armgpi.hardware.export.files import record, write_code
     from armgpi.hardware.export.names import check_name
     from armgpi.hardware.export.targets import check_target
 
-    target = _target(options)
-    experiment = _experiment(options, target)
+    target, out = written.target, written.out
+    experiment = _experiment(_for_target(asked, target), target)
     _check_arm(experiment, target)
     experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
     label, controller = next(iter(experiment.controllers.items()))
     supervised = supervise(controller, experiment.supervisor)
     # What cannot be written is refused before the simulation.
-    code = generate(supervised, options["real"])
+    code = generate(supervised, written.real)
     option = "--target"
     try:
         check_target(target, supervised)
         option = "--name"
-        check_name(options["prefix"], code.source)
+        check_name(written.prefix, code.source)
     except ParameterError as error:
         raise refusal(option, str(error)) from error
-    with experiments.prepared(options["out"]):
-        note_drives(experiment, options["explain"])
-        _note_contacts(experiment, options["package_dir"])
+    with experiments.prepared(out):
+        note_drives(experiment, written.explain)
+        _note_contacts(experiment, asked.options.package_dir)
         print_held()
         with working("recording the motion, compiling the C code and replaying the motion with it"):
             log = record(experiment.plant, supervised, experiment.reference, experiment.t_final, "auto")
             config, copied = experiments.portable(experiment.config)
             beside: dict[str, str | bytes] = {"experiment.yaml": config, **copied}
-            done = write_code(code, options["out"], log, name=options["prefix"], target=target, beside=beside)
-    _print_needs(done, log, label, options["as_json"])
-    out = options["out"]
+            done = write_code(code, out, log, name=written.prefix, target=target, beside=beside)
+    _print_needs(done, log, label, written.as_json)
     say(f"wrote {len(done.files)} files to {out}; {out / 'README.md'} explains them", err=True)
+    return _exit_code(done, log, supervised)
+
+
+def _exit_code(done: Export, log: ArmLog, supervised: Supervised) -> int:
+    """Return the exit code of what was written, and say why it is no good where it is not."""
     if "diverged" in log.header:
         say(
             f"the simulated arm becomes unstable under this controller, at {log.header['diverged']:g} s",
@@ -183,7 +211,7 @@ def _note_contacts(experiment: Experiment, package_dirs: list[Path] | None) -> N
         say(f"warning: {said}", err=True, fg="yellow")
 
 
-def _experiment(options: dict[str, Any], target: str) -> Experiment:
+def _experiment(asked: opt.Asked, target: str) -> Experiment:
     """Return what the options describe, without a gripper where the interface has the arm alone."""
     from armgpi import config as configuration
     from armgpi.cli.settings import settings
@@ -191,21 +219,22 @@ def _experiment(options: dict[str, Any], target: str) -> Experiment:
     from armgpi.hardware.export.interfaces import COMPENSATING
     from armgpi.robot import grippers
 
-    given = settings(options, compare=False)
+    given = settings(asked, compare=False)
     robot = building.robot(*given)
     fingers = grippers.moving(robot)
     if fingers and target in COMPENSATING:
-        options["lock"] = [*(options["lock"] or []), *fingers]
+        lock = [*(asked.options.lock or []), *fingers]
+        asked = replace(asked, options=replace(asked.options, lock=lock))
         say(f"note: {', '.join(fingers)} of the gripper locked: {target} has the arm's joints", err=True)
-        given = settings(options, compare=False)
+        given = settings(asked, compare=False)
     elif fingers:
-        lock = " ".join(f"--lock {name}" for name in fingers)
-        said = f"{', '.join(fingers)} of a gripper is controlled together with the arm; {lock} leaves it out"
+        flags = " ".join(f"--lock {name}" for name in fingers)
+        said = f"{', '.join(fingers)} of a gripper is controlled together with the arm; {flags} leaves it out"
         say(f"warning: {said}", err=True, fg="yellow")
-    return configuration.build(*_with_side(given, target, options))
+    return configuration.build(*_with_side(given, target, asked))
 
 
-def _with_side(given: Any, target: str, options: dict[str, Any]) -> Any:
+def _with_side(given: Loaded, target: str, asked: opt.Asked) -> Loaded:
     """Return an experiment with the side that the target's positions are of, where none was specified."""
     from armgpi.cli.settings import settings
     from armgpi.config import building
@@ -223,7 +252,7 @@ def _with_side(given: Any, target: str, options: dict[str, Any]) -> Any:
     elastic = resolved.plant.engine == "elastic"
     if elastic and not all(specified):
         flag = [(each, side) for each in _declared() if each.flag == "--encoder-side"]
-        given = settings({**options, "declared": [*flag, *options["declared"]]}, compare=False)
+        given = settings(replace(asked, declared=[*flag, *asked.declared]), compare=False)
     if elastic or any(specified):
         other = next(each for each in interface.positions if each != side)
         name = interface.positions[side]
@@ -232,41 +261,42 @@ def _with_side(given: Any, target: str, options: dict[str, Any]) -> Any:
     return given
 
 
-def _declared() -> Any:
+def _declared() -> list[Option]:
     """Return the options of experiments that classes declare."""
     from armgpi.cli.declared import options as declared
 
     return declared()
 
 
-def _target(options: dict[str, Any]) -> str:
-    """Return the target, and put what its interface asks for into the options."""
+def _for_target(asked: opt.Asked, target: str) -> opt.Asked:
+    """Return the options with what the target's interface asks for put into them."""
     from armgpi.cli.settings import with_file
     from armgpi.hardware.export.interfaces import COMPENSATING, TARGETS
 
-    options.update(with_file(options))
-    target: str = options["target"]
+    asked = with_file(asked)
     if target not in TARGETS:
         raise refusal("--target", f"must be one of {', '.join(TARGETS)}, got {target!r}")
-    if target in COMPENSATING:
-        if options["gravity"] not in (None, "robot"):
-            raise refusal("--gravity", f"must be robot for {target}: that robot compensates gravity itself")
-        options["gravity"] = "robot"
-        interface = COMPENSATING[target]
-        if options["config"] is None:
-            options["dt"] = interface.dt if options["dt"] is None else options["dt"]
-            usual = [(each, interface.delays[0]) for each in _declared() if each.flag == "--delay"]
-            options["declared"] = [*usual, *options["declared"]]
-            if options["controllers"] is None:
-                options["controllers"] = "gpi_auto"
-                text = (
-                    f"the controller for {target} is chosen automatically, with gravity "
-                    "compensated by the robot: use --controller gpi_auto"
-                )
-                say(f"note: {text}", err=True)
-        if options["torque_rate"] is None and interface.rate is not None:
-            options["torque_rate"] = f"{interface.rate * _JUST_BELOW:.10g}"
-    return target
+    if target not in COMPENSATING:
+        return asked
+    interface, options = COMPENSATING[target], asked.options
+    if options.gravity not in (None, "robot"):
+        raise refusal("--gravity", f"must be robot for {target}: that robot compensates gravity itself")
+    options = replace(options, gravity="robot")
+    if options.config is None:
+        options = replace(options, dt=interface.dt if options.dt is None else options.dt)
+        usual = [(each, interface.delays[0]) for each in _declared() if each.flag == "--delay"]
+        asked = replace(asked, declared=[*usual, *asked.declared])
+        if asked.controllers is None:
+            asked = replace(asked, controllers="gpi_auto")
+            text = (
+                f"the controller for {target} is chosen automatically, with gravity "
+                "compensated by the robot: use --controller gpi_auto"
+            )
+            say(f"note: {text}", err=True)
+    supervisor = asked.supervisor
+    if supervisor.torque_rate is None and interface.rate is not None:
+        supervisor = replace(supervisor, torque_rate=f"{interface.rate * _JUST_BELOW:.10g}")
+    return replace(asked, options=options, supervisor=supervisor)
 
 
 def _print_needs(done: Export, log: ArmLog, label: str, as_json: bool) -> None:

@@ -74,7 +74,7 @@ ROWS = {
 
 
 @stoppable
-@opt.add_options(opt.loading)
+@opt.add_options
 def identify(
     logs: list[Path] | None = None,
     *,
@@ -94,7 +94,7 @@ def identify(
     allow_part: bool = False,
     report: Path | None = None,
     as_json: bool = False,
-    **how: Any,
+    how: opt.Loading,
 ) -> None:
     """Identify an arm from logs of measured positions and commanded torques.
 
@@ -287,7 +287,7 @@ def _corners(text: str | None) -> list[list[float]] | None:
 
 
 @stoppable
-@opt.add_options(opt.loading)
+@opt.add_options
 def excite(
     robot: str,
     seconds: float | None = None,
@@ -303,7 +303,8 @@ def excite(
     seed: int = 0,
     drives: Path | None = None,
     out: Path = Path("excite"),
-    **how: Any,
+    *,
+    how: opt.Loading,
 ) -> None:
     """Write a motion from which an arm can be identified, and the experiment that runs it.
 
@@ -315,20 +316,15 @@ def excite(
     from armgpi.identification.writing import experiment_files
     from armgpi.robot.rotors import without_rotors
 
-    arm = load_arm(robot, {**how, "drives": drives})
+    arm = load_arm(robot, opt.Arm(**vars(how), drives=drives))
     given = {**_section(robot), **opt.drives_given(None, drives)}
     rotorless = given.get("drives") == "none"
     if rotorless:
         arm = without_rotors(arm)
-    clear = surroundings(
-        arm,
-        _floor(floor, no_floor),
-        _corners(box),
-        margin,
-        not no_collisions,
-        how.pop("package_dir") or (),  # no key of the file that is written
-    )
-    section = {**given, **{key: value for key, value in how.items() if value}}
+    around = (_floor(floor, no_floor), _corners(box), margin, not no_collisions)
+    clear = surroundings(arm, *around, how.package_dir or ())
+    loading = {"lock": how.lock, "keep": how.keep, "mimic": how.mimic, "repair": how.repair}
+    section = {**given, **{key: value for key, value in loading.items() if value}}
     motion = _motion(arm, first, resonance, side, (seconds, share, seed), clear)
     folder = files.make_folder(out)
     source = robot

@@ -37,7 +37,7 @@ ROWS = {
 }
 
 
-@opt.add_options(opt.loading, opt.arm)
+@opt.add_options
 def inspect(
     robot: str,
     encoder_bits: int | None = None,
@@ -51,7 +51,8 @@ def inspect(
     allow_part: bool = False,
     report: Path | None = None,
     as_json: bool = False,
-    **how: Any,
+    *,
+    how: opt.Arm,
 ) -> None:
     """Report what a robot's model contains, its problems, and how a controller will work with it.
 
@@ -69,11 +70,10 @@ def inspect(
         require_extra("yourdfpy", "check")
     loop = {"dt": dt, "delay": delay, "encoder_bits": encoder_bits, "payload": payload}
     typed: dict[str, Any] = {**loop, "encoder_side": encoder_side}
-    sided = {**how, "encoder_side": encoder_side}
-    known = resolved(robot, sided) if is_experiment(robot) else None
+    known = resolved(robot, how, None, encoder_side) if is_experiment(robot) else None
     settings = _settings(robot, how, typed, known)
     payload = settings.pop("payload", 0.5)
-    found = health.inspect(settings.pop("name"), package_dirs=how["package_dir"] or [], **settings)
+    found = health.inspect(settings.pop("name"), package_dirs=how.package_dir or [], **settings)
     found = health.with_payload(found, payload)
     found = found.with_findings([], motion=motion(found.robot))
     if cross_check:
@@ -127,7 +127,7 @@ def _with_push(report: HealthReport, force: float) -> HealthReport:
 
 
 def _settings(
-    robot: str, how: Mapping[str, Any], typed: dict[str, Any], known: tuple[ExperimentConfig, Any] | None
+    robot: str, how: opt.Arm, typed: dict[str, Any], known: tuple[ExperimentConfig, Any] | None
 ) -> dict[str, Any]:
     """Return what is known of the arm and its loop: options win over an experiment file.
 

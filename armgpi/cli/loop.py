@@ -44,7 +44,7 @@ ROWS = {
 
 
 @stoppable
-@opt.add_options(opt.loading, opt.arm, opt.experiment, opt.printing)
+@opt.add_options
 def loop(
     context: typer.Context,
     robot: str | None = None,
@@ -65,7 +65,8 @@ def loop(
     force: bool = False,
     report: Path | None = None,
     explain: bool = False,
-    **options: Any,
+    *,
+    options: opt.PrintedExperiment,
 ) -> None:
     """Run arm and controller as two processes over UDP, in wall-clock time, with faults.
 
@@ -81,11 +82,9 @@ def loop(
     from armgpi.config import experiment as experiments
     from armgpi.hardware.realtime import Injected, Watchdog, run
 
-    as_json = options.pop("as_json")
-    options |= {"robot": robot, "controllers": controller, "declared": values_of(context), "out": out}
-    options["force"] = force
-    experiment = build(*settings(options, compare=False))
-    check_out(options, experiment)
+    asked = opt.Asked(robot=robot, controllers=controller, declared=values_of(context), options=options)
+    experiment = build(*settings(asked, compare=False))
+    check_out(out, options.config, force, experiment)
     pictures.check(view=view, report=report)
     note_drives(experiment, explain)
     note_differences(experiment)
@@ -109,7 +108,7 @@ def loop(
     found = outcome.report(None if dry_run else experiments.run(experiment, label, progress=False))
     for path in _write_files(experiment, outcome, found, out, report, log):
         say(f"wrote {path}", err=True)
-    say(json.dumps(found)) if as_json else _print(label, outcome, found)
+    say(json.dumps(found)) if options.as_json else _print(label, outcome, found)
     sys.exit(_code(outcome))
 
 

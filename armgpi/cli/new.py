@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -87,7 +88,7 @@ class _Answers:
         return assumed, "; assumed: change it where you know better"
 
 
-@opt.add_options(opt.loading, opt.arm)
+@opt.add_options
 def new(
     robot: str | None = None,
     out: Path | None = None,
@@ -100,7 +101,8 @@ def new(
     planar: int | None = None,
     dh: Path | None = None,
     dh_convention: str | None = None,
-    **how: Any,
+    *,
+    how: opt.Arm,
 ) -> None:
     """Begin an experiment file for an arm: what its URDF contains, what you specify, and what is assumed.
 
@@ -118,7 +120,7 @@ def new(
     from armgpi.health import findings, report
 
     typed = {"payload": payload, "encoder_bits": encoder_bits, "delay": delay, "dt": dt, "target": target}
-    if _begins_template(robot, planar, dh, dh_convention, out, force, {**typed, **how}):
+    if _begins_template(robot, planar, dh, dh_convention, out, force, {**typed, **vars(how)}):
         return
     assert robot is not None
     if target not in (None, *TARGETS):
@@ -131,7 +133,7 @@ def new(
         )
     path, name = _place(robot, out, force)
     answers = _Answers()
-    arm, hands = _arm(robot, how, answers)
+    arm, how, hands = _arm(robot, how, answers)
     section: dict[str, Any] = {"name": name, **opt.robot_given(how)}
     if set(section.get("lock", {}).values()) == {None}:
         section["lock"] = [*section["lock"]]
@@ -220,11 +222,11 @@ def _write_template(made: Template, urdf: Path, option: str, force: bool, note: 
     say(f"{urdf}, {model}: {note}fill in D, C v and G; next: armgpi validate {model} --robot {urdf}")
 
 
-def _assumed_bodies(arm: Any, how: dict[str, Any]) -> dict[str, str]:
+def _assumed_bodies(arm: Any, how: opt.Arm) -> dict[str, str]:
     """Return the links whose bodies are assumed -> what is assumed; none where that was asked for."""
     from armgpi.robot.repairs import SUPPOSE
 
-    if any(SUPPOSE in text for text in how["repair"] or ()):
+    if any(SUPPOSE in text for text in how.repair or ()):
         return {}
     made = [each for each in arm.provenance.get("repairs", ()) if each["name"].startswith(SUPPOSE)]
     return {each["name"].partition(":")[2]: each["after"] for each in made}
@@ -482,33 +484,33 @@ def _vary_lines(arm: Any, assumed: Any, load: float) -> list[str]:
     return ["vary:  # what armgpi sweep varies at random", *varied]
 
 
-def _arm(robot: str, how: dict[str, Any], answers: _Answers) -> tuple[Any, list[str]]:
-    """Return one arm of a robot, and the joints of its gripper, locked: `how` says so afterwards."""
+def _arm(robot: str, how: opt.Arm, answers: _Answers) -> tuple[Any, opt.Arm, list[str]]:
+    """Return one arm of a robot, the options that load it, and the joints of its gripper, which they lock."""
     from armgpi.robot import chains, grippers, reading, robots
 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ArmgpiWarning)  # of what is mended here
             # Numbers that are listed are of the arm's joints alone.
-            arm = _load(robot, {**how, "effort": None, "rotor_inertia": None, "drives": None})
+            arm = _load(robot, replace(how, effort=None, rotor_inertia=None, drives=None))
         several = chains.of(arm.provenance)
     except ArmgpiError:  # which may be of a part that is not kept
         source, _ = robots.locate(robot)
         several = chains.find(reading.read(source))
-        if how["keep"] or len(several) < 2:
+        if how.keep or len(several) < 2:
             raise
-    if not how["keep"] and several:
+    if not how.keep and several:
         first = chains.first_arm(several).name
         said = chains.describe(several)
         chosen, _ = answers.get(f"{said}. Keep", None, first, str)
         say(f"note: {said}; the file keeps {chosen}", err=True)
-        how["keep"] = [chosen]
-    hands = [] if how["keep"] else grippers.moving(arm)
-    how["lock"] = [*(how["lock"] or []), *hands]
-    return _load(robot, how), hands
+        how = replace(how, keep=[chosen])
+    hands = [] if how.keep else grippers.moving(arm)
+    how = replace(how, lock=[*(how.lock or []), *hands])
+    return _load(robot, how), how, hands
 
 
-def _load(robot: str, how: dict[str, Any]) -> Any:
+def _load(robot: str, how: opt.Arm) -> Any:
     """Return an arm; that of a file without masses has assumed bodies, of which `how` says nothing."""
     from armgpi.robot.repairs import SUPPOSE
 
@@ -518,7 +520,7 @@ def _load(robot: str, how: dict[str, Any]) -> Any:
         cause = error.__cause__ if isinstance(error.__cause__, ArmgpiError) else error
         if not any(remedy.value == SUPPOSE for remedy in cause.remedies):
             raise
-        return load_arm(robot, {**how, "repair": [*(how["repair"] or []), SUPPOSE]})
+        return load_arm(robot, replace(how, repair=[*(how.repair or []), SUPPOSE]))
 
 
 def _text(value: Any) -> str:

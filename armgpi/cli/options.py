@@ -5,10 +5,15 @@ from __future__ import annotations
 import inspect
 import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
 
 import typer
+
+if TYPE_CHECKING:
+    from armgpi.cli.declared import Option
 
 
 def robot_names(begun: str) -> list[str]:
@@ -107,14 +112,24 @@ def _search_folders(folders: list[Path] | None) -> list[Path] | None:
     return folders
 
 
-def robot_given(how: Mapping[str, Any]) -> dict[str, Any]:
+def robot_given(how: Loading) -> dict[str, Any]:
     """Return what options say of an arm, as keys of the section `robot`: how it is loaded, and its drives."""
     from armgpi.cli.parsing import locks, per_joint, split
 
-    readers: dict[str, Any] = {"lock": locks, "keep": split, "mimic": str, "repair": split}
-    readers["effort"] = lambda texts: per_joint(",".join(texts), "--effort")
-    given = {key: read(how[key]) for key, read in readers.items() if how.get(key) not in (None, [])}
-    return given | drives_given(how.get("rotor_inertia"), how.get("drives"))
+    section: dict[str, Any] = {}
+    if how.lock:
+        section["lock"] = locks(how.lock)
+    if how.keep:
+        section["keep"] = split(how.keep)
+    if how.mimic is not None:
+        section["mimic"] = how.mimic
+    if how.repair:
+        section["repair"] = split(how.repair)
+    if isinstance(how, Arm):
+        if how.effort:
+            section["effort"] = per_joint(",".join(how.effort), "--effort")
+        section |= drives_given(how.rotor_inertia, how.drives)
+    return section
 
 
 def drives_given(rotor_inertia: list[str] | None, path: Path | None) -> dict[str, Any]:
@@ -184,78 +199,127 @@ _CALLBACKS: dict[str, Any] = {"--html": page_file, "--report": page_file, "--pac
 _Command = TypeVar("_Command", bound=Callable[..., None])
 
 
-def loading(
-    lock: list[str] | None = None,
-    keep: list[str] | None = None,
-    mimic: str | None = None,
-    repair: list[str] | None = None,
-    package_dir: list[Path] | None = None,
-) -> None:
-    """List the options of how a robot is loaded, for :func:`add_options`."""
+@dataclass(frozen=True, kw_only=True)
+class Loading:
+    """The options of how a robot is loaded; what each means is in :data:`ROWS`."""
+
+    lock: list[str] | None = None
+    keep: list[str] | None = None
+    mimic: str | None = None
+    repair: list[str] | None = None
+    package_dir: list[Path] | None = None
 
 
-def arm(
-    effort: list[str] | None = None,
-    rotor_inertia: list[str] | None = None,
-    drives: Path | None = None,
-) -> None:
-    """List the options of what the joints of an arm have, for :func:`add_options`."""
+@dataclass(frozen=True, kw_only=True)
+class Arm(Loading):
+    """The same, and the options of what the joints of an arm have."""
+
+    effort: list[str] | None = None
+    rotor_inertia: list[str] | None = None
+    drives: Path | None = None
 
 
-def experiment(
-    config: Path | None = None,
-    to: str | None = None,
-    start: str | None = None,
-    path: str | None = None,
-    trajectory: Path | None = None,
-    direction: str | None = None,
-    duration: float | None = None,
-    inertia_scale: float | None = None,
-    plant: str | None = None,
-    payload: float | None = None,
-    friction: str | None = None,
-    ideal: bool = False,
-    dt: float | None = None,
-    t_final: float | None = None,
-    seed: int | None = None,
-    supervised: bool = False,
-    gravity: str | None = None,
-    settings: list[str] | None = None,
-) -> None:
-    """List the options that describe an experiment, for :func:`add_options`."""
+@dataclass(frozen=True, kw_only=True)
+class Experiment(Arm):
+    """The options that describe an experiment."""
+
+    config: Path | None = None
+    to: str | None = None
+    start: str | None = None
+    path: str | None = None
+    trajectory: Path | None = None
+    direction: str | None = None
+    duration: float | None = None
+    inertia_scale: float | None = None
+    plant: str | None = None
+    payload: float | None = None
+    friction: str | None = None
+    ideal: bool = False
+    dt: float | None = None
+    t_final: float | None = None
+    seed: int | None = None
+    supervised: bool = False
+    gravity: str | None = None
+    settings: list[str] | None = None
 
 
-def results(
-    backend: str = "auto",
-    out: Path | None = None,
-    force: bool = False,
-    table: Path | None = None,
-    plot: Path | None = None,
-    view: bool = False,
-    html: Path | None = None,
-    report: Path | None = None,
-    interactive: bool = False,
-    explain: bool = False,
-    as_json: bool = False,
-) -> None:
-    """List the options of what a run becomes, for :func:`add_options`."""
+@dataclass(frozen=True, kw_only=True)
+class PrintedExperiment(Experiment):
+    """The same, and the option of how results are printed."""
+
+    as_json: bool = False
 
 
-def printing(as_json: bool = False) -> None:
-    """List the options of what is printed, for :func:`add_options`."""
+@dataclass(frozen=True, kw_only=True)
+class Run(Experiment):
+    """The options of an experiment, and of what its results become."""
+
+    backend: str = "auto"
+    out: Path | None = None
+    force: bool = False
+    table: Path | None = None
+    plot: Path | None = None
+    view: bool = False
+    html: Path | None = None
+    report: Path | None = None
+    interactive: bool = False
+    explain: bool = False
+    as_json: bool = False
 
 
-def add_options(*lists: Callable[..., None]) -> Callable[[_Command], _Command]:
-    """Put lists of options in the place of a command's ``**options``."""
+@dataclass(frozen=True, kw_only=True)
+class SupervisorOptions:
+    """The options of `armgpi export` that are keys of the section `supervisor`."""
 
-    def decorate(command: _Command) -> _Command:
-        own = list(inspect.signature(command, eval_str=True).parameters.values())[:-1]
-        for function in lists:
-            own += inspect.signature(function, eval_str=True).parameters.values()
-        _take(command, [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own])
-        return command
+    on_fault: str | None = None
+    frozen: int | None = None
+    jump: float | None = None
+    torque_rate: str | None = None
 
-    return decorate
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What was typed of an experiment.
+
+    Attributes:
+        robot: name of a robot, path of a URDF or of an experiment file; None with --config.
+        controllers: names, separated by commas; None for the standard ones.
+        declared: options of declared parameters that were typed, with their values.
+        options: the others.
+        supervisor: those of the supervisor.
+    """
+
+    robot: str | None
+    controllers: str | None
+    declared: Sequence[tuple[Option, Any]]
+    options: Experiment
+    supervisor: SupervisorOptions = SupervisorOptions()
+
+
+def add_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Put options in the place of a command's last parameter, whose annotation is a class that lists them.
+
+    The command gets an object of that class, made of what was typed.
+    """
+    *own, last = inspect.signature(command, eval_str=True).parameters.values()
+    kind = last.annotation
+    types = get_type_hints(kind)
+    listed = [
+        inspect.Parameter(
+            each.name, inspect.Parameter.KEYWORD_ONLY, default=each.default, annotation=types[each.name]
+        )
+        for each in fields(kind)
+    ]
+    names = [each.name for each in listed]
+    alone = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in own]
+
+    @wraps(command)
+    def with_object(**typed: Any) -> None:
+        options = {name: typed.pop(name) for name in names}
+        command(**typed, **{last.name: kind(**options)})
+
+    _take(with_object, [*alone, *listed])
+    return with_object
 
 
 def with_rows(command: _Command, rows: Mapping[str, str]) -> _Command:

@@ -17,6 +17,7 @@ from armgpi.errors import ParameterError
 if TYPE_CHECKING:
     import xarray as xr
 
+    from armgpi.cli.options import Run
     from armgpi.config import Experiment
     from armgpi.robot.robot import Robot
 
@@ -85,10 +86,10 @@ def check_file(path: Path, option: str) -> None:
         raise refusal(option, f"{folder}: cannot be written to: {error.strerror or error}") from None
 
 
-def make(options: dict[str, Any], result: xr.Dataset, experiment: Experiment) -> list[Path]:
+def make(options: Run, result: xr.Dataset, experiment: Experiment) -> list[Path]:
     """Write the pictures asked for and return their files."""
     written: list[Path] = []
-    if not (options["plot"] or options["html"] or options["report"]):
+    if not (options.plot or options.html or options.report):
         return written
     from armgpi.config import dump, world
 
@@ -96,25 +97,25 @@ def make(options: dict[str, Any], result: xr.Dataset, experiment: Experiment) ->
         say("note: no pictures, as the run was stopped before its first sample", err=True)
         return written
     robot = one(experiment.plant.robot)
-    if options["plot"] is not None:
+    if options.plot is not None:
         from armgpi.viewing import plots  # not for reports, which draw without Matplotlib
 
-        written.append(plots.save(plots.overview(result), options["plot"]))
-    if options["html"] is not None:
+        written.append(plots.save(plots.overview(result), options.plot))
+    if options.html is not None:
         from armgpi.viewing import meshcat
 
-        written.append(meshcat.write(meshcat.rollout_page(result, robot), options["html"]))
-    if options["report"] is not None:
+        written.append(meshcat.write(meshcat.rollout_page(result, robot), options.html))
+    if options.report is not None:
         from armgpi.viewing import report
 
         text = dump(experiment.config)
         result = _with_estimated_wrench(result, experiment)
-        if options["interactive"]:
+        if options.interactive:
             page = page_to_play_with(experiment, more=report.sections(result, robot, text))
         else:
             simulated = world.describe(experiment.config, experiment.robot, every=True)
             page = report.build(result, robot, configuration=text, world=simulated)
-        written.append(report.write(page, options["report"]))
+        written.append(report.write(page, options.report))
     return written
 
 

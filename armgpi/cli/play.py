@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import webbrowser
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -22,7 +22,7 @@ ROWS = {
 
 
 @stoppable
-@opt.add_options(opt.loading, opt.arm, opt.experiment)
+@opt.add_options
 def play(
     context: typer.Context,
     robot: str | None = None,
@@ -30,7 +30,8 @@ def play(
     out: File = None,
     open_: bool = False,
     frame: str | None = None,
-    **options: Any,
+    *,
+    options: opt.Experiment,
 ) -> None:
     """Write a page with sliders that simulates the loop again whenever one of them is moved.
 
@@ -51,8 +52,8 @@ def play(
     pictures.check_packages("html", "--out")
     require_extra("casadi", "compiled")
     compiler()
-    options |= {"robot": robot, "controllers": controller, "declared": values_of(context)}
-    experiment = configuration.build(*settings(options, compare=False))
+    asked = opt.Asked(robot=robot, controllers=controller, declared=values_of(context), options=options)
+    experiment = configuration.build(*settings(asked, compare=False))
     path = Path(f"{experiment.robot.name}.html") if out is None else out
     pictures.check_file(path, "--out")
     say(summary(experiment), err=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ from armgpi import config as configuration
 from armgpi.base import renamed
 from armgpi.base.renamed import current_name
 from armgpi.cli.declared import Option, whole
-from armgpi.cli.options import robot_given
+from armgpi.cli.options import Asked, Experiment, SupervisorOptions, robot_given
 from armgpi.cli.parsing import is_experiment, per_joint, refusal
 from armgpi.config import Loaded, Origin, keys
 from armgpi.errors import ConfigError
@@ -23,76 +23,71 @@ class _Overlay:
     """Options put over the data of an experiment file.
 
     Attributes:
-        options: what was typed, by the names of the commands' arguments.
         data: the experiment file as plain data, changed in place.
         sources: dotted key -> the option that set it.
     """
 
-    def __init__(self, options: dict[str, Any], data: dict[str, Any]) -> None:
-        self.options, self.data = options, data
+    def __init__(self, data: dict[str, Any]) -> None:
+        self.data = data
         self.sources: dict[str, str] = {}
-
-    def is_given(self, name: str) -> bool:
-        """Tell whether an option was typed."""
-        return self.options[name] not in (None, [])
 
     def put(self, option: str, value: Any, *path: str | int) -> None:
         """Put an option's value into the data and remember whose it is."""
         keys.put(self.data, path, value)
         self.sources[".".join(map(str, path))] = option
 
-    def take(self, name: str, *path: str | int, read: Callable[[Any], Any] = lambda value: value) -> None:
-        """Put an option that may have been typed; what it is called follows from its name."""
-        if self.is_given(name):
-            self.put(f"--{name.replace('_', '-')}", read(self.options[name]), *path)
+    def put_typed(self, option: str, value: Any, *path: str | int) -> None:
+        """Put the value of an option that may have been left out."""
+        if value is not None:
+            self.put(option, value, *path)
 
 
-def settings(options: dict[str, Any], compare: bool) -> Loaded:
-    """Return the configuration of a file and the options that override it."""
-    options = with_file(options)
+def settings(asked: Asked, compare: bool) -> Loaded:
+    """Return the configuration of a file and the options that override it.
+
+    Raises:
+        ConfigError: when an option or a key of the file is wrong; it names the one that is.
+    """
+    asked = with_file(asked)
+    options = asked.options
     data, origin = _read(options)
-    over = _Overlay(options, data)
-    _arm(over)
-    _world(over)
-    over.take("dt", "sample_time")
-    over.take("t_final", "t_final")
-    over.take("seed", "seed")
-    if options["supervised"] and data.get("supervisor") is None:
+    over = _Overlay(data)
+    _arm(over, asked)
+    _world(over, options)
+    over.put_typed("--dt", options.dt, "sample_time")
+    over.put_typed("--t-final", options.t_final, "t_final")
+    over.put_typed("--seed", options.seed, "seed")
+    if options.supervised and data.get("supervisor") is None:
         over.put("--supervised", {}, "supervisor")
-    for name in ("on_fault", "frozen", "jump"):  # of `armgpi export`
-        if options.get(name) is not None:
-            over.take(name, "supervisor", name)
-    if options.get("torque_rate") is not None:
-        rate = per_joint(options["torque_rate"], "--torque-rate")
-        over.put("--torque-rate", rate, "supervisor", "torque_rate")
-    origin = _choose_controllers(options, compare, data, origin, over.sources)
+    _supervisor(over, asked.supervisor)
+    origin = _choose_controllers(asked.controllers, compare, data, origin, over.sources)
     for index in range(len(data["controllers"])):
-        over.take("inertia_scale", "controllers", index, "inertia_scale")
-    for option, value in options["declared"]:
+        over.put_typed("--inertia-scale", options.inertia_scale, "controllers", index, "inertia_scale")
+    for option, value in asked.declared:
         _set_declared(over, option, value)
-    _reference(over)
-    for text in options.get("settings") or ():
+    _reference(over, options)
+    for text in options.settings or ():
         _set(over, text)
     # The longest keys first: of "controllers.0.omega" and "controllers.0", the first says more.
     origin = origin._replace(options=dict(sorted(over.sources.items(), key=lambda item: -len(item[0]))))
     return Loaded(configuration.check(data, origin), origin)
 
 
-def with_file(options: dict[str, Any]) -> dict[str, Any]:
-    """Return options in which an experiment file in the place of the robot is that of --config."""
-    robot = options["robot"]
-    if robot is None or not is_experiment(robot):
-        return options
-    if options["config"] is not None:
-        raise refusal("--config", f"{robot} is an experiment file already; give one of the two")
-    return {**options, "robot": None, "config": Path(robot)}
+def with_file(asked: Asked) -> Asked:
+    """Return what was typed, in which an experiment file in the place of the robot is that of --config."""
+    if asked.robot is None or not is_experiment(asked.robot):
+        return asked
+    if asked.options.config is not None:
+        raise refusal("--config", f"{asked.robot} is an experiment file already; give one of the two")
+    options = replace(asked.options, config=Path(asked.robot))
+    return replace(asked, robot=None, options=options)
 
 
-def _read(options: dict[str, Any]) -> tuple[dict[str, Any], Origin]:
+def _read(options: Experiment) -> tuple[dict[str, Any], Origin]:
     """Return the data of the experiment file, and where it came from."""
-    if options["config"] is None:
+    path = options.config
+    if path is None:
         return {}, Origin("command line")
-    path = options["config"]
     if not path.exists() and str(path) in scenarios.names():  # of the paper
         path = scenarios.locate(str(path))
     config, origin = configuration.read(path)
@@ -102,30 +97,41 @@ def _read(options: dict[str, Any]) -> tuple[dict[str, Any], Origin]:
     return data, origin
 
 
-def _arm(over: _Overlay) -> None:
+def _arm(over: _Overlay, asked: Asked) -> None:
     """Put the options about the arm and its plant, sensors and actuators."""
-    if over.is_given("robot"):
+    options = asked.options
+    if asked.robot is not None:
         over.data["robot"] = {}
-        over.put("ROBOT", over.options["robot"], "robot", "name")
+        over.put("ROBOT", asked.robot, "robot", "name")
     if "robot" not in over.data:
         raise refusal("", "name a robot, or give an experiment file with --config")
-    over.take("gravity", "robot", "gravity")
-    for key, value in robot_given(over.options).items():
+    over.put_typed("--gravity", options.gravity, "robot", "gravity")
+    for key, value in robot_given(options).items():
         over.put(f"--{key.replace('_', '-')}", value, "robot", key)
-    over.take("plant", "plant", "engine")
-    over.take("payload", "plant", "payload", "mass")
-    over.take("friction", "plant", "friction")
-    for option, value in over.options["declared"]:
+    over.put_typed("--plant", options.plant, "plant", "engine")
+    over.put_typed("--payload", options.payload, "plant", "payload", "mass")
+    over.put_typed("--friction", options.friction, "plant", "friction")
+    for option, value in asked.declared:
         if not option.owners:
             over.put(option.flag, value, "plant", option.key)
 
 
-def _world(over: _Overlay) -> None:
+def _world(over: _Overlay, options: Experiment) -> None:
     """Put the world: of a file it is its own, unless --ideal is typed; of an arm by name that of the arm."""
-    if over.options.get("ideal"):
+    if options.ideal:
         over.put("--ideal", True, "ideal")
-    elif over.options["config"] is None:
+    elif options.config is None:
         over.data["ideal"] = robots.is_textbook(over.data["robot"]["name"])
+
+
+def _supervisor(over: _Overlay, options: SupervisorOptions) -> None:
+    """Put the options of the supervisor."""
+    over.put_typed("--on-fault", options.on_fault, "supervisor", "on_fault")
+    over.put_typed("--frozen", options.frozen, "supervisor", "frozen")
+    over.put_typed("--jump", options.jump, "supervisor", "jump")
+    if options.torque_rate is not None:
+        rate = per_joint(options.torque_rate, "--torque-rate")
+        over.put("--torque-rate", rate, "supervisor", "torque_rate")
 
 
 def _set_declared(over: _Overlay, option: Option, value: Any) -> None:
@@ -141,31 +147,31 @@ def _set_declared(over: _Overlay, option: Option, value: Any) -> None:
         over.put(option.flag, value, "controllers", index, option.key)
 
 
-def _reference(over: _Overlay) -> None:
+def _reference(over: _Overlay, options: Experiment) -> None:
     """Put the options about where to."""
-    options, data = over.options, over.data
-    if over.is_given("trajectory"):
-        if over.is_given("to") or over.is_given("start") or over.is_given("path"):
+    data = over.data
+    if options.trajectory is not None:
+        if (options.to, options.start, options.path) != (None, None, None):
             raise refusal("--trajectory", "is mutually exclusive with --to, --from and --path")
         data["reference"] = {}
-        over.put("--trajectory", str(options["trajectory"]), "reference", "file")
-    if over.is_given("path"):
-        if over.is_given("to") or over.is_given("start"):
+        over.put("--trajectory", str(options.trajectory), "reference", "file")
+    if options.path is not None:
+        if (options.to, options.start) != (None, None):
             raise refusal("--path", "is mutually exclusive with --to and --from")
         data["reference"] = {}
-        over.put("--path", {"type": options["path"]}, "reference", "path")
-    if over.is_given("direction"):
+        over.put("--path", {"type": options.path}, "reference", "path")
+    if options.direction is not None:
         if "path" not in (data.get("reference") or {}):
             raise refusal("--direction", "requires a path")
-        over.take("direction", "reference", "direction", read=lambda text: per_joint(text, "--direction"))
-    if over.is_given("to"):
-        begin = per_joint(options["start"], "--from") if over.is_given("start") else {}
+        over.put("--direction", per_joint(options.direction, "--direction"), "reference", "direction")
+    if options.to is not None:
+        begin = {} if options.start is None else per_joint(options.start, "--from")
         data["reference"] = {"points": [begin, {}], "holds": [1.0, 0.0]}
         over.put("--from", begin, "reference", "points", 0)
-        over.put("--to", per_joint(options["to"], "--to"), "reference", "points", 1)
-    elif over.is_given("start"):
+        over.put("--to", per_joint(options.to, "--to"), "reference", "points", 1)
+    elif options.start is not None:
         raise refusal("--from", "requires --to")
-    over.take("duration", "reference", "durations")
+    over.put_typed("--duration", options.duration, "reference", "durations")
 
 
 def _set(over: _Overlay, text: str) -> None:
@@ -214,7 +220,7 @@ def _standard(data: dict[str, Any], compare: bool) -> list[dict[str, Any]]:
 
 
 def _choose_controllers(
-    options: dict[str, Any],
+    wanted: str | None,
     compare: bool,
     data: dict[str, Any],
     origin: Any,
@@ -223,7 +229,6 @@ def _choose_controllers(
     """Leave in `data` the controllers asked for, and return an origin that still knows their lines."""
     listed = data.get("controllers", [])
     option = "--controllers" if compare else "--controller"
-    wanted = options["controllers"]
     if wanted is None:
         data["controllers"] = listed or _standard(data, compare)
         if not compare:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -45,7 +44,7 @@ ROWS = {
 
 
 @stoppable
-@opt.add_options(opt.loading)
+@opt.add_options
 def view(
     targets: list[str],
     out: File = None,
@@ -53,7 +52,8 @@ def view(
     frame: str | None = None,
     port: int | None = None,
     browser: bool = False,
-    **how: Any,
+    *,
+    how: opt.Loading,
 ) -> None:
     """Show robots, or play a rollout, in MeshCat: at an address of this machine alone, or as a page or film.
 
@@ -136,9 +136,7 @@ def _rollout_of_folder(target: str) -> str:
     return str(inside) if inside.is_file() else target
 
 
-def _film(
-    targets: list[str], out: Path, how: Mapping[str, Any], robot: str | None, frame: str | None
-) -> Path:
+def _film(targets: list[str], out: Path, how: opt.Loading, robot: str | None, frame: str | None) -> Path:
     """Write the film of a rollout and return its path."""
     from armgpi.cli import pictures
     from armgpi.viewing import film
@@ -150,15 +148,17 @@ def _film(
         return film.write(result, out, arm, frame=frame, progress=show)
 
 
-def _rollout(targets: list[str], how: Mapping[str, Any], robot: str | None) -> tuple[xr.Dataset, Robot]:
+def _rollout(targets: list[str], how: opt.Loading, robot: str | None) -> tuple[xr.Dataset, Robot]:
     """Return the rollout that shall be shown, and its arm."""
     from armgpi.loop import rollout as rollouts
     from armgpi.viewing import scene
 
     if Path(targets[0]).suffix.lower() != ".nc":
         raise refusal("FILE", f"a film is of a rollout (.nc) or its folder, and {targets[0]} is neither")
-    for key in (key for key in ("lock", "keep", "mimic", "repair") if how[key]):
-        raise refusal(f"--{key}", "is for robots; a rollout has its joints locked already")
+    given = {"--lock": how.lock, "--keep": how.keep, "--mimic": how.mimic, "--repair": how.repair}
+    for option, value in given.items():
+        if value:
+            raise refusal(option, "is for robots; a rollout has its joints locked already")
     if len(targets) > 1:
         raise refusal("FILE", f"one rollout at a time, or `armgpi report {' '.join(targets)}`")
     import_xarray()
@@ -167,7 +167,7 @@ def _rollout(targets: list[str], how: Mapping[str, Any], robot: str | None) -> t
     return result, arm
 
 
-def _page(targets: list[str], how: Mapping[str, Any], robot: str | None, frame: str | None) -> str:
+def _page(targets: list[str], how: opt.Loading, robot: str | None, frame: str | None) -> str:
     """Return the page of what shall be shown."""
     from armgpi.robot.robot import Robot
     from armgpi.viewing import meshcat
@@ -175,7 +175,7 @@ def _page(targets: list[str], how: Mapping[str, Any], robot: str | None, frame: 
     if Path(targets[0]).suffix.lower() == ".nc":
         result, arm = _rollout(targets, how, robot)
         return meshcat.rollout_page(result, arm, frame=frame)
-    given = {"--lock": how["lock"], "--keep": how["keep"], "--frame": frame}
+    given = {"--lock": how.lock, "--keep": how.keep, "--frame": frame}
     for option in (option for option, value in given.items() if value and len(targets) > 1):
         raise refusal(option, "is for one robot at a time")
     if robot is not None:

@@ -41,17 +41,23 @@ def import_xarray() -> None:
         vars(util)["find_spec"] = find
 
 
-def check_out(options: dict[str, Any], experiment: Experiment) -> None:
-    """Refuse a folder for results that cannot be used: better before a long run than after it."""
+def check_out(folder: Path | None, config: Path | None, force: bool, experiment: Experiment) -> None:
+    """Refuse a folder for results that cannot be used: better before a long run than after it.
+
+    Args:
+        folder: of --out; None for none.
+        config: experiment file that is run, which must not be overwritten; None for none.
+        force: whether another experiment's results are.
+        experiment: whose results go there.
+    """
     from armgpi.config import experiment as experiments
 
-    folder, config = options["out"], options["config"]
     if folder is None:
         return
     if config is not None and (folder / "experiment.yaml").resolve() == config.resolve():
         raise refusal("--out", f"would overwrite {config}; choose another folder")
     experiments.prepare(folder)
-    if not options["force"] and experiments.is_another(experiment, folder):
+    if not force and experiments.is_another(experiment, folder):
         raise refusal("--out", f"{folder} holds another experiment; choose another folder, or add --force")
 
 

@@ -15,6 +15,7 @@ from commands import Answer
 
 from armgpi import robots
 from armgpi.cli import experiment as experiment_command
+from armgpi.cli.options import Asked, Run
 
 Cli = Callable[..., Answer]
 
@@ -157,11 +158,12 @@ def test_what_an_arm_that_cannot_be_certified_is_told_leads_to_a_certificate(
 def test_options_are_to_be_added_to_the_next_commands_where_some_were_given(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    options: dict[str, Any] = {"config": None, "robot": "ur5", "report": "report.html"}
+    options = Run(report=Path("report.html"))
+    asked = Asked(robot="ur5", controllers=None, declared=[], options=options)
     experiment: Any = SimpleNamespace(config=None)
     for more, added in (([], ""), (["--report=x"], "; add your options")):
         monkeypatch.setattr(sys, "argv", ["armgpi", "run", "ur5", *more])
-        lines = experiment_command._next_commands(options, False, experiment).splitlines()
+        lines = experiment_command._next_commands(asked, options, False, experiment).splitlines()
         assert lines[0] == "Next:"
         assert lines[1].strip() == f"armgpi compare ur5   other controllers on the same arm{added}"
         assert lines[2].split() == [

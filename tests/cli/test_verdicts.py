@@ -21,6 +21,7 @@ from armgpi.certification import check_certificate
 from armgpi.certification.certificate import seal
 from armgpi.cli import inspect
 from armgpi.cli.arms import resolved, unjudged_drives
+from armgpi.cli.options import Arm
 from armgpi.errors import RolloutError
 from armgpi.identification.text import judge_arm
 from armgpi.studies.study import Identity, Study
@@ -195,7 +196,7 @@ def test_friction_that_a_urdf_contains_is_judged_or_named(tmp_path: Path) -> Non
     file = tmp_path / "rubs.urdf"
     rubbing = source.read_text().replace("</joint>", '<dynamics damping="0.2" friction="0.1"/></joint>')
     file.write_text(rubbing)
-    how = dict.fromkeys(("lock", "keep", "mimic", "repair", "effort", "rotor_inertia", "drives"))
+    how = Arm()
     known = resolved(str(file), how)
     assert unjudged_drives(known, friction_is_judged=False) == ["joint friction (--friction includes it)"]
     assert unjudged_drives(known, friction_is_judged=True) == []
