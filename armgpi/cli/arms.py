@@ -67,7 +67,7 @@ def resolved(
         encoder_side: of all joints, "motor" or "link"; None where it was not typed.
     """
     from armgpi import config as configuration
-    from armgpi.config import building
+    from armgpi.config import arms
     from armgpi.robot import robots
 
     if is_experiment(robot):
@@ -81,7 +81,7 @@ def resolved(
     data["robot"] = {**data["robot"], **opt.robot_given(how)}
     if encoder_side is not None:
         data["plant"] = {**data.get("plant", {}), "encoder_side": encoder_side}
-    return building.resolve(configuration.check(data, origin), origin, loaded)
+    return arms.resolve(configuration.check(data, origin), origin, loaded)
 
 
 def possible_arms(file: Path | None, arm: Any) -> dict[str, list[Any]]:
@@ -109,7 +109,7 @@ def unjudged_drives(known: tuple[ExperimentConfig, Any], friction_is_judged: boo
         known: what `armgpi run` resolves, as :func:`armgpi.cli.arms.resolved` returns it.
         friction_is_judged: whether friction is among what disturbs.
     """
-    from armgpi.config.building import has_friction
+    from armgpi.config.plants import has_friction
 
     config, arm = known
 

@@ -85,7 +85,7 @@ def bound(
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.certification.path import bound_path
     from armgpi.certification.stopping import bound_stop
-    from armgpi.config.building import has_friction
+    from armgpi.config.plants import has_friction
     from armgpi.plants.plant import inside
 
     _refuse_bad_options(report, friction_within)

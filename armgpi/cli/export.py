@@ -237,13 +237,13 @@ def _experiment(asked: opt.Asked, target: str) -> Experiment:
 def _with_side(given: Loaded, target: str, asked: opt.Asked) -> Loaded:
     """Return an experiment with the side that the target's positions are of, where none was specified."""
     from armgpi.cli.settings import settings
-    from armgpi.config import building
+    from armgpi.config import arms
     from armgpi.hardware.export.interfaces import COMPENSATING
 
     interface = COMPENSATING.get(target)
     if interface is None or not interface.positions:
         return given
-    resolved, robot = building.resolve(*given)
+    resolved, robot = arms.resolve(*given)
     specified = robot.drives.value("encoder_side").tolist()
     sides = interface.sides(specified)
     if len(sides) > 1:  # the export refuses them, and names the joints

@@ -90,7 +90,7 @@ def sweep(
 def _read(file: Path) -> Loaded:
     """Return an experiment file, or one that draws arms from the folder of an identified arm."""
     from armgpi.config import Loaded, Origin, check, read
-    from armgpi.config.building import IDENTIFICATION
+    from armgpi.config.arms import IDENTIFICATION
     from armgpi.robot.robots import find_identified
 
     if find_identified(file) is None:

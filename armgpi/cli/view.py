@@ -207,13 +207,13 @@ def _arm(name: str, result: xr.Dataset) -> Robot:
 def _world(files: list[Path]) -> str:
     """Return what was simulated of a single rollout; empty where its experiment is not beside it."""
     from armgpi import config
-    from armgpi.config import building, world
+    from armgpi.config import arms, world
 
     beside = files[0].parent / "experiment.yaml"
     if len(files) > 1 or not beside.is_file():
         return ""
     try:
-        return world.describe(*building.resolve(*config.read(beside)), every=True)
+        return world.describe(*arms.resolve(*config.read(beside)), every=True)
     except ArmgpiError:  # its arm, say, is not there any more; the page says so itself
         return ""
 

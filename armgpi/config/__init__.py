@@ -4,10 +4,11 @@ Takes YAML.
 Gives an :class:`Experiment`, or an error that names file, line and key.
 
 ``schema.py`` says what it may contain, ``reading.py`` reads and checks it, ``building.py`` makes the
-objects.
+objects: each from its section, by ``arms.py``, ``plants.py``, ``controllers.py`` and ``references.py``.
 """
 
-from armgpi.config.building import Experiment, build, controller, robot, told_context
+from armgpi.config.building import Experiment, build, robot
+from armgpi.config.controllers import controller, told_context
 from armgpi.config.reading import Loaded, Origin, check, dump, parse, read, standard_law
 from armgpi.config.schema import ExperimentConfig
 

@@ -15,7 +15,7 @@ import numpy as np
 from armgpi.base import files
 from armgpi.base.escape import json_data
 from armgpi.config import Experiment, ExperimentConfig, dump
-from armgpi.config.building import expand
+from armgpi.config.arms import expand
 from armgpi.config.reading import with_nominals
 from armgpi.config.schema import REFERENCE_FILES
 from armgpi.errors import RolloutError

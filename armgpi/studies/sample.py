@@ -15,7 +15,8 @@ import numpy as np
 from armgpi.base.arrays import Array
 from armgpi.base.parameter import parameters
 from armgpi.config import Experiment, ExperimentConfig, Origin, build, check, keys, read
-from armgpi.config.building import IDENTIFICATION, real_arm
+from armgpi.config.arms import IDENTIFICATION
+from armgpi.config.plants import real_arm
 from armgpi.config.section import Section
 from armgpi.errors import ArmgpiWarning, BackendError, ConfigError, NameNotFound, ParameterError
 from armgpi.health.reality import alike, in_rows, prepare_draws

@@ -13,7 +13,7 @@ import numpy as np
 from armgpi import config
 from armgpi.base.parameter import parameters
 from armgpi.config import Experiment, ExperimentConfig, Origin
-from armgpi.config.building import expand
+from armgpi.config.arms import expand
 from armgpi.config.reading import beside, check_section, read_data
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ConfigError, NameNotFound, ParameterError, require_extra
 from armgpi.loop import metrics

@@ -14,7 +14,7 @@ from commands import Answer
 
 from armgpi import Robot, config, robots
 from armgpi.cli import pictures
-from armgpi.config import building
+from armgpi.config import building, references
 from armgpi.identification import arm as identification
 from armgpi.identification import writing
 from armgpi.plants.plant import inside
@@ -143,7 +143,7 @@ def test_eleven_commands_have_the_same_arm_line_and_move(
         moves.append(str([np.round([*map(np.ravel, points)], 12).tolist(), durations, holds]))
         return Waypoints(points, durations, holds)
 
-    monkeypatch.setattr(building, "Waypoints", record)
+    monkeypatch.setattr(references, "Waypoints", record)
     said, moved = {}, {}
     for command, robot in named(kind, arm, cli).items():
         moves.clear()

@@ -22,7 +22,7 @@ from commands import Answer
 
 import armgpi
 from armgpi import config
-from armgpi.config import building
+from armgpi.config import arms
 from armgpi.config.experiment import portable
 from armgpi.control.linear_arm import gravity_stiffness
 from armgpi.errors import ArmgpiError, ParameterError, UnfitLog
@@ -1505,7 +1505,7 @@ def test_a_motion_without_drives_uses_no_published_ones(cli: Callable[..., Answe
     experiment = (tmp_path / "without" / "experiment.yaml").read_text(encoding="utf-8")
     assert "drives: none" in experiment
     assert "rotor_inertia" not in experiment
-    _, arm_there = building.resolve(*config.read(tmp_path / "without" / "experiment.yaml"))
+    _, arm_there = arms.resolve(*config.read(tmp_path / "without" / "experiment.yaml"))
     assert not arm_there.armature.any()
 
 
