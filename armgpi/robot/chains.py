@@ -56,28 +56,41 @@ def find(urdf: Urdf, locked: Collection[str] = ()) -> tuple[Chain, ...]:
 
 def of_arms(urdf: Urdf, locked: Collection[str], fingers: Collection[str]) -> tuple[Chain, ...]:
     """Return the chains as :func:`find`, where it is known which joints are fingers."""
-    moving = [
-        j for j in urdf.joints.values() if j.moves and j.mimic is None and j.name not in {*locked, *fingers}
-    ]
-    carried = {joint.child: joint for joint in urdf.joints.values()}
-    names = {joint.name for joint in moving}
+    still = {*locked, *fingers}
+    independent = [joint for joint in urdf.joints.values() if joint.moves and joint.mimic is None]
+    moving = [joint for joint in independent if joint.name not in still]
+    carrying = {joint.child: joint for joint in urdf.joints.values()}  # link -> the joint that carries it
+    moving_names = {joint.name for joint in moving}
 
-    def above(link: str) -> str | None:
-        """Return the moving joint that carries a link."""
-        while link in carried and carried[link].name not in names:
-            link = carried[link].parent
-        return carried[link].name if link in carried else None
+    def moving_joint_above(link: str) -> str | None:
+        """Return the moving joint that carries a link; None for what stands still on the base."""
+        while link in carrying:
+            joint = carrying[link]
+            if joint.name in moving_names:
+                return joint.name
+            link = joint.parent
+        return None
 
-    parents = {joint.name: above(joint.parent) for joint in moving}
-    branches = Counter(parents.values())
-    found = []
-    for end in (joint for joint in moving if not branches[joint.name]):
+    parents = {joint.name: moving_joint_above(joint.parent) for joint in moving}
+    children = Counter(parents.values())  # how many joints each carries
+    named: list[tuple[str, str, tuple[str, ...]]] = []  # what names say, last link, joints
+    for end in moving:
+        if children[end.name]:
+            continue
         joints = [end.name]
-        while (parent := parents[joints[0]]) is not None and branches[parent] == 1:
+        # Up to the base, or to a joint at which the robot branches.
+        while True:
+            parent = parents[joints[0]]
+            if parent is None or children[parent] > 1:
+                break
             joints.insert(0, parent)
-        found.append((_name(joints), end.child, tuple(joints)))
-    common = Counter(name for name, _, _ in found)
-    return tuple(Chain(name if name and common[name] == 1 else link, joints) for name, link, joints in found)
+        named.append((_name(joints), end.child, tuple(joints)))
+    counts = Counter(name for name, _, _ in named)
+    counts[""] = 0  # names that say nothing are no name
+    return tuple(
+        Chain(name if counts[name] == 1 else last_link, chain_joints)
+        for name, last_link, chain_joints in named
+    )
 
 
 def of(provenance: Mapping[str, Any]) -> tuple[Chain, ...]:
@@ -86,13 +99,23 @@ def of(provenance: Mapping[str, Any]) -> tuple[Chain, ...]:
 
 
 def expand(urdf: Urdf, keep: Sequence[str] | None) -> Sequence[str] | None:
-    """Return names of joints to keep, those of chains replaced by their joints' names; all else as it is."""
+    """Return names of joints to keep, those of chains replaced by their joints' names; all else as it is.
+
+    A joint that has the name of a chain counts as the joint. What is no list of texts, or names neither, is
+    left to whoever checks it.
+    """
     if not isinstance(keep, list | tuple) or not all(isinstance(name, str) for name in keep):
         return keep
     if all(name in urdf.joints for name in keep):
         return keep
-    joints = {chain.name: chain.joints for chain in find(urdf)} | {name: (name,) for name in urdf.joints}
-    return [joint for name in keep for joint in joints.get(name, (name,))]
+    joints_of = {chain.name: chain.joints for chain in find(urdf)}
+    expanded: list[str] = []
+    for name in keep:
+        if name in urdf.joints:
+            expanded.append(name)
+        else:
+            expanded += joints_of.get(name, (name,))
+    return expanded
 
 
 def describe(chains: Sequence[Chain]) -> str:
@@ -107,13 +130,23 @@ def first_arm(chains: Sequence[Chain]) -> Chain:
 
 
 def _name(joints: Sequence[str]) -> str:
-    """Return what the names of joints say that they are together."""
+    """Return what the names of joints say that they are together: side and kind, such as "left_arm".
+
+    The kind is that of most joints whose names say one, the side one that the names of all have. Empty where
+    no name says a kind.
+    """
+    # leftShoulder-pitch2 -> left_shoulder_pitch_
     words = [re.sub(r"(?<=[a-z])(?=[A-Z])|[^A-Za-z]+", "_", joint).lower() for joint in joints]
-    kinds = Counter(
-        next((kind for kind, pattern in _KINDS.items() if re.search(pattern, word)), "") for word in words
-    )
-    del kinds[""]
+    kinds: Counter[str] = Counter()
+    for word in words:
+        for kind, pattern in _KINDS.items():
+            if re.search(pattern, word):
+                kinds[kind] += 1
+                break
     if not kinds:
         return ""
-    sides = (side for side, pattern in _SIDES.items() if all(re.search(pattern, word) for word in words))
-    return "_".join(filter(None, (next(sides, ""), kinds.most_common(1)[0][0])))
+    ((kind, _),) = kinds.most_common(1)
+    for side, pattern in _SIDES.items():
+        if all(re.search(pattern, word) for word in words):
+            return f"{side}_{kind}"
+    return kind

@@ -18,8 +18,12 @@ from armgpi.robot.urdf import Urdf
 _ARM = 2
 #: A finger has at most so many joints one after the other, and fewer than the arm before it.
 _FINGER = 8
-#: A single sliding joint is a finger behind so many joints, with at most so much travel [m].
-_SLIDE_BEHIND, _SLIDE_TRAVEL = 4, 0.1
+#: A single sliding joint is a finger behind so many joints.
+_SLIDE_BEHIND = 4
+#: A single sliding joint is a finger with at most so much travel [m].
+_SLIDE_TRAVEL = 0.1
+#: A single turning joint is a finger with less travel than this [rad], which no wrist has.
+_TURN_TRAVEL = 3.2
 _NAMES = re.compile(r"grip|finger|jaw|claw|thumb|knuckle|pincer|hand(?!le)|pinch", re.IGNORECASE)
 #: What names a joint of the arm itself, also where it carries a gripper.
 _ARM_NAMES = re.compile(r"yaw|pitch|roll|wrist|shoulder|elbow|arm", re.IGNORECASE)
@@ -78,18 +82,24 @@ def find(urdf: Urdf, locked: Collection[str] = ()) -> tuple[Gripper, ...]:
         locked: names of joints that do not move.
     """
     nodes = _tree(urdf, locked)
-    reasons: dict[str, tuple[str, str]] = {}  # joint -> (joint before the gripper, why)
-    alone = ((node, reason) for node in nodes.values() if (reason := _single(node)) is not None)
-    for top, reason in (*_branches(nodes), *_mimic_groups(nodes), *alone):
+    tops = [*_branches(nodes), *_mimic_groups(nodes)]  # first joints of grippers, and why they are
+    for node in nodes.values():
+        reason = _single(node)
+        if reason is not None:
+            tops.append((node, reason))
+    belongs: dict[str, tuple[str, str]] = {}  # joint -> joint before its gripper, and why it is one
+    for top, reason in tops:
         if top.parent is not None:
             for node in top.below():
-                reasons.setdefault(node.joint.name, (top.parent.joint.name, reason))
-    grippers: dict[str, tuple[list[str], str]] = {}
+                belongs.setdefault(node.joint.name, (top.parent.joint.name, reason))
+    joints_after: dict[str, list[str]] = {}
+    reasons: dict[str, str] = {}
     for name in urdf.joints:
-        if name in reasons:
-            after, reason = reasons[name]
-            grippers.setdefault(after, ([], reason))[0].append(name)
-    return tuple(Gripper(tuple(joints), after, why) for after, (joints, why) in grippers.items())
+        if name in belongs:
+            after, reason = belongs[name]
+            joints_after.setdefault(after, []).append(name)
+            reasons.setdefault(after, reason)
+    return tuple(Gripper(tuple(joints), after, reasons[after]) for after, joints in joints_after.items())
 
 
 def moving(robot: Any) -> list[str]:
@@ -131,34 +141,48 @@ def _mimic_groups(nodes: dict[str, _Node]) -> Iterator[tuple[_Node, str]]:
     for node in nodes.values():
         if node.joint.mimic is not None:
             groups.setdefault(node.joint.mimic, []).append(node)
-    for leader, members in groups.items():
-        group = [*([nodes[leader]] if leader in nodes else []), *members]
+    for leader, followers in groups.items():
+        leader_moves = leader in nodes
+        group = [nodes[leader], *followers] if leader_moves else followers
         names = {node.joint.name for node in group}
         tops = [node for node in group if names.isdisjoint(node.above)]
-        mimics = all(
-            under.joint.name in names or under.joint.mimic is not None
-            for top in tops
-            for under in top.below()
-        )
+        is_behind_an_arm = min(len(node.above) for node in tops) >= _ARM
         # One after the other they may as well be an arm whose joints are coupled.
-        behind = min(len(node.above) for node in tops) >= _ARM
-        if mimics and behind and (len(tops) > 1 or leader not in nodes):
-            yield from ((top, "they move together as mimic joints") for top in tops)
+        is_branched = len(tops) > 1 or not leader_moves
+        if is_behind_an_arm and is_branched and all(_only_mimics(top, names) for top in tops):
+            for top in tops:
+                yield top, "they move together as mimic joints"
+
+
+def _only_mimics(top: _Node, group: Collection[str]) -> bool:
+    """Tell whether a joint and all that hangs on it are of a group of joints, or mimic another joint."""
+    return all(node.joint.name in group or node.joint.mimic is not None for node in top.below())
 
 
 def _single(node: _Node) -> str | None:
     """Return why a joint alone, with what hangs on it, is a gripper; None when it is not one."""
-    if len(node.above) < _ARM or node.height() > _FINGER or (node.parent and len(node.parent.children) > 1):
+    has_siblings = node.parent is not None and len(node.parent.children) > 1
+    if len(node.above) < _ARM or node.height() > _FINGER or has_siblings:
         return None
-    joint, ends = node.joint, not node.children
-    named = _NAMES.search(f"{joint.name} {joint.child}") and not _ARM_NAMES.search(joint.name)
+    joint = node.joint
+    is_named_so = _NAMES.search(f"{joint.name} {joint.child}") and not _ARM_NAMES.search(joint.name)
     # Where the joints before it have such names too, the whole robot is a finger.
-    if named and not any(map(_NAMES.search, node.above)):
+    if is_named_so and not any(map(_NAMES.search, node.above)):
         return "they are named like one" if node.children else "it is named like one"
+    if node.children:
+        return None
+    return _by_its_motion(node)
+
+
+def _by_its_motion(node: _Node) -> str | None:
+    """Return why the last joint of an arm is a gripper by how it moves; None when it is not one."""
+    joint = node.joint
     travel = joint.upper - joint.lower
-    if ends and joint.type == "prismatic" and len(node.above) >= _SLIDE_BEHIND and travel <= _SLIDE_TRAVEL:
+    is_far_out = len(node.above) >= _SLIDE_BEHIND
+    if joint.type == "prismatic" and is_far_out and travel <= _SLIDE_TRAVEL:
         return f"it slides by {travel:g} m at the end"
-    turns = ends and joint.type == "revolute" and travel < 3.2
-    if turns and node.parent is not None and any(map(_TIPS.search, node.parent.tips)):
+    if joint.type != "revolute" or travel >= _TURN_TRAVEL or node.parent is None:
+        return None
+    if any(map(_TIPS.search, node.parent.tips)):
         return "it closes next to the frame of a tool"
     return None

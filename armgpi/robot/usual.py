@@ -14,29 +14,43 @@ from armgpi.robot.collisions import shape_files
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 
-#: How far every joint moves [rad or m], and the share of its range beyond the start that it may use.
-_MOVE, _SHARE_OF_RANGE = 0.5, 0.5
-#: Parts of the move that are tried, in this order.
+#: How far every joint moves [rad or m].
+_MOVE = 0.5
+#: Share of a joint's range beyond the start that the move may use [-].
+_SHARE_OF_RANGE = 0.5
+#: Parts of the move that are tried, in this order [-].
 _SCALES = (1.0, -1.0, 0.5, -0.5, 0.25, -0.25, 0.125, -0.125)
-#: Share of a joint's effort that holding the arm may take on the way.
+#: Share of a joint's effort that holding the arm may take on the way [-].
 _HOLDING_SHARE = 0.9
+#: What counts as rounding, as a share [-].
 _ROUNDING = 1e-9
-#: Least conditioning on the way from the middle of the joint ranges, and of starts that replace it: smallest
-#: singular value of the Jacobian over its median at random configurations.
-_CONDITIONING, _WANTED_CONDITIONING = 0.25, 0.5
-#: Height of the centre of mass from which a configuration is upright: share of its range.
+#: Least conditioning on the way from the middle of the joint ranges [-]: smallest singular value of the
+#: Jacobian over its median at random configurations.
+_CONDITIONING = 0.25
+#: The same of starts that replace the middle [-].
+_WANTED_CONDITIONING = 0.5
+#: Height of the centre of mass from which a configuration is upright, as a share of its range [-].
 _UPRIGHT = 0.95
-#: Configurations by which conditioning and height are scaled; other starts that are tried.
-_SAMPLES, _TRIED = 256, 256
-#: Configurations on a way for the first choice of starts, and for the last check.
-_COARSE, _FINE = 5, 21
-#: Farthest that a joint starts from the middle of its range [rad]; share of the range; and of a slide without
-#: limits [m].
-_FARTHEST, _RANGE, _SLIDE = 0.5 * math.pi, 0.4, 0.5
+#: Number of configurations by which conditioning and height are scaled.
+_SAMPLES = 256
+#: Number of other starts that are tried.
+_TRIED = 256
+#: Number of configurations on a way for the first choice of starts.
+_COARSE = 5
+#: The same for the last check.
+_FINE = 21
+#: Farthest that a turning joint starts from the middle of its range [rad].
+_FARTHEST = 0.5 * math.pi
+#: The same as a share of the joint's range [-].
+_RANGE = 0.4
+#: The same of a slide without limits [m].
+_SLIDE = 0.5
 #: Starts are rounded to this [rad or m].
 _GRID = 0.1
-#: Most ways that are compared with the collision shapes, and most bytes of meshes that are read for it.
-_COMPARED, _MOST_BYTES = 100, 10_000_000
+#: Most ways that are compared with the collision shapes.
+_COMPARED = 100
+#: Size of meshes up to which they are compared [B].
+_MOST_BYTES = 10_000_000
 #: Singular values below this share of the largest are 0 in every configuration: a direction without motion.
 _SINGULAR = 1e-6
 #: Joints from which a tool can have any orientation.
@@ -103,12 +117,14 @@ class _Judge:
 
         It is the smaller one of those of the tool's position, and from six joints on of its pose.
         """
-        found = np.full(len(q), math.inf)
+        smallest = np.full(len(q), math.inf)
         for values, median in zip(self._singular_values(q), self._medians, strict=True):
-            rank = int((median > _SINGULAR * max(float(median.max()), _SINGULAR)).sum())
+            largest = max(float(median.max()), _SINGULAR)
+            rank = int((median > _SINGULAR * largest).sum())
             if rank:
-                found = np.minimum(found, values[:, rank - 1] / median[rank - 1])
-        return found
+                last = rank - 1  # the smallest of a direction that moves; they come in falling order
+                smallest = np.minimum(smallest, values[:, last] / median[last])
+        return smallest
 
     def height(self, q: Array) -> Array:
         """Return the height of the centre of mass as a share of its range, (k,); 0 without gravity."""
@@ -157,15 +173,15 @@ def _search(
     robot: Robot, judge: _Judge, starts: Array, least: float, clearance: Clearance | None
 ) -> Ends | None:
     """Return a move from the first start that is as wanted; None where there is none."""
-    signs = np.array([1.0, -1.0])
-    ways = np.array([_way(start, _goal(robot, start, sign), _COARSE) for start in starts for sign in signs])
-    good = judge.holds(ways, least, _HOLDING_SHARE)
-    for index in np.flatnonzero(good)[:_COMPARED]:
-        start, sign = starts[index // 2], signs[index % 2]
-        for each in (_plainer(robot, judge, start, sign, least), start):
-            ends = Ends(each, _goal(robot, each, sign))
-            held = judge.holds(_way(*ends, _FINE)[None], least, _HOLDING_SHARE)[0]
-            if held and _is_clear(clearance, ends):
+    tried = [(start, sign) for start in starts for sign in (1.0, -1.0)]
+    ways = np.array([_way(start, _goal(robot, start, sign), _COARSE) for start, sign in tried])
+    holds = judge.holds(ways, least, _HOLDING_SHARE)
+    for index in np.flatnonzero(holds)[:_COMPARED]:
+        start, sign = tried[index]
+        for candidate in (_plainer(robot, judge, start, sign, least), start):
+            ends = Ends(candidate, _goal(robot, candidate, sign))
+            whole_way = _way(*ends, _FINE)
+            if judge.holds(whole_way[None], least, _HOLDING_SHARE)[0] and _is_clear(clearance, ends):
                 return ends
     return None
 
@@ -176,21 +192,29 @@ def _plainer(robot: Robot, judge: _Judge, start: Array, sign: float, least: floa
     for joint in range(robot.n):
         tried = plain.copy()
         tried[joint] = middle[joint]
-        if judge.holds(_way(tried, _goal(robot, tried, sign), _COARSE)[None], least, _HOLDING_SHARE)[0]:
+        way = _way(tried, _goal(robot, tried, sign), _COARSE)
+        if judge.holds(way[None], least, _HOLDING_SHARE)[0]:
             plain = tried
     return plain
 
 
 def _other_starts(robot: Robot) -> Array:
     """Return configurations around the middle of the joint ranges, the nearest first, shape (k, n)."""
-    middle, (lower, upper) = robot.middle(), robot.limits[:2]
-    bounded = np.isfinite(upper - lower)
-    width = np.where(bounded, _RANGE * np.where(bounded, upper - lower, 0.0), math.inf)
-    most = np.where(robot.prismatic, np.where(bounded, width, _SLIDE), np.minimum(width, _FARTHEST))
+    middle = robot.middle()
+    lower, upper = robot.limits.lower, robot.limits.upper
+    is_bounded = np.isfinite(upper - lower)
+    width = np.where(is_bounded, upper - lower, 0.0)
+    share = np.where(is_bounded, _RANGE * width, math.inf)
+    # How far from the middle a joint may start.
+    of_slides = np.where(is_bounded, share, _SLIDE)
+    of_turns = np.minimum(share, _FARTHEST)
+    farthest = np.where(robot.prismatic, of_slides, of_turns)
     parts = np.random.default_rng(0).uniform(-1.0, 1.0, (_TRIED, robot.n))
-    starts = np.clip(np.round((middle + parts * most) / _GRID) * _GRID, lower, upper)
-    starts = np.where(most < _GRID, middle, starts)
-    return np.asarray(starts[np.argsort(np.linalg.norm(parts, axis=-1), kind="stable")])
+    rounded = np.round((middle + parts * farthest) / _GRID) * _GRID
+    starts = np.clip(rounded, lower, upper)
+    starts = np.where(farthest < _GRID, middle, starts)  # of a short range there is the middle alone
+    nearest_first = np.argsort(np.linalg.norm(parts, axis=-1), kind="stable")
+    return np.asarray(starts[nearest_first])
 
 
 def _goal(robot: Robot, start: Array, scale: float) -> Array:
