@@ -40,7 +40,7 @@ def load_robot(robot: str, lock: list[str] | None, keep: list[str] | None) -> Ro
     return Robot.load(robot, lock=locked, keep=None if keep is None else split(keep))
 
 
-def load_arm(name: str, how: opt.Loading) -> Any:
+def load_arm(name: str, how: opt.Loading) -> Robot:
     """Return the robot with what its joints have; that of an experiment file where the name is one's."""
     from armgpi import config
 
@@ -56,8 +56,8 @@ def load_arm(name: str, how: opt.Loading) -> Any:
 
 
 def resolved(
-    robot: str, how: opt.Loading, loaded: Any = None, encoder_side: str | None = None
-) -> tuple[ExperimentConfig, Any]:
+    robot: str, how: opt.Loading, loaded: Robot | None = None, encoder_side: str | None = None
+) -> tuple[ExperimentConfig, Robot]:
     """Return what `armgpi run` resolves for a robot or an experiment file, and its arm.
 
     Args:
@@ -84,7 +84,7 @@ def resolved(
     return arms.resolve(configuration.check(data, origin), origin, loaded)
 
 
-def possible_arms(file: Path | None, arm: Any) -> dict[str, list[Any]]:
+def possible_arms(file: Path | None, arm: Robot) -> dict[str, list[Robot]]:
     """Return `arms` and `others` that an identification leaves possible; none of either without one."""
     if file is None:
         return {"arms": [], "others": []}
@@ -100,7 +100,7 @@ def possible_arms(file: Path | None, arm: Any) -> dict[str, list[Any]]:
     return {"arms": drawn[:_DRAWN], "others": drawn[_DRAWN:]}
 
 
-def unjudged_drives(known: tuple[ExperimentConfig, Any], friction_is_judged: bool) -> list[str]:
+def unjudged_drives(known: tuple[ExperimentConfig, Robot], friction_is_judged: bool) -> list[str]:
     """Return what the user supplied of the drives and that a certificate or bound of a stiff arm leaves out.
 
     What is assumed, or published, of an arm is no such thing: nobody asked for it.
@@ -128,7 +128,7 @@ def unjudged_drives(known: tuple[ExperimentConfig, Any], friction_is_judged: boo
     return found
 
 
-def note_world(config: ExperimentConfig, arm: Any, judged: str = "") -> None:
+def note_world(config: ExperimentConfig, arm: Robot, judged: str = "") -> None:
     """Say what a command judges in the place of the arm and controller of `armgpi run`, and which these are.
 
     Args:
@@ -217,7 +217,7 @@ def note_differences(experiment: Experiment) -> None:
             return
 
 
-def note_assumed(arm: Any, as_json: bool, certified: str = "") -> None:
+def note_assumed(arm: Robot, as_json: bool, certified: str = "") -> None:
     """Refuse an arm with assumed rotors, and say of a file without them what a certificate is worth.
 
     Args:
@@ -270,7 +270,7 @@ def note_gears(law: Any, delay: int) -> str:
     )
 
 
-def joint_numbers(arm: Any, text: str, option: str) -> Any:
+def joint_numbers(arm: Robot, text: str, option: str) -> Any:
     """Return one number or one for each joint."""
     value = per_joint(text, option)
     if isinstance(value, dict):
@@ -295,7 +295,7 @@ def load_ends(text: str | None) -> tuple[float, float] | None:
     return light, heavy
 
 
-def note_published(arm: Any) -> None:
+def note_published(arm: Robot) -> None:
     """Say which published numbers of an arm's drives are used where its file contains none, with the source.
 
     Args:

@@ -28,6 +28,7 @@ from armgpi.cli.written import write
 
 if TYPE_CHECKING:
     from armgpi.certification.path import PathBound
+    from armgpi.config import Experiment, ExperimentConfig
     from armgpi.robot.robot import Robot
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
@@ -87,6 +88,7 @@ def bound(
     from armgpi.certification.stopping import bound_stop
     from armgpi.config.plants import has_friction
     from armgpi.plants.plant import inside
+    from armgpi.robot.batch import one_of
 
     _refuse_bad_options(report, friction_within)
     output = _Output(report, out, as_json, allow_part)
@@ -98,11 +100,12 @@ def bound(
         sys.exit(_bound_force(experiment, loads, friction_within, tool_speed, useless, output))
     drawn = possible_arms(identified, experiment.robot)
     rubs = friction or friction_within is not None or has_friction(settings)
+    law: Any = next(iter(experiment.controllers.values()))  # what is no GPI is refused there
     found = bound_path(
-        next(iter(experiment.controllers.values())),
+        law,
         experiment.reference,
         experiment.t_final,
-        arms=_arms(drawn["arms"] or [inside(experiment.plant).robot], loads, friction_within),
+        arms=_arms(drawn["arms"] or [one_of(inside(experiment.plant).robot)], loads, friction_within),
         others=_arms(drawn["others"], loads, friction_within),
         torque=joint_numbers(experiment.robot, torque, "--torque"),
         force=force,
@@ -126,7 +129,7 @@ def bound(
 
 
 def _write_bound(
-    found: PathBound, data: Any, notes: list[str], verdict: Verdict, experiment: Any, output: _Output
+    found: PathBound, data: Any, notes: list[str], verdict: Verdict, experiment: Experiment, output: _Output
 ) -> None:
     """Write and print the bound of an error.
 
@@ -214,13 +217,13 @@ def _instead(law: Any) -> str:
     return f": {reason}{limited}"
 
 
-def _has_force_limit(experiment: Any) -> bool:
+def _has_force_limit(experiment: Experiment) -> bool:
     """Tell whether the controller has a force limit, so that the force has a bound and the error has none."""
     return getattr(next(iter(experiment.controllers.values())), "force_limit", None) is not None
 
 
 def _bound_force(
-    experiment: Any,
+    experiment: Experiment,
     loads: tuple[float, float] | None,
     within: float | None,
     speed: float | None,
@@ -250,7 +253,7 @@ def _bound_force(
 
 
 def _judge_force(
-    experiment: Any,
+    experiment: Experiment,
     loads: tuple[float, float] | None,
     within: float | None,
     speed: float | None,
@@ -267,7 +270,7 @@ def _judge_force(
 
     if speed is not None and not 0.0 < speed < np.inf:
         raise refusal("--tool-speed", f"expected a positive speed [m/s], got {speed:g}")
-    law = next(iter(experiment.controllers.values()))
+    law: Any = next(iter(experiment.controllers.values()))  # with a force limit
     configurations = experiment.reference.at(np.linspace(0.0, experiment.t_final, _PLACES)).q
     given: dict[str, Any] = {"configurations": configurations, "speed": speed}
     known = law.robot.friction.coulomb
@@ -301,7 +304,7 @@ def _refuse_bad_options(report: Path | None, friction_within: float | None) -> N
 
 def _read(
     robot: str, rotor_inertia: list[str] | None, drives: Path | None, controller: str | None, as_json: bool
-) -> tuple[Any, Any]:
+) -> tuple[Experiment, tuple[ExperimentConfig, Robot]]:
     """Return the experiment that a bound is of, and what is run; say which arms these are."""
     from armgpi.config import world
 
@@ -314,7 +317,7 @@ def _read(
     return experiment, known
 
 
-def _experiment(name: str, drives: dict[str, Any], controller: str | None, known: Robot) -> Any:
+def _experiment(name: str, drives: dict[str, Any], controller: str | None, known: Robot) -> Experiment:
     """Return an experiment that a bound can be of.
 
     Args:
@@ -387,7 +390,7 @@ def _default_reference(robot: Robot) -> dict[str, Any]:
     return {"points": points, "durations": [duration, duration], "holds": HOLD}
 
 
-def _arms(arms: list[Any], loads: tuple[float, float] | None, within: float | None) -> list[Any]:
+def _arms(arms: list[Robot], loads: tuple[float, float] | None, within: float | None) -> list[Robot]:
     """Return what the true arm may be: each of some arms, with loads and friction of their ranges."""
     from armgpi.certification.path import with_loads
 
@@ -399,7 +402,7 @@ def _arms(arms: list[Any], loads: tuple[float, float] | None, within: float | No
     return arms
 
 
-def _page(found: Any, experiment: Any, notes: list[str], verdict: Verdict) -> str:
+def _page(found: PathBound, experiment: Experiment, notes: list[str], verdict: Verdict) -> str:
     """Return the page of a bound and of what is said beside it, with a run of its experiment."""
     from armgpi.certification.path_page import write_page
     from armgpi.loop.simulation import simulate
@@ -409,10 +412,11 @@ def _page(found: Any, experiment: Any, notes: list[str], verdict: Verdict) -> st
     return write_page(found, run, notes, verdict)
 
 
-def _gears(found: Any) -> list[str]:
+def _gears(found: PathBound) -> list[str]:
     """Return what gears do beside a bound: their resonance, and how far the tool sinks by their stiffness."""
     from armgpi.plants.elastic import sag
     from armgpi.robot import rotors
+    from armgpi.robot.batch import one_of
     from armgpi.tuning import geared
 
     law = found.wish.controller
@@ -421,7 +425,7 @@ def _gears(found: Any) -> list[str]:
             "This controller is slow, because elastic joints are assumed. If the joints are "
             "stiff, use --drives stiff."
         )
-        return [slow] if geared.is_assumed(law.bias_robot) else []
+        return [slow] if geared.is_assumed(one_of(law.bias_robot)) else []
     arm = rotors.assume_drives(found.wish.arms[0], "elastic")
     line, source = sag(arm), "assumed" if geared.is_assumed(arm) else "specified"
     return [note_gears(law, found.wish.delay), line and f"{line} (stiffness {source})"]

@@ -32,6 +32,7 @@ from armgpi.errors import require_extra
 if TYPE_CHECKING:
     from armgpi.certification.certificate import Certificate
     from armgpi.config import ExperimentConfig
+    from armgpi.robot.robot import Robot
 
 #: Controllers that no proof covers, and why; see docs/compliance.md.
 _COMPLIANT = ("cartesian_impedance", "joint_impedance")
@@ -158,7 +159,7 @@ def _check_means(refute: Path | None, report: Path | None) -> None:
 
 
 def _note_judged(
-    known: tuple[ExperimentConfig, Any], arm: Any, loop: tuple[int, int | None, bool, str], as_json: bool
+    known: tuple[ExperimentConfig, Robot], arm: Robot, loop: tuple[int, int | None, bool, str], as_json: bool
 ) -> None:
     """Say which arm and controller a certificate is for, in the words of every command, and what is assumed.
 
@@ -217,7 +218,7 @@ def _left_out(robot: str, **typed: Any) -> list[str]:
 
 
 def _publish(
-    found: Certificate, arm: Any, out: Path | None, report: Path | None, as_json: bool, verdict: Verdict
+    found: Certificate, arm: Robot, out: Path | None, report: Path | None, as_json: bool, verdict: Verdict
 ) -> None:
     """Write and print a certificate with its verdict."""
     from armgpi.certification.refute import again
@@ -253,7 +254,7 @@ def _publish(
     say(said, lines=True)
 
 
-def _refute_file(file: Path | None, arm: Any) -> None:
+def _refute_file(file: Path | None, arm: Robot) -> None:
     """Say which numbers of a certificate drawn configurations exceed, and end; do nothing without one."""
     if file is None:
         return
@@ -345,7 +346,7 @@ def _gains(omega: str | None, zeta: float, pole: float | None, rate: str | None)
     return None
 
 
-def _vectors(arm: Any, **texts: str | None) -> dict[str, Any]:
+def _vectors(arm: Robot, **texts: str | None) -> dict[str, Any]:
     """Return what options give for the joints, name -> numbers, of those that were typed."""
     return {key: joint_numbers(arm, text, f"--{key}") for key, text in texts.items() if text is not None}
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from armgpi.config import ExperimentConfig
     from armgpi.health.findings import Finding
     from armgpi.health.report import HealthReport
+    from armgpi.robot.robot import Robot
 
 #: Suffixes of MuJoCo's models, which MuJoCo itself reads a second time.
 _MJCF = (".xml", ".mjcf")
@@ -127,7 +128,7 @@ def _with_push(report: HealthReport, force: float) -> HealthReport:
 
 
 def _settings(
-    robot: str, how: opt.Arm, typed: dict[str, Any], known: tuple[ExperimentConfig, Any] | None
+    robot: str, how: opt.Arm, typed: dict[str, Any], known: tuple[ExperimentConfig, Robot] | None
 ) -> dict[str, Any]:
     """Return what is known of the arm and its loop: options win over an experiment file.
 

@@ -14,6 +14,7 @@ from armgpi.cli.terminal import say
 
 if TYPE_CHECKING:
     from armgpi.loop.log import ArmLog, Replay
+    from armgpi.robot.robot import Robot
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
@@ -124,7 +125,7 @@ def _facts(there: ArmLog, played: Replay | None) -> dict[str, Any]:
     return facts
 
 
-def _estimated(there: ArmLog, robot: Any) -> Any:
+def _estimated(there: ArmLog, robot: Robot) -> Any:
     """Return a log as a rollout with the force on the tool that its torques tell."""
     from armgpi.loop.log import to_rollout
     from armgpi.loop.wrench import tool_wrench

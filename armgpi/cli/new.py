@@ -20,6 +20,7 @@ from armgpi.cli.written import write
 from armgpi.errors import ArmgpiError, ArmgpiWarning
 
 if TYPE_CHECKING:
+    from armgpi.robot.robot import Robot
     from armgpi.validation.template import Template
 
 #: Command -> the module and the package that it needs beside armgpi's own.
@@ -222,7 +223,7 @@ def _write_template(made: Template, urdf: Path, option: str, force: bool, note: 
     say(f"{urdf}, {model}: {note}fill in D, C v and G; next: armgpi validate {model} --robot {urdf}")
 
 
-def _assumed_bodies(arm: Any, how: opt.Arm) -> dict[str, str]:
+def _assumed_bodies(arm: Robot, how: opt.Arm) -> dict[str, str]:
     """Return the links whose bodies are assumed -> what is assumed; none where that was asked for."""
     from armgpi.robot.repairs import SUPPOSE
 
@@ -259,7 +260,7 @@ def _place(robot: str, out: Path | None, force: bool) -> tuple[Path, str]:
 
 
 def _file(
-    arm: Any,
+    arm: Robot,
     section: dict[str, Any],
     hands: list[str],
     answers: _Answers,
@@ -329,7 +330,7 @@ def _file(
     ]
 
 
-def _resolution(arm: Any, typed: int | None, answers: _Answers) -> tuple[int | dict[str, int], str]:
+def _resolution(arm: Robot, typed: int | None, answers: _Answers) -> tuple[int | dict[str, int], str]:
     """Return the resolution of the encoders [bits], and the note that goes behind it in the file.
 
     Where the joints' differ it is joint -> bits: one number would take the place of what is known.
@@ -348,7 +349,7 @@ def _resolution(arm: Any, typed: int | None, answers: _Answers) -> tuple[int | d
     return bits, "; published for this arm" if note and usual != BITS else note
 
 
-def _assumed_drives(arm: Any, section: dict[str, Any], blanks: list[str]) -> Any:
+def _assumed_drives(arm: Robot, section: dict[str, Any], blanks: list[str]) -> Any:
     """Return the drives with what is assumed of them; None where that depends on efforts left blank."""
     from armgpi.robot import rotors
 
@@ -385,7 +386,7 @@ def _mass_lines(massless: dict[str, str]) -> list[str]:
     ]
 
 
-def _effort_lines(arm: Any, blanks: list[str], massless: dict[str, str]) -> list[str]:
+def _effort_lines(arm: Robot, blanks: list[str], massless: dict[str, str]) -> list[str]:
     """Return the blanks of effort limits, each with the torque that holds the arm if that is known."""
     import numpy as np
 
@@ -403,7 +404,7 @@ def _effort_lines(arm: Any, blanks: list[str], massless: dict[str, str]) -> list
     ]
 
 
-def _drive_lines(arm: Any, assumed: Any) -> list[str]:
+def _drive_lines(arm: Robot, assumed: Any) -> list[str]:
     """Return what is published or assumed of the drives as keys, with intervals; nothing if all is known."""
     from armgpi.robot import rotors
     from armgpi.robot.known_arms import describe_published
@@ -438,7 +439,7 @@ def _rounded(datum: Any) -> Any:
     return {key: float(f"{x:.3g}") if isinstance(x, float) else x for key, x in ordered.items()}
 
 
-def _friction_line(arm: Any, robot_compensates: bool) -> str:
+def _friction_line(arm: Robot, robot_compensates: bool) -> str:
     """Return the key of friction, with what the URDF contains of it."""
     if robot_compensates:
         return "  friction: none  # the robot compensates gravity and friction by itself"
@@ -454,7 +455,7 @@ def _friction_line(arm: Any, robot_compensates: bool) -> str:
     )
 
 
-def _vary_lines(arm: Any, assumed: Any, load: float) -> list[str]:
+def _vary_lines(arm: Robot, assumed: Any, load: float) -> list[str]:
     """Return what a sweep draws: what is assumed of the drives, within its intervals, and the load.
 
     Args:
@@ -484,7 +485,7 @@ def _vary_lines(arm: Any, assumed: Any, load: float) -> list[str]:
     return ["vary:  # what armgpi sweep varies at random", *varied]
 
 
-def _arm(robot: str, how: opt.Arm, answers: _Answers) -> tuple[Any, opt.Arm, list[str]]:
+def _arm(robot: str, how: opt.Arm, answers: _Answers) -> tuple[Robot, opt.Arm, list[str]]:
     """Return one arm of a robot, the options that load it, and the joints of its gripper, which they lock."""
     from armgpi.robot import chains, grippers, reading, robots
 
@@ -510,7 +511,7 @@ def _arm(robot: str, how: opt.Arm, answers: _Answers) -> tuple[Any, opt.Arm, lis
     return _load(robot, how), how, hands
 
 
-def _load(robot: str, how: opt.Arm) -> Any:
+def _load(robot: str, how: opt.Arm) -> Robot:
     """Return an arm; that of a file without masses has assumed bodies, of which `how` says nothing."""
     from armgpi.robot.repairs import SUPPOSE
 

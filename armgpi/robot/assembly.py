@@ -108,19 +108,19 @@ class Assembly(NamedTuple):
             rotation = rotation @ pin.exp3(axis * value)
         return xyz.tolist(), pin.rpy.matrixToRpy(rotation).tolist()
 
-    def _placement(self, model: Any, joint: Joint, carrier: int) -> Any:
+    def _placement(self, model: pin.Model, joint: Joint, carrier: int) -> Any:
         """Return where a joint is on the moving joint that carries it."""
         xyz, rpy = self._pose(joint)
         return model.frames[carrier].placement * pin.SE3(_rotation(rpy), np.array(xyz, dtype=np.float64))
 
-    def _add_fixed(self, model: Any, joint: Joint, link: Link, carrier: int) -> int:
+    def _add_fixed(self, model: pin.Model, joint: Joint, link: Link, carrier: int) -> int:
         """Add a joint that does not move, and return the frame of its link."""
         placement, parent = self._placement(model, joint, carrier), model.frames[carrier].parentJoint
         fixed = pin.FrameType.FIXED_JOINT
         frame = model.addFrame(pin.Frame(joint.name, parent, carrier, placement, fixed, inertia_of(link)))
         return int(model.addBodyFrame(link.name, parent, placement, frame))
 
-    def _add_moving(self, model: Any, joint: Joint, link: Link, carrier: int) -> int:
+    def _add_moving(self, model: pin.Model, joint: Joint, link: Link, carrier: int) -> int:
         """Add a joint that moves, and return the frame of its link."""
         placement, parent = self._placement(model, joint, carrier), model.frames[carrier].parentJoint
         most = np.full(1, _NO_LIMIT)

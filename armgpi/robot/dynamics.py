@@ -150,7 +150,7 @@ class Workspace(threading.local):
         data: its `pin.Data`.
     """
 
-    def __init__(self, model: Any) -> None:
+    def __init__(self, model: pin.Model) -> None:
         """Make the memory for `model`; Python calls this again in every further thread."""
         self.model = model
         self.data = model.createData()
@@ -195,7 +195,7 @@ class PinocchioDynamics(_ByInverse):
         model: the `pin.Model`, not to be changed.
     """
 
-    def __init__(self, model: Any) -> None:
+    def __init__(self, model: pin.Model) -> None:
         """Take over a `pin.Model` (nq = nv) that nobody else may change."""
         self.model = model
         self._workspace = Workspace(model)
@@ -285,7 +285,7 @@ class PinocchioDynamics(_ByInverse):
 class _Rows(threading.local):
     """A model and its working memory, into which one row after another is put; each thread has its own."""
 
-    def __init__(self, model: Any) -> None:
+    def __init__(self, model: pin.Model) -> None:
         self.model = model.copy()
         self.data = self.model.createData()
 
@@ -374,7 +374,7 @@ class VariedDynamics(_ByInverse):
             found[i] = kernel(model, data, *row)
         return found
 
-    def _put(self, model: Any, i: int, free: bool) -> None:
+    def _put(self, model: pin.Model, i: int, free: bool) -> None:
         """Give a model the numbers of row i."""
         if self.load is not None:
             if not self._inertias:

@@ -344,7 +344,7 @@ class Edits(Frames):
         return [int(self._model.joints[self._model.getJointId(name)].idx_v) for name in self.joint_names]
 
 
-def parts_of(model: Any, coupling: Coupling | None) -> dict[str, Any]:
+def parts_of(model: pin.Model, coupling: Coupling | None) -> dict[str, Any]:
     """Return the attributes of a robot that depend on its `pin.Model`, which nobody else may change."""
     whole = PinocchioDynamics(model)
     dynamics = whole if coupling is None else CoupledDynamics(whole, *coupling)

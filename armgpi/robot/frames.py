@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -35,7 +35,7 @@ class Frames(Equations):
     """
 
     coupling: Coupling | None
-    _model: Any
+    _model: pin.Model
     _workspace: Workspace
     _frames: Mapping[str, int]
 

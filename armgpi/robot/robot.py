@@ -65,7 +65,7 @@ class Robot(Edits):
     @loaded_by_name
     def __init__(
         self,
-        model: Any,
+        model: pin.Model,
         name: str,
         joint_types: Sequence[str],
         limits: Limits,
@@ -185,7 +185,7 @@ class Robot(Edits):
     @classmethod
     def from_pinocchio(
         cls,
-        model: Any,
+        model: pin.Model,
         lock: Sequence[str] | Mapping[str, float] = (),
         keep: Sequence[str] | None = None,
     ) -> Robot:

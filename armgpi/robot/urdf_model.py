@@ -57,7 +57,7 @@ class Built(NamedTuple):
         assembly: what the model was made of.
     """
 
-    model: Any
+    model: pin.Model
     joints: tuple[Joint, ...]
     locked: Mapping[str, float]
     coupling: Coupling | None

@@ -220,7 +220,7 @@ def build(robot: Robot, frame: str | None = None) -> Scene:
 
 def _body(
     robot: Robot,
-    model: Any,
+    model: pin.Model,
     index: int,
     links: Sequence[str],
     fine: Sequence[Triangles],
@@ -370,7 +370,9 @@ def robot_of(rollout: xr.Dataset, folder: Path | None = None) -> Robot:
 # The arm -------------------------------------------------------------------------------------------------
 
 
-def _visuals(robot: Robot, model: Any, findings: list[str]) -> tuple[list[Triangles | None], list[list[str]]]:
+def _visuals(
+    robot: Robot, model: pin.Model, findings: list[str]
+) -> tuple[list[Triangles | None], list[list[str]]]:
     """Return what the URDF draws on every body, and the bodies' links."""
     frames = _link_frames(model)
     links: list[list[str]] = [[] for _ in range(model.njoints)]
@@ -498,7 +500,7 @@ def _simplify(parts: list[_T], most: int) -> list[_T]:
     return simplified
 
 
-def _ring(model: Any, index: int, parts: Sequence[Triangles], axis: Array, size: float) -> float:
+def _ring(model: pin.Model, index: int, parts: Sequence[Triangles], axis: Array, size: float) -> float:
     """Return how far out a ring around a joint must be to be seen, short of the next joint [m]."""
     # How far the nearest joint is that is not in the same place.
     spacing = size
@@ -535,7 +537,7 @@ def _merge_equal_corners(part: Triangles) -> Triangles:
     return Triangles(part.points[first], part.normals[first], part.colors[first], faces[stays_a_triangle])
 
 
-def _size(model: Any, drawn: Sequence[Triangles | None]) -> float:
+def _size(model: pin.Model, drawn: Sequence[Triangles | None]) -> float:
     """Return how far the arm can reach from its base [m]."""
     reach = np.zeros(model.njoints)
     for index in range(1, model.njoints):
@@ -556,7 +558,7 @@ def _size(model: Any, drawn: Sequence[Triangles | None]) -> float:
     return largest if largest > 1e-6 else 1.0
 
 
-def _stick(model: Any, index: int, tool: Any, size: float) -> Triangles:
+def _stick(model: pin.Model, index: int, tool: pin.Frame, size: float) -> Triangles:
     """Return lines from a body's origin to the joints that hang on it, and to the tool, as thin bars.
 
     Where nothing hangs on it, to its centre of mass: else the last link of an arm would be a dot.
@@ -590,7 +592,7 @@ def _along(end: Array) -> Array:
     return matrix
 
 
-def _link_frames(model: Any) -> dict[str, Any]:
+def _link_frames(model: pin.Model) -> dict[str, pin.Frame]:
     """Return the frames of links by their names."""
     return {frame.name: frame for frame in model.frames if frame.type == pin.FrameType.BODY}
 
