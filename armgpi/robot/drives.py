@@ -8,7 +8,7 @@ it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
@@ -27,6 +27,7 @@ from armgpi.robot.markup import GEAR_RATIO, ROTOR_INERTIA
 #: Whose word a number is: a user's or a file's, a rule's where nobody said anything, a measurement's, or that
 #: of a public source on a known arm (:mod:`armgpi.robot.known_arms`).
 SOURCES = ("specified", "assumed", "identified", "published")
+#: Size of a file that is read [B].
 _MAX_BYTES = 1_000_000
 #: What a URDF's parameters are called that only armgpi knows.
 _OWN = "armgpi:"
@@ -76,11 +77,15 @@ class Datum(NamedTuple):
 
     def plain(self) -> Any:
         """Return it as a file has it: the bare value where a user gave that alone."""
-        if (self.low, self.high, self.source, self.file) == (self.value, self.value, "specified", ""):
+        if self == Datum(self.value, self.value, self.value):
             return self.value
-        ends = {"low": self.low, "high": self.high} if self.low != self.high else {}
-        file = {"file": self.file} if self.file else {}
-        return {"value": self.value, **ends, "source": self.source, **file}
+        found = {"value": self.value}
+        if self.low != self.high:
+            found |= {"low": self.low, "high": self.high}
+        found["source"] = self.source
+        if self.file:
+            found["file"] = self.file
+        return found
 
 
 @dataclass(frozen=True)
@@ -101,22 +106,27 @@ class Drives:
         Raises:
             NameNotFound: when there is no such quantity.
         """
-        own = self._of(name)
-        numeric = QUANTITIES[name].kind == "number"
-        missing = np.broadcast_to(default if numeric else "", (len(self.joint_names),))
-        values = [own[j].value if j in own else missing[i] for i, j in enumerate(self.joint_names)]
-        return np.array(values, dtype=np.float64 if numeric else np.str_)
+        known = self._of(name)
+        is_number = QUANTITIES[name].kind == "number"
+        missing = np.broadcast_to(default if is_number else "", (len(self.joint_names),))
+        values = []
+        for joint, other in zip(self.joint_names, missing, strict=True):
+            values.append(known[joint].value if joint in known else other)
+        return np.array(values, dtype=np.float64 if is_number else np.str_)
 
     def interval(self, name: str) -> tuple[Array, Array]:
         """Return the lowest and highest value of every joint, each (n,); NaN where nothing is known."""
-        own, missing = self._of(name), Datum(math.nan, math.nan, math.nan)
-        rows = [own.get(joint, missing) for joint in self.joint_names]
-        return np.array([row.low for row in rows]), np.array([row.high for row in rows])
+        known = self._of(name)
+        missing = Datum(math.nan, math.nan, math.nan)
+        data = [known.get(joint, missing) for joint in self.joint_names]
+        low = np.array([datum.low for datum in data])
+        high = np.array([datum.high for datum in data])
+        return low, high
 
     def sources(self, name: str) -> tuple[str, ...]:
         """Return whose word a quantity is, joint by joint; empty where it is not known."""
-        own = self._of(name)
-        return tuple(own[joint].source if joint in own else "" for joint in self.joint_names)
+        known = self._of(name)
+        return tuple(known[joint].source if joint in known else "" for joint in self.joint_names)
 
     def with_value(
         self,
@@ -144,17 +154,20 @@ class Drives:
         """
         source = current_name(source, renamed.SOURCES)
         check_choice(source, "source", SOURCES)
-        known = dict(self._of(name))
-        columns = [self._column(name, value)]
-        if not columns[0]:
+        values = self._column(name, value)
+        if not values:
             return self
-        columns += [columns[0] if end is None else self._column(name, end) for end in (low, high)]
-        for joint in columns[0]:
-            best, least, most = (column.get(joint, math.nan) for column in columns)
+        lowest = values if low is None else self._column(name, low)
+        highest = values if high is None else self._column(name, high)
+        data = dict(self._of(name))
+        for joint, best in values.items():
+            # An end that is given for other joints alone is NaN, which no interval takes.
+            least = lowest.get(joint, math.nan)
+            most = highest.get(joint, math.nan)
             if QUANTITIES[name].kind == "number" and not least <= best <= most:
                 raise ParameterError(f"{joint}.{name}", [least, best, most], "low <= value <= high")
-            known[joint] = Datum(best, least, most, source, file)
-        return Drives(self.joint_names, {**self.data, name: known})
+            data[joint] = Datum(best, least, most, source, file)
+        return Drives(self.joint_names, {**self.data, name: data})
 
     def updated(self, other: Drives) -> Drives:
         """Return these drives with what others know of them in place of what these do.
@@ -162,34 +175,40 @@ class Drives:
         Raises:
             NameNotFound: when the others are of a joint that these have not.
         """
-        for joint in (joint for own in other.data.values() for joint in own):
-            if joint not in self.joint_names:
-                raise NameNotFound("joint", joint, self.joint_names)
-        own = {name: {**self.data.get(name, {}), **other.data[name]} for name in other.data}
-        return Drives(self.joint_names, {**self.data, **own})
+        together = dict(self.data)
+        for name, data in other.data.items():
+            for joint in data:
+                if joint not in self.joint_names:
+                    raise NameNotFound("joint", joint, self.joint_names)
+            together[name] = {**self.data.get(name, {}), **data}
+        return Drives(self.joint_names, together)
 
     def of(self, joint_names: Sequence[str]) -> Drives:
         """Return what is known of the drives of some joints."""
-        data = {name: {j: own[j] for j in joint_names if j in own} for name, own in self.data.items()}
-        return Drives(tuple(joint_names), {name: own for name, own in data.items() if own})
+        chosen = {}
+        for name, data in self.data.items():
+            of_joints = {joint: data[joint] for joint in joint_names if joint in data}
+            if of_joints:
+                chosen[name] = of_joints
+        return Drives(tuple(joint_names), chosen)
 
     def scaled(self, name: str, factor: float) -> Drives:
         """Return these drives with a quantity and its interval multiplied by a factor."""
-        own = {
-            joint: datum._replace(
-                value=factor * datum.value, low=factor * datum.low, high=factor * datum.high
-            )
-            for joint, datum in self._of(name).items()
-        }
-        return Drives(self.joint_names, {**self.data, name: own} if own else self.data)
+        scaled = {}
+        for joint, datum in self._of(name).items():
+            value, low, high = (factor * number for number in (datum.value, datum.low, datum.high))
+            scaled[joint] = datum._replace(value=value, low=low, high=high)
+        if not scaled:
+            return self
+        return Drives(self.joint_names, {**self.data, name: scaled})
 
     def plain(self) -> dict[str, dict[str, Any]]:
         """Return joint -> quantity -> value as a file has it, and :meth:`from_plain` takes it."""
-        found: dict[str, dict[str, Any]] = {joint: {} for joint in self.joint_names}
-        for name, own in self.data.items():
-            for joint, datum in own.items():
-                found[joint][name] = plain(datum.plain())
-        return {joint: own for joint, own in found.items() if own}
+        by_joint: dict[str, dict[str, Any]] = {joint: {} for joint in self.joint_names}
+        for name, data in self.data.items():
+            for joint, datum in data.items():
+                by_joint[joint][name] = plain(datum.plain())
+        return {joint: quantities for joint, quantities in by_joint.items() if quantities}
 
     @classmethod
     def from_plain(
@@ -213,18 +232,17 @@ class Drives:
             if not isinstance(joint, str):
                 raise ConfigError(source, "", f"expected names of joints, got {show_value(joint)}")
         drives = cls(tuple(data) if joint_names is None else tuple(joint_names))
-        for joint, own in data.items():
-            if not isinstance(own, Mapping):
-                raise ConfigError(
-                    source, joint, f"expected a mapping such as {{stiffness: 1.0e+4}}, got {show_value(own)}"
-                )
-            own = dict(own)
-            whole = isinstance(own.get("gear_ratio"), Mapping)  # with interval and source
-            if "motor_inertia" in own or ("gear_ratio" in own and not whole):
-                own |= _reflect_motor(own, source, joint)
-            for key, given in own.items():
+        for joint, drive in data.items():
+            if not isinstance(drive, Mapping):
+                expected = "expected a mapping such as {stiffness: 1.0e+4}"
+                raise ConfigError(source, joint, f"{expected}, got {show_value(drive)}")
+            quantities = dict(drive)
+            has_bare_ratio = not isinstance(quantities.get("gear_ratio", {}), Mapping)
+            if "motor_inertia" in quantities or has_bare_ratio:
+                quantities |= _reflect_motor(quantities, source, joint)
+            for key, value in quantities.items():
                 try:
-                    drives = drives._with_plain(joint, key, given)
+                    drives = drives._with_plain(joint, key, value)
                 except ArmgpiError as error:
                     raise ConfigError(source, f"{joint}.{key}", str(error)) from None
         return drives
@@ -268,7 +286,9 @@ class Drives:
             for joint in element.findall("joint"):
                 name = joint.get("name", "")
                 # A transmission is that of its joint; ros2_control lists many.
-                values = dict(reversed([*_values(element if element.tag == "transmission" else joint)]))
+                where = element if element.tag == "transmission" else joint
+                # Of one name the first text counts.
+                values = dict(reversed([*_values(where)]))
                 for key, value in _urdf_quantities(values, name, source):
                     if name in drives.joint_names:
                         drives = drives.with_value(key, {name: value}, file=source)
@@ -284,27 +304,39 @@ class Drives:
         """Return joint -> value, checked."""
         declared, names = QUANTITIES[name], self.joint_names
         if declared.kind == "choice":
-            own = value if isinstance(value, Mapping) else dict.fromkeys(names, value)
-            return {joint: declared.check_value(word) for joint, word in own.items()}
+            words = value if isinstance(value, Mapping) else dict.fromkeys(names, value)
+            return {joint: declared.check_value(word) for joint, word in words.items()}
         numbers = quantity(value, name, names, default=math.nan)
-        given = [x for x in names if x in value] if isinstance(value, Mapping) else names
-        return {joint: declared.check_value(float(numbers[names.index(joint)])) for joint in given}
+        column = {}
+        for joint, number in zip(names, numbers.tolist(), strict=True):
+            if not isinstance(value, Mapping) or joint in value:
+                column[joint] = declared.check_value(number)
+        return column
 
     def _with_plain(self, joint: str, key: str, given: Any) -> Drives:
-        """Return these drives with one value of a file."""
+        """Return these drives with one value of a file, bare or with interval, source and file.
+
+        Raises:
+            ArmgpiError: when key, joint or value is not as it should be; who reads the file names them.
+        """
         if key not in QUANTITIES:
             raise NameNotFound("key", key, (*QUANTITIES, "motor_inertia", "gear_ratio"))
-        said = _said(given)
-        for word in said:
+        datum = _as_mapping(given)
+        for word in datum:
             if word not in Datum._fields:
                 raise NameNotFound("key", word, Datum._fields)
-        if "value" not in said:
+        if "value" not in datum:
             raise ParameterError(key, given, "a value, and low, high, source, file where they are known")
         if joint not in self.joint_names:
             raise NameNotFound("joint", joint, self.joint_names)
-        rest: dict[str, Any] = {end: {joint: _number(said[end])} for end in ("low", "high") if end in said}
-        rest |= {word: str(said[word]) for word in ("source", "file") if word in said}
-        return self.with_value(key, {joint: _number(said["value"])}, **rest)
+        rest: dict[str, Any] = {}
+        for end in ("low", "high"):
+            if end in datum:
+                rest[end] = {joint: _number(datum[end])}
+        for word in ("source", "file"):
+            if word in datum:
+                rest[word] = str(datum[word])
+        return self.with_value(key, {joint: _number(datum["value"])}, **rest)
 
 
 def _number(value: Any) -> Any:
@@ -315,60 +347,76 @@ def _number(value: Any) -> Any:
         return value
 
 
-def _reflect_motor(own: dict[str, Any], source: str, joint: str) -> dict[str, Any]:
-    """Return the rotor inertia at the joint where a drive gives those of motor and gear, and take these.
+#: What numbers of motor and gear have to be.
+_MOTOR = {"motor_inertia": "zero or positive [kg m^2]", "gear_ratio": "positive, rad/m of a slide"}
+
+
+def _reflect_motor(drive: dict[str, Any], source: str, joint: str) -> dict[str, Any]:
+    """Return the rotor inertia at the joint where a drive has those of motor and gear, and take these.
 
     A gear ratio stays as it is; the interval of the rotor inertia follows from those of both, and its source
     and file are those of the motor's inertia.
+
+    Args:
+        drive: quantity -> value of a file; what is used here is removed.
+        source: what the file is called in errors.
+        joint: whose drive it is.
+
+    Raises:
+        ConfigError: when a number is not as it should be, or the rotor inertia is there as well.
     """
-    facts = {"motor_inertia": "zero or positive [kg m^2]", "gear_ratio": "positive, rad/m of a slide"}
-    taken = {key: own.pop(key) for key in facts if key in own}
-    numbers = {
-        key: _number(each.get("value") if isinstance(each, Mapping) else each) for key, each in taken.items()
-    }
+    taken = {key: drive.pop(key) for key in _MOTOR if key in drive}
+    for key, value in taken.items():
+        _check_motor(key, _number(value.get("value") if isinstance(value, Mapping) else value), source, joint)
     ratio = {"gear_ratio": taken["gear_ratio"]} if "gear_ratio" in taken else {}
-    for key, number in numbers.items():
-        good = isinstance(number, float | int) and not isinstance(number, bool)
-        if not good or not 0.0 <= number < LARGEST or (key == "gear_ratio" and number == 0.0):
-            raise ConfigError(source, f"{joint}.{key}", f"expected {facts[key]}, got {show_value(number)}")
-    if "motor_inertia" not in numbers:  # a ratio alone says nothing of the rotor
+    if "motor_inertia" not in taken:  # a ratio alone says nothing of the rotor
         return ratio
-    if "rotor_inertia" in own:
+    if "rotor_inertia" in drive:
         raise ConfigError(
             source, f"{joint}.rotor_inertia", "and motor_inertia are mutually exclusive: specify one of them"
         )
-    motor, gear = (_said(taken.get(key, 1.0)) for key in facts)
+    motor = _as_mapping(taken["motor_inertia"])
+    gear = _as_mapping(taken.get("gear_ratio", 1.0))
     reflected = dict(motor)
     for end in ("value", "low", "high"):
         if end not in motor and end not in gear:
             continue
-        inertia, factor = (_number(each.get(end, each["value"])) for each in (motor, gear))
+        inertia = _number(motor.get(end, motor["value"]))
+        factor = _number(gear.get(end, gear["value"]))
         for key, number in (("motor_inertia", inertia), ("gear_ratio", factor)):
-            if not isinstance(number, float | int) or isinstance(number, bool):
-                raise ConfigError(
-                    source, f"{joint}.{key}.{end}", f"expected a number, got {show_value(number)}"
-                )
+            if not _is_number(number):
+                message = f"expected a number, got {show_value(number)}"
+                raise ConfigError(source, f"{joint}.{key}.{end}", message)
         reflected[end] = inertia * factor**2
     return ratio | {"rotor_inertia": reflected}
 
 
-def _said(given: Any) -> Mapping[str, Any]:
-    """Return a value of a file with what is said of it, of a bare one the value alone."""
-    return given if isinstance(given, Mapping) else {"value": given}
+def _check_motor(key: str, number: Any, source: str, joint: str) -> None:
+    """Refuse a number of motor or gear that cannot be: no number, negative, too large, a ratio of 0."""
+    is_good = _is_number(number) and 0.0 <= number < LARGEST
+    if not is_good or (key == "gear_ratio" and number == 0.0):
+        raise ConfigError(source, f"{joint}.{key}", f"expected {_MOTOR[key]}, got {show_value(number)}")
+
+
+def _is_number(value: Any) -> bool:
+    """Tell whether a value of a file is a number; true and false are none."""
+    return isinstance(value, float | int) and not isinstance(value, bool)
+
+
+def _as_mapping(value: Any) -> Mapping[str, Any]:
+    """Return a value of a file with its interval, source and file; of a bare one the value alone."""
+    return value if isinstance(value, Mapping) else {"value": value}
 
 
 def _urdf_quantities(values: Mapping[str, str], joint: str, source: str) -> Iterator[tuple[str, Any]]:
-    """Yield the quantities among the names and texts of a transmission."""
+    """Yield the quantities among the names and texts of a transmission.
 
-    def number(name: str) -> float:
-        try:
-            return float(values[name])
-        except ValueError:
-            raise UrdfError(source, f"<{name}> is {values[name]!r}, expected a number", joint) from None
-
-    inertia = next((number(name) for name in values if name in ROTOR_INERTIA), None)
+    Raises:
+        UrdfError: for what is no finite number, or outside its bounds.
+    """
+    inertia = _first_of(ROTOR_INERTIA, values, joint, source)
     if inertia is not None:  # gear ratios alone, which many files have, say nothing
-        stated = next((number(name) for name in values if name in GEAR_RATIO), None)
+        stated = _first_of(GEAR_RATIO, values, joint, source)
         ratio = 1.0 if stated is None else abs(stated)  # below zero where motor and joint turn apart
         if not 0.0 < ratio < math.inf:
             raise UrdfError(
@@ -376,25 +424,51 @@ def _urdf_quantities(values: Mapping[str, str], joint: str, source: str) -> Iter
                 f"the gear ratio of joint {joint!r} is {ratio:g}, expected not zero and finite",
                 joint,
             )
-        value = inertia * ratio**2
-        if not 0.0 <= value < math.inf:
-            raise UrdfError(source, f"the rotor inertia of joint {joint!r} is {value:g}", joint)
-        yield "rotor_inertia", value
+        reflected = inertia * ratio**2
+        if not 0.0 <= reflected < math.inf:
+            raise UrdfError(source, f"the rotor inertia of joint {joint!r} is {reflected:g}", joint)
+        yield "rotor_inertia", reflected
         if stated is not None:
             yield "gear_ratio", ratio
     for key, declared in QUANTITIES.items():
-        if (name := f"{_OWN}{key}") in values:
+        name = f"{_OWN}{key}"
+        if name in values:
+            is_word = declared.kind == "choice"
+            value = values[name] if is_word else _urdf_number(name, values, joint, source)
             try:
-                yield key, declared.check_value(values[name] if declared.kind == "choice" else number(name))
+                yield key, declared.check_value(value)
             except ParameterError as error:
                 raise UrdfError(source, str(error), joint) from None
+
+
+def _first_of(names: Collection[str], values: Mapping[str, str], joint: str, source: str) -> float | None:
+    """Return the number of the first of some names that a transmission has; None where it has none."""
+    for name in values:
+        if name in names:
+            return _urdf_number(name, values, joint, source)
+    return None
+
+
+def _urdf_number(name: str, values: Mapping[str, str], joint: str, source: str) -> float:
+    """Return the number of a name in a transmission.
+
+    Raises:
+        UrdfError: when its text is no number.
+    """
+    try:
+        return float(values[name])
+    except ValueError:
+        raise UrdfError(source, f"<{name}> is {values[name]!r}, expected a number", joint) from None
 
 
 def _values(element: Element) -> Iterator[tuple[str, str]]:
     """Yield the names and texts of all elements below one that have a text."""
     for below in element.iter():
-        name = below.tag.rpartition("}")[2].rpartition(":")[2] if isinstance(below.tag, str) else ""
+        name = ""  # of a comment
+        if isinstance(below.tag, str):
+            name = below.tag.rpartition("}")[2].rpartition(":")[2]  # without namespace and prefix
         if name == "param":
             name = below.get("name", "")
-        if text := (below.get("value") or below.text or "").strip():
+        text = (below.get("value") or below.text or "").strip()
+        if text:
             yield name, text
