@@ -25,16 +25,25 @@ from armgpi.supervisor.state import Reason, Sample, State, Watch
 #: A stop begins at the reference where the joint is as near to it as this [rad or m], else at the joint.
 #: Set by hand: a tenth of what FOLLOWING allows.
 NEAR = 0.05
-#: Rate at which FAULT damps a joint that still measures well, alone [1/s]; and its largest product with dt.
-#: Set by hand: damping of one joint by its last velocity is stable up to 2.
-_DAMPING, _DAMPED_AT_ONCE = 60.0, 0.3
-#: The same of a joint with a rotor, whose gear may twist, and the time constant of its velocity [s]: slow for
-#: resonances from 10 Hz on, whichever side the encoder is at (tools/gears.py --stops measures what rests).
-_SOFT_DAMPING, _SOFT_SMOOTHING = 8.0, 0.02
-#: Velocity below which a joint rests [rad/s or m/s]. HOLD waits for it: so long, less where samples of rest
-#: count several times [s]. An arm whose reference rests, and that does not for so long, swings; so does one
-#: that goes past its reference, to and fro, as far as FOLLOWING allows. Set by hand.
-_REST, _RESTED, _AT_REST, _SWINGING = 0.1, 0.01, 4.0, 2.0
+#: Rate at which FAULT damps a joint that still measures well, alone [1/s]. Set by hand.
+_DAMPING = 60.0
+#: Largest product of that rate with the sample time [-]: damping of one joint by its last velocity is stable
+#: up to 2.
+_DAMPED_AT_ONCE = 0.3
+#: The rate of a joint with a rotor, which may be elastic [1/s]: slow for resonances from 10 Hz on, whichever
+#: side the encoder is at (tools/gears.py --stops measures what rests).
+_SOFT_DAMPING = 8.0
+#: Time constant of the velocity of such a joint [s].
+_SOFT_SMOOTHING = 0.02
+#: Velocity below which a joint rests [rad/s or m/s]. Set by hand.
+_REST = 0.1
+#: An arm that moves is not HOLD for so long at least [s]. Set by hand.
+_RESTED = 0.01
+#: A sample at rest takes away so many samples of motion [-]. Set by hand.
+_AT_REST = 4.0
+#: An arm whose reference rests, and that moves for so long, swings [s]; so does one that goes past its
+#: reference, to and fro, as far as FOLLOWING allows. Set by hand.
+_SWINGING = 2.0
 
 
 class Stop:
@@ -50,18 +59,31 @@ class Stop:
     """
 
     def __init__(self, law: Controller, given: Supervisor, bounds: Bounds) -> None:
+        """Work out what a stop needs in every sample.
+
+        Args:
+            law: the controller that is supervised.
+            given: what the supervisor was asked for.
+            bounds: its bounds, as the checks have them.
+        """
         self.bounds, self._dt, self._on_fault = bounds, law.dt, given.on_fault
         self._touches = given.tool_force is not None
+        # Whether a deceleration has to build up, as torques have a rate or joints may be elastic.
         self._rated = bool((bounds.jerk < bounds.slowing).any())
+        inertia = 1.0 / own_inverse_inertia(law)  # that a joint has for a torque of its own
+        may_be_elastic = model_of(law).armature > 0.0
         rate = min(_DAMPING, _DAMPED_AT_ONCE / law.dt)
-        one, geared = 1.0 / own_inverse_inertia(law), model_of(law).armature > 0.0
-        self.damping = np.asarray(rate * one)
-        self.soft = np.asarray(np.where(geared, min(rate, _SOFT_DAMPING), rate) * one)
+        soft_rate = np.where(may_be_elastic, min(rate, _SOFT_DAMPING), rate)
+        self.damping = np.asarray(rate * inertia)
+        self.soft = np.asarray(soft_rate * inertia)
         slow, fast = smoothing(law.dt, _SOFT_SMOOTHING), smoothing(law.dt, SMOOTHING)
-        self.smoothing = np.where(geared, slow, fast)
-        self._lag = np.where(geared, _SOFT_SMOOTHING, 0.0)
-        self.rest = law.dt * _REST + 2.0 * fast * (bounds.travel / COUNTS)
-        self.rested, self._longest = (float(math.ceil(x / law.dt)) for x in (_RESTED, _SWINGING))
+        self.smoothing = np.where(may_be_elastic, slow, fast)
+        self._lag = np.where(may_be_elastic, _SOFT_SMOOTHING, 0.0)
+        count = bounds.travel / COUNTS  # of the encoder [rad or m]
+        # Two counts in a sample are noise of an arm at rest; the smoothed velocity has a part of them.
+        self.rest = law.dt * _REST + 2.0 * fast * count
+        self.rested = float(math.ceil(_RESTED / law.dt))  # samples
+        self._longest = float(math.ceil(_SWINGING / law.dt))  # samples
         self._share = 1.0 / bounds.following
 
     def restless(self, watch: Watch) -> tuple[Array, Array, Mask]:
