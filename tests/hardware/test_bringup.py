@@ -321,15 +321,15 @@ def test_ten_samples_are_the_least_that_a_stage_is_judged_by() -> None:
 
 
 def test_a_joint_answers_by_how_far_it_goes_from_its_first_sample() -> None:
-    """It was where it began for one sample, then 0.06 rad from there: 0.1 rad were asked for."""
+    """It goes 0.06 rad from where it began, half of them in a sample: 0.1 rad were asked for."""
     robot = Robot.load("anthropomorphic3")
     t, zeros = np.arange(5) * 0.1, np.zeros((5, 3))
     q, q_ref = zeros.copy(), zeros.copy()
-    q[1:, 1], q_ref[1:, 1] = 0.06, 0.1
+    q[1:, 1], q_ref[1:, 1] = (0.03, 0.06, 0.06, 0.06), 0.1
     seen = _Seen(robot.joint_names, t, q, q_ref, zeros, zeros, zeros, 0, 0, 5)
     stage: Any = SimpleNamespace(joints=("q2",))
     assert not list(_of_stage(seen, stage, robot, robot, {}))
-    q[1:, 1] = 0.04
+    q[1:, 1] = (0.02, 0.04, 0.04, 0.04)
     (found,) = _of_stage(seen, stage, robot, robot, {})
     assert (found.question, found.joint) == ("command order", "q2")
     assert found.seen == "moved 0.04 where its reference moved 0.1"
