@@ -49,22 +49,26 @@ def worst(asked: Asked, count: int = 100, samples: int = 1000, seed: int = 0) ->
         samples: of the responses.
         seed: of what is drawn.
     """
-    setting, n = asked.setting, asked.robot.n
+    setting = asked.setting
+    n = asked.robot.n
     rng = np.random.default_rng(seed)
     share = rng.random((_LOOKED * count, n))
-    share = np.where(rng.random((len(share), 1)) < 0.3, np.rint(share), share)
+    at_corner = rng.random((len(share), 1)) < 0.3
+    share = np.where(at_corner, np.rint(share), share)
     drawn = setting.lower + share * (setting.upper - setting.lower)
-    found: list[Worst | None] = [None] * n
+    of_each_joint = -(-count // (2 * n))
+    worst_cases: dict[int, Worst] = {}
     for arm in setting.arms:
-        light = np.diagonal(np.linalg.inv(arm.mass_matrix(drawn)), axis1=1, axis2=2)
-        lightest = np.argsort(-light, axis=0)[: -(-count // (2 * n))].ravel()
+        inverse = np.linalg.inv(arm.mass_matrix(drawn))
+        mobility = np.diagonal(inverse, axis1=1, axis2=2)
+        lightest = np.argsort(-mobility, axis=0)[:of_each_joint].ravel()
         for q in np.concatenate([drawn[: count // 2], drawn[lightest]]):
             responses = impulses(asked, arm, q, samples)
-            for j, error in enumerate(np.abs(responses).sum(axis=1)):
-                best = found[j]
-                if best is None or error > best.error:
-                    found[j] = Worst(float(error), q, arm, responses[j])
-    return [each for each in found if each is not None]
+            errors = np.abs(responses).sum(axis=1)
+            for j, error in enumerate(errors):
+                if j not in worst_cases or error > worst_cases[j].error:
+                    worst_cases[j] = Worst(float(error), q, arm, responses[j])
+    return [worst_cases[j] for j in range(n)]
 
 
 def impulses(asked: Asked, arm: Robot, q: Array, samples: int) -> Array:
@@ -79,7 +83,8 @@ def impulses(asked: Asked, arm: Robot, q: Array, samples: int) -> Array:
         samples: of the responses.
     """
     closed_loop, push = _frozen_loop(asked, arm, q)
-    state = np.kron(push[:, None], np.linalg.inv(arm.mass_matrix(q)))
+    inverse = np.linalg.inv(arm.mass_matrix(q))
+    state = np.kron(push[:, None], inverse)
     out = np.empty((arm.n, samples))
     for k in range(samples):
         out[:, k] = np.diagonal(state[: arm.n])  # the errors come first
@@ -98,27 +103,43 @@ def _frozen_loop(asked: Asked, arm: Robot, q: Array) -> tuple[Array, Array]:
         arm: the true arm with its load.
         q: configuration [rad or m], (n,).
     """
-    law, n, setting = law_of(asked), arm.n, asked.setting
+    law = law_of(asked)
+    n = arm.n
+    setting = asked.setting
     exact = checker.exact(law)
-    omega, h = float(exact["omega"][0]), float(exact["sample_time"])
-    A, Y = (np.array(x, dtype=float) for x in checker.loop(exact, exact["omega"][0])[1:3])
+    omega = float(exact["omega"][0])
+    h = float(exact["sample_time"])
+    channel = checker.loop(exact, exact["omega"][0])
+    A = np.array(channel.A, dtype=float)
+    K = np.array(channel.K, dtype=float)
     # The checker's states are in units of 1/omega for each derivative; from here on they are in SI units.
     integrators = range(2, 2 + law["integrators"])
     filters = range(2, 3 + law["rolloff"])
-    scale = omega ** np.array([0, 1, *integrators, *filters, *[0] * asked.delay], dtype=float)
+    lags = [0] * asked.delay
+    powers = np.array([0, 1, *integrators, *filters, *lags], dtype=float)
+    scale = omega**powers
     A = scale[:, None] * A / scale
-    Y = omega**2 * Y / scale
+    K = omega**2 * K / scale
     # Gravity changes with where the arm is, what holds the arm with the position that was measured.
     at = q[None]
-    v = np.repeat(resting(setting, arm, at), 4 * n, axis=0)  # for the four steps of each slope
-    gravity = slopes(arm.gravity, at)[0].T
-    holding = slopes(lambda x: setting.nominal.inertia_times(x, v), at)[0].T
+    v = resting(setting, arm, at)
+    v_of_steps = np.repeat(v, 4 * n, axis=0)  # for the four steps of each slope
+
+    def holding(x: Array) -> Array:
+        return setting.nominal.inertia_times(x, v_of_steps)
+
+    gravity_slope = slopes(arm.gravity, at)[0].T
+    holding_slope = slopes(holding, at)[0].T
     inverse = np.linalg.inv(arm.mass_matrix(q))
     order = len(A)
-    position, measured = np.eye(order)[0], np.eye(order)[order - 1 if asked.delay else 0]
+    units = np.eye(order)
+    position = units[0]
+    measured = units[order - 1] if asked.delay else position
     push = np.zeros(order)
     push[:2] = 0.5 * h * h, h
-    accelerations = np.kron(Y, inverse @ setting.nominal.mass_matrix(q))
-    accelerations += np.kron(measured, inverse @ holding) - np.kron(position, inverse @ gravity)
-    closed_loop = np.kron(A, np.eye(n)) + np.kron(push[:, None], np.eye(n)) @ accelerations
+    accelerations = np.kron(K, inverse @ setting.nominal.mass_matrix(q))
+    held = np.kron(measured, inverse @ holding_slope)
+    accelerations += held - np.kron(position, inverse @ gravity_slope)
+    every_joint = np.eye(n)
+    closed_loop = np.kron(A, every_joint) + np.kron(push[:, None], every_joint) @ accelerations
     return closed_loop, push

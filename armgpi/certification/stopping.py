@@ -30,10 +30,11 @@ class Retimed(Reference):
 
     def at(self, t: float | Array) -> Target:
         """Return the target at time(s) `t` [s]; see :meth:`Reference.at`."""
+        since = np.asarray(t, float) - self.rest
         moving = np.asarray(t, float) > self.rest
-        found = self.path.at(self.pace * np.maximum(np.asarray(t, float) - self.rest, 0.0))
-        on = moving[..., None] * np.ones(found.q.shape[-1])
-        return Target(found.q, self.pace * on * found.v, self.pace**2 * on * found.a)
+        q, v, a = self.path.at(self.pace * np.maximum(since, 0.0))
+        on = moving[..., None] * np.ones(q.shape[-1])
+        return Target(q, self.pace * on * v, self.pace**2 * on * a)
 
 
 class Stopped(Reference):
@@ -41,15 +42,22 @@ class Stopped(Reference):
 
     def __init__(self, path: Reference, begin: float, h: float, stop: Target) -> None:
         """Take the path, when the stop begins and the sample time [s], and the stop at samples (steps, n)."""
-        self.path, self.begin, self.h, self.stop = path, begin, h, stop
+        self.path = path
+        self.begin = begin
+        self.h = h
+        self.stop = stop
 
     def at(self, t: float | Array) -> Target:
         """Return the target at time(s) `t` [s]; see :meth:`Reference.at`."""
-        before = self.path.at(np.minimum(np.asarray(t, float), self.begin))
-        step = np.rint((np.asarray(t, float) - self.begin) / self.h).astype(int)
-        after = (x[np.clip(step, 0, len(x) - 1)] for x in self.stop)
+        time = np.asarray(t, float)
+        before = self.path.at(np.minimum(time, self.begin))
+        step = np.rint((time - self.begin) / self.h).astype(int)
+        within = np.clip(step, 0, len(self.stop.q) - 1)
         stopping = (step > 0)[..., None]
-        return Target(*(np.where(stopping, x, y) for x, y in zip(after, before, strict=True)))
+        values = []
+        for on_path, in_stop in zip(before, self.stop, strict=True):
+            values.append(np.where(stopping, in_stop[within], on_path))
+        return Target(*values)
 
 
 def stops(stop: Stop, h: float, q: Array, v: Array) -> Target:
@@ -66,11 +74,12 @@ def stops(stop: Stop, h: float, q: Array, v: Array) -> Target:
     while (np.abs(v) > _STILL * h).any() and len(rows) < _LONGEST:
         most = stop.deceleration(v, np.array(len(rows) - 1.0))
         less = np.clip(v, -most, most)
-        q, v = q + v - 0.5 * less, v - less
+        q = q + v - 0.5 * less
+        v = v - less
         rows.append((q, v, -less))
     rows.append((q, 0.0 * v, 0.0 * v))
-    ways, speeds, slowings = (np.array(x) for x in zip(*rows, strict=True))
-    return Target(ways, speeds / h, slowings / h**2)
+    every_q, every_step, every_change = map(np.array, zip(*rows, strict=True))
+    return Target(every_q, every_step / h, every_change / h**2)
 
 
 class StopBound(NamedTuple):
@@ -136,20 +145,22 @@ def bound_stop(found: PathBound, tool_speed: float, supervisor: Supervisor | Non
     every = stops(stop, h, *path.at(moments)[:2])
     longest = h * (len(every.q) - 1)
     ways = _ways_of_tool(wish, every, h)
-    chosen = {int(np.argmax(ways))}
-    chosen.update(np.linspace(0, _MOMENTS - 1, _BOUNDED + 1)[1:-1].astype(int).tolist())
+    evenly = np.linspace(0, _MOMENTS - 1, _BOUNDED + 1)[1:-1].astype(int)
+    chosen = {int(np.argmax(ways)), *evenly.tolist()}
     bounds = []
     for i in sorted(chosen):
         course = Target(every.q[:, i], every.v[:, i], every.a[:, i])
         stopped = Stopped(path, float(moments[i]), h, course)
         t_final = stopped.begin + longest + _AFTER
-        bounds.append(bound_wish(wish._replace(reference=stopped, t_final=t_final), bears=False))
+        of_stop = wish._replace(reference=stopped, t_final=t_final)
+        bounds.append(bound_wish(of_stop, bears=False))
     reasons: list[str] = []
-    for each in bounds:
-        reasons.extend(each.reasons[:1])
-    if not reasons and np.max([each.error for each in bounds]) > NEAR:
+    for bound in bounds:
+        reasons.extend(bound.reasons[:1])
+    largest = np.max([bound.error for bound in bounds])
+    if not reasons and largest > NEAR:
         reasons = [f"The error of a joint can reach {NEAR:g} rad or m, where a stop begins at the joint."]
-    error = float(np.max([each.tool for each in bounds]))
+    error = float(np.max([bound.tool for bound in bounds]))
     return StopBound(tool_speed, float(ways.max()), longest, error, tuple(reasons))
 
 
@@ -162,9 +173,11 @@ def _ways_of_tool(wish: Wish, every: Target, h: float) -> Array:
         h: sample time [s].
     """
     instants = np.linspace(0, len(every.q) - 1, _INSTANTS).astype(int)
-    q = every.q[instants].reshape(-1, wish.arms[0].n)
-    v = every.v[instants].reshape(-1, wish.arms[0].n)
-    speeds = np.linalg.norm(_tool_velocity(wish, q, v), axis=1).reshape(_INSTANTS, -1)
+    n = wish.arms[0].n
+    q = every.q[instants].reshape(-1, n)
+    v = every.v[instants].reshape(-1, n)
+    velocities = _tool_velocity(wish, q, v)
+    speeds = np.linalg.norm(velocities, axis=1).reshape(_INSTANTS, -1)
     return np.asarray(np.trapezoid(speeds, h * instants, axis=0))
 
 
