@@ -442,11 +442,13 @@ def numbers_along(wish: Wish, radius: Array, fastest: Array) -> Along:
         true = arm.mass_matrix(q)
         model = controller.robot.mass_matrix(y)
         inverse = np.asarray(np.linalg.inv(true), float)
-        arms.append(_Sampled(true, inverse, model, _torques(wish, arm, at, slope, every, fastest)))
+        torques = _torques(wish, arm, at, slope, every, fastest)
+        arms.append(_Sampled(true, inverse, model, torques))
         next_q = wish.reference.at(times + controller.dt).q
+        holding = controller.robot.inertia_times(y, at.v) + controller.ahead(y, target)
         values = {
             "shift": _holds(wish, arm, next_q) - at.v,
-            "hold": controller.robot.inertia_times(y, at.v) + controller.ahead(y, target),
+            "hold": holding,
             "reach": model,
             "jacobian": arm.frame_jacobian(arm.tip, between)[:, :3],
         }
@@ -462,9 +464,10 @@ def numbers_along(wish: Wish, radius: Array, fastest: Array) -> Along:
         torques = sampled.torques | {"mismatch": sampled.model - sampled.true * gain}
         later = times if loop is None else times + loop.memory * rng.random(_TIMES)
         reference = wish.reference.at(np.minimum(later, wish.t_final)).q
-        seen = reference + _offsets(rng, radius + wish.hidden)
+        measured = reference + _offsets(rng, radius + wish.hidden)
+        model = controller.robot.mass_matrix(measured)
         rest.add(_through(sampled.inverse, torques))
-        answer.add(_through(controller.robot.mass_matrix(seen) @ sampled.inverse, torques))
+        answer.add(_through(model @ sampled.inverse, torques))
 
     largest.sizes["jerk"] = _jerk(every.a, wish.delay + 1)
     others: Any = largest.raised()
@@ -502,17 +505,24 @@ def _torques(
 ) -> dict[str, Array]:
     """Return what makes the rest, as torques at configurations; the first axis is these."""
     controller: Any = wish.controller
-    v, star = (np.repeat(x, 4 * arm.n, axis=0) for x in (at.v, at.target.q))  # of each step of a slope
+    steps = 4 * arm.n  # of a slope
+    v_of_steps = np.repeat(at.v, steps, axis=0)
+    rest_of_steps = _at_rest(np.repeat(at.target.q, steps, axis=0))
 
     def torque(x: Array) -> Array:  # that holds the arm, measured at x
-        return np.asarray(controller.robot.inertia_times(x, v) + controller.ahead(x, _at_rest(star)))
+        of_v = controller.robot.inertia_times(x, v_of_steps)
+        return np.asarray(of_v + controller.ahead(x, rest_of_steps))
 
     turning = slopes(torque, at.between).swapaxes(1, 2)
     gravity = slopes(arm.gravity, at.between).swapaxes(1, 2)
     viscous = wish.friction * np.broadcast_to(arm.friction.viscous, (arm.n,))
-    fed = controller.add_friction(0.0 * at.q, at.target.v) if controller.friction_feedforward else 0.0
-    given = controller.ahead(at.y, at.target) - controller.ahead(at.y, _at_rest(at.target.q)) - fed
-    needed = np.einsum("kij,kj->ki", at.coriolis, at.late.v) + arm.inertia_times(at.q, at.target.a)
+    friction_fed = 0.0
+    if controller.friction_feedforward:
+        friction_fed = controller.add_friction(0.0 * at.q, at.target.v)
+    at_rest = controller.ahead(at.y, _at_rest(at.target.q))
+    given = controller.ahead(at.y, at.target) - at_rest - friction_fed
+    coriolis = np.einsum("kij,kj->ki", at.coriolis, at.late.v)
+    needed = coriolis + arm.inertia_times(at.q, at.target.a)
     return {
         "stiffness": turning - gravity,
         "turning": turning,
@@ -527,26 +537,32 @@ def _torques(
 def _rubbing(wish: Wish, arm: Robot, every: Target, fastest: Array) -> Array:
     """Return how large friction is at most beside what is fed forward of it [N m or N], (n,)."""
     controller: Any = wish.controller
-    viscous, coulomb = (wish.friction * np.broadcast_to(x, (arm.n,)) for x in arm.friction)
+    viscous = wish.friction * np.broadcast_to(arm.friction.viscous, (arm.n,))
+    coulomb = wish.friction * np.broadcast_to(arm.friction.coulomb, (arm.n,))
     fed = 0.0 * every.v
     if controller.friction_feedforward:
         fed = controller.add_friction(fed, every.v)
-    found = 0.0 * coulomb
+    largest = 0.0 * coulomb
     for late in range(wish.delay + 2):  # samples since what is fed forward was asked for
         v = every.v[late:]
         off = fed[: len(v)] - viscous * v
         # Which way Coulomb friction points is known where the reference is clearly faster than the error.
-        either = np.maximum(np.abs(off - coulomb), np.abs(off + coulomb))
-        most = np.where(np.abs(v) > fastest + _SMOOTH, np.abs(off - coulomb * np.sign(v)), either)
-        found = np.maximum(found, most.max(axis=0))
-    return np.asarray(found)
+        is_known = np.abs(v) > fastest + _SMOOTH
+        either_way = np.maximum(np.abs(off - coulomb), np.abs(off + coulomb))
+        this_way = np.abs(off - coulomb * np.sign(v))
+        sizes = np.where(is_known, this_way, either_way)
+        largest = np.maximum(largest, sizes.max(axis=0))
+    return np.asarray(largest)
 
 
 def _through(left: Array, torques: Mapping[str, Array]) -> dict[str, Array]:
     """Return what matrices (400, n, n) make of torques: of each the number of :class:`Rest`."""
     sizes = np.abs(left)
     return {
-        **{name: left @ torques[name] for name in ("mismatch", "stiffness", "turning", "rate")},
+        "mismatch": left @ torques["mismatch"],
+        "stiffness": left @ torques["stiffness"],
+        "turning": left @ torques["turning"],
+        "rate": left @ torques["rate"],
         "square": np.einsum("kij,kcja->kica", left, torques["square"]),
         "torque": sizes @ torques["torque"],
         "spread": sizes.sum(axis=2),
@@ -587,18 +603,25 @@ def _moments(wish: Wish, every: Target, rng: Any) -> tuple[Array, Array]:
     They are spread evenly over the motion, and are where a joint is the fastest, accelerates most, and where
     its acceleration changes most while measurement and torque are late.
     """
-    v, a = np.abs(every.v), np.abs(every.a)
-    away = min(wish.delay + 1, len(a) - 1)
-    jumps = np.abs(every.a[away:] - every.a[:-away])
-    peaks = np.concatenate([x.argmax(axis=0) for x in (v, a, jumps)])
-    weights = sum((x / np.maximum(x.max(axis=0), 1e-12)).sum(axis=1) for x in (v, a))
-    weights = weights + 0.1 * np.mean(weights) + 1e-12  # a tenth of them where it rests
+    speeds = np.abs(every.v)
+    accelerations = np.abs(every.a)
+    samples = len(speeds)
+    apart = min(wish.delay + 1, samples - 1)
+    jumps = np.abs(every.a[apart:] - every.a[:-apart])
+    peaks = np.concatenate([sizes.argmax(axis=0) for sizes in (speeds, accelerations, jumps)])
+    motion = np.zeros(samples)
+    for sizes in (speeds, accelerations):
+        largest = np.maximum(sizes.max(axis=0), 1e-12)
+        motion = motion + (sizes / largest).sum(axis=1)
+    weights = motion + 0.1 * np.mean(motion) + 1e-12  # a tenth of them where it rests
     passed = np.cumsum(weights)
-    even = np.searchsorted(passed, np.linspace(0.0, passed[-1], _TIMES - len(peaks)))
+    evenly = np.linspace(0.0, passed[-1], _TIMES - len(peaks))
+    even = np.searchsorted(passed, evenly)
     shares = rng.random(_TIMES)
     shares[len(even) :] = np.repeat([0.0, 0.0, 1.0], every.v.shape[1])
-    chosen = np.concatenate([np.minimum(even, len(v) - 1), peaks])
-    chosen[0], shares[0] = 0, 0.0
+    chosen = np.concatenate([np.minimum(even, samples - 1), peaks])
+    chosen[0] = 0
+    shares[0] = 0.0
     return wish.samples[chosen], shares
 
 
@@ -610,7 +633,8 @@ def _at_rest(q: Array) -> Target:
 def _holds(wish: Wish, arm: Any, q: Array) -> Array:
     """Return v*, which the law asks for where it holds an arm at q [rad/s^2 or m/s^2], (k, n)."""
     controller: Any = wish.controller
-    return np.asarray(controller.robot.inertia_solve(q, arm.gravity(q) - controller.ahead(q, _at_rest(q))))
+    missing = arm.gravity(q) - controller.ahead(q, _at_rest(q))
+    return np.asarray(controller.robot.inertia_solve(q, missing))
 
 
 class _Tube:
@@ -626,37 +650,48 @@ class _Tube:
     """
 
     def __init__(self, wish: Wish, radius: Array, fastest: Array, known: Along | None = None) -> None:
-        self.wish, self.radius, self.fastest = wish, radius, fastest
-        self.known = numbers_along(wish, radius, fastest) if known is None else known
-        self.loop = loop = self.known.loop
+        self.wish = wish
+        self.radius = radius
+        self.fastest = fastest
+        self.known = known = numbers_along(wish, radius, fastest) if known is None else known
+        self.loop = loop = known.loop
         if loop is not None:
-            self.fixed = loop.measured * wish.hidden + loop.shift * self.known.shift + loop.zone * wish.zone
-            self.fixed = self.fixed + loop.start * self.known.start + _convolve(loop, self.known.jerk)
+            self.fixed = loop.measured * wish.hidden
+            self.fixed = self.fixed + loop.shift * known.shift
+            self.fixed = self.fixed + loop.zone * wish.zone
+            self.fixed = self.fixed + loop.start * known.start
+            self.fixed = self.fixed + _convolve(loop, known.jerk)
 
     def parts(self, rest: Rest, old: Solution, torque: float, force: float) -> dict[str, Array]:
         """Return what the rest is made of, by what it comes from, for errors within bounds."""
-        known, wish = self.known, self.wish
+        known = self.known
+        wish = self.wish
         late = (wish.delay + 1) * wish.controller.dt
+        hidden = late * (known.speed + old.speed) + wish.hidden
+        squares = np.einsum("ica,c,a->i", rest.square, old.speed, old.speed)
         return {
             "torques": rest.torque + torque * rest.spread,
             "force at the tool": force * rest.force,
             "motion of the reference": rest.motion + rest.stiffness @ (late * known.speed),
-            "encoders and delay": rest.turning @ (late * (known.speed + old.speed) + wish.hidden),
+            "encoders and delay": rest.turning @ hidden,
             "wrong inertia": rest.mismatch @ old.asked,
             "gravity": rest.stiffness @ old.error,
-            "Coriolis and viscous torques": rest.rate @ old.speed
-            + np.einsum("ica,c,a->i", rest.square, old.speed, old.speed),
+            "Coriolis and viscous torques": rest.rate @ old.speed + squares,
         }
 
     def step(self, old: Solution, torque: float, force: float) -> Solution:
         """Return the bounds that follow from bounds."""
-        loop, h = self.loop, self.wish.controller.dt
+        loop = self.loop
+        h = self.wish.controller.dt
         assert loop is not None
         parts = self.parts(self.known.rest, old, torque, force)
         rest = sum(parts.values(), np.zeros_like(old.rest))
         error, speed, asked = loop.rest * rest + self.fixed
-        most = self.known.gain * asked + rest + self.known.jerk.max(axis=0)
-        return Solution(error + h * speed + 0.5 * h * h * most, speed + h * most, asked, rest, parts)
+        acceleration = self.known.gain * asked + rest + self.known.jerk.max(axis=0)
+        # Between samples as well.
+        error_between = error + h * speed + 0.5 * h * h * acceleration
+        speed_between = speed + h * acceleration
+        return Solution(error_between, speed_between, asked, rest, parts)
 
     def solve(self, torque: float = 0.0, force: float | None = None) -> Solution | None:
         """Return the least solution, a little raised, wherever it leads; None where there is none.
@@ -771,10 +806,12 @@ class _Tube:
 def _convolve(loop: Channel, course: Array) -> Array:
     """Return what loops make of accelerations whose sizes are known at each sample, at most; (3, n)."""
     later = loop.rest - loop.course.sum(axis=0)  # beyond the samples that were looked at
-    found = later * course.max(axis=0)
+    beyond = later * course.max(axis=0)
     length = len(loop.course) + len(course)
-    both = np.fft.rfft(loop.course, length, axis=0) * np.fft.rfft(course, length, axis=0)[:, None]
-    return np.asarray(found + np.maximum(np.fft.irfft(both, length, axis=0).max(axis=0), 0.0))
+    of_loop = np.fft.rfft(loop.course, length, axis=0)
+    of_course = np.fft.rfft(course, length, axis=0)
+    sums = np.fft.irfft(of_loop * of_course[:, None], length, axis=0)
+    return np.asarray(beyond + np.maximum(sums.max(axis=0), 0.0))
 
 
 def _most(fits: Any) -> float:
@@ -860,12 +897,17 @@ def _check_path(wish: Wish) -> None:
     q, v, a = wish.reference.at(wish.samples)
     if q.shape != (len(wish.samples), wish.controller.robot.n):
         raise ParameterError("reference", f"shape {q.shape[1:]}", f"{wish.controller.robot.n} joints")
-    if np.abs(q[: late + 1] - q[0]).max() > _AT_REST or np.abs(v[0]).max() > _AT_REST:
+    moved = np.abs(q[: late + 1] - q[0]).max()
+    if moved > _AT_REST or np.abs(v[0]).max() > _AT_REST:
         raise ParameterError("reference", "moves at once", "a path that is at rest at first")
-    most_v, most_a = (np.maximum(np.abs(x[1:]), np.abs(x[:-1])) for x in (v, a))
-    if (np.abs(np.diff(q, axis=0) - 0.5 * h * (v[1:] + v[:-1])) > h * h * most_a + _AT_REST * h).any():
+    most_v = np.maximum(np.abs(v[1:]), np.abs(v[:-1]))
+    most_a = np.maximum(np.abs(a[1:]), np.abs(a[:-1]))
+    by_trapezoid = 0.5 * h * (v[1:] + v[:-1])
+    jumps = np.abs(np.diff(q, axis=0) - by_trapezoid)
+    if (jumps > h * h * most_a + _AT_REST * h).any():
         raise ParameterError("reference", "jumps", "a path whose velocities say how it moves")
-    if (np.abs(np.diff(v, axis=0)) > 2.0 * h * most_a + _AT_REST * (1.0 + most_v)).any():
+    speed_jumps = np.abs(np.diff(v, axis=0))
+    if (speed_jumps > 2.0 * h * most_a + _AT_REST * (1.0 + most_v)).any():
         raise ParameterError("reference", "its speed jumps", "a path whose accelerations say how it moves")
 
 
