@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from fnmatch import fnmatchcase
 from importlib import import_module
 from importlib.util import find_spec
@@ -182,7 +182,7 @@ def locate(path_or_name: str | PathLike[str] | ModuleType) -> tuple[Path, str | 
 
     Raises:
         NameNotFound: when it is neither a known name nor an existing file.
-        UrdfError: when it is a path that does not exist.
+        UrdfError: when it is a path that does not exist, or a folder.
     """
     if isinstance(path_or_name, ModuleType):  # of robot_descriptions
         described = getattr(path_or_name, "URDF_PATH", None)
@@ -206,10 +206,17 @@ def locate(path_or_name: str | PathLike[str] | ModuleType) -> tuple[Path, str | 
     described = description_names()
     if text in described:
         return _find_described(text), text
+    raise _unknown(text, described)
+
+
+def _unknown(text: str, described: Sequence[str]) -> Exception:
+    """Return the error for what is neither a file nor a name: of a folder that it is one."""
+    if os.path.isdir(text):
+        return UrdfError(text, "is a folder, and not one of armgpi identify: give the URDF in it")
     remedy = "or give the path of a URDF file"
     if text in EXAMPLE_ROBOT_DATA and example_folder() is None:
         remedy = "it comes with the example-robot-data package: pip install example-robot-data"
-    raise NameNotFound("robot", text, (*names(), *described), remedy)
+    return NameNotFound("robot", text, (*names(), *described), remedy)
 
 
 def _existing(path: Path, text: str) -> Path:

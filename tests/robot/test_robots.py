@@ -310,3 +310,12 @@ def test_a_name_means_the_known_robot_and_a_path_the_file(
     assert Robot.load("ur5").n == 6
     for path in ("./ur5.urdf", "ur5.urdf", "mine", str(tmp_path / "ur5"), Path("mine")):
         assert Robot.load(path).n == 2, path
+
+
+def test_a_folder_is_no_unknown_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "results").mkdir()
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(
+        UrdfError, match=r"^results: is a folder, and not one of armgpi identify: give the URDF"
+    ):
+        Robot.load("results")
