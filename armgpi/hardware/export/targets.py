@@ -159,7 +159,7 @@ def position_of(target: str, robot: Any) -> str:
     """Return what a target's interface calls the positions that an arm's controller measures; or nothing.
 
     Args:
-        target: a key of :data:`armgpi.hardware.export.interfaces.TARGETS`.
+        target: what `--target` calls it.
         robot: the arm, with the side of its encoders where that was specified.
     """
     interface = COMPENSATING.get(target)
