@@ -51,6 +51,64 @@ MODULE: Mapping[str, str] = {
     "fkine": "robot.frame_pose(name, q)",
     "ikine_LM": "armgpi.inverse_kinematics(robot, ...)",
     "step": "armgpi.ClosedLoop(plant, controller, reference).step(state)",
+    # Pinocchio
+    "Data": "no data: methods of a robot, such as robot.mass_matrix(q), return arrays",
+    **dict.fromkeys(("SE3", "Motion", "Force", "Inertia", "exp", "log", "skew"), "pinocchio's"),
+    "neutral": "robot.middle()",
+    "randomConfiguration": "robot.random_positions(...)",
+    "difference": "q1 - q0: each joint has one coordinate",
+    "updateFramePlacements": "robot.frame_pose(name, q)",
+    "framesForwardKinematics": "robot.frame_pose(name, q)",
+    "computeJointJacobians": "robot.frame_jacobian(name, q)",
+    "computeJointJacobian": "robot.frame_jacobian(name, q)",
+    "computeFrameJacobian": "robot.frame_jacobian(name, q)",
+    "getFrameJacobian": "robot.frame_jacobian(name, q)",
+    "LOCAL_WORLD_ALIGNED": "robot.frame_jacobian(name, q), which has these axes",
+    "nonLinearEffects": "robot.nonlinear_effects(q, v)",
+    "computeGeneralizedGravity": "robot.gravity(q)",
+    "computeCoriolisMatrix": "robot.nonlinear_effects(q, v) - robot.gravity(q), which is C(q, v) v",
+    "computeMinverse": "robot.inertia_solve(q, torque), which is D(q)^-1 times a torque",
+    "buildModelsFromUrdf": "armgpi.Robot.load(path)",
+    "loadModel": "armgpi.Robot.load(path)",
+    "MeshcatVisualizer": "armgpi.view(robot) or armgpi.view(rollout)",
+    "computeCollisions": "armgpi.robot.collisions.self_collisions(...)",
+    # Pink
+    **dict.fromkeys(
+        ("PostureTask", "ComTask", "DampingTask", "RelativeFrameTask", "JointVelocityTask", "Task", "tasks"),
+        "pink's tasks, and their trajectory by armgpi.Recorded (examples/12_pink_trajectory.py)",
+    ),
+    **dict.fromkeys(
+        ("VelocityLimit", "ConfigurationLimit", "JointLimit", "limits"),
+        "robot.limits of a robot",
+    ),
+    "FrameTracking": "armgpi.CartesianReference(...)",
+    "start_meshcat_visualizer": "armgpi.view(robot)",
+    "visualization": "armgpi.view(robot) or armgpi.view(rollout)",
+    "custom_configuration_vector": "an array in the order of robot.joint_names",
+    "NoSolutionFound": "inverse_kinematics(robot, ...).reached, which is False then",
+    "PinkError": "armgpi.ArmgpiError",
+    # roboticstoolbox
+    **dict.fromkeys(("Robot2", "ET", "ETS"), "armgpi.Robot.load(path), of a URDF"),
+    **dict.fromkeys(
+        ("Link", "RevoluteDH", "PrismaticDH", "DHLink"),
+        "armgpi.Robot.load(path), of a URDF; `armgpi new --dh TABLE` writes one",
+    ),
+    **dict.fromkeys(("mtraj", "quintic", "tpoly"), "armgpi.Bezier(start, goal, duration)"),
+    **dict.fromkeys(("trapezoidal", "lspb"), "armgpi.Bezier(start, goal, velocity_limit=...)"),
+    "mstraj": "armgpi.Waypoints(points, durations)",
+    "models": "armgpi.Robot.load(name), with a name of armgpi.robots.names()",
+    "Puma560": "armgpi.Robot.load(path), of its URDF",
+    "Panda": 'armgpi.Robot.load("panda")',
+    **{name: f'armgpi.Robot.load("{name.lower()}")' for name in ("UR3", "UR5", "UR10")},
+    **dict.fromkeys(("Swift", "PyPlot", "backends"), "armgpi.view(robot) or armgpi.view(rollout)"),
+    **dict.fromkeys(
+        ("ik_LM", "ik_NR", "ik_GN", "ikine", "IKSolution"), "armgpi.inverse_kinematics(robot, ...)"
+    ),
+    "p_servo": "armgpi.Follower, which follows poses within limits",
+    "rne": "robot.inverse_dynamics(q, v, a)",
+    "gravload": "robot.gravity(q)",
+    "jacob0": "robot.frame_jacobian(name, q)",
+    "manipulability": "the singular values of robot.frame_jacobian(name, q)",
 }
 #: The same of a robot.
 ROBOT: Mapping[str, str] = {
@@ -112,6 +170,29 @@ ROBOT: Mapping[str, str] = {
     "lower": "limits.lower",
     "upper": "limits.upper",
     "payload": "with_payload(frame, mass)",
+    **dict.fromkeys(("data", "createData"), "no data: methods such as mass_matrix(q) return arrays"),
+    "lowerPositionLimit": "limits.lower",
+    "upperPositionLimit": "limits.upper",
+    **dict.fromkeys(("getFrameId", "getJointId", "existFrame"), "frame_names and joint_names"),
+    "v0": "an array of zeros; a robot has no state",
+    **dict.fromkeys(("com", "centerOfMass", "Jcom"), "pinocchio_model(), and pinocchio.centerOfMass"),
+    **dict.fromkeys(("jointJacobian", "jacob0_dot", "hessian0"), "frame_jacobian(name, q)"),
+    **dict.fromkeys(("placement", "fkine_all", "ets"), "frame_pose(name, q)"),
+    **dict.fromkeys(("difference", "integrate"), "q1 - q0 and q + v dt: each joint has one coordinate"),
+    **dict.fromkeys(("random", "random_q"), "random_positions(...)"),
+    **dict.fromkeys(
+        ("viewer", "visual_model", "display", "initViewer", "loadViewerModel", "teach"), "armgpi.view(robot)"
+    ),
+    **dict.fromkeys(("ikine_a", "ik_GN", "ik_NR"), "armgpi.inverse_kinematics(robot, ...)"),
+    **dict.fromkeys(("rne_dyn", "itorque"), "inverse_dynamics(q, v, a)"),
+    "pay": "with_payload(frame, mass), then gravity(q)",
+    **dict.fromkeys(("friction_coulomb", "nofriction"), "friction and with_friction(viscous, coulomb)"),
+    "manipulability": "the singular values of frame_jacobian(name, q)",
+    **dict.fromkeys(("qr", "qz", "configs"), "middle()"),
+    **dict.fromkeys(("link_lengths", "base"), "pinocchio_model(), whose base is fixed"),
+    **dict.fromkeys(("tool", "ee_links", "gripper", "grippers"), "tip, the frame of the tool"),
+    "islimit": "outside(q)",
+    "control_mode": "armgpi.GPI(robot, dt) and other controllers: a robot has none",
 }
 
 
@@ -134,6 +215,32 @@ CONTROLLER: Mapping[str, str] = {
     "model": "robot, the nominal model",
     "effortLimit": "effort",
     "stability_margins": "margins()",
+    **dict.fromkeys(("stability", "poles", "zeros", "bode", "nyquist", "tf"), "margins()"),
+    **dict.fromkeys(("act", "run", "u", "tau"), "step(measurement, target, state), which returns a torque"),
+    "K": "gains",
+    "sample_time": "dt",
+    **dict.fromkeys(
+        ("error", "setpoint", "target", "q_des"),
+        "step(measurement, target, state)",
+    ),
+    "save": "export (armgpi.export_controller), or an experiment file (armgpi new)",
+}
+
+
+#: The same of a plant, and of what is put around one.
+PLANT: Mapping[str, str] = {
+    "model": "robot, the true one",
+    "reset": "init(q, v), which returns a state",
+    **dict.fromkeys(("q", "v", "x"), "measure(state) or true_state(state): a plant has no state of its own"),
+    **dict.fromkeys(("set_state", "get_state"), "init(q, v): a plant has no state of its own"),
+    **dict.fromkeys(("tau", "apply", "integrate"), "step(tau, state, dt)"),
+    **dict.fromkeys(("dt", "timestep"), "substeps; the sample time is the controller's"),
+    **dict.fromkeys(("simulate", "run"), "armgpi.simulate(plant, controller, reference)"),
+    **dict.fromkeys(("observe", "obs", "observation"), "measure(state)"),
+    **dict.fromkeys(("viewer", "render", "view"), "armgpi.view(rollout)"),
+    "gravity": "robot.gravity(q)",
+    "engine": "its class: armgpi.RigidBodyPlant, ElasticPlant or MuJoCoPlant",
+    "payload": "robot.with_payload(frame, mass) of the robot that the plant is made with",
 }
 
 
@@ -147,6 +254,13 @@ METRICS: Mapping[str, str] = {
     "effort": "armgpi.metrics.isci(rollout) or armgpi.metrics.peak_torque(rollout)",
     "saturation": "armgpi.metrics.saturated_time(rollout)",
     "all": "armgpi.metrics.summary(rollout)",
+    "report": 'armgpi.report(rollout, "report.html")',
+    **dict.fromkeys(("chatter", "smoothness", "jerk"), "armgpi.metrics.total_variation(rollout)"),
+    "energy": "armgpi.metrics.isci(rollout), the integral of the squared torque",
+    "overshoot": "armgpi.metrics.peak_error(rollout); references have no steps",
+    "settling_time": "armgpi.metrics.final_error(rollout); references have no steps",
+    "peak": "armgpi.metrics.peak_error(rollout) or armgpi.metrics.peak_torque(rollout)",
+    "tracking_error": "armgpi.metrics.error(rollout)",
 }
 
 
@@ -158,6 +272,13 @@ PLOTS: Mapping[str, str] = {
     "joint_positions": "armgpi.plots.positions(rollout)",
     "joint_torques": "armgpi.plots.torques(rollout)",
     "animate": "armgpi.view(rollout)",
+    "animation": "armgpi.view(rollout)",
+    "joint": "armgpi.plots.positions(rollout)",
+    "trajectory": "armgpi.plots.overview(rollout)",
+    "step_response": "armgpi.plots.overview(rollout)",
+    **dict.fromkeys(("bode", "nyquist"), "controller.margins(), which has the margins as numbers"),
+    "spectrum": "armgpi.plots.torque_rates(rollout), or SciPy of rollout.tau",
+    "phase": "armgpi.plots.velocities(rollout)",
 }
 
 
@@ -217,6 +338,17 @@ ROLLOUT: Mapping[str, str] = {
     "save": 'armgpi.save(rollout, "rollout.nc")',
     "effortLimit": "effort",
     "velocityLimit": "velocity",
+    "position": "q, the true positions, or q_measured",
+    "acceleration": 'v.differentiate("time")',
+    "names": 'rollout["joint"].values',
+    **dict.fromkeys(("to_csv", "to_numpy"), "rollout.to_dataframe(), or rollout.q.values"),
+    "converged": "status, which is 0 (armgpi.Status.FINISHED) where it finished",
+    "show": "armgpi.plots.overview(rollout) or armgpi.view(rollout)",
+    "control": "tau",
+    "desired": "q_ref and v_ref",
+    "setpoint": "q_ref and v_ref",
+    "ee_pose": "tool, and tool_ref",
+    **dict.fromkeys(("force", "contact"), "contact_force, where plant.environment has contacts"),
 }
 
 
@@ -277,9 +409,11 @@ def missing(
         what: the word for it.
     """
     text = f"{owner} has no {what} {name!r}"
-    if name in known:
-        return f"{text}; use {known[name]}"
-    near = get_close_matches(name, names, n=1)
+    folded = {each.casefold(): each for each in known if len(each) > 1}  # D and d may differ
+    if (entry := name if name in known else folded.get(name.casefold())) is not None:
+        return f"{text}; use {known[entry]}"
+    own = {each.casefold(): each for each in names}
+    near = [own[each] for each in get_close_matches(name.casefold(), own, n=1)]
     return f"{text}; did you mean {near[0]!r}?" if near else text
 
 

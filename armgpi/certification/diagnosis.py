@@ -11,6 +11,7 @@ from armgpi.certification.request import Asked, member_of
 from armgpi.certification.solve import solvable
 from armgpi.gpi.gains import Tuning
 from armgpi.gpi.margins import open_loop, sector
+from armgpi.loop.units import POSITION, TORQUE
 
 #: What each number comes from.
 _NUMBERS = {
@@ -68,15 +69,18 @@ def beyond(
             "disturbances, a slower reference, feedforward, or an arm with rotor inertia."
         ]
     said = []
-    off = "the error of {} can reach {:.3g}; radius allows {:.3g}. Try a larger radius"
+    off = "the error of {} can reach {:.3g} {unit}; radius allows {:.3g} {unit}. Try a larger radius"
     weak = (
-        "{} can need a torque of {:.3g}; its effort is {:.3g}. Try a lighter payload, more effort, to lock it"
+        "{} can need a torque of {:.3g} {unit}; its effort is {:.3g} {unit}. Try a lighter payload, more "
+        "effort, to lock it"
     )
-    for key, limits, text in (("errors", asked.radius, off), ("torques", robot.limits.effort, weak)):
+    kinds = (("errors", asked.radius, off, POSITION), ("torques", robot.limits.effort, weak, TORQUE))
+    for key, limits, text, quantity in kinds:
         values = np.array([float(x) for x in found[key]])
         worst = int(np.argmax(values / limits))
         if values[worst] > limits[worst]:
-            sentence = text.format(f"joint {names[worst]!r}", values[worst], limits[worst])
+            unit = quantity.symbol(bool(robot.prismatic[worst]))
+            sentence = text.format(f"joint {names[worst]!r}", values[worst], limits[worst], unit=unit)
             said.append(f"{where}, {sentence}{less}.")
     if float(found["speed"][0]) > spread:
         said.append(

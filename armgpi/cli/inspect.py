@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -200,10 +201,7 @@ def _what_it_is(facts: Mapping[str, Any], explain: bool = True) -> list[str]:
         f"reach {facts['reach']:.3g} m, from {facts['base']!r} to {facts['tip']!r}",
         f"file: {printable(facts['source'])}",
     ]
-    if explain:
-        drives = [printable(facts[key]) for key in ("product", "published", "rotors", "gears") if facts[key]]
-    else:
-        drives = _assumed_shortly(facts)
+    drives = _assumptions(facts) if explain else _assumed_shortly(facts)
     said[1:1] = drives
     if facts["sag"]:
         said.append(facts["sag"])
@@ -386,8 +384,19 @@ def _page(report: HealthReport, judged: Verdict) -> str:
     kind = kind if judged.outcome == "holds" else judged.page_class
     verdict = f"<p class={kind}>{page.text(judged.line)}</p>"
     # Of the file its name alone: a page is passed on.
-    said = page.bullets(_what_it_is({**facts, "source": Path(facts["source"]).name}))
-    return page.document(facts["name"], verdict + said, sections)
+    shown = {**facts, "source": Path(facts["source"]).name}
+    first = [
+        re.sub(r" \(--explain prints [^)]*\)", " (listed below)", text)
+        for text in _what_it_is(shown, explain=False)
+    ]
+    if values := _assumptions(facts):
+        sections["Values that the URDF does not contain"] = page.bullets(values)
+    return page.document(facts["name"], verdict + page.bullets(first), sections)
+
+
+def _assumptions(facts: Mapping[str, Any]) -> list[str]:
+    """Return which product the arm is, and which values of its drives are published or assumed."""
+    return [printable(facts[key]) for key in ("product", "published", "rotors", "gears") if facts[key]]
 
 
 def _joint_table(joints: list[dict[str, Any]], columns: Sequence[_Column], longest: int | None = None) -> Any:

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from armgpi.base.arrays import Array, new, not_negative, per_joint
+from armgpi.base.hints import PLANT
 from armgpi.base.parameter import Parametrised, parameter, with_parameters
 from armgpi.control.controller import FullState
 from armgpi.control.sizes import batches, common_batch
@@ -46,6 +47,7 @@ class Arm(Parametrised, Plant):
         varies: whether one robot with other numbers in each rollout will do (:meth:`armgpi.Robot.varied`).
     """
 
+    _hints: ClassVar[Mapping[str, str]] = PLANT
     config_name: ClassVar[str | None] = None
     feels: ClassVar[tuple[str, ...]] = ()
     varies: ClassVar[bool] = True

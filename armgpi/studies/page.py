@@ -69,7 +69,7 @@ def html(sweep: Sweep, found: xr.Dataset, said: Mapping[str, Any], unseen: str =
     if unseen:
         parts.append(f"<p class=fair>{page.text(unseen)}</p>")
     parts += [
-        page.bullets([*sentences(said), f"A rollout has failed that {failure_words(sweep)}."]),
+        page.bullets([*sentences(said), f"failed means: {failure_words(sweep)}"]),
         _quantiles(sweep, said),
         "<h3>Distribution of every metric that differs between rollouts</h3>",
         *_distributions(sweep, found),
