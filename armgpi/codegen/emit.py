@@ -134,10 +134,10 @@ def straight_line(
         NotElementwise: when an operation has no C here.
     """
     # CasADi puts the graph in order. Its own C is not used: it knows neither vectors nor masks.
-    function = ca.Function(
-        "f", [ca.vertcat(*(x for x, _ in inputs))] if inputs else [], [ca.SX(ca.vertcat(*outputs))]
-    )
-    graph = _graph(function, [name for _, name in inputs], dialect)
+    symbols = [symbol for symbol, _ in inputs]
+    arguments = [ca.vertcat(*symbols)] if symbols else []
+    function = ca.Function("f", arguments, [ca.SX(ca.vertcat(*outputs))])
+    graph = _graph(function, [text for _, text in inputs], dialect)
     moved: dict[str, str] = {}
     before: list[str] = []
     if constants is not None:
@@ -151,14 +151,20 @@ def straight_line(
     writer.code.before, writer.code.constants = before, len(moved)
     level = _levels(graph, calls)
     # CasADi leaves out outputs that are zero by structure.
-    values = [graph.outputs.get(i, dialect.constant(0.0)) for i in range(len(outputs))]
-    stage = [level.get(text, 0) for text in values]
+    zero = dialect.constant(0.0)
+    values = [graph.outputs.get(i, zero) for i in range(len(outputs))]
+    # After how many calls each output is written: an argument before its own call.
+    calls_before = [level.get(text, 0) for text in values]
     for number, call in enumerate(calls):
-        stage[slice(*call.arguments)] = [number] * (call.arguments[1] - call.arguments[0])
+        for i in range(*call.arguments):
+            calls_before[i] = number
+    places = list(range(len(outputs)))
+    if order:
+        places.sort(key=lambda i: order[i])
     for number in range(len(calls) + 1):
-        due = [i for i in range(len(outputs)) if stage[i] == number]
-        for i in sorted(due, key=lambda i: order[i] if order else 0):
-            writer.assign(targets[i], values[i])
+        for i in places:
+            if calls_before[i] == number:
+                writer.assign(targets[i], values[i])
         if number < len(calls):
             writer.code.lines.extend(calls[number].lines)
     return writer.code
@@ -219,12 +225,20 @@ def _with_shared_inverses(steps: dict[str, _Step]) -> dict[str, _Step]:
 def _staying(graph: _Graph, dialect: Dialect, first: int) -> dict[str, str]:
     """Return what constants and parameters alone decide and the rest uses, and its place in `c`."""
     fixed: set[str] = set()
+
+    def stays(text: str) -> bool:
+        if text in graph.steps:
+            return text in fixed
+        return text.startswith(dialect.sound)
+
+    used: list[str] = []
     for name, step in graph.steps.items():  # operands first
-        known = (x in fixed or (x not in graph.steps and x.startswith(dialect.sound)) for x in step.operands)
         # Not what is true or not: a number would have to be made of it.
-        if step.kind not in _COMPARISON and step.kind not in _LOGIC and all(known):
+        is_number = step.kind not in _COMPARISON and step.kind not in _LOGIC
+        if is_number and all(map(stays, step.operands)):
             fixed.add(name)
-    used = [x for name, step in graph.steps.items() if name not in fixed for x in step.operands]
+        else:
+            used += step.operands
     moved: dict[str, str] = {}
     for text in (*used, *graph.outputs.values()):
         # The negative of a parameter stays where it is seen that it is never NaN, see `_is_sound`.
@@ -245,7 +259,8 @@ def _without(graph: _Graph, moved: dict[str, str]) -> _Graph:
         for name, step in graph.steps.items()
         if name not in moved
     }
-    return _Graph(steps, {i: moved.get(text, text) for i, text in graph.outputs.items()})
+    outputs = {i: moved.get(text, text) for i, text in graph.outputs.items()}
+    return _Graph(steps, outputs)
 
 
 def _as_selection(steps: dict[str, _Step], kind: int, operands: tuple[str, ...]) -> _Step | None:
@@ -256,7 +271,9 @@ def _as_selection(steps: dict[str, _Step], kind: int, operands: tuple[str, ...])
     (yes, a), (no, b) = (part.operands for part in parts)  # type: ignore[union-attr]
     if steps.get(no) == (ca.OP_NOT, (yes,)):
         return _Step(_SELECT, (yes, a, b))
-    return _Step(_SELECT, (no, b, a)) if steps.get(yes) == (ca.OP_NOT, (no,)) else None
+    if steps.get(yes) == (ca.OP_NOT, (no,)):
+        return _Step(_SELECT, (no, b, a))
+    return None
 
 
 def _levels(graph: _Graph, calls: Sequence[CallSite]) -> dict[str, int]:
@@ -336,8 +353,12 @@ class _Writer:
         step = self._steps.get(text)
         if step is None:
             return text.startswith(self._dialect.sound)
-        numbers = {ca.OP_NEG: step.operands, _SELECT: step.operands[1:]}.get(step.kind, ())
-        return bool(numbers) and all(map(self._is_sound, numbers))
+        if step.kind == ca.OP_NEG:
+            return self._is_sound(step.operands[0])
+        if step.kind == _SELECT:
+            _, yes, no = step.operands
+            return self._is_sound(yes) and self._is_sound(no)
+        return False
 
     def _number(self, text: str) -> str:
         """Return a value as a number."""

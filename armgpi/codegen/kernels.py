@@ -195,17 +195,19 @@ def place_calls(
         result: entry j of the result of call i, from (i, j).
         lines: what to write for a call, from (i, call).
     """
-    made = Placed([], [], [], [], [])
+    placed = Placed([], [], [], [], [])
     for i, call in enumerate(calls):
-        entries = [(k, j) for k, size in enumerate(call.kernel.sizes) for j in range(size)]
+        begin = len(placed.outputs)
+        placed.outputs.extend(call.arguments)
+        for k, size in enumerate(call.kernel.sizes):
+            for j in range(size):
+                placed.targets.append(argument(i, k, j))
+                placed.order.append(j)
+        arguments = begin, len(placed.outputs)
         results = [result(i, j) for j in range(call.kernel.size)]
-        begin = len(made.outputs)
-        made.outputs.extend(call.arguments)
-        made.targets.extend(argument(i, k, j) for k, j in entries)
-        made.order.extend(j for _, j in entries)
-        made.inputs.extend(zip(call.results, results, strict=True))
-        made.sites.append(CallSite((begin, len(made.outputs)), results, lines(i, call)))
-    return made
+        placed.inputs.extend(zip(call.results, results, strict=True))
+        placed.sites.append(CallSite(arguments, results, lines(i, call)))
+    return placed
 
 
 class Arm:
@@ -242,7 +244,8 @@ class Arm:
         else:
             self._checked = self.model.table
         # Dynamics of its own to check against: those given are the key under which this arm is kept.
-        self._bases = [_again(*parts) for parts in zip(models, couplings, strict=True)][:_ARMS]
+        pairs = zip(models, couplings, strict=True)
+        self._bases = [_again(model, coupling) for model, coupling in pairs][:_ARMS]
         self.kernels: dict[str, Kernel] = {}
 
     @property
@@ -277,41 +280,39 @@ class Arm:
         return replace(kernel)
 
     def _build_kernel(self, name: str) -> Kernel:
-        n, model = self.model.n, self.model
-        count = {"forward": 3, "inverse": 3, "inverse_where": 3, "gravity": 1, "mass_matrix": 1}.get(name, 2)
-        symbols = [[Scalar(ca.SX.sym(f"{letter}{i}")) for i in range(n)] for letter in "qxy"[:count]]
-        arrays = [np.array(row, dtype=object) for row in symbols]
-        q = arrays[0]
+        model = self.model
+        q, x, y = (_new_scalars(letter, model.n) for letter in "qxy")
         skip = None
         match name:
             case "forward":
-                result = model.forward(*arrays)
+                arguments, result = [q, x, y], model.forward(q, x, y)
             case "inverse":
-                result = model.inverse(q, arrays[1], arrays[2])
+                arguments, result = [q, x, y], model.inverse(q, x, y)
             case "inverse_where":
                 on = Scalar(ca.SX.sym("on"))
-                symbols, skip = [[on], *symbols], 0
-                torque = model.inverse(q, arrays[1], arrays[2])
-                result = np.array([on * x for x in torque], dtype=object)
+                arguments, skip = [np.array([on], dtype=object), q, x, y], 0
+                torque = model.inverse(q, x, y)
+                result = np.array([on * value for value in torque], dtype=object)
             case "inertia_times":
-                result = model.inverse(q, None, arrays[1], weight=False)
+                arguments, result = [q, x], model.inverse(q, None, x, weight=False)
             case "inertia_solve":
                 # The saturation residual, which is zero in most samples.
-                result, skip = model.solve_inertia(q, arrays[1]), 1
+                arguments, skip = [q, x], 1
+                result = model.solve_inertia(q, x)
             case "nonlinear_effects":
-                result = model.inverse(q, arrays[1], None)
+                arguments, result = [q, x], model.inverse(q, x, None)
             case "gravity":
-                result = model.inverse(q, None, None)
+                arguments, result = [q], model.inverse(q, None, None)
             case _:
-                result = model.mass_matrix(q).ravel()
+                arguments, result = [q], model.mass_matrix(q).ravel()
         kernel = Kernel(
-            f"{name}_{self.model.digest}",
-            tuple(map(len, symbols)),
-            len(result),
-            [p.sx for p in model.parameters],
-            [x.sx for row in symbols for x in row],
-            flat(Symbols(result)),
-            skip,
+            f"{name}_{model.digest}",
+            sizes=tuple(map(len, arguments)),
+            size=len(result),
+            parameters=[symbol.sx for symbol in model.parameters],
+            inputs=[symbol.sx for symbol in np.concatenate(arguments)],
+            outputs=flat(Symbols(result)),
+            skip=skip,
         )
         self._check(name, kernel)
         return kernel
@@ -319,9 +320,8 @@ class Arm:
     def _check(self, name: str, kernel: Kernel) -> None:
         """Refuse a kernel that is not Pinocchio's at random states."""
         # At each start, and not in tests alone: nobody has tested the URDF that a user brings.
-        function = ca.Function(
-            "f", [ca.vertcat(*kernel.inputs), ca.vertcat(*kernel.parameters)], [ca.vertcat(*kernel.outputs)]
-        )
+        vectors = [ca.vertcat(*kernel.inputs), ca.vertcat(*kernel.parameters)]
+        function = ca.Function("f", vectors, [ca.vertcat(*kernel.outputs)])
         random = np.random.default_rng(0)
         for base, values in zip(self._bases, self._checked, strict=False):
             for _ in range(_STATES):
@@ -338,6 +338,11 @@ class Arm:
                     raise NotElementwise(
                         f"its generated {name} differs from Pinocchio's by {wrong:.2g} relative"
                     )
+
+
+def _new_scalars(letter: str, count: int) -> Any:
+    """Return an array of so many new symbols, called by a letter and a number."""
+    return np.array([Scalar(ca.SX.sym(f"{letter}{i}")) for i in range(count)], dtype=object)
 
 
 #: Kernels by the name of the method and the fingerprint of the model, of models without parameters.
@@ -395,6 +400,11 @@ class TracedDynamics:
     def _call(self, name: str, *arguments: Any) -> Symbols:
         """Note a call and return the symbols of its result."""
         return _note_call(self.calls, self.arm.kernel(name), self._parameters, *arguments)
+
+
+def _new_arguments(*sizes: int) -> tuple[Any, ...]:
+    """Return arrays of new symbols, x0_, x1_ and so on."""
+    return tuple(Symbols.new(f"x{k}_", (size,)) for k, size in enumerate(sizes))
 
 
 def _note_call(calls: list[Call], kernel: Kernel, parameters: list[Any], *arguments: Any) -> Symbols:
@@ -502,7 +512,7 @@ class TracedEnvironment:
     def _kernel(self, i: int, n: int, numbers: list[Any]) -> Kernel:
         """Return the kernel of a contact: its joint torque, and its depth where it has one."""
         contact, points = self._environment.contacts[i], self._environment.motions[i]
-        q, v, t, reached = (cast(Any, Symbols.new(f"x{k}_", (size,))) for k, size in enumerate((n, n, 1, 1)))
+        q, v, t, reached = _new_arguments(n, n, 1, 1)
         name = f"contact{i}_{points.digest}"
         chain = points.chain(q)
         depth = contact.depth_at(chain.position)
@@ -511,11 +521,12 @@ class TracedEnvironment:
             torque = motion.torque(q, *contact.wrench(motion, t))
             inputs = [*flat(q), *flat(v), *flat(t), *numbers]
             return Kernel(name, (n, n, 1, len(numbers)), n, (), inputs, flat(torque))
-        parts = [np.broadcast_to(depth, (1,)), chain.rotation, chain.position, *chain.axes, *chain.origins]
+        depth = np.broadcast_to(depth, (1,))
+        parts = [depth, chain.rotation, chain.position, *chain.axes, *chain.origins]
         state = [Symbols.new(f"s{k}_", np.shape(part)) for k, part in enumerate(parts)]
+        _, rotation, position, *levers = cast(Any, state)
         joints = len(chain.axes)
-        known = Chain(state[1], state[2], cast(Any, state[3 : 3 + joints]), cast(Any, state[3 + joints :]))
-        motion = points.moving(known, q, v)
+        motion = points.moving(Chain(rotation, position, levers[:joints], levers[joints:]), q, v)
         torque = motion.torque(q, *contact.wrench(motion, t))
         return Guarded(
             name,
@@ -547,15 +558,22 @@ class TracedTool(Tool):
         """Return offset and turn, 0 where neither can be the largest; see :meth:`Tool.apart`."""
         n = q.shape[-1]
         if n not in self._kernels:
-            now, wished = (cast(Any, Symbols.new(f"x{i}_", (n,))) for i in range(2))
-            asked = Symbols.new("x2_", (1,))
-            outputs = [x for part in super().apart(motion, now, wished, None) for x in flat(part)]
-            inputs = [*flat(now), *flat(wished), *flat(asked)]
-            self._kernels[n] = Kernel(f"tool_{motion.digest}", (n, n, 1), 2, (), inputs, outputs, skip=2)
+            now, wished, asked = _new_arguments(n, n, 1)
+            offset, turn = super().apart(motion, now, wished, None)
+            self._kernels[n] = Kernel(
+                f"tool_{motion.digest}",
+                sizes=(n, n, 1),
+                size=2,
+                parameters=(),
+                inputs=[*flat(now), *flat(wished), *flat(asked)],
+                outputs=[*flat(offset), *flat(turn)],
+                skip=2,
+            )
         most = most_apart(motion, q, q_ref)
         needed: Any = np.ones(1)
         if most is not None and largest is not None:
-            needed = np.where((most[0] > largest[0]) | (most[1] > largest[1]), 1.0, 0.0)
+            is_farther = (most[0] > largest[0]) | (most[1] > largest[1])
+            needed = np.where(is_farther, 1.0, 0.0)
         found = _note_call(self._calls, self._kernels[n], [], q, q_ref, needed)
         return found[0:1], found[1:2]
 
@@ -579,7 +597,7 @@ def _friction_kernel(sticks: tuple[bool, ...], braking: Callable[..., Braked], w
     """
     vectors = len(signature(braking).parameters) - 3  # besides h, v_free and the inertia
     sizes = (width, width, width, width, 1, 1, n * n, *[n] * vectors)
-    given = [Symbols.new(f"x{i}_", (size,)) for i, size in enumerate(sizes)]
+    given = _new_arguments(*sizes)
     v_free, before, viscous, coulomb, h, stick, inertia, *arm = given
     braked = braking(h, v_free, inertia.reshape(n, n), *arm)
     symbols = [x for part in given for x in flat(part)]
@@ -588,6 +606,7 @@ def _friction_kernel(sticks: tuple[bool, ...], braking: Callable[..., Braked], w
         after = braked(cast(Any, viscous), np.zeros(width))
         return Kernel(name, sizes, width, (), symbols, flat(after))
     sticking = np.repeat(sticks, width // len(sticks))
+    where = sticking.nonzero()[0]
     friction = Friction(cast(Any, viscous), np.where(sticking, cast(Any, coulomb), 0.0))
     smooth: Any = stick
     now = Iterate(*(cast(Any, Symbols.new(f"s{i}_", (width,))) for i in range(4)))
@@ -595,8 +614,8 @@ def _friction_kernel(sticks: tuple[bool, ...], braking: Callable[..., Braked], w
 
     def changing(iterate: Iterate) -> list[Any]:
         """Return what a step needs of the one before: where there is no Coulomb friction, nothing."""
-        others = [flat(part)[i] for part in (iterate.sign, iterate.slope) for i in sticking.nonzero()[0]]
-        return [*flat(iterate.v), *others]
+        signs, slopes = flat(iterate.sign), flat(iterate.slope)
+        return [*flat(iterate.v), *(signs[i] for i in where), *(slopes[i] for i in where)]
 
     apart = flat(is_apart(following))
     return Iteration(
@@ -609,7 +628,7 @@ def _friction_kernel(sticks: tuple[bool, ...], braking: Callable[..., Braked], w
         state=changing(now),
         begin=changing(first_iterate(cast(Any, before), smooth)),
         following=changing(following),
-        moving=[apart[i] for i in sticking.nonzero()[0]],
+        moving=[apart[i] for i in where],
         most=MOST_STEPS,
     )
 

@@ -51,7 +51,8 @@ def bodies(model: Any) -> tuple[list[Body], Array]:
         turns = bool(np.any(motion[3:]))
         placement, inertia = model.jointPlacements[i], model.inertias[i]
         lever, mass = np.array(inertia.lever), float(inertia.mass)
-        about_origin = np.array(inertia.inertia) + mass * (lever @ lever * np.eye(3) - np.outer(lever, lever))
+        square = lever @ lever * np.eye(3) - np.outer(lever, lever)
+        about_origin = np.array(inertia.inertia) + mass * square
         numbers = np.concatenate(
             [
                 _snap(motion[3:] if turns else motion[:3]),
@@ -97,11 +98,14 @@ def varied_table(model: Any, dynamics: VariedDynamics, own: Array) -> Array:
     parts: list[Array] = []
     if dynamics.load is not None:
         mass, com = dynamics.load[:, :1], dynamics.load[:, 1:]
-        square = (com * com).sum(axis=1)[:, None, None] * np.eye(3) - com[:, :, None] * com[:, None, :]
-        second = (mass[..., None] * square)[(slice(None), *np.tril_indices(3))]
+        distance = (com * com).sum(axis=1)[:, None, None]
+        square = distance * np.eye(3) - com[:, :, None] * com[:, None, :]
+        rows, columns = np.tril_indices(3)
+        second = (mass[..., None] * square)[:, rows, columns]
         # Inertias about one point add up, also where base parameters have part of one body's in another.
         before = (dynamics.joint - 1) if dynamics.armature is not None else 0  # rotors of the bodies before
-        parts.append(own[before : before + 10] + np.hstack([mass, mass * com, second]))
+        load = np.hstack([mass, mass * com, second])
+        parts.append(own[before : before + 10] + load)
     if dynamics.armature is not None:
         places = [int(model.joints[i].idx_v) for i in range(1, model.njoints)]
         rotors = dynamics.armature[:, places]
@@ -123,8 +127,10 @@ def regroup_bodies(found: Sequence[Body]) -> list[Body]:
     """
     numbers = [body.numbers.copy() for body in found]
     # From the tips to the base, as what goes to a parent may go on from there.
+    below = np.tril_indices(3)
     for i in reversed(range(len(found))):
-        axis, rotation, position = numbers[i][:3], numbers[i][3:12].reshape(3, 3), numbers[i][12:15]
+        axis, position = numbers[i][:3], numbers[i][12:15]
+        rotation = numbers[i][3:12].reshape(3, 3)
         # About an axis that is none of the coordinates' nothing would become zero.
         across = np.flatnonzero(axis == 0.0)
         if not found[i].turns or len(across) < 2:
@@ -133,10 +139,11 @@ def regroup_bodies(found: Sequence[Body]) -> list[Body]:
         xx, xy, yy, xz, yz, zz = numbers[i][19:25]
         second = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         about = second[across[1], across[1]]
-        along, disc = (axis @ first) * axis, about * (np.eye(3) - np.outer(axis, axis))
+        along = (axis @ first) * axis
+        disc = about * (np.eye(3) - np.outer(axis, axis))
         numbers[i][15] = 0.0
         numbers[i][16:19] = _without_rounding(first - along, np.abs(first).max())
-        numbers[i][19:25] = _without_rounding((second - disc)[np.tril_indices(3)], np.abs(second).max())
+        numbers[i][19:25] = _without_rounding((second - disc)[below], np.abs(second).max())
         if found[i].parent >= 0:
             along, parent = rotation @ along, numbers[found[i].parent]
             shift = np.outer(position, along) + np.outer(along + mass * position, position)
@@ -274,13 +281,17 @@ class SymbolicModel:
         """Return D(q) as the Jacobian of the inverse dynamics in the accelerations."""
         a = ca.SX.sym("a", self.n)
         matrix = ca.jacobian(_vector(self.inverse(q, None, scalars(a), weight=False)), a)
-        return np.array([[Scalar(matrix[i, j]) for j in range(self.n)] for i in range(self.n)], dtype=object)
+        found: Expressions = np.empty((self.n, self.n), dtype=object)
+        for i, j in np.ndindex(self.n, self.n):
+            found[i, j] = Scalar(matrix[i, j])
+        return found
 
     def _composite(self, q: Expressions) -> Expressions:
         """Return D(q) by composite rigid bodies (Featherstone 2008, ch. 6)."""
         q, count = self._all(q), len(self._bodies)
         places = [self._placement(i, q[i]) for i in range(count)]
-        masses, firsts, seconds = ([self._split(i)[k] for i in range(count)] for k in (3, 4, 5))
+        split = [self._split(i) for i in range(count)]
+        masses, firsts, seconds = ([numbers[k] for numbers in split] for k in (3, 4, 5))
         matrix: Expressions = np.zeros((count, count), dtype=object)
         for i in reversed(range(count)):
             body = self._bodies[i]
@@ -376,7 +387,9 @@ def _turned_about(k: int, sign: float, angle: Any, tensor: Expressions) -> Expre
     both = s * c
     moved = sine2 * across + 2.0 * both * between
     turned: Expressions = np.empty((3, 3), dtype=object)
-    turned[x, x], turned[y, y], turned[z, z] = tensor[x, x] - moved, tensor[y, y] + moved, tensor[z, z]
+    turned[x, x] = tensor[x, x] - moved
+    turned[y, y] = tensor[y, y] + moved
+    turned[z, z] = tensor[z, z]
     turned[x, y] = turned[y, x] = both * across + (1.0 - 2.0 * sine2) * between
     turned[x, z] = turned[z, x] = c * tensor[x, z] - s * tensor[y, z]
     turned[y, z] = turned[z, y] = s * tensor[x, z] + c * tensor[y, z]
@@ -404,9 +417,10 @@ def _acceleration_matrix(w: Expressions, dw: Expressions) -> Expressions:
 
 def _cross(a: Expressions, b: Expressions) -> Expressions:
     """Return the cross product; NumPy's own does not know expressions."""
-    return np.array(
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]], dtype=object
-    )
+    product: Expressions = np.empty(3, dtype=object)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        product[i] = a[j] * b[k] - a[k] * b[j]
+    return product
 
 
 def _vector(x: Expressions) -> Any:

@@ -242,7 +242,8 @@ class CompiledRun:
     @property
     def state(self) -> Any:
         """The state before the next sample, a tree as NumPy has it; of a single run only."""
-        rows = self._keep["state"].reshape(self._blocks, -1, self.lanes)[0, : self._layout.states, 0].copy()
+        blocks = self._keep["state"].reshape(self._blocks, -1, self.lanes)
+        rows = blocks[0, : self._layout.states, 0].copy()
         begin = 0
         leaves: list[Any] = []
         for _, value in flatten(self._begun):
@@ -264,9 +265,10 @@ class CompiledRun:
 
     def _unpack(self, memory: Array, count: int, first: int = 0) -> Array:
         """Return numbers of all rollouts in blocks of `count` vectors, from `first` on: (k, rollouts, n)."""
-        rows = memory.reshape(self._blocks, count, self.lanes)[:, first:].swapaxes(0, 1)
-        rows = rows.reshape(count - first, -1)[:, : self.rows]
-        return np.ascontiguousarray(rows.reshape(-1, self._layout.n, self.rows).swapaxes(1, 2))
+        blocks = memory.reshape(self._blocks, count, self.lanes)[:, first:]
+        columns = blocks.swapaxes(0, 1).reshape(count - first, -1)[:, : self.rows]
+        variables = columns.reshape(-1, self._layout.n, self.rows)
+        return np.ascontiguousarray(variables.swapaxes(1, 2))
 
     def _memory(self, running: Running | None) -> dict[str, Any]:
         """Return the arrays that the code reads and writes, by their names in `Job`."""
@@ -323,9 +325,11 @@ class CompiledRun:
             # The trials' states are copies: a law may write into its state.
             ours = self._by_code(begin, first, variables)
             for k, (a, b) in enumerate(zip(ours, theirs, strict=True), first):
-                runs, should = np.isfinite(a).all(axis=(0, 2)), np.isfinite(b).all(axis=(0, 2))
-                apart = np.abs(a - b)[:, runs & should]
-                largest = np.abs(b[:, runs & should]).max(axis=(1, 2), keepdims=True, initial=1.0)
+                runs = np.isfinite(a).all(axis=(0, 2))
+                should = np.isfinite(b).all(axis=(0, 2))
+                both = runs & should
+                apart = np.abs(a - b)[:, both]
+                largest = np.abs(b[:, both]).max(axis=(1, 2), keepdims=True, initial=1.0)
                 if (runs != should).any() or not (apart <= _AGREEMENT * largest).all():
                     raise BackendError(
                         f"this loop has no generated code: sample {k} of it differs from NumPy's by "
@@ -340,7 +344,8 @@ class CompiledRun:
             truth = self.loop.plant.true_state(plant)
             target = self.loop.reference.at(k * self.loop.dt)
             plant, controller, _, tau = self.loop._sample(plant, controller, target)
-            rows.append([np.array(x).reshape(self.rows, -1) for x in (truth.q, truth.v, tau)])
+            q, v, tau = (np.array(x).reshape(self.rows, -1) for x in (truth.q, truth.v, tau))
+            rows.append([q, v, tau])
         return np.array(rows)
 
     def _by_code(self, state: Any, first: int, variables: int) -> Array:
@@ -359,7 +364,9 @@ class CompiledRun:
         job = _Job.from_buffer_copy(self._job)
         for name, array in scratch.items():
             setattr(job, name, array.ctypes.data)
-        job.k0, job.k1, job.every, job.divergence, job.narrow = first, first + _COMPARED, 1, math.inf, 0
+        job.k0, job.k1 = first, first + _COMPARED
+        job.every, job.narrow = 1, 0
+        job.divergence = math.inf
         # On this thread alone: three samples are done before others have started.
         self._library.run(ctypes.byref(job), ctypes.c_int64(0), ctypes.c_int64(self._blocks))
         return np.swapaxes(found[[0, 1, HELD]], 0, 1)
@@ -475,7 +482,8 @@ class CompiledRun:
         begin = (-buffer.ctypes.data % _ALIGNMENT) // columns.itemsize
         packed = buffer[begin : begin + size]
         blocks = packed.reshape(self._blocks, count + zeros, lanes)
-        blocks[:whole, :count] = columns[:, : whole * lanes].reshape(count, whole, lanes).swapaxes(0, 1)
+        full = columns[:, : whole * lanes].reshape(count, whole, lanes)
+        blocks[:whole, :count] = full.swapaxes(0, 1)
         if whole < self._blocks:
             blocks[whole, :count] = columns[:, self._places[whole * lanes :]]
         blocks[:, count:] = 0.0

@@ -76,21 +76,29 @@ def trace_used(
     """Return one sample of a loop, with the parameters that it uses alone; see :func:`trace`."""
     traced = trace(loop, state, signals, running, contacts)
     forms = [traced] if traced.usual is None else [traced, traced.usual]
-    expressions = [x for form in forms for x in (*form.after, *form.summed)]
-    expressions += [x for form in forms for xs in (*form.recorded.values(), *form.holds) for x in xs]
-    calls = [call for form in forms for call in (*form.calls, *form.summed_calls, *form.early_calls)]
-    expressions += [x for call in calls for x in call.arguments]
-    used = {str(symbol) for symbol in ca.symvar(ca.SX(ca.vertcat(*expressions)))}
-    for call in calls:
-        used.update(map(str, call.parameters))
-    places = [
-        [i for i, symbol in enumerate(symbols) if str(symbol) in used]
-        for symbols in (traced.shared, traced.own)
-    ]
+    expressions: list[Any] = []
+    used: set[str] = set()
+    for form in forms:
+        expressions += [*form.after, *form.summed]
+        for group in (*form.recorded.values(), *form.holds):
+            expressions += group
+        for call in (*form.calls, *form.summed_calls, *form.early_calls):
+            expressions += call.arguments
+            used.update(map(str, call.parameters))
+    used |= _names(expressions)
+    shared = [i for i, symbol in enumerate(traced.shared) if str(symbol) in used]
+    own = [i for i, symbol in enumerate(traced.own) if str(symbol) in used]
     for form in forms:  # both have the same parameters, in the same order
-        shared, own = form.places = places[0], places[1]
-        form.shared, form.own = [form.shared[i] for i in shared], [form.own[i] for i in own]
+        form.places = shared, own
+        form.shared = [form.shared[i] for i in shared]
+        form.own = [form.own[i] for i in own]
     return traced
+
+
+def _names(expressions: Sequence[Any]) -> set[str]:
+    """Return the names of the symbols in some expressions."""
+    symbols = ca.symvar(ca.SX(ca.vertcat(*expressions)))
+    return {str(symbol) for symbol in symbols}
 
 
 def source(traced: Trace, lanes: int) -> str:
@@ -195,17 +203,22 @@ def _sample_code(traced: Trace, names: list[str], dialect: Dialect, constants: i
     recorded = [x for name in names for x in traced.recorded[name]]
     targets = [*calls.targets, *_entry_names("z", traced.after), *_entry_names("r", recorded)]
     outputs = [*calls.outputs, *traced.after, *recorded]
-    order = [*calls.order, *traced.joints, *(i % traced.n for i in range(len(recorded)))]
+    recorded_joints = [i % traced.n for i in range(len(recorded))]
+    order = [*calls.order, *traced.joints, *recorded_joints]
     sites = list(calls.sites)
     for conditions in reversed(traced.holds):
         # As soon as it is known: what comes behind is not worked out for nothing.
-        asked = {str(symbol) for symbol in ca.symvar(ca.SX(ca.vertcat(*conditions)))}
-        behind = [i for i, call in enumerate(traced.calls, 1) if asked & set(map(str, call.results))]
-        arguments = len(outputs), len(outputs) + len(conditions)
-        sites.insert(max(behind, default=0), CallSite(arguments, (), ["if (!v_all(held)) return 0;"]))
+        mentioned = _names(conditions)
+        calls_before = 0
+        for number, call in enumerate(traced.calls, 1):
+            if mentioned.intersection(map(str, call.results)):
+                calls_before = number
+        count = len(conditions)
+        arguments = len(outputs), len(outputs) + count
+        sites.insert(calls_before, CallSite(arguments, (), ["if (!v_all(held)) return 0;"]))
         outputs += conditions
-        targets += ["v_require("] * len(conditions)
-        order += [i * traced.n // len(conditions) for i in range(len(conditions))]  # joint after joint
+        targets += ["v_require("] * count
+        order += [i * traced.n // count for i in range(count)]  # joint after joint
     inputs = [*_inputs(traced), *calls.inputs]
     code = straight_line(inputs, outputs, targets, dialect, sites, order, constants)
     held = ["M held = v_not((M){0});"] if traced.holds else []
@@ -218,7 +231,8 @@ def _placed(traced: Trace, calls: Sequence[Call]) -> Placed:
     own = {str(symbol): i for i, symbol in enumerate(traced.own)}
 
     def used(i: int, call: Call) -> list[str]:
-        return _call(i, call.kernel, own[str(call.parameters[0])] if call.parameters else 0)
+        first_parameter = own[str(call.parameters[0])] if call.parameters else 0
+        return _call(i, call.kernel, first_parameter)
 
     return place_calls(
         calls,
