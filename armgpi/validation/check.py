@@ -16,6 +16,7 @@ from armgpi.robot.equations import PerJoint
 from armgpi.robot.robot import Robot
 from armgpi.validation import containment, forms, laws, repair, samples
 from armgpi.validation.conventions import declare_convention
+from armgpi.validation.course import Course
 from armgpi.validation.diagnose import NOT_NAMED, Cause
 from armgpi.validation.models import ARGUMENTS, States
 from armgpi.validation.problem import Element, Mask, Problem
@@ -104,6 +105,7 @@ def validate(
         tree = replace(tree, viscous=_friction_of(robot, viscous_friction))
     convention = declare_convention(tree, names or {}, absolute, from_vertical, tuple(ARGUMENTS), passive)
     check_type(isolate, "isolate", bool, "True or False")
+    course = Course()  # its time counts from here
     with Worker(model, name_of(model), time_limit, None, convention, isolate) as worker:
         if robot is None or tree is None:
             n = count_joints(worker, joints)
@@ -122,19 +124,26 @@ def validate(
         own = laws.derive(worker, states, sampled)
         found = laws.check(worker, states, sampled, own, None if tree is None else tree.viscous)
         if robot is None or tree is None:
-            joint_names = tuple(f"q{i + 1}" for i in range(n))
             found += laws.gradient(worker, states, sampled)
-            left_out = (*_left_out(worker), *laws.unjudged(sampled))
-            laws_alone = DynamicsReport(
-                worker.name, None, joint_names, samples.rows_of(sampled), (), (), tuple(found), notes
-            )
-            return _with_laws(replace(laws_alone, uncompared=worker.uncompared, left_out=left_out))
-        report = _with_laws(_compare(model, worker, robot, tree, rtol, states, sampled, own, found, notes))
+            return _report_of_laws(worker, n, sampled, found, notes)
+        compared = repair.Compared(worker, states, Problem(tree, states.q, sampled, rtol), course)
+        report = _with_laws(_compare(compared, robot, sampled, own, found, notes))
         if len(unread) == robot.n:  # an arm with motors is not compared where no torque is read
             missing = "what torques do: forward_dynamics reads none of them"
             report = replace(report, left_out=(*report.left_out, missing))
         compares_frame = any(name in sampled for name in ("forward_kinematics", "jacobian"))
         return report if compares_frame else replace(report, frame=frame)
+
+
+def _report_of_laws(
+    worker: Worker, n: int, sampled: Mapping[str, Sampled], found: list[laws.Law], notes: tuple[str, ...]
+) -> DynamicsReport:
+    """Return the report of a model of n joints that is compared with no robot."""
+    joint_names = tuple(f"q{i + 1}" for i in range(n))
+    states = samples.rows_of(sampled)
+    report = DynamicsReport(worker.name, None, joint_names, states, (), (), tuple(found), notes)
+    left_out = (*_left_out(worker), *laws.unjudged(sampled))
+    return _with_laws(replace(report, uncompared=worker.uncompared, left_out=left_out))
 
 
 #: Structural properties that have to hold before an arm of other lengths is suggested.
@@ -216,21 +225,25 @@ def _in_plain_form(
 
 
 def _compare(
-    model: Any,
-    worker: Worker,
+    compared: repair.Compared,
     robot: Robot,
-    tree: Tree,
-    rtol: float,
-    states: States,
     sampled: Mapping[str, Sampled],
     own: laws.Derived,
     found: list[laws.Law],
     notes: tuple[str, ...],
 ) -> DynamicsReport:
-    """Return the report of a model beside a robot."""
-    problem = Problem(tree, states.q, sampled, rtol)
-    compared = repair.Compared(model, worker, states, problem, list(sampled))
-    seen = [_function_report(problem, states, s) for s in sampled.values()]
+    """Return the report of a model beside a robot.
+
+    Args:
+        compared: the model beside the robot's tree.
+        robot: the robot.
+        sampled: samples of the model's functions.
+        own: what the model says of its own quantities.
+        found: the structural properties that were checked.
+        notes: what else was seen.
+    """
+    worker, problem, course = compared.worker, compared.problem, compared.course
+    seen = [_function_report(problem, compared.states, s) for s in sampled.values()]
     odd: tuple[str, ...] = ()
     told = Found([], None, (), ())
     if not all(one.agrees for one in seen):
@@ -253,13 +266,13 @@ def _compare(
         functions,
         tuple(causes),
         tuple(found),
-        (*notes, *impossible_links(robot)),
+        (*notes, *impossible_links(robot), *course.notes()),
         told.repaired,
         worker.uncompared,
         numbers_only=odd,
         differences=told.differences,
         symbols=told.symbols,
-        left_out=_left_out(worker),
+        left_out=(*_left_out(worker), *course.left_out()),
     )
 
 

@@ -42,7 +42,7 @@ from armgpi.validation.alternatives import (
 )
 from armgpi.validation.dictionary import Dictionary
 from armgpi.validation.graph import GIVEN, Expression, Matrix, Program, is_drawn, states_of
-from armgpi.validation.models import ALIASES, ARGUMENTS, Origin, States, names_of
+from armgpi.validation.models import ALIASES, ARGUMENTS, Origin, States, Unusable, names_of
 from armgpi.validation.units import Slopes, numbers
 
 #: Time of the processor that one changed call of the model may take [s]: a change may make it endless.
@@ -131,12 +131,19 @@ class Goal(NamedTuple):
         return [getattr(self.states[label], letter)[row].copy() for letter in ARGUMENTS[function]]
 
     def call(self, calls: Mapping[str, Callable[..., Any]], function: str, label: str, row: int) -> Array:
-        """Return what a function gives at one state, flat."""
+        """Return what a function gives at one state, flat.
+
+        Raises:
+            Unusable: when it gives no numbers, or what it gives cannot be taken apart.
+        """
         state = self.arguments(function, label, row)
         one = calls[function]
         is_apart = function == "forward_dynamics" and not self.passive
-        value = apart(one, *state) if is_apart else one(*state)
-        return self.flat(function, value, label, row)
+        try:
+            value = apart(one, *state) if is_apart else one(*state)
+            return self.flat(function, value, label, row)
+        except (np.linalg.LinAlgError, TypeError, ValueError) as error:
+            raise Unusable(f"{function} returns no array of numbers, or no invertible one") from error
 
     def flat(self, function: str, value: Any, label: str, row: int) -> Array:
         """Return what a function gave as a flat array: C v for C, the position of a pose."""
@@ -349,7 +356,7 @@ class Block:
             (kind, ast.Subscript(target.value, index, ast.Load())) for kind, index in others
         ]
         self.sites.append(Site(target, None, texts, False, "", False))
-        index = self._add_switch(number, [index for _, index in others], target.slice)
+        index = self._add_switch(number, [index for _, index in others], target.slice, is_looked_at=False)
         return ast.copy_location(ast.Subscript(target.value, index, ast.Store()), target)
 
     def _with_operator(self, statement: Any, new: Any) -> Any:
@@ -418,8 +425,17 @@ class Block:
                 found.setdefault(statement, []).extend(_beginnings(name, shape, name in zeros, given))
         return found
 
-    def _add_switch(self, number: int, choices: list[ast.expr], new: ast.expr) -> ast.expr:
-        """Return an expression that gives one of the choices when its switch says so."""
+    def _add_switch(
+        self, number: int, choices: list[ast.expr], new: ast.expr, is_looked_at: bool = True
+    ) -> ast.expr:
+        """Return an expression that gives one of the choices when its switch says so.
+
+        Args:
+            number: which switch it is.
+            choices: the alternatives.
+            new: the expression itself.
+            is_looked_at: whether a switch below zero gives what its term makes of the local variables.
+        """
         at = ast.Subscript(ast.Name(self.names[0], ast.Load()), ast.Constant(number), ast.Load())
 
         def among(low: int, high: int) -> ast.expr:
@@ -430,7 +446,13 @@ class Block:
             first = ast.Compare(at, [ast.LtE()], [ast.Constant(middle)])
             return ast.IfExp(first, among(low, middle), among(middle, high))
 
-        return ast.IfExp(at, among(0, len(choices)), new)
+        one_of_them = among(0, len(choices))
+        if is_looked_at:
+            looking = ast.Subscript(ast.Name(self.names[1], ast.Load()), ast.Constant(number), ast.Load())
+            seen = ast.Call(looking, [ast.Call(ast.Name("locals", ast.Load()), [], [])], [])
+            is_looking = ast.Compare(at, [ast.Lt()], [ast.Constant(0)])
+            one_of_them = ast.IfExp(is_looking, seen, one_of_them)
+        return ast.IfExp(at, one_of_them, new)
 
     @cached_property
     def _first(self) -> dict[str, int]:
@@ -1089,6 +1111,15 @@ class Editor:
             for pick in picks:
                 pick.block.switch[pick.site] = 0
                 self._terms.pop((self.blocks.index(pick.block), pick.site), None)
+
+    @contextmanager
+    def looking(self, block: Block, site: int, look: Callable[[dict[str, Any]], Any]) -> Iterator[None]:
+        """Have an expression be what a function makes of the local variables meanwhile."""
+        block.switch[site], block.terms[site] = -1, look
+        try:
+            yield
+        finally:
+            block.switch[site], block.terms[site] = 0, 0.0
 
     def change(self, pick: Pick) -> Change:
         """Return a change as text."""

@@ -114,6 +114,14 @@ class Problem:
         self.reference = self.columns(reference)
         self.tolerance = self._tolerances(reference, sampled, rtol)
 
+    def has_layout_of(self, sampled: Mapping[str, Sampled]) -> bool:
+        """Tell whether other samples of some functions have quantities of the same shapes."""
+        return all(
+            {k: x.shape[1:] for k, x in other.quantities.items()}
+            == {k: x.shape[1:] for k, x in self._sampled[name].items()}
+            for name, other in sampled.items()
+        )
+
     def columns(self, quantities: Quantities) -> Array:
         """Return the columns of the quantities of an arm, (rows, E); NaN where a quantity is not given."""
         quantities = self.in_tool_coordinates(quantities)

@@ -65,6 +65,20 @@ class Repaired(NamedTuple):
         return sum(change.bits for change in self.changes)
 
 
+class Searched(NamedTuple):
+    """What a search of a source came to.
+
+    Attributes:
+        found: changes with which the model agrees, None without such.
+        unsearched: what the time did not suffice for, a phrase each.
+        failure: what failed in the search itself; "" when nothing did.
+    """
+
+    found: Repaired | None
+    unsearched: tuple[str, ...] = ()
+    failure: str = ""
+
+
 class Proofs:
     """Copies of a source with changes, which are run with its own numbers and with others."""
 

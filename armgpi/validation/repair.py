@@ -5,23 +5,22 @@ from __future__ import annotations
 import ast
 import copy
 import itertools
-import time
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from armgpi.base.arrays import Array
 from armgpi.errors import ModelError
 from armgpi.validation import phrasing, samples
+from armgpi.validation.course import Course
 from armgpi.validation.diagnose import Cause
 from armgpi.validation.edits import ALL, ROWS, Change, Goal, Target
 from armgpi.validation.entries import shown
 from armgpi.validation.models import ARGUMENTS, States
 from armgpi.validation.problem import Problem
-from armgpi.validation.proofs import Repaired, is_number
+from armgpi.validation.proofs import Repaired, Searched, is_number
 from armgpi.validation.residual import Difference
-from armgpi.validation.search import BUDGET
 from armgpi.validation.slopes import own_numbers, slopes, with_changes
 from armgpi.validation.tree import Tree, evaluate
 from armgpi.validation.units import grouped_numbers, with_numbers
@@ -30,34 +29,36 @@ from armgpi.validation.worker import Worker
 Signs = tuple[tuple[float, str], ...]
 #: Kind of a change -> how the difference of an entry begins that it undoes.
 _SAID_BY_KIND = {"sign": ("wrong sign: ",), "factor": ("half is missing: ", "twice instead of once: ")}
-#: Time of the processor for a search [s], and where a convention explains all.
-LONG, SHORT = BUDGET, 2.0
-
-
-def seconds_used() -> float:
-    """Return the processor time of this process and of its processes of models that have ended [s].
-
-    Not of all that it has waited for: a program may have others, which end at any time.
-    """
-    return time.process_time() + Worker.seconds_of_ended
+#: Time of the processor for a search where a convention explains all, and the least for any [s].
+SHORT, LEAST = 2.0, 1.0
+#: Time that is left for what comes after a search: proofs, wrong numbers, slips at several places [s].
+_AFTERWARDS = 4.0
 
 
 class Compared(NamedTuple):
     """A model beside a robot.
 
     Attributes:
-        model: as the user gave it.
-        worker: its process.
+        worker: the model's process.
         states: at which it was sampled.
         problem: model and reference.
-        names: its functions.
+        course: how long the search may take, and what it did not do.
     """
 
-    model: Any
     worker: Worker
     states: States
     problem: Problem
-    names: Sequence[str]
+    course: Course
+
+    @property
+    def names(self) -> list[str]:
+        """Its functions."""
+        return list(self.problem.noise)
+
+    @property
+    def seconds_left(self) -> float:
+        """Time of the processor that is left [s]."""
+        return self.course.seconds_left(self.worker)
 
     @property
     def goal(self) -> Goal:
@@ -79,25 +80,36 @@ class Renumbered(NamedTuple):
     tree: Tree
 
 
-def search(compared: Compared, budget: float = LONG) -> Repaired | None:
+def search(compared: Compared, most: float) -> Repaired | None:
     """Return the changes of the source with which a copy of the model agrees, None when none are found.
 
     Args:
         compared: the model beside the robot.
-        budget: time of the processor that it may take [s].
+        most: time of the processor that it may take [s], if as much is left.
     """
     worker, problem = compared.worker, compared.problem
     if worker.source is None:
         return None
     with worker.again(worker.source) as copy:
         known = [value for value, _ in phrasing.known_numbers(problem.tree) if value]
-        found = copy.search(compared.goal, known, budget)
+        left = compared.seconds_left - copy.seconds - _AFTERWARDS
+        searched = copy.search(compared.goal, known, max(min(most, left), LEAST))
+    found = searched.found
+    _note(compared, searched)
     if found is None or not agrees(worker, found.source, compared.states, problem):
         return None
     sure = found.confirmed and _agrees_renumbered(compared, found)
     if sure and len(found.changes) > 1:
         sure = _has_christoffel_matrix(compared, found.source)
     return found._replace(sure=sure)
+
+
+def _note(compared: Compared, searched: Searched) -> None:
+    """Keep what a search failed in, and what it had no time for where nothing is confirmed."""
+    course = compared.course
+    course.failures += [searched.failure] if searched.failure else []
+    if searched.found is None or not searched.found.confirmed:
+        course.unsearched += searched.unsearched
 
 
 def _has_christoffel_matrix(compared: Compared, source: str) -> bool:
@@ -121,7 +133,9 @@ def _has_christoffel_matrix(compared: Compared, source: str) -> bool:
 def proved_for_other_numbers(compared: Compared, found: Repaired) -> Repaired:
     """Return a repair with what the numbers of its source are in the robot, and whether that is sure."""
     with compared.worker.again(found.source) as twin:
-        varied = twin.search(compared.goal, (), 0.0)
+        searched = twin.search(compared.goal, (), 0.0)
+    _note(compared, searched)
+    varied = searched.found
     if varied is None:
         return found
     varied = varied._replace(changes=found.changes, source=found.source)
@@ -158,7 +172,9 @@ def odd_numbers(compared: Compared) -> Renumbered | None:
     if worker.source is None:
         return None
     with worker.again(worker.source) as twin:
-        found = twin.search(compared.goal, (), 0.0)
+        searched = twin.search(compared.goal, (), 0.0)
+    _note(compared, searched)
+    found = searched.found
     if found is None or not found.odd:
         return None
     return Renumbered(found.odd, *_renumbered(found, compared.problem))
@@ -255,10 +271,18 @@ def _parts(s: States, letters: tuple[str, ...]) -> dict[str, tuple[States, Signs
     return found
 
 
+#: States at which a changed model is looked at first.
+GLANCED = 2
+
+
 def agrees(worker: Worker, source: str, states: States, problem: Problem) -> bool:
     """Tell whether a model with another source agrees everywhere."""
+    few = states.first(GLANCED)
     try:
         with worker.again(source) as repaired:
+            seen = samples.glance(repaired, few, problem.noise)
+            if not Problem(problem.tree, few.q, seen, problem.rtol).agreeing.all():
+                return False
             sampled = samples.sample(repaired, states)
             return bool(Problem(problem.tree, states.q, sampled, problem.rtol).agreeing.all())
     except ModelError:

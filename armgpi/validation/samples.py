@@ -10,7 +10,7 @@ torque. "A" (N, n) are the accelerations of a forward dynamics that does not rea
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +26,8 @@ from armgpi.validation.worker import Worker
 CONFIGURATIONS, FEWEST = 40, 6
 #: How long all the sampling of one function may take [s]; slow models get fewer configurations.
 BUDGET = 20.0
+#: Of that what the processor may take [s], and the configurations down to which it counts.
+COMPUTING, FEW = 2.0, 16
 #: Two calls at the same state differ by no more than this, relative: threads may sum in another order.
 REPEATABLE = 1e-12
 #: The model's arithmetic is looked at over steps of this size [rad or m], along this many configurations.
@@ -71,6 +73,29 @@ def sample(worker: Worker, states: States) -> dict[str, Sampled]:
     """
     names = [name for name in ARGUMENTS if name in worker.functions]
     return {name: _sample(worker, name, states) for name in names}
+
+
+def glance(
+    worker: Worker, states: States, noise: Mapping[str, float], names: Iterable[str] = ARGUMENTS
+) -> dict[str, Sampled]:
+    """Sample functions once: not whether they repeat themselves, nor how they round.
+
+    Args:
+        worker: the model.
+        states: few of them.
+        noise: rounding error of each function's values, as it was seen before.
+        names: of the functions, of which those are sampled that the model has.
+
+    Raises:
+        ModelError: as :func:`sample`.
+    """
+    found: dict[str, Sampled] = {}
+    for name in (name for name in names if name in worker.functions):
+        arguments = [getattr(states, letter) for letter in ARGUMENTS[name]]
+        values = call(worker, name, *arguments)
+        its_quantities, rest = _quantities(worker, name, states, values)
+        found[name] = Sampled(name, values, its_quantities, rest, noise.get(name, 0.0), states)
+    return found
 
 
 def passive_joints(worker: Worker, states: States) -> tuple[int, ...]:
@@ -162,6 +187,9 @@ def _sample(worker: Worker, name: str, states: States) -> Sampled:
     each = worker.takes.get(name, 0.0)
     if each * per_configuration * rows > BUDGET:
         rows = max(FEWEST, int(BUDGET / (each * per_configuration)))
+    computing = worker.uses.get(name, 0.0) * per_configuration
+    if computing * rows > COMPUTING:
+        rows = min(rows, max(FEW, int(COMPUTING / computing)))
     few = states.first(rows)
     values = call(worker, name, *(x[:rows] for x in arguments))
     found, rest = _quantities(worker, name, few, values)
@@ -242,10 +270,18 @@ def _velocity_quantities(
     function: Callable[[Array], Array], s: States, at_v: Array
 ) -> tuple[Quantities, float]:
     """Return H, B and Z of a torque that depends on v, and how far it is from such a polynomial."""
-    Z = function(np.zeros_like(s.q))
+    known: dict[bytes, Array] = {}
+
+    def at(v: Array) -> Array:
+        key = v.tobytes()
+        if key not in known:
+            known[key] = function(v)
+        return known[key]
+
+    Z = at(np.zeros_like(s.q))
     # Even and odd parts in v: the products of velocities, and what is linear (friction).
-    H = _polar(lambda v: 0.5 * (function(v) + function(-v)) - Z, s.q.shape)
-    B = np.stack([0.5 * (function(e) - function(-e)) for e in _units(s.q)], axis=-1)
+    H = _polar(lambda v: 0.5 * (at(v) + at(-v)) - Z, s.q.shape)
+    B = np.stack([0.5 * (at(e) - at(-e)) for e in _units(s.q)], axis=-1)
     away = at_v - Z - np.einsum("Nij,Nj->Ni", B, s.v) - np.einsum("Nijk,Nj,Nk->Ni", H, s.v, s.v)
     return {"H": H, "B": B, "Z": Z}, float(np.abs(away).max())
 

@@ -40,13 +40,17 @@ from armgpi.validation.edits import (
 )
 from armgpi.validation.graph import joint_of
 from armgpi.validation.models import POSITIONS, Functions
-from armgpi.validation.proofs import Again, Proofs, Repaired
+from armgpi.validation.probes import RAISES, UNKNOWN, Probes
+from armgpi.validation.proofs import Again, Proofs, Repaired, Searched
 from armgpi.validation.units import USUAL
 
-#: Time of the processor that all the searching may take [s].
-BUDGET = 20.0
+#: Share of the time for single changes and two at once; the rest is for what brings some into agreement.
+_SINGLE_SHARE = 0.6
 #: Share of it for a model of which each trial derives the equations of motion anew.
-_SLOW_SHARE = 0.5
+_SLOW_SHARE = 0.7
+#: What is searched, in this order, as it is said where the time does not suffice.
+_STAGES = ("usual changes", "terms and factors", "statements")
+_SEVERAL, _PAIRS = "one change after the other", "pairs of changes"
 #: A model that takes longer to be read is not read with other numbers where it agrees [s].
 _READ = 0.1
 #: Changes that are made at most: nobody believes a report of more.
@@ -54,13 +58,15 @@ MOST = 3
 #: Changes with which the search goes on, where none makes all agree.
 _BEAM = 3
 #: Share of the time in which the search goes on with the changes that are tried fast.
-_FIRST = 0.3
+_FIRST = 0.2
 #: Repairs that agree at the numbers of the file alone, of which the best is taken.
 _DOUBTED = 100
 #: Of those that hold for other numbers but may not be the only ones.
 _UNSURE = 6
 #: Configurations at which changes are tried first.
 _FEW = 2
+#: Alternatives of a model whose functions take longer than this are looked at, many in one run [s].
+_LOOKED_AT = 1e-4
 #: Kinds of changes: to say which one it is costs their logarithm.
 _KINDS = 14
 #: Kinds of changes of which there are few at a place.
@@ -72,6 +78,8 @@ _USUAL = frozenset(
 )
 #: Change of a term that shows what it moves: large enough for the digits, small enough for what is curved.
 _NUDGE = 1e-4
+#: A value that a term moves by less than this share of what it moves most is not moved.
+_STILL = 1e-6
 #: Steps by which a value is found: a length that is a thousand times too large takes ten to come near.
 _STEPS = 24
 #: Steps after which a root is as good as the digits of the model allow, once it is near.
@@ -93,39 +101,50 @@ Wrong = Mapping[str, Any]
 
 
 def find_repair(
-    functions: Functions,
-    again: Again,
-    goal: Goal,
-    known: Sequence[float],
-    until: float,
-    most: int = MOST,
-    extra: bool = False,
-) -> Repaired | None:
-    """Return the changes with which a model gives what it should, None when none are found.
+    functions: Functions, again: Again, goal: Goal, known: Sequence[float], seconds: float
+) -> Searched:
+    """Look for the changes with which a model gives what it should.
 
     Args:
         functions: the model's, with the file that they come from.
         again: reads the functions out of another text of that file.
         goal: what the functions should give.
         known: numbers that are hardly the wrong ones, as the robot has them too.
-        until: when to give up, on the clock of the process [s].
-        most: changes that may be made.
-        extra: whether it may take more time where something is brought into agreement.
+        seconds: time of the processor that it may take [s].
     """
     assert functions.origin is not None
+    start = time.process_time()
     editor = Editor(functions.origin, goal, known)
-    is_slow = extra and editor.is_slow()
-    if is_slow:  # what is named is named early: the rest of the time would go to ever longer changes
-        until = min(until, time.process_time() + _SLOW_SHARE * BUDGET)
-    trials = _Trials(editor, again, until, most, known)
+    is_slow = editor.is_slow()
+    # Of a slow model what is named is named early: the rest of the time would go to ever longer changes.
+    until = start + (_SLOW_SHARE if is_slow else _SINGLE_SHARE) * seconds
+    trials = _Trials(editor, again, until, MOST, known)
+    best, steps = _search_stages(trials, known, MOST)
+    if best is not None:
+        return Searched(best, tuple(trials.unsearched))
+    # What brings some of it into agreement deserves time of its own, but where each trial takes long.
+    late = until if is_slow else start + seconds
+    best = _go_on(trials, steps, known, MOST, late)
+    if best is None:
+        if time.process_time() > late:
+            trials.unsearched += [_SEVERAL] if steps else []
+        trials.extend(late)
+        best = trials.first_that_agrees(trials.tried_pairs())
+        if trials.is_over():
+            trials.unsearched.append(_PAIRS)
+    return Searched(best, tuple(trials.unsearched))
+
+
+def _find_rest(
+    functions: Functions, again: Again, goal: Goal, known: Sequence[float], until: float, most: int
+) -> Repaired | None:
+    """Return at most some further changes of a source that was changed already, None when none are found."""
+    assert functions.origin is not None
+    trials = _Trials(Editor(functions.origin, goal, known), again, until, most, known)
     best, steps = _search_stages(trials, known, most)
     if best is not None or most == 1:
         return best
-    # What brings some of it into agreement deserves time of its own, but where each trial takes long.
-    more = extra and steps and not is_slow
-    late = max(until, time.process_time() + 0.75 * BUDGET) if more else until
-    best = _go_on(trials, steps, known, most, late)
-    return best or (trials.first_that_agrees(trials.tried_pairs()) if most == MOST else None)
+    return _go_on(trials, steps, known, most, until)
 
 
 def vary_numbers(functions: Functions, again: Again, goal: Goal) -> Repaired | None:
@@ -167,7 +186,7 @@ def _go_on(
             continue  # it cannot be shorter
         if made := trials.build((pick,)):
             share = (until - now) / (min(len(steps), _BEAM) - k)
-            rest = find_repair(made[1], trials.again, trials.editor.goal, known, now + share, most - 1)
+            rest = _find_rest(made[1], trials.again, trials.editor.goal, known, now + share, most - 1)
             if rest is not None:
                 changes = (*made[0].changes, *_before(rest.changes, made[0].changes[0]))
                 best = _shorter(best, trials.without_idle(rest._replace(changes=changes)))
@@ -235,7 +254,15 @@ class _Trials:
         self.usual = 2.0 * float(np.log2(self._sites * _KINDS))
         self._tried: list[_Tried] = []
         self._proved: dict[Any, Repaired | None] = {}
+        #: What the time did not suffice for.
+        self.unsearched: list[str] = []
+        self._outputs: dict[Any, dict[str, Array] | None] = {}
+        start, names = time.process_time(), [name for name, x in editor.targets.items() if x.whole]
+        self._start = editor.outputs(names, ROWS) or {}
+        #: Whether a run takes so long that alternatives are looked at, many in one run.
+        self._is_looked_at = time.process_time() - start > _LOOKED_AT * ROWS * len(names)
         self._start = editor.outputs(editor.targets, ROWS) or {}
+        self._probes = Probes(editor, self._start)
         self._wrong = {name: self._goal.away(name, x).any(axis=0) for name, x in self._start.items()}
 
     def is_short(self, one: Repaired | None) -> bool:
@@ -264,7 +291,7 @@ class _Trials:
             best, count = _shorter(best, one), count + (one is not None and len(self._proved) > before)
             if one is not None and one.holds and (one.sure or count >= _UNSURE):
                 break
-            if count == self._doubted or (best is not None and self._over()):
+            if count == self._doubted or (best is not None and self.is_over()):
                 break
         return best
 
@@ -288,8 +315,13 @@ class _Trials:
                 return self.without_idle(self.proofs.with_doubts(fewer))
         return repair
 
-    def _over(self) -> bool:
+    def is_over(self) -> bool:
+        """Tell whether the time has passed."""
         return time.process_time() > self._until
+
+    def extend(self, until: float) -> None:
+        """Allow time up to a moment on the clock of the process [s]."""
+        self._until = max(self._until, until)
 
     def _off(self, outputs: Mapping[str, Array]) -> Wrong:
         return {name: self._goal.away(name, values).any(axis=0) for name, values in outputs.items()}
@@ -310,10 +342,18 @@ class _Trials:
         usual = [pick for pick in picks if _is_usual(pick)]
         others = [pick for pick in picks if not _is_usual(pick)]
         found: dict[Any, _Step] = {}
-        for stage in (
-            (self._helpful(usual, first=True), self._helpful_in_parts(), self._fits()),
-            (self._helpful(others, first=True), self._helpful(picks, first=False), self._helpful_in_parts()),
-            (self._fits(statements=True),),
+        for what, stage in zip(
+            _STAGES,
+            (
+                (self._helpful(usual, first=True), self._helpful_in_parts(), self._fits()),
+                (
+                    self._helpful(others, first=True),
+                    self._helpful(picks, first=False),
+                    self._helpful_in_parts(),
+                ),
+                (self._fits(statements=True),),
+            ),
+            strict=True,
         ):
             step: _Step | None = None
             for pick in itertools.chain(*stage):
@@ -326,6 +366,8 @@ class _Trials:
                     found[does] = min(found.get(does, step), step, key=lambda one: one[:3])
                     if self._is_best(step):
                         break
+            if self.is_over():
+                self.unsearched.append(what)
             yield sorted(found.values(), key=lambda step: step[:3])
 
     def _is_best(self, step: _Step) -> bool:
@@ -348,13 +390,13 @@ class _Trials:
             first: look at the first function that differs; else at the others.
         """
         for pick in picks:
-            if self._over():
+            if self.is_over():
                 return
             differing = self._differing(pick.block.reaches)
             names = differing[:1] if first else differing[1:]
             if not names:
                 continue
-            outputs = self.editor.outputs_with(names, _rows_of(names), pick)
+            outputs = self._outputs_of(pick, names)
             if outputs is None:
                 continue
             if first:
@@ -364,6 +406,26 @@ class _Trials:
                 yield pick
             elif self._touches_wrong_alone(outputs):
                 self._inside.append(pick)
+
+    def _outputs_of(self, pick: Pick, names: Sequence[str]) -> dict[str, Array] | None:
+        """Return what functions give at the first state with a change, None where they fail.
+
+        What the change makes of its expression tells whether the model has to run for it.
+        """
+        rows = _rows_of(names)
+        if not self._is_looked_at or _is_usual(pick):
+            return self.editor.outputs_with(names, rows, pick)
+        seen = [self._probes.of(pick, name, rows) for name in names]
+        if any(other is RAISES for _, other in seen):
+            return None
+        if any(other is UNKNOWN for _, other in seen):
+            return self.editor.outputs_with(names, rows, pick)
+        if all(own == other for own, other in seen):
+            return {name: self._start[name][:rows] for name in names}
+        key = (id(pick.block), pick.site, *names, *(other for _, other in seen))
+        if key not in self._outputs:
+            self._outputs[key] = self.editor.outputs_with(names, rows, pick)
+        return self._outputs[key]
 
     def _touches_wrong_alone(self, outputs: Mapping[str, Array]) -> bool:
         """Tell whether a change moves something, and nothing that agrees."""
@@ -527,7 +589,7 @@ class _Trials:
             for k, site in enumerate(block.sites):
                 if not site.fitted or bool(site.statement) != statements:
                     continue
-                if not self._over() and not self.editor.is_right(site):
+                if not self.is_over() and not self.editor.is_right(site):
                     yield from self._solve(block, k)
 
     def _solve(self, block: Block, k: int) -> Iterator[Pick]:
@@ -538,6 +600,8 @@ class _Trials:
         reached = block.reaches if block.rebuilds else block.reaches & block.once_in
         names = [n for n in reached if self._targets[n].whole]
         differing = self._differing(names)
+        if self._moves_what_agrees(pick, differing[:1]):
+            return
         shown = differing[:1] if self.editor.drawn else differing  # to draw all of them takes long
         for used in self._groups(*self._slope(pick, shown, _FEW), constant):
             if (values := self._root(pick, used, constant)) is None:
@@ -548,6 +612,14 @@ class _Trials:
                 for text, bits in _missing_terms(block, site, values):
                     yield solved._replace(bits=float(bits + self._bits(1)), new=text)
                 return
+
+    def _moves_what_agrees(self, pick: Pick, names: Sequence[str]) -> bool:
+        """Tell whether a term moves values that agree: then no value of it leaves them."""
+        slopes, _ = self._slope(pick, names, _rows_of(names))
+        sizes = {name: np.abs(slope).max(axis=0) for name, slope in slopes.items()}
+        return any(
+            (size[~self._wrong[name]] > _STILL * size.max(initial=0.0)).any() for name, size in sizes.items()
+        )
 
     def _groups(self, slope: Mapping[str, Array], rest: Mapping[str, Array], constant: bool) -> list[Wrong]:
         """Return which values may be wrong because of one term: all that it moves, those of one function, ...
@@ -669,7 +741,7 @@ class _Trials:
         # Candidates are in the order in which they were tried, pairs in that of the later one of both.
         for later, two in enumerate(picks):
             for one in picks[:later]:
-                if self._over():
+                if self.is_over():
                     return
                 outputs = self.editor.outputs_with([name], _rows_of([name]), one, two)
                 if (

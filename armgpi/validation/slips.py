@@ -14,9 +14,10 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
+from armgpi.validation.course import seconds_used
 from armgpi.validation.edits import ROWS, Change, apply_changes, harmless
 from armgpi.validation.proofs import Repaired
-from armgpi.validation.repair import Compared, agrees, proved_for_other_numbers, seconds_used
+from armgpi.validation.repair import Compared, agrees, proved_for_other_numbers
 
 #: Slips that are tried, at most.
 _MOST = 80
@@ -57,9 +58,10 @@ def find_slip(compared: Compared, slips: Callable[[str], Iterator[Slip]]) -> Rep
     source = compared.worker.source
     if source is None or not harmless(source):
         return None
-    few, late = compared.states.first(ROWS), seconds_used() + _SECONDS
+    few, late = compared.states.first(ROWS), seconds_used() + min(_SECONDS, compared.seconds_left)
     for slip in itertools.islice(slips(source), _MOST):
         if seconds_used() > late:
+            compared.course.unsearched.append("one slip at several places")
             return None
         changed = apply_changes(source, slip.changes)
         if not agrees(compared.worker, changed, few, compared.problem):

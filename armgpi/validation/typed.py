@@ -19,12 +19,13 @@ import numpy as np
 from armgpi.base.arrays import Array
 from armgpi.errors import ModelError
 from armgpi.validation import samples
-from armgpi.validation.edits import GRAVITY, ROWS, Change, apply_changes, harmless
+from armgpi.validation.course import seconds_used
+from armgpi.validation.edits import GRAVITY, Change, apply_changes, harmless
 from armgpi.validation.entries import alike, entry_at
 from armgpi.validation.phrasing import known_numbers
-from armgpi.validation.problem import Problem
+from armgpi.validation.problem import Mask
 from armgpi.validation.proofs import Repaired
-from armgpi.validation.repair import Compared, agrees, proved_for_other_numbers, seconds_used
+from armgpi.validation.repair import GLANCED, Compared, agrees, proved_for_other_numbers
 from armgpi.validation.units import numbers
 from armgpi.validation.worker import Worker
 
@@ -148,11 +149,13 @@ def find_wrong_number(compared: Compared) -> Repaired | None:
 
 def _found_among(numbers_of_source: Sequence[Typed], search: _Search, compared: Compared) -> Repaired | None:
     """Return the one of some numbers of which another value makes the model agree, None without one."""
-    late = search.seconds_used() + _SECONDS
+    late = search.seconds_used() + min(_SECONDS, compared.seconds_left)
     robots = np.array([value for value, _ in known_numbers(compared.problem.tree)])
     for candidates in (_alone(numbers_of_source), _repeated(numbers_of_source)):
         in_time = itertools.takewhile(lambda _: search.seconds_used() < late, candidates)
         repairs = [repair for places in in_time if (repair := search.repair(places)) is not None]
+        if search.seconds_used() >= late:
+            compared.course.unsearched.append("wrong numbers")
         # A mass and a length, say, of which one becomes a number of the robot; or not all were tried.
         if len(repairs) > 1 or (repairs and search.seconds_used() >= late):
             repairs = [one for one in repairs if _is_of(robots, one.changes[0].new)]
@@ -262,10 +265,12 @@ class _Search:
         self._compared, self._source = compared, source
         self._twin: Worker | None = None
         problem = compared.problem
-        self._few = compared.states.first(ROWS)
+        self._few = compared.states.first(GLANCED)
         self._right = problem.agreeing
-        self._target = problem.reference[:ROWS] / problem.tolerance
-        self._start = problem.user[:ROWS] / problem.tolerance
+        self._target = problem.reference[:GLANCED] / problem.tolerance
+        self._start = problem.user[:GLANCED] / problem.tolerance
+        took = compared.worker.takes
+        self._fast_first = sorted(compared.names, key=lambda name: took.get(name, 0.0))
 
     def __enter__(self) -> Self:
         """Return itself."""
@@ -294,14 +299,13 @@ class _Search:
 
     def repair(self, places: Places) -> Repaired | None:
         """Return the change of a number with which the model agrees, None when there is none."""
-        values = [self._start]
-        for share in _SHARES[1:]:
-            columns = self._columns(places, share * places[0].value)
-            if columns is None or (share == _SHARES[1] and not self._may_be_wrong(columns)):
-                return None
-            values.append(columns)
-        rows = min(map(len, values))
-        nearest = _nearest_share(np.stack([x[:rows] for x in values]), self._target[:rows])
+        fast = self._fast_first[:1]
+        mine = self._compared.problem.of_function(fast[0])
+        has_others = len(self._fast_first) > 1 and bool((mine & ~self._right).any())
+        # What does not explain the fast function does not explain all.
+        if has_others and self._explaining_share(places, fast) is None:
+            return None
+        nearest = self._explaining_share(places, self._fast_first)
         if nearest is None:
             return None
         new = _shortest(nearest * places[0].value)
@@ -312,9 +316,27 @@ class _Search:
             return None
         return Repaired(changes, source)
 
+    def _explaining_share(self, places: Places, names: Sequence[str]) -> float | None:
+        """Return the share of a number with which some functions agree, None without one."""
+        value = places[0].value
+        first = self._columns(places, _SHARES[1] * value, names, may_move=~self._right)
+        if first is None or not self._may_be_wrong(first):
+            return None
+        values = [self._start, first]
+        for share in _SHARES[2:]:
+            columns = self._columns(places, share * value, names)
+            if columns is None:
+                return None
+            values.append(columns)
+        rows = min(map(len, values))
+        mine = np.isin(self._compared.problem.functions, names)
+        at_shares = np.stack([x[:rows, mine] for x in values])
+        return _nearest_share(at_shares, self._target[:rows, mine])
+
     def is_unread(self, places: Places) -> bool:
         """Tell whether another value of a number leaves all that the model gives."""
-        columns = self._columns(places, _SHARES[2] * places[0].value)
+        nothing = np.zeros_like(self._right)
+        columns = self._columns(places, _SHARES[2] * places[0].value, self._fast_first, nothing)
         return columns is not None and bool((self._moves(columns) <= 1.0).all())
 
     def _may_be_wrong(self, columns: Array) -> bool:
@@ -327,19 +349,37 @@ class _Search:
         rows = min(len(columns), len(self._start))
         return np.asarray(np.abs(columns[:rows] - self._start[:rows]).max(axis=0))
 
-    def _columns(self, places: Places, value: float) -> Array | None:
-        """Return what the model gives with another number, over the tolerances; None where it fails."""
+    def _columns(
+        self, places: Places, value: float, names: Sequence[str], may_move: Mask | None = None
+    ) -> Array | None:
+        """Return what the model gives with another number, over the tolerances.
+
+        None where it fails, or where it moves an element that it may not: the functions are called one after
+        the other, up to that. Elements of other functions are NaN.
+
+        Args:
+            places: where the number stands.
+            value: the other number.
+            names: the functions that are called.
+            may_move: the elements that it may move; all when not given.
+        """
         problem = self._compared.problem
         source = apply_changes(self._source, tuple(one.change(repr(value)) for one in places))
+        sampled: dict[str, samples.Sampled] = {}
         try:
-            sampled = samples.sample(self._read(source), self._few)
+            worker = self._read(source)
+            for name in names:
+                sampled |= samples.glance(worker, self._few, problem.noise, [name])
+                if not problem.has_layout_of(sampled):
+                    return None
+                given = problem.user_columns({k: s.quantities for k, s in sampled.items()}, GLANCED)
+                columns = np.asarray(given / problem.tolerance)
+                if may_move is not None and (self._moves(columns) > 1.0)[~may_move].any():
+                    return None
         except ModelError:
             self._end()
             return None
-        given = Problem(problem.tree, self._few.q, sampled, problem.rtol)
-        if given.elements != problem.elements:
-            return None
-        return np.asarray(given.user / problem.tolerance)
+        return columns
 
 
 def _nearest_share(values: Array, target: Array) -> float | None:

@@ -110,7 +110,7 @@ def find_causes(
         # Not a mistake of the formulas: the drives' part, which a search would only take away again.
         return Found([*whole, *set_aside], None, differences, residual.legend(differences))
     # A convention of the whole model is seen at once; one line of the source that undoes it is found fast.
-    budget = repair.SHORT if whole and whole[0].kind in CONVENTIONS else repair.LONG
+    budget = repair.SHORT if whole and whole[0].kind in CONVENTIONS else np.inf
     by_values = whole or diagnose(problem, follows)
     found = _find_repair(compared, by_values, whole, budget)
     if found is not None:
@@ -120,12 +120,19 @@ def find_causes(
     values = by_values if is_number else _told_by_values(by_values, behind_residual)
     if found is None and not whole:
         values = _with_other_bodies(problem, values)
+    _forget_what_was_not_searched(compared, whole, found)
     causes, repaired = _ranked(values, found, whole, worker.source, problem, behind_residual)
     shown = (
         *behind_residual,
         *(one for one in differences if one.label not in {d.label for d in behind_residual}),
     )
     return Found([*causes, *set_aside], repaired, shown, residual.legend(shown))
+
+
+def _forget_what_was_not_searched(compared: Compared, whole: list[Cause], found: Repaired | None) -> None:
+    """Where the mistake is named, no further search is needed."""
+    if whole or (found is not None and found.confirmed):
+        compared.course.unsearched.clear()
 
 
 def _friction(compared: Compared, sampled: Mapping[str, Sampled], whole: list[Cause]) -> list[Cause]:

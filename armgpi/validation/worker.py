@@ -59,6 +59,8 @@ _LONGEST, _MOST_VALUES = 64 * 2**20, 2_000_000
 _MANY_NUMBERS = 200_000
 #: How long an answer may take from its first byte to its last, and the keeper to end all processes [s].
 _ARRIVES, _ENDS = 30.0, 10.0
+#: How long the answer of a search may take beyond ten times what it may compute [s].
+_SEARCHED = 60.0
 #: Longest text of the model that is shown.
 _SHOWN = 500
 
@@ -77,8 +79,9 @@ class Worker:
         uncompared: its other functions of a state, which nothing compares.
         forms: of its functions those that take or return arrays in another form, once they were called.
         takes: how long a call takes [s], per function: the least so far.
+        uses: time of the processor that a call takes [s], per function: the least so far.
         means: what isolates it, "" when nothing does.
-        seconds: time of the processor that it had taken when it had read the model [s].
+        seconds: time of the processor that it has taken, with the calls of which it has answered [s].
         seconds_of_ended: time of the processor that all processes of models took that have ended [s].
     """
 
@@ -104,6 +107,7 @@ class Worker:
         self._model = model
         self.means = _means_of_isolation(model) if isolate else ""
         self.takes: dict[str, float] = {}
+        self.uses: dict[str, float] = {}
         self.forms: dict[str, Form] = {}
         # Forked, as a model may be an object that cannot be pickled (closures, a class in a notebook), and as
         # a fresh Python would take a second to import what is imported here already.
@@ -149,7 +153,7 @@ class Worker:
         Raises:
             ModelError: when it cannot be read; the process is of no use afterwards.
         """
-        self.takes, self.forms = {}, {}
+        self.takes, self.uses, self.forms = {}, {}, {}
         try:
             self._line.send(pickle.dumps((_REREAD, source)), _ARRIVES)
         except OSError:
@@ -219,26 +223,40 @@ class Worker:
                 raise self._nonsense(function) from None
             if not 0 < len(taken) <= len(states) - len(values):
                 raise self._nonsense(function)
-            for value, printed, took, form in taken:
+            for value, printed, took, form, used in taken:
+                self.seconds += used
                 if any(form):
                     self.forms[function] = form
                 # The least: the machine may be busy, a function is never faster than it is.
                 self.takes[function] = min(self.takes.get(function, took), took)
+                self.uses[function] = min(self.uses.get(function, used), used)
                 self.printed = self.printed or printed
                 values.append(value)
         return values
 
-    def search(self, goal: edits.Goal, known: Sequence[float], budget: float) -> proofs.Repaired | None:
-        """Return changes of the source with which the model gives what it should, None without such.
+    def search(self, goal: edits.Goal, known: Sequence[float], budget: float) -> proofs.Searched:
+        """Look for changes of the source with which the model gives what it should.
 
-        Numbers that are `known` to be right stay. The model is of no use afterwards. With a budget of 0
-        nothing is changed: it is only found what the model's numbers are in the robot.
+        The model is of no use afterwards. What it raises, or a process that it ends, is no failure: such a
+        source is too odd to be changed.
+
+        Args:
+            goal: what its functions should give.
+            known: numbers that are right, which stay.
+            budget: time of the processor [s]. With 0 nothing is changed: it is only found what the model's
+                numbers are in the robot.
         """
         try:
             self._line.send(pickle.dumps((_SEARCH, (goal, known, budget))), _ARRIVES)
-            return _read_repaired(self._receive("", 10.0 * search.BUDGET, ""), self.source)
-        except (OSError, ModelError, *_ODD):
-            return None
+            answer = self._receive("", _SEARCHED + 10.0 * budget, "")
+        except (OSError, ModelError):
+            return proofs.Searched(None)
+        try:
+            found, unsearched, failure = answer
+            repaired = _read_repaired(found, self.source)
+            return proofs.Searched(repaired, tuple(map(_line_of, unsearched)), _line_of(failure))
+        except _ODD as error:
+            return proofs.Searched(None, failure=f"its answer is {type(error).__name__}: {error}")
 
     def _receive(
         self, function: str, limit: float, doing: str, states: Sequence[Sequence[Array]] = ()
@@ -371,17 +389,37 @@ def _whole(value: Any, most: int) -> int:
     return int(value)
 
 
-def _read_call(answer: Any) -> tuple[Array, bool, float, Form]:
-    """Return the numbers of a call, whether the model has printed, how long it took [s], and its form."""
-    shape, numbers, printed, took, form = answer
+class _Called(NamedTuple):
+    """What a call gave.
+
+    Attributes:
+        values: its numbers.
+        printed: whether the model has printed.
+        took: how long it took [s].
+        form: in which form its arrays are.
+        used: time of the processor that it took [s].
+    """
+
+    values: Array
+    printed: bool
+    took: float
+    form: Form
+    used: float
+
+
+def _read_call(answer: Any) -> _Called:
+    """Return what a call gave, checked."""
+    shape, numbers, printed, took, form, used = answer
     _check_type(shape, list)
     _check_type(numbers, list)
     _check_type(took, int | float)
-    if len(numbers) > _MOST_NUMBERS or len(shape) > _DIMENSIONS or not took >= 0.0:
+    _check_type(used, int | float)
+    if len(numbers) > _MOST_NUMBERS or len(shape) > _DIMENSIONS or not (took >= 0.0 and used >= 0.0):
         raise ValueError
     sizes = [_whole(size, _MOST_NUMBERS) for size in shape]
     values = np.array(numbers, dtype=np.float64).reshape(sizes)
-    return values, bool(printed), float(took), Form(*(bool(each) for each in form))
+    each_form = Form(*(bool(each) for each in form))
+    return _Called(values, bool(printed), float(took), each_form, float(used))
 
 
 def _read_repaired(answer: Any, own_source: str | None) -> proofs.Repaired | None:
@@ -548,7 +586,7 @@ def _serve(
                 functions = _read_model(line, model, given, convention, silent, own)
             elif name == _SEARCH:
                 found = _search(functions, lambda s: models.resolve(model, s, convention), *given)
-                _send(line, True, _plain_repaired(found))
+                _send(line, True, [_plain_repaired(found.found), list(found.unsearched), found.failure])
                 os._exit(0)
             else:
                 _answer_calls(line, functions, name, given, silent, own, started)
@@ -607,20 +645,49 @@ def _prepare(model: Any) -> _Silent:
 
 def _search(
     functions: models.Functions, again: proofs.Again, goal: edits.Goal, known: Sequence[float], budget: float
-) -> proofs.Repaired | None:
-    """Return changes of a source with which the model gives what it should, None without such."""
+) -> proofs.Searched:
+    """Look for changes of a source with which the model gives what it should.
+
+    What the model raises ends the search without a word: its source is too odd to be changed. Any other
+    exception is a defect of ours, and is said.
+    """
     origin = functions.origin
     try:
         if origin is None or not edits.harmless(origin.source):
-            return None
+            return proofs.Searched(None)
         np.cross = edits.cross  # this process ends with the search
         functions = _as_graph(functions, again, goal)
         if budget == 0.0:
-            return search.vary_numbers(functions, again, goal)
-        until = time.process_time() + budget
-        return search.find_repair(functions, again, goal, known, until, extra=budget >= search.BUDGET)
-    except Exception:
-        return None  # a source that is too odd to be changed
+            return proofs.Searched(search.vary_numbers(functions, again, goal))
+        return search.find_repair(functions, again, goal, known, budget)
+    except models.Unusable:
+        return proofs.Searched(None)
+    except Exception as error:
+        path = "" if origin is None else origin.path
+        if _is_of_model(error, path):
+            return proofs.Searched(None)
+        return proofs.Searched(None, failure=_described_as_ours(error))
+
+
+def _is_of_model(error: Exception, path: str) -> bool:
+    """Tell whether an exception was raised while code of the model ran.
+
+    Args:
+        error: the exception.
+        path: name of the model's file.
+    """
+    names = [frame.filename for frame in traceback.extract_tb(error.__traceback__)]
+    # What SymPy writes has no file.
+    return any(name == path or name.startswith("<lambdifygenerated") for name in names)
+
+
+def _described_as_ours(error: Exception) -> str:
+    """Return what an exception of ours was and where, in one line."""
+    ours = Path(__file__).parent
+    frames = traceback.extract_tb(error.__traceback__)
+    place = next((frame for frame in reversed(frames) if ours in Path(frame.filename).parents), frames[-1])
+    said = " ".join(str(error).split())
+    return f"{type(error).__name__}: {said} ({Path(place.filename).name}, line {place.lineno})"[:_SHOWN]
 
 
 def _as_graph(functions: models.Functions, again: proofs.Again, goal: edits.Goal) -> models.Functions:
@@ -663,7 +730,7 @@ def _answer_calls(
         for state in states:
             started.value += 1
             given = [np.array(x) for x in state]  # copies, so that a change is seen
-            start = time.perf_counter()
+            start, began = time.perf_counter(), time.process_time()
             value = _numbers(function(*given))
             _end_copies(own)
             for label, x, before in zip(models.ARGUMENTS[name], given, state, strict=True):
@@ -671,7 +738,8 @@ def _answer_calls(
                     raise models.Unusable(f"changes its argument {label} in place; let it work on a copy")
             now = time.perf_counter()
             form = list(getattr(innermost, "form", None) or ())
-            answers.append((value.shape, value.ravel().tolist(), silent.used, now - start, form))
+            used = time.process_time() - began
+            answers.append((value.shape, value.ravel().tolist(), silent.used, now - start, form, used))
             count += value.size
             if now - sent > _TOGETHER or count > _MANY_NUMBERS:
                 _send(line, True, answers)

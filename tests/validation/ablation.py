@@ -29,6 +29,7 @@ import scoring
 from armgpi import validate
 from armgpi.validation import (
     alternatives,
+    course,
     diagnose,
     edits,
     graph,
@@ -300,8 +301,7 @@ def judged(style: str, line: int, name: str = "", by_values: bool = False) -> Ca
     off = [one.switches for one in mechanisms() if one.name == name]
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         for place, attribute, other in (
-            (repair, "LONG", seconds),
-            (search, "BUDGET", SECONDS),
+            (course, "TOTAL", seconds),
             *sum(off, ()),
         ):
             stack.enter_context(mock.patch.object(place, attribute, other))

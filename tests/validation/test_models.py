@@ -13,7 +13,7 @@ from hand_models import planar
 from sampling import for_search
 
 from armgpi import Robot, validate
-from armgpi.validation import models, search
+from armgpi.validation import course, models
 from armgpi.validation.conventions import propose_map
 
 NUMBERS = planar(1).model
@@ -103,7 +103,7 @@ def test_a_module_an_instance_and_a_class() -> None:
     ids=["plain", "greek", "functions of time"],
 )
 def test_sympy_expressions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, symbols: str) -> None:
-    monkeypatch.setattr(search, "BUDGET", 1.0)  # what is named here are values, not sources
+    monkeypatch.setattr(course, "TOTAL", 1.0)  # what is named here are values, not sources
     robot = planar(1).robot
     right = written(tmp_path, SYMPY.format(symbols=symbols, parameters=parameters()))
     assert validate(right, robot).agrees

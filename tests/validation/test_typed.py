@@ -7,7 +7,6 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,9 +14,9 @@ import textbooks
 
 from armgpi import Robot, validate
 from armgpi.errors import ModelError
-from armgpi.validation import samples, typed
+from armgpi.validation import samples
+from armgpi.validation.course import seconds_used
 from armgpi.validation.diagnose import Cause
-from armgpi.validation.repair import seconds_used
 from armgpi.validation.witnesses import unread_names
 from armgpi.validation.worker import Worker
 
@@ -224,12 +223,11 @@ def test_a_wrong_entry_of_a_list_is_named_with_its_index(tmp_path: Path) -> None
 def test_a_slow_model_is_varied_at_fewer_configurations(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where the machine is busy a model may be sampled at fewer of them than before."""
+    """A model whose calls take long is sampled at few of them."""
     path = tmp_path / "model.py"
     path.write_text(written("names", {**RIGHT, "I2": 0.02}))
-    every = samples.sample
-    fewer = SimpleNamespace(sample=lambda worker, states: every(worker, states.first(6)))
-    monkeypatch.setattr(typed, "samples", fewer)
+    monkeypatch.setattr(samples, "COMPUTING", 1e-9)
+    monkeypatch.setattr(samples, "FEW", 6)
     (cause,) = validate(path, arm()).causes
     assert cause.line == 2
     assert cause.expected == pytest.approx(0.05)
