@@ -427,6 +427,8 @@ def unexpected(function: str, name: str, keywords: Sequence[str]) -> str:
     """
     near = [each for each in KEYWORDS.get(name, ()) if each in keywords]
     near += get_close_matches(name, keywords, n=1)
+    for foreign in get_close_matches(name, KEYWORDS, n=1) if not near else ():  # bandwith
+        near += [each for each in KEYWORDS[foreign] if each in keywords]
     end = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(keywords)}"
     return f"{function}() got an unexpected keyword argument {name!r}; {end}"
 

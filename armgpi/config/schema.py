@@ -84,23 +84,23 @@ class RobotSection(Section):
     """Which arm.
 
     Attributes:
-        name: a name from ``armgpi.robots.names()`` or the path of a URDF, relative to the file.
+        name: name of a robot (``armgpi.robots.names()``), or path of its URDF, relative to this file.
         lock: joints to hold fixed: names, or name -> value [rad or m].
-        keep: when given, every other joint is locked.
-        mimic: whether joints that mimic another are locked or follow it.
+        keep: joints that move; all others are locked.
+        mimic: whether joints that mimic another one are locked, or follow it.
         repair: names of repairs that may be made in the URDF, or "all"; see :mod:`armgpi.robot.repairs`.
         effort: effort limits that replace the URDF's [N m or N].
-        rotor_inertia: seen at the joints, of the plant and of the nominal models [kg m^2 or kg].
+        rotor_inertia: reflected rotor inertia (armature) of plant and nominal models [kg m^2 or kg].
         friction: joint friction that replaces the URDF's.
         drives: joint -> what is known of its drive (:mod:`armgpi.robot.drives`); the keys above come on top.
             Or what is assumed of drives of which the file contains nothing (:func:`armgpi.assume_drives`):
             "elastic", rotors and elastic joints, the default where a controller is tuned automatically; the
             plant is then elastic unless specified otherwise; "stiff", rotors and stiff joints; "none",
             no rotors.
-        gravity: who carries the arm's weight: the controller ("arm"), or a robot that compensates it by
-            itself; then plant and nominal models have no gravity.
-        posterior: a copy of the ``identification.json`` from which a sweep draws arms; that of the folder of
-            an identified arm when not given.
+        gravity: who compensates gravity: the controller ("arm"), or the robot by itself ("robot"); plant and
+            nominal models then have no gravity.
+        posterior: the ``identification.json`` from which a sweep takes randomised arms; by default that in
+            the folder of an identified arm.
     """
 
     keys: ClassVar[Mapping[str, Key]] = {
@@ -190,16 +190,16 @@ class PlantSection(Section):
     """What differs from the nominal model; sensors and actuators come to it from their declarations.
 
     Attributes:
-        payload: a load that the controller does not know.
-        inertia_scale: factor of the masses and inertias that it really has.
-        rotor_inertia: the one that it really has, which the controller does not know [kg m^2 or kg].
-        viscous: likewise its viscous friction, in place of the robot's [N m s/rad or N s/m].
-        coulomb: likewise its Coulomb friction [N m or N].
-        gravity: likewise the acceleration of free fall where it stands [m/s^2].
-        drives: what its drives really are, where the controller assumes others.
-        bodies: joint -> what it really moves, up to the next joint: mass, first moments, and second moments
-            about the joint's frame (xx, xy, yy, xz, yz, zz).
-        friction: "urdf" for the robot's friction coefficients, "none".
+        payload: a payload that is unknown to the controllers.
+        inertia_scale: factor on the true masses and inertias.
+        rotor_inertia: true reflected rotor inertia, unknown to the controllers [kg m^2 or kg].
+        viscous: true viscous friction, unknown to the controllers [N m s/rad or N s/m].
+        coulomb: true Coulomb friction, unknown to the controllers [N m or N].
+        gravity: true acceleration of gravity, unknown to the controllers [m/s^2].
+        drives: true drives, where the controllers assume others.
+        bodies: joint -> true inertial parameters of the links up to the next joint: mass, first moments, and
+            second moments about the joint's frame (xx, xy, yy, xz, yz, zz).
+        friction: "urdf" for the friction of the robot, or "none".
         loads: disturbance torques.
         environment: what the tool touches: forces, walls and springs.
         substeps: integration steps per sample.
@@ -292,19 +292,19 @@ class ReferenceSection(Section):
             and begins where the default move does. When not given, that is the default move
             (:func:`armgpi.default_move`): every joint moves by up to 0.5 and back, away from singular
             configurations. In a file without the key ``ideal`` it starts in the middle of the joint ranges.
-        durations: of the moves [s]; gentle ones when not given, which the motors can.
-        holds: at each configuration [s]; 0 when not given, 1 when there are no points either.
+        durations: durations of the moves [s]; by default long enough for the motors.
+        holds: time at rest at each configuration [s]; 0 by default, 1 when there are no points either.
         file: instead of all these, a recorded trajectory: CSV (time and joints by name) or NetCDF.
-        path: instead of all these, where a frame shall go in space.
+        path: instead of all these, a path of a frame in space.
         poses: instead of all these, a file of poses that a frame goes through smoothly: CSV, NetCDF or MCAP.
         stream: instead of all these, a file of poses that arrive at their times, followed within limits.
-        frame: which frame follows the path or the poses; the tip when not given.
+        frame: frame that follows the path or the poses; by default the tip.
         feedforward: whether a stream's own speed is anticipated: less lag, more noise.
-        torque_rate: how fast the motors' torques may change [N m/s or N/s], from which a stream's jerk limits
-            follow; when not given, the effort in 87 ms.
-        start: configuration in which a stream begins [rad or m]; that of its first pose when not given.
-        direction: where the frame's `tool_axis` points to all along; anywhere when not given.
-        tool_axis: an axis in the frame.
+        torque_rate: largest rate of change of the motors' torques [N m/s or N/s], from which a stream's jerk
+            limits follow; by default the effort in 87 ms.
+        start: configuration in which a stream begins [rad or m]; by default that of its first pose.
+        direction: direction in which the frame's `tool_axis` points along the whole path; free by default.
+        tool_axis: an axis of the frame, in its own coordinates.
     """
 
     keys: ClassVar[Mapping[str, Key]] = {
@@ -333,11 +333,11 @@ class VarySection(Section):
 
     Attributes:
         uniform: lowest and highest value.
-        log_uniform: the same, its logarithm evenly drawn.
-        normal: mean and standard deviation; the tails beyond 4 of these are cut.
-        choices: some values, all as likely.
-        factor: what the parameter is, divided and multiplied by up to this, its logarithm evenly drawn.
-        each: whether a per-joint parameter is drawn once for each rollout, or for each of its joints.
+        log_uniform: lowest and highest value; the logarithm is distributed evenly.
+        normal: mean and standard deviation, cut at 4 standard deviations.
+        choices: values that are all equally likely.
+        factor: the parameter's value is divided and multiplied by up to this, with an even logarithm.
+        each: whether a per-joint parameter has one random value for each rollout, or one for each joint.
     """
 
     keys: ClassVar[Mapping[str, Key]] = {
@@ -362,24 +362,25 @@ class ExperimentConfig(Section):
     """A whole experiment file.
 
     Attributes:
-        format: of the file, which armgpi writes; a file without it is of the first.
-        robot: which arm.
-        ideal: which world fills in what the file does not state (``armgpi.config.world``): false for
+        format: version of the file's format, 1; armgpi writes it.
+        robot: the arm: a name, or a mapping with `name` and what is specified of it.
+        ideal: which assumptions replace what the file does not state (``armgpi.config.world``): false for
             assumed drives, friction that the URDF contains, encoders and delay, and the automatic controller;
             true for an arm without all these. A file without the key has what it states alone.
-        plant: what it really is like.
-        reality: instead of `plant`, a draw (`index`) of a reality by its name and seed. It also says sample
-            time, reference and length of the run, where the file does not.
-        controllers: who controls it; `run` takes the first one, `compare` all.
-        reference: where to.
-        supervisor: what all controllers are under; none when not given. `{}` has every default.
-        sample_time: of the controllers [s].
-        t_final: how long [s]; when not given, until the reference has ended and 2 s more.
-        record_every: record every so many samples.
-        seed: of all random numbers.
-        vary: what `armgpi sweep` draws: name of a parameter -> distribution. Other commands leave it out.
-        failure: when a rollout of a sweep has failed: metric -> largest value of any joint. One that diverges
-            has failed anyway.
+        plant: the simulated arm: its payload, disturbances, sensors and actuators.
+        reality: instead of `plant`, scenario `index` of an uncertainty model with a name and a seed. It also
+            determines sample time, reference and length of the run, where the file does not.
+        controllers: list of controllers; `armgpi run` takes the first one, `armgpi compare` all.
+        reference: the desired motion.
+        supervisor: supervisor of all controllers, which stops the arm after a fault; none by default, and
+            `{}` has every default.
+        sample_time: sample time of the controllers [s].
+        t_final: length of the run [s]; by default the reference and 2 s more.
+        record_every: record only every so many samples.
+        seed: seed of all random numbers.
+        vary: what `armgpi sweep` varies: name of a parameter -> distribution. Other commands ignore it.
+        failure: bounds beyond which a rollout of a sweep has failed: metric -> largest value of any joint.
+            One that diverges has failed in any case.
     """
 
     keys: ClassVar[Mapping[str, Key]] = {
