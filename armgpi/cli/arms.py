@@ -192,6 +192,7 @@ def _explain_drives(experiment: Experiment) -> None:
     from armgpi.config.building import verdicts
     from armgpi.plants.plant import inside
     from armgpi.robot.rotors import describe, describe_gears, describe_ratio
+    from armgpi.tuning.verdict import why_sensitive
 
     robot = experiment.robot
     for said in filter(None, (describe(robot), describe_gears(robot), describe_ratio(robot))):
@@ -202,6 +203,8 @@ def _explain_drives(experiment: Experiment) -> None:
             break
     for label, each in verdicts(experiment).items():
         hold(f"{label}: {each.describe()}")
+        if why := why_sensitive(robot, each):
+            hold(f"{label}: {why}")
         hold(f"{label}: {each.explain(robot.joint_names)}")
 
 

@@ -23,6 +23,7 @@ from armgpi.identification.check import (
     check_bodies,
     check_fit,
     check_friction,
+    check_robot,
     check_rotors,
     refuse,
 )
@@ -104,6 +105,10 @@ _CONFIGURATIONS = 50
 _CONSTANTS = 0.1
 #: Samples by which lags of joints may differ as delays do.
 _LAG_SAMPLES = 2.5
+#: Factor by which the last link may be farther from the file's where it may carry a payload.
+_PAYLOAD = 10.0
+#: Least inertia of a joint, over that of the largest, that is compared with the file's.
+_INERT = 0.1
 #: Expected load over the arm's mass, and its radius about the tip [m].
 _LOAD, _LOAD_RADIUS = 0.2, 0.15
 
@@ -471,6 +476,32 @@ class Identified:
             rows.append(Estimate(joint, "inertia", value, *ends, learned, expected))
         return rows
 
+    @property
+    def link_distance(self) -> float:
+        """How far all links but the last are from the file's, over what is expected, squared and summed.
+
+        The last link may carry anything: its expected value is widened, so that a payload is found there and
+        not in the links before it.
+        """
+        n, fitted = self.file.n, self._fit
+        place = (n - 1) * len(COLUMNS)
+        last = np.arange(place, place + len(BODY))
+        information = fitted.information.copy()
+        information[last, last] -= 1.0 - 1.0 / _PAYLOAD**2
+        free = np.linalg.solve(information, fitted.information @ fitted.free)
+        links = free[: len(COLUMNS) * n].reshape(n, -1)[:-1, : len(BODY)]
+        return float((links**2).sum())
+
+    @property
+    def inertia_ratios(self) -> Array:
+        """Mean inertia of each joint over that of the file, rotors left out, (n,).
+
+        NaN of joints with less than a tenth of the largest one: a tool at a wrist multiplies its inertia.
+        """
+        none = np.zeros(self.file.n)
+        own, file = (mean_inertia(arm.with_armature(none)) for arm in (self.robot, self.file))
+        return np.where(file > _INERT * file.max(), own / np.maximum(file, np.finfo(float).tiny), np.nan)
+
     def sample(self, count: int = 64, seed: int = 0) -> RobotBatch:
         """Return arms drawn from what the logs leave open, each physical.
 
@@ -740,6 +771,7 @@ def identify(
     found.findings += tuple(found._rotor_findings())
     found.findings += tuple(check_friction(robot.joint_names, data.expected, coulomb))
     found.findings += tuple(check_bodies(robot.joint_names, bodies))
+    found.findings += tuple(check_robot(robot.joint_names, found.link_distance, found.inertia_ratios))
     return found
 
 

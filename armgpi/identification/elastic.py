@@ -116,7 +116,7 @@ class Twist(NamedTuple):
 
     def _of_motors(self, twisted: WeakForm, gear: Array) -> Array:
         """Return how the torques of rotors and friction change as the motors go ahead, (samples, n, n)."""
-        first, second = (twisted.derivative(gear, order) for order in (1, 2))
+        first, second = twisted.both_derivatives(gear)
         rotor, coulomb, viscous = (self.unknowns[:, k] for k in (ROTOR, COULOMB, VISCOUS))
         sharp = self.width**2 / (twisted.velocity**2 + self.width**2) ** 1.5
         each = rotor * second + (viscous + coulomb * sharp) * first
@@ -150,7 +150,7 @@ class _Change:
 
     def by(self, ahead: Array) -> Array:
         """Return the moments where the link of each joint is ahead by values (samples, n): (k, n, n)."""
-        first, second = (self.form.thin(self.form.derivative(ahead, order)) for order in (1, 2))
+        first, second = (self.form.thin(each) for each in self.form.both_derivatives(ahead))
         ahead = self.form.thin(ahead)
         change = self.by_q * ahead[:, None] + self.by_v * first[:, None] + self.mass * second[:, None]
         return self.form.moments(change)

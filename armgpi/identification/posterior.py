@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from armgpi.base.arrays import LARGEST, Array, check_whole
 from armgpi.errors import UrdfError
@@ -21,6 +22,9 @@ from armgpi.robot.batch import RobotBatch
 from armgpi.robot.equations import Friction
 from armgpi.robot.identified import is_number, read_data
 from armgpi.robot.robot import Robot
+
+#: Standard deviation, over that of the prior, below which an unknown is known exactly.
+_EXACT = 1e-9
 
 
 class Posterior(NamedTuple):
@@ -63,8 +67,9 @@ class Posterior(NamedTuple):
         endless = np.full(len(mean), np.inf)
         lower, upper = (-endless, endless) if bounds is None else bounds
         values, vectors = np.linalg.eigh(covariance)
-        factor = vectors * np.sqrt(np.maximum(values, 0.0))
-        return cls(mean, scale, _triangle(factor), lower, upper)
+        root = _triangle(vectors * np.sqrt(np.maximum(values, 0.0)))
+        root[np.diag(covariance) == 0.0] = 0.0  # the square root of a rounding is none
+        return cls(mean, scale, root, lower, upper)
 
     def unknowns(self, normal: Array) -> Array:
         """Return the physical unknowns that are nearest to some points of the distribution, (count, p).
@@ -80,11 +85,18 @@ class Posterior(NamedTuple):
         """
         places = range(0, len(self.mean), len(COLUMNS))
         positive = [place + k for place in places for k in (ROTOR, COULOMB, VISCOUS)]
+        # A number that is known exactly has no room for a solver to move it.
+        positive = [place for place in positive if self._is_open[place]]
         prior = Prior(self.mean, self.scale, tuple(places), tuple(positive))
         bounds = (self.lower - self.mean) / self.scale, (self.upper - self.mean) / self.scale
         draws = [estimate.project(point, self.root, prior, bounds) for point in self._points(normal)]
         # The solver stops short of a bound by its accuracy.
         return np.clip(self.mean + self.scale * np.array(draws), self.lower, self.upper)
+
+    @property
+    def _is_open(self) -> npt.NDArray[np.bool_]:
+        """Which unknowns are not known exactly, (p,)."""
+        return np.linalg.norm(self.root, axis=1) > _EXACT
 
     def _points(self, normal: Array) -> Array:
         """Return points of the distribution around its mean in units of `scale`, physical or not, (count, p).
@@ -93,7 +105,7 @@ class Posterior(NamedTuple):
         the others follow them as the covariance says.
         """
         bounded = np.isfinite(self.lower) | np.isfinite(self.upper)
-        bounded &= (self.root != 0.0).any(axis=1)
+        bounded &= self._is_open
         if not bounded.any():
             return normal @ self.root.T
         order = np.argsort(~bounded, kind="stable")

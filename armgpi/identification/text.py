@@ -14,9 +14,8 @@ from armgpi.identification.arm import Estimate, Identified, Load, Validation
 from armgpi.identification.estimate import is_supposed
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import assume_gears
-from armgpi.tuning.geared import SENSITIVITIES
 from armgpi.tuning.rule import BITS
-from armgpi.tuning.verdict import verdict
+from armgpi.tuning.verdict import verdict, why_sensitive
 
 #: Residual over torque up to which a model is good enough to control by, and from which it explains little.
 _GOOD, _POOR = 0.1, 0.25
@@ -266,12 +265,8 @@ def say_law(found: Identified) -> list[str]:
         f"{omega.min():.3g} to {omega.max():.3g} rad/s, {judged.describe()}; the logs leave inertia "
         f"{low:.2f} to {high:.2f} times the identified one"
     ]
-    if "assumed" in robot.drives.sources("stiffness") and judged.sensitivity > SENSITIVITIES[0]:
-        lines.append(
-            "its margins are the smallest ones over the assumed range of the joint stiffness, which slow "
-            "motions do not show; where armgpi excite --resonance has measured it, the rule keeps Ms below "
-            f"{SENSITIVITIES[0]:g} if it can"
-        )
+    if why := why_sensitive(robot, judged):
+        lines.append(why)
     return lines
 
 

@@ -20,6 +20,7 @@ import pinocchio as pin
 from numpy.lib.stride_tricks import sliding_window_view
 
 from armgpi.base.arrays import Array
+from armgpi.identification.filters import forth_and_back, low_pass
 from armgpi.identification.logs import Grid
 
 #: What is estimated of each joint: its body (mass, first moments, second moments about the joint's frame),
@@ -56,7 +57,6 @@ class WeakForm:
 
         Where the log is shorter than a test function, there are none.
         """
-        from scipy import signal  # here: it is slow to import
         from scipy.interpolate import CubicSpline
 
         self._grid, self._model, dt = grid, model, grid.dt
@@ -66,10 +66,9 @@ class WeakForm:
         self._hop = max(1, round(HOP / coarse)) * self._step
         self._first = -(-round((_TRIM + MOST_LAG) / dt) // self._step) * self._step
         cutoff = min(_CUTOFF, _CUTOFF_SHARE / dt)
-        low_pass = signal.butter(4, cutoff, fs=1.0 / dt, output="sos")
-        pad = min(len(grid.q) - 1, round(1.0 / dt))
-        self._q = signal.sosfiltfilt(low_pass, grid.q, axis=0, padlen=pad)
-        self._low_pass, self._pad = low_pass, pad
+        self._sections = low_pass(cutoff, 1.0 / dt)
+        self._pad = min(len(grid.q) - 1, round(1.0 / dt))
+        self._q = forth_and_back(self._sections, grid.q, self._pad)
         self._v = CubicSpline(np.arange(len(self._q)) * dt, self._q).derivative()(
             np.arange(len(self._q)) * dt
         )
@@ -132,6 +131,14 @@ class WeakForm:
         times = np.arange(len(values)) * self._grid.dt
         return np.asarray(CubicSpline(times, values)(times, order))
 
+    def both_derivatives(self, values: Array) -> tuple[Array, Array]:
+        """Return the first and second derivative of values (samples, n) by time."""
+        from scipy.interpolate import CubicSpline
+
+        times = np.arange(len(values)) * self._grid.dt
+        spline = CubicSpline(times, values)
+        return np.asarray(spline(times, 1)), np.asarray(spline(times, 2))
+
     def torque_at_positions(self, lag: Array) -> Array:
         """Return the torques of the times of the positions, filtered like these [N m or N], (samples, n).
 
@@ -148,9 +155,7 @@ class WeakForm:
 
     def smooth(self, values: Array) -> Array:
         """Return values (samples, n) behind the filter of the positions."""
-        from scipy import signal
-
-        return np.asarray(signal.sosfiltfilt(self._low_pass, values, axis=0, padlen=self._pad))
+        return forth_and_back(self._sections, values, self._pad)
 
     def with_twist(self, twist: Array, side: str) -> WeakForm:
         """Return the moments of the same log where the motors are ahead of the links by a twist.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,6 +21,7 @@ from armgpi.config import schema
 from armgpi.errors import UrdfError
 from armgpi.identification.arm import Identified, Load, Validation
 from armgpi.identification.excitation import Excitation
+from armgpi.identification.pictures import draw
 from armgpi.identification.text import say_causes, say_notes, say_residuals, tabulate
 from armgpi.robot import markup
 from armgpi.robot.assembly import Assembly, inertia_of, join
@@ -367,10 +367,6 @@ def write_page(found: Identified, emptied: Sequence[str], validation: Validation
         )
     sections["What to know"] = page.bullets(notes)
     seen = "the log that was not fitted" if validation else "the first fitted log"
-    with suppress(ImportError):  # without Matplotlib there are words alone
-        from armgpi.identification.pictures import draw
-
-        shown = f"torque of each joint on {seen}, and what is left over position, speed and torque"
-        sections["Torques"] = f"<p>On {seen}.</p>{page.picture(draw(found.robot, judged), shown)}"
+    sections["Torques"] = f"<p>On {seen}.</p>{draw(found.robot, judged)}"
     summary = "".join(f"<p>{page.text(line)}</p>" for line in verdict)
     return str(page.document(f"Identified: {found.robot.name}", summary, sections))

@@ -205,6 +205,26 @@ def verdict(law: Any, robot: Robot, bits: Any = None) -> Verdict:
     return found._replace(limits=tuple(found.limits), loops=(found.loops[0], found.loops[1]))
 
 
+def why_sensitive(robot: Robot, judged: Verdict) -> str:
+    """Return in a line over what a large Ms is the largest one, where stiffness is assumed; else nothing.
+
+    Args:
+        robot: the arm as the controller knows it, with its stiffness.
+        judged: what the controller tolerates on it.
+    """
+    assumed = "assumed" in robot.drives.sources("stiffness")
+    if not assumed or not math.isfinite(judged.sensitivity) or judged.sensitivity <= geared.SENSITIVITIES[0]:
+        return ""
+    over = "the assumed range of the joint stiffness"
+    if geared.at_link(robot) and judged.resonance > geared.SOFTEST:
+        over += f", which for encoders at the links goes down to a first mode of {geared.SOFTEST:g} Hz"
+    return (
+        f"Ms and delay margin are the worst ones over {over}; the rule keeps these loops stable and does not "
+        "bound their Ms. Where the stiffness is measured (armgpi excite --resonance, or --drives FILE) it "
+        f"keeps Ms below {geared.SENSITIVITIES[0]:g} if it can"
+    )
+
+
 def _verdict(law: Any, robot: Robot, bits: Any) -> Verdict:
     """Work out what :func:`verdict` returns."""
     soft, late = geared.is_known(robot), samples_late(law.dt, law.delay)

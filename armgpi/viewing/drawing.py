@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 
 from armgpi.base.arrays import Array
@@ -42,6 +43,12 @@ class Drawing:
         places = " ".join("{:.1f},{:.1f}".format(*self._place(*each)) for each in path)
         stroke = f'stroke="{colour}" stroke-width="1.5"' + (f' stroke-dasharray="{dash}"' if dash else "")
         return f'<polyline points="{places}" fill="{fill}" {stroke}/>'
+
+    def dots(self, points: Sequence[tuple[float, float]] | Array, colour: str, width: float = 2.0) -> str:
+        """Return points as dots of a width [px]; those that are NaN are left out."""
+        places = [self._place(x, y) for x, y in points if math.isfinite(x) and math.isfinite(y)]
+        moves = "".join(f"M{across:.1f} {up:.1f}h0" for across, up in places)
+        return f'<path d="{moves}" stroke="{colour}" stroke-width="{width:g}" stroke-linecap="round"/>'
 
     def bar(
         self,

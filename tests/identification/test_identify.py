@@ -27,7 +27,7 @@ from armgpi.config.experiment import portable
 from armgpi.control.linear_arm import gravity_stiffness
 from armgpi.errors import ArmgpiError, ParameterError, UnfitLog
 from armgpi.identification import arm as identification
-from armgpi.identification import resonance
+from armgpi.identification import check, resonance
 from armgpi.identification.arm import Identified, Validation, identify, mean_inertia
 from armgpi.identification.chirp import Side
 from armgpi.identification.estimate import Block, Prior, expect, extend_positive, fit
@@ -1531,3 +1531,98 @@ def test_the_noise_of_a_residual_is_what_adds_to_it() -> None:
         squares = 0.5 * noise[line] ** 2 + 0.05**2 * torque**2
         robust = resonance._ROBUST * abs(left[line]) * torque
         assert found == pytest.approx((squares + robust) ** 0.5)
+
+
+@cache
+def carrying(payload: float) -> Log:
+    """Return a log of a UR5 whose bodies are those of its file, with a payload away from its flange."""
+    robot = armgpi.Robot.load("ur5")
+    t = np.arange(0.0, 10.0, 2e-3)
+    z = excite(robot, 10.0, 0.5, seed=4, floor=None).reference.at(t)
+    there = robot.with_payload(robot.tip, payload, (0.0, 0.08, 0.1)) if payload else robot
+    tau = (
+        there.inverse_dynamics(z.q, z.v, z.a)
+        + rotors.typical_inertia(robot) * z.a
+        + 2.0 * np.tanh(z.v / 5e-3)
+    )
+    return Log(t, z.q, tau)
+
+
+def said_of(result: Identified) -> str:
+    return "\n".join(str(each) for each in result.findings)
+
+
+def test_a_payload_is_neither_refused_nor_taken_for_another_robot() -> None:
+    """The rated payload turns the weight of wrist_1 and wrist_2 round: it is in the last link alone."""
+    result = identify(carrying(5.0), armgpi.Robot.load("ur5"))
+    assert result.link_distance < 0.3 * check.ANOTHER_ROBOT
+    assert "another robot" not in said_of(result)
+    assert result.robot.pinocchio_model().inertias[6].mass > 2.0
+
+
+def joint_terms() -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """Return the terms of a joint under its weight, (k, 5), moments of a load, (k, 4), and its friction."""
+    t = np.linspace(0.0, 20.0, 400)
+    q, v, a = np.sin(t) + 0.4 * np.sin(2.3 * t), np.cos(t) + 0.92 * np.cos(2.3 * t), -np.sin(t)
+    friction = np.tanh(20.0 * v)
+    terms = np.column_stack([np.sin(q), a, friction, v, np.ones_like(t)])
+    load = np.column_stack([0.0 * q, np.sin(q), np.cos(q), 0.0 * q])
+    return terms, load, friction
+
+
+@pytest.mark.parametrize(
+    ("weight", "severity", "said"),
+    [
+        (-1.5, "warning", "a payload on the last link"),
+        (0.0, "error", "does not carry the weight"),
+        (1.0, "", ""),
+    ],
+)
+def test_a_weight_turned_round_is_a_payload_and_a_missing_one_is_refused(
+    weight: float, severity: str, said: str
+) -> None:
+    terms, load, friction = joint_terms()
+    torque = weight * terms[:, 0] + 0.3 * friction + 0.2 * terms[:, 1]
+    found = list(check._of_scale("joint", terms, torque, 100.0, load, True))
+    assert [each.severity for each in found] == ([severity] if severity else [])
+    assert all(said in each.message for each in found)
+
+
+@pytest.mark.parametrize(("sign", "said"), [(1.0, ""), (-1.0, "reversed sign")])
+def test_a_payload_is_no_reversed_sign_and_a_reversed_log_is(sign: float, said: str) -> None:
+    """All of a reversed torque has the other sign; a payload turns its weight round and no friction."""
+    terms, load, friction = joint_terms()
+    torque = 1.0 * terms[:, 0] + 0.6 * friction + 0.3 * terms[:, 1]
+    torque = -torque if sign < 0.0 else torque - 2.5 * terms[:, 0]
+    own, _ = check._explain(terms, torque)
+    found = check._misfit(
+        armgpi.Robot.load("anthropomorphic3"), 0, terms, torque, load[:, 1:], np.eye(3) * own, False
+    )
+    assert said in found
+    assert bool(found) == bool(said)
+
+
+def test_a_log_of_another_robot_is_said_to_be_one() -> None:
+    """An arm with links of 1.4 times the length, and 2.5 times the mass, whose joints have the same names."""
+    robot = armgpi.Robot.load("ur5")
+    result = identify(carrying(0.0), armgpi.Robot.load("ur10"), check_first=False)
+    assert result.link_distance > check.ANOTHER_ROBOT
+    (said,) = (each for each in result.findings if "another robot" in each.message)
+    assert said.severity == "warning"
+    ratio = float(np.nanmin(result.inertia_ratios))
+    assert f"{ratio:.2g} times the inertia" in said.message
+    right = identify(carrying(0.0), robot)
+    assert right.link_distance < 0.1 * check.ANOTHER_ROBOT
+    assert right.inertia_ratios[:3] == pytest.approx([1.0, 1.0, 1.0], rel=0.05)
+
+
+def test_reversed_torques_are_still_refused_beside_what_a_payload_explains() -> None:
+    given = carrying(0.0)
+    with pytest.raises(UnfitLog, match="reversed sign"):
+        identify(given._replace(tau=-given.tau), armgpi.Robot.load("ur5"))
+
+
+def test_a_robot_that_carries_its_own_weight_is_still_refused() -> None:
+    given, robot = carrying(0.0), armgpi.Robot.load("ur5")
+    with pytest.raises(UnfitLog, match="does not carry the weight"):
+        identify(given._replace(tau=given.tau - robot.gravity(given.q)), robot)
