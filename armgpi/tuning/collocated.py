@@ -5,11 +5,11 @@ above -180 degrees there. What limits it is not the resonance but the delay T of
 loop, together with how much more inertia the feedback has than the rotor alone, which is all that the torque
 moves at high frequencies. So the derivative filter is kept apart from the bandwidth. With
 
-    C(s) = w s / (1 + s/f) + w^2 / 2 + w^3 / (15 s)
+    C(s) = w s / (1 + s/f) + w^2 / 1.4 + w^3 / (10 s)
 
-the characteristic polynomial of one joint has a pair of poles at 0.58 w, a slow real one at 0.2 w and a fast
-one near f. Loops that are late have w^2 / 2.5 and w^3 / 25. It is the member of the GPI family with one
-integrator and no roll-off.
+the characteristic polynomial of one joint has a pair of poles at 0.77 w with a damping ratio of 0.55, a slow
+real one at 0.18 w and a fast one near f. Loops that are late have w^2 / 2.5 and w^3 / 25. It is the member of
+the GPI family with one integrator and no roll-off.
 """
 
 from __future__ import annotations
@@ -43,8 +43,9 @@ LATE_LINK_FACTOR = 0.2
 LATE_ROTOR_FACTOR = 1.0
 #: Divisors p and i of the proportional and integral gains, w^2 / p and w^3 / i [-]. A joint that friction
 #: holds beside its reference moves on when the integral has grown by that friction: with these it does so
-#: soon enough to be at rest where with 2.5 and 25 it still creeps (tools/first_rule.py, seed 501).
-PROPORTIONAL, INTEGRAL = 2.0, 15.0
+#: soon enough to be at rest where with 2 and 15, or 2.5 and 25, it still creeps (tools/first_rule.py, seeds
+#: 501 and 508). With 1.2 and 9 the peak sensitivity of Panda's loop is above 2.5.
+PROPORTIONAL, INTEGRAL = 1.4, 10.0
 #: The same where the loop is late.
 LATE_PROPORTIONAL, LATE_INTEGRAL = 2.5, 25.0
 #: Error that is not integrated while the reference rests [rad or m], but no less than so many counts.
