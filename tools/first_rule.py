@@ -146,7 +146,7 @@ class Variant(NamedTuple):
         kept = {key: vars(collocated)[key] for key in self.numbers}
         vars(collocated).update(self.numbers)
         try:
-            chosen = rule._choose_soft(*asked) if self.soft else rule._chosen(*asked)[0]
+            chosen = rule._choose_soft(rule._Asked(*asked)) if self.soft else rule._chosen(*asked)[0]
         finally:
             vars(collocated).update(kept)
         return {**chosen, **self.given, **self.changed}

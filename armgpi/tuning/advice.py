@@ -26,14 +26,17 @@ def untuned_arm(robot: Robot, chosen: Mapping[str, Any], rigid: bool) -> Iterato
         rigid: whether gears are taken as rigid; soft ones make a loop slow by themselves.
     """
     omega: Array | None = chosen.get("omega_c") if rigid else None
-    if omega is not None and omega[j := int(np.argmin(omega))] < SLOWEST_DEFAULT:
-        name = robot.joint_names[j]
-        message = (
-            f"sample time, delay and encoders leave joint {name!r} {omega[j]:.3g} rad/s, which is slow: "
-            f"below {SLOWEST_DEFAULT:g} rad/s an arm tracks badly"
-        )
-        repair = "use a shorter sample time, or finer encoders"
-        yield Finding("warning", f"joint {name!r}", message, float(omega[j]), SLOWEST_DEFAULT, repair)
+    if omega is not None:
+        j = int(np.argmin(omega))
+        slowest = float(omega[j])
+        if slowest < SLOWEST_DEFAULT:
+            name = robot.joint_names[j]
+            message = (
+                f"sample time, delay and encoders leave joint {name!r} {slowest:.3g} rad/s, which is slow: "
+                f"below {SLOWEST_DEFAULT:g} rad/s an arm tracks badly"
+            )
+            repair = "use a shorter sample time, or finer encoders"
+            yield Finding("warning", f"joint {name!r}", message, slowest, SLOWEST_DEFAULT, repair)
     if names := told_none(robot):
         message = (
             f"{', '.join(names)}: specified to have no rotor; a geared motor at such a joint makes the "
@@ -51,7 +54,7 @@ def unlike_arms(kinds: Sequence[str]) -> str:
     rows: dict[str, list[int]] = {}
     for k, kind in enumerate(kinds):
         rows.setdefault(kind, []).append(k)
-    said = "; ".join(f"{kind}: arms {_numbered(own)}" for kind, own in rows.items())
+    said = "; ".join(f"{kind}: arms {_numbered(arms)}" for kind, arms in rows.items())
     return (
         f"a batch of arms whose automatic controllers have one structure (these have, alone, controllers "
         f"{said}; make a RobotBatch of the arms of each kind)"

@@ -60,7 +60,8 @@ def remember(kind: str, parts: Mapping[str, Any], compute: Callable[[], Any], on
         The same, with the same bits; tuples are lists.
     """
     try:
-        text = json.dumps([kind, _written(parts), _package(), _constants()])
+        content = [kind, _written(parts), _package(), _constants()]
+        text = json.dumps(content)
     except _NotPlainError:
         return compute()
     key = hashlib.sha256(text.encode()).hexdigest()[:32]
@@ -103,21 +104,22 @@ def _written(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return {"array": value.tolist(), "kind": value.dtype.str}
     if type(value) is LoadRange:
-        own = {name: getattr(value, name) for name in ("heaviest", "lightest", "frame", "com")}
-        return {"load": _written(own)}
+        names = ("heaviest", "lightest", "frame", "com")
+        return {"load": _written({name: getattr(value, name) for name in names})}
     if isinstance(value, Robot):
         return {"robot": _digest(value)}
     if isinstance(value, Mapping):
-        return {"mapping": [[str(name), _written(each)] for name, each in value.items()]}
+        rows = [[str(name), _written(entry)] for name, entry in value.items()]
+        return {"mapping": rows}
     if isinstance(value, (tuple, list)):
-        return [_written(each) for each in value]
+        return [_written(entry) for entry in value]
     raise _NotPlainError
 
 
 def _read(plain: Any) -> Any:
     """Return the value of plain data; None for what is none of ours."""
     if isinstance(plain, list):
-        return [_read(each) for each in plain]
+        return [_read(entry) for entry in plain]
     if not isinstance(plain, dict):
         return plain
     match plain:
@@ -126,37 +128,41 @@ def _read(plain: Any) -> Any:
         case {"load": own}:
             return LoadRange(**_read(own))
         case {"mapping": rows}:
-            return {name: _read(each) for name, each in rows}
+            return {name: _read(entry) for name, entry in rows}
     return None
 
 
 @lru_cache(maxsize=64)
 def _digest(robot: Robot) -> str:
     """Return a digest of what is known of an arm, whatever it was read from."""
-    places = np.stack([robot.middle(), *random_configurations(robot, _PROBED, seed=5)])
+    others = random_configurations(robot, _PROBED, seed=5)
+    places = np.stack([robot.middle(), *others])
     model = robot.pinocchio_model()
-    data = {
-        quantity: {joint: [datum.value, datum.low, datum.high, datum.source] for joint, datum in rows.items()}
-        for quantity, rows in robot.drives.data.items()
-    }
+    data: dict[str, dict[str, list[Any]]] = {}
+    for quantity, rows in robot.drives.data.items():
+        data[quantity] = {
+            joint: [datum.value, datum.low, datum.high, datum.source] for joint, datum in rows.items()
+        }
     words = {
         "name": robot.name,
         "joints": [list(robot.joint_names), list(robot.joint_types), robot.tip],
-        "friction": [list(map(str, robot.provenance.get("changes", ())))],
+        "friction": [[str(change) for change in robot.provenance.get("changes", ())]],
         "drives": data,
         "frames": [[frame.name, frame.parentJoint] for frame in model.frames],
     }
-    content = hashlib.sha256(json.dumps(words, sort_keys=True, default=str).encode())
+    text = json.dumps(words, sort_keys=True, default=str)
+    content = hashlib.sha256(text.encode())
     for array in _numbers(robot, model, places):
-        content.update(np.ascontiguousarray(array, dtype=float).tobytes() + b"|")
+        numbers = np.ascontiguousarray(array, dtype=float)
+        content.update(numbers.tobytes() + b"|")
     return content.hexdigest()
 
 
 def _numbers(robot: Robot, model: Any, places: Array) -> list[Array]:
     """Return the numbers of an arm."""
-    bodies = [np.array([each.mass, *each.lever, *each.inertia.ravel()]) for each in model.inertias]
-    joints = [np.asarray(each.homogeneous).ravel() for each in model.jointPlacements]
-    frames = [np.asarray(each.placement.homogeneous).ravel() for each in model.frames]
+    bodies = [np.array([body.mass, *body.lever, *body.inertia.ravel()]) for body in model.inertias]
+    joints = [np.asarray(placement.homogeneous).ravel() for placement in model.jointPlacements]
+    frames = [np.asarray(frame.placement.homogeneous).ravel() for frame in model.frames]
     return [
         *bodies,
         *joints,
@@ -173,7 +179,8 @@ def _numbers(robot: Robot, model: Any, places: Array) -> list[Array]:
 @lru_cache(maxsize=1)
 def _package() -> str:
     """Return a digest of the code that decides what is chosen, and of what it computes with."""
-    versions = [sys.version, platform.machine(), np.__version__, import_module("pinocchio").__version__]
+    of_pinocchio = import_module("pinocchio").__version__
+    versions = [sys.version, platform.machine(), np.__version__, of_pinocchio]
     content = hashlib.sha256(" ".join(versions).encode())
     root = Path(__file__).parents[1]
     for folder in (root, *(root / room for room in _ROOMS)):
@@ -184,9 +191,9 @@ def _package() -> str:
 
 def _constants() -> str:
     """Return the constants of the rule, as they are now."""
-    found = []
+    lines = []
     for module in _MODULES:
         for name, value in vars(import_module(f"armgpi.{module}")).items():
             if name.lstrip("_").isupper() and not isinstance(value, Member):
-                found.append(f"{module}.{name}={value!r}")
-    return "\n".join(found)
+                lines.append(f"{module}.{name}={value!r}")
+    return "\n".join(lines)

@@ -17,6 +17,7 @@ import numpy as np
 
 from armgpi.base.arrays import Array, as_float_array, check_number
 from armgpi.base.parameter import with_parameters
+from armgpi.control.linear_arm import Law
 from armgpi.errors import Finding, ParameterError
 from armgpi.gpi import advice as of_controllers
 from armgpi.gpi.family import PARAMETERS, Member
@@ -93,6 +94,8 @@ START = "rest"
 BITS = ASSUMED_BITS
 #: Effort in gravity torques beyond which a motor is taken to be stronger than the arm is quiet.
 _MOST_EFFORT, _LEAST_GRAVITY = 5.0, 0.03
+#: Bandwidth at which the nominal load is asked for alone [rad/s]: so slow that no load is in its way.
+_NOMINAL_ALONE = 1e-9
 #: Configurations over which inertia and gravity are taken.
 _CONFIGURATIONS = 50
 
@@ -143,11 +146,50 @@ def apply_rule(
     given = given or {}
     if isinstance(robot, RobotBatch):
         return _of_batch(robot, dt, delay, bits, given)
-    depends: dict[str, Any] = {"robot": robot, "dt": dt, "delay": delay, "bits": bits, "given": given}
+    asked = _Asked(robot, dt, delay, bits, given)
     chosen: dict[str, Any]
-    chosen, soft = kept.remember("rule", depends, lambda: _chosen(robot, dt, delay, bits, given))
-    found = advice.untuned_arm(robot, chosen, rigid=not soft and "gains" not in given)
-    return Choice(chosen, tuple(found))
+    chosen, soft = kept.remember("rule", asked._asdict(), lambda: _chosen(*asked))
+    is_rigid = not soft and "gains" not in given
+    findings = advice.untuned_arm(robot, chosen, rigid=is_rigid)
+    return Choice(chosen, tuple(findings))
+
+
+class _Asked(NamedTuple):
+    """One arm that a controller is chosen for, and what is known of its loop; see :func:`apply_rule`.
+
+    Attributes:
+        robot: nominal model.
+        dt: sample time [s].
+        delay: transport delay [s].
+        bits: resolution of the encoders [bits]; None for exact positions.
+        given: parameters that are chosen already.
+    """
+
+    robot: Robot
+    dt: float
+    delay: float
+    bits: Any
+    given: Mapping[str, Any]
+
+    @property
+    def late(self) -> int:
+        """Samples by which measurements are late."""
+        return samples_late(self.dt, self.delay)
+
+    @property
+    def counts(self) -> Array | None:
+        """One count of each encoder, at the joint [rad or m], (n,); None for exact positions."""
+        return None if self.bits is None else self.robot.encoder_count(checked_bits(self.bits))
+
+    def carrying(self, member: Member | None = None) -> Robot:
+        """Return the arm with the load in the nominal model of the feedback, if loads are given."""
+        loads = self.given.get("payload")
+        if loads is None:
+            return self.robot
+        range_ = (self.robot, self.dt, self.delay, _NOMINAL_ALONE)
+        chosen = loads.choose(*range_) if member is None else loads.choose(*range_, member)
+        nominal: Robot = chosen.nominal
+        return nominal
 
 
 class Structure(NamedTuple):
@@ -233,11 +275,11 @@ def _each_alone(
     seen: dict[Any, dict[str, Any]] = {}
     rows = []
     for one, own_bits, own in _rows(robots, bits, given):
-        mark = id(one), _mark(own_bits), tuple((name, _mark(value)) for name, value in own.items())
+        asked = _Asked(one, dt, delay, own_bits, own)
+        given_marks = [(name, _mark(value)) for name, value in own.items()]
+        mark = id(one), _mark(own_bits), tuple(given_marks)
         if mark not in seen:
-            depends = {"robot": one, "dt": dt, "delay": delay, "bits": own_bits, "given": own}
-            compute = partial(_chosen, one, dt, delay, own_bits, own)
-            chosen, _ = kept.remember("rule", depends, compute, on_disk=False)
+            chosen, _ = kept.remember("rule", asked._asdict(), partial(_chosen, *asked), on_disk=False)
             seen[mark] = dict(chosen)
         rows.append(seen[mark])
     return rows
@@ -248,9 +290,10 @@ def _mark(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return "array", value.dtype.str, value.shape, value.tobytes()
     if isinstance(value, LoadRange):
-        return "load", *(_mark(each) for each in (value.lightest, value.heaviest, value.frame, value.com))
+        parts = (value.lightest, value.heaviest, value.frame, value.com)
+        return "load", *map(_mark, parts)
     if isinstance(value, (tuple, list)):
-        return "row", *(_mark(each) for each in value)
+        return "row", *map(_mark, value)
     if value is None or isinstance(value, (bool, int, float, str)):
         return type(value).__name__, repr(value)
     return "object", id(value)
@@ -289,24 +332,31 @@ _DEFAULTS: Mapping[str, Any] = {
 
 def _stacked(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return what was chosen for arms of one structure, as a batch has it."""
+    names: dict[str, None] = {}  # in the order in which arms have them
+    for row in rows:
+        names.update(dict.fromkeys(row))
     stacked: dict[str, Any] = {}
-    for name in dict.fromkeys(name for row in rows for name in row):
-        each = [row[name] if name in row else _DEFAULTS[name] for row in rows]
-        first = each[0]
-        if name == "friction_feedforward":
-            stacked[name] = all(each)
-        elif name == "start":
-            stacked[name] = START if START in each else first
-        elif isinstance(first, LoadRange):
-            heaviest: Any = np.array([[load.heaviest] for load in each])
-            stacked[name] = LoadRange(heaviest=heaviest, com=first.com)
-        elif any(isinstance(value, np.ndarray) for value in each):
-            stacked[name] = np.stack(np.broadcast_arrays(*each))
-        elif isinstance(first, float) and len(set(each)) > 1:
-            stacked[name] = np.array(each)[:, None]
-        else:
-            stacked[name] = first
+    for name in names:
+        values = [row[name] if name in row else _DEFAULTS[name] for row in rows]
+        stacked[name] = _stacked_value(name, values)
     return stacked
+
+
+def _stacked_value(name: str, values: Sequence[Any]) -> Any:
+    """Return what a batch has of a parameter, from what its arms have."""
+    first = values[0]
+    if name == "friction_feedforward":
+        return all(values)
+    if name == "start":
+        return START if START in values else first
+    if isinstance(first, LoadRange):
+        heaviest: Any = np.array([[load.heaviest] for load in values])
+        return LoadRange(heaviest=heaviest, com=first.com)
+    if any(isinstance(value, np.ndarray) for value in values):
+        return np.stack(np.broadcast_arrays(*values))
+    if isinstance(first, float) and len(set(values)) > 1:
+        return np.array(values)[:, None]
+    return first
 
 
 def _without(given: Mapping[str, Any], chosen: Mapping[str, Any]) -> dict[str, Any]:
@@ -318,10 +368,11 @@ def _chosen(
     robot: Robot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
 ) -> tuple[dict[str, Any], bool]:
     """Return what is chosen without what is given, and whether it is for elastic joints."""
-    chosen = _rigid(robot, dt, delay, bits, given)
-    soft = _twists(robot, dt, delay, {**chosen, **given})
+    asked = _Asked(robot, dt, delay, bits, given)
+    chosen = _rigid(asked)
+    soft = _twists(asked, {**chosen, **given})
     if soft:
-        chosen = _choose_geared(robot, dt, delay, bits, given)
+        chosen = _choose_geared(asked)
     return _without(given, chosen), soft
 
 
@@ -360,8 +411,9 @@ def arguments(
     return Choice({**own, **chosen, **given}, findings)
 
 
-def _rigid(robot: Robot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]) -> dict[str, Any]:
+def _rigid(asked: _Asked) -> dict[str, Any]:
     """Return what is chosen for an arm whose gears are rigid."""
+    robot, dt, delay, bits, given = asked
     chosen: dict[str, Any] = {
         "integrators": INTEGRATORS,
         "rolloff": ROLLOFF,
@@ -379,32 +431,41 @@ def _rigid(robot: Robot, dt: float, delay: float, bits: Any, given: Mapping[str,
     omega: Array = min(limits) * np.ones(robot.n)
     loads = given.get("payload")
     if isinstance(loads, LoadRange):
-        omega = np.minimum(omega, loads.choose(robot, dt, delay, member=law).omega_c)
+        allowed = loads.choose(robot, dt, delay, member=law).omega_c
+        omega = np.minimum(omega, allowed)
     elif "payload" not in given:
         most = most_delta(law, float(omega[0]) * late(dt, delay))
         chosen["payload"] = loads = _spare(robot, most)
     if bits is not None:
-        nominal = robot if loads is None else loads.choose(robot, dt, delay, 1e-9, law).nominal
-        omega = omega * np.minimum(1.0, quietness(nominal, dt, law, omega, bits))
+        nominal = robot
+        if loads is not None:
+            nominal = loads.choose(robot, dt, delay, _NOMINAL_ALONE, law).nominal
+        quiet = quietness(nominal, dt, law, omega, bits)
+        omega = omega * np.minimum(1.0, quiet)
     return {**chosen, "omega_c": omega}
 
 
-def _twists(robot: Robot, dt: float, delay: float, law: Mapping[str, Any]) -> bool:
+def _twists(asked: _Asked, law: Mapping[str, Any]) -> bool:
     """Tell whether gears are known, and too soft for the law of an arm whose gears are rigid."""
-    if not geared.is_known(robot) or "omega_c" not in law:
-        return geared.is_known(robot)
-    own, loads, samples = Member.chosen_by(law), law.get("payload"), samples_late(dt, delay)
-    nominal: Any = robot if loads is None else loads.choose(robot, dt, delay, 1e-9, own).nominal
+    robot, dt, delay, _, _ = asked
+    is_known = geared.is_known(robot)
+    if not is_known or "omega_c" not in law:
+        return is_known
+    member = Member.chosen_by(law)
+    nominal: Any = robot
+    if law.get("payload") is not None:
+        nominal = law["payload"].choose(robot, dt, delay, _NOMINAL_ALONE, member).nominal
     bias = robot if law["feedforward"] == "computed" else None
     omega = law["omega_c"] * np.ones(robot.n)
 
     def loops_of(cases: tuple[geared.Case, ...]) -> geared.Loops:
-        return geared.Loops(cases, nominal, bias, own, dt)
+        return geared.Loops(cases, nominal, bias, member, dt)
 
     # A late loop is sensitive with rigid gears as well.
-    rigid = geared.AS_RIGID * loops_of(geared.rigid_cases(robot, dt, samples)).sensitivity(omega)
-    most = max(geared.RIGID_SENSITIVITY, rigid)
-    return not loops_of(geared.cases(robot, dt, samples)).holds(omega, most)
+    rigid = loops_of(geared.rigid_cases(robot, dt, asked.late))
+    most = max(geared.RIGID_SENSITIVITY, geared.AS_RIGID * rigid.sensitivity(omega))
+    elastic = loops_of(geared.cases(robot, dt, asked.late))
+    return not elastic.holds(omega, most)
 
 
 def samples_late(dt: float, delay: float) -> int:
@@ -412,98 +473,84 @@ def samples_late(dt: float, delay: float) -> int:
     return math.ceil(round(delay / dt, 6))
 
 
-def _choose_geared(
-    robot: Robot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
-) -> dict[str, Any]:
+def _choose_geared(asked: _Asked) -> dict[str, Any]:
     """Return what is chosen for an arm with elastic joints."""
-    if _collocated_delay(robot, dt, delay) >= collocated.COMPARED:
-        return _choose_late(robot, dt, delay, bits, given)
-    stiff = _choose_collocated(robot, dt, delay, bits, given)
-    if stiff is not None and float(np.min(stiff["omega_c"])) >= FAST_ENOUGH:
+    if _collocated_delay(asked.robot, asked.dt, asked.delay) >= collocated.COMPARED:
+        return _choose_late(asked)
+    stiff = _choose_collocated(asked)
+    if stiff is not None and _allowed_bandwidth(stiff) >= FAST_ENOUGH:
         return stiff
-    soft = _choose_soft(robot, dt, delay, bits, given)
+    soft = _choose_soft(asked)
     if stiff is None:
         return soft
     # Light rotors or encoder counts may leave the stiff one less than the soft one has anyway.
-    return min((stiff, soft), key=lambda each: _yielding(robot, dt, delay, each))
+    return min((stiff, soft), key=lambda chosen: _yielding(asked, chosen))
 
 
-def _choose_late(
-    robot: Robot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
-) -> dict[str, Any]:
+def _choose_late(asked: _Asked) -> dict[str, Any]:
     """Return what is chosen for an arm whose gears twist and whose loop is late.
 
     That for encoders at the motors is stable at some damping; the other one mostly is not, so it has to yield
     less by more than a little.
     """
-    soft = _choose_soft(robot, dt, delay, bits, given)
+    soft = _choose_soft(asked)
     most = math.nan  # worked out only where there is something to compare
     for damping in collocated.LATE_DAMPINGS:
-        stiff = _choose_collocated(robot, dt, delay, bits, given, damping)
+        stiff = _choose_collocated(asked, damping)
         if stiff is None:
             continue
         if math.isnan(most):
-            spare = 1.0 if _is_stable(robot, dt, delay, soft, given) else LATE_YIELDING
-            most = spare * _yielding(robot, dt, delay, soft)
-        if _yielding(robot, dt, delay, stiff) <= most:
+            spare = 1.0 if _is_stable(asked, soft) else LATE_YIELDING
+            most = spare * _yielding(asked, soft)
+        if _yielding(asked, stiff) <= most:
             return stiff
     return soft
 
 
-def _is_stable(
-    robot: Robot, dt: float, delay: float, chosen: Mapping[str, Any], given: Mapping[str, Any]
-) -> bool:
+def _is_stable(asked: _Asked, chosen: Mapping[str, Any]) -> bool:
     """Tell whether loops of elastic joints are stable at the least usual damping, wherever encoders sit."""
-    own, loads = Member.chosen_by(chosen), given.get("payload")
-    loaded: Any = robot if loads is None else loads.choose(robot, dt, delay, 1e-9, own).nominal
-    nominal: Any = with_heavier_rotors(loaded, chosen.get("rotor_factor", 1.0))
-    loops = geared.Loops(geared.cases(robot, dt, samples_late(dt, delay)), nominal, robot, own, dt)
-    return loops.holds(chosen["omega_c"])
+    robot, dt = asked.robot, asked.dt
+    member = Member.chosen_by(chosen)
+    nominal: Any = with_heavier_rotors(asked.carrying(member), chosen.get("rotor_factor", 1.0))
+    cases = geared.cases(robot, dt, asked.late)
+    return geared.Loops(cases, nominal, robot, member, dt).holds(chosen["omega_c"])
 
 
-def _choose_soft(
-    robot: Robot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
-) -> dict[str, Any]:
+def _choose_soft(asked: _Asked) -> dict[str, Any]:
     """Return what is chosen for elastic joints, wherever the encoders sit and however late the loop is."""
-    link, believed = geared.at_link(robot), geared.is_assumed(robot)
-    chosen = _with_structure(
-        ASSUMED_LINK if link and believed else GEARED[link], robot, dt, delay, bits, given
-    )
-    if link or believed:
+    at_link = geared.at_link(asked.robot)
+    is_assumed = geared.is_assumed(asked.robot)
+    structure = ASSUMED_LINK if at_link and is_assumed else GEARED[at_link]
+    chosen = _with_structure(structure, asked)
+    if at_link or is_assumed:
         return chosen
-    other = _with_structure(GEARED[True], robot, dt, delay, bits, given)
-    return other if _allowed_bandwidth(other) > ROLLOFF_GAIN * _allowed_bandwidth(chosen) else chosen
+    other = _with_structure(GEARED[True], asked)
+    is_much_faster = _allowed_bandwidth(other) > ROLLOFF_GAIN * _allowed_bandwidth(chosen)
+    return other if is_much_faster else chosen
 
 
 def _collocated_delay(robot: Robot, dt: float, delay: float) -> float:
     """Return the delay of hold, transport and current loop [s]."""
-    current = float(np.min(robot.drives.value("current_bandwidth", two_mass.CURRENT_LOOP)))
-    return collocated.delay_of(dt, samples_late(dt, delay), current)
+    bandwidths = robot.drives.value("current_bandwidth", two_mass.CURRENT_LOOP)
+    slowest = float(np.min(bandwidths))
+    return collocated.delay_of(dt, samples_late(dt, delay), slowest)
 
 
-def _choose_collocated(
-    robot: Robot,
-    dt: float,
-    delay: float,
-    bits: Any,
-    given: Mapping[str, Any],
-    damping: float = collocated.LATE_DAMPINGS[0],
-) -> dict[str, Any] | None:
+def _choose_collocated(asked: _Asked, damping: float = collocated.LATE_DAMPINGS[0]) -> dict[str, Any] | None:
     """Return what is chosen for elastic joints whose encoders are specified to sit at the motors.
 
     None where they are not, where the loop is too late, where no bandwidth is stable, or where some of the
     structure is given already.
     """
+    robot, dt, delay, _, given = asked
     at_motor = (robot.drives.value("encoder_side") == "motor").all()
     chosen_here = {*PARAMETERS, "gains", "omega_c", "zeta_c", "rotor_factor", "link_factor", "feedforward"}
-    taken = chosen_here & set(given)
-    if not at_motor or taken or _collocated_delay(robot, dt, delay) >= collocated.LATE:
+    is_free = chosen_here.isdisjoint(given)
+    if not at_motor or not is_free or _collocated_delay(robot, dt, delay) >= collocated.LATE:
         return None
-    loads = given.get("payload")
-    counts = None if bits is None else robot.encoder_count(checked_bits(bits))
-    carried: Any = robot if loads is None else loads.choose(robot, dt, delay, 1e-9).nominal
-    effort, late_by = usual_effort(robot), samples_late(dt, delay)
-    numbers = collocated.choose(robot, carried, dt, late_by, counts, effort, damping)
+    counts = asked.counts
+    carried = asked.carrying()
+    numbers = collocated.choose(robot, carried, dt, asked.late, counts, usual_effort(robot), damping)
     if numbers is None:
         return None
     return {
@@ -519,9 +566,9 @@ def _choose_collocated(
     }
 
 
-def _yielding(robot: Robot, dt: float, delay: float, chosen: Mapping[str, Any]) -> float:
+def _yielding(asked: _Asked, chosen: Mapping[str, Any]) -> float:
     """Return how far the usual efforts of a rigid arm push its joints aside at most; see :func:`yields`."""
-    return float(yields(robot, dt, delay, chosen).max())
+    return float(yields(asked.robot, asked.dt, asked.delay, chosen).max())
 
 
 def yields(robot: Robot, dt: float, delay: float, chosen: Mapping[str, Any]) -> Array:
@@ -536,20 +583,28 @@ def yields(robot: Robot, dt: float, delay: float, chosen: Mapping[str, Any]) -> 
         delay: transport delay [s].
         chosen: parameters of a controller as :func:`apply_rule` returns them.
     """
-    own = Member.chosen_by(chosen)
-    ones = np.ones(robot.n)
-    tuning = Tuning(chosen["omega_c"] * ones, chosen.get("zeta_c", 1.0) * ones, chosen["omega_c"] * ones)
-    realisation = Bumpless(own)
-    law = two_mass.joint_laws(realisation, realisation.coefficients(tuning, dt), robot.n)
-    q = robot.middle()
-    model: Any = feedback_model(robot, chosen.get("link_factor", 1.0), chosen.get("rotor_factor", 1.0))
-    law = two_mass.around(law, model.mass_matrix(q))
+    law = _rigid_law(robot, dt, chosen)
     frequencies = np.geomspace(0.3, 0.5 * math.pi / dt, 120)
     response = two_mass.law_response(law, np.exp(1j * frequencies * dt))
-    late = np.exp(-1j * frequencies * _collocated_delay(robot, dt, delay))[:, None, None]
-    stiffness = -(frequencies**2)[:, None, None] * robot.mass_matrix(q) - late * response
-    alone = np.abs(np.linalg.inv(stiffness)).max(axis=0)
-    return np.asarray(np.diag(alone) * usual_effort(robot))
+    lag = np.exp(-1j * frequencies * _collocated_delay(robot, dt, delay))
+    inertia = robot.mass_matrix(robot.middle())
+    acceleration = -(frequencies**2)[:, None, None] * inertia
+    stiffness = acceleration - lag[:, None, None] * response
+    largest = np.abs(np.linalg.inv(stiffness)).max(axis=0)
+    return np.asarray(np.diag(largest) * usual_effort(robot))
+
+
+def _rigid_law(robot: Robot, dt: float, chosen: Mapping[str, Any]) -> Law:
+    """Return a controller that was chosen, linear about the middle, without its feedforward."""
+    ones = np.ones(robot.n)
+    omega = chosen["omega_c"] * ones
+    zeta = chosen.get("zeta_c", 1.0) * ones
+    realisation = Bumpless(Member.chosen_by(chosen))
+    coefficients = realisation.coefficients(Tuning(omega, zeta, omega), dt)
+    law = two_mass.joint_laws(realisation, coefficients, robot.n)
+    factors = chosen.get("link_factor", 1.0), chosen.get("rotor_factor", 1.0)
+    model: Any = feedback_model(robot, *factors)
+    return two_mass.around(law, model.mass_matrix(robot.middle()))
 
 
 def checked_bits(bits: Any) -> Array:
@@ -569,15 +624,13 @@ def _allowed_bandwidth(chosen: Mapping[str, Any]) -> float:
     return float(np.min(chosen["omega_c"]))
 
 
-def _with_structure(
-    structure: Mapping[str, Any],
-    robot: Robot,
-    dt: float,
-    delay: float,
-    bits: Any,
-    given: Mapping[str, Any],
-) -> dict[str, Any]:
-    """Return what is chosen for an arm with elastic joints, with some structure of the law."""
+def _with_structure(structure: Mapping[str, Any], asked: _Asked) -> dict[str, Any]:
+    """Return what is chosen for an arm with elastic joints, with some structure of the law.
+
+    All joints are first as fast as each other as the loops tolerate, then each is raised on its own, and last
+    slowed to where its encoder's counts are quiet.
+    """
+    robot, dt, delay, bits, given = asked
     chosen: dict[str, Any] = {
         "integrators": INTEGRATORS,
         **structure,
@@ -585,37 +638,38 @@ def _with_structure(
         "rest_dead_zone": REST_ZONE,
     }
     every = {**chosen, **given}
-    law, factor, loads = Member.chosen_by(every), every.get("rotor_factor", 1.0), given.get("payload")
+    law = Member.chosen_by(every)
     highest = min(_limits(law, dt, delay))
-
-    loaded: Any = robot if loads is None else loads.choose(robot, dt, delay, 1e-9, law).nominal
-    nominal: Any = with_heavier_rotors(loaded, factor)
+    nominal: Any = with_heavier_rotors(asked.carrying(law), every.get("rotor_factor", 1.0))
     bias = robot if every["feedforward"] == "computed" else None
-    believed, (usual, light) = geared.is_assumed(robot), geared.DAMPINGS
+    is_assumed = geared.is_assumed(robot)
 
     def loops_at(damping: float) -> geared.Loops:
-        arms = geared.cases(robot, dt, samples_late(dt, delay), damping)
+        arms = geared.cases(robot, dt, asked.late, damping)
         return geared.Loops(arms, nominal, bias, law, dt)
 
-    loops = loops_at(light)
-    alike = geared.bandwidth(loops, highest, believed)
-    if believed and alike.omega < geared.LATE:
-        loops = loops_at(usual)
-        alike = geared.bandwidth(loops, highest, believed)
-    least = min(geared.SLOWEST, highest)
-    if believed and not geared.at_link(robot) and alike.omega < least:
-        omega = least * np.ones(robot.n)  # which not all loops bear: then none is raised (fit arms)
+    usual_damping, least_damping = geared.DAMPINGS
+    loops = loops_at(least_damping)
+    alike = geared.bandwidth(loops, highest, is_assumed)
+    if is_assumed and alike.omega < geared.LATE:
+        loops = loops_at(usual_damping)
+        alike = geared.bandwidth(loops, highest, is_assumed)
+    slowest = min(geared.SLOWEST, highest)
+    if is_assumed and not geared.at_link(robot) and alike.omega < slowest:
+        omega = slowest * np.ones(robot.n)  # which not all loops bear: then none is raised (fit arms)
     else:
         omega = geared.raise_joints(alike, loops, highest)
     if bits is not None:
-        quiet = omega * np.minimum(1.0, quietness(nominal, dt, law, omega, bits, not law.rolloff))
+        noise = quietness(nominal, dt, law, omega, bits, direct=not law.rolloff)
+        quiet = omega * np.minimum(1.0, noise)
         omega = np.maximum(quiet, np.minimum(geared.SLOWEST, omega))
     return {**chosen, "omega_c": omega}
 
 
 def _spare(robot: Robot, most: float) -> LoadRange:
     """Return the nominal load that the loop has delay margin to spare for: empty, delta is `most` at most."""
-    return LoadRange(heaviest=float(balanced_load(robot, most)), com=plausible_load(robot).com)
+    heaviest = float(balanced_load(robot, most))
+    return LoadRange(heaviest=heaviest, com=plausible_load(robot).com)
 
 
 class _Limits(NamedTuple):
@@ -629,9 +683,16 @@ def _limits(law: Member, dt: float, delay: float) -> _Limits:
     """Return the bandwidths that a member of the family is allowed."""
     dt = check_number(dt, "dt", "a positive sample time [s]", open_=True)
     delay = check_number(delay, "delay", "zero or positive [s]")
-    one = np.ones(1)
-    crossover = max(float(crossovers(loop).max()) for loop in loops(Tuning(one, one, one), law))
-    return _Limits(CROSSOVER / crossover, DELAY_SHARE * tolerated_phase(law) / late(dt, delay))
+    crossover = highest_crossover(law)
+    tolerated = DELAY_SHARE * tolerated_phase(law)
+    return _Limits(stiffness=CROSSOVER / crossover, lateness=tolerated / late(dt, delay))
+
+
+def highest_crossover(law: Member) -> float:
+    """Return the highest crossover frequency of a member of the family over its bandwidth [-]."""
+    unit = np.ones(1)
+    of_loops = [crossovers(loop).max() for loop in loops(Tuning(unit, unit, unit), law)]
+    return float(max(of_loops))
 
 
 def quietness(robot: Robot, dt: float, law: Member, omega: Array, bits: Any, direct: bool = False) -> Array:
@@ -642,12 +703,15 @@ def quietness(robot: Robot, dt: float, law: Member, omega: Array, bits: Any, dir
     """
     bits = checked_bits(bits)
     slowest = float(np.min(omega))
-    fast = [None if x is None else float(np.max(x)) for x in law.ratios]
-    loudest = Member(law.integrators, law.rolloff, fast[0] or 1.0, fast[1], fast[2])
-    one = Tuning(*map(np.array, (slowest, 1.0, slowest)))
+    # The fastest poles of any joint are the loudest.
+    fastest = [None if ratio is None else float(np.max(ratio)) for ratio in law.ratios]
+    rolloff_ratio = fastest[0] or 1.0
+    loudest = Member(law.integrators, law.rolloff, rolloff_ratio, fastest[1], fastest[2])
+    one = Tuning(np.array(slowest), np.array(1.0), np.array(slowest))
     power, root = (2, np.sqrt) if direct else (3, np.cbrt)
-    step = count_noise(one, dt, loudest).step / math.sqrt(12.0) * (omega / slowest) ** power
-    noise = step * robot.encoder_count(bits)
+    step = count_noise(one, dt, loudest).step / math.sqrt(12.0)
+    faster = (omega / slowest) ** power
+    noise = step * faster * robot.encoder_count(bits)
     return np.asarray(root(TORQUE_SHARE * _least_acceleration(robot) / noise))
 
 
@@ -661,15 +725,18 @@ def usual_effort(robot: Robot) -> Array:
     """
     limit = robot.limits.effort
     check_powered(robot, limit)
-    gravity = np.abs(robot.gravity(_configurations(robot))).max(axis=0)
+    gravity = np.abs(robot.gravity(_configurations(robot)))
+    gravity = gravity.max(axis=0)
     floor = np.maximum(gravity, _LEAST_GRAVITY * gravity.max())
     most = np.where(floor > 0.0, _MOST_EFFORT * floor, math.inf)
-    return np.where(np.isfinite(np.minimum(limit, most)), np.minimum(limit, most), 1.0)
+    usual = np.minimum(limit, most)
+    return np.where(np.isfinite(usual), usual, 1.0)
 
 
 def _least_acceleration(robot: Robot) -> Array:
     """Return the least acceleration of each joint that takes a joint's usual effort, (n,)."""
-    return np.asarray(1.0 / (most_inertia(robot) / usual_effort(robot)[:, np.newaxis]).max(axis=0))
+    torques = most_inertia(robot) / usual_effort(robot)[:, np.newaxis]
+    return np.asarray(1.0 / torques.max(axis=0))
 
 
 def _configurations(robot: Robot) -> Array:
@@ -695,8 +762,9 @@ class Untuned(FixedGains):
     def chosen(cls, context: Context) -> dict[str, Any]:
         """Return what the rule says for an experiment; see :meth:`Gains.chosen`."""
         bits = assume(context.bits)
-        chosen, findings = apply_rule(context.nominal, context.dt, context.delay, bits, context.given)
+        loop = (context.nominal, context.dt, context.delay)
+        chosen, findings = apply_rule(*loop, bits, context.given)
         of_controllers.warn(findings, 4)
         if context.rated and context.given.get("realisation") != "paper":
             chosen.setdefault("start", START)
-        return {name: value for name, value in chosen.items() if name not in context.given}
+        return _without(context.given, chosen)

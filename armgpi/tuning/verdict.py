@@ -10,14 +10,21 @@ import numpy as np
 
 from armgpi.base.arrays import Array
 from armgpi.gpi.family import PARAMETERS
-from armgpi.gpi.gains import Tuning
-from armgpi.gpi.margins import crossovers, delay_margins, loops
+from armgpi.gpi.margins import delay_margins
 from armgpi.gpi.payload import DELAY_SHARE, late
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import assume_gears
 from armgpi.tuning import collocated, geared, kept, two_mass
-from armgpi.tuning.rule import CROSSOVER, checked_bits, quietness, samples_late, usual_effort, yields
+from armgpi.tuning.rule import (
+    CROSSOVER,
+    checked_bits,
+    highest_crossover,
+    quietness,
+    samples_late,
+    usual_effort,
+    yields,
+)
 
 #: Share of a limit from which on it is reached: numbers are found to within some percent.
 _REACHED = 0.95
@@ -169,16 +176,20 @@ def accuracy(law: Any, robot: Robot) -> Accuracy:
         robot: the arm as it is known.
     """
     tuning = law.gains.nominal()
-    member = {name: getattr(law, name) for name in (*PARAMETERS, "link_factor", "rotor_factor")}
-    member = {name: value for name, value in member.items() if value is not None}
-    chosen = {**member, "omega_c": tuning.omega_c, "zeta_c": tuning.zeta_c}
+    chosen = {"omega_c": tuning.omega_c, "zeta_c": tuning.zeta_c}
+    for name in (*PARAMETERS, "link_factor", "rotor_factor"):
+        value = getattr(law, name)
+        if value is not None:
+            chosen[name] = value
     yielding = UNKNOWN_SHARE * yields(robot, law.dt, law.delay, chosen)
     deflection = np.zeros(robot.n)
     if geared.is_known(robot):
         stiffness = assume_gears(robot).drives.value("stiffness")
-        gravity = np.abs(robot.gravity(random_configurations(robot, _GRAVITY_CONFIGURATIONS, seed=0)))
+        places = random_configurations(robot, _GRAVITY_CONFIGURATIONS, seed=0)
+        gravity = np.abs(robot.gravity(places)).max(axis=0)
         at_link = robot.drives.value("encoder_side") == "link"
-        deflection = np.where(at_link | np.isnan(stiffness), 0.0, gravity.max(axis=0) / stiffness)
+        is_measured = at_link | np.isnan(stiffness)
+        deflection = np.where(is_measured, 0.0, gravity / stiffness)
     resting = np.ravel(law.rest_dead_zone) * np.ones(robot.n)
     return Accuracy(yielding, np.asarray(deflection), resting)
 
@@ -201,8 +212,10 @@ def verdict(law: Any, robot: Robot, bits: Any = None) -> Verdict:
         "payload": None if law.payload is None else [law.payload.nominal, law.payload.delta],
     }
     plain = kept.remember("verdict", depends, lambda: list(_verdict(law, robot, bits)))
-    found = Verdict(*plain)
-    return found._replace(limits=tuple(found.limits), loops=(found.loops[0], found.loops[1]))
+    remembered = Verdict(*plain)
+    unstable, count = remembered.loops
+    # What is kept has lists for tuples.
+    return remembered._replace(limits=tuple(remembered.limits), loops=(unstable, count))
 
 
 def why_sensitive(robot: Robot, judged: Verdict) -> str:
@@ -227,16 +240,21 @@ def why_sensitive(robot: Robot, judged: Verdict) -> str:
 
 def _verdict(law: Any, robot: Robot, bits: Any) -> Verdict:
     """Work out what :func:`verdict` returns."""
-    soft, late = geared.is_known(robot), samples_late(law.dt, law.delay)
-    every = geared.cases(robot, law.dt, late) if soft else geared.rigid_cases(robot, law.dt, late)
-    pairs = [(case, two_mass.law(law, case.q)) for case in every]
-    judged = [(case.arm, own) for case, own in pairs if case.judged]
+    soft = geared.is_known(robot)
+    late = samples_late(law.dt, law.delay)
+    find = geared.cases if soft else geared.rigid_cases
+    cases = find(robot, law.dt, late)
+    laws = [two_mass.law(law, case.q) for case in cases]
+    unstable = 0
+    for case, at_place in zip(cases, laws, strict=True):
+        if not case.arm.growth(at_place) < 1.0:  # nor is NaN stable
+            unstable += 1
     sensitivity, spare, damping = math.inf, 0.0, math.nan
-    unstable = sum(not case.arm.growth(own) < 1.0 for case, own in pairs)  # nor is NaN stable
     if not unstable:
-        sensitivity = max(arm.sensitivity(own) for arm, own in judged)
-        spare = min(arm.delay_margin(own) for arm, own in judged)
-    elif soft and not math.isnan(every[0].damping):
+        judged = [(case.arm, at_place) for case, at_place in zip(cases, laws, strict=True) if case.judged]
+        sensitivity = max(arm.sensitivity(at_place) for arm, at_place in judged)
+        spare = min(arm.delay_margin(at_place) for arm, at_place in judged)
+    elif soft and not math.isnan(cases[0].damping):
         damping = _least_damping(law, robot, late)
     resonance, borne, usual = (math.nan,) * 3
     if soft:
@@ -244,14 +262,15 @@ def _verdict(law: Any, robot: Robot, bits: Any) -> Verdict:
     elif robot.armature.any():
         borne, usual = geared.borne(law, robot, late)
     limits = _limits_of(law, robot, soft, bits)
-    return Verdict(limits, sensitivity, spare, resonance, borne, usual, (unstable, len(pairs)), damping)
+    return Verdict(limits, sensitivity, spare, resonance, borne, usual, (unstable, len(cases)), damping)
 
 
 def _least_damping(law: Any, robot: Robot, late: int) -> float:
     """Return the least damping ratio of the joints at which all loops are stable [-]; infinite for none."""
     for ratio in _TRIED_DAMPINGS:
         cases = [case for case in geared.cases(robot, law.dt, late, ratio) if case.damping == ratio]
-        if all(case.arm.growth(two_mass.law(law, case.q)) < 1.0 for case in cases):
+        growths = (case.arm.growth(two_mass.law(law, case.q)) for case in cases)
+        if all(growth < 1.0 for growth in growths):
             return ratio
     return math.inf
 
@@ -259,40 +278,61 @@ def _least_damping(law: Any, robot: Robot, late: int) -> float:
 def _limits_of(law: Any, robot: Robot, soft: bool, bits: Any) -> tuple[str, ...]:
     """Return joint by joint what limits the bandwidth of a law, as the rule that made it says."""
     # Other factors a user has set by hand, and the limits of the rule do not explain them.
-    by_rule = collocated.has_feedback(law.link_factor, law.rotor_factor)
-    if by_rule and isinstance(law.robot, Robot):
-        counts = None if bits is None else robot.encoder_count(checked_bits(bits))
-        late_by = samples_late(law.dt, law.delay)
-        carried = robot if law.payload is None else law.payload.nominal
-        omega, last = law.gains.nominal().omega_c, collocated.LATE_DAMPINGS[-1]
-        for damping in collocated.LATE_DAMPINGS:
-            numbers = collocated.choose(robot, carried, law.dt, late_by, counts, usual_effort(robot), damping)
-            if numbers is not None and (damping == last or np.allclose(numbers.poles.omega_c, omega)):
-                return numbers.limits
+    is_by_rule = collocated.has_feedback(law.link_factor, law.rotor_factor)
+    if is_by_rule and isinstance(law.robot, Robot):
+        limits = _limits_at_motor(law, robot, bits)
+        if limits:
+            return limits
     return _what_limits(law, soft, bits)
+
+
+def _limits_at_motor(law: Any, robot: Robot, bits: Any) -> tuple[str, ...]:
+    """Return joint by joint what limits a law for encoders at the motors; nothing where the rule has none.
+
+    A late loop may have to be stable at one damping or another: it is that with which the rule has the law.
+    """
+    counts = None if bits is None else robot.encoder_count(checked_bits(bits))
+    late_by = samples_late(law.dt, law.delay)
+    carried = robot if law.payload is None else law.payload.nominal
+    effort = usual_effort(robot)
+    omega = law.gains.nominal().omega_c
+    last = collocated.LATE_DAMPINGS[-1]
+    for damping in collocated.LATE_DAMPINGS:
+        numbers = collocated.choose(robot, carried, law.dt, late_by, counts, effort, damping)
+        if numbers is None:
+            continue
+        if damping == last or np.allclose(numbers.poles.omega_c, omega):
+            return numbers.limits
+    return ()
 
 
 def _what_limits(law: Any, soft: bool, bits: Any) -> tuple[str, ...]:
     """Return joint by joint what limits the bandwidth of a law: of what it takes the largest share."""
-    tuning, own, n = law.gains.nominal(), law.member, law.robot.n
-    omega = tuning.omega_c * np.ones(n)
-    loaded = 1.0 if law.payload is None else law.payload.delta[1]
-    margin = delay_margins(tuning, own) * np.ones(n)
-    unit = np.ones(1)
-    crossover = max(float(crossovers(loop).max()) for loop in loops(Tuning(unit, unit, unit), own))
-    with np.errstate(divide="ignore"):  # where one count costs all of the torque, noise limits without end
-        noise = 0.0 * omega
-        if bits is not None:
-            noise = 1.0 / quietness(law.robot, law.dt, own, omega, bits, not own.rolloff)
+    tuning = law.gains.nominal()
+    member = law.member
+    ones = np.ones(law.robot.n)
+    omega = tuning.omega_c * ones
+    heaviest = 1.0 if law.payload is None else law.payload.delta[1]
+    allowed_delay = DELAY_SHARE * (delay_margins(tuning, member) * ones)
+    allowed_delay_loaded = DELAY_SHARE * delay_margins(tuning, member, heaviest) * ones
+    lateness = late(law.dt, law.delay)
+    noise = 0.0 * omega
+    if bits is not None:
+        with np.errstate(
+            divide="ignore"
+        ):  # where one count costs all of the torque, noise limits without end
+            noise = 1.0 / quietness(law.robot, law.dt, member, omega, bits, direct=not member.rolloff)
     shares = {
-        "crossover": omega * crossover / CROSSOVER,
-        "delay": late(law.dt, law.delay) / (DELAY_SHARE * margin),
-        "load": late(law.dt, law.delay) / (DELAY_SHARE * delay_margins(tuning, own, loaded) * np.ones(n)),
+        "crossover": omega * highest_crossover(member) / CROSSOVER,
+        "delay": lateness / allowed_delay,
+        "load": lateness / allowed_delay_loaded,
         "noise": noise,
     }
-    names, rows = list(shares), np.stack(list(shares.values()))
-    most = [names[i] for i in rows.argmax(axis=0)]
-    return tuple(
-        "gears" if soft and share < _REACHED else name
-        for name, share in zip(most, rows.max(axis=0), strict=True)
-    )
+    names = list(shares)
+    rows = np.stack(list(shares.values()))
+    largest = rows.argmax(axis=0)
+    limits = []
+    for cause, share in zip(largest, rows.max(axis=0), strict=True):
+        is_reached = share >= _REACHED
+        limits.append(names[cause] if is_reached or not soft else "gears")
+    return tuple(limits)
