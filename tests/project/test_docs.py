@@ -144,9 +144,11 @@ def test_the_tutorial_is_shorter_than_its_output() -> None:
 
 
 def anchors(page: Path) -> set[str]:
-    """Return the names by which links reach the headings of a page."""
-    found = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
-    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in found}
+    """Return the names by which links reach the headings of a page, and the places that have a name."""
+    text = page.read_text(encoding="utf-8")
+    found = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    headings = {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in found}
+    return headings | set(re.findall(r"^\(([\w-]+)\)=$", text, re.MULTILINE))
 
 
 @pytest.mark.parametrize("page", LINKING, ids=lambda page: page.stem)
