@@ -190,46 +190,96 @@ def fit(blocks: Sequence[Block], prior: Prior, physical: bool = True) -> Fit:
         MissingPackage: when Clarabel is not installed.
         ParameterError: for logs whose information is not positive definite to rounding.
     """
-    scaled = [np.where(b.valid[..., None], b.rows * prior.std, 0.0) for b in blocks]
-    rests = [np.where(b.valid, b.torque - b.rows @ prior.mean, 0.0) for b in blocks]
-    p = len(prior.mean)
-    counts = np.maximum(sum(b.valid.sum(axis=0) for b in blocks), 1)
-    grams = sum(np.einsum("kip,kiq->ipq", Z, Z, optimize=True) for Z in scaled)
-    rights = sum(np.einsum("kip,ki->ip", Z, r) for Z, r in zip(scaled, rests, strict=True))
-
-    def size(each: Sequence[Array]) -> Array:
-        return np.asarray(np.sqrt(sum((r**2).sum(axis=0) for r in each) / counts))
-
-    least = np.maximum(_EXACT * size([np.where(b.valid, b.torque, 0.0) for b in blocks]), _LEAST_TORQUE)
+    data = _Scaled.of(blocks, prior)
+    unknowns = len(prior.mean)
+    moments = np.maximum(sum(block.valid.sum(axis=0) for block in blocks), 1)
+    torques = [np.where(block.valid, block.torque, 0.0) for block in blocks]
+    least = np.maximum(_EXACT * _rms_of_joints(torques, moments), _LEAST_TORQUE)
     # At first as if all torque were explained: from the other side, what the prior left would stay.
-    weights = 1.0 / np.maximum(size(rests) / _TRUST, least)
+    weights = 1.0 / np.maximum(_rms_of_joints(data.torques, moments) / _TRUST, least)
     for _ in range(_REWEIGHTINGS):
-        information = np.tensordot(weights**2, grams, 1) + np.eye(p)
-        try:
-            factor = linalg.cho_factor(information)
-        except linalg.LinAlgError:
-            wanted = "logs of an arm that moves enough to tell its unknowns apart (armgpi excite)"
-            raise ParameterError("logs", "one motion", wanted) from None
-        free = linalg.cho_solve(factor, weights**2 @ rights)
-        residuals = [r - Z @ free for Z, r in zip(scaled, rests, strict=True)]
-        weights = 1.0 / np.maximum(math.sqrt(_ALIKE) * size(residuals), least)
-    inverse = linalg.cho_solve(factor, np.eye(p))
+        information = np.tensordot(weights**2, data.grams, 1) + np.eye(unknowns)
+        factor = _factor(information)
+        free = linalg.cho_solve(factor, weights**2 @ data.rights)
+        residuals = data.residuals(free)
+        weights = 1.0 / np.maximum(math.sqrt(_ALIKE) * _rms_of_joints(residuals, moments), least)
+    inverse = linalg.cho_solve(factor, np.eye(unknowns))
     learned = 1.0 - np.diag(inverse)
-    spread: Any = sum(
-        _score_covariance(np.einsum("kip,i,ki->kp", Z, weights**2, r, optimize=True), b.phase)
-        for Z, r, b in zip(scaled, residuals, blocks, strict=True)
-    )
-    independent = _INDEPENDENT * float(counts.sum())
-    spread = _UNSEEN * spread * independent / max(independent - float(learned.sum()), 0.1 * independent)
-    covariance = inverse @ (spread + np.eye(p)) @ inverse
-    shown = [np.where(b.valid, r, np.nan) for b, r in zip(blocks, residuals, strict=True)]
+    phases = [block.phase for block in blocks]
+    scores = data.score_covariance(residuals, weights, phases)
+    independent = _INDEPENDENT * float(moments.sum())
+    free_moments = max(independent - float(learned.sum()), 0.1 * independent)
+    spread = _UNSEEN * scores * independent / free_moments
+    covariance = inverse @ (spread + np.eye(unknowns)) @ inverse
+    shown = [np.where(block.valid, left, np.nan) for block, left in zip(blocks, residuals, strict=True)]
     nearest = free
     if physical:
         # The information is U' U, so that the columns of the inverse of U are alike in its metric.
         upper, _ = factor
-        root = linalg.solve_triangular(upper, np.eye(p), lower=False)
+        root = linalg.solve_triangular(upper, np.eye(unknowns), lower=False)
         nearest = project(free, root, prior)
     return Fit(free, nearest, information, covariance, learned, shown, weights)
+
+
+class _Scaled(NamedTuple):
+    """The regressions of some logs, in units of the prior around its mean.
+
+    Attributes:
+        rows: of each log, (k, n, p); zero where a moment is not used.
+        torques: what is left of its torques by the prior's mean, (k, n), likewise.
+        grams: sums of the products of the rows of each joint, (n, p, p).
+        rights: sums of the products of its rows and torques, (n, p).
+    """
+
+    rows: list[Array]
+    torques: list[Array]
+    grams: Array
+    rights: Array
+
+    @classmethod
+    def of(cls, blocks: Sequence[Block], prior: Prior) -> _Scaled:
+        """Return those of regressions in SI units."""
+        rows, torques = [], []
+        for block in blocks:
+            rows.append(np.where(block.valid[..., None], block.rows * prior.std, 0.0))
+            torques.append(np.where(block.valid, block.torque - block.rows @ prior.mean, 0.0))
+        grams: Any = sum(np.einsum("kip,kiq->ipq", each, each, optimize=True) for each in rows)
+        rights: Any = sum(
+            np.einsum("kip,ki->ip", each, torque) for each, torque in zip(rows, torques, strict=True)
+        )
+        return cls(rows, torques, grams, rights)
+
+    def residuals(self, unknowns: Array) -> list[Array]:
+        """Return what unknowns (p,) leave of the torques of each log, (k, n)."""
+        return [torque - rows @ unknowns for rows, torque in zip(self.rows, self.torques, strict=True)]
+
+    def score_covariance(
+        self, residuals: Sequence[Array], weights: Array, phases: Sequence[npt.NDArray[np.intp]]
+    ) -> Array:
+        """Return the covariance of the sum of scores, for weights of the joints, (p, p)."""
+        total: Any = 0.0
+        for rows, left, phase in zip(self.rows, residuals, phases, strict=True):
+            scores = np.einsum("kip,i,ki->kp", rows, weights**2, left, optimize=True)
+            total = total + _score_covariance(scores, phase)
+        return np.asarray(total)
+
+
+def _rms_of_joints(values: Sequence[Array], moments: Array) -> Array:
+    """Return the root mean square of each joint over logs, (n,), where so many moments are used."""
+    return np.asarray(np.sqrt(sum((each**2).sum(axis=0) for each in values) / moments))
+
+
+def _factor(information: Array) -> Any:
+    """Return the Cholesky factor of an information matrix.
+
+    Raises:
+        ParameterError: when it is not positive definite to rounding.
+    """
+    try:
+        return linalg.cho_factor(information)
+    except linalg.LinAlgError:
+        wanted = "logs of an arm that moves enough to tell its unknowns apart (armgpi excite)"
+        raise ParameterError("logs", "one motion", wanted) from None
 
 
 def _score_covariance(scores: Array, phase: npt.NDArray[np.intp]) -> Array:
@@ -294,24 +344,28 @@ def project(free: Array, root: Array, prior: Prior, bounds: tuple[Array, Array] 
 
 def _constraints(clarabel: Any, prior: Prior) -> tuple[Array, Array, list[Any]]:
     """Return A, b and the cones K of b - A x in K, for x in units of the prior."""
-    p, std, mean = len(prior.mean), prior.std, prior.mean
-    at = np.array(prior.positive)
-    first = np.zeros((len(at), p))
-    first[np.arange(len(at)), at] = -std[at]
-    least = np.where(at % len(COLUMNS) == ROTOR, _LEAST_ROTOR * mean[at], 0.0)
-    rows, right, cones = [first], [mean[at] - least], [clarabel.NonnegativeConeT(len(at))]
+    unknowns, std, mean = len(prior.mean), prior.std, prior.mean
+    positive = np.array(prior.positive, dtype=np.intp)
+    own_rows = np.zeros((len(positive), unknowns))
+    own_rows[np.arange(len(positive)), positive] = -std[positive]
+    is_rotor = positive % len(COLUMNS) == ROTOR
+    least = np.where(is_rotor, _LEAST_ROTOR * mean[positive], 0.0)
+    rows, right = [own_rows], [mean[positive] - least]
+    cones = [clarabel.NonnegativeConeT(len(positive))]
     basis = _pseudo_basis()
-    triangle = [(r, c) for c in range(4) for r in range(c + 1)]
+    triangle = [(row, column) for column in range(4) for row in range(column + 1)]
     for place in prior.body_places:
-        own = slice(place, place + len(BODY))
+        body = slice(place, place + len(BODY))
         mass = std[place]
         length = math.sqrt(std[place + 4] / mass)
         scaling = np.diag([1.0 / length] * 3 + [1.0]) / math.sqrt(mass)
-        block, constant = np.zeros((len(triangle), p)), np.zeros(len(triangle))
-        for row, (r, c) in enumerate(triangle):
-            entries = (scaling @ basis @ scaling)[:, r, c] * (1.0 if r == c else math.sqrt(2.0))
-            block[row, own] = -entries * std[own]
-            constant[row] = entries @ mean[own] - (_MARGIN if r == c else 0.0)
+        scaled = scaling @ basis @ scaling
+        block, constant = np.zeros((len(triangle), unknowns)), np.zeros(len(triangle))
+        for k, (row, column) in enumerate(triangle):
+            is_diagonal = row == column
+            entries = scaled[:, row, column] * (1.0 if is_diagonal else math.sqrt(2.0))
+            block[k, body] = -entries * std[body]
+            constant[k] = entries @ mean[body] - (_MARGIN if is_diagonal else 0.0)
         rows.append(block)
         right.append(constant)
         cones.append(clarabel.PSDTriangleConeT(4))
