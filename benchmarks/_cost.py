@@ -55,6 +55,12 @@ def cost(quick: bool) -> None:
             ),
             "JointImpedance": armgpi.JointImpedance(known, DT, delay=DT),
         }
+        # A force that no motion reaches: what is measured is the estimate of every sample.
+        watched = armgpi.Supervisor(tool_force=500.0)
+        laws |= {
+            f"{title}, tool_force": armgpi.Supervised(laws[title], watched)
+            for title in ("GPI.auto", "CartesianImpedance")
+        }
         taken = take_turns({title: _replay(where, law) for title, law in laws.items()}, rounds)
         for title, law in laws.items():
             times = spread(1e3 * taken[title].times)
@@ -117,7 +123,8 @@ def _apart(where: Any, law: Any) -> float:
     ).q
     surface = Surface(distance=float(where.position[2]) - 0.002, damping=20.0)
     torques: list[Array] = []
-    for one in (armgpi.Supervised(law), ExportedController.of(law)):
+    supervised = law if isinstance(law, armgpi.Supervised) else armgpi.Supervised(law)
+    for one in (supervised, ExportedController.of(law)):
         arm = armgpi.RigidBodyPlant(
             robot, (), law.robot.friction, environment=[surface, Hand(y=60.0, onset=0.15)]
         )

@@ -81,6 +81,7 @@ class ForceBound(NamedTuple):
             the least over directions and configurations; NaN where nothing limits the speed.
         fastest: that speed limit [m/s].
         usual: whether it is of usual configurations, as none were given; near singular ones all is worse.
+        assumed: whether the friction is that of usual geared joints, as the model has none.
     """
 
     limit: float
@@ -94,10 +95,14 @@ class ForceBound(NamedTuple):
     push: float = math.nan
     fastest: float = math.nan
     usual: bool = False
+    assumed: bool = False
 
     def __str__(self) -> str:
         """Return it in two or three lines."""
-        pushed = ""
+        pushed = friction = ""
+        if self.assumed:
+            share = 100.0 * USUAL_FRICTION * USUAL_WITHIN
+            friction = f" (assumed: {share:g} % of the effort, as the model has none)"
         median, least = (
             (" (median of usual configurations)", " (the least of these)") if self.usual else ("", "")
         )
@@ -108,7 +113,7 @@ class ForceBound(NamedTuple):
             )
         return (
             f"At rest the tool presses with at most {self.total:.3g} N{median}: limit {self.limit:.3g} N, "
-            f"joint friction {self.friction:.3g} N, unknown weight {self.gravity:.3g} N.\n"
+            f"joint friction {self.friction:.3g} N{friction}, unknown weight {self.gravity:.3g} N.\n"
             f"{pushed}The impact is not bounded: at {self.speed:.3g} m/s on {self.wall / 1e3:.3g} kN/m it is "
             f"about {self.impact:.3g} N (the tool weighs {self.mass:.3g} kg in motion). "
             "This is no safety function."
@@ -247,15 +252,16 @@ class ForceLimit:
             state: of the last sample.
             dynamics: of the arm: its inertia scales the damping.
         """
-        asked, known = parts
+        asked, of_model = parts
         e = q - target.q
         after_rate = self._brake.rate(e, state.e, state.rate)
         force = limit_after(state.force, state.force_goal, self._change)
-        much = self._excess(q, asked - known, force)
+        much = self._excess(q, asked - of_model, force)
         motion = self._motion.at(q, after_rate)
         swift = inner(motion.velocity, motion.velocity)
         turning = LEVER * LEVER * inner(motion.rate, motion.rate)
-        fast = np.sqrt(np.maximum(np.maximum(swift, turning), 1e-12)) / self.speed
+        fastest = np.maximum(np.maximum(swift, turning), 1e-12)
+        fast = np.sqrt(fastest) / self.speed
         brake = self._brake.torque(q, after_rate, fast, dynamics)
         given_way = self._given_way(much, dynamics.inertia_solve(q, much.torque))
         told = asked - dynamics.inertia_times(q, given_way)
@@ -266,8 +272,10 @@ class ForceLimit:
         """Return the part of an acceleration of the joints that is along what was too much."""
         twist = np.matmul(much.jacobian.matrix, acceleration[..., None])[..., 0]
         linear, angular = slice(0, 3), slice(3, 6)
-        parts = [_along(twist[..., part], much.wrench[..., part]) for part in (linear, angular)]
-        solved = np.linalg.solve(much.jacobian.square, np.concatenate(parts, axis=-1)[..., None])
+        moved = _along(twist[..., linear], much.wrench[..., linear])
+        turned = _along(twist[..., angular], much.wrench[..., angular])
+        along = np.concatenate([moved, turned], axis=-1)
+        solved = np.linalg.solve(much.jacobian.square, along[..., None])
         given_way: Array = np.matmul(much.jacobian.transposed, solved)[..., 0]
         return given_way
 
@@ -283,16 +291,19 @@ class ForceLimit:
     def _excess(self, q: Array, torque: Array, most: Any) -> _Excess:
         """Return what is too much of a torque beyond the model's, under a largest force [N]."""
         jacobian = self._motion.at(q, 0.0 * q).damped_jacobian(self._length)
-        seen = np.matmul(jacobian.matrix, torque[..., None])
-        wrench: Any = np.linalg.solve(jacobian.square, seen)[..., 0]
-        force, moment = wrench[..., 0:3], wrench[..., 3:6]
+        at_tool = np.matmul(jacobian.matrix, torque[..., None])
+        wrench: Any = np.linalg.solve(jacobian.square, at_tool)[..., 0]
+        force = wrench[..., 0:3]
+        moment = wrench[..., 3:6]
         # The moment's limit changes with that of the force.
         largest_moment = self.moment * (most / self.force)
-        beyond = [_beyond(force, most * self._length), _beyond(moment, largest_moment)]
-        much = np.concatenate(beyond, axis=-1)
+        too_much_force = _beyond(force, most * self._length)
+        too_much_moment = _beyond(moment, largest_moment)
+        much = np.concatenate([too_much_force, too_much_moment], axis=-1)
         taken = np.matmul(jacobian.transposed, much[..., None])[..., 0]
-        left: Array = taken - np.minimum(np.maximum(taken, -self.friction), self.friction)
-        return new(_Excess, (left, much, jacobian))
+        rubbed = np.minimum(np.maximum(taken, -self.friction), self.friction)
+        beyond_friction: Array = taken - rubbed
+        return new(_Excess, (beyond_friction, much, jacobian))
 
     def force_of(self, robot: Robot, torque: Array, configurations: Array | None = None) -> float:
         """Return the largest force at the tool [N] of torques within +- `torque` (n,).
@@ -301,14 +312,17 @@ class ForceLimit:
         """
         few = robot.n <= _MOST_SIGNS
         signs = np.array(list(product((-1.0, 1.0), repeat=robot.n))) if few else np.eye(robot.n)
-        forces = []
+        usual = configurations is None
+        largest = []
         for q in self._usual(robot) if configurations is None else configurations:
             jacobian = self._motion.at(q, 0.0 * q).damped_jacobian(self._length)
-            wrenches = np.linalg.solve(jacobian.square, jacobian.matrix @ (signs * torque).T)[:3]
+            at_tool = jacobian.matrix @ (signs * torque).T
+            forces = np.linalg.solve(jacobian.square, at_tool)[:3]
             if not few:  # the sum of all joints, which is not less than any combination of signs
-                wrenches = np.abs(wrenches).sum(axis=1, keepdims=True)
-            forces.append(float(np.linalg.norm(wrenches, axis=0).max()) / self._length)
-        return float(np.median(forces) if configurations is None else np.max(forces))
+                forces = np.abs(forces).sum(axis=1, keepdims=True)
+            sizes = np.linalg.norm(forces, axis=0)
+            largest.append(float(sizes.max()) / self._length)
+        return float(np.median(largest) if usual else np.max(largest))
 
     def _usual(self, robot: Robot) -> Array:
         """Return configurations away from singular ones, where forces have no bounds: the best of some."""
@@ -323,8 +337,10 @@ class ForceLimit:
         masses = []
         for q in self._usual(robot):
             jacobian = robot.frame_jacobian(self._motion.frame, q)[:3]
-            mobility = np.linalg.eigvalsh(jacobian @ np.linalg.solve(robot.mass_matrix(q), jacobian.T))
-            masses += (1.0 / mobility[mobility > 1e-6 * mobility.max()]).tolist()
+            accelerations = np.linalg.solve(robot.mass_matrix(q), jacobian.T)
+            mobility = np.linalg.eigvalsh(jacobian @ accelerations)
+            moving = mobility[mobility > 1e-6 * mobility.max()]
+            masses += (1.0 / moving).tolist()
         return float(np.median(masses))
 
     def bound(
@@ -353,14 +369,15 @@ class ForceLimit:
             ArrayError: when friction or configurations do not fit the joints.
         """
         names = robot.joint_names
-        places = None
+        places, assumed = None, False
         if configurations is not None:
             places = np.atleast_2d(as_joint_array(configurations, "configurations", names))
             if not len(places):
                 raise ParameterError("configurations", configurations, "one at least")
         if friction is None:
             level = np.atleast_2d(self.friction).max(axis=0)
-            level = KNOWN_WITHIN * level if level.any() else USUAL_WITHIN * usual_friction(robot)
+            assumed = not level.any()
+            level = USUAL_WITHIN * usual_friction(robot) if assumed else KNOWN_WITHIN * level
         else:
             level = per_joint(friction, "friction", names, "zero or positive", not_negative)
             level = np.atleast_2d(level).max(axis=0)
@@ -372,9 +389,9 @@ class ForceLimit:
         pressed = limit + rubbed
         impact = pressed + float(np.sqrt(pressed**2 + wall * mass * fast**2))
         push = self._push(robot, places)
-        return ForceBound(
-            limit, rubbed, weight, pressed + weight, fast, wall, mass, impact, push, slowest, places is None
-        )
+        total, usual = pressed + weight, places is None
+        parts: tuple[Any, ...] = (limit, rubbed, weight, total, fast, wall, mass, impact, push, slowest)
+        return ForceBound(*parts, usual, assumed)
 
     def _push(self, robot: Robot, configurations: Array | None) -> float:
         """Return the force of a hand [N] that the brake holds at the speed limit, and the motors at all.
@@ -386,12 +403,14 @@ class ForceLimit:
         root = np.sqrt(np.maximum(self._brake.gain, 1e-9))
         forces = []
         for q in self._usual(robot) if configurations is None else configurations:
-            jacobian, inertia = robot.frame_jacobian(self._motion.frame, q)[:3], robot.mass_matrix(q)
+            jacobian = robot.frame_jacobian(self._motion.frame, q)[:3]
+            inertia = robot.mass_matrix(q)
             damped = jacobian / root
-            fastest = float(np.linalg.eigvalsh(damped @ np.linalg.solve(inertia, damped.T)).max())
-            fastest += self._spring_speed(robot, jacobian, inertia)
+            speeds = np.linalg.eigvalsh(damped @ np.linalg.solve(inertia, damped.T))
+            fastest = float(speeds.max()) + self._spring_speed(robot, jacobian, inertia)
             spare = np.maximum(robot.limits.effort - np.abs(robot.gravity(q)), 0.0)
-            held = float((spare / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-9)).min())
+            levers = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-9)
+            held = float((spare / levers).min())
             forces.append(min(braked / fastest, held))
         return float(np.min(forces))
 
@@ -405,7 +424,8 @@ class ForceLimit:
             jacobian: of the tool's position, (3, n).
             inertia: of the arm with its rotors, (n, n).
         """
-        gear, rotor = robot.drives.value("stiffness"), robot.drives.value("rotor_inertia")
+        gear = robot.drives.value("stiffness")
+        rotor = robot.drives.value("rotor_inertia")
         elastic = np.flatnonzero(elastic_joints(robot.drives))
         if not len(elastic):
             return 0.0
@@ -416,7 +436,8 @@ class ForceLimit:
         positive = squares > 0.0
         frequency = np.where(positive, 1.0 / np.sqrt(np.where(positive, squares, 1.0)), 0.0)
         moved = (jacobian[:, elastic] * soft) @ modes
-        return float(np.linalg.eigvalsh((moved * frequency) @ moved.T).max())
+        speeds = np.linalg.eigvalsh((moved * frequency) @ moved.T)
+        return float(speeds.max())
 
     def doubts(self, robot: Robot) -> Iterator[Finding]:
         """Find a limit that friction, as it is known, makes senseless.
@@ -522,5 +543,7 @@ def _beyond(vector: Array, most: Any) -> Array:
 
 def _along(vector: Array, direction: Array) -> Array:
     """Return the part of vectors (..., 3) along directions; 0 where a direction is."""
-    along: Array = direction * (inner(vector, direction) / np.maximum(inner(direction, direction), 1e-12))
+    square = np.maximum(inner(direction, direction), 1e-12)
+    share = inner(vector, direction) / square
+    along: Array = direction * share
     return along

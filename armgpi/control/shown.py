@@ -38,40 +38,46 @@ class Shown(Parametrised):
 
     def _repr_html_(self) -> str:
         """Return its numbers as tables, for notebooks: of the arm, and joint by joint with the limits."""
-        rows, columns = [], []
-        for name, number in self._found().items():
+        rows = []
+        headings = ["joint"]
+        columns: list[Any] = [self.robot.joint_names]
+        for name, number in self._shown_numbers().items():
             if isinstance(number.value, list) and len(number.value) == self.robot.n:
-                columns.append((number.heading(name), [_short(x) for x in number.value]))
+                headings.append(number.heading(name))
+                columns.append([_short(value) for value in number.value])
             else:
                 rows.append((name, _short(number.value), number.unit, number.text))
         limits = np.asarray(self.robot.limits.effort, dtype=float)
         if limits.shape == (self.robot.n,):  # the arms of a batch may differ
-            columns.append(("effort limit [N m or N]", [_short(float(x)) for x in limits]))
+            headings.append("effort limit [N m or N]")
+            columns.append([_short(limit) for limit in limits.tolist()])
         title = f"{type(self).__name__} of {self.robot.name}, dt = {self.dt:g} s"
-        head = ("joint", *(heading for heading, _ in columns))
-        joints = zip(self.robot.joint_names, *(values for _, values in columns), strict=True)
-        whole = html_table(title, ("parameter", "value", "unit", "meaning"), rows) if rows else ""
-        return whole + html_table("Joint by joint" if rows else title, head, joints)
+        joints = zip(*columns, strict=True)
+        if not rows:
+            return html_table(title, headings, joints)
+        of_arm = html_table(title, ("parameter", "value", "unit", "meaning"), rows)
+        return of_arm + html_table("Joint by joint", headings, joints)
 
     def _numbers(self) -> dict[str, str]:
         """Return tunings, gains, and other parameters that are not at their defaults, as short texts."""
-        return {name: _short(number.value) for name, number in self._found().items()}
+        return {name: _short(number.value) for name, number in self._shown_numbers().items()}
 
-    def _found(self) -> dict[str, _Number]:
+    def _shown_numbers(self) -> dict[str, _Number]:
         """Return tunings, gains, and other parameters that are not at their defaults."""
-        found: dict[str, _Number] = {}
+        shown: dict[str, _Number] = {}
         for name, declared in parameters(type(self)).items():
             value = plain(getattr(self, name))
-            if name in ("dt", "effort") or (isinstance(value, list) and not _is_plain(value)):
+            if name in ("dt", "effort"):
                 continue
-            if isinstance(value, Mapping):  # a tuning: its own numbers
-                own = parameters(type(getattr(self, name)))
-                for key, part in value.items():
-                    of = own.get(key)
-                    found[key] = _Number(part, of.unit if of else "", of.text if of else "")
-            elif _short(value) != _short(plain(declared.default)) or (declared.per_joint and np.any(value)):
-                found[name] = _Number(value, declared.unit, declared.text)
-        return found
+            if isinstance(value, list) and not _is_plain(value):
+                continue
+            if isinstance(value, Mapping):
+                shown |= _tuning_numbers(value, type(getattr(self, name)))
+                continue
+            is_default = _short(value) == _short(plain(declared.default))
+            if not is_default or (declared.per_joint and np.any(value)):
+                shown[name] = _Number(value, declared.unit, declared.text)
+        return shown
 
 
 class _Number(NamedTuple):
@@ -86,6 +92,19 @@ class _Number(NamedTuple):
         return f"{name} [{self.unit}]" if self.unit else name
 
 
+def _tuning_numbers(values: Mapping[str, Any], kind: type) -> dict[str, _Number]:
+    """Return the numbers of a tuning, with the units of its class."""
+    numbers = {}
+    declared = parameters(kind)
+    for name, value in values.items():
+        parameter = declared.get(name)
+        if parameter is None:
+            numbers[name] = _Number(value, "", "")
+        else:
+            numbers[name] = _Number(value, parameter.unit, parameter.text)
+    return numbers
+
+
 def _is_plain(value: list[Any]) -> bool:
     """Tell whether a list has numbers and texts alone."""
     return all(isinstance(x, int | float | str) or x is None for x in value)
@@ -93,8 +112,9 @@ def _is_plain(value: list[Any]) -> bool:
 
 def _short(value: Any) -> str:
     """Return a value as a short text; equal numbers of all joints as one."""
-    if isinstance(value, list) and value and all(x == value[0] for x in value):
+    if isinstance(value, list) and value and all(number == value[0] for number in value):
         value = value[0]
     if isinstance(value, list):
-        return f"[{', '.join(_short(x) for x in value)}]"
+        texts = ", ".join(map(_short, value))
+        return f"[{texts}]"
     return f"{value:.4g}" if isinstance(value, float) else show_value(value)

@@ -89,19 +89,20 @@ class Stop:
     def restless(self, watch: Watch) -> tuple[Array, Array, Mask]:
         """Return `restless` and `travel` of :class:`Watch` now, and whether the arm swings, each (1,)."""
         speed = np.abs(watch.v)
-        one = np.where(any_joint(watch.rv != 0.0), 0.0, 1.0)  # none counts before the reference rests
-        twice = 1.0 + np.where(watch.status == float(State.HOLD), 1.0, 0.0)  # HOLD does not flicker
-        moves = any_joint(speed > twice * self.rest)
-        after = np.where(
-            moves,
-            np.maximum(watch.restless + one, self.rested),
-            np.maximum(watch.restless - _AT_REST * one, 0.0),
-        )
+        counted = np.where(any_joint(watch.rv != 0.0), 0.0, 1.0)  # none counts before the reference rests
+        holds = watch.status == float(State.HOLD)
+        hysteresis = 1.0 + np.where(holds, 1.0, 0.0)  # HOLD does not flicker
+        moves = any_joint(speed > hysteresis * self.rest)
+        more_restless = np.maximum(watch.restless + counted, self.rested)
+        less_restless = np.maximum(watch.restless - _AT_REST * counted, 0.0)
+        after = np.where(moves, more_restless, less_restless)
         # The law may be what swings: how a joint goes past the reference tells before that rests.
         past = np.abs(watch.v - watch.rv)
         past = np.where(past > self.rest, past * self._share, 0.0)
-        travel = np.where(after > 0.0, watch.travel + largest(past), 0.0)
-        return after, travel, (after > self._longest) | (travel > 1.0)
+        gone = watch.travel + largest(past)
+        travel = np.where(after > 0.0, gone, 0.0)
+        swings = (after > self._longest) | (travel > 1.0)
+        return after, travel, swings
 
     def reference(
         self, seen: Sample, entering: Mask, stopping: Mask, target: Target, watch: Watch
@@ -119,20 +120,35 @@ class Stop:
         late = (watch.late > 0.0) & ~seen.lost
         apart = entering & ((np.abs(seen.e) > NEAR) | late)
         if self._touches:  # what is behind a wall is no place to stop at
-            apart = apart | (entering & (seen.worst == float(Reason.TOOL_FORCE)))
-        # After a gap as fast as if it had changed its velocity evenly there.
-        gap = 2.0 / (1.0 + np.maximum(watch.bad[..., :1], 0.0))
-        own = np.where(late, (seen.q - watch.q) * gap - watch.v, watch.v)
-        r, v = np.where(apart, seen.q, watch.r), np.where(apart, own, watch.rv)
+            pressed = seen.worst == float(Reason.TOOL_FORCE)
+            apart = apart | (entering & pressed)
+        begin = np.where(apart, seen.q, watch.r)
+        v = np.where(apart, self._own_velocity(late, seen, watch), watch.rv)
         v = np.minimum(np.maximum(v, -self.bounds.stop_velocity), self.bounds.stop_velocity)
         most = self.deceleration(v, watch.since)
-        less = np.minimum(np.maximum(v, -most), most)
+        slowed = np.minimum(np.maximum(v, -most), most)
         # A joint that does not follow the stop tells nothing of where it goes: it comes to rest there.
-        strays = stopping & ~entering & seen.failing & (watch.status < float(State.FAULT))
-        after = np.where(strays, 0.0, v - less)
+        unfinished = watch.status < float(State.FAULT)
+        strays = stopping & ~entering & seen.failing & unfinished
+        after = np.where(strays, 0.0, v - slowed)
         way = np.where(stopping, after, target.q - watch.r)
-        q = np.where(stopping, r + 0.5 * (v + after), target.q)
-        return Target(q, way * (1.0 / self._dt), np.where(stopping, less * (-1.0 / self._dt**2), 0.0)), way
+        q = np.where(stopping, begin + 0.5 * (v + after), target.q)
+        acceleration = np.where(stopping, slowed * (-1.0 / self._dt**2), 0.0)
+        return Target(q, way * (1.0 / self._dt), acceleration), way
+
+    @staticmethod
+    def _own_velocity(late: Mask, seen: Sample, watch: Watch) -> Array:
+        """Return the velocity of a joint [rad or m per sample]; after a gap, if it changed evenly there.
+
+        Args:
+            late: whether a gap ends with this sample, (1,) or (batch, 1).
+            seen: the sample.
+            watch: what is kept.
+        """
+        missed = np.maximum(watch.bad[..., :1], 0.0)
+        twice_share = 2.0 / (1.0 + missed)
+        after_gap = (seen.q - watch.q) * twice_share - watch.v
+        return np.where(late, after_gap, watch.v)
 
     def deceleration(self, v: Array, since: Array) -> Array:
         """Return by how much a stop slows down in a sample, at most [rad or m per sample].
@@ -148,7 +164,8 @@ class Stop:
             return self.bounds.slowing
         # Steps of `jerk` from here down to rest add up to v.
         ending = np.sqrt(0.25 * jerk * jerk + 2.0 * jerk * np.abs(v)) - 0.5 * jerk
-        return np.minimum(np.minimum(self.bounds.slowing, ending), jerk * (1.0 + since))
+        beginning = jerk * (1.0 + since)
+        return np.minimum(np.minimum(self.bounds.slowing, ending), beginning)
 
     def open_loop(
         self,
@@ -175,20 +192,22 @@ class Stop:
             aim: the reference that decelerates.
             watch: what is kept.
         """
-        on, torque = np.where(opened, watch.ready, 0.0), np.zeros_like(v)
+        on = np.where(opened, watch.ready, 0.0)
+        torque = np.zeros_like(v)
         if self._on_fault == "zero":
             on = np.where(dead, 0.0, on)
         elif self._on_fault == "hold":
-            aim = Target(np.where(dead, watch.q, aim.q), *(np.where(dead, 0.0, rate) for rate in aim[1:]))
+            aim = _held(dead, watch.q, dead, aim)
         else:
             damped = dead & ~seen.distrusted
             # A motor that turns the other way makes other joints fast, too: a stop from there would be long.
             rests = damped & any_joint(turned)
-            aim = Target(np.where(damped, seen.q, aim.q), *(np.where(rests, 0.0, x) for x in aim[1:]))
+            aim = _held(damped, seen.q, rests, aim)
             damping = np.where(accused, self.damping, self.soft)
             late = aim.v - self._lag * aim.a  # as what is smoothed
             undone = self._undone(dead, seen, watch)
-            torque = np.where(damped, damping * (late - v * (1.0 / self._dt)), undone)
+            too_slow = late - v * (1.0 / self._dt)
+            torque = np.where(damped, damping * too_slow, undone)
         return torque, (on, *aim)
 
     def _undone(self, dead: Mask, seen: Sample, watch: Watch) -> Array:
@@ -197,5 +216,15 @@ class Stop:
         It took the joint for one that had stopped, and pushed it on for a sample, before that was found: the
         same torque the other way leaves the joint the velocity that it had. Once, as FAULT begins.
         """
-        froze = dead & (watch.status < float(State.FAULT)) & seen.distrusted & (seen.bad == 0.0)
+        begins = watch.status < float(State.FAULT)
+        measured = seen.bad == 0.0
+        froze = dead & begins & seen.distrusted & measured
         return np.where(froze, watch.frozen.torque_at_change - watch.tau, 0.0)
+
+
+def _held(placed: Mask, place: Array, resting: Mask, aim: Target) -> Target:
+    """Return a reference that is at a place for some joints, and at rest for some."""
+    q = np.where(placed, place, aim.q)
+    v = np.where(resting, 0.0, aim.v)
+    a = np.where(resting, 0.0, aim.a)
+    return Target(q, v, a)

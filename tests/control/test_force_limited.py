@@ -484,3 +484,12 @@ def test_a_limit_that_cannot_be_is_refused_while_it_runs() -> None:
     with pytest.raises(ParameterError, match=r"more than 19\.6 N, the weight"):
         wrapped.changed(start, 19.0)
     assert wrapped.changed(start, 20.0).limit.force_goal.item() == 20.0
+
+
+@pytest.mark.filterwarnings("ignore::armgpi.ArmgpiWarning")
+def test_friction_that_nobody_gave_is_called_assumed() -> None:
+    known = armgpi.ForceLimited(LAWS["adrc"](), 20.0).force_bound()
+    unknown: Any = armgpi.ForceLimited(armgpi.ADRC(BARE, DT, delay=DT), 20.0)
+    assert "assumed" not in str(known)
+    assert "(assumed: 6 % of the effort, as the model has none)" in str(unknown.force_bound())
+    assert "assumed" not in str(unknown.force_bound(friction=1.0))
