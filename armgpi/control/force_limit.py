@@ -389,9 +389,20 @@ class ForceLimit:
         pressed = limit + rubbed
         impact = pressed + float(np.sqrt(pressed**2 + wall * mass * fast**2))
         push = self._push(robot, places)
-        total, usual = pressed + weight, places is None
-        parts: tuple[Any, ...] = (limit, rubbed, weight, total, fast, wall, mass, impact, push, slowest)
-        return ForceBound(*parts, usual, assumed)
+        return ForceBound(
+            limit=limit,
+            friction=rubbed,
+            gravity=weight,
+            total=pressed + weight,
+            speed=fast,
+            wall=wall,
+            mass=mass,
+            impact=impact,
+            push=push,
+            fastest=slowest,
+            usual=places is None,
+            assumed=assumed,
+        )
 
     def _push(self, robot: Robot, configurations: Array | None) -> float:
         """Return the force of a hand [N] that the brake holds at the speed limit, and the motors at all.

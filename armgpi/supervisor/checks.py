@@ -129,15 +129,18 @@ class Jump:
     def passes(self, change: Array, watch: Watch) -> Mask:
         """Tell which joints do not fail; one of NaN does."""
         # It went on for a while, and all at once goes back as fast: its encoder counts backwards.
-        turn = np.maximum(
-            self.bounds.turn, self.pushed + self.driven * largest(self.share * np.abs(watch.tau))
-        )
-        last, samples = np.abs(watch.change), 1.0 + watch.bad
+        used_share = largest(self.share * np.abs(watch.tau))
+        turn = np.maximum(self.bounds.turn, self.pushed + self.driven * used_share)
+        last = np.abs(watch.change)
+        samples = 1.0 + watch.bad
         steady = np.maximum(turn, _STEADY * last)
-        back: Mask = (last > turn) & (watch.v * watch.change > steady * last) & (watch.late == 0.0)
+        was_fast: Mask = last > turn
+        was_steady = watch.v * watch.change > steady * last
+        back: Mask = was_fast & was_steady & (watch.late == 0.0)
         # One that turns round by itself, as on a gear that swings, was twice as fast a sample ago, or rested.
         back = back & (last > np.abs(watch.miss))
-        back = back & (np.abs(change + samples * watch.change) <= 0.25 * samples * last)
+        not_reversed = np.abs(change + samples * watch.change)
+        back = back & (not_reversed <= 0.25 * samples * last)
         # From where it was, or where its last change leads, as what moves fast goes on doing so.
         near: Mask = np.abs(change - watch.change) <= self.bounds.jump * samples
         return ~back & near
@@ -168,7 +171,8 @@ class ReferenceJump:
 
     def nominal(self, target: Target, watch: Watch) -> Iterator[Mask]:
         """Yield what holds where nothing is wrong; see above."""
-        yield np.abs((target.q - watch.r) - watch.rv) <= self._tightest
+        way = target.q - watch.r
+        yield np.abs(way - watch.rv) <= self._tightest
         for rate in self._rates(target):
             yield np.abs(rate) <= _FASTEST
 
@@ -176,13 +180,19 @@ class ReferenceJump:
         """Tell which joints fail."""
         # By the way of the last sample: a smoothed speed lags, and makes an acceleration look like a step.
         samples = 1.0 + watch.bad
-        wrong = beyond((target.q - watch.r) - samples * watch.rv, self._step * samples)
+        way = target.q - watch.r
+        wrong = beyond(way - samples * watch.rv, self._step * samples)
         for rate in self._rates(target):
             wrong = wrong | beyond(rate, _FASTEST)
         return wrong
 
     def _rates(self, target: Target) -> Iterator[Array]:
-        return (rate for used, rate in zip(self._used, target[1:], strict=True) if used)
+        """Yield velocity and acceleration of the reference, where the law uses them."""
+        uses_velocity, uses_acceleration = self._used
+        if uses_velocity:
+            yield target.v
+        if uses_acceleration:
+            yield target.a
 
 
 class Following:
@@ -232,9 +242,10 @@ class Workspace:
 
     def __init__(self, given: Supervisor) -> None:
         self.checked = given.workspace is not None
-        self.lower, self.upper = (
-            np.array(corner) for corner in given.workspace or ((-LARGEST,) * 3, (LARGEST,) * 3)
-        )
+        everywhere = ((-LARGEST,) * 3, (LARGEST,) * 3)
+        lower, upper = given.workspace or everywhere
+        self.lower = np.array(lower)
+        self.upper = np.array(upper)
 
     def nominal(self, chain: Chain | None) -> Iterator[Mask]:
         """Yield what holds where nothing is wrong; see above."""
@@ -287,7 +298,10 @@ class ToolSpeed(_ToolLimit):
 
     def __init__(self, law: Controller, given: Supervisor) -> None:
         self.checked = given.tool_speed is not None
-        self.most = np.array([LARGEST if given.tool_speed is None else (law.dt * given.tool_speed) ** 2])
+        square = LARGEST
+        if given.tool_speed is not None:
+            square = (law.dt * given.tool_speed) ** 2
+        self.most = np.array([square])
 
     def _sizes(
         self, frame: FrameMotion | None, chain: Chain | None, q: Array, watch: Watch
@@ -300,7 +314,8 @@ class ToolSpeed(_ToolLimit):
 
 def _warn_of_unfelt_directions(arm: Any, frame: str) -> None:
     """Warn where the joints' torques tell nothing of a force on a frame along some direction."""
-    jacobians = arm.frame_jacobian(frame, random_configurations(arm, _RANK_CONFIGURATIONS, seed=0))[:, :3]
+    configurations = random_configurations(arm, _RANK_CONFIGURATIONS, seed=0)
+    jacobians = arm.frame_jacobian(frame, configurations)[:, :3]
     singular_values = np.linalg.svd(jacobians, compute_uv=False)
     felt = singular_values > _UNFELT * singular_values.max()
     directions = int(felt.sum(axis=1).max())
@@ -330,7 +345,8 @@ class ToolForce(_ToolLimit):
     def __init__(self, law: Controller, given: Supervisor) -> None:
         self.checked = given.tool_force is not None
         self.unsure_force = 0.0
-        self.most = np.array([LARGEST if given.tool_force is None else given.tool_force])
+        limit = given.tool_force
+        self.most = np.array([LARGEST if limit is None else limit])
         self.outside: OutsideTorque | None = None
         self.weight, self._length = np.zeros(3), 1.0
         if self.checked:
@@ -381,8 +397,8 @@ class ToolForce(_ToolLimit):
         if self.outside is None or frame is None or chain is None:
             return
         jacobian = frame.moving(chain, q, 0.0 * q).damped_jacobian(self._length)
-        seen = np.matmul(jacobian.matrix, watch.wrench.residual[..., None])
-        wrench: Any = np.linalg.solve(jacobian.square, seen)[..., 0]
+        at_tool = np.matmul(jacobian.matrix, watch.wrench.residual[..., None])
+        wrench: Any = np.linalg.solve(jacobian.square, at_tool)[..., 0]
         force = wrench[..., 0:3] * (1.0 / self._length)
         size = np.sqrt(np.maximum(inner(force, force), 1e-12))
         along = force / size
@@ -390,8 +406,9 @@ class ToolForce(_ToolLimit):
         whole = np.concatenate([along, 0.0 * along], axis=-1) * (1.0 / self._length)
         counted: Any = np.linalg.solve(jacobian.square, whole[..., None])
         share = np.abs(np.matmul(jacobian.transposed, counted)[..., 0])
-        unsure = sum_joints(share * self.outside.unsure(watch.wrench))
-        yield size - unsure - np.abs(inner(along, self.weight + 0.0 * along))
+        unsure_friction = sum_joints(share * self.outside.unsure(watch.wrench))
+        unsure_weight = np.abs(inner(along, self.weight + 0.0 * along))
+        yield size - unsure_friction - unsure_weight
 
 
 class Frozen:
@@ -426,9 +443,11 @@ class Frozen:
         joint that is ahead of its reference waits for it.
         """
         mark = watch.frozen.reference_at_change
-        ahead = np.maximum(np.minimum(r - mark, r - q), np.minimum(mark - r, q - r))
-        asked = unmoved & ((ahead > self.travel) | self._gone_to_limit(watch))
-        return np.where(asked, watch.frozen.unchanged_samples + 1.0, 0.0), ahead
+        above = np.minimum(r - mark, r - q)
+        below = np.minimum(mark - r, q - r)
+        ahead = np.maximum(above, below)
+        should_move = unmoved & ((ahead > self.travel) | self._gone_to_limit(watch))
+        return np.where(should_move, watch.frozen.unchanged_samples + 1.0, 0.0), ahead
 
     def _gone_to_limit(self, watch: Watch) -> Mask:
         """Tell which torques are at their limit, and were not near it when the measurement last changed."""
@@ -445,26 +464,30 @@ class Frozen:
         # starts, or turns round, has slow changes first, and may stick.
         far = ahead > self.travel + self._lost * np.abs(watch.rv)
         went = watch.change * watch.rv > _IN_MOTION * (watch.rv * watch.rv)
-        moving = went & (watch.v * watch.change > 0.1 * (watch.change * watch.change))
+        is_steady = watch.v * watch.change > 0.1 * (watch.change * watch.change)
+        moving = went & is_steady
         moving = moving & (np.abs(watch.change) > self.braked)
         # Friction holds a joint at rest until its torque has changed by more, towards the reference, beside
         # what gravity has: other joints change that.
         pull = watch.tau - gravity - watch.frozen.pull_when_asked
-        pulled = (np.abs(pull) > self.sticking) & (pull * (watch.r - watch.q) > 0.0)
+        towards_reference = pull * (watch.r - watch.q) > 0.0
+        pulled = (np.abs(pull) > self.sticking) & towards_reference
         pulled = pulled | self._gone_to_limit(watch)
         # From the second sample on: in the first there is nothing to compare the pull with.
-        return ((unchanged_samples >= float(max(self.samples, 2))) & pulled) | (unmoved & far & moving)
+        too_long = unchanged_samples >= float(max(self.samples, 2))
+        return (too_long & pulled) | (unmoved & far & moving)
 
     def after(self, untrusted: Mask, seen: Sample, r: Array, tau: Array, watch: Watch) -> FrozenState:
         """Return what is kept, by the reference that is followed and the torque that is sent."""
-        kept, samples = watch.frozen, seen.unchanged_samples
+        before = watch.frozen
+        samples = seen.unchanged_samples
         same = seen.q == watch.q
         pull = np.where(samples > 0.0, watch.tau - seen.gravity, 0.0)
         return FrozenState(
             np.where(untrusted, COUNTED, samples),
-            np.where(same, kept.reference_at_change, r),
-            np.where(same, kept.torque_at_change, tau),
-            np.where(samples > 1.0, kept.pull_when_asked, pull),
+            np.where(same, before.reference_at_change, r),
+            np.where(same, before.torque_at_change, tau),
+            np.where(samples > 1.0, before.pull_when_asked, pull),
         )
 
 
@@ -508,7 +531,8 @@ class Response:
         enough = ALERT if gain is None else np.minimum(ALERT, _ALERT_SHARE * law.effort / gain)
         self.least = np.maximum(enough, bounds.travel)
         self._effort, inverse = law.effort, own_inverse_inertia(law)
-        self._smoothing, self._forgotten = smoothing(law.dt, SMOOTHING), smoothing(law.dt, _FORGOTTEN)
+        self._smoothing = smoothing(law.dt, SMOOTHING)
+        self._forgotten = smoothing(law.dt, _FORGOTTEN)
         self.overpowered = 0.5 * law.dt**2 * np.minimum(law.effort, LARGEST) * inverse
 
     def fails(self, kept: ResponseState) -> Mask:
@@ -518,7 +542,10 @@ class Response:
 
     def alert(self, opened: Mask, e: Array) -> Mask:
         """Tell whether any joint is far enough from its reference to say something, (1,) or (batch, 1)."""
-        return any_joint(~opened & (np.abs(e) > self.least)) if self.samples else opened & ~opened
+        if not self.samples:
+            return opened & ~opened
+        far = np.abs(e) > self.least
+        return any_joint(~opened & far)
 
     def looks_while_slow(self, cut: Mask, asked: Array) -> Mask:
         """Tell whether the model is asked though the rate cuts a torque, (1,) or (batch, 1).
@@ -556,29 +583,37 @@ class Response:
         """
         if not self.samples:
             return ResponseState(*(np.zeros_like(v),) * 4)
-        kept, (looks, slow) = watch.response, looked
-        known = kept.model_torque_lowpass != 0.0
-        torque = np.where(known, kept.torque + self._smoothing * (watch.tau - kept.torque), watch.tau)
-        change = np.where(known, torque - kept.torque_lowpass, 0.0)
+        before = watch.response
+        looks, slow = looked
+        started = before.model_torque_lowpass != 0.0
+        smoothed = before.torque + self._smoothing * (watch.tau - before.torque)
+        torque = np.where(started, smoothed, watch.tau)
+        change = np.where(started, torque - before.torque_lowpass, 0.0)
         torque_lowpass = torque - change + self._forgotten * change
-        answer = np.where(known, model - kept.model_torque_lowpass, 0.0)
-        model_torque = np.where(looks, model - answer + self._forgotten * answer, kept.model_torque_lowpass)
+        answer = np.where(started, model - before.model_torque_lowpass, 0.0)
+        model_torque = np.where(looks, model - answer + self._forgotten * answer, before.model_torque_lowpass)
         # The torque pushes back, and what it does is to push on.
-        wrong = (np.abs(change) > _ASKED * self._effort) & (change * e < 0.0) & (answer * e > 0.0)
+        is_new = np.abs(change) > _ASKED * self._effort
+        wrong = is_new & (change * e < 0.0) & (answer * e > 0.0)
         limited = np.abs(watch.tau) >= self._effort
         pushed = limited & (watch.tau * e < 0.0)
         pushed = pushed & ((v - watch.v) * e > self.overpowered * np.abs(e))
         # A joint that does not move while its reference does answers nothing: it is blocked.
         moves = np.abs(v) > _STANDING * np.abs(watch.rv)
-        wrong = np.where(looks, wrong, pushed) & (np.abs(e) > self.least) & ((v - watch.rv) * e > 0.0) & moves
-        adverse = np.where(looks | limited, 1.0, kept.adverse_samples)
-        adverse = np.where(
-            wrong, np.maximum(kept.adverse_samples, 1.0) + np.where(slow, _SLOW_SHARE, 1.0), adverse
-        )
+        far = np.abs(e) > self.least
+        leaves = (v - watch.rv) * e > 0.0
+        wrong = np.where(looks, wrong, pushed) & far & leaves & moves
+        counted = np.where(slow, _SLOW_SHARE, 1.0)
+        once_more = np.maximum(before.adverse_samples, 1.0) + counted
+        adverse = np.where(looks | limited, 1.0, before.adverse_samples)
+        adverse = np.where(wrong, once_more, adverse)
         after = ResponseState(adverse, torque, torque_lowpass, model_torque)
         # Without the loop nothing new is learnt, and nothing forgotten.
-        before = [np.where(dead, old, 0.0) for old in kept]
-        return ResponseState(*(np.where(alert, new, old) for new, old in zip(after, before, strict=True)))
+        parts = []
+        for learnt, old in zip(after, before, strict=True):
+            unlearnt = np.where(dead, old, 0.0)
+            parts.append(np.where(alert, learnt, unlearnt))
+        return ResponseState(*parts)
 
     def accuses(self, watch: Watch) -> Mask:
         """Tell whether a motor is taken to turn the other way, and nothing speaks against it yet, (1,)."""
@@ -593,15 +628,18 @@ class Response:
         Turned round once more a motor brakes. If it was no motor that turns the other way, its joint is
         faster soon, and gets its torque as it is; where it gets faster still, none any more.
         """
-        turned, speed = dead & self.fails(kept), np.abs(v)
+        turned = dead & self.fails(kept)
+        speed = np.abs(v)
         most = np.where(watch.status < float(State.FAULT), _FASTER * speed, watch.response.torque)
         if self._limited and self._stiff:
             # A torque that its rate keeps from turning round yet says nothing of how the joint answers it.
             waits = (most > 0.0) & (watch.tau * tau > 0.0)
             most = np.where(waits, np.maximum(most, _FASTER * speed), most)
-        most = np.where(speed > np.abs(most), np.where(most > 0.0, -_FASTER * speed, 0.0), most)
+        next_stage = np.where(most > 0.0, -_FASTER * speed, 0.0)
+        most = np.where(speed > np.abs(most), next_stage, most)
         kept = kept._replace(torque=np.where(turned, most, kept.torque))
-        sign = np.where(most > 0.0, -1.0, np.where(most < 0.0, 1.0, 0.0))
+        as_it_is = np.where(most < 0.0, 1.0, 0.0)
+        sign = np.where(most > 0.0, -1.0, as_it_is)
         return np.where(turned, sign * tau, tau), kept
 
 
@@ -612,11 +650,12 @@ def _rates_used(law: Controller) -> tuple[bool, bool]:
     q = np.ascontiguousarray(np.broadcast_to(robot.middle(), shape))
     zero = np.zeros(shape)
     seen: Any = FullState(q, zero) if law.measurement_type is FullState else Measurement(q)
-    rates = ((zero * np.nan, zero), (zero, zero * np.nan))
+    nothing = np.full(shape, np.nan)
     try:
         with np.errstate(all="ignore"):
             state = law.init(seen, Target(q, zero, zero))
-            taus = [law.step(seen, Target(q, *rate), state).tau for rate in rates]
+            without_velocity = law.step(seen, Target(q, nothing, zero), state).tau
+            without_acceleration = law.step(seen, Target(q, zero, nothing), state).tau
     except Exception:  # a user's law may raise anything: whoever steps it learns why
         return True, True
-    return bool(np.isnan(taus[0]).any()), bool(np.isnan(taus[1]).any())
+    return bool(np.isnan(without_velocity).any()), bool(np.isnan(without_acceleration).any())
