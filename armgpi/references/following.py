@@ -150,16 +150,28 @@ class FollowLimits(NamedTuple):
 
 
 class FollowPlan(NamedTuple):
-    """What one step of a follower computes with, arrays that broadcast: the plan of its limits."""
+    """What one step of a follower computes with, arrays that broadcast: the plan of its limits.
 
-    speed: Any
-    acceleration: Any
-    jerk: Any
-    lost: Any  # speed that the jerk takes while the brake comes on
-    twice_braking: Any
-    easing: Any  # where the jerk alone limits, a stop from v takes sqrt(v^3 / jerk)
-    rate: Any
-    dt: Any
+    Attributes:
+        speed: that is planned with, less than the limit [rad/s or m/s].
+        acceleration: likewise [rad/s^2 or m/s^2].
+        jerk: the limit [rad/s^3 or m/s^3].
+        lost: speed that the jerk takes while the brake comes on [rad/s or m/s].
+        twice_braking: twice the deceleration of a brake [rad/s^2 or m/s^2].
+        easing: of the speed where the jerk alone limits: a stop from v takes sqrt(v^3 / jerk) [rad/s^3 or
+            m/s^3].
+        rate: at which an acceleration closes a difference of speeds [1/s].
+        dt: sample time [s].
+    """
+
+    speed: Array
+    acceleration: Array
+    jerk: Array
+    lost: Array
+    twice_braking: Array
+    easing: Array
+    rate: float
+    dt: float
 
 
 class Follower:
