@@ -6,8 +6,9 @@ Usage:
     python tools/structure.py --words   print the words of prose of each page, and of all
 
 Here a package is what is right below ``armgpi``, a module alone too. An arrow is an import of one by another,
-lazy ones and those for types included. Lines of code carry neither a docstring nor a comment alone. Words of
-prose are outside fences, directives, tables, displayed formulas and addresses; code in a line is one word.
+lazy ones and those for types included. Lines of code carry neither a docstring nor a comment alone. A line
+with Any has it in an annotation. Words of prose are outside fences, directives, tables, displayed formulas
+and addresses; code in a line is one word.
 """
 
 from __future__ import annotations
@@ -63,6 +64,7 @@ class Module(NamedTuple):
     docstrings: list[int]
     functions: list[Measured]
     imports: set[str]
+    with_any: int
 
 
 def docstring_lines(node: Documented) -> set[int]:
@@ -121,6 +123,28 @@ def imported(tree: ast.Module, parts: tuple[str, ...], is_package: bool) -> Iter
                 yield rest.split(".")[0]
 
 
+def annotations(nodes: list[ast.AST]) -> Iterator[ast.expr]:
+    """Yield the annotations of variables, parameters and returned values."""
+    for node in nodes:
+        written: ast.expr | None = None
+        if isinstance(node, ast.AnnAssign | ast.arg):
+            written = node.annotation
+        elif isinstance(node, Function):
+            written = node.returns
+        if written is not None:
+            yield written
+
+
+def lines_with_any(nodes: list[ast.AST]) -> set[int]:
+    """Return the lines on which an annotation has Any."""
+    lines = set()
+    for annotation in annotations(nodes):
+        for node in ast.walk(annotation):
+            if isinstance(node, ast.Name) and node.id == "Any":
+                lines.add(node.lineno)
+    return lines
+
+
 def read(path: Path, root: Path) -> Module:
     """Measure a file."""
     text = path.read_text(encoding="utf-8")
@@ -152,6 +176,7 @@ def read(path: Path, root: Path) -> Module:
             if isinstance(node, Function)
         ],
         imports=set(imported(tree, parts, path.name == "__init__.py")),
+        with_any=len(lines_with_any(nodes)),
     )
 
 
@@ -203,7 +228,8 @@ def show(modules: list[Module], tests: list[Module]) -> None:
         package: {name for module in inside for name in module.imports if name in packages} - {package}
         for package, inside in packages.items()
     }
-    print(f"{'package':14}{'modules':>8}{'lines':>8}{'code':>8}{'comments':>10}{'docstring':>11}   imports")
+    head = f"{'package':14}{'modules':>8}{'lines':>8}{'code':>8}{'Any':>6}{'comments':>10}{'docstring':>11}"
+    print(f"{head}   imports")
     for package, inside in sorted(packages.items()):
         _row(package, inside, ", ".join(sorted(arrows[package])))
     _row("all", modules, f"{sum(map(len, arrows.values()))} arrows between {len(arrows)} packages")
@@ -232,7 +258,8 @@ def _row(name: str, modules: list[Module], note: str) -> None:
     docstrings = [length for module in modules for length in module.docstrings]
     typical = f"{median(docstrings):g}" if docstrings else "-"
     share = f"{comments / code:.1%}" if code else "-"
-    print(f"{name:14}{len(modules):8}{lines:8}{code:8}{share:>10}{typical:>11}   {note}")
+    with_any = sum(module.with_any for module in modules)
+    print(f"{name:14}{len(modules):8}{lines:8}{code:8}{with_any:6}{share:>10}{typical:>11}   {note}")
 
 
 def main() -> None:
