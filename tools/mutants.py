@@ -248,12 +248,13 @@ class Failure(NamedTuple):
     test: str
 
 
-def fails(tests: list[str], seconds: float, environment: dict[str, str]) -> Failure:
-    """Run tests in a process, in so much processor time at most."""
+def fails(tests: list[str], seconds: float, environment: dict[str, str], slow: bool) -> Failure:
+    """Run tests in a process, in so much processor time at most; the slow ones where they were asked for."""
     if not tests:
         return Failure("")
+    options = [*PYTEST, "-m", ""] if slow else PYTEST
     limited = ["bash", "-c", f'ulimit -t {int(seconds)}; exec "$@"', "bash"]
-    command = [*limited, sys.executable, "-m", "pytest", *PYTEST, "-x", "-q", "--no-header", *tests]
+    command = [*limited, sys.executable, "-m", "pytest", *options, "-x", "-q", "--no-header", *tests]
     run = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     failed = [line for line in run.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
     return Failure(failed[0].split()[1] if failed else "")
@@ -276,7 +277,8 @@ def judge_by_nearest(chosen: list[Mutant], seconds: float, asked: dict[Mutant, l
         with planted_in_file(mutant):
             # One after the other: to collect whole files may take longer than to run a single test.
             stages = [asked[mutant]] if asked.get(mutant) else [named, files]
-            runs = (fails(stage, seconds, environment) for stage in stages)
+            named_by_row = bool(asked.get(mutant))
+            runs = (fails(stage, seconds, environment, named_by_row) for stage in stages)
             found = next((each for each in runs if each.test), Failure(""))
         survivors += not found.test
         met = asked.get(mutant) or files
