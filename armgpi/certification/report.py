@@ -86,13 +86,22 @@ def _worth(asked: Asked, made: Certificate) -> tuple[bool, str]:
 def _claims(asked: Asked, made: Certificate) -> str:
     """Return the claims for each joint, beside the worst that an adversary found."""
     cases = worst(asked, count=40)
-    told = zip(made.joint_names, claims(made), made.per_torque, cases, strict=True)
-    rows = [
-        [name, gain, f"{case.error:.3g}", f"{certified / case.error:.2f}", *others]
-        for name, (gain, *others), certified, case in told
+    joints = zip(made.joint_names, claims(made), made.per_torque, cases, strict=True)
+    rows = []
+    for name, (gain, *others), certified, case in joints:
+        ratio = certified / case.error
+        rows.append([name, gain, f"{case.error:.3g}", f"{ratio:.2f}", *others])
+    head = [
+        "joint",
+        "error per torque\nat rest, certified",
+        "worst found",
+        "ratio",
+        "for torques\nup to",
+        "error under\nall stated",
+        "from a start",
+        "after a jump\nof the load",
+        "torque\nneeded",
     ]
-    head = ["joint", "error per torque\nat rest, certified", "worst found", "ratio", "for torques\nup to"]
-    head += ["error under\nall stated", "from a start", "after a jump\nof the load", "torque\nneeded"]
     inputs = shares(made)
     said = (
         "The worst found is that of a torque which switches at the worst times, at 40 configurations and "
@@ -104,39 +113,54 @@ def _claims(asked: Asked, made: Certificate) -> str:
 
 def _numbers(made: Certificate) -> str:
     """Return the numbers with their status."""
-    numbers, status = made.data["numbers"], made.data["status"]
+    numbers = made.data["numbers"]
     rows = []
     for name, (what, unit) in {**NUMBERS, **OTHERS}.items():
-        value = numbers.get(name, 0.0)
+        if name not in numbers:
+            continue
+        value = numbers[name]
         largest = max(map(float, value)) if isinstance(value, list) else float(value)
-        if name in numbers and largest:
-            rows.append((name, f"{largest:.4g}", unit, STATUS[status[name]], what))
-    return page.table(
-        ("number", "value", "unit", "status", "what it is"), rows, label="numbers", words=(2, 3, 4)
-    )
+        status = STATUS[made.data["status"][name]]
+        if largest:
+            rows.append((name, f"{largest:.4g}", unit, status, what))
+    head = ("number", "value", "unit", "status", "what it is")
+    return page.table(head, rows, label="numbers", words=(2, 3, 4))
 
 
 def _nyquist(made: Certificate) -> str:
     """Return L(j w - sigma / 2) with the circle that it may not enter."""
     law, numbers = made.data["law"], made.data["numbers"]
-    low, high, sigma = (float(numbers[x]) for x in ("delta_low", "delta_high", "sigma"))
-    omega, zeta, pole = (float(x) for x in (law["omega"][0], law["zeta"], law["pole_ratio"]))
-    loop = open_loop(Tuning(np.array(omega), np.array(zeta), np.array(pole * omega)), member_of(law))
+    low = float(numbers["delta_low"])
+    high = float(numbers["delta_high"])
+    sigma = float(numbers["sigma"])
+    omega = float(law["omega"][0])
+    zeta = float(law["zeta"])
+    pole = float(law["pole_ratio"]) * omega
+    tuning = Tuning(np.array(omega), np.array(zeta), np.array(pole))
+    loop = open_loop(tuning, member_of(law))
     # In units of omega, as the open loop is.
     s = 1j * np.geomspace(1e-2, 1e3, 4000) - 0.5 * sigma / omega
     curve = np.polyval(loop.numerator, s) / np.polyval(loop.denominator, s)
     near = np.abs(curve) < 2.0 * _REACH
     drawing = Drawing((-_REACH, 0.6), (-1.0, 1.0))
-    parts = [drawing.line(axis, _QUIET) for axis in ([(-_REACH, 0.0), (0.6, 0.0)], [(0.0, -1.0), (0.0, 1.0)])]
-    parts += [drawing.text(0.5, 0.04, "Re"), drawing.text(0.1, 0.92, "Im")]
-    turn = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 121))
-    circle = -0.5 * (1.0 / low + 1.0 / high) + 0.5 * (1.0 / low - 1.0 / high) * turn
-    parts.append(drawing.line(list(zip(circle.real, circle.imag, strict=True)), style.ALARM, fill="#f4d5d8"))
+    parts = [
+        drawing.line([(-_REACH, 0.0), (0.6, 0.0)], _QUIET),
+        drawing.line([(0.0, -1.0), (0.0, 1.0)], _QUIET),
+        drawing.text(0.5, 0.04, "Re"),
+        drawing.text(0.1, 0.92, "Im"),
+    ]
+    centre = -0.5 * (1.0 / low + 1.0 / high)
+    radius = 0.5 * (1.0 / low - 1.0 / high)
+    circle = centre + radius * np.exp(2j * np.pi * np.linspace(0.0, 1.0, 121))
+    round_it = list(zip(circle.real, circle.imag, strict=True))
+    parts.append(drawing.line(round_it, style.ALARM, fill="#f4d5d8"))
     for sign in (1.0, -1.0):
         path = list(zip(curve[near].real, sign * curve[near].imag, strict=True))
         parts.append(drawing.line(path, _BLUE))
-    for text, x in {f"-1/{low:.3g}": -1.0 / low, f"-1/{high:.3g}": -1.0 / high}.items():
-        parts.append(drawing.text(x + (0.2 if x > -1.0 / low else -0.2), -0.1, text, colour=LINE))
+    ends = {f"-1/{low:.3g}": -1.0 / low, f"-1/{high:.3g}": -1.0 / high}
+    for text, x in ends.items():
+        beside = 0.2 if x > -1.0 / low else -0.2
+        parts.append(drawing.text(x + beside, -0.1, text, colour=LINE))
     said = (
         f"L(jω - σ/2) of a joint with σ = {sigma:.3g} 1/s, and the circle of δ from {low:.3g} to {high:.3g}. "
         "That the curve stays outside the circle is necessary while the arm moves at the stated speed; "
@@ -149,11 +173,13 @@ def _shares_taken(asked: Asked, made: Certificate, drawn: Array) -> dict[str, Ar
     """Return the shares of numbers that configurations take, drawn as shares of the ranges."""
     setting = asked.setting
     lowest, width = ranges(setting)
-    at, known = points(setting, lowest + width * drawn), functions(setting)
+    at = points(setting, lowest + width * drawn)
+    every = functions(setting)
     shares = {}
     for name in _COLOURS:
         best = 1.0 if name == "delta_high" else 0.0
-        values = np.max([known[name](setting, arm, at) for arm in setting.arms], axis=0)
+        of_arms = [every[name](setting, arm, at) for arm in setting.arms]
+        values = np.max(of_arms, axis=0)
         room = float(made.data["numbers"][name]) - best
         shares[name] = (values - best) / room if room > 1e-9 else np.zeros(len(drawn))
     return shares
@@ -176,9 +202,9 @@ def _box(asked: Asked, made: Certificate) -> str:
         parts += [drawing.text(low, y - 0.09, f"{y:g}", "start") for y in (0.5, 1.0)]
         for name, colour in _COLOURS.items():
             largest = [shares[name][place == k].max(initial=0.0) for k in range(_PARTS)]
-            parts.append(
-                drawing.line(list(zip(middles, largest, strict=True)), colour, dash=_DASHES[name][0])
-            )
+            dash, _ = _DASHES[name]
+            path = list(zip(middles, largest, strict=True))
+            parts.append(drawing.line(path, colour, dash=dash))
         unit = POSITION.symbol(asked.robot.prismatic[j])
         said = f"{joint}: {low:.3g} to {high:.3g} {unit}"
         figures.append(figure(drawing.svg(parts, said), said))
