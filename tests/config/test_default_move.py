@@ -191,9 +191,10 @@ def test_every_arm_has_a_well_conditioned_move_or_none_at_all(name: str) -> None
 def test_a_slower_move_asks_motors_for_what_holding_leaves_of_them() -> None:
     """The torque that moves goes with 1 / duration^2; the worst joint has four fifths of what is left."""
     robot = load("ur5")
-    start, goal = np.array([0.0, -1.3, 0.9, 0.2, 0.4, 0.0]), np.array([1.0, -0.2, 1.7, -0.6, 0.1, 0.5])
+    # The shoulder, which carries the arm, is the worst: up against its weight, or down with it.
+    start, goal = np.array([0.0, -1.3, 0.9, 0.2, 0.4, 0.0]), np.array([0.1, -0.2, 0.7, 0.2, 0.4, 0.0])
     way = armgpi.Bezier(start, goal, 1.0).at(np.linspace(0.0, 1.0, 41))
-    weak = robot.with_limits(effort=1.4 * np.abs(robot.gravity(way.q)).max(axis=0) + 2.0)
+    weak = robot.with_limits(effort=1.05 * np.abs(robot.gravity(way.q)).max(axis=0) + 2.0)
     duration = default_move.gentle_duration(weak, start, goal)
     strong = default_move.gentle_duration(robot, start, goal)
     assert strong < duration < 4.0 * strong
