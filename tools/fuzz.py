@@ -11,6 +11,8 @@ with exit code 2 and one line, or with what an unbroken study leaves.
 
 A case may take 60 s of processor time, and all of them 2 GB of memory; the most that was taken is printed.
 
+Run it in a tree that nobody changes meanwhile: commands import modules when they need them.
+
 The URDF reader has a tool of its own, `tools/fuzz_urdf.py`. The same seed gives the same cases. A case that
 fails is printed with its seed, which alone repeats it: `--seed SEED --count 1`.
 """

@@ -86,9 +86,10 @@ class Certificate:
     @property
     def per_torque(self) -> Array:
         """Error over the size of a torque on the same joint, for the reference at rest [rad/(N m)], (n,)."""
-        across = np.sqrt([float(x) for x in self.data["numbers"]["inverse"]])
-        size = float(self.data["inputs"].get("gain", {}).get("torque", "nan"))
-        return self._claims("gain", "errors") * across / size
+        inverse = [float(text) for text in self.data["numbers"]["inverse"]]
+        gain = self.data["inputs"].get("gain", {})
+        size = float(gain.get("torque", "nan"))
+        return self._claims("gain", "errors") * np.sqrt(inverse) / size
 
     @property
     def error(self) -> Array:
@@ -114,10 +115,13 @@ class Certificate:
     def gains(self) -> FixedGains | BSplineNetwork:
         """The gains it is for: what a controller is made with."""
         law = self.data["law"]
-        omega, zeta = [float(Fraction(x)) for x in law["omega"]], float(Fraction(law["zeta"]))
+        omega = [float(Fraction(text)) for text in law["omega"]]
+        zeta = float(Fraction(law["zeta"]))
         if len(omega) == 1:
-            return FixedGains(omega[0], zeta, omega[0] * float(Fraction(law["pole_ratio"])))
-        ends, rate = (omega[0], omega[-1]), float(Fraction(law["rate"]))
+            pole = omega[0] * float(Fraction(law["pole_ratio"]))
+            return FixedGains(omega[0], zeta, pole)
+        ends = (omega[0], omega[-1])
+        rate = float(Fraction(law["rate"]))
         return BSplineNetwork(omega_c=ends, zeta_c=zeta, common=True, rate=rate)
 
     @property
@@ -128,9 +132,10 @@ class Certificate:
 
     def _claims(self, solution: str, what: str) -> Array:
         """Return claims of a solution; NaN where there is none."""
-        found = self.data["solutions"].get(solution, {}).get("claims")
-        n = len(self.joint_names)
-        return np.full(n, np.nan) if found is None else np.array([float(x) for x in found[what]])
+        claims = self.data["solutions"].get(solution, {}).get("claims")
+        if claims is None:
+            return np.full(len(self.joint_names), np.nan)
+        return np.array([float(text) for text in claims[what]])
 
     @property
     def text(self) -> str:
@@ -252,30 +257,34 @@ def certify(
     for tried in _RATES:
         asked = ask(robot, dt, **{**options, "gains": network.with_values(rate=tried)})
         known = _Known(asked, numbers)
-        if solvable(known.law, known.numbers, known.one) and (made := certificate(asked, numbers)).certified:
+        if not solvable(known.law, known.numbers, known.one):
+            continue
+        made = certificate(asked, numbers)
+        if made.certified:
             return made
     return certificate(asked, numbers)
 
 
 def certificate(asked: Asked, found: Numbers) -> Certificate:
     """Return the certificate that the numbers of an arm lead to, or why there is none."""
-    known, stated = _Known(asked, found), inputs_of(asked, found)
-    law, numbers, limits = known.law, known.numbers, known.limits
+    known = _Known(asked, found)
+    stated = inputs_of(asked, found)
     known.gain()
     if known.solutions:
-        if any(float(x) for x in stated.values()):
+        loads_differ = bool(float(known.numbers["jump"]))
+        if any(float(size) for size in stated.values()):
             known.close("stated", "the stated disturbances", stated)
-        if float(numbers["jump"]) and asked.start == "wrong-load":
+        if loads_differ and asked.start == "wrong-load":
             known.close("start", "a start with the torque for another payload", stated)
-        if float(numbers["jump"]) and asked.jump:
+        if loads_differ and asked.jump:
             known.close("jump", "a jump of the payload", stated)
     data: dict[str, Any] = {
         "format": FORMAT,
         "robot": _robot(asked),
         "assumptions": _assumptions(asked),
-        "limits": limits,
-        "law": law,
-        "numbers": numbers,
+        "limits": known.limits,
+        "law": known.law,
+        "numbers": known.numbers,
         "status": status_of(found),
         "inputs": known.inputs,
         "shares": shares_of(asked, found),
@@ -293,11 +302,12 @@ def certificate(asked: Asked, found: Numbers) -> Certificate:
 
 def status_of(found: Numbers) -> dict[str, str]:
     """Return of each number whether it is proved; of those for each joint, whether all are."""
-    groups = {name: x if name in PER_JOINT else (x,) for name, x in found._asdict().items()}
-    return {
-        name: "proved" if all(x.status == "proved" for x in group) else "searched"
-        for name, group in groups.items()
-    }
+    statuses = {}
+    for name, value in found._asdict().items():
+        numbers = value if name in PER_JOINT else (value,)
+        all_proved = all(number.status == "proved" for number in numbers)
+        statuses[name] = "proved" if all_proved else "searched"
+    return statuses
 
 
 class _Known:
@@ -311,15 +321,19 @@ class _Known:
     """
 
     def __init__(self, asked: Asked, found: Numbers) -> None:
-        numbers = numbers_of(asked, found)
-        self.asked, self.law, self.numbers, self.limits = asked, law_of(asked), numbers, limits_of(asked)
+        self.asked = asked
+        self.law = law_of(asked)
+        self.numbers = numbers = numbers_of(asked, found)
+        self.limits = limits_of(asked)
         self.inputs: dict[str, Any] = {}
         self.solutions: dict[str, Any] = {}
         self.said: list[str] = []
         # So slow that D and Coriolis torques are moved no more than by joints at the speed that was stated.
-        pairs = (("sigma", "sigma_error"), ("kappa_v", "kappa_error"))
-        shares = [float(numbers[x]) / float(numbers[y]) for x, y in pairs if float(numbers[y]) > _NO_MOTION]
-        self.spread = min([_FREE, *shares])
+        self.spread = _FREE
+        for moves, per_speed in (("sigma", "sigma_error"), ("kappa_v", "kappa_error")):
+            if float(numbers[per_speed]) > _NO_MOTION:
+                share = float(numbers[moves]) / float(numbers[per_speed])
+                self.spread = min(self.spread, share)
         self.one = {**NOTHING, "torque": "1", "spread": f"{self.spread:.9g}"}
 
     def gain(self) -> None:
@@ -331,12 +345,12 @@ class _Known:
         if solution is None:
             self.said += explain_unsolved(self.asked, self.law, self.numbers, inputs)
             return
-        rest, unit = (self.bounds(solution, {**inputs, "torque": size}) for size in "01")
-        spare = [
-            (most - low) / (high - low)
-            for what, ends in self.allowed_ranges(inputs).items()
-            for low, high, most in zip(rest[what], unit[what], ends, strict=True)
-        ]
+        rest = self.bounds(solution, {**inputs, "torque": "0"})
+        unit = self.bounds(solution, {**inputs, "torque": "1"})
+        spare = []  # sizes of a torque at which a bound is all that is allowed
+        for what, allowed in self.allowed_ranges(inputs).items():
+            for without, with_one, most in zip(rest[what], unit[what], allowed, strict=True):
+                spare.append((most - without) / (with_one - without))
         largest = float(min(spare)) * (1.0 - _ROUNDED)
         if largest <= 0.0:
             self.said += beyond(self.asked, None, self.spread, rest)
@@ -346,19 +360,21 @@ class _Known:
     def close(self, name: str, what: str, stated: Mapping[str, str]) -> None:
         """Make a claim that implies what it depends on: the error is no faster than was taken for granted."""
         spread = _FIRST * self.spread
-        found = None
+        bounds = None
+        disturbed = any(float(size) for key, size in stated.items() if key != "spread")
         for _ in range(_TRIES):
             inputs = {**stated, "spread": f"{spread:.9g}"}
-            disturbed = any(float(stated[key]) for key in stated if key != "spread")
-            solution = solve(self.law, self.numbers, inputs if disturbed else {**inputs, "torque": "1"})
+            solved_for = inputs if disturbed else {**inputs, "torque": "1"}
+            solution = solve(self.law, self.numbers, solved_for)
             if solution is None:
                 break
-            found = self.bounds(solution, inputs, name)
-            if float(found["speed"][0]) <= spread:
+            bounds = self.bounds(solution, inputs, name)
+            fastest = float(bounds["speed"][0])
+            if fastest <= spread:
                 break
-            spread = _LARGER * float(found["speed"][0])
-        if found is None or solution is None or self.leaves(inputs, found):
-            self.said += beyond(self.asked, what, None if solution is None else spread, found)
+            spread = _LARGER * fastest
+        if bounds is None or solution is None or self.leaves(inputs, bounds):
+            self.said += beyond(self.asked, what, None if solution is None else spread, bounds)
         else:
             self._claim(name, solution, inputs)
 
@@ -378,25 +394,25 @@ class _Known:
 
     def leaves(self, inputs: Any, found: Any) -> bool:
         """Tell whether any bound is not within what is allowed."""
-        most = self.allowed_ranges(inputs)
-        return any(x > y for key in most for x, y in zip(found[key], most[key], strict=True))
+        for what, allowed in self.allowed_ranges(inputs).items():
+            if any(bound > most for bound, most in zip(found[what], allowed, strict=True)):
+                return True
+        return False
 
     def _claim(self, name: str, solution: Solution, inputs: Any) -> None:
         """Add a claim."""
-        found = self.bounds(solution, inputs, name)
-        claims = {
-            what: [f"{float(x) * (1.0 + _ROUNDED):.9g}" for x in values] for what, values in found.items()
-        }
+        claims = {}
+        for what, bounds in self.bounds(solution, inputs, name).items():
+            claims[what] = [f"{float(bound) * (1.0 + _ROUNDED):.9g}" for bound in bounds]
         self.inputs[name] = inputs
         self.solutions[name] = {**solution._asdict(), "claims": claims}
 
 
 def seal(data: Mapping[str, Any]) -> str:
     """Return the hash of what the solution does not say: see the checker."""
-    sealed = json.dumps(
-        {key: x for key, x in data.items() if key not in ("solutions", "seal")}, sort_keys=True
-    )
-    return hashlib.sha256(sealed.encode()).hexdigest()
+    sealed = {key: part for key, part in data.items() if key not in ("solutions", "seal")}
+    text = json.dumps(sealed, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _robot(asked: Asked) -> dict[str, Any]:

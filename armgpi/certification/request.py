@@ -112,7 +112,9 @@ def ask(
     loads = law.payload
     own = (robot,) if loads is None else (*_with_loads((robot,), loads)[:1], loads.nominal)
     ends = (*_with_loads(arms, loads), *own)  # the controller's is the last
-    where, fastest, away = box_of(robot, box), each(speed, "speed", True), each(radius, "radius", True)
+    where = box_of(robot, box)
+    fastest = each(speed, "speed", True)
+    away = each(radius, "radius", True)
     # A gradient is taken between configurations that are a few samples of motion apart as well.
     count = 0.0 * fastest if bits is None else 0.5 * robot.encoder_count(bits)
     near = away + (delay + 1) * law.dt * fastest + count
@@ -120,11 +122,12 @@ def ask(
     moves = 0.0 * fastest, 0.0 * fastest
     if acceleration is not None:
         moves = fastest, each(acceleration, "acceleration")
-    viscous, coulomb = float(friction) * np.max([arm.friction for arm in arms or (robot,)], axis=0)
+    most_friction = np.max([arm.friction for arm in arms or (robot,)], axis=0)
+    viscous, coulomb = float(friction) * most_friction
+    rubbing = viscous * moves[0] + coulomb
     known: Any = law.bias_robot
-    ahead, zone = law.feedforward, law.rest_dead_zone
-    inputs = each(torque, "torque"), viscous * moves[0] + coulomb, *moves, count, viscous, zone
-    setting = Setting(ends, nominal, known, *where, near, fastest, ahead, *inputs)
+    inputs = each(torque, "torque"), rubbing, *moves, count, viscous, law.rest_dead_zone
+    setting = Setting(ends, nominal, known, *where, near, fastest, law.feedforward, *inputs)
     return Asked(
         robot, law, where, setting, away, delay, friction, jump, bits, start, rule, _with_loads(others, loads)
     )
@@ -134,8 +137,10 @@ def _with_loads(arms: Sequence[Robot], loads: Any) -> tuple[Robot, ...]:
     """Return arms with the lightest load of a range, and with the heaviest; as they are without one."""
     if loads is None:
         return tuple(arms)
-    ends = (loads.lightest, loads.heaviest)
-    return tuple(arm.with_payload(loads.frame, load, loads.com) for load in ends for arm in arms)
+    loaded = []
+    for load in (loads.lightest, loads.heaviest):
+        loaded += [arm.with_payload(loads.frame, load, loads.com) for arm in arms]
+    return tuple(loaded)
 
 
 def _current_type(controller: str) -> str:
@@ -173,9 +178,14 @@ def law_of(asked: Asked) -> dict[str, Any]:
         expected = "FixedGains, or a BSplineNetwork with one common omega"
         raise ParameterError("gains", type(gains).__name__, expected)
     tuning = gains.nominal()
-    omega, zeta, p = (_common(x, name) for x, name in zip(tuning, ("omega", "zeta", "p"), strict=True))
-    second = 1.0 if controller.second_ratio is None else _common(controller.second_ratio, "second_ratio")
-    damping = zeta if controller.second_zeta is None else _common(controller.second_zeta, "second_zeta")
+    omega = _common(tuning.omega_c, "omega")
+    zeta = _common(tuning.zeta_c, "zeta")
+    p = _common(tuning.p_c, "p")
+    second, damping = 1.0, zeta
+    if controller.second_ratio is not None:
+        second = _common(controller.second_ratio, "second_ratio")
+    if controller.second_zeta is not None:
+        damping = _common(controller.second_zeta, "second_zeta")
     return {
         "integrators": controller.integrators,
         "rolloff": controller.rolloff,
@@ -230,8 +240,13 @@ def shares_of(asked: Asked, found: Numbers) -> dict[str, float]:
 def inputs_of(asked: Asked, found: Numbers) -> dict[str, str]:
     """Return the sizes of all that disturbs, in the metric of D, as texts."""
     torque = sum(shares_of(asked, found).values())
-    sizes = {"shift": found.shift, "reference": found.velocity, "count": found.encoder, "zone": found.zone}
-    return {"torque": _text(torque), **{name: _text(x.value) for name, x in sizes.items()}}
+    return {
+        "torque": _text(torque),
+        "shift": _text(found.shift.value),
+        "reference": _text(found.velocity.value),
+        "count": _text(found.encoder.value),
+        "zone": _text(found.zone.value),
+    }
 
 
 def _check_chosen(law: GPI, controller: str) -> None:
