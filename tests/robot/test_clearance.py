@@ -138,13 +138,16 @@ def test_a_joint_that_follows_is_where_its_ratio_and_its_offset_say(tmp_path: Pa
     text = (
         (tmp_path / "free/arm.urdf")
         .read_text()
-        .replace('<parent link="b"/>', '<mimic joint="j1" multiplier="-0.5" offset="0.7"/><parent link="b"/>')
+        .replace('<parent link="b"/>', '<mimic joint="j1" multiplier="1" offset="0.7"/><parent link="b"/>')
     )
     (tmp_path / "led/arm.urdf").write_text(text)
     led = Robot.load(tmp_path / "led/arm.urdf", mimic="follow")
     q = np.random.default_rng(1).uniform(-3.0, 3.0, (200, 2))
-    q = q[np.abs(-0.5 * q[:, 1] + 0.7) < 3.0]
-    whole = np.column_stack([q, -0.5 * q[:, 1] + 0.7])
-    found = [Clearance(led, margin=0.1).first_hit(row) is None for row in q]
-    assert found == [Clearance(free, margin=0.1).first_hit(row) is None for row in whole]
+    q = q[np.abs(q[:, 1] + 0.7) < 3.0]
+    whole = np.column_stack([q, q[:, 1] + 0.7])
+    ours, theirs = Clearance(led, margin=0.1), Clearance(free, margin=0.1)
+    found = [ours.first_hit(row) is None for row in q]
+    assert found == [theirs.first_hit(row) is None for row in whole]
     assert 10 < sum(found) < len(q) - 10
+    without = np.column_stack([q, q[:, 1]])  # the offset changes what collides
+    assert found != [theirs.first_hit(row) is None for row in without]
