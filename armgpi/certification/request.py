@@ -118,19 +118,29 @@ def ask(
     # A gradient is taken between configurations that are a few samples of motion apart as well.
     count = 0.0 * fastest if bits is None else 0.5 * robot.encoder_count(bits)
     near = away + (delay + 1) * law.dt * fastest + count
-    nominal = ends[-1]
     moves = 0.0 * fastest, 0.0 * fastest
     if acceleration is not None:
         moves = fastest, each(acceleration, "acceleration")
-    most_friction = np.max([arm.friction for arm in arms or (robot,)], axis=0)
-    viscous, coulomb = float(friction) * most_friction
-    rubbing = viscous * moves[0] + coulomb
+    viscous, rubbing = _friction(arms or (robot,), friction, moves[0])
     known: Any = law.bias_robot
     inputs = each(torque, "torque"), rubbing, *moves, count, viscous, law.rest_dead_zone
-    setting = Setting(ends, nominal, known, *where, near, fastest, law.feedforward, *inputs)
+    setting = Setting(ends, ends[-1], known, *where, near, fastest, law.feedforward, *inputs)
     return Asked(
         robot, law, where, setting, away, delay, friction, jump, bits, start, rule, _with_loads(others, loads)
     )
+
+
+def _friction(arms: Sequence[Robot], acts: bool, speed: Array) -> tuple[Array, Array]:
+    """Return the largest viscous friction of some arms, and what all friction is at a speed at most, (n,).
+
+    Args:
+        arms: of which each is possible.
+        acts: whether it acts; it is 0 otherwise.
+        speed: of the joints [rad/s or m/s].
+    """
+    largest = np.max([arm.friction for arm in arms], axis=0)
+    viscous, coulomb = float(acts) * largest
+    return viscous, viscous * speed + coulomb
 
 
 def _with_loads(arms: Sequence[Robot], loads: Any) -> tuple[Robot, ...]:
