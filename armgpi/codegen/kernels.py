@@ -617,7 +617,7 @@ def _friction_kernel(sticks: tuple[bool, ...], braking: Callable[..., Braked], w
         signs, slopes = flat(iterate.sign), flat(iterate.slope)
         return [*flat(iterate.v), *(signs[i] for i in where), *(slopes[i] for i in where)]
 
-    apart = flat(is_apart(following))
+    apart = flat(is_apart(following, friction.coulomb))
     return Iteration(
         name,
         sizes,
