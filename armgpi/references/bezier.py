@@ -43,13 +43,20 @@ def blend(x: Array) -> Blend:
     Args:
         x: share of the move that has passed, any shape.
     """
-    x = np.minimum(np.maximum(x, 0.0), 1.0)
+    return _polynomial(np.minimum(np.maximum(x, 0.0), 1.0))
+
+
+def _polynomial(x: Any) -> Blend:
+    """Return the blend of a share between 0 and 1, a number or an array: the same bits for both."""
     inner = 252.0 + x * (-1050.0 + x * (1800.0 + x * (-1575.0 + x * (700.0 - 126.0 * x))))
     y = 1.0 - x
+    x_square, y_square = x * x, y * y
+    # Products, as NumPy's powers of numbers and of arrays differ in their last bit.
+    x_fourth, y_fourth = x_square * x_square, y_square * y_square
     return Blend(
-        value=x**5 * inner,  # eq. 27, signs corrected
-        first=1260.0 * x**4 * y**5,
-        second=1260.0 * x**3 * y**4 * (4.0 - 9.0 * x),
+        value=x_fourth * x * inner,  # eq. 27, signs corrected
+        first=1260.0 * x_fourth * (y_fourth * y),
+        second=1260.0 * (x_square * x) * y_fourth * (4.0 - 9.0 * x),
     )
 
 
@@ -131,6 +138,9 @@ class Bezier(Reference):
         self.duration = time(duration, "duration", "a positive, finite time [s]", open_=True)
         self.t_start = time(t_start, "t_start", "a finite time [s]", lowest=-math.inf)
         self._distance = distance
+        self._is_single = (
+            distance.ndim == 1 and isinstance(self.duration, float) and isinstance(self.t_start, float)
+        )
         for name in ("duration", "t_start"):
             times = getattr(self, name)
             if np.ndim(times) == 2 and (distance.ndim == 1 or len(distance) != len(times)):
@@ -151,10 +161,17 @@ class Bezier(Reference):
         return Bezier(**values)
 
     def at(self, t: float | Array) -> Target:
-        """Return the target at `t` [s]; shapes as :meth:`Reference.at`."""
-        x = np.multiply(1.0, as_times(t))  # an array, or symbols
-        x = (x.reshape(x.shape + (1,) * self._distance.ndim) - self.t_start) / self.duration
-        step = blend(x)
+        """Return the target at `t` [s]; shapes as :meth:`Reference.at`.
+
+        A single time of a single move is worked out by numbers, which is faster than by arrays of one.
+        """
+        if isinstance(t, float) and math.isfinite(t) and self._is_single:
+            share = (float(t) - self.t_start) / self.duration
+            step = _polynomial(min(max(share, 0.0), 1.0))
+        else:
+            x = np.multiply(1.0, as_times(t))  # an array, or symbols
+            x = (x.reshape(x.shape + (1,) * self._distance.ndim) - self.t_start) / self.duration
+            step = blend(x)
         return Target(
             q=self.start + self._distance * step.value,  # eq. 26
             v=self._distance * step.first / self.duration,

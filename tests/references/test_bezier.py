@@ -202,3 +202,15 @@ def test_later_changes_of_the_arrays_given_do_not_move_it() -> None:
 def test_a_bad_argument_is_named(arguments: dict[str, Any], error: type[ArmgpiError], named: str) -> None:
     with pytest.raises(error, match=named):
         Bezier(**{"start": [0.0, 0.0], "goal": [1.0, 1.0], **arguments})
+
+
+def test_single_times_have_the_bits_of_arrays_of_times() -> None:
+    random = np.random.default_rng(340)
+    for n in (1, 3, 7):
+        start, goal = random.normal(size=(2, n))
+        move = Bezier(start, goal, duration=1.7, t_start=-0.2)
+        times = np.concatenate([random.uniform(-1.0, 3.0, 40), [-0.2, 1.5, 1.6]])
+        together = move.at(times)
+        for i, t in enumerate(times.tolist()):
+            for one, all_of_them in zip(move.at(t), together, strict=True):
+                np.testing.assert_array_equal(one, all_of_them[i])
