@@ -135,6 +135,36 @@ def diagnose(
     return search.conventions() if conventions else search.run(follows)
 
 
+def added_rotors(problem: Problem, differing: Mask) -> Array | None:
+    """Return what a model has on the diagonal of D in addition [kg m² or kg], shape (n,).
+
+    None where what differs is more than that, varies, is negative somewhere, or is at one joint alone, which
+    may as well have another mistake in its constant.
+
+    Args:
+        problem: model and reference.
+        differing: the elements that are looked at.
+    """
+    added = np.zeros(problem.tree.n)
+    for column in np.flatnonzero(differing):
+        _, quantity, place = problem.elements[column]
+        rest = problem.user[:, column] - problem.reference[:, column]
+        if quantity != "D" or place[0] != place[1] or rest.min() <= 0.0:
+            return None
+        if np.ptp(rest) > 2.0 * problem.tolerance[column]:
+            return None
+        added[place[0]] = rest.mean()
+    return added if np.count_nonzero(added) >= 2 else None
+
+
+def rotors_text(problem: Problem, added: Array) -> str:
+    """Return what is said of rotor inertia that a model has in addition, with the option for it."""
+    rotors = zip(problem.tree.joint_names, problem.tree.armature + added, strict=True)
+    values = ",".join(f"{name}={x:.6g}" for name, x in rotors if x)
+    larger = "D is larger than the robot's by a constant diagonal"
+    return f"rotor inertia: {larger}; compare with --rotor-inertia {values}"
+
+
 class _Search:
     """The search in one problem; holds what every scope needs."""
 
@@ -180,26 +210,9 @@ class _Search:
 
     def rotors(self) -> Iterator[_Candidate]:
         """Yield rotor inertias that the model has in addition: a constant diagonal that is not negative."""
-        p, n = self.problem, self.problem.tree.n
-        added = np.zeros(n)
-        for column in np.flatnonzero(self.differing):
-            _, quantity, place = p.elements[column]
-            rest = p.user[:, column] - p.reference[:, column]
-            if quantity != "D" or place[0] != place[1] or rest.min() <= 0.0:
-                return
-            if np.ptp(rest) > 2.0 * p.tolerance[column]:
-                return
-            added[place[0]] = rest.mean()
-        # One joint alone may as well have another mistake in its constant.
-        if np.count_nonzero(added) < 2 or n < 2:
-            return
-        rotors = zip(p.tree.joint_names, p.tree.armature + added, strict=True)
-        values = ",".join(f"{name}={x:.6g}" for name, x in rotors if x)
-        text = (
-            "rotor inertia: D is larger than the robot's by a constant diagonal; "
-            f"compare with --rotor-inertia {values}"
-        )
-        yield _Candidate(-1.0, "rotor-inertia", text, structural=False)
+        added = added_rotors(self.problem, self.differing)
+        if added is not None:
+            yield _Candidate(-1.0, "rotor-inertia", rotors_text(self.problem, added), structural=False)
 
     def friction(self) -> Iterator[_Candidate]:
         """Yield viscous friction that the model has in addition: linear in each joint's own velocity."""

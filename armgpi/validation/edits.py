@@ -1112,6 +1112,20 @@ class Editor:
                 pick.block.switch[pick.site] = 0
                 self._terms.pop((self.blocks.index(pick.block), pick.site), None)
 
+    def _as_written(self, node: ast.expr) -> str:
+        """Return an expression as text, with the spaces of the source where it stands there."""
+        text = ast.unparse(node)
+        if getattr(node, "end_lineno", None) is None:
+            return text
+        there = ast.get_source_segment(self.source, node)
+        if there is None or "\n" in there:
+            return text
+        try:
+            same = ast.unparse(ast.parse(there, mode="eval")) == text
+        except SyntaxError:
+            return text
+        return there if same else text
+
     @contextmanager
     def looking(self, block: Block, site: int, look: Callable[[dict[str, Any]], Any]) -> Iterator[None]:
         """Have an expression be what a function makes of the local variables meanwhile."""
@@ -1137,7 +1151,7 @@ class Editor:
             old = line[site.span[1] : site.span[3]].decode()
             return Change(kind, site.span, old, f" {ast.unparse(new)} ", *where)
         old = ast.get_source_segment(self.source, node) or ast.unparse(node)
-        text = pick.new or ast.unparse(new)
+        text = pick.new or self._as_written(new)
         if self.source.count('"') > self.source.count("'") and '"' not in text:
             text = text.replace("'", '"')  # as the file writes its keys
         if isinstance(node, ast.Constant) and isinstance(new, ast.Constant):

@@ -17,12 +17,21 @@ import numpy as np
 from armgpi.errors import ModelError
 from armgpi.validation import repair, samples
 from armgpi.validation.alternatives import names_with
-from armgpi.validation.diagnose import ALTERNATIVES, NOT_NAMED, UNNAMED, Cause, diagnose, join_equal
+from armgpi.validation.diagnose import (
+    ALTERNATIVES,
+    NOT_NAMED,
+    UNNAMED,
+    Cause,
+    added_rotors,
+    diagnose,
+    join_equal,
+    rotors_text,
+)
 from armgpi.validation.edits import harmless
 from armgpi.validation.entries import shown
 from armgpi.validation.friction import coulomb_friction
 from armgpi.validation.hypotheses import CONVENTIONS
-from armgpi.validation.naming import users_names
+from armgpi.validation.naming import UserName, users_names
 from armgpi.validation.problem import Element, Mask, Problem
 from armgpi.validation.proofs import Repaired
 from armgpi.validation.repair import Compared, Renumbered
@@ -74,6 +83,20 @@ class _Aside(NamedTuple):
     cause: Cause | None
 
 
+class _Behind(NamedTuple):
+    """What is left of a comparison when all that can be was set aside.
+
+    Attributes:
+        problem: model and reference, with what was set aside in the reference.
+        causes: what was set aside.
+        differences: what differed at first as formulas, with the other rounding of gravity in the reference.
+    """
+
+    problem: Problem
+    causes: list[Cause]
+    differences: tuple[Difference, ...]
+
+
 def find_causes(
     compared: Compared, sampled: Mapping[str, Sampled], follows: Mapping[str, tuple[str, Mask]]
 ) -> Found:
@@ -84,49 +107,87 @@ def find_causes(
         sampled: its samples.
         follows: see :func:`armgpi.validation.diagnose.diagnose`.
     """
-    worker, problem = compared.worker, compared.problem
-    names = users_names(worker.source, problem.tree)
-    residual = Residual(problem, names)
-    differences = residual.differences(~problem.agreeing)
-    whole = diagnose(problem, follows, conventions=True)
-    set_aside: list[Cause] = []
+    names = users_names(compared.worker.source, compared.problem.tree)
+    residual = Residual(compared.problem, names)
+    differences = residual.differences(~compared.problem.agreeing)
+    whole = diagnose(compared.problem, follows, conventions=True)
+    behind = _Behind(compared.problem, [], differences)
     if not whole:
-        for step in (_rounded, _neglected):
-            behind = step(problem, sampled, differences)
-            if behind.cause is not None:
-                set_aside.append(behind.cause)
-                problem = behind.problem
-                compared = compared._replace(problem=problem)
-                differences_behind = Residual(problem, names).differences(~problem.agreeing)
-                if step is _rounded:
-                    differences = differences_behind
-        if set_aside and problem.agreeing.all():
-            return Found(set_aside, None, differences, residual.legend(differences))
-        if set_aside:
-            whole = diagnose(problem, follows, conventions=True)
-    behind_residual = Residual(problem, names).differences(~problem.agreeing) if set_aside else differences
+        behind = _set_aside(compared.problem, sampled, differences, names)
+    if behind.causes:
+        compared = compared._replace(problem=behind.problem)
+        if behind.problem.agreeing.all():
+            return Found(behind.causes, None, behind.differences, residual.legend(behind.differences))
+        differences = Residual(behind.problem, names).differences(~behind.problem.agreeing)
+        whole = diagnose(behind.problem, follows, conventions=True)
     whole = _friction(compared, sampled, whole)
-    if _is_of_drives(whole, problem):
+    if _is_of_drives(whole, behind.problem):
         # Not a mistake of the formulas: the drives' part, which a search would only take away again.
-        return Found([*whole, *set_aside], None, differences, residual.legend(differences))
+        legend = residual.legend(behind.differences)
+        return Found([*whole, *behind.causes], None, behind.differences, legend)
+    by_values = whole or diagnose(behind.problem, follows)
+    causes, repaired = _searched_causes(compared, by_values, whole, differences)
+    if behind.causes:
+        causes = [cause._replace(evidence=tuple(map(_but_for_the_rest, cause.evidence))) for cause in causes]
+    labels = {one.label for one in differences}
+    shown = (*differences, *(one for one in behind.differences if one.label not in labels))
+    return Found([*causes, *behind.causes], repaired, shown, residual.legend(shown))
+
+
+def _set_aside(
+    problem: Problem,
+    sampled: Mapping[str, Sampled],
+    differences: tuple[Difference, ...],
+    names: Mapping[str, UserName],
+) -> _Behind:
+    """Set aside what is no mistake of the formulas: rotors, another rounding of gravity, small inertias.
+
+    Args:
+        problem: model and reference.
+        sampled: the model's samples.
+        differences: what differs as formulas.
+        names: what the user calls the robot's numbers.
+    """
+    causes: list[Cause] = []
+    for step in (_rotors, _rounded, _neglected):
+        behind = step(problem, sampled, differences)
+        if behind.cause is None:
+            continue
+        causes.append(behind.cause)
+        problem = behind.problem
+        if step is _rounded:
+            differences = Residual(problem, names).differences(~problem.agreeing)
+    return _Behind(problem, causes, differences)
+
+
+def _searched_causes(
+    compared: Compared, by_values: list[Cause], whole: list[Cause], differences: Sequence[Difference]
+) -> tuple[list[Cause], str | None]:
+    """Search the source, and return what both witnesses say, with the repaired source or None.
+
+    Args:
+        compared: the model beside the robot.
+        by_values: what the values say.
+        whole: of that the convention of the whole model, if there is one.
+        differences: what differs as formulas.
+    """
     # A convention of the whole model is seen at once; one line of the source that undoes it is found fast.
     budget = repair.SHORT if whole and whole[0].kind in CONVENTIONS else np.inf
-    by_values = whole or diagnose(problem, follows)
     found = _find_repair(compared, by_values, whole, budget)
     if found is not None:
-        found = repair.confirmed_by_terms(compared, found, behind_residual)
+        found = repair.confirmed_by_terms(compared, found, differences)
     is_number = found is not None and all(change.kind == "value" for change in found.changes)
     # Of a wrong number the values say which it is; its terms in every entry say less.
-    values = by_values if is_number else _told_by_values(by_values, behind_residual)
+    values = by_values if is_number else _told_by_values(by_values, differences)
     if found is None and not whole:
-        values = _with_other_bodies(problem, values)
+        values = _with_other_bodies(compared.problem, values)
     _forget_what_was_not_searched(compared, whole, found)
-    causes, repaired = _ranked(values, found, whole, worker.source, problem, behind_residual)
-    shown = (
-        *behind_residual,
-        *(one for one in differences if one.label not in {d.label for d in behind_residual}),
-    )
-    return Found([*causes, *set_aside], repaired, shown, residual.legend(shown))
+    return _ranked(values, found, whole, compared.worker.source, compared.problem, differences)
+
+
+def _but_for_the_rest(line: str) -> str:
+    """Return a line of evidence; one that says that the model agrees says as well what was set aside."""
+    return f"{line}, but for what is set aside below" if "the model agrees" in line else line
 
 
 def _forget_what_was_not_searched(compared: Compared, whole: list[Cause], found: Repaired | None) -> None:
@@ -404,6 +465,26 @@ def _beside(first: list[Cause], second: list[Cause], who: str) -> list[Cause]:
     if text == first[0].text:
         return first
     return [first[0]._replace(beside=f"{who}: {text} [{worth}]"), *first[1:]]
+
+
+def _rotors(problem: Problem, sampled: Mapping[str, Sampled], differences: Sequence[Difference]) -> _Aside:
+    """Set aside rotor inertia of the model, where other quantities than D differ as well.
+
+    Where a joint slides, a wrong mass adds to the diagonal as well.
+    """
+    tree = problem.tree
+    in_D = ~problem.agreeing & problem.quantity("D")
+    if tree.armature.any() or any(tree.prismatic) or not (~problem.agreeing & ~in_D).any():
+        return _Aside(problem, None)
+    added = added_rotors(problem, in_D)
+    if added is None:
+        return _Aside(problem, None)
+    behind = Problem(replace(tree, armature=added), problem.q, sampled, problem.rtol)
+    elements = _explained(problem, behind)
+    if not elements:
+        return _Aside(problem, None)
+    text = rotors_text(problem, added)
+    return _Aside(behind, Cause("rotor-inertia", text, "elements", elements, structural=False))
 
 
 def _rounded(problem: Problem, sampled: Mapping[str, Sampled], differences: Sequence[Difference]) -> _Aside:

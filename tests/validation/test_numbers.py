@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import runpy
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -402,3 +403,74 @@ def test_numbers_that_are_worked_out_are_varied_too(numbers: str, tmp_path: Path
     assert not report.agrees
     assert "for other numbers too" not in str(report)
     assert "[formula, confirmed]" not in str(report)
+
+
+_WITH_ROTORS = """
+m1, m2, l1, c1, c2, J1, J2 = 1.5, 1.1, 0.4, 0.21, 0.17, 0.031, 0.019
+Jm, N = 1.2e-5, np.array([100, 80])
+
+def mass_matrix(q):
+    h = m2 * l1 * c2 * np.cos(q[1])
+    d = J2 + m2 * c2**2
+    D = np.array([[J1 + m1 * c1**2 + m2 * l1**2 + d + 2 * h, d + h], [d + h, d]])
+    return D + Jm * np.diag(N**2)
+
+def coriolis_matrix(q, v):
+    h = m2 * l1 * c2 * np.sin(q[1])
+    return np.array([[-h * v[1], -h * (v[0] + v[1])], [-h * v[0], 0.0]])
+"""
+
+
+def test_rotors_are_set_aside_and_the_search_goes_on_behind_them(tmp_path: Path) -> None:
+    """A wrong sign in C, and rotors that the robot lacks: these are no term too much."""
+    arm = _arm(tmp_path, np.array([1.5, 1.1]), np.array([0.21, 0.17]), np.array([0.031, 0.019]), 0.4)
+    report = validate(_file(tmp_path, _WITH_ROTORS), arm)
+    sign, rotors = report.causes
+    assert "-h stands where h belongs" in sign.text
+    assert sign.line == 14
+    assert sign.evidence[-1].endswith(
+        "the model agrees, for other numbers too, but for what is set aside below"
+    )
+    assert rotors.kind == "rotor-inertia"
+    assert rotors.text.endswith("--rotor-inertia first=0.12,second=0.0768")
+    right = _WITH_ROTORS.replace("[-h * v[0]", "[h * v[0]")
+    assert validate(_file(tmp_path, right), arm, rotor_inertia={"first": 0.12, "second": 0.0768}).agrees
+
+
+def test_a_term_too_much_is_named_as_it_is_written(tmp_path: Path) -> None:
+    arm = _arm(tmp_path, np.array([1.5, 1.1]), np.array([0.21, 0.17]), np.array([0.031, 0.019]), 0.4)
+    right = _WITH_ROTORS.replace("[-h * v[0]", "[h * v[0]").replace(" + Jm * np.diag(N**2)", "")
+    wrong = right.replace("d = J2 + m2 * c2**2", "d = J2 + m2 * c2**2 + J1")
+    (cause,) = validate(_file(tmp_path, wrong), arm).causes
+    assert "J2 + m2 * c2**2 + J1 stands where J2 + m2 * c2**2 belongs" in cause.text
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (("np.cos(q[0]) + m2", "np.sin(q[0]) + m2"), ("    g2 = m2", "    g2 = -m2")),
+        (("lc1 + m2 * l1", "lc1 - m2 * l1"), ("g2 = m2 * lc2 * g", "g2 = m2 * lc2 * g / 2")),
+        (("lc1 + m2 * l1", "l1 + m2 * l1"), ("g * np.cos(q[0] + q[1])", "g * np.cos(q[1])")),
+        (("m1 * lc1 + m2 * l1", "m1 * lc1"), ("    g2 = m2 * lc2", "    g2 = m2 * lc1")),
+    ],
+)
+def test_two_slips_in_gravity_are_both_named(
+    one: tuple[str, str], other: tuple[str, str], tmp_path: Path
+) -> None:
+    right = textbooks.text("rr_textbook")
+    wrong = right
+    for old, new in (one, other):
+        assert old in wrong
+        wrong = wrong.replace(old, new, 1)
+    path = tmp_path / "model.py"
+    path.write_text(wrong, encoding="utf-8")
+    report = validate(path, textbooks.robot("rr_textbook", right))
+    assert len(report.causes) == 2
+    assert {cause.line for cause in report.causes} <= {29, 30}
+    assert report.repaired is not None
+    repaired: dict[str, Any] = {}
+    meant: dict[str, Any] = {}
+    exec(report.repaired, repaired)
+    exec(right, meant)
+    q = np.array([0.3, -1.1])
+    np.testing.assert_allclose(repaired["gravity"](q), meant["gravity"](q), rtol=1e-12)
