@@ -478,21 +478,28 @@ class _Fit:
 
     def _cost(self, x: Array) -> float:
         """Return how badly gears explain the torques, with lines that do not fit at all counting less."""
-        relative = [left / scale for left, scale in (self._compare(x, i) for i in range(len(self.turns)))]
+        relative = []
+        for index in range(len(self.turns)):
+            left, scale = self._compare(x, index)
+            relative.append(left / scale)
         return float(np.log(np.concatenate(relative) + 1e-3).sum() + 0.5 * x @ x)
 
     def _compare(self, x: Array, index: int) -> tuple[Array, Array]:
         """Return what is left of the torque of a turn at each line, and torque and noise together."""
         rest, turn = self._rest(x, index), self.turns[index]
-        scale = [turn.tau.mean(axis=0), rest.noise, rest.own * turn.noise[:, 1 + turn.joint]]
-        return np.abs(rest.left), np.linalg.norm(np.abs(scale), axis=0)
+        torque = turn.tau.mean(axis=0)
+        by_position = rest.own * turn.noise[:, 1 + turn.joint]
+        scale = np.linalg.norm(np.abs([torque, rest.noise, by_position]), axis=0)
+        return np.abs(rest.left), scale
 
     def _noise(self, x: Array, index: int) -> Array:
         """Return the noise of the residual at each line, but for that of the joint's own position."""
-        rest, torque = self._rest(x, index), np.abs(self.turns[index].tau.mean(axis=0))
-        return np.asarray(
-            np.sqrt(0.5 * rest.noise**2 + (_LINEAR * torque) ** 2 + _ROBUST * np.abs(rest.left) * torque)
-        )
+        rest = self._rest(x, index)
+        torque = np.abs(self.turns[index].tau.mean(axis=0))
+        measured = 0.5 * rest.noise**2  # of a real part
+        not_linear = (_LINEAR * torque) ** 2
+        does_not_fit = _ROBUST * np.abs(rest.left) * torque
+        return np.asarray(np.sqrt(measured + not_linear + does_not_fit))
 
     def _residuals(self, x: Array) -> Array:
         """Return what is left of the torques in units of its noise, and of what is expected."""
@@ -511,21 +518,26 @@ class _Fit:
         more of it, would look worse than they are.
         """
         rest, turn = self._rest(x, index), self.turns[index]
-        count = math.sqrt(0.5) * turn.noise[:, 1 + turn.joint]
-        noise = np.hypot(self.noise[index], count * np.abs(rest.own))
-        grows = (np.conj(rest.own)[:, None] * rest.own_slope).real * (count**2 / noise**3)[:, None]
-        return rest.left / noise, rest.slope / noise[:, None] - rest.left[:, None] * grows
+        of_position = math.sqrt(0.5) * turn.noise[:, 1 + turn.joint]
+        noise = np.hypot(self.noise[index], of_position * np.abs(rest.own))
+        half_square_grows = (np.conj(rest.own)[:, None] * rest.own_slope).real
+        grows = half_square_grows * (of_position**2 / noise**3)[:, None]
+        slope = rest.slope / noise[:, None] - rest.left[:, None] * grows
+        return rest.left / noise, slope
 
     def _sum(self, x: Array) -> tuple[Array, Array]:
         """Return how far each joint's inertia is off in the middle, over its width, and the derivative."""
-        n, middle = self.robot.n, self.robot.middle()
-        values, rotor = (self.mean + self.std * x).reshape(_UNKNOWNS, n), self.robot.armature
-        links = np.diag(self.robot.mass_matrix(middle)) - rotor
-        both = np.stack([np.exp(values[2]), np.exp(2.0 * values[4]) * links])
+        n, known_rotor = self.robot.n, self.robot.armature
+        known_links = np.diag(self.robot.mass_matrix(self.robot.middle())) - known_rotor
+        values = (self.mean + self.std * x).reshape(_UNKNOWNS, n)
+        rotor = np.exp(values[2])
+        links = np.exp(2.0 * values[4]) * known_links
+        total = rotor + links
+        off = np.log(total / (known_links + known_rotor))
         slope = np.zeros((n, _UNKNOWNS, n))
-        j, total = np.arange(n), both.sum(axis=0)
-        slope[j, 2, j], slope[j, 4, j] = both * np.array([[1.0], [2.0]]) / total
-        off = np.log(total / (links + rotor))
+        joints = np.arange(n)
+        slope[joints, 2, joints] = rotor / total
+        slope[joints, 4, joints] = links * 2.0 / total
         return off / _TOTAL, slope.reshape(n, -1) * self.std / _TOTAL
 
     def _rest(self, x: Array, index: int) -> _Rest:
@@ -569,27 +581,50 @@ class _Fit:
     def gears(self) -> Gears:
         """Return the gears, with intervals."""
         n, x = self.robot.n, self.x
-        fun, jac = self._residuals(x)[: -len(x)], self._slopes(x)[: -len(x)]
-        inverse = np.linalg.inv(jac.T @ jac / max(1.0, float((fun**2).mean())) + np.eye(len(x)))
-        inverse *= _UNSEEN**2
-        std = np.minimum(self.std * np.sqrt(np.diag(inverse)), self.std)
-        K, B, J = np.exp((self.mean + self.std * x)[: 3 * n]).reshape(3, n)
+        covariance = self._covariance()
+        std = np.minimum(self.std * np.sqrt(np.diag(covariance)), self.std)
+        stiffness, damping, rotor = np.exp((self.mean + self.std * x)[: 3 * n]).reshape(3, n)
         measured = np.zeros(n, dtype=bool)
         measured[[turn.joint for turn in self.turns]] = True
         measured &= std[:n] < (1.0 - _DECIDED) * self.std[:n]
-        slope, mode, step = np.zeros(len(x)), self._mode(x), 1e-4
-        for i in range(5 * n):
-            slope[i] = (self._mode(x + step * np.eye(len(x))[i]) - mode) / step
-        wide = _95 * math.sqrt(float(slope @ inverse @ slope))
-        misfit = np.full(n, np.nan)
-        for i, turn in enumerate(self.turns):
-            left, scale = map(np.linalg.norm, self._compare(x, i))
-            misfit[turn.joint] = left / scale
-        ends = np.array([mode, mode * math.exp(-wide / mode), mode * math.exp(wide / mode)])
-        return Gears(K, B, J, std[: 3 * n].reshape(3, n), measured, self.side, ends, misfit)
+        mode = self._mode(x)
+        slope = self._mode_slope(mode)
+        half_width = _95 * math.sqrt(float(slope @ covariance @ slope))
+        factor = half_width / mode
+        ends = np.array([mode, mode * math.exp(-factor), mode * math.exp(factor)])
+        stds = std[: 3 * n].reshape(3, n)
+        return Gears(stiffness, damping, rotor, stds, measured, self.side, ends, self._misfits())
+
+    def _covariance(self) -> Array:
+        """Return the covariance of the unknowns, in units of what is expected, widened for unseen misfit."""
+        count = len(self.x)
+        residuals = self._residuals(self.x)[:-count]  # what is expected comes last
+        slopes = self._slopes(self.x)[:-count]
+        variance = max(1.0, float((residuals**2).mean()))
+        covariance = np.linalg.inv(slopes.T @ slopes / variance + np.eye(count))
+        covariance *= _UNSEEN**2
+        return np.asarray(covariance)
+
+    def _mode_slope(self, mode: float) -> Array:
+        """Return how the lowest mode changes with the unknowns, lags left out."""
+        step = 1e-4
+        steps = step * np.eye(len(self.x))
+        slope = np.zeros(len(self.x))
+        for place in range(5 * self.robot.n):
+            slope[place] = (self._mode(self.x + steps[place]) - mode) / step
+        return slope
+
+    def _misfits(self) -> Array:
+        """Return what is left of torques over torque and noise, (n,); NaN of joints that were not shaken."""
+        misfits = np.full(self.robot.n, np.nan)
+        for index, turn in enumerate(self.turns):
+            left, scale = self._compare(self.x, index)
+            misfits[turn.joint] = np.linalg.norm(left) / np.linalg.norm(scale)
+        return misfits
 
     def _mode(self, x: Array) -> float:
         """Return the lowest mode in the middle of the ranges [Hz]."""
-        K, _, J, _, share = np.exp((self.mean + self.std * x)[: -self.robot.n]).reshape(5, -1)
+        values = (self.mean + self.std * x)[: -self.robot.n]
+        stiffness, _, rotor, _, share = np.exp(values).reshape(5, -1)
         links = self.robot.mass_matrix(self.robot.middle()) - np.diag(self.robot.armature)
-        return lowest_mode(np.outer(share, share) * links, J, K)
+        return lowest_mode(np.outer(share, share) * links, rotor, stiffness)
