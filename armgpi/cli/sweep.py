@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 import time
 from pathlib import Path
@@ -113,54 +114,69 @@ def _run_sweep(
 ) -> Verdict:
     """Run and print a sweep, and return its verdict: for part where chunks were not run."""
     from armgpi.studies import results
+
+    if not _run_chunks(sweep, study, count, workers, cluster):
+        verdict = Verdict("not judged", f"none of {counted(count, 'rollout')} was run")
+        say(verdict.line, err=True, fg="red")
+        return verdict
+    rollouts = results.collect(sweep, study, count)
+    ran = rollouts.sizes["rollout"]
+    left_out = []
+    if ran < count:
+        left_out.append(f"{counted(count - ran, 'rollout')} of broken chunks")
+    were = "was" if count == 1 else "were"
+    verdict = judge(True, f"{ran} of {counted(count, 'rollout')} {were} run", left_out, accepted=allow_part)
+    summary = results.summary(sweep, rollouts)
+    written = results.write(sweep, rollouts, summary, study.folder)
+    if as_json:
+        say(json.dumps(json_data({**summary, "verdict": verdict.plain()})))
+    else:
+        if left_out:
+            say(verdict.line, fg="yellow")
+        _print(sweep, summary, results.sentences(summary))
+    if report is not None:
+        from armgpi.studies import page
+        from armgpi.viewing.report import write
+
+        unseen = verdict.line if left_out else ""
+        written.append(write(page.html(sweep, rollouts, summary, unseen), report))
+    say(f"wrote {counted(len(written), 'file')} to {study.folder}", err=True)
+    if report is None and not as_json:
+        say(f"Next: add --report {study.folder.name}.html for distributions and the worst rollout", err=True)
+    return verdict
+
+
+def _run_chunks(sweep: Sweep, study: Study, count: int, workers: int, cluster: str | None) -> bool:
+    """Run the chunks of a sweep that its study does not have, and tell whether it has any of them then.
+
+    Chunks that could not be run or written are named on stderr, once for each reason.
+    """
     from armgpi.studies import workers as running
     from armgpi.studies.sample import chunk_name
 
-    chunks = [(i, sweep.rows(i, count)) for i in range(-(-count // sweep.size))]
+    chunks = [(i, sweep.rows(i, count)) for i in range(math.ceil(count / sweep.size))]
     missing = [(i, rows) for i, rows in chunks if not study.has(chunk_name(i, rows))]
-    left, run, begun = sum(rows for _, rows in missing), 0, time.monotonic()
+    to_run = sum(rows for _, rows in missing)
+    run = 0
+    begun = time.monotonic()
     with progress() as told:
 
         def count_rows(rows: int) -> None:
             nonlocal run
             run += rows
             rate = run / max(time.monotonic() - begun, 1e-9)
-            told(f"{count - left + run} of {count}, {rate:.3g}/s, {(left - run) / rate:.0f} s left")
+            seconds_left = (to_run - run) / rate
+            told(f"{count - to_run + run} of {count}, {rate:.3g}/s, {seconds_left:.0f} s left")
 
-        broken = running.run(study.folder, missing, count_rows, workers, cluster)
-    lost = [i for i, rows in chunks if i not in broken and not study.has(chunk_name(i, rows))]
-    broken |= dict.fromkeys(lost, f"no worker has written it to {study.folder}")
+        broken = running.run(study.folder, missing, count_rows, workers, cluster)  # chunk -> reason
+    for i, rows in chunks:
+        if i not in broken and not study.has(chunk_name(i, rows)):
+            broken[i] = f"no worker has written it to {study.folder}"
     for reason in dict.fromkeys(broken.values()):
-        first, *others = (chunk for chunk, each in broken.items() if each == reason)
+        first, *others = [chunk for chunk, its_reason in broken.items() if its_reason == reason]
         which = f"chunk {first} and {len(others)} others are" if others else f"chunk {first} is"
         say(f"{which} broken: {reason}", err=True, fg="yellow")
-    if len(broken) == len(chunks):
-        verdict = Verdict("not judged", f"none of {counted(count, 'rollout')} was run")
-        say(verdict.line, err=True, fg="red")
-        return verdict
-    found = results.collect(sweep, study, count)
-    ran = found.sizes["rollout"]
-    left_out = [f"{counted(count - ran, 'rollout')} of broken chunks"] * (ran < count)
-    were = "was" if count == 1 else "were"
-    verdict = judge(True, f"{ran} of {counted(count, 'rollout')} {were} run", left_out, accepted=allow_part)
-    said = results.summary(sweep, found)
-    written = results.write(sweep, found, said, study.folder)
-    if as_json:
-        say(json.dumps(json_data({**said, "verdict": verdict.plain()})))
-    else:
-        if left_out:
-            say(verdict.line, fg="yellow")
-        _print(sweep, said, results.sentences(said))
-    if report is not None:
-        from armgpi.studies import page
-        from armgpi.viewing.report import write
-
-        unseen = verdict.line if left_out else ""
-        written.append(write(page.html(sweep, found, said, unseen), report))
-    say(f"wrote {counted(len(written), 'file')} to {study.folder}", err=True)
-    if report is None and not as_json:
-        say(f"Next: add --report {study.folder.name}.html for distributions and the worst rollout", err=True)
-    return verdict
+    return len(broken) < len(chunks)
 
 
 def _rare(sweep: Sweep, study: Study, count: int, as_json: bool) -> Verdict:
@@ -171,16 +187,16 @@ def _rare(sweep: Sweep, study: Study, count: int, as_json: bool) -> Verdict:
     found, last, check = rare.simulate(
         sweep, study, count, lambda rows: say(f"a level of {counted(rows, 'rollout')}", err=True)
     )
-    said = rare.summary(sweep, found, last, check)
-    verdict = rare.judge_levels(said)
+    summary = rare.summary(sweep, found, last, check)
+    verdict = rare.judge_levels(summary)
     if as_json:
-        say(json.dumps(json_data({**said, "verdict": verdict.plain()})))
+        say(json.dumps(json_data({**summary, "verdict": verdict.plain()})))
     else:
         if verdict.exit_code:
             say(verdict.line, fg="yellow")
-        for sentence in rare.sentences(said):
+        for sentence in rare.sentences(summary):
             say(sentence)
-    written = [files.write(study.folder / "rare.json", json.dumps(said, indent=2) + "\n")]
+    written = [files.write(study.folder / "rare.json", json.dumps(summary, indent=2) + "\n")]
     written += write_worst(study.folder / "rare", rare.worst(sweep, last))
     say(f"wrote {counted(len(written), 'file')} to {study.folder}", err=True)
     return verdict
@@ -197,17 +213,17 @@ def _count(text: str) -> int:
     return int(count)
 
 
-def _print(sweep: Sweep, said: dict[str, Any], sentences: list[str]) -> None:
+def _print(sweep: Sweep, summary: dict[str, Any], sentences: list[str]) -> None:
     """Print the results of a sweep: failures, quantiles of metrics, and what failures depend on."""
     from armgpi.studies.results import failure_words
 
-    say(f"{sweep.label} on {sweep.robot.name}, {counted(said['rollouts'], 'rollout')}")
+    say(f"{sweep.label} on {sweep.robot.name}, {counted(summary['rollouts'], 'rollout')}")
     say(f"failed means: {failure_words(sweep)}")
     for sentence in sentences:
         say(sentence)
-    _print_quantiles(sweep, said["quantiles"])
-    _print_dependence(sweep, said["failure by what was drawn"])
-    for pair in said["failure by two of them"][:1]:
+    _print_quantiles(sweep, summary["quantiles"])
+    _print_dependence(sweep, summary["failure by what was drawn"])
+    for pair in summary["failure by two of them"][:1]:
         most = max(pair["parts"], key=lambda part: part["lower"])
         at = [_part(*ends) for ends in zip(most["from"], most["to"], strict=True)]
         say(f"Both together: {' and '.join(pair['of'])} fail most at {' and '.join(at)}: {_percent(most)}")
