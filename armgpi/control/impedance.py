@@ -182,7 +182,7 @@ class Impedance(Controller):
         arm = one_of(self.robot)
         self._prepare(arm)
         modes = self._modes(arm, random_configurations(arm, _CONFIGURATIONS, seed=0))
-        squares = np.concatenate([each.square for each in modes])
+        squares = np.concatenate([mode.square for mode in modes])
         moving = squares[squares > _STILL]
         if not len(moving):
             raise ParameterError(
@@ -195,19 +195,23 @@ class Impedance(Controller):
         alpha = 2.0 * self.damping_ratio * slowest * fastest / (slowest + fastest)
         beta = 2.0 * self.damping_ratio / (slowest + fastest)
         # Arrays are numbers of generated code, so that a page can move them.
-        self._alpha, self._beta = np.array([alpha]), np.array([beta])
-        found = self._choose_filter(modes, arm)
-        self._limits = found
+        self._alpha = np.array([alpha])
+        self._beta = np.array([beta])
+        limits = self._choose_filter(modes, arm)
+        self._limits = limits
         self._springs = np.array(vars(self)["stiffness"], dtype=np.float64)
         # What was specified is no more than it may be, however near to the bound.
-        self._most = max(1.0, min(_ROUNDED * found.factor, _RAISED)) * self._springs
+        raised = min(_ROUNDED * limits.factor, _RAISED)
+        self._most = max(1.0, raised) * self._springs
         self._roots = np.sqrt(self._springs)
         count = (self._springs > 0.0).sum(axis=-1, keepdims=True)
-        self._weights = np.where(self._roots > 0.0, 1.0 / np.maximum(self._roots, 1e-150), 0.0) / count
-        self._share, self._follows = -np.expm1(-self.dt / CHANGE), -np.expm1(-self.dt / _GUIDE)
+        softness = 1.0 / np.maximum(self._roots, 1e-150)
+        self._weights = np.where(self._roots > 0.0, softness, 0.0) / count
+        self._share = -np.expm1(-self.dt / CHANGE)
+        self._follows = -np.expm1(-self.dt / _GUIDE)
         self._decay, self._drive = FilteredDifference.of(self.velocity_filter, self.dt)
-        if not found.factor >= 1.0:
-            raise self._refusal(found, modes, arm)
+        if not limits.factor >= 1.0:
+            raise self._refusal(limits, modes, arm)
 
     def _refusal(self, found: ImpedanceLimits, modes: list[Mode], arm: Robot) -> ParameterError:
         """Return the refusal of a stiffness that the loop is too slow for, with what is allowed."""
@@ -305,30 +309,33 @@ class Impedance(Controller):
                 or one of a controller without.
             ArrayError: when a shape does not fit.
         """
-        given: dict[str, Any] = {}
+        new_parts: dict[str, Any] = {}
         if stiffness is not None:
-            given["goal"] = self._checked(stiffness, state.goal)
+            new_parts["goal"] = self._checked(stiffness, state.goal)
         if limit is not None:
             if state.limit is None:
                 raise ParameterError("limit", limit, "left out of a controller without a limit")
             value = as_float_array(limit, "limit")
             if not (value > 0.0).all():
                 raise ParameterError("limit", value.tolist(), "positive")
-            given["limit_goal"] = fitted(value, state.limit, "limit")
+            new_parts["limit_goal"] = fitted(value, state.limit, "limit")
         if guided is not None:
             check_type(guided, "guided", bool, "True or False")
             now = np.full_like(state.guided, float(guided))
-            given |= {"guided": now, "kept": np.ones_like(now)}
+            new_parts |= {"guided": now, "kept": np.ones_like(now)}
         if moved is not None:
             by = fitted(as_float_array(moved, "moved"), state.offset, "moved")
             # The last error is one from the new target: what was set elsewhere is no motion to be damped.
-            given |= {"e": state.e + by, "offset": state.offset + by, "kept": np.zeros_like(state.kept)}
-        return state._replace(**given)
+            new_parts["e"] = state.e + by
+            new_parts["offset"] = state.offset + by
+            new_parts["kept"] = np.zeros_like(state.kept)
+        return state._replace(**new_parts)
 
     def _checked(self, stiffness: Any, like: Array) -> Array:
         """Return a stiffness that the loop is fast enough for."""
         value = fitted(as_float_array(stiffness, "stiffness"), like, "stiffness")
-        if not ((value >= 0.0) & (value <= self._most)).all():
+        allowed = (value >= 0.0) & (value <= self._most)
+        if not allowed.all():
             most = np.asarray(self._most).tolist()
             raise ParameterError("stiffness", value.tolist(), f"from 0 to the largest one, {most}")
         return value
@@ -341,13 +348,15 @@ class Impedance(Controller):
         """Return the state at a measured position."""
         e = q - target.q
         rate = self._decay * state.rate + self._drive * (e - state.e)
-        wanted = np.minimum(np.maximum(state.goal, 0.0), self._most) * (1.0 - state.guided)
+        free = 1.0 - state.guided
+        wanted = np.minimum(np.maximum(state.goal, 0.0), self._most) * free
         root = state.root + self._share * (np.sqrt(wanted) - state.root)
         limit = state.limit
         if limit is not None:
             limit = limit_after(limit, state.limit_goal, self._share)
-        back = self._share * (1.0 - state.guided) * (1.0 - state.kept)
-        offset = state.offset + (self._follows * state.guided) * (e - state.offset) - back * state.offset
+        back = self._share * free * (1.0 - state.kept)
+        follows = self._follows * state.guided
+        offset = state.offset + follows * (e - state.offset) - back * state.offset
         parts = (e, rate, root, state.goal, limit, state.limit_goal, offset, state.guided, state.kept)
         return new(ImpedanceState, parts)
 
@@ -356,7 +365,9 @@ class Impedance(Controller):
         share: Any = 0.0
         for i in range(root.shape[-1]):
             share = share + self._weights[..., i : i + 1] * root[..., i : i + 1]
-        return self._alpha * np.maximum(share, _LEAST_DAMPING), self._beta * root * self._roots
+        alpha = self._alpha * np.maximum(share, _LEAST_DAMPING)
+        damping = self._beta * root * self._roots
+        return alpha, damping
 
     def _ahead(self, q: Array, target: Target, rate: Array, alpha: Array) -> Array:
         """Return the model's torque along the reference, less the damping in proportion to the inertia."""
@@ -499,7 +510,8 @@ class CartesianImpedance(Impedance):
             raise ArrayError("stiffness", f"expected six numbers, got shape {stiffness.shape}")
         if not (stiffness >= 0.0).all() or not stiffness.any():
             raise ParameterError("stiffness", stiffness.tolist(), "zero or positive, and not all zero")
-        self._linear, self._angular = stiffness[:3].copy(), stiffness[3:].copy()
+        self._linear = stiffness[:3].copy()
+        self._angular = stiffness[3:].copy()
         self._motion = FrameMotion(arm, self.frame or arm.tip)
         self._length = self._motion.reach(arm)
         self._redundant = arm.n > 6 and self.nullspace_stiffness > 0.0
@@ -533,7 +545,8 @@ class CartesianImpedance(Impedance):
         """
         motion = self._motion.at(q, state.rate)
         alpha, damping = self._damping(state.root)
-        spring = self._spring(motion, self._motion.pose(target.q + state.offset), state)
+        wished = self._motion.pose(target.q + state.offset)
+        spring = self._spring(motion, wished, state)
         force = spring[0] - damping[..., :3] * motion.velocity
         moment = spring[1] - damping[..., 3:] * motion.rate
         tau = self._ahead(q, target, state.rate, alpha) + motion.torque(q, force, moment)
@@ -560,9 +573,10 @@ class CartesianImpedance(Impedance):
     def _in_null_space(self, motion: Motion, e: Array) -> Array:
         """Return the part of a joint error that does not move the tool [rad or m]."""
         jacobian = motion.damped_jacobian(self._length)
-        moved = np.linalg.solve(jacobian.square, np.matmul(jacobian.matrix, e[..., None]))
-        left: Array = e - np.matmul(jacobian.transposed, moved)[..., 0]
-        return left
+        twist = np.matmul(jacobian.matrix, e[..., None])
+        solved = np.linalg.solve(jacobian.square, twist)
+        still: Array = e - np.matmul(jacobian.transposed, solved)[..., 0]
+        return still
 
     def _refusal(self, found: ImpedanceLimits, modes: list[Mode], arm: Robot) -> ParameterError:
         """Return the refusal; it names the posture's stiffness where that is the cause."""
@@ -591,21 +605,23 @@ class CartesianImpedance(Impedance):
     def _modes(self, arm: Robot, configurations: Array) -> list[Mode]:
         """Return the modes of the tool's spring."""
         weights = np.concatenate([self._linear, self._angular])
-        found = []
+        modes = []
         for q in configurations:
             jacobian = arm.frame_jacobian(self._motion.frame, q)
             stiffness = jacobian.T @ (weights[:, None] * jacobian)
             count = min(int((weights > 0.0).sum()), arm.n)
-            found.append(Mode.of(arm.mass_matrix(q), stiffness, count, jacobian[:3], self._posture(q)))
-        return found
+            inertia, posture = arm.mass_matrix(q), self._posture(q)
+            modes.append(Mode.of(inertia, stiffness, count, jacobian[:3], posture))
+        return modes
 
     def _posture(self, q: Array) -> Array | None:
         """Return the stiffness of the posture in the null space, (n, n); None without one."""
         if not self._redundant:
             return None
         jacobian = self._motion.at(q, 0.0 * q).damped_jacobian(self._length)
-        held = jacobian.transposed @ np.linalg.solve(jacobian.square, jacobian.matrix)
-        return np.asarray(self.nullspace_stiffness * (np.eye(len(q)) - held))
+        moves_tool = jacobian.transposed @ np.linalg.solve(jacobian.square, jacobian.matrix)
+        null_space = np.eye(len(q)) - moves_tool
+        return np.asarray(self.nullspace_stiffness * null_space)
 
 
 def rotation_between(actual: Array, wished: Array) -> Array:
@@ -626,14 +642,17 @@ def rotation_between(actual: Array, wished: Array) -> Array:
         trace = trace + inner(wished_axis, actual_axis)
     length = _length_of(sine)
     # 1 + cos(angle), and tan(angle / 2) = sin / (1 + cos).
-    angle = 2.0 * np.arctan(length / np.maximum(0.5 * (trace + 1.0), 1e-12))
-    rotation: Array = sine * np.where(length > _SMALL, angle / np.maximum(length, _SMALL), 1.0)
+    one_and_cosine = np.maximum(0.5 * (trace + 1.0), 1e-12)
+    angle = 2.0 * np.arctan(length / one_and_cosine)
+    angle_over_sine = angle / np.maximum(length, _SMALL)
+    rotation: Array = sine * np.where(length > _SMALL, angle_over_sine, 1.0)
     return rotation
 
 
 def _shortened(vector: Array, most: Any) -> Array:
     """Return vectors (..., 3) of at most a length."""
-    shorter: Array = vector * np.minimum(1.0, most / np.maximum(_length_of(vector), 1e-9))
+    length = np.maximum(_length_of(vector), 1e-9)
+    shorter: Array = vector * np.minimum(1.0, most / length)
     return shorter
 
 

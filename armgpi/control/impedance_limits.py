@@ -72,12 +72,14 @@ class Mode(NamedTuple):
             jacobian: of the tool's position, (3, n).
             posture: stiffness beside that of the springs, which counts on elastic joints alone, (n, n).
         """
-        springs = Springs(inertia, stiffness, np.zeros_like(stiffness) if posture is None else posture)
+        nothing = np.zeros_like(stiffness)
+        springs = Springs(inertia, stiffness, nothing if posture is None else posture)
         factor = np.linalg.inv(np.linalg.cholesky(inertia))
         square = np.linalg.eigvalsh(factor @ stiffness @ factor.T)
         masses = np.empty(0)
         if jacobian is not None:
-            mobility = np.linalg.eigvalsh(jacobian @ np.linalg.solve(inertia, jacobian.T))
+            accelerations = np.linalg.solve(inertia, jacobian.T)
+            mobility = np.linalg.eigvalsh(jacobian @ accelerations)
             with np.errstate(divide="ignore"):  # a tool on the axis of the only joint does not yield
                 masses = 1.0 / np.maximum(mobility, _LEAST * mobility.max())
         positive = np.maximum(square[-count:], 0.0)
@@ -127,11 +129,13 @@ class _Loop(NamedTuple):
         """Return up to which frequency [rad/s] the controller damps; 0 where it damps nothing."""
         low = np.full(np.shape(square), 1e-3)
         high = np.full(np.shape(square), math.pi / self.delay)
-        low = np.where(self.response(square, low).imag > 0.0, low, 0.0)
+        damps_at_all = self.response(square, low).imag > 0.0
+        low = np.where(damps_at_all, low, 0.0)
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
-            damps = (self.response(square, middle).imag > 0.0) & (low > 0.0)
-            low, high = np.where(damps, middle, low), np.where(damps, high, middle)
+            damps = (self.response(square, middle).imag > 0.0) & damps_at_all
+            low = np.where(damps, middle, low)
+            high = np.where(damps, high, middle)
         return low
 
     def spare(self, square: Array) -> Array:
@@ -216,11 +220,13 @@ class LimitSearch:
 
     def _walls(self, bandwidth: float) -> tuple[float, float]:
         """Return the lowest and the median stiffest wall without damping [N/m]; NaN without a tool."""
-        masses = [mode.masses for mode in self._modes if mode.masses.size]
-        if not masses:
+        with_tool = [mode for mode in self._modes if mode.masses.size]
+        if not with_tool:
             return math.nan, math.nan
-        usual = np.array([np.median(mode.square) for mode in self._modes if mode.masses.size])
-        walls = np.array(masses) * self._loop(bandwidth).spare(usual)[:, None]
+        masses = np.array([mode.masses for mode in with_tool])
+        usual = np.array([np.median(mode.square) for mode in with_tool])
+        spare = self._loop(bandwidth).spare(usual)
+        walls = masses * spare[:, None]
         return float(walls.min()), float(np.median(walls))
 
     def allows(self, bandwidth: float, factor: float) -> bool:
@@ -291,16 +297,17 @@ def largest_damping(modes: Sequence[Mode], bandwidth: float, delay: float, drive
         drives: of the arm.
     """
     largest = np.full(len(modes[0].inertia), math.inf)
-    known = _Joints.of(modes, drives)
-    if known is None:
+    joints = _Joints.of(modes, drives)
+    if joints is None:
         return largest
-    phase = _Loop(1.0, 0.0, bandwidth, delay).response(0.0, known.resonance).imag
-    at_link = np.where(phase > 0.0, known.own / np.maximum(phase, _LEAST), math.inf)
-    at_motor = np.where(phase < 0.0, known.own / np.maximum(-known.share * phase, _LEAST), math.inf)
-    measured = np.where(
-        known.at_link, at_link, np.where(known.unsure, np.minimum(at_link, at_motor), at_motor)
-    )
-    largest[known.joints] = measured.min(axis=0)
+    phase = _Loop(1.0, 0.0, bandwidth, delay).response(0.0, joints.resonance).imag
+    driven_at_link = np.maximum(phase, _LEAST)
+    driven_at_motor = np.maximum(-joints.share * phase, _LEAST)
+    at_link = np.where(phase > 0.0, joints.own / driven_at_link, math.inf)
+    at_motor = np.where(phase < 0.0, joints.own / driven_at_motor, math.inf)
+    either = np.where(joints.unsure, np.minimum(at_link, at_motor), at_motor)
+    measured = np.where(joints.at_link, at_link, either)
+    largest[joints.joints] = measured.min(axis=0)
     return largest
 
 
@@ -314,9 +321,10 @@ def motor_share(modes: Sequence[Mode], drives: Any) -> Array:
         drives: of the arm.
     """
     share = np.ones(len(modes[0].inertia))
-    known = _Joints.of(modes, drives)
-    if known is not None:
-        share[known.joints] = (1.0 / (1.0 + known.share)).min(axis=0)
+    joints = _Joints.of(modes, drives)
+    if joints is not None:
+        shares = 1.0 / (1.0 + joints.share)
+        share[joints.joints] = shares.min(axis=0)
     return share
 
 
@@ -347,13 +355,16 @@ class _Joints(NamedTuple):
         known = elastic_joints(drives)
         if not known.any():
             return None
-        gear, rotor = drives.value("stiffness")[known], drives.value("rotor_inertia")[known]
-        inertia = np.array([mode.inertia for mode in modes])[:, known]
+        gear = drives.value("stiffness")[known]
+        rotor = drives.value("rotor_inertia")[known]
+        inertias = np.array([mode.inertia for mode in modes])
+        inertia = inertias[:, known]
         link = np.maximum(inertia - rotor, LEAST_LINK * inertia)
         reduced = rotor * link / (rotor + link)
         resonance = np.sqrt(gear / reduced)
         damping = drives.value("damping")[known]
-        ratio = np.where(np.isfinite(damping), damping / (2.0 * reduced * resonance), GEAR_DAMPING)
+        given_ratio = damping / (2.0 * reduced * resonance)
+        ratio = np.where(np.isfinite(damping), given_ratio, GEAR_DAMPING)
         side = np.asarray(drives.value("encoder_side"))[known]
         own = 2.0 * ratio * resonance**2
         return cls(resonance, link / rotor, own, side == "link", side == "", known)
