@@ -96,8 +96,10 @@ _DRIVES, _DECIDED = (
 _MOST_LIGHT = 0.5
 #: Half width of a 95 % interval in standard deviations.
 _95 = 1.96
-#: Shortest period that is looked for [s], and most that two periods may differ, as a share of the motion.
-_SHORTEST_PERIOD, _SAME = 2.0, 0.03
+#: Shortest period that is looked for [s], and the step in which it is [s].
+_SHORTEST_PERIOD, _PERIOD_STEP = 2.0, 0.02
+#: Most that two periods may differ, as a share of the motion.
+_SAME = 0.03
 #: Configurations at which inertia matrices are compared.
 _CONFIGURATIONS = 50
 #: Half width of the 95 % interval of the common factor of torque constants: a magnet's remanence and a
@@ -484,13 +486,20 @@ class Identified:
         not in the links before it.
         """
         n, fitted = self.file.n, self._fit
-        place = (n - 1) * len(COLUMNS)
-        last = np.arange(place, place + len(BODY))
+        carrying = int(self._tip.parentJoint) - 1
+        place = carrying * len(COLUMNS)
+        body = np.arange(place, place + len(BODY))
         information = fitted.information.copy()
-        information[last, last] -= 1.0 - 1.0 / _PAYLOAD**2
+        information[body, body] -= 1.0 - 1.0 / _PAYLOAD**2
         free = np.linalg.solve(information, fitted.information @ fitted.free)
-        links = free[: len(COLUMNS) * n].reshape(n, -1)[:-1, : len(BODY)]
+        bodies = free[: len(COLUMNS) * n].reshape(n, -1)[:, : len(BODY)]
+        links = np.delete(bodies, carrying, axis=0)
         return float((links**2).sum())
+
+    @property
+    def _tip(self) -> Any:
+        """Return the frame of the tip, as Pinocchio has it."""
+        return self.file._model.frames[self.file._frame(self.file.tip)]
 
     @property
     def inertia_ratios(self) -> Array:
@@ -573,24 +582,31 @@ class Identified:
         """
         data = self._data.join([log])
         refuse(data.findings(1) if check_first else [])
-        element = self.file._model.frames[self.file._frame(self.file.tip)]
-        place = (int(element.parentJoint) - 1) * len(COLUMNS)
-        mass = _LOAD * scales(self.file).mass
-        size = np.array([mass, *[mass * _LOAD_RADIUS] * 3, *[mass * _LOAD_RADIUS**2] * 6])
-        reach = float(np.linalg.norm(element.placement.translation))
-        size *= np.array([1.0, *[1.0 + reach / _LOAD_RADIUS] * 3, *[(1.0 + reach / _LOAD_RADIUS) ** 2] * 6])
-        prior = estimate.extend(data.prior, size, body=True)
+        tip = self._tip
+        place = (int(tip.parentJoint) - 1) * len(COLUMNS)
+        prior = estimate.extend(data.prior, self._expected_load(), body=True)
         blocks = data.blocks(self.lag)
+        last = len(blocks) - 1
         for index, block in enumerate(blocks):
-            carried = block.rows[..., place : place + len(BODY)] * float(index == len(blocks) - 1)
+            is_carried = float(index == last)
+            carried = is_carried * block.rows[..., place : place + len(BODY)]
             blocks[index] = block._replace(rows=np.concatenate([block.rows, carried], axis=-1))
         fitted = estimate.fit(blocks, prior)
-        load = _load(fitted, prior, element, self.file.tip)
+        load = _load(fitted, prior, tip, self.file.tip)
         constants = self._data.current
         if scale_known or constants is None or np.all(constants == 1.0):
             return load
         mass_std = float(np.hypot(load.mass_std, _CONSTANTS / _95 * load.mass))
         return load._replace(mass_std=mass_std, scale=_CONSTANTS)
+
+    def _expected_load(self) -> Array:
+        """Return the standard deviations of the ten parameters of a load, about the joint that carries it."""
+        mass = _LOAD * scales(self.file).mass
+        first, second = mass * _LOAD_RADIUS, mass * _LOAD_RADIUS**2
+        about_tip = np.array([mass, *[first] * 3, *[second] * 6])
+        reach = float(np.linalg.norm(self._tip.placement.translation))
+        farther = 1.0 + reach / _LOAD_RADIUS
+        return np.asarray(about_tip * np.array([1.0, *[farther] * 3, *[farther**2] * 6]))
 
     def validate(self, log: Any) -> Validation:
         """Return how well the arm predicts the torques of a log that it has not seen."""
@@ -1218,23 +1234,28 @@ def _power(fitted: Fit) -> Array:
 
 def _shares(residuals: Sequence[Array], torques: Sequence[Array]) -> Array:
     """Return residual over torque of each joint, root mean squares, (n,); NaN of one that stood still."""
-    rest = np.concatenate(list(residuals))
-    torque = np.where(np.isfinite(rest), np.concatenate(list(torques)), np.nan)
-    sums = [np.nansum(x**2, axis=0) for x in (rest, torque)]
+    left = np.concatenate(list(residuals))
+    torque = np.where(np.isfinite(left), np.concatenate(list(torques)), np.nan)
+    power_left, power = np.nansum(left**2, axis=0), np.nansum(torque**2, axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(np.sqrt(sums[0] / np.where(sums[1] > 0.0, sums[1], np.nan)))
+        return np.asarray(np.sqrt(power_left / np.where(power > 0.0, power, np.nan)))
 
 
 def _period(grid: Grid) -> float | None:
     """Return the time after which a motion repeats [s]; None for none."""
-    thin = max(1, round(0.02 / grid.dt))
-    q = grid.q[::thin][round(1.0 / (thin * grid.dt)) : -round(1.0 / (thin * grid.dt)) or None]
-    step, size = thin * grid.dt, np.sqrt(2.0) * q.std(axis=0).max() if len(q) else 0.0
-    for shift in range(max(1, round(_SHORTEST_PERIOD / step)), len(q) // 2 + round(1.0 / step)):
-        if shift < len(q) - 1 and np.sqrt(((q[shift:] - q[:-shift]) ** 2).mean(axis=0).max()) < _SAME * size:
-            near = range(shift, min(shift + max(1, round(1.0 / step)), len(q) - 1))
-            apart = [float(((q[s:] - q[:-s]) ** 2).mean()) for s in near]
-            return float(near[int(np.argmin(apart))] * step)
+    thin = max(1, round(_PERIOD_STEP / grid.dt))
+    step = thin * grid.dt
+    second = round(1.0 / step)
+    q = grid.q[::thin][second : -second or None]  # without its ends, where it begins and ends at rest
+    amplitude = np.sqrt(2.0) * q.std(axis=0).max() if len(q) else 0.0
+    for shift in range(max(1, round(_SHORTEST_PERIOD / step)), len(q) // 2 + second):
+        if shift >= len(q) - 1:
+            return None
+        apart = np.sqrt(((q[shift:] - q[:-shift]) ** 2).mean(axis=0).max())
+        if apart < _SAME * amplitude:
+            near = range(shift, min(shift + max(1, second), len(q) - 1))
+            squares = [float(((q[each:] - q[:-each]) ** 2).mean()) for each in near]
+            return float(near[int(np.argmin(squares))] * step)
     return None
 
 

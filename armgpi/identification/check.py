@@ -223,12 +223,13 @@ def _of_torques(robot: Robot, gravity: bool, prior: Prior, form: WeakForm) -> It
     if len(swapped):
         yield _describe_order(robot.joint_names, swapped, order)
     most = _most(prior, terms)
+    carrying = int(robot._model.frames[robot._frame(robot.tip)].parentJoint) - 1
     for i in np.setdiff1d(np.arange(n), swapped):
         name = robot.joint_names[i]
         if said := _misfit(robot, i, terms[:, i], torque[:, i], form.rows[:, i, i, 1:4], match, bare):
             yield Finding("error", name, said)
             continue
-        payload = form.rows[:, i, n - 1, :4]
+        payload = form.rows[:, i, carrying, :4]
         yield from _of_scale(name, terms[:, i], torque[:, i], float(most[i]), payload, gravity and not bare)
 
 
