@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from armgpi import GPI, BSplineNetwork, PIDPositions, Robot, config, default_omega
 from armgpi.config import building, schema
 from armgpi.config.section import by_shape
+from armgpi.config.values import as_section
 from armgpi.errors import ArmgpiError, ConfigError
 from armgpi.plants.plant import Wrapper
 
@@ -743,3 +744,16 @@ def test_a_sensor_that_is_defined_later_is_no_key_and_does_no_harm() -> None:
     assert [each["type"] for each in plant.describe()["io"]] == ["Saturated", "Encoder"]
     with pytest.raises(ConfigError, match="later"):
         config.check({**wanted, "plant": {"later": 1}}, config.Origin())
+
+
+def test_a_chosen_value_is_written_as_a_file_has_it() -> None:
+    cases: tuple[tuple[Any, Any], ...] = (
+        (2, 2),
+        ("model", "model"),
+        (np.array([0.5, 0.5]), 0.5),
+        (np.array([0.5, 0.6]), [0.5, 0.6]),
+        ((20.0, 60.0), {"lower": 20.0, "upper": 60.0}),
+        ((np.full(3, 1.0), np.array([2.0, 3.0])), {"lower": 1.0, "upper": [2.0, 3.0]}),
+    )
+    for value, written in cases:
+        assert as_section(value) == written

@@ -12,7 +12,9 @@ import yaml
 from typer.testing import CliRunner
 
 from armgpi import GPI, ElasticPlant, Hold, MotorFault, RigidBodyPlant, Robot, Supervised, config, simulate
+from armgpi.base.verdict import judge as judge_verdict
 from armgpi.cli import app
+from armgpi.cli.bringup import _print
 from armgpi.errors import ConfigError, RolloutError
 from armgpi.hardware.export.code import generate
 from armgpi.hardware.export.files import _readme
@@ -381,3 +383,17 @@ def test_caps_are_wider_by_the_friction_that_is_specified(tmp_path: Path) -> Non
         assert own is not None
         caps.append(np.asarray(own.torque_cap))
     np.testing.assert_allclose(caps[1] - caps[0], [0.3, 0.2, 0.1], atol=2e-3)  # files round
+
+
+def test_what_was_tested_of_some_joints_is_said_with_their_names(
+    folder: Folder, capsys: pytest.CaptureFixture[str]
+) -> None:
+    every = folder.stages[0].joints
+    passed = {"command order": every, "command sign": every[:1], "mounting": ()}
+    seen: Any = SimpleNamespace(findings=(), passed=passed, untested={"carried": every[1:]}, following=None)
+    _print(seen, folder, judge_verdict(True, "the stage is fine", []))
+    said = capsys.readouterr().out
+    assert said.count("tested") == 3
+    assert f"{QUESTIONS['command order']}\n" in said
+    assert f"{QUESTIONS['command sign']}: {every[0]}\n" in said
+    assert f"{QUESTIONS['carried']}: {', '.join(every[1:])}\n" in said
