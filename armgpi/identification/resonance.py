@@ -174,32 +174,38 @@ def _shake_about(robot: Robot, centre: Array, share: float, seed: int, clear: Cl
     inertia = np.diag(robot.mass_matrix(centre)) - robot.armature + rotor
     times = np.arange(0.0, robot.n * TURN + 0.5 * _SAMPLE, _SAMPLE)
     q = np.tile(centre, (len(times), 1))
-    for j in range(robot.n):
-        t = times - j * TURN
-        own = (t >= 0.0) & (t <= TURN)
-        ramp = np.clip(np.minimum(t[own], TURN - t[own]) / _RAMP, 0.0, 1.0)
-        series = _flattest(rng, t[own])
-        limits = np.array([share * spare[j] / inertia[j], _SPEED * speed[j], _RANGE * (upper[j] - lower[j])])
-        scale = (limits / np.abs(series).max(axis=1)).min()
-        q[own, j] += scale * series[2] * ramp**3 * (10.0 - 15.0 * ramp + 6.0 * ramp**2)
+    most = np.array([share * spare / inertia, _SPEED * speed, _RANGE * (upper - lower)])
+    for joint in range(robot.n):
+        since_begin = times - joint * TURN
+        is_own = (since_begin >= 0.0) & (since_begin <= TURN)
+        t = since_begin[is_own]
+        ramp = np.clip(np.minimum(t, TURN - t) / _RAMP, 0.0, 1.0)
+        rest_of_ramp = 10.0 - 15.0 * ramp + 6.0 * ramp**2
+        series = _flattest(rng, t)
+        scale = (most[:, joint] / np.abs(series).max(axis=1)).min()
+        q[is_own, joint] += scale * series[2] * ramp**3 * rest_of_ramp
     reference = Recorded(times, q, source=f"multisine of {robot.name}, seed {seed}")
     target = reference.at(times)
     torque = np.abs(robot.gravity(centre) + inertia * target.a).max(axis=0)
-    return Excitation(reference, np.abs(target.v).max(axis=0) / speed, torque / robot.limits.effort, clear)
+    speed_share = np.abs(target.v).max(axis=0) / speed
+    return Excitation(reference, speed_share, torque / robot.limits.effort, clear)
 
 
 def _flattest(rng: np.random.Generator, t: Array) -> Array:
     """Return acceleration, speed and position of a multisine of unit lines at times (k,), (3, k)."""
-    best, w = np.empty(0), 2.0 * math.pi * LINES
+    omega = 2.0 * math.pi * LINES
+    some_times = t[:: max(1, len(t) // 2000), None]
+    least_crest, first_angles = math.inf, np.zeros(len(LINES))
     for _ in range(_SERIES):
-        angle = w * t[:: max(1, len(t) // 2000), None] + rng.uniform(0.0, 2.0 * math.pi, len(LINES))
-        crest = np.abs(np.cos(angle).sum(axis=1)).max()
-        if not len(best) or crest < best[0]:
-            best = np.append(crest, angle[0])
-    angle = w * t[:, None] + best[1:] - w * t[0]
-    return np.stack(
-        [np.cos(angle).sum(axis=1), (np.sin(angle) / w).sum(axis=1), -(np.cos(angle) / w**2).sum(axis=1)]
-    )
+        angles = omega * some_times + rng.uniform(0.0, 2.0 * math.pi, len(LINES))
+        crest = float(np.abs(np.cos(angles).sum(axis=1)).max())
+        if crest < least_crest:
+            least_crest, first_angles = crest, angles[0]
+    angles = omega * t[:, None] + first_angles - omega * t[0]
+    acceleration = np.cos(angles).sum(axis=1)
+    speed = (np.sin(angles) / omega).sum(axis=1)
+    position = -(np.cos(angles) / omega**2).sum(axis=1)
+    return np.stack([acceleration, speed, position])
 
 
 def find_gears(robot: Robot, log: Log, lag: Array, gravity: bool = True) -> Gears:
