@@ -184,8 +184,9 @@ class _Prover:
             searched = _reciprocal(made.delta_low)
             above = self.number(searched, lambda m: Norm(m.D_nominal, _one(m.D)))
             low = _reciprocal(above)
-        high = self.number(made.delta_high, lambda m: Norm(m.D, _one(m.D_nominal)))
         sigma = self.number(made.sigma, lambda m: Norm(m.D, _slopes(m.D), v))
+        inverse = self.inverse(made.inverse)
+        high = self.number(made.delta_high, lambda m: Norm(m.D, _one(m.D_nominal)))
         kappa_v = self.number(made.kappa_v, lambda m: Norm(m.D, _christoffel(m.D), v))
         kappa_e = self.stiffness(made.kappa_e, sigma, lambda m: m.G)
         kappa_f = self.rubbing(made.kappa_f)
@@ -200,7 +201,7 @@ class _Prover:
             "kappa_e": kappa_e,
             "kappa_f": kappa_f,
             "kappa_g": kappa_g,
-            "inverse": self.inverse(made.inverse),
+            "inverse": inverse,
             "sigma_error": sigma_error,
             "kappa_error": kappa_error,
         }

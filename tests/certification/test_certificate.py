@@ -331,7 +331,7 @@ def test_a_motor_that_is_too_weak_is_the_one_reason_where_nothing_disturbs() -> 
     assert not made.certified
     (reason,) = made.reasons
     assert "Without disturbances, joint 'q3' can need a torque of" in reason
-    assert "its effort is 0.05. Try a lighter payload, more effort" in reason
+    assert "its effort is 0.05 N m. Try a lighter payload, more effort" in reason
 
 
 def test_reasons_name_the_number_and_what_would_do() -> None:
@@ -640,8 +640,8 @@ def test_what_is_in_the_way_is_told_of_what_is_beyond_alone() -> None:
     assert beyond(asked, None, 0.5, edge) == []
     off = beyond(asked, "a load", 0.49, {**edge, "errors": [0.11, 0.24, 0.3], "torques": [1.0, 3.0, 4.1]})
     assert [re.sub("; .*|[.] Try.*", "", each) for each in off] == [
-        "Under a load, the error of joint 'q2' can reach 0.24",
-        "Under a load, joint 'q3' can need a torque of 4.1",
+        "Under a load, the error of joint 'q2' can reach 0.24 rad",
+        "Under a load, joint 'q3' can need a torque of 4.1 N m",
         "Under a load, the speed of the error can exceed the one that the numbers were taken for",
     ]
 
