@@ -191,15 +191,18 @@ def _sample(worker: Worker, name: str, states: States) -> Sampled:
     if computing * rows > COMPUTING:
         rows = min(rows, max(FEW, int(COMPUTING / computing)))
     few = states.first(rows)
-    values = call(worker, name, *(x[:rows] for x in arguments))
+    of_rows = [x[:rows] for x in arguments]
+    values = call(worker, name, *of_rows)
     found, rest = _quantities(worker, name, few, values)
-    away = float(np.abs(call(worker, name, *(x[:rows] for x in arguments)) - values).max())
-    if away > REPEATABLE * max(1e-300, float(np.abs(values).max())):
+    again = call(worker, name, *of_rows)
+    away = float(np.abs(again - values).max())
+    largest = float(np.abs(values).max())
+    if away > REPEATABLE * max(1e-300, largest):
         text = f"is not deterministic: two calls at the same state differ by {away:.3g}"
         raise ModelError(worker.name, name, text)
     # A slow model gets no benefit of the doubt.
     noise = _noise(worker, name, few) if each * 5 * _ROUGH < BUDGET else 0.0
-    if noise > ROUNDING * float(np.abs(values).max()):
+    if noise > ROUNDING * largest:
         noise = 0.0  # that is no rounding but the model's formula
     return Sampled(name, values, found, rest, noise, few)
 
@@ -211,7 +214,8 @@ def _noise(worker: Worker, name: str, s: States) -> float:
     others = [getattr(rows, letter) for letter in ARGUMENTS[name][1:]]
     values = [call(worker, name, rows.q + k * along, *others) for k in range(5)]
     weights = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
-    return float(np.abs(np.tensordot(weights, np.stack(values), 1)).max() / np.linalg.norm(weights))
+    fourth_differences = np.tensordot(weights, np.stack(values), 1)
+    return float(np.abs(fourth_differences).max() / np.linalg.norm(weights))
 
 
 #: Functions that are a quantity themselves.
@@ -281,8 +285,11 @@ def _velocity_quantities(
     Z = at(np.zeros_like(s.q))
     # Even and odd parts in v: the products of velocities, and what is linear (friction).
     H = _polar(lambda v: 0.5 * (at(v) + at(-v)) - Z, s.q.shape)
-    B = np.stack([0.5 * (at(e) - at(-e)) for e in _units(s.q)], axis=-1)
-    away = at_v - Z - np.einsum("Nij,Nj->Ni", B, s.v) - np.einsum("Nijk,Nj,Nk->Ni", H, s.v, s.v)
+    odd_parts = [0.5 * (at(e) - at(-e)) for e in _units(s.q)]
+    B = np.stack(odd_parts, axis=-1)
+    linear = np.einsum("Nij,Nj->Ni", B, s.v)
+    quadratic = np.einsum("Nijk,Nj,Nk->Ni", H, s.v, s.v)
+    away = at_v - Z - linear - quadratic
     return {"H": H, "B": B, "Z": Z}, float(np.abs(away).max())
 
 
@@ -296,7 +303,9 @@ def _polar(form: Callable[[Array], Array], shape: tuple[int, ...]) -> Array:
     for j in range(n):
         H[..., j, j] = own[j]
         for k in range(j):
-            H[..., j, k] = H[..., k, j] = 0.5 * (form(units[j] + units[k]) - own[j] - own[k])
+            together = form(units[j] + units[k])
+            H[..., j, k] = 0.5 * (together - own[j] - own[k])
+            H[..., k, j] = H[..., j, k]
     return H
 
 

@@ -90,13 +90,18 @@ def typed_numbers(source: str) -> list[Typed]:
     lines = source.splitlines()
     found = []
     for name, node in numbers(tree):
-        end = node.end_col_offset or 0
-        text = lines[node.lineno - 1].encode()[node.col_offset : end].decode()
-        found.append(Typed(name.strip("'"), node.lineno, node.col_offset, end, text))
+        found.append(_typed(name.strip("'"), node, lines))
     named = {(one.line, one.start) for one in found}
     found += [one for one in _gravities(tree, lines) if (one.line, one.start) not in named]
     found += _in_tables(tree, lines)
     return [one for one in found if _is_varied(one)]
+
+
+def _typed(name: str, node: ast.Constant, lines: Sequence[str]) -> Typed:
+    """Return a number of a source, given its lines, as it is written there."""
+    start, end = node.col_offset, node.end_col_offset or 0
+    text = lines[node.lineno - 1].encode()[start:end].decode()
+    return Typed(name, node.lineno, start, end, text)
 
 
 def _is_varied(one: Typed) -> bool:
@@ -109,10 +114,10 @@ def _is_varied(one: Typed) -> bool:
 def _gravities(tree: ast.Module, lines: list[str]) -> Iterator[Typed]:
     """Yield what stands for gravity inside of formulas, where it needs no name."""
     for node in ast.walk(tree):
-        if isinstance(node, ast.Constant) and isinstance(node.value, float) and node.value in GRAVITY:
-            end = node.end_col_offset or 0
-            text = lines[node.lineno - 1].encode()[node.col_offset : end].decode()
-            yield Typed("gravity", node.lineno, node.col_offset, end, text)
+        if not isinstance(node, ast.Constant) or not isinstance(node.value, float):
+            continue
+        if node.value in GRAVITY:
+            yield _typed("gravity", node, lines)
 
 
 def _in_tables(tree: ast.Module, lines: list[str]) -> Iterator[Typed]:
@@ -152,8 +157,11 @@ def _found_among(numbers_of_source: Sequence[Typed], search: _Search, compared: 
     late = search.seconds_used() + min(_SECONDS, compared.seconds_left)
     robots = np.array([value for value, _ in known_numbers(compared.problem.tree)])
     for candidates in (_alone(numbers_of_source), _repeated(numbers_of_source)):
-        in_time = itertools.takewhile(lambda _: search.seconds_used() < late, candidates)
-        repairs = [repair for places in in_time if (repair := search.repair(places)) is not None]
+        repairs: list[Repaired] = []
+        for places in itertools.takewhile(lambda _: search.seconds_used() < late, candidates):
+            repair = search.repair(places)
+            if repair is not None:
+                repairs.append(repair)
         if search.seconds_used() >= late:
             compared.course.unsearched.append("wrong numbers")
         # A mass and a length, say, of which one becomes a number of the robot; or not all were tried.
@@ -161,9 +169,10 @@ def _found_among(numbers_of_source: Sequence[Typed], search: _Search, compared: 
             repairs = [one for one in repairs if _is_of(robots, one.changes[0].new)]
             return proved_for_other_numbers(compared, repairs[0]) if len(repairs) == 1 else None
         # A formula is wrong sooner than a number is that nobody typed and the robot does not have.
-        if repairs and (
-            _may_be_typed(repairs[0].changes[0].new) or _is_of(robots, repairs[0].changes[0].new)
-        ):
+        if not repairs:
+            continue
+        new = repairs[0].changes[0].new
+        if _may_be_typed(new) or _is_of(robots, new):
             return proved_for_other_numbers(compared, repairs[0])
     return None
 
@@ -403,10 +412,12 @@ def _nearest_share(values: Array, target: Array) -> float | None:
     derivative = (squared[1:] * np.arange(1, len(squared))) / max(size, 1e-300)
     roots = np.roots(derivative[::-1])
     # A sign that is wrong is wrong in a formula sooner than in a number.
-    real = roots.real[(np.abs(roots.imag) <= 1e-4 * np.abs(roots)) & (roots.real > 0.0)]
+    is_real = np.abs(roots.imag) <= 1e-4 * np.abs(roots)
+    real = roots.real[is_real & (roots.real > 0.0)]
     if not len(real):
         return None
-    left = [float(np.abs((share ** np.arange(len(_SHARES))) @ coefficients).max()) for share in real]
+    exponents = np.arange(len(_SHARES))
+    left = [float(np.abs((share**exponents) @ coefficients).max()) for share in real]
     best = int(np.argmin(left))
     before = float(np.abs(coefficients.sum(axis=0)).max())
     share = float(real[best])
