@@ -97,7 +97,9 @@ def called(command: str, place: str) -> str:
         patch.setenv("COLUMNS", "120")
         patch.setattr(sys, "stdout", output)
         patch.setattr(sys, "stderr", output)
-        patch.setattr(importlib.util, "find_spec", lambda name, *of: None if name in absent else find_spec(name, *of))
+        patch.setattr(
+            importlib.util, "find_spec", lambda name, *of: None if name in absent else find_spec(name, *of)
+        )
         with pytest.raises(SystemExit) as end:
             main()
     assert not end.value.code, f"{place}: {command}\n{output.getvalue()}"
