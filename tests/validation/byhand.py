@@ -5,7 +5,8 @@ from what each style invites. They were committed before anything was fitted to 
 SEEN: what `validate` misses there may change it; the others only measure. THIRD styles were written later, to
 change it as well; FOURTH ones last, by someone who had not read its code, and were scored once. SIXTH,
 SEVENTH and EIGHTH styles too; half of their lines, drawn by a seed, are `aside`: what is missed there changes
-nothing. NINTH ones were scored once as a whole, and changed it after that; TENTH ones are aside as a whole.
+nothing. NINTH ones were scored once as a whole, and changed it after that; TENTH and ELEVENTH ones are
+aside as a whole.
 `right/` has right models of robots in odd styles. One line is one mistake:
 
     what stands in the model ==> what a mistaken one has [&& a second] [## what a name has to match] [### why]
@@ -13,7 +14,7 @@ nothing. NINTH ones were scored once as a whole, and changed it after that; TENT
 A backslash and n stand for the end of a line. A name is right when the repaired source equals the right one,
 for other numbers too (but for printed coefficients), or when there is none and the text matches.
 
-python tests/validation/byhand.py seen|unseen|all|third|fourth|fifth|open|aside|ninth|tenth [STYLE ...]
+python tests/validation/byhand.py seen|unseen|all|third|fourth|fifth|open|aside|ninth|tenth|eleventh [STYLE]
 """
 
 from __future__ import annotations
@@ -85,9 +86,11 @@ EIGHTH = (
 NINTH = ("duals", "flat", "formulas", "gibbs", "quaternions")
 #: Styles by someone who had not read the search, committed before their first score.
 TENTH = ("cached", "legnani", "particles", "reactions")
+#: Likewise, after the search had been made faster on the tenth.
+ELEVENTH = ("globals", "operators", "partials", "sequence")
 #: Styles of which half of the lines are set aside.
 HALVED = (*SIXTH, *SEVENTH, *EIGHTH)
-LATER = (*THIRD, *FOURTH, *FIFTH, *HALVED, *NINTH, *TENTH)
+LATER = (*THIRD, *FOURTH, *FIFTH, *HALVED, *NINTH, *TENTH, *ELEVENTH)
 STYLES = tuple(sorted({path.stem for path in FOLDER.glob("*.txt")} - {*LATER}))
 #: Every so many lines one line was looked at while the diagnosis was changed.
 SEEN = 4
@@ -379,6 +382,29 @@ def robot(style: str) -> Robot:
             turn("1 0 0", (0.071, 0.052, 0.194), 1.47, (0.086, 0.033, 0.048), (0.0074, 0.0118, 0.0097)),
             turn(up, (0.126, -0.038, 0.067), 0.69, (0.059, 0.021, 0.036), (0.0018, 0.0029, 0.0024)),
         ],
+        "sequence": [
+            slide(up, (0, 0, 0.214), 6.37, (0.026, -0.013, 0.074), (0.0493, 0.0457, 0.0281)),
+            turn(up, (0.081, 0, 0.057), 3.18, (0.138, 0.021, 0.018), (0.0067, 0.0294, 0.0283)),
+            turn(dip, (0.263, 0.042, 0), 1.29, (0.117, -0.009, 0.023), (0.0019, 0.0087, 0.0079)),
+        ],
+        "partials": [
+            slide("1 0 0", none, 7.43, none, ball(0.01)),
+            turn(up, none, 3.26, (0.143, 0, 0), ball(0.0418)),
+            turn(lift, (0.317, 0, 0), 1.84, (0.226, 0, 0), (0.0153, 0.0347, 0.0483)),
+        ],
+        "globals": _by_denavit_hartenberg(
+            [
+                (np.pi / 2, 5.27, 0.057, 0.286, (-0.041, -0.067, 0.019), (0.0387, 0.0264, 0.0351)),
+                (0.0, 3.84, 0.334, 0.031, (-0.173, 0.012, 0.028), (0.0106, 0.0587, 0.0543)),
+                (-np.pi / 2, 1.93, 0.048, 0.022, (-0.029, 0.016, 0.034), (0.0049, 0.0063, 0.0057)),
+                (0.0, 0.68, 0.112, 0.193, (-0.061, 0.007, 0.013), (0.0009, 0.0017, 0.0015)),
+            ]
+        ),
+        "operators": [
+            turn("1 0 0", (0, 0, 0.172), 3.71, (0.083, -0.024, 0.037), (0.0187, 0.0263, 0.0241)),
+            turn(up, (0.193, 0.028, 0.046), 2.16, (0.121, 0.017, -0.032), (0.0054, 0.0171, 0.0182)),
+            slide("1 0 0", (0.157, -0.033, 0.029), 0.94, (0.068, 0.014, 0.022), (0.0011, 0.0036, 0.0039)),
+        ],
         "chain": [
             turn(dip, none, 1.9, (0, 0, -0.45), none),
             turn(dip, (0, 0, -0.45), 1.3, (0, 0, -0.35), none),
@@ -599,5 +625,6 @@ if __name__ == "__main__":
             "aside": HALVED,
             "ninth": NINTH,
             "tenth": TENTH,
+            "eleventh": ELEVENTH,
         }.get(sys.argv[1], STYLES),
     )
