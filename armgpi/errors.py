@@ -239,7 +239,7 @@ class UnfitLog(ArmgpiError):
         shown = "; ".join(self.reasons[:_SHOWN_REASONS])
         if more := len(self.reasons) - _SHOWN_REASONS:
             shown += f"; and {more} more" if more > 0 else ""
-        super().__init__(f"the log cannot be identified from: {shown}")
+        super().__init__(f"no arm can be identified from the log: {shown}")
 
 
 class UnreadableTrajectory(ArmgpiError):

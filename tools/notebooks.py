@@ -10,7 +10,7 @@ import re
 import sys
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
 NOTEBOOKS = sorted((ROOT / "examples" / "notebooks").glob("*.ipynb"))
@@ -21,24 +21,37 @@ LONGEST = 20_000
 INSTEAD = "*In the notebook, a page with tables, plots and the animation opens here.*"
 
 
-def cells_of(notebook: Path) -> list[tuple[str, str]]:
-    """Return the cells of a notebook: kind and source."""
-    cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
-    return [(cell["cell_type"], "".join(cell["source"])) for cell in cells]
+class Cell(NamedTuple):
+    """A cell of a notebook; `picture` and `caption` of its metadata describe the picture that it draws."""
+
+    kind: str
+    source: str
+    picture: str
+    caption: str
 
 
-def output(shell: Any, source: str, picture: Path) -> str:
+def cells_of(notebook: Path) -> list[Cell]:
+    """Return the cells of a notebook."""
+    cells = []
+    for cell in json.loads(notebook.read_text(encoding="utf-8"))["cells"]:
+        said = cell["metadata"]
+        source = "".join(cell["source"])
+        cells.append(Cell(cell["cell_type"], source, said.get("picture", ""), said.get("caption", "")))
+    return cells
+
+
+def output(shell: Any, cell: Cell, picture: Path) -> str:
     """Run a cell and return what it shows as Markdown.
 
     Args:
         shell: of IPython.
-        source: of the cell.
+        cell: what is run, and how its picture is described.
         picture: where a picture goes.
     """
     from IPython.utils.capture import capture_output
 
     with capture_output() as captured:
-        done = shell.run_cell(source)
+        done = shell.run_cell(cell.source)
     done.raise_error()
     parts = (
         [f"```text\n{captured.stdout.rstrip()}\n```"]
@@ -49,9 +62,13 @@ def output(shell: Any, source: str, picture: Path) -> str:
         return "\n\n".join(parts)
     shown = shell.display_formatter.format(done.result)[0]
     if "image/png" in shown:
+        if not (cell.picture and cell.caption):
+            sys.exit(
+                f"{picture.stem}: its metadata needs a picture (what is drawn) and a caption (what is seen)"
+            )
         picture.parent.mkdir(parents=True, exist_ok=True)
         picture.write_bytes(shown["image/png"])
-        return f"![What the cell above draws](../images/notebooks/{picture.name})"
+        return f"![{cell.picture}](../images/notebooks/{picture.name})\n\n*{cell.caption}*"
     if "text/markdown" in shown:
         return re.sub("^###", "##", str(shown["text/markdown"]), flags=re.MULTILINE)
     if "text/html" in shown:
@@ -69,13 +86,13 @@ def page(notebook: Path) -> str:
     shell = InteractiveShell.instance()
     shell.reset()
     parts = [f"<!-- By tools/notebooks.py from examples/notebooks/{notebook.name}. -->"]
-    for number, (kind, source) in enumerate(cells_of(notebook)):
-        if kind != "code":
-            parts.append(source)
+    for number, cell in enumerate(cells_of(notebook)):
+        if cell.kind != "code":
+            parts.append(cell.source)
             continue
-        parts.append(f"```{{code-block}} python\n{source}\n```")
+        parts.append(f"```{{code-block}} python\n{cell.source}\n```")
         picture = ROOT / "docs" / "images" / "notebooks" / f"{notebook.stem}_{number}.png"
-        parts.append(output(shell, source, picture))
+        parts.append(output(shell, cell, picture))
     return "\n\n".join(part for part in parts if part) + "\n"
 
 

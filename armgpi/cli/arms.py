@@ -144,13 +144,22 @@ def note_world(config: ExperimentConfig, arm: Robot, judged: str = "") -> None:
         hold(f"evaluated instead: {judged}")
 
 
-def note_drives(experiment: Experiment, explain: bool = True) -> None:
+def _for_all_joints(robot: Robot, motion: opt.Experiment) -> str:
+    """Return which options have one position for all joints of an arm; nothing where none has."""
+    typed = [("--from", motion.start), ("--to", motion.to)]
+    positions = [(option, per_joint(text, option)) for option, text in typed if text is not None]
+    said = [f"{option} {position:g}" for option, position in positions if isinstance(position, float)]
+    return f"; {' and '.join(said)} for all {robot.n} joints" if said and robot.n > 1 else ""
+
+
+def note_drives(experiment: Experiment, explain: bool = True, motion: opt.Experiment | None = None) -> None:
     """Say which arm and controllers an experiment has, and what of the arm's drives is assumed.
 
     Args:
         experiment: of the arm.
         explain: whether the assumed values, their reasons and the limits of automatic tuning are printed;
             else one line names what is assumed.
+        motion: the options about the motion: one position is that of all joints, and this is said.
     """
     from armgpi.config import world
     from armgpi.plants.elastic import ElasticPlant
@@ -162,6 +171,8 @@ def note_drives(experiment: Experiment, explain: bool = True) -> None:
 
     robot = experiment.robot
     line = world.describe(experiment.config, experiment.robot, every=True)
+    if motion is not None:
+        line += _for_all_joints(robot, motion)
     hold(line if explain or not assumed_something(robot) else f"{line}. Values: --explain")
     if published := describe_published(robot.drives, values=explain):
         hold(published)

@@ -91,7 +91,7 @@ def _run(asked: opt.Asked, options: opt.Run, compare: bool) -> int:
     experiment = configuration.build(*settings(asked, compare))
     experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
     check_out(options.out, options.config, options.force, experiment)
-    note_drives(experiment, options.explain)
+    note_drives(experiment, options.explain, options)
     _note_end_and_load(experiment)
     _warn_of_weak_motors(experiment)
     note_differences(experiment)

@@ -152,7 +152,7 @@ def _export(asked: opt.Asked, written: _Written) -> int:
     except ParameterError as error:
         raise refusal(option, str(error)) from error
     with experiments.prepared(out):
-        note_drives(experiment, written.explain)
+        note_drives(experiment, written.explain, asked.options)
         _note_contacts(experiment, asked.options.package_dir)
         print_held()
         with working("recording the motion, compiling the C code and replaying the motion with it"):

@@ -86,7 +86,7 @@ def loop(
     experiment = build(*settings(asked, compare=False))
     check_out(out, options.config, force, experiment)
     pictures.check(view=view, report=report)
-    note_drives(experiment, explain)
+    note_drives(experiment, explain, options)
     note_differences(experiment)
     label = _only_label(experiment)
     seed = experiment.config.seed

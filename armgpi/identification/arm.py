@@ -894,7 +894,8 @@ class _Data:
             form = WeakForm(self.model, grid)
             if not len(form.starts):
                 length = f"{log.t[-1] - log.t[0]:.2g} s long"
-                raise UnfitLog([f"is {length}, without a second that has no gap: log longer ({log.source})"])
+                reason = f"it is {length}, without a second that has no gap: log longer ({log.source})"
+                raise UnfitLog([reason])
             other.grids.append(grid)
             other.rigid.append(form)
             # The phase of each test function in the period of the motion, if it has one; else its number.

@@ -209,7 +209,9 @@ def _of_motion(robot: Robot, form: WeakForm) -> Iterator[Finding]:
                 f"or lock it where it is no joint of the arm (--lock {name})",
             )
         elif turns < _TURNS:
-            yield Finding("error", name, f"turns round {turns} times, expected {_TURNS}: move it to and fro")
+            yield Finding(
+                "error", name, f"it turns round {turns} times, expected {_TURNS}: move it to and fro"
+            )
 
 
 def _of_torques(robot: Robot, gravity: bool, prior: Prior, form: WeakForm) -> Iterator[Finding]:

@@ -265,7 +265,7 @@ def find_side(robot: Robot, log: Log) -> Side:
     responses = list(_responses(soft, grid, counts, coarse))
     if not responses and not coarse:
         wanted = f"expected the motion of armgpi excite --side, {TURN:g} s for each joint"
-        raise UnfitLog([f"shows no joint's chirp: {wanted} ({log.source})"])
+        raise UnfitLog([f"it shows no joint's chirp: {wanted} ({log.source})"])
     fits = {
         each.joint: {side: _fit(soft, each, grid.dt, side) for side in ("motor", "link")}
         for each in responses

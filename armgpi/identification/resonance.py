@@ -224,7 +224,7 @@ def find_gears(robot: Robot, log: Log, lag: Array, gravity: bool = True) -> Gear
     turns = list(_turns(grid))
     if not turns:
         wanted = f"expected the motion of armgpi excite --resonance, {TURN:g} s for each joint"
-        raise UnfitLog([f"shows no joint's multisine: {wanted} ({log.source})"])
+        raise UnfitLog([f"it shows no joint's multisine: {wanted} ({log.source})"])
     soft = assume_gears(robot)
     known = set(robot.drives.value("encoder_side").tolist()) - {""}
     sides = tuple(known) if len(known) == 1 else ("motor", "link")

@@ -77,12 +77,13 @@ def check_samples(robot: Robot, log: Log, grid: Grid) -> Iterator[Finding]:
     """
     length = len(grid.q) * grid.dt
     if grid.dt > _SLOWEST:
-        said = f"sampled at {1.0 / grid.dt:.3g} Hz, expected at least 40 Hz: log faster"
+        said = f"it is sampled at {1.0 / grid.dt:.3g} Hz, expected at least 40 Hz: log faster"
         if grid.dt > _NO_RATE:
             said += "; or are its times in ms? Then call the column 'time [ms]'"
         yield Finding("error", "", said)
     if length < _SHORTEST:
-        yield Finding("error", "", f"is {length:.2g} s long, expected at least {_SHORTEST:g} s: log longer")
+        said = f"it is {length:.2g} s long, expected at least {_SHORTEST:g} s: log longer"
+        yield Finding("error", "", said)
     if grid.bad.any():
         yield Finding("warning", "", _describe_gaps(grid))
     for j, name in enumerate(robot.joint_names):
@@ -118,9 +119,9 @@ def _check_position(robot: Robot, joint: int, name: str, log: Log) -> Iterator[F
     beyond = float(max(np.max(lower - q), np.max(q - upper)))
     if beyond > _DEGREES:
         unit = "m, not mm" if robot.prismatic[joint] else "rad, not degrees or counts"
-        yield Finding("error", name, f"moves {beyond:.3g} beyond its limits; positions are in {unit}")
+        yield Finding("error", name, f"it moves {beyond:.3g} beyond its limits; positions are in {unit}")
     elif beyond > _OUTSIDE:
-        yield Finding("warning", name, f"is {beyond:.3g} outside its limits: is it the same zero?")
+        yield Finding("warning", name, f"it is {beyond:.3g} outside its limits: is it the same zero?")
     yield from _check_updates(name, log, q)
     for end, share in _saturated_shares(log.t, q).items():
         if share > _SATURATED:

@@ -39,17 +39,17 @@ SAID: tuple[tuple[errors.ArmgpiError, str, dict[str, Any]], ...] = (
     ),
     (
         errors.UnfitLog(["one", "two", "three"]),
-        "the log cannot be identified from: one; two; three",
+        "no arm can be identified from the log: one; two; three",
         {"reasons": ("one", "two", "three")},
     ),
     (
         errors.UnfitLog(["one", "two", "three", "four"]),
-        "the log cannot be identified from: one; two; three; and 1 more",
+        "no arm can be identified from the log: one; two; three; and 1 more",
         {"reasons": ("one", "two", "three", "four")},
     ),
     (
         errors.UnfitLog(["one"]),
-        "the log cannot be identified from: one",
+        "no arm can be identified from the log: one",
         {"reasons": ("one",)},
     ),
     (

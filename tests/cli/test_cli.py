@@ -696,6 +696,13 @@ def test_a_run_that_ends_before_its_move_says_so(cli: Callable[..., Answer]) -> 
     assert [line.partition(":")[0] for line in whole.err.splitlines()] == ["world"]
 
 
+def test_one_position_is_said_to_be_that_of_all_joints(cli: Callable[..., Answer]) -> None:
+    assert "; --to 0.3 for all 3 joints" in cli("run", ARM, "--to", "0.3", *SHORT).err
+    both = cli("run", ARM, "--from", "0.1", "--to", "0.2", *SHORT).err
+    assert "; --from 0.1 and --to 0.2 for all 3 joints" in both
+    assert "for all" not in cli("run", ARM, "--to", "q1=0.3", *SHORT).err
+
+
 # What comes out.
 
 

@@ -134,7 +134,8 @@ def test_the_page_of_a_notebook_has_its_cells_with_outputs(notebook: Path) -> No
         assert shown in page[place:]
         place = page.index(shown, place) + len(shown)
     assert "<table>" in page or "![" in page
-    for picture in re.findall(r"!\[[^]]*\]\(\.\./images/([^)]*)\)", page):
+    for picture, caption in re.findall(r"!\[[^]]*\]\(\.\./images/([^)]*)\)\n*(.*)", page):
+        assert caption.startswith("*")  # what is seen in it
         assert (notebook.parents[2] / "docs" / "images" / picture).is_file()
 
 
