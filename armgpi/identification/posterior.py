@@ -16,7 +16,7 @@ from armgpi.base.arrays import LARGEST, Array, check_whole
 from armgpi.errors import UrdfError
 from armgpi.identification import estimate
 from armgpi.identification.estimate import Prior
-from armgpi.identification.truncated import draw_truncated
+from armgpi.identification.truncated import combine, draw_truncated
 from armgpi.identification.weak_form import BODY, COLUMNS, COULOMB, ROTOR, VISCOUS
 from armgpi.robot.batch import RobotBatch
 from armgpi.robot.equations import Friction
@@ -96,7 +96,7 @@ class Posterior(NamedTuple):
     @property
     def _is_open(self) -> npt.NDArray[np.bool_]:
         """Which unknowns are not known exactly, (p,)."""
-        return np.linalg.norm(self.root, axis=1) > _EXACT
+        return np.asarray(np.linalg.norm(self.root, axis=1) > _EXACT, dtype=np.bool_)
 
     def _points(self, normal: Array) -> Array:
         """Return points of the distribution around its mean in units of `scale`, physical or not, (count, p).
@@ -107,7 +107,7 @@ class Posterior(NamedTuple):
         bounded = np.isfinite(self.lower) | np.isfinite(self.upper)
         bounded &= self._is_open
         if not bounded.any():
-            return normal @ self.root.T
+            return combine(normal, self.root)
         order = np.argsort(~bounded, kind="stable")
         count = int(bounded.sum())
         root = _triangle(self.root[order])
@@ -115,7 +115,7 @@ class Posterior(NamedTuple):
         drawn = normal[:, order].copy()
         drawn[:, :count] = draw_truncated(root[:count, :count], low, high, drawn[:, :count])
         points = np.empty_like(drawn)
-        points[:, order] = drawn @ root.T
+        points[:, order] = combine(drawn, root)
         return points
 
     def sample(self, robot: Robot, count: int = 64, seed: int = 0) -> RobotBatch:

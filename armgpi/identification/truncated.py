@@ -33,13 +33,13 @@ def draw_truncated(root: Array, low: Array, high: Array, normal: Array) -> Array
     root = root + np.diag(np.maximum(least - np.diag(root), 0.0))
     drawn = np.zeros((count, size))
     for k in range(size):
-        before = drawn[:, :k] @ root[k, :k]
+        before = combine(drawn[:, :k], root[k : k + 1, :k])[:, 0]
         start, end = (low[k] - before) / root[k, k], (high[k] - before) / root[k, k]
         drawn[:, k] = within(special.ndtr(normal[:, k]), start, end)
     if size == 1:
         return drawn
     chances = np.array([_chances(each) for each in normal])
-    combined = drawn @ root.T
+    combined = combine(drawn, root)
     for turn in range(_ROUNDS):
         for k in range(size):
             start, end = _free(root[k:, k], combined[:, k:], drawn[:, k], low[k:], high[k:])
@@ -47,6 +47,18 @@ def draw_truncated(root: Array, low: Array, high: Array, normal: Array) -> Array
             combined[:, k:] += (moved - drawn[:, k])[:, None] * root[k:, k]
             drawn[:, k] = moved
     return drawn
+
+
+def combine(drawn: Array, root: Array) -> Array:
+    """Return the combinations ``root w`` of draws, (count, b), each row with the bits that it has alone.
+
+    A product of two matrices sums in another order for another count.
+
+    Args:
+        drawn: draws w, (count, a).
+        root: the matrix, (b, a).
+    """
+    return np.asarray((drawn[:, None, :] @ root.T)[:, 0])
 
 
 def within(chance: Array, low: Array, high: Array) -> Array:

@@ -89,7 +89,10 @@ def test_a_draw_depends_on_its_own_numbers_alone() -> None:
     normal = np.random.default_rng(12).normal(size=(4, SIZE))
     together = posterior.unknowns(normal)
     for row, drawn in zip(normal, together, strict=True):
-        assert posterior.unknowns(row[None])[0] == pytest.approx(drawn, rel=1e-9, abs=1e-12)
+        np.testing.assert_array_equal(posterior.unknowns(row[None])[0], drawn)
+    unbounded = Posterior.of(truth(), np.ones(SIZE), coupled())
+    for row, drawn in zip(normal, unbounded.unknowns(normal), strict=True):
+        np.testing.assert_array_equal(unbounded.unknowns(row[None])[0], drawn)
     assert np.ptp(together[:, ROTOR]) > 0.01
 
 
