@@ -144,6 +144,22 @@ def note_world(config: ExperimentConfig, arm: Robot, judged: str = "") -> None:
         hold(f"evaluated instead: {judged}")
 
 
+def check_contacts(experiment: Experiment) -> None:
+    """Refuse an arm that starts behind a wall, before anything is said of it.
+
+    Raises:
+        ParameterError: naming the wall, with how deep the tool is behind it.
+    """
+    from armgpi.plants.arm import Arm
+    from armgpi.plants.plant import inside
+
+    start = experiment.reference.at(0.0).q
+    for plant in experiment.plants.values():
+        arm = inside(plant)
+        if isinstance(arm, Arm):
+            arm.check_start(start)
+
+
 def _for_all_joints(robot: Robot, motion: opt.Experiment) -> str:
     """Return which options have one position for all joints of an arm; nothing where none has."""
     typed = [("--from", motion.start), ("--to", motion.to)]

@@ -19,7 +19,7 @@ from armgpi.cli.terminal import print_held, say
 
 if TYPE_CHECKING:
     from armgpi.config import Experiment
-    from armgpi.hardware.realtime import Outcome
+    from armgpi.hardware.realtime import Outcome, Watchdog
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
@@ -80,18 +80,20 @@ def loop(
     from armgpi.cli.written import check_out
     from armgpi.config import build
     from armgpi.config import experiment as experiments
-    from armgpi.hardware.realtime import Injected, Watchdog, run
+    from armgpi.hardware.realtime import Injected, run
 
     asked = opt.Asked(robot=robot, controllers=controller, declared=values_of(context), options=options)
     experiment = build(*settings(asked, compare=False))
     check_out(out, options.config, force, experiment)
     pictures.check(view=view, report=report)
+    label = _only_label(experiment)
+    _check_choices(clock, policy)
+    faults = (loss, _stretch(outage, "--outage"), _stretch(stall, "--stall"), kill)
+    injected = Injected(*faults, experiment.config.seed)
+    how: dict[str, Any] = {"clock": clock, "policy": policy, "exported": exported, "dry_run": dry_run}
+    how["watchdog"] = _watchdog(watchdog, reaction)
     note_drives(experiment, explain, options)
     note_differences(experiment)
-    label = _only_label(experiment)
-    seed = experiment.config.seed
-    injected = Injected(loss, _stretch(outage, "--outage"), _stretch(stall, "--stall"), kill, seed)
-    how: dict[str, Any] = {"clock": clock, "policy": policy, "exported": exported, "dry_run": dry_run}
     print_held()
     with ExitStack() as stack:
         outcome = run(
@@ -99,7 +101,6 @@ def loop(
             experiment.reference,
             experiment.t_final,
             injected=injected,
-            watchdog=Watchdog(watchdog, reaction),
             model=experiment.robot,
             supervisor=experiment.supervisor,
             **how,
@@ -112,11 +113,37 @@ def loop(
     sys.exit(_code(outcome))
 
 
+def _check_choices(clock: str, policy: str) -> None:
+    """Refuse a clock or a scheduling that there is not."""
+    from armgpi.base.arrays import check_choice
+    from armgpi.hardware.realtime.processes import POLICIES
+    from armgpi.hardware.realtime.running import CLOCKS
+
+    check_choice(clock, "clock", CLOCKS)
+    check_choice(policy, "policy", POLICIES)
+
+
+def _watchdog(samples: int, reaction: str) -> Watchdog:
+    """Return what the arm does without a torque; its parameter `samples` is the option --watchdog."""
+    from armgpi.errors import ParameterError
+    from armgpi.hardware.realtime import Watchdog
+
+    try:
+        return Watchdog(samples, reaction)
+    except ParameterError as error:
+        if error.name != "samples":
+            raise
+        raise refusal("--watchdog", str(error).removeprefix("samples ")) from None
+
+
 def _only_label(experiment: Experiment) -> str:
-    """Return the label of the one run that an experiment has."""
+    """Return the label of the one run that an experiment has, which does not start behind a wall."""
+    from armgpi.cli.arms import check_contacts
+
     label, *others = experiment.runs
     if others:
         raise refusal("--plant", "armgpi loop takes one plant")
+    check_contacts(experiment)
     return label
 
 

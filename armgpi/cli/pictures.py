@@ -136,6 +136,13 @@ def _with_estimated_wrench(result: xr.Dataset, experiment: Experiment) -> xr.Dat
     return tool_wrench(result, experiment.robot)
 
 
+def check_playable(experiment: Experiment, frame: str | None = None) -> None:
+    """Refuse an experiment or a frame that no page can have, before anything is said of it."""
+    from armgpi.viewing.play.page import check_experiment
+
+    check_experiment(experiment, frame)
+
+
 def page_to_play_with(experiment: Experiment, **options: Any) -> str:
     """Return the page of an experiment; the user sees how far it is. See `armgpi.viewing.play.build`."""
     from armgpi.viewing.play import build

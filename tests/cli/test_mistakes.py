@@ -85,6 +85,11 @@ MISTAKES = {
     "run mapping.yaml": "begin each entry with '- '",
     "run no_robot.yaml": "is missing; add it, such as 'robot: ...'",
     "identify semicolons.csv --robot arm.urdf": "separate columns by commas",
+    "run behind.yaml": "a wall that 'tool0' starts before",
+    "export behind.yaml -o c": "a wall that 'tool0' starts before",
+    "loop behind.yaml --clock simulated": "a wall that 'tool0' starts before",
+    "loop arm.urdf --clock real": "--clock: must be one of wall, simulated",
+    "loop arm.urdf --watchdog=-3": "--watchdog: must be a whole number",
     "run unit.urdf": "effort='30 Nm' is not a number; write 30 (N m)",
     "run same.urdf": "two joints are named 'q1'; rename one",
 }
@@ -111,6 +116,10 @@ FILES = {
     "mapping.yaml": "robot: arm.urdf\ncontrollers: {mine: {type: gpi}}\n",
     "no_robot.yaml": "seed: 1\n",
     "semicolons.csv": "time;q1\n0;1\n",
+    "behind.yaml": (
+        "robot: {name: ur5}\nplant:\n  environment:\n"
+        "    - {type: wall, frame: tool0, normal: [0, 0, 1], distance: 2.2, stiffness: 1.0e4}\n"
+    ),
     "weak.yaml": "robot: weak.urdf\nvary: {plant.delay: {choices: [0, 1]}}\n",
 }
 

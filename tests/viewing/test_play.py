@@ -530,3 +530,30 @@ def test_zig_compiles_where_there_is_no_other_compiler(monkeypatch: pytest.Monke
     monkeypatch.setattr(build, "find_spec", lambda name: None)
     with pytest.raises(BackendError, match="pip install ziglang"):
         build.compiler()
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--plant", "both"], "one with a single plant"),
+        (["--supervised"], "one without a supervisor"),
+        (["--frame", "nowhere"], "there is no frame named 'nowhere'"),
+        (["--set", "plant.environment.0.distance=2.2"], "a wall that 'ee_link' starts before"),
+    ],
+)
+def test_what_no_page_can_have_is_refused_before_anything_is_said(
+    options: list[str],
+    reason: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    floor = TOUCHING.replace("    - {type: force, force: [0.0, 20.0, 0.0], onset: 0.1, end: 0.3}\n", "")
+    (tmp_path / "floor.yaml").write_text(floor)
+    out = str(tmp_path / "page.html")
+    monkeypatch.setattr("sys.argv", ["armgpi", "play", str(tmp_path / "floor.yaml"), "-o", out, *options])
+    with pytest.raises(SystemExit) as stopped:
+        main()
+    assert stopped.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert reason in line

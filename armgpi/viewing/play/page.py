@@ -78,9 +78,11 @@ def build(
 
     Raises:
         BackendError: when the package `ziglang` is not installed, or the loop has no generated code.
-        ParameterError: when there is no such controller, or with an uncertainty model or a supervisor.
+        ParameterError: when there is no such controller, or with an uncertainty model, a supervisor or two
+            simulators.
         MissingPackage: when trimesh is not installed.
     """
+    check_experiment(experiment, frame)
     if label is None:
         label = next(iter(experiment.controllers))
     module_of_forms = build_module(experiment, label, progress)
@@ -178,6 +180,22 @@ def _defaults(moved: Playable) -> dict[str, Any]:
     }
 
 
+def check_experiment(experiment: Experiment, frame: str | None = None) -> None:
+    """Refuse an experiment that no page simulates, or a frame that its arm does not have.
+
+    Raises:
+        ParameterError: with an uncertainty model, a supervisor or two simulators.
+        NameNotFound: when there is no such frame.
+    """
+    for key in ("reality", "supervisor"):
+        if getattr(experiment.config, key) is not None:
+            raise ParameterError("experiment", f"one with a {key}", f"one without a {key}: a page has none")
+    if len(experiment.plants) > 1:
+        raise ParameterError("experiment", "one with two plants", "one with a single plant: a page has one")
+    if frame is not None:
+        experiment.robot.frame_pose(frame, experiment.robot.middle())
+
+
 def build_module(experiment: Experiment, label: str, progress: Progress = lambda *_: None) -> Module:
     """Return all forms of an experiment's loop as WebAssembly.
 
@@ -190,9 +208,7 @@ def build_module(experiment: Experiment, label: str, progress: Progress = lambda
         BackendError: when Zig is not installed, or a loop has no generated code.
     """
     module.compiler()
-    for key in ("reality", "supervisor"):
-        if getattr(experiment.config, key) is not None:
-            raise ParameterError("experiment", f"one with a {key}", f"one without a {key}: a page has none")
+    check_experiment(experiment)
     makers = _Makers(experiment)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ArmgpiWarning)  # of controllers that nobody asked for
