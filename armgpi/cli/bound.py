@@ -28,7 +28,7 @@ from armgpi.cli.written import write
 
 if TYPE_CHECKING:
     from armgpi.certification.path import PathBound
-    from armgpi.config import Experiment, ExperimentConfig
+    from armgpi.config import Experiment, ExperimentConfig, Origin
     from armgpi.robot.robot import Robot
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
@@ -358,15 +358,7 @@ def _experiment(name: str, drives: dict[str, Any], controller: str | None, known
             ("controllers", 0, "type"),
             f"a bound can be computed for gpi and gpi_auto, got {type(law).__name__}{_instead(law)}",
         )
-    for name in ("torque_rate", "torque_cap"):
-        if getattr(experiment.supervisor, name, None) is not None:
-            raise origin.error(
-                ("supervisor", name), "a bound assumes that only the effort limits bound the torques"
-            )
-    if experiment.config.plant.loads:
-        raise origin.error(
-            ("plant", "loads"), "disturbances of a bound are given by --torque and --force; remove this key"
-        )
+    _refuse_what_no_bound_knows(experiment, origin)
     effort = law.effort
     while isinstance(plant, Encoder | Delayed | Saturated):
         effort = np.minimum(effort, plant.effort) if isinstance(plant, Saturated) else effort
@@ -378,6 +370,20 @@ def _experiment(name: str, drives: dict[str, Any], controller: str | None, known
         )
     # A motor may give less than its law assumes.
     return experiment._replace(controllers={name: law.with_values(effort=effort)})
+
+
+def _refuse_what_no_bound_knows(experiment: Experiment, origin: Origin) -> None:
+    """Refuse limits of torque beside those of effort, and what pushes the simulated arm."""
+    for key in ("torque_rate", "torque_cap"):
+        if getattr(experiment.supervisor, key, None) is not None:
+            raise origin.error(
+                ("supervisor", key), "a bound assumes that only the effort limits bound the torques"
+            )
+    for key in ("loads", "environment"):
+        if getattr(experiment.config.plant, key):
+            raise origin.error(
+                ("plant", key), "disturbances of a bound are given by --torque and --force; remove this key"
+            )
 
 
 def _default_reference(robot: Robot) -> dict[str, Any]:

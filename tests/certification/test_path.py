@@ -608,6 +608,30 @@ def test_the_command_prints_it_and_writes_page_and_file(cli: Any, tmp_path: Path
     assert "stiff joints with encoders" in refused.err
 
 
+@pytest.mark.parametrize(
+    ("key", "entry"),
+    [
+        ("loads", "{type: step, amplitude: 1.0}"),
+        ("environment", "{type: force, force: [0, 20, 0]}"),
+        ("environment", "{type: wall, normal: [0, 0, 1], distance: -2.0, stiffness: 1.0e4}"),
+    ],
+)
+def test_what_pushes_the_plant_is_refused_as_no_bound_knows_it(
+    cli: Any, tmp_path: Path, key: str, entry: str
+) -> None:
+    file = tmp_path / "pushed.yaml"
+    file.write_text(
+        "robot: {name: anthropomorphic3, rotor_inertia: 0.1}\n"
+        f"plant: {{{key}: [{entry}]}}\n"
+        "controllers: [{type: gpi, omega: 20, feedforward: model}]\n"
+        "reference: {points: [[0, 0.4, -0.4], [0.4, 0.6, -0.1]], durations: 2}\n"
+    )
+    refused = cli("bound", file)
+    assert refused.code == 2
+    (line,) = refused.err.splitlines()
+    assert f"plant.{key}: disturbances of a bound are given by --torque and --force" in line
+
+
 def test_a_page_shows_the_errors_of_its_run() -> None:
     made = bound_path(LAW, PATH, 2.6)
     run = armgpi.simulate(armgpi.RigidBodyPlant(ARM), LAW, PATH, 2.6, progress=False)
