@@ -444,6 +444,7 @@ class ForceLimit:
         links = inertia[np.ix_(elastic, elastic)] - np.diag(motors)
         soft = 1.0 / np.sqrt(gear[elastic])
         squares, modes = np.linalg.eigh(soft[:, None] * links * soft)  # 1 / w^2, as the stiffness is 1
+        # Rounding may leave a mode without inertia: it is passed over.
         positive = squares > 0.0
         frequency = np.where(positive, 1.0 / np.sqrt(np.where(positive, squares, 1.0)), 0.0)
         moved = (jacobian[:, elastic] * soft) @ modes

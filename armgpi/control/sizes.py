@@ -11,7 +11,12 @@ from armgpi.errors import ParameterError
 
 
 def batches(made: object) -> Iterator[int | Array | None]:
-    """Yield what says, in a controller or wrapper, for how many rollouts it is: arrays, and other parts."""
+    """Yield what may say for how many rollouts an object is; :func:`common_batch` takes it.
+
+    Yields:
+        Of each attribute: an array itself, the arrays of a tuple, or the `batch` of another object, None
+        without one. What is in lists, mappings and tuples of tuples is passed over.
+    """
     for value in vars(made).values():
         if isinstance(value, np.ndarray):
             yield value

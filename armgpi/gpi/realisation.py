@@ -189,6 +189,13 @@ class Bumpless(Realisation):
         """Return the coefficients of the trapezoidal rule; see :meth:`Realisation.coefficients`.
 
         An integral is (dt / 2) (z + 1) / (z - 1). Both blocks are kept as chains in 1 / (z - 1).
+
+        Args:
+            tuning: of a joint or of several, in arrays that broadcast with the error.
+            dt: sample time [s].
+
+        Returns:
+            A NamedTuple of the member's own type, whose fields' meanings are in its `derived`.
         """
         if self._printed:
             return new(self._coefficients, _printed_coefficients(tuning, dt))
@@ -200,7 +207,8 @@ class Bumpless(Realisation):
             direct = terms.direct + direct
         drive = [dt * x for x in _delta(chain, half)]
         passed, filter_drive, leak = _filter(terms.numerator, terms.denominator, half)
-        back, power = [], np.array(dt)
+        back = []
+        power = np.array(dt)  # dt omega_c^k, k = 1, 2, ... below
         for factor in _BACK[self.member.integrators]:
             power = power * tuning.omega_c
             back.append(factor * power)

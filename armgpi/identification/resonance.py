@@ -294,7 +294,8 @@ def _whole_periods(grid: Grid, joint: int, first: int, length: int) -> Array:
         length: samples of a period.
 
     Returns:
-        The torque of the joint and the positions of all; an empty array without such a period.
+        The torque of the joint [N m or N] and the positions of all [rad or m], at most `PERIODS` periods; of
+        shape (0,) without such a period.
     """
     found = []
     for k in range(PERIODS):

@@ -102,7 +102,8 @@ class ClosedLoop:
 
         Args:
             q0: starting positions [rad or m], (n,) or (batch, n); the reference's when not given.
-            v0: starting velocities [rad/s or m/s], zero when not given.
+            v0: starting velocities [rad/s or m/s], (n,) or (batch, n); zero when not given, also where the
+                reference moves. They are not compared with the velocity limits.
 
         Raises:
             ArrayError: when an array is not as it should be.

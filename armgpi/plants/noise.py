@@ -61,7 +61,10 @@ def seeds(seed: Any, rows: int) -> Bits:
 
 
 def normal(seed: Any, k: Any, shape: tuple[int, ...], stream: int = 0) -> Array:
-    """Return standard normal numbers for sample `k` (Box and Muller 1958); arguments as :func:`uniform`."""
+    """Return standard normal numbers for sample `k` (Box and Muller 1958); arguments as :func:`uniform`.
+
+    Stream s takes the streams 2 s and 2 s + 1 of :func:`uniform`: who draws from both has to choose others.
+    """
     share = uniform(seed, k, shape, 2 * stream)
     turn = uniform(seed, k, shape, 2 * stream + 1)
     radius = np.sqrt(-2.0 * np.log(share))

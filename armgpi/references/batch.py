@@ -79,6 +79,7 @@ class ReferenceBatch(Reference):
         """Return the targets at `t` [s], (batch, n) or (k, batch, n); see :meth:`Reference.at`."""
         parts, counts, rows = self._stacks
         times = as_times(t)
+        # Of each part with all that it follows as rows, then a row for each rollout.
         q, v, a = [], [], []
         for reference, count in zip(parts, counts, strict=True):
             shape = (*np.shape(times), count, self._n)

@@ -200,7 +200,16 @@ class Track:
             raise LimitError(f"on the path at {time} the position", *outside[1:], remedy)
 
     def _give_up(self, t: float, point: Array) -> NoReturn:
-        """Say why the path cannot be followed to a point."""
+        """Raise why the path cannot be followed to a point.
+
+        Args:
+            t: when the path is there [s].
+            point: position of the frame [m], (3,).
+
+        Raises:
+            ReachError: always; it tells a point out of reach from one that another branch may reach. Of a
+                path of poses the rotation at `t` is not looked at, only the one in which it begins.
+        """
         try:
             self.inverse.begin(point)
         except ReachError as error:

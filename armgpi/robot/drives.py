@@ -170,10 +170,15 @@ class Drives:
         return Drives(self.joint_names, {**self.data, name: data})
 
     def updated(self, other: Drives) -> Drives:
-        """Return these drives with what others know of them in place of what these do.
+        """Return these drives with the data of other ones in place of their own.
+
+        A quantity that the others contain of some joints alone is kept of the rest.
+
+        Args:
+            other: drives whose data prevails, of some or all of the same joints.
 
         Raises:
-            NameNotFound: when the others are of a joint that these have not.
+            NameNotFound: when the others contain a joint that these have not.
         """
         together = dict(self.data)
         for name, data in other.data.items():

@@ -584,9 +584,11 @@ class _Search(NamedTuple):
 def _damped_step(e: Array, J: Array, damping: Array, low: Flags, high: Flags) -> Array:
     """Return the steps (k, n) of damped least squares; joints pressed against a limit are held.
 
+    A step is shortened as a whole so that no joint moves by more than `_LONGEST_STEP` in its unit.
+
     Args:
         e: what is missing, (k, m).
-        J: Jacobian, (k, m, n).
+        J: Jacobian with respect to the joints in their units, (k, m, n).
         damping: what is added to the squared singular values, (k,).
         low: joints at their lower limit, (k, n).
         high: joints at their upper limit, (k, n).

@@ -442,10 +442,11 @@ KNOWN_ARMS: tuple[KnownArm, ...] = (
 
 
 def geometry_of(robot: Any) -> Geometry:
-    """Return the geometry of an arm.
+    """Return the geometry of an arm: how each joint's axis lies to the next one, with the joints at zero.
 
     Args:
-        robot: the arm, of revolute or other joints that follow no others.
+        robot: one arm without joints that follow others. Only what lies between revolute joints is of use: a
+            prismatic joint counts as one without an axis.
     """
     model = robot.pinocchio_model()
     data = model.createData()

@@ -184,16 +184,30 @@ class VariedRobots(RobotBatch):
 
 
 def _rows(name: str, value: Any, robot: Edits) -> Array:
-    """Return what varies as an array with a row for each rollout, or with one row.
+    """Return what varies as an array with a row for each rollout, or with one row that fits any number.
+
+    Args:
+        name: the quantity, a key of `CHANGES`.
+        value: one number, or one for each rollout, (batch,) or (batch, 1), the same for all joints; or all
+            values, (batch, n) for a quantity per joint. (n,) is one number for each of n rollouts. A vector
+            is (3,) or (batch, 3).
+        robot: the robot that varies.
+
+    Returns:
+        (rows,), (rows, n) or (rows, 3).
 
     Raises:
+        NameNotFound: for a quantity that cannot vary.
         ArrayError: for another shape, or a value that is too small; it says what is expected.
     """
     if name not in CHANGES:
         raise NameNotFound("quantity that varies", name, tuple(CHANGES))
     declared = CHANGES[name]
-    tail = {"vector": (3,)}.get(declared.kind, (robot.n,) if declared.per_joint else ())
-    least, bound = (SMALLEST, "positive") if declared.above else (declared.least, "zero or positive")
+    of_joints = (robot.n,) if declared.per_joint else ()
+    tail = (3,) if declared.kind == "vector" else of_joints
+    least, bound = declared.least, "zero or positive"
+    if declared.above:
+        least, bound = SMALLEST, "positive"
     array = as_sized_array(value, name, infinite=name == "effort")
     count = math.prod(tail)
     if declared.kind == "vector":

@@ -484,8 +484,19 @@ class _Reader:
         return xyz, rpy
 
     def _limits(self, kind: str) -> tuple[float, float, float, float]:
-        """Return lower and upper position limit, velocity and effort limit."""
-        limit, bounded = self.element.find("limit"), kind in ("revolute", "prismatic")
+        """Return lower and upper position limit [rad or m], limits of velocity [rad/s or m/s] and effort.
+
+        That of effort is in N m or N. A limit is infinite where there is none. A bounded joint without
+        `lower` or `upper` has 0 there, as URDF says.
+
+        Args:
+            kind: the joint's type.
+
+        Raises:
+            UrdfError: when a limit is missing, is no number or is negative, or `lower` is above `upper`.
+        """
+        limit = self.element.find("limit")
+        bounded = kind in ("revolute", "prismatic")
         if limit is None:
             if bounded:
                 way_out = ", or make it continuous" if kind == "revolute" else ""
@@ -496,7 +507,8 @@ class _Reader:
                 raise self._error(
                     f"{self.where}, <limit> has no {key}, which URDF requires: add {key} [{unit}]"
                 )
-        lower, upper = self._optional(limit, "lower", 0.0), self._optional(limit, "upper", 0.0)
+        lower = self._optional(limit, "lower", 0.0)
+        upper = self._optional(limit, "upper", 0.0)
         if bounded and lower > upper:
             raise self._error(
                 f"{self.where} has its lower limit {lower:g} above its upper {upper:g}; exchange them"

@@ -343,6 +343,13 @@ class ToolForce(_ToolLimit):
     """
 
     def __init__(self, law: Controller, given: Supervisor) -> None:
+        """Prepare the check; :meth:`measure` takes what depends on the tool.
+
+        Args:
+            law: the controller. The force is estimated with the model of its feedforward, `bias_robot`, if it
+                has one of its own.
+            given: the bounds.
+        """
         self.checked = given.tool_force is not None
         self.unsure_force = 0.0
         limit = given.tool_force

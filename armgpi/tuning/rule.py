@@ -286,7 +286,11 @@ def _each_alone(
 
 
 def _mark(value: Any) -> Any:
-    """Return what tells a value of an arm of a batch from others; other objects are alike if they are one."""
+    """Return a hashable key: arms of a batch whose values have equal keys get the same choice.
+
+    Arrays, load ranges, sequences and plain values are compared by what they hold. Any other object is equal
+    to itself alone: its key is its identity, so it has to exist as long as the key is compared.
+    """
     if isinstance(value, np.ndarray):
         return "array", value.dtype.str, value.shape, value.tobytes()
     if isinstance(value, LoadRange):
@@ -367,11 +371,19 @@ def _without(given: Mapping[str, Any], chosen: Mapping[str, Any]) -> dict[str, A
 def _chosen(
     robot: Robot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
 ) -> tuple[dict[str, Any], bool]:
-    """Return what is chosen without what is given, and whether it is for elastic joints."""
+    """Return what is chosen for one arm, without what is given, and whether it is for elastic joints.
+
+    Args:
+        robot: nominal model.
+        dt: sample time [s].
+        delay: transport delay in the loop [s].
+        bits: resolution of the encoders [bits]; None for exact positions.
+        given: parameters that are not to be chosen.
+    """
     asked = _Asked(robot, dt, delay, bits, given)
     chosen = _rigid(asked)
     soft = _twists(asked, {**chosen, **given})
-    if soft:
+    if soft:  # a choice of its own: nothing of the rigid one is kept
         chosen = _choose_geared(asked)
     return _without(given, chosen), soft
 
