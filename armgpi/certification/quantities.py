@@ -537,11 +537,15 @@ def _reach(joint: int) -> _Function:
 
 
 def _jump(setting: Setting, arm: Robot, at: Points) -> Array:
-    """Return the length of the change of v* between an arm, or the first, and the controller's."""
-    other = setting.arms[0] if arm is setting.arms[-1] else arm
-    light = resting(setting, other, at.star)
-    heavy = resting(setting, setting.arms[-1], at.star)
-    change = (heavy - light)[:, None]
+    """Return how long the difference is of v* of an arm and v* of the controller's, (k,).
+
+    For the controller's own arm it is the difference to the first one. The length is in the metric of the
+    inertia of `arm`: in rad/s^2 or m/s^2, times the root of an inertia.
+    """
+    last = setting.arms[-1]  # the controller's
+    other = setting.arms[0] if arm is last else arm
+    change = resting(setting, last, at.star) - resting(setting, other, at.star)
+    change = change[:, None]  # one vector for each configuration
     return _length(setting, arm, at, change)[:, 0]
 
 

@@ -170,14 +170,23 @@ def _nyquist(made: Certificate) -> str:
 
 
 def _shares_taken(asked: Asked, made: Certificate, drawn: Array) -> dict[str, Array]:
-    """Return the shares of numbers that configurations take, drawn as shares of the ranges."""
+    """Return how much of each number of a certificate configurations take: 1 is the number itself.
+
+    Args:
+        asked: what the certificate is of.
+        made: the certificate.
+        drawn: configurations as shares of the ranges, (k, 3 n).
+
+    Returns:
+        Name of a number -> shares (k,), each of the worst arm; zero where the number is at its best value.
+    """
     setting = asked.setting
     lowest, width = ranges(setting)
     at = points(setting, lowest + width * drawn)
     every = functions(setting)
     shares = {}
     for name in _COLOURS:
-        best = 1.0 if name == "delta_high" else 0.0
+        best = 1.0 if name == "delta_high" else 0.0  # delta is the ratio 1 for an exact model
         of_arms = [every[name](setting, arm, at) for arm in setting.arms]
         values = np.max(of_arms, axis=0)
         room = float(made.data["numbers"][name]) - best

@@ -213,7 +213,8 @@ def _copied(bodies: list[_Body]) -> Iterator[tuple[Finding, list[str]]]:
 def _unit_slip(body: _Body) -> tuple[str, str] | None:
     """Return the repairs of units with which a link's mass properties fit its shapes, and its name.
 
-    None where they fit as they are, or with no other unit.
+    None where they fit as they are, or with no other unit. Tried are one unit alone, masses in g with another
+    one, and centres of mass in mm with one of inertias; not three at once.
     """
     if body.link.inertia == _ONES or _fits(body, UnitRepair("")):
         return None
@@ -226,7 +227,7 @@ def _unit_slip(body: _Body) -> tuple[str, str] | None:
             mass, inertia, centre = mass * unit.mass, inertia * unit.inertia, centre * unit.centre
         size = float(np.linalg.norm(np.ptp(body.extent.corners, axis=0)))
         away = float(np.linalg.norm(body.link.xyz))
-        if centre < 1.0 and away < _MILLIMETRES * size:
+        if centre < 1.0 and away < _MILLIMETRES * size:  # in metres it is not far from the shapes
             continue
         if _fits(body, UnitRepair("", mass, inertia, centre), sure=True):
             return ",".join(kinds), body.link.name

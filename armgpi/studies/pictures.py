@@ -145,7 +145,16 @@ def draw_contest(
 
 
 def _draw_fronts(axes: Any, laws: Sequence[str], values: Mapping[str, Mapping[str, float]]) -> None:
-    """Draw the errors of some laws over their budgets: GPI with filled markers, others with open ones."""
+    """Draw the errors of some controllers over their limits of torque variation.
+
+    GPI has filled markers and solid lines, others have open markers and dashed lines. A controller has the
+    colour of its place in `laws`, drawn or not, so that it keeps it in the panels of all arms.
+
+    Args:
+        axes: the panel.
+        laws: names of the controllers of the panel; those without values are left out.
+        values: controller -> limit of torque variation [N m], as text -> error [rad s^2].
+    """
     ours = [law.startswith("GPI") for law in laws]
     for index, law in enumerate(laws):
         if law not in values:

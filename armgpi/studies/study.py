@@ -374,7 +374,7 @@ def read_identity(folder: Path) -> dict[str, Any]:
     """Return what a folder says of its study: `digest`, `what`, and `codes` by their digests.
 
     Raises:
-        RolloutError: when there is none, or it is damaged.
+        RolloutError: when there is none, it is damaged, or it has another format.
     """
     place = folder / IDENTITY
     try:

@@ -565,7 +565,16 @@ def insertion(node: ast.expr, parent: Any) -> bool:
 
 
 def alternatives(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
-    """Yield what may stand in place of an expression."""
+    """Yield what may replace an expression, as pairs of the kind of change and the new expression.
+
+    The same expression may come twice. New ones share nodes with `node`: copy one before changing it. Right
+    below an index or an attribute, only names and items are replaced.
+
+    Args:
+        node: the expression.
+        parent: the node that it is a part of.
+        scope: names, numbers and shapes that are known there.
+    """
     if isinstance(parent, ast.Subscript | ast.Attribute):
         match node:
             case ast.Name():

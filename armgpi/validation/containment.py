@@ -243,6 +243,11 @@ def isolate() -> None:
 def close_off() -> None:
     """Make all files read-only to this process, for good; it was forked after :func:`isolate`.
 
+    It sees a /proc of its own processes alone, or an empty one. It may write into :data:`SCRATCH`, and
+    `TMPDIR` is set to that, where the system lets a file system in memory be mounted there; nowhere else.
+    It gains no privileges by what it starts, and gives up the capabilities of its namespace, with which it
+    could undo this.
+
     Raises:
         Unavailable: when this system cannot do that.
     """

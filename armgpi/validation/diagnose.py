@@ -560,7 +560,14 @@ class _Fitted:
         return np.stack([np.ones_like(x), x, x**2], axis=-1)
 
     def candidate(self, scope: Mask, differing: Mask) -> _Candidate | None:
-        """Return the value that makes all of `scope` agree, None when there is none."""
+        """Return the value that makes all of `scope` agree, None when there is none.
+
+        An angle is returned within [-pi, pi).
+
+        Args:
+            scope: elements that have to agree with it.
+            differing: elements that the value is fitted to, each weighted by its tolerance.
+        """
         p, h = self.problem, self.parameter
         weights = 1.0 / p.tolerance[differing]
         parts = (self._coefficients[:, :, differing] * weights).reshape(len(self._coefficients), -1)

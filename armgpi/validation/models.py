@@ -503,8 +503,17 @@ def _get(thing: Any, name: str) -> Any:
 
 
 def _of_callables(thing: Any, calls: Mapping[str, Any]) -> Functions:
-    """Return the known functions of a thing as they are."""
-    calls = {name: value for name, value in calls.items() if not _is_helper(name, value)} or calls
+    """Return the known functions of a model as they are, and how many joints it says that it has.
+
+    Args:
+        thing: the module, object or mapping that the functions are of.
+        calls: what it has by known names.
+
+    Raises:
+        Unusable: when it has none, or one is no function.
+    """
+    own = {name: value for name, value in calls.items() if not _is_helper(name, value)}
+    calls = own or calls
     for name, value in calls.items():
         if not callable(value):
             raise Unusable(f"{name} must be a function (or a SymPy expression), got {type(value).__name__}")
@@ -514,6 +523,7 @@ def _of_callables(thing: Any, calls: Mapping[str, Any]) -> Functions:
     counts = isinstance(joints, int | np.integer) and not isinstance(joints, bool)
     functions = Functions(calls, int(joints) if counts else None)
     matrix = calls.get("coriolis_matrix")
+    # By a short name, as C, it may be the torque instead.
     if getattr(matrix, "__name__", "") != "coriolis_matrix":
         functions.aliases = tuple(k for k in _EITHER if callable(x := _get(thing, k)) and x == matrix)
     return functions

@@ -186,7 +186,15 @@ class Problem:
         return self.fits(self.reference)
 
     def user_columns(self, quantities: Mapping[str, Quantities], rows: int) -> Array:
-        """Return columns from quantities of the model's functions; NaN for functions that are not there."""
+        """Return columns from quantities of the model's functions; NaN for functions that are not there.
+
+        Args:
+            quantities: function -> quantity -> its values at `rows` configurations, (rows, ...).
+            rows: how many configurations there are.
+
+        Returns:
+            A column for each element of the problem, (rows, elements).
+        """
         out = np.full((rows, len(self.elements)), np.nan)
         for column, element in enumerate(self.elements):
             if element.quantity in quantities.get(element.function, {}):

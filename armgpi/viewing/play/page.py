@@ -359,10 +359,10 @@ def _belonging(moved: Playable, form: dict[str, Any]) -> list[Control]:
 
 
 def _forms(moved: Playable) -> Iterator[dict[str, Any]]:
-    """Yield all forms: id of a choice -> its value, without choices that a controller does not have."""
+    """Yield each form once: id of a choice -> its value, without choices that a controller does not have."""
     seen = []
     for values in itertools.product(*(choice.values for choice in moved.choices)):
-        kind = values[0]
+        kind = values[0]  # the first choice is the controller
         form = {}
         for choice, value in zip(moved.choices, values, strict=True):
             if not choice.only or kind in choice.only:
