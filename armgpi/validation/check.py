@@ -28,6 +28,8 @@ from armgpi.validation.worker import Worker
 
 #: Without a reference, a model may have so many joints: all numbers up to this are tried.
 MOST_JOINTS = 8
+#: Significant digits of numbers that may have been rounded, most first.
+_ROUNDED = range(8, 3, -1)
 #: Sliding joints without limits are compared up to here [m]: the reach of an arm, so that no term drowns.
 _SLIDE = 1.0
 #: Longest time limit of a call [s].
@@ -362,6 +364,15 @@ def _other_count(worker: Worker, n: int, robot: Robot) -> ModelError:
     ).suggesting(Remedy("lock"), Remedy("keep"))
 
 
+def _propose_rtol(problem: Problem, states: States, sampled: Sampled) -> str:
+    """Return which `rtol` accepts an error that rounded numbers may cause; nothing for a larger error."""
+    for digits in _ROUNDED:
+        rtol = float(f"1e-{digits}")
+        if Problem(problem.tree, states.q, {sampled.function: sampled}, rtol).agreeing.all():
+            return f"rounded numbers of URDF or model may cause so small an error: --rtol {rtol:g} accepts it"
+    return ""
+
+
 def _function_report(problem: Problem, states: States, sampled: Sampled) -> FunctionReport:
     """Return the report of one function."""
     name = sampled.function
@@ -386,6 +397,8 @@ def _function_report(problem: Problem, states: States, sampled: Sampled) -> Func
     note = ""
     if curved:
         note = f"not a polynomial of degree two in v: a rest of up to {sampled.quadratic:.3g}"
+    elif differing and relative < 10.0 ** -min(_ROUNDED):
+        note = _propose_rtol(problem, states, sampled)
     where = {letter: getattr(states, letter)[worst].tolist() for letter in ARGUMENTS[name]}
     agrees = not differing and not curved
     return FunctionReport(name, agrees, float(away[worst]), relative, where, differing, (), note)

@@ -125,6 +125,17 @@ def test_what_nothing_explains_gets_no_cause_but_evidence() -> None:
     assert cause.evidence
 
 
+def test_an_error_of_rounded_numbers_names_the_tolerance_that_accepts_it() -> None:
+    robot, model = planar(1)
+    rounded = {**model, "mass_matrix": lambda q: (1.0 + 3e-7) * model["mass_matrix"](q)}
+    report = validate(rounded, robot)
+    assert not report.agrees
+    assert "--rtol 1e-06" in report.function("mass_matrix").note
+    assert validate(rounded, robot, rtol=1e-6).agrees
+    wrong = {**model, "mass_matrix": lambda q: 1.001 * model["mass_matrix"](q)}
+    assert "--rtol" not in validate(wrong, robot).function("mass_matrix").note
+
+
 @pytest.mark.slow
 def test_a_torque_that_is_not_quadratic_in_v_is_said_to_be() -> None:
     robot, model = planar(1)
