@@ -60,12 +60,16 @@ class Option(NamedTuple):
         """
         if self.kind in ("choice", "text"):
             return text
-        numbers = per_joint(text, self.flag)
         if self.kind == "group":
             members = self.metavar.lower().split(",")
-            if not isinstance(numbers, list) or len(numbers) != len(members):
+            try:
+                numbers = [float(part) for part in text.split(",")]
+            except ValueError:
+                numbers = []
+            if len(numbers) != len(members):
                 raise refusal(self.flag, f"expected {self.metavar} such as '0,0.5', got {text!r}")
             return dict(zip(members, numbers, strict=True))
+        numbers = per_joint(text, self.flag)
         return whole(numbers) if self.kind == "integer" else numbers
 
 

@@ -1240,6 +1240,7 @@ def test_a_range_of_payloads_is_believed_in(cli: Callable[..., Answer], tmp_path
         (("--path", "circle", "--direction", "0,0"), "at least 3"),
         (("--path", "circle", "--direction", "0,0,0"), "a direction"),
         (("--payload-range", "0.5"), "LIGHTEST,HEAVIEST"),
+        (("--payload-range", "0:0.5"), "LIGHTEST,HEAVIEST such as '0,0.5'"),
         (("--payload-range", "1,0.5"), "--payload-range"),
         (("--payload-range", "0,500"), "no bandwidth is stable"),
         (("--controller", "pid", "--payload-range", "0,1"), "is for gpi"),

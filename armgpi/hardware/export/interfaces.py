@@ -24,7 +24,7 @@ class Interface(NamedTuple):
         delays: samples from a measurement to its torque, beyond the sample itself: usual, and at most.
         adds: what the robot adds to the torque by itself, "gravity" or "friction".
         echo: where it says which torque it applies; "" where it does not.
-        late: how a packet that comes once more is known.
+        late: by what a packet that comes once more is recognised.
         tried: what was compiled or simulated here, and against what. None was tried on hardware.
         summary: what `--help` says of the target.
         files: templates of its own -> where they go in the export.
@@ -75,7 +75,7 @@ _BARE = Interface(
     delays=(0, 0),
     adds=(),
     echo="",
-    late="the caller's",
+    late="the caller",
     tried="compiled, simulated",
     summary="nothing",
 )
@@ -89,7 +89,7 @@ _FR3 = Interface(
     delays=(0, 1),
     adds=("gravity", "friction"),
     echo="tau_J_d",
-    late="period",
+    late="the period",
     tried="compiled with libfranka 0.15.0 and 0.21.2; simulated with stubs",
     summary="callbacks for libfranka",
     files={name: name for name in ("fci.hpp", "fci.cpp", "fci.py", "goals.hpp", "goals.py")},
@@ -105,7 +105,7 @@ _UR = Interface(
     delays=(2, 3),
     adds=("gravity",),
     echo="",
-    late="timestamp",
+    late="the timestamp",
     tried="simulated with stubs",
     summary="a loop for RTDE",
     files={name: name for name in ("ur.hpp", "ur.cpp", "ur.py", "goals.hpp", "goals.py")},
@@ -135,7 +135,7 @@ INTERFACES = (
         delays=(0, 1),
         adds=(),
         echo="",
-        late="all joints alike to the bit",
+        late="positions that are equal to the bit in all joints",
         tried="compiled with stubs, compared with 4.27.0, 4.46.0, 5.16.0, 6.0.0, 6.8.0",
         summary="a plugin",
         files={  # as ros2_controllers have them
@@ -167,20 +167,29 @@ def choices() -> str:
 
 
 def table() -> str:
-    """Return the table as Markdown."""
+    """Return the table as Markdown: numbers in columns, and what needs words in a list below."""
     head = (
-        *("target", "robot", "library", "joints", "sample time", "torque rate, N m/s", "delay, samples"),
-        *("compensates itself", "echoes", "repeated packet by", "tried; never on hardware"),
+        *("target", "robot", "joints", "sample time [s]", "torque rate [N m/s]", "delay [samples]"),
+        *("compensates", "echo of the torque"),
     )
     rows = [
         (
-            *(f"`{each.target}`", each.robot, each.library, str(each.joints or "any")),
-            "any" if each.dt is None else f"{each.dt:g} s",
+            *(f"`{each.target}`", _models(each), str(each.joints or "any")),
+            "any" if each.dt is None else f"{each.dt:g}",
             "not stated" if each.rate is None else f"{each.rate:g}",
             "yours" if each.target == "bare" else "{} to {}".format(*each.delays),
-            *(" and ".join(each.adds) or "nothing", f"`{each.echo}`" if each.echo else "nothing"),
-            *(each.late, each.tried),
+            *(" and ".join(each.adds) or "nothing", f"`{each.echo}`" if each.echo else "none"),
         )
         for each in INTERFACES
     ]
-    return markdown_table(head, rows)
+    lines = [
+        f"- **`{each.target}`** for {each.robot}. Library: {each.library}. Repeated packets are recognised "
+        f"by {each.late}. Tried: {each.tried}."
+        for each in INTERFACES
+    ]
+    return "\n".join([markdown_table(head, rows), *lines, ""])
+
+
+def _models(interface: Interface) -> str:
+    """Return the robots of an interface without the releases of their software."""
+    return interface.robot.partition(":")[0].partition(", system")[0]
