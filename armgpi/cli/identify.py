@@ -323,8 +323,7 @@ def excite(
         arm = without_rotors(arm)
     around = (_floor(floor, no_floor), _corners(box), margin, not no_collisions)
     clear = surroundings(arm, *around, how.package_dir or ())
-    loading = {"lock": how.lock, "keep": how.keep, "mimic": how.mimic, "repair": how.repair}
-    section = {**given, **{key: value for key, value in loading.items() if value}}
+    section = {**given, **opt.robot_given(how)}
     motion = _motion(arm, first, resonance, side, (seconds, share, seed), clear)
     folder = files.make_folder(out)
     source = robot

@@ -275,7 +275,7 @@ def experiment_files(
         robot: the arm.
         name: of the robot, or the path of its file.
         motion: from :func:`armgpi.identification.excitation.excite`.
-        how: how the robot was loaded: keys of the section `robot` -> texts.
+        how: how the robot was loaded: keys of the section `robot` -> values.
         first: whether the arm is stopped where it is far from the motion: nobody knows yet how it answers.
     """
     import yaml

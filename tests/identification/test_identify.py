@@ -573,6 +573,28 @@ def test_a_motion_for_an_identified_arm_finds_it_from_anywhere(
     assert built.robot.drives.value("encoder_side").tolist() == ["link"] * 3
 
 
+@pytest.mark.parametrize(
+    ("options", "joints", "locked"),
+    [
+        (["--lock", "q3=0.2"], ["q1", "q2"], {"q3": 0.2}),
+        (["--lock", "q3,q2=-0.3"], ["q1"], {"q3": 0.0, "q2": -0.3}),
+        (["--keep", "q1,q2"], ["q1", "q2"], {"q3": 0.0}),
+    ],
+)
+def test_a_motion_of_an_arm_with_locked_joints_runs_on_that_arm(
+    cli: Callable[..., Answer],
+    tmp_path: Path,
+    options: list[str],
+    joints: list[str],
+    locked: dict[str, float],
+) -> None:
+    done = cli("excite", "anthropomorphic3", *options, "--seconds", 4, "--no-floor", "-o", tmp_path)
+    assert done.code == 0, done.err
+    built = config.build(*config.read(tmp_path / "experiment.yaml"))
+    assert built.robot.joint_names == tuple(joints)
+    assert built.robot.provenance["locked"] == locked
+
+
 def test_a_first_motion_is_stopped_where_the_arm_leaves_it(
     cli: Callable[..., Answer], tmp_path: Path
 ) -> None:
