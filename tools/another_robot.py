@@ -88,7 +88,12 @@ def main() -> None:
     parser.add_argument("--public", type=Path, help="folder with clones of the public logs")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
-    wrong = {True: [0, 0], False: [0, 0]}
+    if given.public and not given.public.is_dir():
+        parser.error(
+            f"{given.public}: is no folder; the first lines of tools/public_logs.py say what to clone"
+        )
+    # Whether it is another arm -> logs that are said to be of one, or refused, and all logs.
+    counts = {True: [0, 0], False: [0, 0]}
     for label, robot, log, another in public(given.public) if given.public else simulated(given.seed):
         refused = ""
         try:
@@ -99,15 +104,17 @@ def main() -> None:
                 found = identify(log, robot, check_first=False)
             except ArmgpiError as second:
                 print(f"| {label} | | refused: {second} |", flush=True)
+                counts[another][0] += 1
+                counts[another][1] += 1
                 continue
         said = found.link_distance > ANOTHER_ROBOT
-        wrong[another][0] += said or (another and bool(refused))
-        wrong[another][1] += 1
+        counts[another][0] += said or bool(refused)
+        counts[another][1] += 1
         print(
             f"| {label} | {found.link_distance:.2g} | {'another robot' if said else ''} {refused} |",
             flush=True,
         )
-    for another, (count, of) in wrong.items():
+    for another, (count, of) in counts.items():
         print(f"{'other' if another else 'right'} arms: {count} of {of} said to be another robot, or refused")
 
 

@@ -158,17 +158,21 @@ def check_rotors(
     return found
 
 
-def check_bodies(names: Sequence[str], distances: Array) -> list[Finding]:
-    """Return which bodies are far from the file's, for distances over what a file may be off, (n,).
+def check_bodies(names: Sequence[str], distances: Array, carrying: int) -> list[Finding]:
+    """Return which bodies are far from the file's.
 
-    The last one may carry something that the file does not have.
+    Args:
+        names: of the joints.
+        distances: of their bodies from the file's, over what a file may be off, (n,).
+        carrying: the joint whose body has the tip and may carry something that the file does not have; joints
+            of a gripper come behind it.
     """
     found = []
-    for name, distance in zip(names, distances, strict=True):
+    for joint, (name, distance) in enumerate(zip(names, distances, strict=True)):
         if distance <= _UNLIKE:
             continue
         said = "its body came out unlike the file's: is it this robot, with the same zero?"
-        if name == names[-1]:
+        if joint == carrying:
             said = "its body came out unlike the file's: does it carry a tool or a payload?"
         found.append(Finding("warning", name, said))
     return found

@@ -1582,6 +1582,15 @@ def test_a_payload_is_neither_refused_nor_taken_for_another_robot() -> None:
     assert result.robot.pinocchio_model().inertias[6].mass > 2.0
 
 
+def test_the_body_with_the_tip_may_carry_a_tool_and_a_finger_behind_it_not() -> None:
+    found = check.check_bodies(("shoulder", "wrist", "finger"), np.array([0.1, 3.0, 3.0]), carrying=1)
+    wrist, finger = (str(each) for each in found)
+    assert "wrist" in wrist
+    assert "a tool or a payload" in wrist
+    assert "finger" in finger
+    assert "is it this robot" in finger
+
+
 def joint_terms() -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], np.ndarray[Any, Any]]:
     """Return the terms of a joint under its weight, (k, 5), moments of a load, (k, 4), and its friction."""
     t = np.linspace(0.0, 20.0, 400)
