@@ -167,7 +167,8 @@ class Bezier(Reference):
         """
         if isinstance(t, float) and math.isfinite(t) and self._is_single:
             share = (float(t) - self.t_start) / self.duration
-            step = _polynomial(min(max(share, 0.0), 1.0))
+            # 0.0 first: of -0.0 and 0.0 Python takes the first one, NumPy the positive one.
+            step = _polynomial(min(max(0.0, share), 1.0))
         else:
             x = np.multiply(1.0, as_times(t))  # an array, or symbols
             x = (x.reshape(x.shape + (1,) * self._distance.ndim) - self.t_start) / self.duration

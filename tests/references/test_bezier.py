@@ -214,3 +214,10 @@ def test_single_times_have_the_bits_of_arrays_of_times() -> None:
         for i, t in enumerate(times.tolist()):
             for one, all_of_them in zip(move.at(t), together, strict=True):
                 np.testing.assert_array_equal(one, all_of_them[i])
+
+
+def test_a_time_of_minus_zero_is_one_of_zero_to_the_last_bit() -> None:
+    # A velocity and an acceleration of -0.0 came of it, and 0.0 of an array of times.
+    for move in (Bezier([0.0, 0.0], [1.0, -1.0], duration=1.0), Bezier([0.0], [1.0], 1.0, t_start=-0.0)):
+        for below, zero in zip(move.at(-0.0), move.at(0.0), strict=True):
+            np.testing.assert_array_equal(np.signbit(below), np.signbit(zero))
