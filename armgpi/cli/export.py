@@ -14,7 +14,7 @@ from armgpi.base.escape import counted, json_data
 from armgpi.cli import options as opt
 from armgpi.cli.declared import values_of
 from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
-from armgpi.cli.terminal import print_held, say, working
+from armgpi.cli.terminal import hold, print_held, say, working
 from armgpi.hardware.export.interfaces import choices
 
 if TYPE_CHECKING:
@@ -151,7 +151,7 @@ def _export(asked: opt.Asked, written: _Written) -> int:
         option = "--name"
         check_name(written.prefix, code.source)
     except ParameterError as error:
-        raise refusal(option, str(error)) from error
+        raise refusal(option, str(error).removeprefix(f"{error.name} ")) from error
     with experiments.prepared(out):
         note_drives(experiment, written.explain, asked.options)
         _note_contacts(experiment, asked.options.package_dir)
@@ -196,7 +196,7 @@ def _check_arm(experiment: Experiment, target: str) -> None:
         said = (
             "of the catalogue is a CB3 arm, which has no direct torque; docs/robots.md gets e-Series' URDFs"
         )
-        say(f"warning: {experiment.robot.name} {said}", err=True, fg="yellow")
+        hold(f"warning: {experiment.robot.name} {said}")
 
 
 def _note_contacts(experiment: Experiment, package_dirs: list[Path] | None) -> None:
@@ -226,12 +226,12 @@ def _experiment(asked: opt.Asked, target: str) -> Experiment:
     if fingers and target in COMPENSATING:
         lock = [*(asked.options.lock or []), *fingers]
         asked = replace(asked, options=replace(asked.options, lock=lock))
-        say(f"note: {', '.join(fingers)} of the gripper locked: {target} has the arm's joints", err=True)
+        hold(f"note: {', '.join(fingers)} of the gripper locked: {target} has the arm's joints")
         given = settings(asked, compare=False)
     elif fingers:
         flags = " ".join(f"--lock {name}" for name in fingers)
         said = f"{', '.join(fingers)} of a gripper is controlled together with the arm; {flags} leaves it out"
-        say(f"warning: {said}", err=True, fg="yellow")
+        hold(f"warning: {said}")
     return configuration.build(*_with_side(given, target, asked))
 
 
@@ -258,7 +258,7 @@ def _with_side(given: Loaded, target: str, asked: opt.Asked) -> Loaded:
         other = next(each for each in interface.positions if each != side)
         name = interface.positions[side]
         said = f"note: the program reads {name}, the positions of the {side}s; --encoder-side {other} for"
-        say(f"{said} {interface.positions[other]}, those of the {other}s", err=True)
+        hold(f"{said} {interface.positions[other]}, those of the {other}s")
     return given
 
 
@@ -293,7 +293,7 @@ def _for_target(asked: opt.Asked, target: str) -> opt.Asked:
                 f"the controller for {target} is chosen automatically, with gravity "
                 "compensated by the robot: use --controller gpi_auto"
             )
-            say(f"note: {text}", err=True)
+            hold(f"note: {text}")
     supervisor = asked.supervisor
     if supervisor.torque_rate is None and interface.rate is not None:
         supervisor = replace(supervisor, torque_rate=f"{interface.rate * _JUST_BELOW:.10g}")

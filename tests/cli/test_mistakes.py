@@ -90,6 +90,8 @@ MISTAKES = {
     "loop behind.yaml --clock simulated": "a wall that 'tool0' starts before",
     "loop arm.urdf --clock real": "--clock: must be one of wall, simulated",
     "loop arm.urdf --watchdog=-3": "--watchdog: must be a whole number",
+    "export arm.urdf --target fci -o c": "--target: must be one for a model with rotor inertia",
+    "export arm.urdf --name 9x -o c": "--name: must be a C identifier",
     "run unit.urdf": "effort='30 Nm' is not a number; write 30 (N m)",
     "run same.urdf": "two joints are named 'q1'; rename one",
 }
