@@ -41,6 +41,10 @@ PURPOSE = {
         "This page says how many seconds pass until a first simulated run is done, with and "
         "without code in the cache."
     ),
+    "float32": (
+        "This page says how many times as fast a batch would be in float32 as in float64, and how far its "
+        "results would be off."
+    ),
     "growth": (
         "This page says how the time of a compiled run grows with joints, rollouts, samples and "
         "what is recorded."

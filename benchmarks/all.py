@@ -29,6 +29,7 @@ SCRIPTS = {
     "tool": True,
     "recording": True,
     "growth": True,
+    "float32": True,
     "start": True,
     "sweep": True,
     "validate": True,
