@@ -105,7 +105,7 @@ class Track:
         astray = ~(correction < _ASTRAY)  # which a number that is none is as well
         if astray.any():
             row = int(np.argmax(astray))
-            self._give_up(float(times[row]), point.x[row])
+            self._give_up(float(times[row]), point.x[row], None if rotation is None else rotation[row])
         self._check_limits(times, q)
         v = self.inverse.resolve(q, point.v, wish.v, omega)
         drift = self.inverse.robot.frame_drift(self.inverse.frame, q, v)
@@ -163,7 +163,7 @@ class Track:
                     break
             else:
                 return node
-        self._give_up(end, point[0])
+        self._give_up(end, point[0], None if rotation is None else rotation[0])
 
     def _runge_kutta_step(self, q: Array, t: float, h: float) -> Array:
         """Return a Runge-Kutta step of the flow from `t` on, as long as `h`."""
@@ -199,19 +199,20 @@ class Track:
             remedy = "begin in another configuration (near=...), or hold less of the tool"
             raise LimitError(f"on the path at {time} the position", *outside[1:], remedy)
 
-    def _give_up(self, t: float, point: Array) -> NoReturn:
-        """Raise why the path cannot be followed to a point.
+    def _give_up(self, t: float, point: Array, rotation: Array | None) -> NoReturn:
+        """Raise why the path cannot be followed to a point, or a pose.
 
         Args:
             t: when the path is there [s].
             point: position of the frame [m], (3,).
+            rotation: of the frame, where it moves, (3, 3).
 
         Raises:
-            ReachError: always; it tells a point out of reach from one that another branch may reach. Of a
-                path of poses the rotation at `t` is not looked at, only the one in which it begins.
+            ReachError: always; it tells a point, or of a path of poses a pose, out of reach from one that
+                another branch may reach.
         """
         try:
-            self.inverse.begin(point)
+            self.inverse.begin(point, rotation)
         except ReachError as error:
             text = f"the path at {self._path.describe_time(t)}: {error}"
             raise ReachError(error.point, error.distance, text) from None

@@ -245,11 +245,12 @@ class TrackingInverse:
             q[i] = self.begin(point) if i == 0 else self.closest(q[i - 1 : i], point[None])[0]
         return q
 
-    def begin(self, point: Array) -> Array:
+    def begin(self, point: Array, rotation: Array | None = None) -> Array:
         """Return the configuration in which a path begins, the first of :meth:`candidates`.
 
         Args:
             point: in the base frame [m], shape (3,).
+            rotation: of the frame, where it moves, shape (3, 3).
 
         Returns:
             Joint positions [rad or m], shape (n,).
@@ -257,14 +258,15 @@ class TrackingInverse:
         Raises:
             ReachError: when the point is out of reach.
         """
-        first: Array = self.candidates(point)[0]
+        first: Array = self.candidates(point, rotation)[0]
         return first
 
-    def candidates(self, point: Array) -> Array:
+    def candidates(self, point: Array, rotation: Array | None = None) -> Array:
         """Return configurations for a point that a path may begin in.
 
         Args:
             point: in the base frame [m], shape (3,).
+            rotation: of the frame, where it moves, shape (3, 3).
 
         Returns:
             Joint positions [rad or m], shape (c, n), the one nearest to `near`, or several, from the one
@@ -277,18 +279,15 @@ class TrackingInverse:
         starts = np.concatenate([home[None], self._starts])
         homes = np.broadcast_to(home, starts.shape)
         search = _Search(_EXACT, _ITERATIONS)
-        found = search.descend(self._arm, self._at(np.broadcast_to(point, (len(starts), 3))), starts, homes)
+        goal = self._at(point[None], None if rotation is None else rotation[None])
+        found = search.descend(self._arm, goal.rows(np.zeros(len(starts), dtype=np.intp)), starts, homes)
         if not found.reached.any():
             raise self._out_of_reach(point, found)
         q = found.q[found.reached]
         if self._near is None:
             return q[np.argsort(-self.clearance(q), kind="stable")]
         best = q[[np.argmin(_distance(self._arm, q, home))]]
-        return (
-            search.null_space_projection(self._arm, self._at(point[None]), best, home[None])
-            if self.free
-            else best
-        )
+        return search.null_space_projection(self._arm, goal, best, home[None]) if self.free else best
 
     def describe(self) -> dict[str, Any]:
         """Return what is followed as plain data."""

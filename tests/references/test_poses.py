@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -211,3 +212,45 @@ def test_a_pose_out_of_reach_is_named_by_its_number() -> None:
     reference = armgpi.CartesianReference(robot, robot.tip, path)
     with pytest.raises(ReachError, match=r"t = .* s \(between poses 1 and 2\)"):
         reference.at(np.linspace(0.0, path.t_end, 50))
+
+
+def misses_of_ur5(pose: pin.SE3) -> float:
+    """Return how far a pose of `tool0` is outside the reach of UR5's two long links [m], in closed form.
+
+    Joints 2, 3 and 4 are parallel: joint 1 turns their normal until the wrist is beside it by d4, joint 5 is
+    across that normal and the tool's axis, and joint 4 has to be within both links' lengths of the shoulder.
+    Lengths are those that Universal Robots publishes.
+    """
+    height, upper, fore, d4, d5, d6 = 0.089159, 0.425, 0.39225, 0.10915, 0.09465, 0.0823
+    tool_axis = pose.rotation[:, 2]
+    wrist = pose.translation - d6 * tool_axis
+    around = np.arctan2(wrist[1], wrist[0])
+    opening = np.arccos(d4 / np.hypot(wrist[0], wrist[1]))
+    misses = []
+    for angle in (around + opening, around - opening):
+        normal = np.array([np.cos(angle), np.sin(angle), 0.0])
+        across = np.cross(normal, tool_axis)
+        across *= d5 / np.linalg.norm(across)
+        for sign in (1.0, -1.0):
+            in_plane = wrist - d4 * normal - sign * across - np.array([0.0, 0.0, height])
+            misses.append(float(np.linalg.norm(in_plane)) - upper - fore)
+    return min(misses)
+
+
+@pytest.mark.parametrize(("axis", "angle"), [(0, -2.0), (1, 2.0), (2, 2.0)])
+def test_a_path_that_turns_out_of_reach_is_said_to_do_so(axis: int, angle: float) -> None:
+    """Its point stays within reach in the rotation of the beginning: that of the pose counts."""
+    robot = armgpi.Robot.load("ur5")
+    start = robot.frame_pose("tool0", np.array([0.3, -0.25, 0.3, -0.4, 1.2, 0.0]))
+    turns = [pin.exp3(np.eye(3)[axis] * part) for part in np.linspace(0.0, angle, 6)]
+    poses = [pin.SE3(turn @ start.rotation, start.translation) for turn in turns]
+    path = armgpi.PosePath(np.linspace(0.0, 4.0, 6), poses)
+    with pytest.raises(ReachError, match=r"t = .* does not reach .* m: the nearest") as raised:
+        armgpi.CartesianReference(robot, "tool0", path).at(np.linspace(0.0, 4.0, 9))
+    found = re.search(r"t = ([0-9.]+) s", str(raised.value))
+    assert found is not None
+    t = float(found[1])
+    before, after = (pin.SE3(path.turning(t + dt).rotation, path.at(t + dt).x) for dt in (-0.02, 0.02))
+    assert misses_of_ur5(poses[0]) < misses_of_ur5(before) < 0.0 < misses_of_ur5(after)
+    assert raised.value.distance > 0.0
+    assert "near=" not in str(raised.value)
