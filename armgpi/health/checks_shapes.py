@@ -214,12 +214,14 @@ def _unit_slip(body: _Body) -> tuple[str, str] | None:
     """Return the repairs of units with which a link's mass properties fit its shapes, and its name.
 
     None where they fit as they are, or with no other unit. Tried are one unit alone, masses in g with another
-    one, and centres of mass in mm with one of inertias; not three at once.
+    one, centres of mass in mm with one of inertias, and of three at once those of CAD: g, mm and g mm^2.
     """
     if body.link.inertia == _ONES or _fits(body, UnitRepair("")):
         return None
-    options = [(kind,) for kind in _UNITS] + [("grams", kind) for kind in _UNITS if kind != "grams"]
+    options: list[tuple[str, ...]] = [(kind,) for kind in _UNITS]
+    options += [("grams", kind) for kind in _UNITS if kind != "grams"]
     options += [("centre-mm", kind) for kind in _UNITS if "inertia" in kind]
+    options.append(("grams", "centre-mm", "inertia-g-mm"))
     for kinds in options:
         mass = inertia = centre = 1.0
         for kind in kinds:
@@ -330,7 +332,8 @@ def _common_slips(bodies: list[_Body], alike: set[str], outside: set[str]) -> di
 
 def _slips(kinds: str, names: list[str], count: int) -> Iterator[Finding]:
     """Yield the findings of one slip in some links of those that have shapes."""
-    meanings = " and ".join(UNITS[kind].meaning for kind in kinds.split(","))
+    *first, last = (UNITS[kind].meaning for kind in kinds.split(","))
+    meanings = f"{', '.join(first)} and {last}" if first else last
     for name in names:
         message = f"its mass properties contradict its own shapes, and fit them if {meanings}"
         whole = [kind if len(names) == count else f"{kind}:{name}" for kind in kinds.split(",")]

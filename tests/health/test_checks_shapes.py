@@ -313,3 +313,27 @@ def test_shapes_in_millimetres_are_named_and_no_mass_is_blamed_for_them(links: i
 
 def test_a_long_boom_is_no_slip() -> None:
     assert find([box((0.6, 0.5, z), 300.0) for z in (0.8, 9.0, 6.0)]) == []
+
+
+def test_a_whole_file_in_grams_and_millimetres_is_no_arm_of_stand_ins() -> None:
+    """Masses in g, centres in mm and inertias in g mm^2, as CAD gives them: one repair undoes all three."""
+    links = arm()
+    for link in links:
+        link["mass"] = [1e3 * number for number in link["mass"]]
+        link["centre"] = [1e3 * number for number in link["centre"]]
+        link["moments"] = [1e9 * number for number in link["moments"]]
+    found = find(links)
+    assert [finding.where for finding in found] == ["link 'l0'", "link 'l1'", "link 'l2'"]
+    said = "masses are in g, centres of mass are in mm and inertias are in g mm^2"
+    assert all(said in finding.message for finding in found)
+    assert {finding.remedies[0].value for finding in found} == {"grams,centre-mm,inertia-g-mm"}
+    assert not find(links, repair="grams,centre-mm,inertia-g-mm")
+
+
+@pytest.mark.parametrize("key", ["mass", "centre", "moments"])
+def test_three_units_are_not_proposed_where_one_of_them_does_not_fit(key: str) -> None:
+    links = arm()
+    for link in links:
+        for name, factor in (("mass", 1e3), ("centre", 1e3), ("moments", 1e9)):
+            link[name] = [factor * number * (60.0 if name == key else 1.0) for number in link[name]]
+    assert not [finding for finding in find(links) if finding.remedies]
