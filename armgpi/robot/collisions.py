@@ -156,6 +156,10 @@ def _read_shapes(robot: Robot, package_dirs: tuple[str, ...]) -> Shapes:
 
     source, root = read
     finder = MeshFinder(source, package_dirs)
+    # Before the shapes that cannot be had are taken out.
+    with_shapes = [
+        link.get("name", "") for link in root.findall("link") if link.find("collision") is not None
+    ]
     missing: dict[str, None] = {}
     for link in root.findall("link"):
         for shape in link.findall("collision"):
@@ -175,8 +179,7 @@ def _read_shapes(robot: Robot, package_dirs: tuple[str, ...]) -> Shapes:
     try:
         shapes = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
     except (RuntimeError, ValueError):  # a mesh that cannot be read
-        every = (link.get("name", "") for link in root.findall("link") if link.find("collision") is not None)
-        return Shapes(None, tuple(every))
+        return Shapes(None, tuple(with_shapes))
     joints = [int(shape.parentJoint) for shape in shapes.geometryObjects]
     # Added one by one: what a list of pairs holds is not theirs any more when one of them is removed.
     for i, j in itertools.combinations(range(len(joints)), 2):

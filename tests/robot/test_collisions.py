@@ -124,3 +124,14 @@ def test_a_mujoco_model_in_a_file_with_the_name_of_a_urdf_has_no_shapes_here(tmp
     assert shape_files(robot) == ("", ())
     assert self_collisions(robot, np.zeros((2, 1))) is None
     assert np.isfinite(usual_ends(robot)).all()
+
+
+def test_a_mesh_that_cannot_be_read_takes_no_other_link_off_the_list(tmp_path: Path) -> None:
+    """The base's mesh is not there, `b` has one that is none: no link has a shape, in their order."""
+    robot = arm(tmp_path)
+    (tmp_path / "broken.stl").write_text("no mesh")
+    path = Path(str(robot.provenance["source"]))
+    text = path.read_text().replace(SPHERE, '<mesh filename="gone.stl"/>', 1)
+    before, last = text.split('<link name="b">')
+    path.write_text(before + '<link name="b">' + last.replace(SPHERE, '<mesh filename="broken.stl"/>', 1))
+    assert read_shapes(Robot.load(path)) == (None, ("base", "a", "b", "c"))
