@@ -27,7 +27,7 @@ from armgpi.robot.drives import Drives
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import assume_gears
 from armgpi.tuning.rule import BITS, usual_effort
-from armgpi.tuning.verdict import verdict
+from armgpi.tuning.verdict import describe_bandwidths, verdict
 
 #: Ends of the chirp [Hz], its length, the time to settle before it and to come to rest after it [s].
 LOWEST, HIGHEST = 4.0, 160.0
@@ -536,8 +536,8 @@ def _margins(robot: Robot, found: Side) -> str:
         said = verdict(controller, arm, BITS).describe()
     except ArmgpiError as error:
         return str(error)
-    omega = np.asarray(controller.gains.nominal().omega_c)
-    return f"bandwidth {omega.min():.3g} to {omega.max():.3g} rad/s, {said}"
+    omega = controller.gains.nominal().omega_c.ravel().tolist()
+    return f"bandwidth {describe_bandwidths(omega)}, {said}"
 
 
 def plain(found: Side, joint_names: Sequence[str]) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from armgpi.identification.estimate import is_supposed
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import assume_gears
 from armgpi.tuning.rule import BITS
-from armgpi.tuning.verdict import verdict, why_sensitive
+from armgpi.tuning.verdict import describe_bandwidths, verdict, why_sensitive
 
 #: Residual over torque up to which a model is good enough to control by, and from which it explains little.
 _GOOD, _POOR = 0.1, 0.25
@@ -256,13 +256,13 @@ def say_law(found: Identified) -> list[str]:
         law = GPI.auto(robot, dt, delay=late * dt, bits=BITS)
     except ArmgpiError as error:
         return [f"no automatic controller for it: {error}"]
-    omega = np.asarray(law.gains.nominal().omega_c)
+    omega = law.gains.nominal().omega_c.ravel().tolist()
     low, high = found.delta(count=_DRAWS)
     judged = verdict(law, robot, BITS)
     samples = "1 sample" if late == 1 else f"{late} samples"
     lines = [
         f"the automatic controller at {1e3 * dt:.3g} ms with a delay of {samples}: bandwidth "
-        f"{omega.min():.3g} to {omega.max():.3g} rad/s, {judged.describe()}; the logs leave inertia "
+        f"{describe_bandwidths(omega)}, {judged.describe()}; the logs leave inertia "
         f"{low:.2f} to {high:.2f} times the identified one"
     ]
     if why := why_sensitive(robot, judged):

@@ -194,6 +194,12 @@ def accuracy(law: Any, robot: Robot) -> Accuracy:
     return Accuracy(yielding, np.asarray(deflection), resting)
 
 
+def describe_bandwidths(omega: Sequence[float]) -> str:
+    """Return the least and the largest bandwidth of joints [rad/s], or one number where they are equal."""
+    least, most = f"{min(omega):.3g}", f"{max(omega):.3g}"
+    return f"{least} rad/s" if least == most else f"{least} to {most} rad/s"
+
+
 def verdict(law: Any, robot: Robot, bits: Any = None) -> Verdict:
     """Return what a controller tolerates on an arm.
 
