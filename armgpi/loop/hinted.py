@@ -40,14 +40,25 @@ class Rollout(xr.Dataset):  # type: ignore[no-untyped-call]  # of its base
         """Return a variable, or several, or a part, as xarray does.
 
         Raises:
-            KeyError: where there is no variable of this name; it names the nearest one.
+            KeyError: where there is no variable of a name, alone or in a list; it names the nearest one.
         """
         try:
             return super().__getitem__(key)
         except KeyError:
-            if not isinstance(key, str):
+            absent = self._first_missing(key)
+            if absent is None:
                 raise
-        raise MissingVariable(missing("a rollout", key, ROLLOUT, self._names(), "variable"))
+        raise MissingVariable(missing("a rollout", absent, ROLLOUT, self._names(), "variable"))
+
+    def _first_missing(self, key: Any) -> str | None:
+        """Return the first name that is no variable, of a name or a list of them; None for other keys."""
+        names = [key] if isinstance(key, str) else key
+        if not isinstance(names, list):
+            return None
+        for name in names:
+            if isinstance(name, str) and name not in self.variables:
+                return name
+        return None
 
     def _names(self) -> list[str]:
         """Return the names of variables and coordinates."""

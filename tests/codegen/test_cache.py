@@ -49,10 +49,10 @@ def compilations(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     calls: list[Any] = []
     called = build.run_program
 
-    def counted(command: Any, *arguments: Any) -> Any:
+    def counted(command: Any, *arguments: Any, **keywords: Any) -> Any:
         if "-o" in command:
             calls.append(command)
-        return called(command, *arguments)
+        return called(command, *arguments, **keywords)
 
     monkeypatch.setattr(build, "run_program", counted)
     return calls

@@ -43,10 +43,10 @@ def test_an_arm_is_judged_on_draws_that_no_search_saw(monkeypatch: pytest.Monkey
 @pytest.mark.filterwarnings("ignore::armgpi.ArmgpiWarning")
 def test_arms_whose_controllers_differ_in_structure_are_searched_as_each_runs_alone() -> None:
     """All of a batch got one structure, which was that of none of some of them."""
-    # Behind a small gear ratio encoders of 11 bits are too coarse for the controller of motor encoders.
-    coarse: dict[str, Any] = {"encoder_bits": (11.0, 16.0), "gear_ratio": (30.0, 30.0), "sample_time": [1e-3]}
+    # Behind a small gear ratio encoders of 9 bits are too coarse for the controller of motor encoders.
+    coarse: dict[str, Any] = {"encoder_bits": (9.0, 16.0), "gear_ratio": (30.0, 30.0), "sample_time": [1e-3]}
     reality = Reality("owned", seed=5, side_known=1.0, **coarse)
-    draws = [reality.draw(Robot.load("ur5"), index) for index in (1, 2)]
+    draws = [reality.draw(Robot.load("ur5"), index) for index in (6, 7)]  # 9 and 15 bits
     section = {"type": "gpi_auto"}
     parts = list(health.alike(batches(draws), section))
     assert len(parts) > len(batches(draws))  # both structures are in one batch
