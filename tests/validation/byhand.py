@@ -513,6 +513,8 @@ def renumbered(text: str, seed: int) -> str:
                 found += [(f"{ast.unparse(target)} {k}", value) for k, value in enumerate(values)]
             case ast.Assign(targets=[ast.Name() | ast.Attribute() as target], value=value):
                 found.append((ast.unparse(target), value))
+            case ast.AnnAssign(target=target, value=ast.expr() as value):  # a field of a dataclass
+                found.append((ast.unparse(target), value))
             case ast.Dict(keys=keys, values=values):
                 found += [(ast.unparse(a), b) for a, b in zip(keys, values, strict=True) if a]
             case ast.keyword(arg=str() as name, value=value):
