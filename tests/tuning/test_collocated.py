@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 import armgpi
 from armgpi import GPI, Robot, RobotBatch, config
+from armgpi.base.arrays import Array
 from armgpi.errors import ArmgpiError, ArmgpiWarning, ParameterError
 from armgpi.gpi.advice import COUNT_SHARE
 from armgpi.gpi.payload import LoadRange
@@ -54,6 +55,54 @@ def test_its_poles_are_those_of_the_controller_in_the_form_of_a_pid(w: float, ra
     asked = np.polyadd(asked, np.polymul([w**2 / 1.4, w**3 / 10.0], [1.0, f]))
     np.testing.assert_allclose(own, asked, rtol=1e-9, atol=1e-9 * np.abs(asked).max())
     assert second_zeta > 1.0
+
+
+def divisors(law: GPI) -> tuple[Array, Array]:
+    """Return p and i of w^2 / p and w^3 / i of each joint, from the poles of its loop."""
+    tuning = law.gains.nominal()
+    omega, zeta = np.asarray(tuning.omega_c), np.asarray(tuning.zeta_c)
+    other, other_zeta = law.second_ratio * omega, law.second_zeta
+    # (s^2 + 2 zeta omega s + omega^2) (s^2 + 2 zeta' omega' s + omega'^2), from s^3 down to 1.
+    cubic = 2.0 * zeta * omega + 2.0 * other_zeta * other
+    square = omega**2 + other**2 + 4.0 * zeta * omega * other_zeta * other
+    linear = 2.0 * zeta * omega * other**2 + 2.0 * other_zeta * other * omega**2
+    constant = (omega * other) ** 2
+    # It is s^3 (s + f) + w f s^2 + (w^2 / p s + w^3 / i) (s + f).
+    f = cubic
+    integral = constant / f
+    proportional = (linear - integral) / f
+    w = (square - proportional) / f
+    return np.asarray(w**2 / proportional), np.asarray(w**3 / integral)
+
+
+@pytest.mark.parametrize(
+    ("dt", "late", "current", "asked"),
+    [
+        (1e-3, 1, 500.0, (1.4, 10.0)),
+        # 2.53 and 2.45 ms, by the current loop alone.
+        (0.8e-3, 2, 300.0, (2.0, 15.0)),
+        (0.8e-3, 2, 350.0, (1.4, 10.0)),
+        (1e-3, 2, 500.0, (2.0, 15.0)),
+        (1e-3, 3, 500.0, (2.0, 15.0)),
+        (2e-3, 1, 500.0, (2.0, 15.0)),
+        (2e-3, 2, 500.0, (2.5, 25.0)),
+    ],
+)
+def test_loops_whose_light_rotors_are_not_checked_have_careful_gains(
+    dt: float, late: int, current: float, asked: tuple[float, float]
+) -> None:
+    """With 1.4 and 10 six of 96 supervised arms with two samples of delay at 1 ms swung for good."""
+    law = auto(at(PANDA, "motor", current_bandwidth=current), late, dt=dt)
+    proportional, integral = divisors(law)
+    np.testing.assert_allclose(proportional, asked[0], rtol=1e-6)
+    np.testing.assert_allclose(integral, asked[1], rtol=1e-6)
+
+
+def test_gains_change_at_the_delay_from_which_no_corner_is_checked() -> None:
+    below = collocated._Feedback.of(np.nextafter(collocated.GUARDED, 0.0))
+    above = collocated._Feedback.of(collocated.GUARDED)
+    assert (below.proportional, below.integral) == (1.4, 10.0)
+    assert above == below._replace(proportional=2.0, integral=15.0)
 
 
 @pytest.mark.parametrize("arm", [PANDA, UR5], ids=["panda", "ur5"])
