@@ -162,7 +162,8 @@ def rotors_text(problem: Problem, added: Array) -> str:
     rotors = zip(problem.tree.joint_names, problem.tree.armature + added, strict=True)
     values = ",".join(f"{name}={x:.6g}" for name, x in rotors if x)
     larger = "D is larger than the robot's by a constant diagonal"
-    return f"rotor inertia: {larger}; compare with --rotor-inertia {values}"
+    causes = "rotor inertia, or another wrong constant on the diagonal"
+    return f"{causes}: {larger}; compare with --rotor-inertia {values}"
 
 
 class _Search:

@@ -42,6 +42,8 @@ _DIGITS = 9
 _MEANT_DIGITS = 4
 #: A value that is solved for is known to this share of itself.
 _EXACT = 1e-6
+#: A smaller share of a number is none of it [-]: shares are solved for with some 1e-15 of rounding.
+_NONE_OF_IT = 1e-12
 #: A number inside of a text, which is read when the model runs (JSON, a table).
 _IN_TEXT = re.compile(r"(?<![\w.])-?\d+\.?\d*(?:[eE][-+]?\d+)?(?![\w.])")
 #: A text with fewer numbers is no table of them.
@@ -317,6 +319,8 @@ class _Search:
         nearest = self._explaining_share(places, self._fast_first)
         if nearest is None:
             return None
+        if abs(nearest) < _NONE_OF_IT:
+            nearest = 0.0
         new = _shortest(nearest * places[0].value)
         changes = tuple(one.change(new) for one in places)
         source = apply_changes(self._source, changes)

@@ -437,6 +437,16 @@ def test_rotors_are_set_aside_and_the_search_goes_on_behind_them(tmp_path: Path)
     assert validate(_file(tmp_path, right), arm, rotor_inertia={"first": 0.12, "second": 0.0768}).agrees
 
 
+def test_a_number_that_should_be_gone_is_said_to_be_zero(tmp_path: Path) -> None:
+    """Rotor inertia of one joint alone: the number was solved for as 7e-21."""
+    arm = _arm(tmp_path, np.array([1.5, 1.1]), np.array([0.21, 0.17]), np.array([0.031, 0.019]), 0.4)
+    right_signs = _WITH_ROTORS.replace("[-h * v[0]", "[h * v[0]")
+    one_rotor = right_signs.replace("np.array([100, 80])", "np.array([100, 0])")
+    (cause,) = validate(_file(tmp_path, one_rotor), arm).causes
+    assert cause.expected == 0.0
+    assert "with 0 it agrees" in cause.text
+
+
 def test_a_term_too_much_is_named_as_it_is_written(tmp_path: Path) -> None:
     arm = _arm(tmp_path, np.array([1.5, 1.1]), np.array([0.21, 0.17]), np.array([0.031, 0.019]), 0.4)
     right = _WITH_ROTORS.replace("[-h * v[0]", "[h * v[0]").replace(" + Jm * np.diag(N**2)", "")
