@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Set
+from collections.abc import Iterator, Set
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -106,26 +107,34 @@ def build_plant(config: ExperimentConfig, context: Context, place: Place, engine
 
 def _loads(section: PlantSection, context: Context, place: Place) -> list[Load]:
     """Return the disturbance torques of a plant; joints that a mapping leaves out have none."""
-    loads: list[Load] = []
-    for index, item in enumerate(section.loads):
-        item_place = place.at("loads", index)
-        kind = classes_of(Load)[item.type]
-        with item_place.error_context():
-            values = given_values(item, parameters(kind), context.robot, item_place, {}, 0.0)
-            loads += kind.configured(values, context)
-    return loads
+    return list(chain.from_iterable(_entries(section, "loads", Load, context, place, others=0.0)))
 
 
 def _contacts(section: PlantSection, context: Context, place: Place) -> list[Contact]:
     """Return what the tool of a plant touches."""
-    contacts: list[Contact] = []
-    for index, item in enumerate(section.environment):
-        item_place = place.at("environment", index)
-        kind = classes_of(Contact)[item.type]
+    return list(_entries(section, "environment", Contact, context, place))
+
+
+def _entries(
+    section: PlantSection, key: str, base: type, context: Context, place: Place, others: float | None = None
+) -> Iterator[Any]:
+    """Yield what each entry of a list of a plant makes.
+
+    Args:
+        section: of the plant.
+        key: of the list.
+        base: class of what an entry names by its type.
+        context: what else the experiment is.
+        place: of the section.
+        others: what joints get that a mapping leaves out and that have no default.
+    """
+    for index, item in enumerate(getattr(section, key)):
+        item_place = place.at(key, index)
+        kind = classes_of(base)[item.type]
         with item_place.error_context():
-            values = given_values(item, parameters(kind), context.robot, item_place)
-            contacts.append(kind.configured(values, context))
-    return contacts
+            values = given_values(item, parameters(kind), context.robot, item_place, others=others)
+            made = kind.configured(values, context)
+        yield made
 
 
 def _wrapper_values(
