@@ -817,6 +817,27 @@ def test_springs_of_a_ros2_controller_change_without_a_step_of_torque(
     assert sag[-1] == pytest.approx(sag[2000], abs=0.005)  # a guided arm stays where it was left
 
 
+def stepped(changes: str) -> str:
+    """Return a program beside exported C that prints the torques of the rows in `given.json`.
+
+    Args:
+        changes: what it does before step k, as lines of the loop's body.
+    """
+    return f"""
+import json, math
+import armgpi_controller as c
+given = json.load(open("given.json"))
+arm = c.Controller()
+zero = [0.0] * c.N
+arm.init(given["rows"][0], given["r"], zero, zero)
+for k, q in enumerate(given["rows"]):
+{changes}
+    status, tau = arm.step(q, given["r"], zero, zero)
+    print("[" if k == 0 else ",", json.dumps(tau))
+print("]")
+"""
+
+
 @compiled
 @pytest.mark.parametrize("kind", ["tool", "tool without a limit", "joints"])
 def test_exported_springs_are_those_of_python(kind: str, tmp_path: Path) -> None:
@@ -834,7 +855,7 @@ def test_exported_springs_are_those_of_python(kind: str, tmp_path: Path) -> None
     controller = Supervised(law)
     export_controller(controller, tmp_path, measure=False)
     rows = ARM.middle() + 0.02 * np.sin(0.01 * np.arange(400.0))[:, None]
-    (tmp_path / "try.py").write_text(CHANGES)
+    (tmp_path / "try.py").write_text(stepped(CHANGES))
     given = {"rows": rows.tolist(), "r": target.at(0.0).q.tolist(), "stiffness": stiffness, "limit": limit}
     (tmp_path / "given.json").write_text(json.dumps(given))
     shown = np.array(json.loads(run(sys.executable, "try.py", folder=tmp_path)))
@@ -854,15 +875,8 @@ def test_exported_springs_are_those_of_python(kind: str, tmp_path: Path) -> None
     np.testing.assert_allclose(shown, expected, rtol=1e-9, atol=1e-9)
 
 
-#: What Python beside exported C does with its springs.
+#: What such a program does with springs.
 CHANGES = """
-import json, math
-import armgpi_controller as c
-given = json.load(open("given.json"))
-arm = c.Controller()
-zero = [0.0] * c.N
-arm.init(given["rows"][0], given["r"], zero, zero)
-for k, q in enumerate(given["rows"]):
     if k == 40:
         for wrong in (-1.0, math.nan, 1e9):
             assert not arm.stiffness([wrong] * len(given["stiffness"]))
@@ -880,9 +894,6 @@ for k, q in enumerate(given["rows"]):
         assert not given["limit"] or arm.spring_limit(given["limit"])
     if k in (150, 250, 300):
         arm.guide({150: "guided", 250: "left", 300: "back"}[k])
-    status, tau = arm.step(q, given["r"], zero, zero)
-    print("[" if k == 0 else ",", json.dumps(tau))
-print("]")
 """
 
 
@@ -898,7 +909,7 @@ def test_an_exported_force_limit_changes_as_in_python(kind: str, tmp_path: Path)
     controller = Supervised(law)
     export_controller(controller, tmp_path, measure=False)
     rows = ARM.middle() + 0.1 + 0.02 * np.sin(0.01 * np.arange(400.0))[:, None]
-    (tmp_path / "try.py").write_text(OTHER_LIMITS)
+    (tmp_path / "try.py").write_text(stepped(OTHER_LIMITS))
     wrong = [0.0, -1.0, math.nan, math.inf] + [0.9] * (kind == "wrapped")
     given = {"rows": rows.tolist(), "r": target.at(0.0).q.tolist(), "wrong": wrong}
     (tmp_path / "given.json").write_text(json.dumps(given))
@@ -921,22 +932,12 @@ def test_an_exported_force_limit_changes_as_in_python(kind: str, tmp_path: Path)
     assert np.abs(taken.tau - shown[-1]).max() > 0.05  # it acts
 
 
-#: What Python beside exported C does with its force limit.
+#: What such a program does with a force limit.
 OTHER_LIMITS = """
-import json
-import armgpi_controller as c
-given = json.load(open("given.json"))
-arm = c.Controller()
-zero = [0.0] * c.N
-arm.init(given["rows"][0], given["r"], zero, zero)
-for k, q in enumerate(given["rows"]):
     if k in (40, 260):
         assert not any(arm.force_limit(value) for value in given["wrong"])
     if k in (50, 250):
         assert arm.force_limit(1.0 if k == 50 else 9.0)
-    status, tau = arm.step(q, given["r"], zero, zero)
-    print("[" if k == 0 else ",", json.dumps(tau))
-print("]")
 """
 
 
