@@ -142,11 +142,11 @@ class Variant(NamedTuple):
             robot = robot.with_drives({joint: {"rotor_inertia": rotor} for joint, rotor in rows})
         if self.gains:
             return {**same_gains(robot, **self.gains), **self.changed}
-        asked = (robot, draw.dt, draw.delay * draw.dt, draw.encoder_bits, self.given)
+        asked = rule._Asked(robot, draw.dt, draw.delay * draw.dt, draw.encoder_bits, self.given)
         kept = {key: vars(collocated)[key] for key in self.numbers}
         vars(collocated).update(self.numbers)
         try:
-            chosen = rule._choose_soft(rule._Asked(*asked)) if self.soft else rule._chosen(*asked)[0]
+            chosen = rule._choose_soft(asked) if self.soft else rule._chosen(asked)[0]
         finally:
             vars(collocated).update(kept)
         return {**chosen, **self.given, **self.changed}
@@ -275,7 +275,8 @@ def unknown(names: Mapping[int, str]) -> Chooser:
 
     def choose(draw: Scenario) -> dict[str, Any]:
         robot = bare(draw, names[draw.index])
-        values, _ = rule._chosen(robot, draw.dt, draw.delay * draw.dt, bits_at_joint(draw), {})
+        asked = rule._Asked(robot, draw.dt, draw.delay * draw.dt, bits_at_joint(draw), {})
+        values, _ = rule._chosen(asked)
         return values
 
     return choose
@@ -288,7 +289,8 @@ def stiff(names: Mapping[int, str]) -> Chooser:
         name = names[draw.index]
         robot = rotors.assume_drives(Robot.load(name, fingers(name)), "stiff")
         robot = robot.with_limits(effort=draw.model.limits.effort).scaled_inertia(draw.numbers.inertia_scale)
-        values, _ = rule._chosen(robot, draw.dt, draw.delay * draw.dt, bits_at_joint(draw), {})
+        asked = rule._Asked(robot, draw.dt, draw.delay * draw.dt, bits_at_joint(draw), {})
+        values, _ = rule._chosen(asked)
         return values
 
     return choose

@@ -20,7 +20,7 @@ from armgpi.base.parameter import with_parameters
 from armgpi.control.linear_arm import Law
 from armgpi.errors import Finding, ParameterError
 from armgpi.gpi import advice as of_controllers
-from armgpi.gpi.family import PARAMETERS, Member
+from armgpi.gpi.family import PARAMETERS, PRINTED, Member
 from armgpi.gpi.gains import FixedGains, Tuning
 from armgpi.gpi.margins import (
     count_noise,
@@ -148,7 +148,7 @@ def apply_rule(
         return _of_batch(robot, dt, delay, bits, given)
     asked = _Asked(robot, dt, delay, bits, given)
     chosen: dict[str, Any]
-    chosen, soft = kept.remember("rule", asked._asdict(), lambda: _chosen(*asked))
+    chosen, soft = kept.remember("rule", asked._asdict(), partial(_chosen, asked))
     is_rigid = not soft and "gains" not in given
     findings = advice.untuned_arm(robot, chosen, rigid=is_rigid)
     return Choice(chosen, tuple(findings))
@@ -181,14 +181,11 @@ class _Asked(NamedTuple):
         """One count of each encoder, at the joint [rad or m], (n,); None for exact positions."""
         return None if self.bits is None else self.robot.encoder_count(checked_bits(self.bits))
 
-    def carrying(self, member: Member | None = None) -> Robot:
-        """Return the arm with the load in the nominal model of the feedback, if loads are given."""
-        loads = self.given.get("payload")
+    def carrying(self, loads: Any, member: Member = PRINTED) -> Robot:
+        """Return the arm with the load in the nominal model of the feedback; as it is for None."""
         if loads is None:
             return self.robot
-        range_ = (self.robot, self.dt, self.delay, _NOMINAL_ALONE)
-        chosen = loads.choose(*range_) if member is None else loads.choose(*range_, member)
-        nominal: Robot = chosen.nominal
+        nominal: Robot = loads.choose(self.robot, self.dt, self.delay, _NOMINAL_ALONE, member).nominal
         return nominal
 
 
@@ -279,7 +276,7 @@ def _each_alone(
         given_marks = [(name, _mark(value)) for name, value in own.items()]
         mark = id(one), _mark(own_bits), tuple(given_marks)
         if mark not in seen:
-            chosen, _ = kept.remember("rule", asked._asdict(), partial(_chosen, *asked), on_disk=False)
+            chosen, _ = kept.remember("rule", asked._asdict(), partial(_chosen, asked), on_disk=False)
             seen[mark] = dict(chosen)
         rows.append(seen[mark])
     return rows
@@ -368,24 +365,13 @@ def _without(given: Mapping[str, Any], chosen: Mapping[str, Any]) -> dict[str, A
     return {name: value for name, value in chosen.items() if name not in given}
 
 
-def _chosen(
-    robot: Robot, dt: float, delay: float, bits: Any, given: Mapping[str, Any]
-) -> tuple[dict[str, Any], bool]:
-    """Return what is chosen for one arm, without what is given, and whether it is for elastic joints.
-
-    Args:
-        robot: nominal model.
-        dt: sample time [s].
-        delay: transport delay in the loop [s].
-        bits: resolution of the encoders [bits]; None for exact positions.
-        given: parameters that are not to be chosen.
-    """
-    asked = _Asked(robot, dt, delay, bits, given)
+def _chosen(asked: _Asked) -> tuple[dict[str, Any], bool]:
+    """Return what is chosen for one arm, without what is given, and whether it is for elastic joints."""
     chosen = _rigid(asked)
-    soft = _twists(asked, {**chosen, **given})
+    soft = _twists(asked, {**chosen, **asked.given})
     if soft:  # a choice of its own: nothing of the rigid one is kept
         chosen = _choose_geared(asked)
-    return _without(given, chosen), soft
+    return _without(asked.given, chosen), soft
 
 
 def arguments(
@@ -449,24 +435,19 @@ def _rigid(asked: _Asked) -> dict[str, Any]:
         most = most_delta(law, float(omega[0]) * late(dt, delay))
         chosen["payload"] = loads = _spare(robot, most)
     if bits is not None:
-        nominal = robot
-        if loads is not None:
-            nominal = loads.choose(robot, dt, delay, _NOMINAL_ALONE, law).nominal
-        quiet = quietness(nominal, dt, law, omega, bits)
+        quiet = quietness(asked.carrying(loads, law), dt, law, omega, bits)
         omega = omega * np.minimum(1.0, quiet)
     return {**chosen, "omega_c": omega}
 
 
 def _twists(asked: _Asked, law: Mapping[str, Any]) -> bool:
     """Tell whether gears are known, and too soft for the law of an arm whose gears are rigid."""
-    robot, dt, delay, _, _ = asked
+    robot, dt = asked.robot, asked.dt
     is_known = geared.is_known(robot)
     if not is_known or "omega_c" not in law:
         return is_known
     member = Member.chosen_by(law)
-    nominal: Any = robot
-    if law.get("payload") is not None:
-        nominal = law["payload"].choose(robot, dt, delay, _NOMINAL_ALONE, member).nominal
+    nominal: Any = asked.carrying(law.get("payload"), member)
     bias = robot if law["feedforward"] == "computed" else None
     omega = law["omega_c"] * np.ones(robot.n)
 
@@ -523,7 +504,8 @@ def _is_stable(asked: _Asked, chosen: Mapping[str, Any]) -> bool:
     """Tell whether loops of elastic joints are stable at the least usual damping, wherever encoders sit."""
     robot, dt = asked.robot, asked.dt
     member = Member.chosen_by(chosen)
-    nominal: Any = with_heavier_rotors(asked.carrying(member), chosen.get("rotor_factor", 1.0))
+    loaded = asked.carrying(asked.given.get("payload"), member)
+    nominal: Any = with_heavier_rotors(loaded, chosen.get("rotor_factor", 1.0))
     cases = geared.cases(robot, dt, asked.late)
     return geared.Loops(cases, nominal, robot, member, dt).holds(chosen["omega_c"])
 
@@ -561,7 +543,7 @@ def _choose_collocated(asked: _Asked, damping: float = collocated.LATE_DAMPINGS[
     if not at_motor or not is_free or _collocated_delay(robot, dt, delay) >= collocated.LATE:
         return None
     counts = asked.counts
-    carried = asked.carrying()
+    carried = asked.carrying(given.get("payload"))
     numbers = collocated.choose(robot, carried, dt, asked.late, counts, usual_effort(robot), damping)
     if numbers is None:
         return None
@@ -652,7 +634,8 @@ def _with_structure(structure: Mapping[str, Any], asked: _Asked) -> dict[str, An
     every = {**chosen, **given}
     law = Member.chosen_by(every)
     highest = min(_limits(law, dt, delay))
-    nominal: Any = with_heavier_rotors(asked.carrying(law), every.get("rotor_factor", 1.0))
+    loaded = asked.carrying(given.get("payload"), law)
+    nominal: Any = with_heavier_rotors(loaded, every.get("rotor_factor", 1.0))
     bias = robot if every["feedforward"] == "computed" else None
     is_assumed = geared.is_assumed(robot)
 

@@ -68,7 +68,7 @@ def test_what_was_kept_has_the_bits_of_what_is_worked_out(
     cache: Path, monkeypatch: pytest.MonkeyPatch, robot: Robot, given: dict[str, Any]
 ) -> None:
     calls = computed(monkeypatch)
-    plain, _ = rule._chosen(robot, DT, DT, 16, given)
+    plain, _ = rule._chosen(rule._Asked(robot, DT, DT, 16, given))
     first = rule.apply_rule(robot, DT, DT, 16, given).values
     assert len(calls) == 2
     again = rule.apply_rule(robot, DT, DT, 16, given).values  # of the process
