@@ -231,8 +231,8 @@ def why_sensitive(robot: Robot, judged: Verdict) -> str:
         robot: the arm as the controller knows it, with its stiffness.
         judged: what the controller tolerates on it.
     """
-    assumed = "assumed" in robot.drives.sources("stiffness")
-    if not assumed or not math.isfinite(judged.sensitivity) or judged.sensitivity <= geared.SENSITIVITIES[0]:
+    is_large = math.isfinite(judged.sensitivity) and judged.sensitivity > geared.SENSITIVITIES[0]
+    if not geared.is_assumed(robot) or not is_large:
         return ""
     over = "the assumed range of the joint stiffness"
     if geared.at_link(robot) and judged.resonance > geared.SOFTEST:
