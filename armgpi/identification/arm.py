@@ -19,6 +19,7 @@ from armgpi.errors import ParameterError, UnfitLog
 from armgpi.identification import estimate
 from armgpi.identification.check import (
     LIGHT,
+    carrying_joint,
     check,
     check_bodies,
     check_fit,
@@ -486,7 +487,7 @@ class Identified:
         not in the links before it.
         """
         n, fitted = self.file.n, self._fit
-        carrying = self._carrying
+        carrying = carrying_joint(self.file)
         place = carrying * len(COLUMNS)
         body = np.arange(place, place + len(BODY))
         information = fitted.information.copy()
@@ -495,11 +496,6 @@ class Identified:
         bodies = free[: len(COLUMNS) * n].reshape(n, -1)[:, : len(BODY)]
         links = np.delete(bodies, carrying, axis=0)
         return float((links**2).sum())
-
-    @property
-    def _carrying(self) -> int:
-        """The joint whose body has the tip; joints of a gripper come behind it."""
-        return int(self._tip.parentJoint) - 1
 
     @property
     def _tip(self) -> Any:
@@ -588,7 +584,7 @@ class Identified:
         data = self._data.join([log])
         refuse(data.findings(1) if check_first else [])
         tip = self._tip
-        place = self._carrying * len(COLUMNS)
+        place = carrying_joint(self.file) * len(COLUMNS)
         prior = estimate.extend(data.prior, self._expected_load(), body=True)
         blocks = data.blocks(self.lag)
         last = len(blocks) - 1
@@ -791,7 +787,7 @@ def identify(
     found.findings += tuple(found._lag_findings())
     found.findings += tuple(found._rotor_findings())
     found.findings += tuple(check_friction(robot.joint_names, data.expected, coulomb))
-    found.findings += tuple(check_bodies(robot.joint_names, bodies, found._carrying))
+    found.findings += tuple(check_bodies(robot.joint_names, bodies, carrying_joint(robot)))
     found.findings += tuple(check_robot(robot.joint_names, found.link_distance, found.inertia_ratios))
     return found
 

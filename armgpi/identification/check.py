@@ -178,6 +178,11 @@ def check_bodies(names: Sequence[str], distances: Array, carrying: int) -> list[
     return found
 
 
+def carrying_joint(robot: Robot) -> int:
+    """Return the joint whose body has the tip; joints of a gripper come behind it."""
+    return int(robot._model.frames[robot._frame(robot.tip)].parentJoint) - 1
+
+
 def check_robot(names: Sequence[str], distance: float, inertia: Array) -> list[Finding]:
     """Return that the links are those of another robot, where they are.
 
@@ -229,7 +234,7 @@ def _of_torques(robot: Robot, gravity: bool, prior: Prior, form: WeakForm) -> It
     if len(swapped):
         yield _describe_order(robot.joint_names, swapped, order)
     most = _most(prior, terms)
-    carrying = int(robot._model.frames[robot._frame(robot.tip)].parentJoint) - 1
+    carrying = carrying_joint(robot)
     for i in np.setdiff1d(np.arange(n), swapped):
         name = robot.joint_names[i]
         if said := _misfit(robot, i, terms[:, i], torque[:, i], form.rows[:, i, i, 1:4], match, bare):
