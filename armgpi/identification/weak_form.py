@@ -124,12 +124,12 @@ class WeakForm:
         """Positions, velocities and accelerations of the links, filtered, each (samples, n)."""
         return self._q, self._v, self.derivative(self._v)
 
-    def derivative(self, values: Array, order: int = 1) -> Array:
-        """Return a derivative of values (samples, n) by time."""
+    def derivative(self, values: Array) -> Array:
+        """Return the derivative of values (samples, n) by time."""
         from scipy.interpolate import CubicSpline
 
         times = np.arange(len(values)) * self._grid.dt
-        return np.asarray(CubicSpline(times, values)(times, order))
+        return np.asarray(CubicSpline(times, values)(times, 1))
 
     def both_derivatives(self, values: Array) -> tuple[Array, Array]:
         """Return the first and second derivative of values (samples, n) by time."""
