@@ -52,8 +52,8 @@ t_final: 40
 """
 
 
-#: Pictures that need no browser: of a search, and of the benchmark of controllers.
-DRAWN = ("tune", "contend")
+#: The other pictures, by the words that ask for them.
+OTHERS = ("moving", "figures", "report", "play", "tune", "contend")
 #: The moving picture: begin, end and step of what is shown [s], and how long each image stays [ms].
 MOVING, STAYS = (16.0, 28.0, 0.3), 90
 
@@ -61,16 +61,7 @@ MOVING, STAYS = (16.0, 28.0, 0.3), 90
 def main() -> None:
     """Run the experiments, draw them, and take the stills."""
     IMAGES.mkdir(exist_ok=True)
-    wanted = set(sys.argv[1:]) or {
-        *STILLS,
-        *FIGURES,
-        "moving",
-        "figures",
-        "report",
-        "play",
-        "tune",
-        "contend",
-    }
+    wanted = set(sys.argv[1:]) or {*STILLS, *FIGURES, *OTHERS}
     running = browsers.Browser((960, 640))
     try:
         with tempfile.TemporaryDirectory() as name:
