@@ -524,11 +524,11 @@ def describe(found: Side, robot: Robot) -> str:
             lines.append(f"{name}: its drives say {side}, and the log {found.side}: one of them is wrong")
             break
     for label, drives in (("before", robot.drives), ("with this log", found.add_to(robot.drives))):
-        lines.append(f"automatic controller {label}: {_margins(robot.with_drives(drives), found)}")
+        lines.append(f"automatic controller {label}: {_margins(robot.with_drives(drives))}")
     return "\n".join(lines) + "\n"
 
 
-def _margins(robot: Robot, found: Side) -> str:
+def _margins(robot: Robot) -> str:
     """Return bandwidth and margins of an arm's automatic controller, at 1 kHz and one sample of delay."""
     arm = assume_gears(robot)
     try:
@@ -536,8 +536,7 @@ def _margins(robot: Robot, found: Side) -> str:
         said = verdict(controller, arm, BITS).describe()
     except ArmgpiError as error:
         return str(error)
-    omega = controller.gains.nominal().omega_c.ravel().tolist()
-    return f"bandwidth {describe_bandwidths(omega)}, {said}"
+    return f"bandwidth {describe_bandwidths(controller)}, {said}"
 
 
 def plain(found: Side, joint_names: Sequence[str]) -> dict[str, Any]:

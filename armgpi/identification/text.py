@@ -256,13 +256,12 @@ def say_law(found: Identified) -> list[str]:
         law = GPI.auto(robot, dt, delay=late * dt, bits=BITS)
     except ArmgpiError as error:
         return [f"no automatic controller for it: {error}"]
-    omega = law.gains.nominal().omega_c.ravel().tolist()
     low, high = found.delta(count=_DRAWS)
     judged = verdict(law, robot, BITS)
     samples = "1 sample" if late == 1 else f"{late} samples"
     lines = [
         f"the automatic controller at {1e3 * dt:.3g} ms with a delay of {samples}: bandwidth "
-        f"{describe_bandwidths(omega)}, {judged.describe()}; the logs leave inertia "
+        f"{describe_bandwidths(law)}, {judged.describe()}; the logs leave inertia "
         f"{low:.2f} to {high:.2f} times the identified one"
     ]
     if why := why_sensitive(robot, judged):

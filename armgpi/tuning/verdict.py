@@ -194,8 +194,13 @@ def accuracy(law: Any, robot: Robot) -> Accuracy:
     return Accuracy(yielding, np.asarray(deflection), resting)
 
 
-def describe_bandwidths(omega: Sequence[float]) -> str:
-    """Return the least and the largest bandwidth of joints [rad/s], or one number where they are equal."""
+def describe_bandwidths(law: Any) -> str:
+    """Return the least and the largest bandwidth of a law [rad/s], or one number where they are equal.
+
+    Args:
+        law: a GPI with fixed gains, for one arm.
+    """
+    omega = np.ravel(law.gains.nominal().omega_c).tolist()
     least, most = f"{min(omega):.3g}", f"{max(omega):.3g}"
     return f"{least} rad/s" if least == most else f"{least} to {most} rad/s"
 
