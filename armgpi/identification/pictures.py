@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from armgpi.base.arrays import Array
-from armgpi.base.escape import html_text
 from armgpi.identification.arm import Validation
 from armgpi.identification.text import followed
 from armgpi.robot.robot import Robot
-from armgpi.viewing.drawing import LINE, Drawing
+from armgpi.viewing.drawing import LINE, Drawing, figure
 from armgpi.viewing.style import PALETTE, QUIET
 
 #: Width of the panel of a torque over time, width of the others, and height of all [px].
@@ -36,7 +35,7 @@ def draw(robot: Robot, judged: Validation) -> str:
         panels = [_torques(judged, joint, torque)]
         for quantity, values in followed(judged, joint).items():
             panels.append(_left_over(values, left[:, joint], f"{quantity} [{units[quantity]}]"))
-        rows.append(f"<figure>{''.join(panels)}<figcaption>{html_text(name)}</figcaption></figure>")
+        rows.append(figure("".join(panels), name))
     return "".join(rows)
 
 
