@@ -242,22 +242,23 @@ def nearest(mutant: Mutant, tests: dict[Path, str]) -> tuple[list[str], list[str
     return named, [str(path) for path in files]
 
 
-class Failure(NamedTuple):
-    """The first test of a process that failed; empty where none did, or the time was over."""
+def first_failure(tests: list[str], seconds: float, environment: dict[str, str], slow: bool) -> str:
+    """Run tests in a process and return the first that failed; empty where none did, or the time was over.
 
-    test: str
-
-
-def fails(tests: list[str], seconds: float, environment: dict[str, str], slow: bool) -> Failure:
-    """Run tests in a process, in so much processor time at most; the slow ones where they were asked for."""
+    Args:
+        tests: as pytest takes them.
+        seconds: of processor time at most.
+        environment: of the process.
+        slow: whether the slow ones are among them.
+    """
     if not tests:
-        return Failure("")
+        return ""
     options = [*PYTEST, "-m", ""] if slow else PYTEST
     limited = ["bash", "-c", f'ulimit -t {int(seconds)}; exec "$@"', "bash"]
     command = [*limited, sys.executable, "-m", "pytest", *options, "-x", "-q", "--no-header", *tests]
     run = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     failed = [line for line in run.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
-    return Failure(failed[0].split()[1] if failed else "")
+    return failed[0].split()[1] if failed else ""
 
 
 def judge_by_nearest(chosen: list[Mutant], seconds: float, asked: dict[Mutant, list[str]]) -> None:
@@ -278,11 +279,11 @@ def judge_by_nearest(chosen: list[Mutant], seconds: float, asked: dict[Mutant, l
             # One after the other: to collect whole files may take longer than to run a single test.
             stages = [asked[mutant]] if asked.get(mutant) else [named, files]
             named_by_row = bool(asked.get(mutant))
-            runs = (fails(stage, seconds, environment, named_by_row) for stage in stages)
-            found = next((each for each in runs if each.test), Failure(""))
-        survivors += not found.test
+            runs = (first_failure(stage, seconds, environment, named_by_row) for stage in stages)
+            failed = next(filter(None, runs), "")
+        survivors += not failed
         met = asked.get(mutant) or files
-        said = f"{found.test} | found" if found.test else f"{' '.join(met)} | SURVIVES"
+        said = f"{failed} | found" if failed else f"{' '.join(met)} | SURVIVES"
         print(f"| {mutant} | {said} |", flush=True)
     print(f"{survivors} of {len(chosen)} survive")
 
