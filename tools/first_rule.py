@@ -174,17 +174,7 @@ def same_gains(
     """
     shape = (link_factor, rotor_factor, proportional, integral)
     same = collocated.Collocated(np.full(robot.n, w), np.full(robot.n, filter), (), *shape)
-    return {
-        "integrators": 1,
-        "rolloff": 0,
-        "feedforward": "computed",
-        "link_factor": link_factor,
-        "rotor_factor": rotor_factor,
-        "friction_feedforward": False,
-        "rest_dead_zone": same.rest_zone,
-        "start": "rest",
-        **same.poles._asdict(),
-    }
+    return rule._at_motor(same, friction_feedforward=False)
 
 
 def known(changes: Mapping[str, Any]) -> Chooser:

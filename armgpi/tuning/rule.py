@@ -547,13 +547,18 @@ def _choose_collocated(asked: _Asked, damping: float = collocated.LATE_DAMPINGS[
     numbers = collocated.choose(robot, carried, dt, asked.late, counts, usual_effort(robot), damping)
     if numbers is None:
         return None
+    return _at_motor(numbers, _knows_friction(robot))
+
+
+def _at_motor(numbers: collocated.Collocated, friction_feedforward: bool) -> dict[str, Any]:
+    """Return the parameters of a controller for encoders at the motors."""
     return {
         "integrators": INTEGRATORS,
         "rolloff": 0,
         "feedforward": "computed",
         "link_factor": numbers.link_factor,
         "rotor_factor": numbers.rotor_factor,
-        "friction_feedforward": _knows_friction(robot),
+        "friction_feedforward": friction_feedforward,
         "rest_dead_zone": numbers.rest_zone,
         "start": START,
         **numbers.poles._asdict(),
