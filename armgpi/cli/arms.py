@@ -50,8 +50,7 @@ def load_arm(name: str, how: opt.Loading) -> Robot:
     section |= opt.robot_given(how)
     options = {"robot": "ROBOT", "robot.name": "ROBOT"}
     options |= {f"robot.{key}": f"--{key.replace('_', '-')}" for key in _ARM_KEYS}
-    # The longest keys first: of "robot.lock" and "robot", the first says more.
-    origin = config.Origin("command line", options=dict(sorted(options.items(), key=lambda x: -len(x[0]))))
+    origin = config.Origin("command line", options=options)
     return config.robot(config.check({"robot": section}, origin), origin)
 
 

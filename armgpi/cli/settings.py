@@ -68,8 +68,7 @@ def settings(asked: Asked, compare: bool) -> Loaded:
     _reference(over, options)
     for text in options.settings or ():
         _set(over, text)
-    # The longest keys first: of "controllers.0.omega" and "controllers.0", the first says more.
-    origin = origin._replace(options=dict(sorted(over.sources.items(), key=lambda item: -len(item[0]))))
+    origin = origin._replace(options=over.sources)
     return Loaded(configuration.check(data, origin), origin)
 
 

@@ -34,9 +34,10 @@ class Origin(NamedTuple):
     def error(self, path: Path_, message: str) -> ConfigError:
         """Return an error about the key at `path`, naming the line or option it came from."""
         key = ".".join(map(str, path))
-        for prefix, option in self.options.items():
-            if key == prefix or key.startswith(f"{prefix}."):
-                return ConfigError("command line", option, message)
+        # Of "controllers.0.omega" and "controllers.0", the longest says most.
+        set_by = [name for name in self.options if key == name or key.startswith(f"{name}.")]
+        if set_by:
+            return ConfigError("command line", self.options[max(set_by, key=len)], message)
         # A missing key has no line: name that of the section it is missing from.
         known = (self.lines.get(path[:length]) for length in range(len(path), 0, -1))
         return ConfigError(self.source, key, message, next((line for line in known if line), None))
