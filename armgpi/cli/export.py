@@ -77,8 +77,9 @@ def export(
     direct_drive: bool = False,
     controller: str | None = None,
     explain: bool = False,
+    as_json: bool = False,
     *,
-    options: opt.PrintedExperiment,
+    options: opt.Experiment,
 ) -> None:
     """Write a controller as freestanding C99 for hardware, with a log to replay.
 
@@ -97,7 +98,7 @@ def export(
         options=options,
         supervisor=supervisor,
     )
-    sys.exit(_export(asked, _Written(out, real, name, target, explain, options.as_json)))
+    sys.exit(_export(asked, _Written(out, real, name, target, explain, as_json)))
 
 
 class _Written(NamedTuple):

@@ -19,7 +19,7 @@ from armgpi.cli.terminal import print_held, say
 
 if TYPE_CHECKING:
     from armgpi.config import Experiment
-    from armgpi.hardware.realtime import Outcome, Watchdog
+    from armgpi.hardware.realtime import Injected, Outcome, Watchdog
 
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
@@ -65,8 +65,9 @@ def loop(
     force: bool = False,
     report: Path | None = None,
     explain: bool = False,
+    as_json: bool = False,
     *,
-    options: opt.PrintedExperiment,
+    options: opt.Experiment,
 ) -> None:
     """Run arm and controller as two processes over UDP, in wall-clock time, with faults.
 
@@ -80,7 +81,7 @@ def loop(
     from armgpi.cli.written import check_out
     from armgpi.config import build
     from armgpi.config import experiment as experiments
-    from armgpi.hardware.realtime import Injected, run
+    from armgpi.hardware.realtime import run
 
     asked = opt.Asked(robot=robot, controllers=controller, declared=values_of(context), options=options)
     experiment = build(*settings(asked, compare=False))
@@ -88,8 +89,7 @@ def loop(
     pictures.check(view=view, report=report)
     label = _only_label(experiment)
     _check_choices(clock, policy)
-    faults = (loss, _stretch(outage, "--outage"), _stretch(stall, "--stall"), kill)
-    injected = Injected(*faults, experiment.config.seed)
+    injected = _injected(loss, outage, stall, kill, experiment.config.seed)
     how: dict[str, Any] = {"clock": clock, "policy": policy, "exported": exported, "dry_run": dry_run}
     how["watchdog"] = _watchdog(watchdog, reaction)
     note_drives(experiment, explain, options)
@@ -109,7 +109,7 @@ def loop(
     found = outcome.report(None if dry_run else experiments.run(experiment, label, progress=False))
     for path in _write_files(experiment, outcome, found, out, report, log):
         say(f"wrote {path}", err=True)
-    say(json.dumps(found)) if options.as_json else _print(label, outcome, found)
+    say(json.dumps(found)) if as_json else _print(label, outcome, found)
     sys.exit(_code(outcome))
 
 
@@ -121,6 +121,13 @@ def _check_choices(clock: str, policy: str) -> None:
 
     check_choice(clock, "clock", CLOCKS)
     check_choice(policy, "policy", POLICIES)
+
+
+def _injected(loss: float, outage: str | None, stall: str | None, kill: float | None, seed: int) -> Injected:
+    """Return the faults that the options of these names describe."""
+    from armgpi.hardware.realtime import Injected
+
+    return Injected(loss, _stretch(outage, "--outage"), _stretch(stall, "--stall"), kill, seed)
 
 
 def _watchdog(samples: int, reaction: str) -> Watchdog:

@@ -244,13 +244,6 @@ class Experiment(Arm):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PrintedExperiment(Experiment):
-    """The same, and the option of how results are printed."""
-
-    as_json: bool = False
-
-
-@dataclass(frozen=True, kw_only=True)
 class Run(Experiment):
     """The options of an experiment, and of what its results become."""
 
