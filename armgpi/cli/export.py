@@ -12,13 +12,13 @@ import typer
 
 from armgpi.base.escape import counted, json_data
 from armgpi.cli import options as opt
+from armgpi.cli.declared import options as declared_options
 from armgpi.cli.declared import values_of
 from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
 from armgpi.cli.terminal import hold, print_held, say, working
-from armgpi.hardware.export.interfaces import choices
+from armgpi.hardware.export.interfaces import COMPENSATING, TARGETS, choices
 
 if TYPE_CHECKING:
-    from armgpi.cli.declared import Option
     from armgpi.config import Experiment, Loaded
     from armgpi.hardware.export.files import Export
     from armgpi.loop.log import ArmLog
@@ -188,7 +188,6 @@ def _exit_code(done: Export, log: ArmLog, supervised: Supervised) -> int:
 
 def _check_arm(experiment: Experiment, target: str) -> None:
     """Refuse an arm that is specified to have no rotors where its robot is geared; warn of CB3."""
-    from armgpi.hardware.export.interfaces import COMPENSATING
     from armgpi.hardware.export.targets import GEARED
 
     if target in COMPENSATING and experiment.config.robot.drives == "none":
@@ -218,7 +217,6 @@ def _experiment(asked: opt.Asked, target: str) -> Experiment:
     from armgpi import config as configuration
     from armgpi.cli.settings import settings
     from armgpi.config import building
-    from armgpi.hardware.export.interfaces import COMPENSATING
     from armgpi.robot import grippers
 
     given = settings(asked, compare=False)
@@ -240,7 +238,6 @@ def _with_side(given: Loaded, target: str, asked: opt.Asked) -> Loaded:
     """Return an experiment with the side that the target's positions are of, where none was specified."""
     from armgpi.cli.settings import settings
     from armgpi.config import arms
-    from armgpi.hardware.export.interfaces import COMPENSATING
 
     interface = COMPENSATING.get(target)
     if interface is None or not interface.positions:
@@ -253,8 +250,7 @@ def _with_side(given: Loaded, target: str, asked: opt.Asked) -> Loaded:
     side = sides[0]
     elastic = resolved.plant.engine == "elastic"
     if elastic and not all(specified):
-        flag = [(each, side) for each in _declared() if each.flag == "--encoder-side"]
-        given = settings(replace(asked, declared=[*flag, *asked.declared]), compare=False)
+        given = settings(_with_declared(asked, "--encoder-side", side), compare=False)
     if elastic or any(specified):
         other = next(each for each in interface.positions if each != side)
         name = interface.positions[side]
@@ -263,17 +259,15 @@ def _with_side(given: Loaded, target: str, asked: opt.Asked) -> Loaded:
     return given
 
 
-def _declared() -> list[Option]:
-    """Return the options of experiments that classes declare."""
-    from armgpi.cli.declared import options as declared
-
-    return declared()
+def _with_declared(asked: opt.Asked, flag: str, value: Any) -> opt.Asked:
+    """Return what was typed with a declared option before it, whose value holds where none was typed."""
+    usual = [(option, value) for option in declared_options() if option.flag == flag]
+    return replace(asked, declared=[*usual, *asked.declared])
 
 
 def _for_target(asked: opt.Asked, target: str) -> opt.Asked:
     """Return the options with what the target's interface asks for put into them."""
     from armgpi.cli.settings import with_file
-    from armgpi.hardware.export.interfaces import COMPENSATING, TARGETS
 
     asked = with_file(asked)
     if target not in TARGETS:
@@ -286,8 +280,7 @@ def _for_target(asked: opt.Asked, target: str) -> opt.Asked:
     options = replace(options, gravity="robot")
     if options.config is None:
         options = replace(options, dt=interface.dt if options.dt is None else options.dt)
-        usual = [(each, interface.delays[0]) for each in _declared() if each.flag == "--delay"]
-        asked = replace(asked, declared=[*usual, *asked.declared])
+        asked = _with_declared(asked, "--delay", interface.delays[0])
         if asked.controllers is None:
             asked = replace(asked, controllers="gpi_auto")
             text = (
