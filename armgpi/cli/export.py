@@ -14,9 +14,9 @@ from armgpi.base.escape import counted, json_data
 from armgpi.cli import options as opt
 from armgpi.cli.declared import options as declared_options
 from armgpi.cli.declared import values_of
-from armgpi.cli.parsing import FAILED, OK, refusal, stoppable
+from armgpi.cli.parsing import FAILED, OK, known_target, refusal, refusal_of, stoppable
 from armgpi.cli.terminal import hold, print_held, say, working
-from armgpi.hardware.export.interfaces import COMPENSATING, TARGETS, choices
+from armgpi.hardware.export.interfaces import COMPENSATING, choices
 
 if TYPE_CHECKING:
     from armgpi.config import Experiment, Loaded
@@ -152,7 +152,7 @@ def _export(asked: opt.Asked, written: _Written) -> int:
         option = "--name"
         check_name(written.prefix, code.source)
     except ParameterError as error:
-        raise refusal(option, str(error).removeprefix(f"{error.name} ")) from error
+        raise refusal_of(option, error) from error
     with experiments.prepared(out):
         note_drives(experiment, written.explain, asked.options)
         _note_contacts(experiment, asked.options.package_dir)
@@ -270,9 +270,7 @@ def _for_target(asked: opt.Asked, target: str) -> opt.Asked:
     from armgpi.cli.settings import with_file
 
     asked = with_file(asked)
-    if target not in TARGETS:
-        raise refusal("--target", f"must be one of {', '.join(TARGETS)}, got {target!r}")
-    if target not in COMPENSATING:
+    if known_target(target) not in COMPENSATING:
         return asked
     interface, options = COMPENSATING[target], asked.options
     if options.gravity not in (None, "robot"):

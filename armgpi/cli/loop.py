@@ -14,7 +14,7 @@ import typer
 from armgpi.base.escape import counted
 from armgpi.cli import options as opt
 from armgpi.cli.declared import values_of
-from armgpi.cli.parsing import FAILED, INTERRUPTED, OK, per_joint, refusal, stoppable
+from armgpi.cli.parsing import FAILED, INTERRUPTED, OK, per_joint, refusal, refusal_of, stoppable
 from armgpi.cli.terminal import print_held, say
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ def _watchdog(samples: int, reaction: str) -> Watchdog:
     except ParameterError as error:
         if error.name != "samples":
             raise
-        raise refusal("--watchdog", str(error).removeprefix("samples ")) from None
+        raise refusal_of("--watchdog", error) from None
 
 
 def _only_label(experiment: Experiment) -> str:

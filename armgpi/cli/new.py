@@ -14,7 +14,7 @@ import typer
 from armgpi.base.escape import counted
 from armgpi.cli import options as opt
 from armgpi.cli.arms import load_arm
-from armgpi.cli.parsing import INCOMPLETE, is_experiment, refusal
+from armgpi.cli.parsing import INCOMPLETE, is_experiment, known_target, refusal
 from armgpi.cli.terminal import say
 from armgpi.cli.written import write
 from armgpi.errors import ArmgpiError, ArmgpiWarning
@@ -117,15 +117,14 @@ def new(
     armgpi new --dh my_arm.csv
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi import config
-    from armgpi.hardware.export.interfaces import TARGETS
     from armgpi.health import findings, report
 
     typed = {"payload": payload, "encoder_bits": encoder_bits, "delay": delay, "dt": dt, "target": target}
     if _begins_template(robot, planar, dh, dh_convention, out, force, {**typed, **vars(how)}):
         return
     assert robot is not None
-    if target not in (None, *TARGETS):
-        raise refusal("--target", f"must be one of {', '.join(TARGETS)}, got {target!r}")
+    if target is not None:
+        known_target(target)
     if is_experiment(robot):
         raise refusal(
             "ROBOT",

@@ -87,7 +87,7 @@ def with_options(error: BaseException) -> str:
 def _of_option(error: BaseException) -> str:
     """Return the text of an error; it names the option where the value of one was wrong."""
     if isinstance(error, ParameterError) and (option := TYPED.get(f"--{error.name.replace('_', '-')}")):
-        return str(refusal(option, str(error).removeprefix(f"{error.name} ")))
+        return str(refusal_of(option, error))
     return str(error)
 
 
@@ -128,6 +128,11 @@ def _as_key(proposed: re.Match[str]) -> str:
 def refusal(option: str, message: str) -> ConfigError:
     """Return the error for options that cannot be used."""
     return ConfigError("command line", option, message)
+
+
+def refusal_of(option: str, error: ParameterError) -> ConfigError:
+    """Return the error for an option in place of that of the parameter, of another name, which it is for."""
+    return refusal(option, str(error).removeprefix(f"{error.name} "))
 
 
 def is_experiment(robot: str) -> bool:
@@ -186,4 +191,13 @@ def known_backend(name: str) -> str:
 
     if name not in BACKENDS:
         raise refusal("--backend", f"{name!r} is none of {', '.join(BACKENDS)}")
+    return name
+
+
+def known_target(name: str) -> str:
+    """Return the name of a target of an export, refusing one that there is not."""
+    from armgpi.hardware.export.interfaces import TARGETS
+
+    if name not in TARGETS:
+        raise refusal("--target", f"must be one of {', '.join(TARGETS)}, got {name!r}")
     return name

@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from armgpi.cli.parsing import refusal
+from armgpi.cli.parsing import refusal, refusal_of
 from armgpi.cli.terminal import progress, say
 from armgpi.errors import ParameterError
 
@@ -48,7 +48,7 @@ def check(
         try:
             plots.check_path(plot)
         except ParameterError as error:
-            raise refusal("--plot", str(error).removeprefix(f"{error.name} ")) from None
+            raise refusal_of("--plot", error) from None
     if interactive:
         if report is None:
             raise refusal("--interactive", "requires --report FILE")
