@@ -42,15 +42,11 @@ class Mode(NamedTuple):
 
     Attributes:
         square: squares of the natural frequencies [1/s^2], (k,).
-        inertia: own inertias of the joints [kg m^2 or kg], (n,).
-        stiffness: own stiffness of the joints [N m/rad or N/m], (n,).
         masses: what the tool weighs in its principal directions [kg], (3,); empty without a tool.
         springs: the same as matrices of all joints.
     """
 
     square: Array
-    inertia: Array
-    stiffness: Array
     masses: Array
     springs: Springs
 
@@ -83,7 +79,7 @@ class Mode(NamedTuple):
             with np.errstate(divide="ignore"):  # a tool on the axis of the only joint does not yield
                 masses = 1.0 / np.maximum(mobility, _LEAST * mobility.max())
         positive = np.maximum(square[-count:], 0.0)
-        return cls(positive, np.diag(inertia), np.diag(stiffness), masses, springs)
+        return cls(positive, masses, springs)
 
 
 class ImpedanceLimits(NamedTuple):
@@ -285,19 +281,19 @@ class LimitSearch:
         return largest[0], largest[-1]
 
 
-def largest_damping(modes: Sequence[Mode], bandwidth: float, delay: float, drives: Any) -> Array:
+def largest_damping(inertias: Array, bandwidth: float, delay: float, drives: Any) -> Array:
     """Return the largest damping over inertia of each joint [1/s] that drives no resonance of it, (n,).
 
     It is infinite for a joint whose elasticity is not known, or whose resonance it damps.
 
     Args:
-        modes: of some configurations: the inertias of the joints count.
+        inertias: own inertias of the joints [kg m^2 or kg], (configurations, n).
         bandwidth: of the filtered difference [rad/s].
         delay: of the loop, with half a sample [s].
         drives: of the arm.
     """
-    largest = np.full(len(modes[0].inertia), math.inf)
-    joints = _Joints.of(modes, drives)
+    largest = np.full(inertias.shape[1], math.inf)
+    joints = _Joints.of(inertias, drives)
     if joints is None:
         return largest
     phase = _Loop(1.0, 0.0, bandwidth, delay).response(0.0, joints.resonance).imag
@@ -311,17 +307,17 @@ def largest_damping(modes: Sequence[Mode], bandwidth: float, delay: float, drive
     return largest
 
 
-def motor_share(modes: Sequence[Mode], drives: Any) -> Array:
+def motor_share(inertias: Array, drives: Any) -> Array:
     """Return the least share of each joint's inertia that is its motor's [-], (n,); 1 where joints are stiff.
 
     Beyond the resonance of an elastic joint a torque moves the motor alone.
 
     Args:
-        modes: of some configurations: the inertias of the joints count.
+        inertias: own inertias of the joints [kg m^2 or kg], (configurations, n).
         drives: of the arm.
     """
-    share = np.ones(len(modes[0].inertia))
-    joints = _Joints.of(modes, drives)
+    share = np.ones(inertias.shape[1])
+    joints = _Joints.of(inertias, drives)
     if joints is not None:
         shares = 1.0 / (1.0 + joints.share)
         share[joints.joints] = shares.min(axis=0)
@@ -348,7 +344,7 @@ class _Joints(NamedTuple):
     joints: Any
 
     @classmethod
-    def of(cls, modes: Sequence[Mode], drives: Any) -> _Joints | None:
+    def of(cls, inertias: Array, drives: Any) -> _Joints | None:
         """Return what is known of the joints; None where no stiffness is."""
         if drives is None:
             return None
@@ -357,7 +353,6 @@ class _Joints(NamedTuple):
             return None
         gear = drives.value("stiffness")[known]
         rotor = drives.value("rotor_inertia")[known]
-        inertias = np.array([mode.inertia for mode in modes])
         inertia = inertias[:, known]
         link = np.maximum(inertia - rotor, LEAST_LINK * inertia)
         reduced = rotor * link / (rotor + link)

@@ -19,8 +19,7 @@ import numpy as np
 
 from armgpi.base.arrays import Array
 from armgpi.control.bandwidth import FilteredDifference
-from armgpi.control.elastic_limits import Springs
-from armgpi.control.impedance_limits import Mode, largest_damping, motor_share
+from armgpi.control.impedance_limits import largest_damping, motor_share
 from armgpi.robot.dynamics import Dynamics
 from armgpi.robot.kinematics import random_configurations
 from armgpi.robot.robot import Robot
@@ -68,15 +67,13 @@ class SpeedBrake:
             dt: sample time [s].
             delay: transport delay in the loop [s], besides the sample and hold.
         """
-        inertias = robot.mass_matrix(random_configurations(robot, _CONFIGURATIONS, seed=0))
-        nothing = np.zeros(robot.n)
-        none = Springs(np.diag(nothing), np.diag(nothing), np.diag(nothing))
-        modes = [Mode(nothing, np.diag(inertia), nothing, nothing[:0], none) for inertia in inertias]
+        matrices = robot.mass_matrix(random_configurations(robot, _CONFIGURATIONS, seed=0))
+        inertias = np.diagonal(matrices, axis1=1, axis2=2)
         late = delay + 0.5 * dt
-        share = motor_share(modes, robot.drives)
+        share = motor_share(inertias, robot.drives)
 
         def brake_of(bandwidth: float) -> _Brake:
-            resonant = _SPARE * largest_damping(modes, bandwidth, late, robot.drives)
+            resonant = _SPARE * largest_damping(inertias, bandwidth, late, robot.drives)
             alone = np.minimum(_GAIN, _MOTOR_GAIN * share)
             return _Brake(bandwidth, np.minimum(alone / (1.0 / bandwidth + late), resonant))
 
