@@ -138,6 +138,12 @@ def depth(tool: Tool, given: dict[str, Array], prefix: str) -> Array:
     return np.asarray(given[f"{prefix}.distance"][:, None] - along)
 
 
+def friction_of(robot: armgpi.Robot, share: float) -> armgpi.Friction:
+    """Return the friction of an arm whose Coulomb friction is a share of the effort."""
+    effort = robot.limits.effort
+    return armgpi.Friction(VISCOUS * effort, share * effort)
+
+
 def friction_at_tool(robot: armgpi.Robot, q: Array, level: Array, direction: Array) -> float:
     """Return the most that Coulomb friction [N m], (n,), holds at the tool along a direction [N]."""
     jacobian = robot.frame_jacobian(robot.tip, q)

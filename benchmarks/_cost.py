@@ -10,7 +10,7 @@ from typing import Any
 
 import _page
 import numpy as np
-from _compliant import ARMS, DT, Hand, Surface, place
+from _compliant import ARMS, DT, Hand, Surface, friction_of, place
 from _springs import stiffness_of
 from _timing import Contender, ratio, spread, table, take_turns
 
@@ -39,7 +39,7 @@ def cost(quick: bool) -> None:
     for name in ARMS[:1]:
         where = place(name)
         robot = where.robot
-        known = robot.with_friction(0.02 * robot.limits.effort, 0.03 * robot.limits.effort)
+        known = robot.with_friction(*friction_of(robot, 0.03))
         laws = {
             "GPI.auto": armgpi.GPI.auto(known, DT, delay=DT, bits=17, drives="stiff"),
             "GPI.auto, force_limit": armgpi.GPI.auto(

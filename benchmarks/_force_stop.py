@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import _page
 import numpy as np
@@ -14,9 +14,9 @@ from _compliant import (
     KNOWN,
     ROTORS,
     SEEDS,
-    VISCOUS,
     directions,
     friction_at_tool,
+    friction_of,
     loop,
     place,
     spread,
@@ -26,6 +26,7 @@ from _timing import table
 import armgpi
 from armgpi.base.arrays import Array
 from armgpi.base.parameter import parameter, with_parameters
+from armgpi.control.force_limit import FREE_FALL
 from armgpi.plants.environment import Contact, Wrench
 from armgpi.robot.frame_motion import Motion
 from armgpi.robot.kinematics import random_configurations
@@ -37,7 +38,6 @@ LIMITS, MASS = (10.0, 30.0, 60.0), 0.3
 HANDS, ONSET, GROWTH, MOST = 24, 0.2, 50.0, 400.0
 #: Free moves of each arm, their times [s], and the share of the velocity limits that they reach.
 MOVES, FAST = 48, (0.3, 0.9)
-GRAVITY = 9.81
 
 
 @with_parameters
@@ -66,18 +66,6 @@ class Growing(Contact):
         return Wrench(force, 0.0 * force)
 
 
-class Drawn(NamedTuple):
-    """Arms that differ from the model.
-
-    Attributes:
-        given: numbers of the loop.
-        level: Coulomb friction [N m or N], (rollouts, n).
-    """
-
-    given: dict[str, Array]
-    level: Array
-
-
 def stops(quick: bool) -> None:
     """Print at which force a hand stops an arm, and how often free motion does."""
     limits = ", ".join(f"{limit:g}" for limit in LIMITS)
@@ -104,18 +92,17 @@ def _row(name: str, limit: float) -> list[Any]:
     where = place(name)
     random = np.random.default_rng([SEEDS[name], int(limit)])
     late = 1 + (SEEDS[name] + int(limit)) % 3
-    share = random.uniform(*FRICTION)
-    level = armgpi.Friction(VISCOUS * where.robot.limits.effort, share * where.robot.limits.effort)
+    level = friction_of(where.robot, random.uniform(*FRICTION))
     model = where.robot.with_friction(*level)
     law = armgpi.GPI.auto(model, DT, delay=late * DT, bits=17, drives="stiff")
     watched = armgpi.Supervisor(
         tool_force=limit, uncertain_mass=MASS, friction_within=KNOWN, frozen_samples=60, jump=10.0
     )
     how: dict[str, Any] = {"late": late, "supervisor": watched}
-    drawn = _drawn(where.robot, level, HANDS, random)
+    given = _drawn(where.robot, level, HANDS, random)
     along = directions(HANDS, 5)
     hand = "plant.environment.0"
-    given = drawn.given | {f"{hand}.{axis}": along[:, i] for i, axis in enumerate("xyz")}
+    given |= {f"{hand}.{axis}": along[:, i] for i, axis in enumerate("xyz")}
     given[f"{hand}.growth"] = np.full(HANDS, GROWTH)
     still = armgpi.Hold(np.tile(where.q, (HANDS, 1)))
     length = ONSET + MOST / GROWTH
@@ -125,7 +112,7 @@ def _row(name: str, limit: float) -> list[Any]:
     bounds = []
     for direction in along:
         rubbed = friction_at_tool(where.robot, where.q, KNOWN * level.coulomb, direction)
-        bounds.append(limit + 2.0 * (rubbed + GRAVITY * MASS))
+        bounds.append(limit + 2.0 * (rubbed + FREE_FALL * MASS))
     over = force / np.array(bounds)
     free = _free(name, law, level, how, random)
     return [
@@ -140,18 +127,19 @@ def _row(name: str, limit: float) -> list[Any]:
     ]
 
 
-def _drawn(robot: armgpi.Robot, level: armgpi.Friction, count: int, random: np.random.Generator) -> Drawn:
+def _drawn(
+    robot: armgpi.Robot, level: armgpi.Friction, count: int, random: np.random.Generator
+) -> dict[str, Array]:
     """Return drawn rotors, friction, encoders and payloads."""
     shape = (count, robot.n)
     rubbing = level.coulomb * random.uniform(1.0 / KNOWN, KNOWN, shape)
-    given = {
+    return {
         "plant.rotor_inertia": robot.armature * random.uniform(1.0 - ROTORS, 1.0 + ROTORS, shape),
         "plant.viscous": np.tile(level.viscous, (count, 1)),
         "plant.coulomb": rubbing,
         "plant.encoder_bits": np.tile(random.integers(BITS[0], BITS[1] + 1, (count, 1)), (1, robot.n)),
         "plant.payload.mass": random.uniform(0.0, MASS, count),
     }
-    return Drawn(given, rubbing)
 
 
 def _free(name: str, law: Any, level: armgpi.Friction, how: Any, random: np.random.Generator) -> int:
@@ -165,8 +153,8 @@ def _free(name: str, law: Any, level: armgpi.Friction, how: Any, random: np.rand
     found = 0
     for some in np.array_split(np.argsort(duration), 6):
         length = float(duration[some].max())
-        drawn = _drawn(robot, level, len(some), random)
+        given = _drawn(robot, level, len(some), random)
         move = armgpi.Bezier(starts[some], goals[some], length)
-        made = loop(robot, law, move, length + 0.3, [], 20, **how).run(drawn.given)
+        made = loop(robot, law, move, length + 0.3, [], 20, **how).run(given)
         found += int((made["fault"].values == Reason.TOOL_FORCE).sum())
     return found

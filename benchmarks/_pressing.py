@@ -16,7 +16,6 @@ from _compliant import (
     KNOWN,
     ROTORS,
     SEEDS,
-    VISCOUS,
     Hand,
     Place,
     Surface,
@@ -24,6 +23,7 @@ from _compliant import (
     depth,
     directions,
     friction_at_tool,
+    friction_of,
     loop,
     place,
     spread,
@@ -33,6 +33,7 @@ from _timing import table
 
 import armgpi
 from armgpi.base.arrays import Array
+from armgpi.control.force_limit import FREE_FALL
 
 #: Walls [N/m], angles from the tool's axis [deg], damping over the root of stiffness, draws of each.
 WALLS, ANGLES, DAMPED, DRAWS = (1e3, 1e4, 1e5), (0.0, 30.0, 60.0), 0.2, 4
@@ -57,7 +58,6 @@ CAUSES: tuple[tuple[str, int, float, float | None], ...] = (
 HANDS, PUSHED, BACK = 24, 0.4, 2.5
 #: After this time behind a wall the tool is not to leave it [s].
 SETTLED = 0.3
-GRAVITY = 9.81
 
 
 class Known(NamedTuple):
@@ -183,7 +183,7 @@ def circles(quick: bool) -> None:
     rows = []
     for name in ARMS[:1] if quick else ARMS:
         where = place(name)
-        level = armgpi.Friction(VISCOUS * where.robot.limits.effort, 0.03 * where.robot.limits.effort)
+        level = friction_of(where.robot, 0.03)
         known = where.robot.with_friction(level.viscous, 0.8 * level.coulomb)
         found = {}
         for limit in (None, *LIMITS, 1e3):
@@ -204,8 +204,7 @@ def _known(name: str, late: int) -> Known:
     """Return an arm as a controller knows it, its friction drawn."""
     where = place(name)
     random = np.random.default_rng([SEEDS[name], late])
-    share = random.uniform(*FRICTION)
-    level = armgpi.Friction(VISCOUS * where.robot.limits.effort, share * where.robot.limits.effort)
+    level = friction_of(where.robot, random.uniform(*FRICTION))
     return Known(where, where.robot.with_friction(*level), level, late)
 
 
@@ -297,7 +296,7 @@ def _walls(
         goals.append(goal.q)
         level = given["plant.coulomb"][i]
         rubbed = friction_at_tool(robot, goal.q, level, normal)
-        weight = GRAVITY * float(given["plant.payload.mass"][i])
+        weight = FREE_FALL * float(given["plant.payload.mass"][i])
         allowed.append(limit + rubbed + weight)
     normal = np.array(normals)
     surface = "plant.environment.0"

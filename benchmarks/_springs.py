@@ -17,6 +17,7 @@ from _compliant import (
     Hand,
     directions,
     friction_at_tool,
+    friction_of,
     loop,
     place,
     spread,
@@ -270,7 +271,7 @@ def _stiff(name: str, bandwidth: float) -> list[Point]:
     """Return the points of a filter on an arm."""
     where = place(name)
     robot = where.robot
-    level = armgpi.Friction(0.02 * robot.limits.effort, FRICTION * robot.limits.effort)
+    level = friction_of(robot, FRICTION)
     known = robot.with_friction(level.viscous, KNOWN * level.coulomb)
     try:
         law = armgpi.CartesianImpedance(
