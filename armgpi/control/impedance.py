@@ -91,13 +91,6 @@ class ImpedanceState(NamedTuple):
     kept: Array
 
 
-class Frequencies(NamedTuple):
-    """Natural frequencies that a damping is made for [rad/s]."""
-
-    lowest: float
-    highest: float
-
-
 @with_parameters
 class Impedance(Controller):
     """What impedance controllers share: the filtered rate, the feedforward and the damping.
@@ -191,7 +184,6 @@ class Impedance(Controller):
                 "positive in a direction in which the tool can move",
             )
         slowest, fastest = np.sqrt(np.quantile(moving, _SPREAD)).tolist()
-        self._frequencies = Frequencies(slowest, fastest)
         alpha = 2.0 * self.damping_ratio * slowest * fastest / (slowest + fastest)
         beta = 2.0 * self.damping_ratio / (slowest + fastest)
         # Arrays are numbers of generated code, so that a page can move them.

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -182,6 +183,7 @@ class LimitSearch:
         self._modes, self._alpha, self._beta = modes, alpha, beta
         self._dt, self._delay, self._elastic = dt, delay, elastic
         self._fastest = max(float(mode.square.max()) for mode in modes)
+        self._stiff = cache(self._stiff_factor)  # a filter is looked at several times
         self.sides: list[Any] = []
         if elastic is not None:
             self.sides.append(elastic.at_link)
@@ -192,7 +194,7 @@ class LimitSearch:
         """Return the controller of a mode with a filter [rad/s]."""
         return _Loop(self._alpha, self._beta, bandwidth, self._delay + 0.5 * self._dt)
 
-    def _stiff(self, bandwidth: float) -> float:
+    def _stiff_factor(self, bandwidth: float) -> float:
         """Return the largest factor on stiff joints with a filter [rad/s]."""
         loop = self._loop(bandwidth)
         return _largest(lambda factors: loop.scaled(factors).spare(factors * self._fastest) > 0.0)
