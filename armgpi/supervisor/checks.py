@@ -262,11 +262,9 @@ class _ToolLimit(ABC):
     """A size of the tool that has a largest value.
 
     Attributes:
-        checked: whether there is a limit.
         most: the limit, in the unit of :meth:`_sizes`, (1,).
     """
 
-    checked: bool
     most: Array
 
     @abstractmethod
@@ -334,7 +332,6 @@ class ToolForce(_ToolLimit):
     within its interval, and an unknown mass explain a part of it; what is left is compared.
 
     Attributes:
-        checked: whether there is a limit.
         most: the limit [N], (1,).
         outside: what estimates the torque from outside; None without a limit.
         weight: that the model may lack or have too much, in the base frame [N], (3,).
@@ -350,13 +347,12 @@ class ToolForce(_ToolLimit):
                 has one of its own.
             given: the bounds.
         """
-        self.checked = given.tool_force is not None
         self.unsure_force = 0.0
         limit = given.tool_force
         self.most = np.array([LARGEST if limit is None else limit])
         self.outside: OutsideTorque | None = None
         self.weight, self._length = np.zeros(3), 1.0
-        if self.checked:
+        if limit is not None:
             robot = getattr(law, "bias_robot", law.robot)
             self.outside = OutsideTorque(robot, law.dt, BANDWIDTH, given.friction_within)
             self.weight = given.uncertain_mass * FREE_FALL * downwards(one_of(robot))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import operator
+from collections.abc import Callable, Mapping
 from string import Template
 from typing import Any, NamedTuple
 
@@ -48,8 +49,7 @@ class ComplianceCode(NamedTuple):
 
     def joined(self, other: ComplianceCode) -> ComplianceCode:
         """Return this code, and then another one's."""
-        header, source, methods = (mine + its for mine, its in zip(self, other, strict=True))
-        return ComplianceCode(header, source, methods)
+        return ComplianceCode(*map(operator.add, self, other))
 
 
 def springs_of(controller: Any) -> Impedance | None:
@@ -89,9 +89,13 @@ def _limit_code(law: Law, literal: Callable[[float], str], read: Callable[[str],
         return ComplianceCode("", "", "")
     [goal] = [part for part in law.state if part.path.endswith("limit.force_goal")]
     fill = {"least": literal(limited.least_limit), "zero": literal(0.0), "goal": goal.name}
-    names_of_files = ("force_limit.h", "force_limit.c", "force_limit.py")
-    header, source, methods = (Template(read(name)).substitute(fill) for name in names_of_files)
-    return ComplianceCode(header, source, methods)
+    return _filled("force_limit", fill, read)
+
+
+def _filled(templates: str, fill: Mapping[str, str], read: Callable[[str], str]) -> ComplianceCode:
+    """Return the templates of this name, filled in."""
+    texts = (Template(read(f"{templates}.{ending}")).substitute(fill) for ending in ("h", "c", "py"))
+    return ComplianceCode(*texts)
 
 
 def _springs_code(law: Law, literal: Callable[[float], str], read: Callable[[str], str]) -> ComplianceCode:
@@ -130,6 +134,4 @@ def _springs_code(law: Law, literal: Callable[[float], str], read: Callable[[str
             "limit_function": Template(read("springs_limit.c")).substitute(fill),
             "limit_method": _LIMIT_METHOD.format(unit=unit, count=limits),
         }
-    names_of_files = ("springs.h", "springs.c", "springs.py")
-    header, source, methods = (Template(read(name)).substitute(fill) for name in names_of_files)
-    return ComplianceCode(f"\n{header}", source, methods)
+    return _filled("springs", fill, read)

@@ -1,3 +1,4 @@
+
 /* Number of springs: $kind. */
 #define ARMGPI_SPRINGS (${springs}U)
 $limit_macro
