@@ -65,20 +65,6 @@ class Interface(NamedTuple):
 #: tools/faults.py and tools/bringup.py take them. The sides are those of robot_state.h: `q` is the "measured
 #: joint position", and `theta` the "motor position". Nothing that UR or ros2_control publish was found to say
 #: the side of their positions.
-_BARE = Interface(
-    target="bare",
-    robot="any",
-    library="none (C99)",
-    joints=None,
-    dt=None,
-    rate=None,
-    delays=(0, 0),
-    adds=(),
-    echo="",
-    late="the caller",
-    tried="compiled, simulated",
-    summary="nothing",
-)
 _FR3 = Interface(
     target="fci",
     robot="Franka Research 3, system 5.7.2",
@@ -112,7 +98,20 @@ _UR = Interface(
 )
 #: Of each target the newest robot first. A new target is a row here, and its templates.
 INTERFACES = (
-    _BARE,
+    Interface(
+        target="bare",
+        robot="any",
+        library="none (C99)",
+        joints=None,
+        dt=None,
+        rate=None,
+        delays=(0, 0),
+        adds=(),
+        echo="",
+        late="the caller",
+        tried="compiled, simulated",
+        summary="nothing",
+    ),
     _FR3,
     _FR3._replace(
         robot="Panda (FER), system 4.2.1",
