@@ -270,18 +270,25 @@ class ElasticLoop:
             while not holds(low := low / _STEP):
                 if low < _SMALLEST * start:
                     return 0.0
-            return _halved(low, _STEP * low, holds)
+            return halved(low, _STEP * low, holds, _HALVINGS)
         while low < most:
             high = min(_STEP * low, most)
             if not holds(high):
-                return _halved(low, high, holds)
+                return halved(low, high, holds, _HALVINGS)
             low = high
         return most
 
 
-def _halved(low: float, high: float, holds: Callable[[float], bool]) -> float:
-    """Return the largest factor that is found to hold, between one that does and one that does not."""
-    for _ in range(_HALVINGS):
+def halved(low: float, high: float, holds: Callable[[float], bool], halvings: int) -> float:
+    """Return the largest number that is found to hold, between one that does and one that does not.
+
+    Args:
+        low: holds, positive.
+        high: does not hold.
+        holds: tells whether a number does.
+        halvings: how often the ratio of the two is halved, as a power.
+    """
+    for _ in range(halvings):
         middle = math.sqrt(low * high)
         if holds(middle):
             low = middle

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from armgpi.base.arrays import Array
+from armgpi.control.elastic_limits import halved
 from armgpi.control.linear_arm import Law, gravity_stiffness
 from armgpi.gpi.family import Member
 from armgpi.gpi.gains import Tuning
@@ -364,10 +365,7 @@ def _largest(holds: Callable[[float], bool], highest: float) -> float:
     while omega > _SLOWEST:
         above, omega = omega, omega / _STEP
         if holds(omega):
-            for _ in range(_HALVINGS):
-                middle = math.sqrt(above * omega)
-                above, omega = (above, middle) if holds(middle) else (middle, omega)
-            return omega
+            return halved(omega, above, holds, _HALVINGS)
     return 0.0
 
 
