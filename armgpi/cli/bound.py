@@ -311,8 +311,7 @@ def _read(
     known = resolved(robot, opt.Arm(rotor_inertia=rotor_inertia, drives=drives))
     experiment = _experiment(robot, opt.drives_given(rotor_inertia, drives), controller, known[1])
     note_world(*known, world.describe_arm(experiment.config, experiment.robot))
-    law = next(iter(experiment.controllers.values()))
-    if getattr(law, "force_limit", None) is None:  # the bound of a force does not use the inertia
+    if not _has_force_limit(experiment):  # the bound of a force does not use the inertia
         note_assumed(experiment.robot, as_json)
     return experiment, known
 
@@ -351,7 +350,7 @@ def _experiment(name: str, drives: dict[str, Any], controller: str | None, known
     data["plant"] = {"engine": "armgpi", **(data.get("plant") or {})}
     experiment = config.build(config.check(data, origin), origin)
     law, plant = next(iter(experiment.controllers.values())), experiment.plant
-    if getattr(law, "force_limit", None) is not None:
+    if _has_force_limit(experiment):
         return experiment  # its force is bounded, which no plant decides
     if not isinstance(law, GPI):
         raise origin.error(
