@@ -327,7 +327,7 @@ def _numbers_in(text: str, value: Any) -> Iterator[str]:
 
 def _parts(tree: ast.AST, values: Mapping[str, Any], kinds: dict[str, Any]) -> Iterator[tuple[str, ast.expr]]:
     """Yield the parts of arrays that stand in a block, for other indices too, and add their kinds."""
-    for one in _with_otherindices(tree, [name for name, kind in kinds.items() if kind == "int"]):
+    for one in _with_other_indices(tree, [name for name, kind in kinds.items() if kind == "int"]):
         text = ast.unparse(one)
         if text in kinds or any(isinstance(x, ast.Call) for x in ast.walk(one)):
             continue
@@ -340,7 +340,7 @@ def _parts(tree: ast.AST, values: Mapping[str, Any], kinds: dict[str, Any]) -> I
             yield text, ast.parse(text, mode="eval").body
 
 
-def _with_otherindices(tree: ast.AST, counters: Sequence[str]) -> Iterator[ast.Subscript]:
+def _with_other_indices(tree: ast.AST, counters: Sequence[str]) -> Iterator[ast.Subscript]:
     """Yield the parts of arrays that stand somewhere, each with its twins of other counters."""
     for node in (n for n in ast.walk(tree) if isinstance(n, ast.Subscript)):
         yield node
