@@ -13,7 +13,7 @@ from armgpi.validation.models import States
 from armgpi.validation.problem import Problem, function_of
 from armgpi.validation.samples import SAFETY
 from armgpi.validation.tree import Body, Quantities, Tree, evaluate
-from armgpi.validation.units import JOINED, STEP, BodySlopes, Slopes, moments_of_point, span
+from armgpi.validation.units import JOINED, STEP, BodySlopes, Slopes, moments_of_point, slope_of_moments, span
 
 #: Quantities of which functions of states are made.
 _ALWAYS = {"D", "H", "G"}
@@ -65,10 +65,7 @@ def _of_bodies(
         if not body.mass:
             continue
         moments = np.stack(of_kind["inertia"], axis=-1)
-        first = []
-        for k, axis in enumerate(np.eye(3)):
-            ahead, behind = (moments_of_point(body.com + way * axis) for way in (1.0, -1.0))
-            first.append(of_kind["com"][k] / body.mass - moments @ (0.5 * (ahead - behind)))
+        first = [of_kind["com"][k] / body.mass - moments @ slope_of_moments(body.com, k) for k in range(3)]
         linear = np.stack(first, axis=-1)
         mass = of_kind["mass"][0] - linear @ body.com - moments @ moments_of_point(body.com)
         end = tree.next_joint(i)

@@ -59,16 +59,21 @@ class BodySlopes(NamedTuple):
         return np.asarray(self.mass + self.first @ place + self.moments @ moments_of_point(place))
 
     def of_coordinate(self, place: Array, k: int) -> Array:
-        """Return the derivative of that by a coordinate of the place, which is exact for any step."""
-        step = np.eye(3)[k]
-        ahead, behind = (moments_of_point(place + way * step) for way in (1.0, -1.0))
-        return np.asarray(self.first[:, k] + self.moments @ (0.5 * (ahead - behind)))
+        """Return the derivative of that by a coordinate of the place."""
+        return np.asarray(self.first[:, k] + self.moments @ slope_of_moments(place, k))
 
 
 def moments_of_point(place: Array) -> Array:
     """Return Ixx, Iyy, Izz, Ixy, Ixz, Iyz of a mass of one at a place, about the origin [m²], (6,)."""
     tensor = float(place @ place) * np.eye(3) - np.outer(place, place)
     return np.asarray(tensor[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)])
+
+
+def slope_of_moments(place: Array, k: int) -> Array:
+    """Return the derivative of `moments_of_point` by a coordinate [m], (6,), which is exact for any step."""
+    step = np.eye(3)[k]
+    ahead, behind = (moments_of_point(place + way * step) for way in (1.0, -1.0))
+    return np.asarray(0.5 * (ahead - behind))
 
 
 class Slopes(NamedTuple):
