@@ -130,12 +130,17 @@ def _has_christoffel_matrix(compared: Compared, source: str) -> bool:
     return bool(np.abs(C - meant).max() <= 1e-6 * max(float(np.abs(meant).max()), 1e-3))
 
 
-def proved_for_other_numbers(compared: Compared, found: Repaired) -> Repaired:
-    """Return a repair with what the numbers of its source are in the robot, and whether that is sure."""
-    with compared.worker.again(found.source) as twin:
+def _with_varied_numbers(compared: Compared, source: str) -> Repaired | None:
+    """Return a source as it is, with what its numbers are in the robot; None where that is not found."""
+    with compared.worker.again(source) as twin:
         searched = twin.search(compared.goal, (), 0.0)
     _note(compared, searched)
-    varied = searched.found
+    return searched.found
+
+
+def proved_for_other_numbers(compared: Compared, found: Repaired) -> Repaired:
+    """Return a repair with what the numbers of its source are in the robot, and whether that is sure."""
+    varied = _with_varied_numbers(compared, found.source)
     if varied is None:
         return found
     varied = varied._replace(changes=found.changes, source=found.source)
@@ -168,13 +173,10 @@ def odd_numbers(compared: Compared) -> Renumbered | None:
     Each number is varied. The model then has to move as the robot does with another number of that value,
     and with any inertias: a mistake that round numbers hide does not.
     """
-    worker = compared.worker
-    if worker.source is None:
+    source = compared.worker.source
+    if source is None:
         return None
-    with worker.again(worker.source) as twin:
-        searched = twin.search(compared.goal, (), 0.0)
-    _note(compared, searched)
-    found = searched.found
+    found = _with_varied_numbers(compared, source)
     if found is None or not found.odd:
         return None
     return Renumbered(found.odd, *_renumbered(found, compared.problem))
