@@ -796,14 +796,21 @@ class Editor:
             if event == "call" and frame.f_code.co_filename == self._path:
                 found[frame.f_code] = None
 
-        saved, arguments = dict(vars(self._module)), self.goal.arguments(name, ALL, 0)
+        arguments = self.goal.arguments(name, ALL, 0)
+        self._run_watched(lambda: self._calls[name](*arguments), watch)
+        return found
+
+    def _run_watched(
+        self, run: Callable[[], object], watch: Callable[[FrameType, str, object], None]
+    ) -> None:
+        """Run something while its calls and returns are watched; the module's variables stay as they are."""
+        saved = dict(vars(self._module))
         sys.setprofile(watch)
         try:
-            self._calls[name](*arguments)
+            run()
         finally:
             sys.setprofile(None)
             vars(self._module).update(saved)
-        return found
 
     def _methods_called(self, function: FunctionType, owner: Any) -> Iterator[Any]:
         """Yield the methods of the file's objects that a function calls: of globals, and of what it owns."""
@@ -884,13 +891,7 @@ class Editor:
             if block is not None:
                 found.setdefault(block, []).append(dict(frame.f_locals))
 
-        saved = dict(vars(self._module))
-        sys.setprofile(watch)
-        try:
-            run()
-        finally:
-            sys.setprofile(None)
-            vars(self._module).update(saved)
+        self._run_watched(run, watch)
         return found
 
     def _install(self, function: FunctionType, block: Block) -> Block:
