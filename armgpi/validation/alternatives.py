@@ -528,7 +528,7 @@ def of_text(node: ast.expr, scope: Scope) -> Iterator[Choice]:
     whole = formula_of(node.value)
     for part, parent in _with_parents(whole, None) if whole is not None else ():
         for kind, choice in (*alternatives(part, parent, scope), *_terms_of_text(part, parent, scope)):
-            yield kind, ast.Constant(ast.unparse(_with_part(whole, part, choice)))
+            yield kind, ast.Constant(ast.unparse(with_part(whole, part, choice)))
 
 
 def _with_parents(node: ast.expr, parent: ast.expr | None) -> Iterator[tuple[ast.expr, ast.expr | None]]:
@@ -1137,15 +1137,15 @@ def _of_flat_index(index: ast.BinOp, scope: Scope) -> Iterator[Choice]:
     places = [x for x in ast.walk(index) if isinstance(x, ast.Constant) and type(x.value) is int]
     for place in places:
         for k in (k for k in range(4) if k != place.value):
-            yield "index", _with_part(index, place, ast.Constant(k))
+            yield "index", with_part(index, place, ast.Constant(k))
     names = [x for x in ast.walk(index) if isinstance(x, ast.Name)]
     for one, other in itertools.combinations(names, 2):
         if one.id != other.id:
             swap = (one, ast.Name(other.id, ast.Load()), other, ast.Name(one.id, ast.Load()))
-            yield "index", _with_part(index, *swap)
+            yield "index", with_part(index, *swap)
     for one in names:
         for name in (name for name in scope.integers() if name != one.id):
-            yield "index", _with_part(index, one, ast.Name(name, ast.Load()))
+            yield "index", with_part(index, one, ast.Name(name, ast.Load()))
     if isinstance(index.op, ast.Add):
         known = {x.id for x in names}
         for name in (name for name in scope.integers() if name not in known):
@@ -1153,16 +1153,16 @@ def _of_flat_index(index: ast.BinOp, scope: Scope) -> Iterator[Choice]:
             yield "index", ast.BinOp(rows, ast.Add(), index.right)
 
 
-def _with_part(node: Any, *swaps: ast.expr) -> Any:
+def with_part(node: Any, *swaps: ast.expr) -> Any:
     """Return an expression with others in place of some of its parts, given as old, new, old, new..."""
     if isinstance(node, list):
-        return [_with_part(x, *swaps) for x in node]
+        return [with_part(x, *swaps) for x in node]
     for old, new in zip(swaps[::2], swaps[1::2], strict=True):
         if node is old:
             return new
     if not isinstance(node, ast.expr):
         return node
-    return type(node)(**{name: _with_part(value, *swaps) for name, value in ast.iter_fields(node)})
+    return type(node)(**{name: with_part(value, *swaps) for name, value in ast.iter_fields(node)})
 
 
 def _shifted_slices(*ends: ast.expr | None) -> Iterator[ast.Slice]:

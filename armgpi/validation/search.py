@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armgpi.base.arrays import Array
-from armgpi.validation.alternatives import function_name, is_sum
+from armgpi.validation.alternatives import function_name, is_sum, with_part
 from armgpi.validation.dictionary import Dictionary
 from armgpi.validation.edits import (
     ALL,
@@ -861,10 +861,10 @@ def _missing_factors(
         several = dictionary.terms(factor)
         for found in several:
             new: ast.expr = ast.BinOp(ast.parse(found.text, mode="eval").body, ast.Mult(), part)
-            yield ast.unparse(_with_part(site.node, part, new)), found.bits + 1.0
+            yield ast.unparse(with_part(site.node, part, new)), found.bits + 1.0
         for found in () if several else dictionary.terms(now + sign * values):
             new = ast.parse(found.text, mode="eval").body
-            yield ast.unparse(_with_part(site.node, part, new)), found.bits + 2.0
+            yield ast.unparse(with_part(site.node, part, new)), found.bits + 2.0
 
 
 def _parts(node: ast.expr, sign: float = 1.0) -> Iterator[tuple[ast.expr, float]]:
@@ -873,15 +873,6 @@ def _parts(node: ast.expr, sign: float = 1.0) -> Iterator[tuple[ast.expr, float]
     if is_sum(node):
         yield from _parts(node.left, sign)
         yield from _parts(node.right, sign if isinstance(node.op, ast.Add) else -sign)
-
-
-def _with_part(node: ast.expr, part: ast.expr, new: ast.expr) -> ast.expr:
-    """Return a sum with another term in place of one."""
-    if node is part:
-        return new
-    if is_sum(node):
-        return ast.BinOp(_with_part(node.left, part, new), node.op, _with_part(node.right, part, new))
-    return node
 
 
 def _sum(old: str, term: str) -> str:
