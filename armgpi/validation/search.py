@@ -258,7 +258,7 @@ class _Trials:
         self.unsearched: list[str] = []
         self._outputs: dict[Any, dict[str, Array] | None] = {}
         start, names = time.process_time(), [name for name, x in editor.targets.items() if x.whole]
-        self._start = editor.outputs(names, ROWS) or {}
+        editor.outputs(names, ROWS)
         #: Whether a run takes so long that alternatives are looked at, many in one run.
         self._is_looked_at = time.process_time() - start > _LOOKED_AT * ROWS * len(names)
         self._start = editor.outputs(editor.targets, ROWS) or {}
