@@ -295,7 +295,7 @@ class Block:
             return [
                 y
                 for x in node
-                for y in (self._with_operator(x, self._rebuilt(x, parent)), *self._with_forgotten(x))
+                for y in (self._with_other_assignment(x, self._rebuilt(x, parent)), *self._with_forgotten(x))
             ]
         kept = isinstance(node, ast.arguments | ast.JoinedStr) or node in self.others
         # Of what a comprehension goes through only the ends of a range: half of a step is no mistake.
@@ -359,10 +359,10 @@ class Block:
         index = self._add_switch(number, [index for _, index in others], target.slice, is_looked_at=False)
         return ast.copy_location(ast.Subscript(target.value, index, ast.Store()), target)
 
-    def _with_operator(self, statement: Any, new: Any) -> Any:
+    def _with_other_assignment(self, statement: Any, new: Any) -> Any:
         """Return a statement that can be switched from = to +=, or from += to =."""
         match statement:
-            case ast.Assign(targets=[ast.Name() | ast.Subscript() as target]) if self._has_value(target):
+            case ast.Assign(targets=[ast.Name() | ast.Subscript() as target]) if self._may_have_value(target):
                 other: ast.stmt = ast.AugAssign(target, ast.Add(), statement.value)
                 text = "+="
             case ast.AugAssign(op=ast.Add(), target=ast.Name() | ast.Subscript() as target):
@@ -377,7 +377,7 @@ class Block:
         at = ast.Subscript(ast.Name(self.names[0], ast.Load()), ast.Constant(number), ast.Load())
         return ast.If(at, [ast.copy_location(other, statement)], [new])
 
-    def _has_value(self, target: ast.expr) -> bool:
+    def _may_have_value(self, target: ast.expr) -> bool:
         """Tell whether what is assigned may have a value before: something to which a term may be added."""
         root: Any = target
         while isinstance(root, ast.Subscript):
