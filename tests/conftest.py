@@ -56,7 +56,7 @@ def search_failures(request: pytest.FixtureRequest) -> Iterator[list[str]]:
     if request.path.parent.name != "validation":
         yield failures
         return
-    from armgpi.validation import course  # others need not wait for its import
+    from armgpi.validation import course, repair  # others need not wait for their imports
 
     class Watched(course.Course):
         def left_out(self) -> tuple[str, ...]:
@@ -65,6 +65,7 @@ def search_failures(request: pytest.FixtureRequest) -> Iterator[list[str]]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(course, "TOTAL", 4.0 * course.TOTAL)
+        patch.setattr(repair, "SHORT", 4.0 * repair.SHORT)
         patch.setattr("armgpi.validation.check.Course", Watched)
         yield failures
     assert not failures, failures

@@ -6,6 +6,7 @@ import json
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from armgpi import validate
@@ -17,6 +18,8 @@ from armgpi.validation.worker import Worker, _plain_repaired, _read_repaired
 MODEL = """
 import gc, os, pickle, struct
 import numpy as np
+
+gc.unfreeze()
 
 class Answer:
     def __reduce__(self):
@@ -92,3 +95,13 @@ def test_without_a_robot_gravity_has_to_be_a_slope_and_what_nothing_judges_is_li
     (missing,) = report.left_out
     assert missing == "coriolis_torque: no structural property judges it without mass_matrix"
     assert report.verdict().startswith("INCOMPLETE")
+
+
+def test_a_model_looks_for_no_garbage_in_what_the_program_had_before(tmp_path: Path) -> None:
+    # Each search would copy all pages of a large program: naming a line took ten times as long in one.
+    many = [[number] for number in range(100_000)]
+    path = tmp_path / "model.py"
+    path.write_text("import gc\n\ndef potential_energy(q):\n    return float(len(gc.get_objects()))\n")
+    with Worker(path, "model.py", 5.0) as worker:
+        (seen,) = worker.call("potential_energy", [(np.zeros(1),)])
+    assert float(seen) < len(many)
