@@ -24,12 +24,14 @@ first controller knows. All controllers have the same encoders, and all assume a
 count where the motors can follow; others are not run. ITAE is that of the links, and that of what encoders at
 the motors see: without what gravity lets the links sink by. The tables have Wilson's intervals of 95 %, and
 ratios draw by draw: geometric means by arm, then over the arms, with an interval by resampling the draws of
-each arm.
+each arm. A controller is on the front where no other one has both less hunting and fewer final errors above
+0.5 mrad.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import math
 import sys
@@ -44,7 +46,7 @@ import yaml
 import armgpi
 from armgpi import Robot
 from armgpi.base.escape import markdown_table
-from armgpi.control.linear_arm import closed
+from armgpi.control.linear_arm import Law, Sampled, closed
 from armgpi.errors import ParameterError
 from armgpi.gpi.gains import FixedGains
 from armgpi.gpi.payload import LoadRange
@@ -63,8 +65,8 @@ ASSUMED_RATIO = 100.0
 SMALL_ERROR = 5e-4
 #: Resamplings of an interval.
 _RESAMPLED = 2000
-#: Classes of the delay T [s].
-CLASSES = {"T < 5 ms": (0.0, 5e-3), "T 5-8 ms": (5e-3, 8e-3), "T >= 8 ms": (8e-3, math.inf)}
+#: Limits between classes of the delay T [s].
+LIMITS = (5e-3, 8e-3)
 
 
 class Kind(NamedTuple):
@@ -194,6 +196,21 @@ class Mode(NamedTuple):
     frequency: float
 
 
+def worst_mode(plant: Sampled, of_law: Law, delay: int, dt: float) -> Mode:
+    """Return the mode of a sampled loop that decays slowest, or grows fastest.
+
+    Args:
+        plant: the arm about rest.
+        of_law: what closes its loop.
+        delay: samples by which measurements are late.
+        dt: sample time [s].
+    """
+    eigenvalues = np.linalg.eigvals(closed(plant, of_law, delay))
+    largest = eigenvalues[np.argmax(np.abs(eigenvalues))]
+    rate = -math.log(abs(largest)) / dt
+    return Mode(rate, abs(float(np.angle(largest))) / (2.0 * math.pi * dt))
+
+
 def true_mode(draw: Scenario, values: Mapping[str, Any]) -> Mode:
     """Return the worst mode of the loop of the true arm, linear about the start and the goal of its move."""
     law = controller([draw], [values])
@@ -208,10 +225,7 @@ def true_mode(draw: Scenario, values: Mapping[str, Any]) -> Mode:
         current = float(np.min(drives.current))
         gears = two_mass.Gears(rotor, drives.stiffness, drives.damping / full, current, drives.side)
         plant = two_mass.plant(draw.arm, q, gears, draw.dt)
-        values_of_loop = np.linalg.eigvals(closed(plant, two_mass.law(law, q), draw.delay))
-        largest = values_of_loop[np.argmax(np.abs(values_of_loop))]
-        rate = -math.log(abs(largest)) / draw.dt
-        found.append(Mode(rate, abs(float(np.angle(largest))) / (2.0 * math.pi * draw.dt)))
+        found.append(worst_mode(plant, two_mass.law(law, q), draw.delay, draw.dt))
     return min(found)
 
 
@@ -387,7 +401,31 @@ HEAD = (
     "ITAE of links",
     "ITAE seen",
     "variation",
+    "on the front",
 )
+
+
+def on_front(rows: Sequence[Sequence[Rest]]) -> list[bool]:
+    """Tell of each controller whether no other one has both less hunting and fewer large final errors."""
+    counts = []
+    for every in rows:
+        hunting = sum(x.outcome.hunting for x in every)
+        large = sum(not x.final_seen <= SMALL_ERROR for x in every)
+        counts.append((hunting, large))
+    found = []
+    for own in counts:
+        better = [x for x in counts if x != own and x[0] <= own[0] and x[1] <= own[1]]
+        found.append(not better)
+    return found
+
+
+def classes(limits: Sequence[float]) -> dict[str, tuple[float, float]]:
+    """Return the classes of the delay T between some limits [s], by their names in the tables."""
+    edges = (0.0, *limits, math.inf)
+    found = {}
+    for least, most in itertools.pairwise(edges):
+        found[f"T {1e3 * least:g} to {1e3 * most:g} ms"] = (least, most)
+    return found
 
 
 def table(found: Mapping[str, Sequence[Rest]], least: float, most: float) -> str:
@@ -398,7 +436,8 @@ def table(found: Mapping[str, Sequence[Rest]], least: float, most: float) -> str
         return "no draws\n"
     reference = [first[k] for k in here]
     lines = []
-    for label, every in found.items():
+    front = on_front([[every[k] for k in here] for every in found.values()])
+    for (label, every), is_best in zip(found.items(), front, strict=True):
         rows = [every[k] for k in here]
         shares = [
             health.share([getattr(x.outcome, key) for x in rows]) for key in ("failed", "hunting", "chatter")
@@ -406,7 +445,7 @@ def table(found: Mapping[str, Sequence[Rest]], least: float, most: float) -> str
         final = f"{1e3 * np.median([x.final_seen for x in rows]):.2g}"
         small = health.share([x.final_seen <= SMALL_ERROR for x in rows])
         ratios = [ratio(rows, reference, column) for column in ("itae", "itae_seen", "variation")]
-        lines.append((label, str(len(rows)), *shares, final, small, *ratios))
+        lines.append((label, str(len(rows)), *shares, final, small, *ratios, "yes" if is_best else ""))
     return markdown_table(HEAD, lines)
 
 
@@ -491,6 +530,7 @@ def options() -> argparse.Namespace:
     parser.add_argument("--sample-times", type=float, nargs="+", default=[5e-4, 1e-3, 2e-3], help="[s]")
     parser.add_argument("--delays", type=float, nargs=2, default=[1.0, 3.0], help="least and most samples")
     parser.add_argument("--most-delay", type=float, default=8e-3, help="delays T below it alone [s]")
+    parser.add_argument("--limits", type=float, nargs="+", default=LIMITS, help="between classes of T [s]")
     parser.add_argument("--requests", type=Path, help="write what another version's rule needs, and end")
     parser.add_argument("--old", type=Path, help="what another version chose for these draws")
     parser.add_argument("--stiff", action="store_true", help="the controller for stiff joints as well")
@@ -536,7 +576,7 @@ def main() -> None:
             found.setdefault(label, []).extend(of_arm[label])
         if given.loops:
             print(f"\n{name}\n\n{loops_table(draws[name], kinds, of_arm)}", flush=True)
-    for label, (least, most) in CLASSES.items():
+    for label, (least, most) in classes(given.limits).items():
         print(f"\n{label}\n\n{table(found, least, most)}\n{by_arm(found, least, most)}", flush=True)
     if given.out:
         rows = {

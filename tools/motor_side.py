@@ -43,9 +43,9 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from first_rule import worst_mode
 
 import armgpi
-from armgpi.control.linear_arm import closed
 from armgpi.control.pid_positions import PIDPositions
 from armgpi.health.zoo import fingers
 from armgpi.loop import metrics
@@ -240,10 +240,9 @@ def first_unstable(robot: armgpi.Robot, dt: float, values: dict[str, Any], side:
                 robot.armature, factor * stiffness, DAMPING[-1], two_mass.CURRENT_LOOP, side
             )
             plant = two_mass.plant(robot, q, gears, dt)
-            modes = np.linalg.eigvals(closed(plant, two_mass.law(law, q), 1))
-            largest = modes[np.argmax(np.abs(modes))]
-            if not abs(largest) < 1.0:
-                return f"{omega:g}, {abs(np.angle(largest)) / (2.0 * np.pi * dt):.0f} Hz"
+            mode = worst_mode(plant, two_mass.law(law, q), 1, dt)
+            if not mode.decay > 0.0:
+                return f"{omega:g}, {mode.frequency:.0f} Hz"
     return f"none to {BANDWIDTHS[-1]:g}"
 
 

@@ -690,6 +690,12 @@ def random_configurations(robot: Robot, count: int, seed: int) -> Array:
     return rng.uniform(low, high + 0.0, (count, robot.n))
 
 
+def middle_and_random(robot: Robot, count: int, seed: int) -> Array:
+    """Return the middle of the limits first, then random configurations; `count` in all, (count, n)."""
+    others = random_configurations(robot, count - 1, seed)
+    return np.stack([robot.middle(), *others])
+
+
 def _wide(robot: Robot) -> tuple[Array, Array]:
     """Return the position limits, none where every angle has a full turn inside them."""
     lower, upper = robot.limits[:2]

@@ -27,7 +27,7 @@ from armgpi.base.arrays import Array
 from armgpi.gpi.advice import COUNT_SHARE
 from armgpi.gpi.family import Member
 from armgpi.robot.batch import feedback_model
-from armgpi.robot.kinematics import random_configurations
+from armgpi.robot.kinematics import middle_and_random
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import assume_gears
 from armgpi.tuning import geared
@@ -214,7 +214,7 @@ def choose(
     current = float(np.min(robot.drives.value("current_bandwidth", CURRENT_LOOP)))
     delay = delay_of(dt, late, current)
     suited = _Feedback.of(delay)
-    places = _places(robot, _CONFIGURATIONS, seed=0)
+    places = middle_and_random(robot, _CONFIGURATIONS, seed=0)
     inertia = suited.inertia(carried, rotor, places)
     w, limits = _allowed_by_delay(inertia, rotor, delay, suited.rotor_factor)
     f = np.full(robot.n, min(HIGHEST_FILTER, 2.0 / dt))
@@ -244,12 +244,6 @@ def choose(
     limits = np.where(w < fast_enough, "gears", limits)
     rest_zone = _rest_zone(suited.rest_zone, counts)
     return Collocated(w, f, tuple(limits.tolist()), *shape, rest_zone)
-
-
-def _places(robot: Robot, count: int, seed: int) -> Array:
-    """Return the middle and other configurations, `count` in all, (count, n)."""
-    others = random_configurations(robot, count - 1, seed=seed)
-    return np.stack([robot.middle(), *others])
 
 
 def _allowed_by_delay(inertia: Array, rotor: Array, delay: float, rotor_factor: float) -> tuple[Array, Array]:
@@ -400,7 +394,7 @@ def _quieten(
 def _loops(robot: Robot, dt: float, late: int, current: float, damping: float) -> tuple[geared.Case, ...]:
     """Return the arm at some configurations, at the ends of what is known of the stiffness."""
     is_late = delay_of(dt, late, current) >= COMPARED
-    places = _places(robot, _LATE_TRIED if is_late else _TRIED, seed=1)
+    places = middle_and_random(robot, _LATE_TRIED if is_late else _TRIED, seed=1)
     drives = [Gears(robot.armature, stiffness, damping, current, "motor") for stiffness in _stiffness(robot)]
     return _stable_cases(robot, places, drives, dt, late)
 

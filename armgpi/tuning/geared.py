@@ -17,7 +17,7 @@ from armgpi.control.linear_arm import Law, gravity_stiffness
 from armgpi.gpi.family import Member
 from armgpi.gpi.gains import Tuning
 from armgpi.gpi.realisation import Bumpless
-from armgpi.robot.kinematics import random_configurations
+from armgpi.robot.kinematics import middle_and_random
 from armgpi.robot.robot import Robot
 from armgpi.robot.rotors import SCATTER, assume_gears, lowest_mode
 from armgpi.tuning.two_mass import CURRENT_LOOP, ArmLoop, Gears, around, damping_at_one, joint_laws
@@ -170,10 +170,9 @@ def resonance(robot: Robot) -> float:
     return lowest_mode(links, rotor, stiffness)
 
 
-def _configurations(robot: Robot) -> tuple[Array, ...]:
-    """Return the configurations that are looked at."""
-    others = random_configurations(robot, CONFIGURATIONS - 1, seed=1)
-    return (robot.middle(), *others)
+def _configurations(robot: Robot) -> Array:
+    """Return the configurations that are looked at, (CONFIGURATIONS, n)."""
+    return middle_and_random(robot, CONFIGURATIONS, seed=1)
 
 
 def _rotor(robot: Robot) -> Array:

@@ -24,7 +24,7 @@ from armgpi.base.arrays import Array
 from armgpi.base.cache import keep_result, read_result
 from armgpi.gpi.family import Member
 from armgpi.gpi.payload import LoadRange
-from armgpi.robot.kinematics import random_configurations
+from armgpi.robot.kinematics import middle_and_random
 from armgpi.robot.robot import Robot
 
 #: Rooms whose code decides what is chosen.
@@ -35,7 +35,7 @@ _MODULES = (
     *(f"gpi.{name}" for name in ("payload", "margins", "family", "advice")),
 )
 #: Configurations at which D(q) and G(q) stand for an arm besides its parts.
-_PROBED = 3
+_PROBED = 4
 #: Results that a process keeps at most.
 _MOST = 1024
 
@@ -135,8 +135,7 @@ def _read(plain: Any) -> Any:
 @lru_cache(maxsize=64)
 def _digest(robot: Robot) -> str:
     """Return a digest of what is known of an arm, whatever it was read from."""
-    others = random_configurations(robot, _PROBED, seed=5)
-    places = np.stack([robot.middle(), *others])
+    places = middle_and_random(robot, _PROBED, seed=5)
     model = robot.pinocchio_model()
     data: dict[str, dict[str, list[Any]]] = {}
     for quantity, rows in robot.drives.data.items():

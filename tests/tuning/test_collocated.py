@@ -20,7 +20,7 @@ from armgpi.gpi.payload import LoadRange
 from armgpi.robot import rotors
 from armgpi.robot.batch import feedback_model
 from armgpi.robot.equations import ASSUMED_GEAR_RATIO
-from armgpi.robot.kinematics import random_configurations
+from armgpi.robot.kinematics import middle_and_random, random_configurations
 from armgpi.supervisor import Reason
 from armgpi.tuning import collocated, geared, two_mass
 from armgpi.tuning import verdict as module_of_verdicts
@@ -604,15 +604,15 @@ def test_configurations_are_as_many_as_is_said_the_middle_first(monkeypatch: pyt
 
     def counted(arm: Robot, count: int, seed: int) -> Any:
         drawn.append(count)
-        return random_configurations(arm, count, seed=seed)
+        return middle_and_random(arm, count, seed=seed)
 
-    monkeypatch.setattr(collocated, "random_configurations", counted)
+    monkeypatch.setattr(collocated, "middle_and_random", counted)
     for late, most in ((0, collocated._TRIED), (8, collocated._LATE_TRIED)):
         cases = collocated._loops(robot, DT, late, 1e3, 0.05)
         places = np.unique([case.q for case in cases], axis=0)
         assert len(places) == most
         np.testing.assert_array_equal(cases[0].q, robot.middle())
-    assert drawn == [collocated._TRIED - 1, collocated._LATE_TRIED - 1]
+    assert drawn == [collocated._TRIED, collocated._LATE_TRIED]
     # Not GPI.auto, which takes what is kept on the disk and then draws nothing.
     assert collocated.choose(robot, robot, DT, 1, None, usual_effort(robot)) is not None
-    assert drawn[2] == collocated._CONFIGURATIONS - 1
+    assert drawn[2] == collocated._CONFIGURATIONS
