@@ -10,12 +10,17 @@ import os
 os.environ["OMP_NUM_THREADS"] = "1"
 
 import resource
+import shutil
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import _arms
 import _page
@@ -30,6 +35,9 @@ ARMS = ("ur5", "panda")
 FRICTION = {"viscous": 0.5, "coulomb": 1.0}
 #: Rollouts -> samples of each; and samples of a run that is there to be taken off.
 SAMPLES, FEW = {1: 20_000, 256: 2_000}, 16
+#: Processes that time the loops, each with copies of their code: where its pages lie in memory changes a loop
+#: by up to 1.5 times, and a file stays where it is from process to process.
+PLACES = 7
 #: Rollouts of which the start is timed.
 MANY = 4096
 #: What the realistic loop may cost in rigid ones, and friction on stiff joints in none.
@@ -68,18 +76,19 @@ print(begun, spent() - begun)
 
 def main() -> None:
     page = _page.begin(__file__, "The realistic loop", "that of each row, built up from stiff joints")
-    rounds = 3 if page.quick else 5
+    rounds, places = (3, 1) if page.quick else (3, PLACES)
     arms = ARMS[:1] if page.quick else ARMS
     _page.say(
         f"Nanoseconds of processor time per sample and rollout, beyond a run of {FEW} samples, {rounds} "
-        f"rounds; × is how many times as long as the first row. Nothing but metrics is recorded."
+        f"rounds in each of {places} processes, whose compiled code is at another place of memory; × is how "
+        "many times as long as the first row. Nothing but metrics is recorded."
     )
     goals: list[list[object]] = []
     for name in arms:
         print(f"\n## {name}\n")
         rows: list[list[object]] = []
         for rollouts, samples in SAMPLES.items():
-            taken = _steps(name, rollouts, samples, rounds)
+            taken = _steps_at_places(name, rollouts, samples, rounds, places)
             for kind, times in taken.items():
                 rows.append([kind, rollouts, spread(1e3 * times.times), ratio(times, taken[RIGID])])
             page.figures[f"{name}, {rollouts}"] = {kind: each.times.tolist() for kind, each in taken.items()}
@@ -115,6 +124,23 @@ def _goals(name: str, taken: Mapping[str, Samples]) -> list[list[object]]:
 def _kept(found: Spread, goal: float) -> str:
     """Return whether a goal was reached."""
     return "yes" if found.median <= goal else "no"
+
+
+def _steps_at_places(name: str, rollouts: int, samples: int, rounds: int, places: int) -> dict[str, Samples]:
+    """Return the times of a sample of every loop, those of all processes one after the other."""
+    found: dict[str, list[Samples]] = {kind: [] for kind in (RIGID, RUBS, TWISTS, COUNTS, WATCHED)}
+    with tempfile.TemporaryDirectory() as folder:
+        first = Path(folder) / "0"
+        first.mkdir()
+        for place in range(places):
+            cache = Path(folder) / str(place)
+            if cache != first:
+                shutil.copytree(first, cache)
+            environment = mock.patch.dict(os.environ, ARMGPI_CACHE=str(cache))
+            with environment, ProcessPoolExecutor(1, get_context("spawn")) as pool:
+                for kind, times in pool.submit(_steps, name, rollouts, samples, rounds).result().items():
+                    found[kind].append(times)
+    return {kind: Samples(*map(np.concatenate, zip(*every, strict=True))) for kind, every in found.items()}
 
 
 def _steps(name: str, rollouts: int, samples: int, rounds: int) -> dict[str, Samples]:

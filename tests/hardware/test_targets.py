@@ -49,10 +49,11 @@ from armgpi.robot.rotors import assume_rotors
 from armgpi.supervisor import State
 
 pytest.importorskip("casadi", reason="casadi writes the C")
+from armgpi.hardware.export.fault_tests import fault_tests
 from armgpi.hardware.export.files import _running, record
 from armgpi.hardware.export.interfaces import table
 from armgpi.hardware.export.names import rename
-from armgpi.hardware.export.targets import _tests, follow_limits
+from armgpi.hardware.export.targets import follow_limits
 
 compiled = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 ARM = Robot.load("anthropomorphic3")
@@ -1329,10 +1330,16 @@ def test_a_test_of_a_fault_has_it_or_says_why_there_is_none(
     second = J("b", "L_a", "revolute" if limit else "continuous")
     joints = text(J("a", "base", "continuous"), second, arm=0)
     robot = Robot.from_xml(re.sub("<limit[^>]*/>", limit, joints))
-    rows = _tests(Supervised(law(robot, 1e-3), Supervisor(**{"speed": 0.5, **given})))
+    rows = fault_tests(Supervised(law(robot, 1e-3), Supervisor(**{"speed": 0.5, **given})))
     said = {row.split('"')[1]: row.split('"')[3] for row in rows if not row.endswith("NULL}")}
     assert said == without | {"cap": OFF, "workspace": OFF, "tool_speed": OFF, "tool_force": OFF}
     assert len(rows) == 14
+
+
+def test_motions_tried_at_once_have_the_faults_that_they_have_one_by_one() -> None:
+    robot = Robot.from_xml(text(J("a", "base", "continuous"), J("b", "L_a", "revolute"), arm=0))
+    controller = Supervised(PIDInversion(robot, 1e-3), Supervisor(speed=0.5))
+    assert fault_tests(controller) == fault_tests(controller, at_once=False)
 
 
 @compiled
