@@ -6,10 +6,11 @@
     python tools/first_rule.py --variants '{rest_dead_zone: 1.0e-3}' '{PROPORTIONAL: 2.5, INTEGRAL: 25.0}'
     python tools/first_rule.py --loops --arms z1 --variants '{given: {rolloff: 1, rolloff_ratio: 8.0}}'
 
-Variants change parameters of the controller, or, in capitals, numbers of armgpi/tuning/collocated.py. Four
+Variants change parameters of the controller, or, in capitals, numbers of armgpi/tuning/collocated.py. Five
 words have a meaning of their own:
 
     rotors: specified    the rule knows the rotors of the drawn arm
+    gear: assumed        the rule assumes a gear ratio of 100 where the arm has no gear (`--kind joint`)
     soft: true           the controller for an unknown side, in place of that for encoders at the motors
     given: {...}         parameters that are specified before the rule chooses the others
     gains: {...}         no rule: all joints with the same w, filter, link_factor, rotor_factor, proportional
@@ -118,6 +119,7 @@ class Variant(NamedTuple):
         gains: the same feedback of all joints, in place of a rule.
         soft: whether it is the controller for an unknown side.
         rotors: "specified" where the rule knows the rotors of the drawn arm.
+        gear: "assumed" where the rule is not told that the drawn arm has no gear.
     """
 
     numbers: Mapping[str, Any]
@@ -126,19 +128,20 @@ class Variant(NamedTuple):
     gains: Mapping[str, float]
     soft: bool
     rotors: str
+    gear: str
 
     @classmethod
     def of(cls, changes: Mapping[str, Any]) -> Variant:
         """Return the variant with some changes, as they are written on the command line."""
-        own = {"given": {}, "gains": {}, "soft": False, "rotors": "assumed"}
+        own = {"given": {}, "gains": {}, "soft": False, "rotors": "assumed", "gear": "specified"}
         own.update({key: value for key, value in changes.items() if key in own})
         numbers = {key: value for key, value in changes.items() if key.isupper()}
         changed = {key: value for key, value in changes.items() if key not in own and key not in numbers}
-        return cls(numbers, own["given"], changed, own["gains"], own["soft"], own["rotors"])
+        return cls(numbers, own["given"], changed, own["gains"], own["soft"], own["rotors"], own["gear"])
 
     def values(self, draw: Scenario) -> dict[str, Any]:
         """Return the parameters of the controller of a draw."""
-        robot = as_known(draw)
+        robot = draw.nominal if self.gear == "assumed" else as_known(draw)
         if self.rotors == "specified":
             rows = zip(robot.joint_names, draw.arm.armature.tolist(), strict=True)
             robot = robot.with_drives({joint: {"rotor_inertia": rotor} for joint, rotor in rows})

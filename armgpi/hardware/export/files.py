@@ -41,6 +41,11 @@ from armgpi.supervisor import FARTHEST, Reason, Supervised, Supervisor, reasons
 
 #: What a package says of a controller whose first torque is the weight.
 _HOLDS = "The first torque of the controller holds the arm: release the brakes under it."
+#: What positions of the motors are, of which libfranka's documents and its issue 114 say no more.
+_THETA = (
+    "the motors' positions. Whether their zero and their scale are those of `q` is not documented:\n"
+    "print both at rest before the first run. If they differ, do not run this program"
+)
 #: Largest difference from Python, as a share of the torque scale.
 _TOLERANCE = 1e-12
 #: The same where roundings add up: the states of the printed law grow without bound and cancel (docs,
@@ -425,7 +430,7 @@ def _running(controller: Supervised, target: str) -> str:
         "rate": f"{1.0 / controller.dt:.0f}",
         "position": position_of(target, robot),
     }
-    fill["side"] = "the motors' positions" if fill["position"] == "theta" else "the links' positions"
+    fill["side"] = _THETA if fill["position"] == "theta" else "the links' positions"
     return Template(template(f"README.{target}.md")).substitute(fill) + "\n"
 
 
