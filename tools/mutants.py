@@ -10,10 +10,12 @@ nothing. `--planted` takes the five that once survived the whole suite. What sur
 result.
 
 `--nearest` judges each mutant in one fresh process, by the six test files nearest to it (the same names of
-modules, packages and functions): no test has to run first, and nothing that was worked out before the bug
-was planted is left. `--again FILE` takes the mutants of a table that was printed before, found by their text
-where lines have moved, so what lived once can meet the tests that were written for it: those that its row
-names, or else the nearest.
+modules, packages and functions), at first by the tests that name its function, until one fails: no test has
+to run first, and nothing that was worked out before the bug was planted is left. Such a process is a fork of
+one that has the libraries of other makers and nothing of armgpi. It says which mutants are compiled to the
+same byte code, and which tests needed more time than `--seconds`. `--again FILE` takes the mutants of a
+table that was printed before, found by their text where lines have moved, so what lived once can meet the
+tests that were written for it: those that its row names, or else the nearest.
 """
 
 from __future__ import annotations
@@ -21,9 +23,11 @@ from __future__ import annotations
 import argparse
 import ast
 import contextlib
+import functools
 import gc
 import importlib
 import inspect
+import itertools
 import json
 import os
 import pkgutil
@@ -36,6 +40,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import CodeType, FrameType, FunctionType
@@ -201,6 +206,11 @@ def again(file: Path) -> dict[Mutant, list[str]]:
 
 #: How many test files a mutant meets.
 _NEAREST = 6
+#: What tests import of other makers; who is not installed is left out.
+_LIBRARIES = (
+    *("numpy", "scipy.linalg", "scipy.optimize", "scipy.signal", "scipy.spatial", "scipy.stats"),
+    *("pinocchio", "xarray", "h5netcdf", "yaml", "mujoco", "click", "matplotlib"),
+)
 #: A file of tests counts as near from here on: the test file of a module that uses the mutant's.
 _NEAR = 2
 
@@ -221,7 +231,7 @@ def nearest(mutant: Mutant, tests: dict[Path, str]) -> tuple[list[str], list[str
             around.add(node.name)
     words = [re.compile(rf"\b{re.escape(name)}\b") for name in around - {"step", "init", "of"}]
     module = re.compile(rf"\b{package}(\.\w+)*\.{re.escape(stem)}\b|import .*\b{re.escape(stem)}\b")
-    users = {f"test_{path.stem}" for path in Path("armgpi").rglob("*.py") if module.search(path.read_text())}
+    users = {f"test_{path.stem}" for path, text in sources().items() if module.search(text)}
 
     def score(path: Path) -> int:
         own = 8 if path.stem == f"test_{stem}" else 5 if path.stem.startswith(f"test_{stem}") else 0
@@ -242,23 +252,66 @@ def nearest(mutant: Mutant, tests: dict[Path, str]) -> tuple[list[str], list[str
     return named, [str(path) for path in files]
 
 
-def first_failure(tests: list[str], seconds: float, environment: dict[str, str], slow: bool) -> str:
-    """Run tests in a process and return the first that failed; empty where none did, or the time was over.
+@functools.cache
+def sources() -> dict[Path, str]:
+    """Return the text of each module."""
+    return {path: path.read_text() for path in sorted(Path("armgpi").rglob("*.py"))}
+
+
+def load_libraries() -> None:
+    """Import what tests need of other makers, once: each mutant's process is a fork of this one.
+
+    Nothing of armgpi is among it, so each process imports the mutant's module anew.
+    """
+    for name in _LIBRARIES:
+        with contextlib.suppress(ImportError):
+            importlib.import_module(name)
+    if any(name.partition(".")[0] == "armgpi" for name in sys.modules):
+        raise RuntimeError("a library has imported armgpi: processes would have it without the mutant")
+    gc.freeze()  # a fork shares its memory with this process
+
+
+def first_failure(tests: list[str], seconds: float, slow: bool) -> str:
+    """Run tests in a fork and return the first that failed; "" where none did, "?" where the time was over.
 
     Args:
         tests: as pytest takes them.
         seconds: of processor time at most.
-        environment: of the process.
         slow: whether the slow ones are among them.
+
+    Raises:
+        RuntimeError: where pytest could not run them.
     """
     if not tests:
         return ""
     options = [*PYTEST, "-m", ""] if slow else PYTEST
-    limited = ["bash", "-c", f'ulimit -t {int(seconds)}; exec "$@"', "bash"]
-    command = [*limited, sys.executable, "-m", "pytest", *options, "-x", "-q", "--no-header", *tests]
-    run = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    failed = [line for line in run.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
-    return failed[0].split()[1] if failed else ""
+    with tempfile.TemporaryFile("w+") as said:
+        child = os.fork()
+        if child == 0:
+            try:
+                os.setsid()
+                os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+                for stream in (1, 2):
+                    os.dup2(said.fileno(), stream)
+                limit = int(seconds)
+                resource.setrlimit(resource.RLIMIT_CPU, (limit, limit + 5))
+                signal.alarm(20 * limit)  # who waits for ever takes no processor time
+                os._exit(int(pytest.main([*options, "-x", "-q", "--no-header", "--tb=no", *tests])))
+            finally:
+                os._exit(2)
+        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(child, signal.SIGKILL)  # what it started
+        said.seek(0)
+        text = said.read()
+    failed = re.search(r"^(?:FAILED|ERROR) (\S+)", text, re.MULTILINE)
+    if failed:
+        return failed[1]
+    if code in (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED):
+        return ""
+    if code < 0:
+        return "?"
+    raise RuntimeError(text)
 
 
 def judge_by_nearest(chosen: list[Mutant], seconds: float, asked: dict[Mutant, list[str]]) -> None:
@@ -270,22 +323,38 @@ def judge_by_nearest(chosen: list[Mutant], seconds: float, asked: dict[Mutant, l
         asked: tests that a mutant meets in place of those that are nearest to it.
     """
     tests = {path: path.read_text() for path in sorted(Path("tests").rglob("test_*.py"))}
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    load_libraries()
     print("| mutant | kind | change | by | |\n|---|---|---|---|---|", flush=True)
-    survivors = 0
+    counts = Counter[str]()
     for mutant in chosen:
-        named, files = nearest(mutant, tests)
-        with planted_in_file(mutant):
+        if computes_the_same(mutant):
+            said, outcome = "", "the same byte code"
+        else:
+            named, files = nearest(mutant, tests)
+            by_row = asked.get(mutant, [])
             # One after the other: to collect whole files may take longer than to run a single test.
-            stages = [asked[mutant]] if asked.get(mutant) else [named, files]
-            named_by_row = bool(asked.get(mutant))
-            runs = (first_failure(stage, seconds, environment, named_by_row) for stage in stages)
-            failed = next(filter(None, runs), "")
-        survivors += not failed
-        met = asked.get(mutant) or files
-        said = f"{failed} | found" if failed else f"{' '.join(met)} | SURVIVES"
-        print(f"| {mutant} | {said} |", flush=True)
-    print(f"{survivors} of {len(chosen)} survive")
+            stages = [by_row] if by_row else [named, files]
+            with planted_in_file(mutant):
+                runs = [first_failure(stages[0], seconds, bool(by_row))]
+                if runs[0] in ("", "?") and len(stages) > 1:
+                    runs.append(first_failure(stages[1], seconds, slow=False))
+            failed = next((run for run in runs if run not in ("", "?")), "")
+            outcome = "found" if failed else "NOT FOUND IN TIME" if "?" in runs else "SURVIVES"
+            said = failed or " ".join(by_row or files)
+        counts[outcome] += 1
+        print(f"| {mutant} | {said} | {outcome} |", flush=True)
+    print(f"{len(chosen)} mutants: " + ", ".join(f"{count} {outcome}" for outcome, count in counts.items()))
+
+
+def computes_the_same(mutant: Mutant) -> bool:
+    """Tell whether a module with the mutant is compiled to the same byte code."""
+    whole = mutant.path.read_bytes()
+    changed = whole[: mutant.begin] + mutant.new.encode() + whole[mutant.end :]
+    return [body(code) for code in codes(whole)] == [body(code) for code in codes(changed)]
+
+
+#: The times of planted files differ by whole seconds: Python takes what it compiled for a file of that time.
+_PLANTED_AT = itertools.count(2_000_000_000)
 
 
 @contextlib.contextmanager
@@ -295,6 +364,7 @@ def planted_in_file(mutant: Mutant) -> Iterator[bytes]:
     whole, when = place.read_bytes(), place.stat()
     text = whole[: mutant.begin] + mutant.new.encode() + whole[mutant.end :]
     place.write_bytes(text)
+    os.utime(place, 2 * (next(_PLANTED_AT),))
     try:
         yield text
     finally:

@@ -222,7 +222,7 @@ def certify(
             that moves), `torque` (of disturbances [N m or N]), `friction` (whether that of the robot acts),
             `jump` (whether the load may jump between its ends), `bits` of the encoders, `delay` [samples],
             `arms` (such that the true one is in their hull; the controller's `robot` is in it) and `others`
-            (more that are possible, against which the numbers are held),
+            (more that are possible: each is searched, and none may exceed the numbers),
             and what :class:`armgpi.GPI` takes: `gains`, `integrators`, `rolloff`, `rolloff_ratio`,
             `second_ratio`, `second_zeta`, `feedforward`.
 
@@ -250,7 +250,7 @@ def certify(
         numbers = search_numbers(asked.setting, progress=progress)
     progress("solving")
     if rate is None:
-        return certificate(asked, numbers)
+        return certificate(asked, numbers, progress)
     network = asked.controller.gains
     if not (isinstance(network, BSplineNetwork) and network.common):
         raise ParameterError("rate", rate, "None for gains other than a BSplineNetwork with a common omega")
@@ -259,14 +259,19 @@ def certify(
         known = _Known(asked, numbers)
         if not solvable(known.law, known.numbers, known.one):
             continue
-        made = certificate(asked, numbers)
-        if made.certified:
-            return made
-    return certificate(asked, numbers)
+        if certificate(asked._replace(others=()), numbers).certified:
+            break
+    return certificate(asked, numbers, progress)
 
 
-def certificate(asked: Asked, found: Numbers) -> Certificate:
-    """Return the certificate that the numbers of an arm lead to, or why there is none."""
+def certificate(asked: Asked, found: Numbers, progress: Progress = lambda _: None) -> Certificate:
+    """Return the certificate that the numbers of an arm lead to, or why there is none.
+
+    Args:
+        asked: what is asked for.
+        found: the numbers.
+        progress: called with what is being done, in words.
+    """
     known = _Known(asked, found)
     stated = inputs_of(asked, found)
     known.gain()
@@ -278,10 +283,12 @@ def certificate(asked: Asked, found: Numbers) -> Certificate:
             known.close("start", "a start with the torque for another payload", stated)
         if loads_differ and asked.jump:
             known.close("jump", "a jump of the payload", stated)
+        known.hold_against_others(found, progress)
+    held = asked if known.solutions else asked._replace(others=())
     data: dict[str, Any] = {
         "format": FORMAT,
-        "robot": _robot(asked),
-        "assumptions": _assumptions(asked),
+        "robot": _robot(held),
+        "assumptions": _assumptions(held),
         "limits": known.limits,
         "law": known.law,
         "numbers": known.numbers,
@@ -291,12 +298,6 @@ def certificate(asked: Asked, found: Numbers) -> Certificate:
         "solutions": known.solutions,
     }
     data["seal"] = seal(data)
-    outside = count_outside(asked.setting, found, asked.others) if known.solutions else 0
-    if outside:
-        known.said.append(
-            f"Some of {_count_others(asked)} other possible arms exceed its numbers: identify the arm with a "
-            "longer log."
-        )
     return Certificate(data, tuple(known.said))
 
 
@@ -378,6 +379,24 @@ class _Known:
         else:
             self._claim(name, solution, inputs)
 
+    def hold_against_others(self, found: Numbers, progress: Progress) -> None:
+        """Take every claim back where another possible arm exceeds the numbers.
+
+        Args:
+            found: the numbers.
+            progress: called with what is being done.
+        """
+        others = self.asked.others
+        outside = count_outside(self.asked.setting, found, others, progress=progress)
+        if not outside:
+            return
+        self.solutions.clear()
+        self.inputs.clear()
+        self.said.append(
+            f"{outside} of {len(others)} other possible arms exceed its numbers: identify the arm with a "
+            "longer log."
+        )
+
     def bounds(self, solution: Solution, inputs: Any, claim: str = "") -> Any:
         """Return what a solution bounds."""
         facts = merge_facts(self.limits, self.law, self.numbers, inputs)
@@ -435,13 +454,8 @@ def _robot(asked: Asked) -> dict[str, Any]:
         "start": asked.start,
         "rule": None if asked.rule is None else [repr(float(x)) for x in asked.rule],
         "dead_zone": [repr(float(x)) for x in asked.setting.zone],
-        "tried": _count_others(asked),
+        "searched": len(asked.others),
     }
-
-
-def _count_others(asked: Asked) -> int:
-    """Return how many other arms the numbers are held against, each with all its loads."""
-    return len(asked.others) // (1 if asked.controller.payload is None else 2)
 
 
 def limits_of(asked: Asked) -> dict[str, list[str]]:
@@ -469,10 +483,10 @@ def _assumptions(asked: Asked) -> list[str]:
     if not isinstance(asked.controller.gains, FixedGains):
         moves = "all joints have one omega of the list given here, which goes one step in a sample at most"
     arm = "The arm is the rigid body model of the URDF with the rotor inertia given here, and a point mass "
-    if tried := _count_others(asked):
+    if asked.others:
         arm = (
-            f"The arm is in the hull of arms that are possible: {tried} more do not exceed the numbers at "
-            "the worst points of the controller's own, and were searched nowhere else. It has a point mass "
+            f"The arm is in the hull of arms that are possible: a search of each of {len(asked.others)} more "
+            "found none that exceeds the numbers. It has a point mass "
         )
     return [
         f"{arm}between the loads given; its joints follow the torque at once and exactly.",

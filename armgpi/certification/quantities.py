@@ -204,43 +204,59 @@ def between_ends(setting: Setting, found: Numbers) -> Numbers:
     the deltas in that of an end: what is linear in them is larger there at most by that. No metric is longer
     than the controller's by more than the root of 1 over the least delta.
     """
-    if setting.arms[0] is setting.arms[-1]:
-        return found
-    low = min(1.0, found.delta_low.value)
-    high = found.delta_high
-    between = math.sqrt(high.value / low)
-    factors = {
-        "sigma_error": between,
-        "kappa_error": between,
-        "shift": math.sqrt(1.0 / low),
-    }
-    proven = found.delta_low.status == high.status == "proved"
+    proven = found.delta_low.status == found.delta_high.status == "proved"
     changed: dict[str, Any] = {}
-    for name, longer in factors.items():
+    for name, longer in _factors_between_ends(setting, found).items():
         at_an_end = getattr(found, name)
         status = at_an_end.status if proven else "searched"
         changed[name] = Number(longer * at_an_end.value, status)
     return found._replace(**changed)
 
 
-def count_outside(setting: Setting, found: Numbers, others: Sequence[Robot], seed: int = 1) -> int:
-    """Return how many other arms exceed a number where that of the controller's own is the largest."""
-    if not others:
-        return 0
-    own = setting._replace(arms=setting.arms[-1:])
-    outside = np.zeros(len(others), bool)
+def _factors_between_ends(setting: Setting, found: Numbers) -> dict[str, float]:
+    """Return by what factors some numbers can be larger between the ends of the loads than at them."""
+    if setting.arms[0] is setting.arms[-1]:
+        return {}
+    low = min(1.0, found.delta_low.value)
+    between = math.sqrt(found.delta_high.value / low)
+    return {"sigma_error": between, "kappa_error": between, "shift": math.sqrt(1.0 / low)}
+
+
+def count_outside(
+    setting: Setting,
+    found: Numbers,
+    others: Sequence[tuple[Robot, ...]],
+    seed: int = 1,
+    progress: Progress = lambda _: None,
+) -> int:
+    """Return how many other arms exceed a number at the worst point that a search of each arm finds.
+
+    Args:
+        setting: what the numbers are taken over.
+        found: the numbers, for all loads.
+        others: of each arm, the arm with the lightest and with the heaviest load; or once.
+        seed: of the configurations that are drawn.
+        progress: called with what is being done.
+    """
+    outside = 0
+    for place, loaded in enumerate(others, start=1):
+        progress(f"searching possible arm {place} of {len(others)}")
+        outside += _exceeds(setting, found, loaded, seed)
+    return outside
+
+
+def _exceeds(setting: Setting, found: Numbers, loaded: Sequence[Robot], seed: int) -> bool:
+    """Tell whether an arm, at either end of its loads, has a larger number than those that were found."""
+    factors = _factors_between_ends(setting, found)
     for name, function in functions(setting).items():
-        z, values = _search(own, function, seed)
-        worst = np.argsort(-values)[:_BEST]
-        at = points(setting, z[worst])
         group, _, joint = name.lstrip("-").partition(".")
         number = getattr(found, group)
-        most = (number[int(joint)] if joint else number).value
+        most = (number[int(joint)] if joint else number).value / factors.get(group, 1.0)
         if name.startswith("-"):
             most = -most
-        for place, arm in enumerate(others):
-            outside[place] |= function(setting, arm, at).max() > most + TINY
-    return int(outside.sum())
+        if _search(setting, function, seed, loaded)[1].max() > most + TINY:
+            return True
+    return False
 
 
 def functions(setting: Setting) -> dict[str, _Function]:
@@ -290,8 +306,17 @@ def largest(setting: Setting, function: _Function, seed: int = 0) -> float:
     return float(_search(setting, function, seed)[1].max())
 
 
-def _search(setting: Setting, function: _Function, seed: int) -> tuple[Array, Array]:
-    """Return coordinates of points and values there, the largest that are found among them."""
+def _search(
+    setting: Setting, function: _Function, seed: int, arms: Sequence[Robot] = ()
+) -> tuple[Array, Array]:
+    """Return coordinates of points and values there, the largest that are found among them.
+
+    Args:
+        setting: what the function is taken over.
+        function: (setting, arm, points) -> values (k,).
+        seed: of the points that are drawn.
+        arms: that may be the true one; those of the setting when there are none.
+    """
     rng = np.random.default_rng(seed)
     n = setting.nominal.n
     low, width = ranges(setting)
@@ -300,7 +325,7 @@ def _search(setting: Setting, function: _Function, seed: int) -> tuple[Array, Ar
         work = len(z) * n * n * 2 ** min(n, MOST_CORNERS)
         parts = np.array_split(z, -(-work // _TOGETHER))
         of_arms = []
-        for arm in setting.arms:
+        for arm in arms or setting.arms:
             of_parts = [function(setting, arm, points(setting, part)) for part in parts]
             of_arms.append(np.concatenate(of_parts))
         return np.asarray(np.max(of_arms, axis=0))

@@ -42,7 +42,8 @@ class Asked(NamedTuple):
         jump: whether the load may jump from one end of its range to the other.
         bits: of the encoders; None for exact measurements.
         start: one of :data:`STARTS`.
-        others: more arms that are possible, against which the numbers are held.
+        others: more arms that are possible, each with the lightest and the heaviest load: each is searched,
+            and none may exceed the numbers.
         rule: bandwidths that automatic tuning gives the joints [rad/s], shape (n,); None where it is not
             asked.
     """
@@ -58,7 +59,7 @@ class Asked(NamedTuple):
     bits: int | None
     start: str
     rule: Array | None = None
-    others: tuple[Robot, ...] = ()
+    others: tuple[tuple[Robot, ...], ...] = ()
 
     @property
     def loads(self) -> tuple[float, float]:
@@ -125,9 +126,8 @@ def ask(
     known: Any = law.bias_robot
     inputs = each(torque, "torque"), rubbing, *moves, count, viscous, law.rest_dead_zone
     setting = Setting(ends, ends[-1], known, *where, near, fastest, law.feedforward, *inputs)
-    return Asked(
-        robot, law, where, setting, away, delay, friction, jump, bits, start, rule, _with_loads(others, loads)
-    )
+    more = tuple(_with_loads((arm,), loads) for arm in others)
+    return Asked(robot, law, where, setting, away, delay, friction, jump, bits, start, rule, more)
 
 
 def _friction(arms: Sequence[Robot], acts: bool, speed: Array) -> tuple[Array, Array]:

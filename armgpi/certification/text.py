@@ -100,7 +100,14 @@ def verdict(made: Any) -> str:
         "certified, not proved: the numbers of the arm are estimated numerically, as the largest of a search "
         "and 3 % more"
     )
-    if tried := made.data["robot"].get("tried"):
+    if searched := made.data["robot"].get("searched"):
+        share = 100.0 * share_covered(searched)
+        return (
+            f"{said}; each of {searched} other possible arms was searched as well, and none exceeds them: as "
+            f"far as such a search finds, with 95 % confidence {share:.0f} % of the arms from "
+            "which these were drawn do not"
+        )
+    if tried := made.data["robot"].get("tried"):  # of a file of an earlier version
         return (
             f"{said}; {tried} other possible arms do not exceed them at the worst points of this one (their "
             "own worst points were not searched)"

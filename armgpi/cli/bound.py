@@ -18,6 +18,7 @@ from armgpi.cli.arms import (
     note_gears,
     note_world,
     possible_arms,
+    refuse_pushes,
     resolved,
     unjudged_drives,
 )
@@ -378,11 +379,7 @@ def _refuse_what_no_bound_knows(experiment: Experiment, origin: Origin) -> None:
             raise origin.error(
                 ("supervisor", key), "a bound assumes that only the effort limits bound the torques"
             )
-    for key in ("loads", "environment"):
-        if getattr(experiment.config.plant, key):
-            raise origin.error(
-                ("plant", key), "disturbances of a bound are given by --torque and --force; remove this key"
-            )
+    refuse_pushes(experiment.config, origin, "--torque and --force")
 
 
 def _default_reference(robot: Robot) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from armgpi.cli.arms import (
     note_gears,
     note_world,
     possible_arms,
+    refuse_pushes,
     resolved,
     unjudged_drives,
 )
@@ -290,14 +291,16 @@ def _loop_of(
     """Return sample time, delay and law: as typed, as `armgpi run` has them of a file, or the usual ones."""
     usual: tuple[float, int, str] = (1e-3, 0, "gpi")
     if is_experiment(robot):
+        from armgpi.config import read
+
+        origin = read(Path(robot)).origin
+        refuse_pushes(config, origin, "--torque")
         law = config.controllers[0].type
         if controller is None and law not in ("gpi", "gpi_auto"):
-            from armgpi.config import read
-
             expected = f"a certificate can be computed for gpi and gpi_auto, got {law!r}"
             if law in _COMPLIANT:
                 expected += f"; {_NOT_PROVED}"
-            raise read(Path(robot)).origin.error(("controllers", 0, "type"), expected)
+            raise origin.error(("controllers", 0, "type"), expected)
         usual = (config.sample_time, getattr(config.plant, "delay", None) or 0, law)
     return (
         usual[0] if dt is None else dt,

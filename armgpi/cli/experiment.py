@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from armgpi.cli import options as opt
-from armgpi.cli.arms import check_contacts, note_differences, note_drives
+from armgpi.cli.arms import note_differences, note_drives
 from armgpi.cli.declared import values_of
 from armgpi.cli.parsing import FAILED, INTERRUPTED, OK, is_experiment, known_backend, refusal, stoppable
 from armgpi.cli.terminal import hold, print_held, say
@@ -92,7 +92,6 @@ def _run(asked: opt.Asked, options: opt.Run, compare: bool) -> int:
     if len(experiment.runs) > 1 and not compare:
         raise refusal("--plant", "armgpi run takes one plant; armgpi compare takes both")
     experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
-    check_contacts(experiment)
     check_out(options.out, options.config, options.force, experiment)
     if options.interactive:
         pictures.check_playable(experiment)

@@ -125,7 +125,7 @@ def _export(asked: opt.Asked, written: _Written) -> int:
     """Write what the options describe, print what it takes, and return the exit code."""
     import numpy as np
 
-    from armgpi.cli.arms import check_contacts, note_drives
+    from armgpi.cli.arms import note_drives
     from armgpi.config import experiment as experiments
     from armgpi.errors import ParameterError, require_extra
 
@@ -141,7 +141,6 @@ def _export(asked: opt.Asked, written: _Written) -> int:
     experiment = _experiment(_for_target(asked, target), target)
     _check_arm(experiment, target)
     experiment.robot.check_holding(experiment.reference.at(np.zeros(1)).q, "the start")
-    check_contacts(experiment)
     label, controller = next(iter(experiment.controllers.items()))
     supervised = supervise(controller, experiment.supervisor)
     # What cannot be written is refused before the simulation.

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from armgpi.base.escape import counted, printable
 from armgpi.base.verdict import Verdict, judge
 from armgpi.cli import options as opt
-from armgpi.cli.arms import note_world, resolved
+from armgpi.cli.arms import names_of_options, note_world, resolved
 from armgpi.cli.parsing import OFFERED, as_option, is_experiment
 from armgpi.cli.terminal import console as console_of
 from armgpi.cli.terminal import natural_width, say, widen
@@ -75,7 +75,10 @@ def inspect(
     known = resolved(robot, how, None, encoder_side) if is_experiment(robot) else None
     settings = _settings(robot, how, typed, known)
     payload = settings.pop("payload", 0.5)
-    found = health.inspect(settings.pop("name"), package_dirs=how.package_dir or [], **settings)
+    with names_of_options(
+        lock=settings.get("lock"), keep=settings.get("keep"), repair=settings.get("repair")
+    ):
+        found = health.inspect(settings.pop("name"), package_dirs=how.package_dir or [], **settings)
     found = health.with_payload(found, payload)
     found = found.with_findings([], motion=motion(found.robot))
     if cross_check:

@@ -79,7 +79,10 @@ def with_options(error: BaseException) -> str:
     while cause is not None and not getattr(cause, "remedies", ()):
         cause = cause.__cause__
     text = in_options(_of_option(error))
-    options = [in_options(as_option(remedy)) for remedy in getattr(cause, "remedies", ())]
+    remedies = getattr(cause, "remedies", ())
+    if "--config" not in OFFERED:
+        remedies = [remedy for remedy in remedies if remedy.kind != "config"]
+    options = [in_options(as_option(remedy)) for remedy in remedies]
     options = [option for option in options if re.split(r"(?:=|: )[\d.]+", option)[0] not in text]
     return f"{text} ({' or '.join(options)})" if options else text
 

@@ -44,7 +44,6 @@ def play(
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi import config as configuration
     from armgpi.cli import pictures
-    from armgpi.cli.arms import check_contacts
     from armgpi.cli.settings import settings
     from armgpi.config.building import summary
     from armgpi.viewing import meshcat
@@ -55,7 +54,6 @@ def play(
     compiler()
     asked = opt.Asked(robot=robot, controllers=controller, declared=values_of(context), options=options)
     experiment = configuration.build(*settings(asked, compare=False))
-    check_contacts(experiment)
     pictures.check_playable(experiment, frame)
     path = Path(f"{experiment.robot.name}.html") if out is None else out
     pictures.check_file(path, "--out")

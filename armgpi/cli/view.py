@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from armgpi.base.files import check_set, read_bytes
 from armgpi.cli import options as opt
-from armgpi.cli.parsing import refusal, stoppable
+from armgpi.cli.arms import names_of_options
+from armgpi.cli.parsing import is_experiment, refusal, stoppable
 from armgpi.cli.terminal import progress, say
 from armgpi.cli.written import import_xarray
 from armgpi.errors import ArmgpiError
@@ -183,7 +184,12 @@ def _page(targets: list[str], how: opt.Loading, robot: str | None, frame: str | 
     # Joints that mimic another follow it, if nothing else is said; one that is locked without a value is
     # locked where it is nearest to zero.
     loading: dict[str, Any] = {"mimic": "follow", **opt.robot_given(how)}
-    return meshcat.robot_page(*(Robot.load(name, **loading) for name in targets), frame=frame)
+    for name in filter(is_experiment, targets):
+        expected = f"name its robot, or the rollout that `armgpi run {name}` writes"
+        raise refusal("FILE", f"{name} is an experiment file; {expected}")
+    with names_of_options(**{key: loading.get(key) for key in ("lock", "keep", "repair")}):
+        robots = [Robot.load(name, **loading) for name in targets]
+    return meshcat.robot_page(*robots, frame=frame)
 
 
 def _log(path: Path, robot: str | None) -> xr.Dataset:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from typing import Any, NamedTuple, TypeVar
 
@@ -18,8 +18,9 @@ from armgpi.config.schema import ExperimentConfig
 from armgpi.config.section import Section
 from armgpi.config.values import given_values
 from armgpi.control.controller import Controller
-from armgpi.errors import ConfigError, EffortError
-from armgpi.plants.plant import Plant
+from armgpi.errors import ConfigError, EffortError, ParameterError
+from armgpi.plants.arm import Arm
+from armgpi.plants.plant import Plant, inside
 from armgpi.references.reference import Reference
 from armgpi.registry import Context
 from armgpi.robot.robot import Robot
@@ -89,6 +90,8 @@ def build(config: ExperimentConfig, origin: Origin | None = None) -> Experiment:
     reference, end, moves = build_reference(config, robot, top.at("reference"))
     t_final = max(end + _SETTLE, lasts) if config.t_final is None else config.t_final
     _check_samples(config, t_final, top)
+    if not config.vary:  # which may move the walls, or where the arm starts
+        _check_walls(plants, reference, top.at("plant"))
     supervisor = _supervisor(config, controllers.values(), reference, top.at("supervisor"))
     config = config.replace(controllers=sections, reference=moves, t_final=t_final)
     plant = next(iter(plants.values()))
@@ -145,6 +148,24 @@ def _check_samples(config: ExperimentConfig, t_final: float, top: Place) -> None
         f"expected {dt:g} to {dt * _MAX_SAMPLES:g} s (1 to {_MAX_SAMPLES:.0e} samples of {dt:g} s) in a run, "
         f"got {t_final:g} s"
     )
+
+
+def _check_walls(plants: Mapping[str, Plant], reference: Reference, place: Place) -> None:
+    """Refuse an arm that starts behind a wall.
+
+    Raises:
+        ConfigError: of the key of the wall's distance, with how deep the point is.
+    """
+    start = reference.at(0.0).q
+    for plant in plants.values():
+        arm = inside(plant)
+        if not isinstance(arm, Arm):
+            continue
+        try:
+            arm.check_start(start)
+        except ParameterError as error:
+            steps = [int(step) if step.isdigit() else step for step in error.name.split(".")]
+            raise place.at(*steps).error(str(error).removeprefix(f"{error.name} ")) from error
 
 
 def _supervisor(

@@ -361,3 +361,22 @@ def test_nothing_in_the_package_writes_files_by_itself() -> None:
 def test_texts_of_a_file_are_counted_as_numpy_keeps_them(size: int) -> None:
     kind = h5py.h5t.py_create(np.dtype(f"S{size}"))
     assert hdf5._memory(kind, 7, "names") >= np.zeros(7, f"U{size}").nbytes
+
+
+def test_texts_of_variable_length_count_with_all_their_letters(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "texts.nc"
+    with h5py.File(path, "w") as file:
+        file["first"] = ["x" * 1000, "y" * 500]
+        file["second"] = ["z" * 1500]
+    with h5py.File(path) as file:
+        found = hdf5._Found("first", file["first"].id)
+        alone = hdf5._memory(found.object.get_type(), 2, "variable")
+        assert hdf5._size(found, 1e9) == alone + 4 * 1500
+    # Neither is too large by itself, and both together are.
+    monkeypatch.setattr(files, "allowance", lambda _: 4 * 2900)
+    with pytest.raises(hdf5.Refused, match=r"its variables up to '(first|second)' take"):
+        hdf5.check(path)
+    monkeypatch.setattr(files, "allowance", lambda _: 4 * 3500)
+    hdf5.check(path)

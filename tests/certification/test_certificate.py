@@ -325,6 +325,26 @@ def test_the_bound_is_above_the_exact_worst_case_of_a_frozen_loop(
     assert 1.0 <= ratio < 4.0
 
 
+def test_other_possible_arms_are_searched_and_one_beyond_the_numbers_takes_all_claims_back() -> None:
+    robot = armgpi.Robot.load("anthropomorphic3").with_armature(0.05)
+    heavier = [robot.with_payload(robot.tip, mass) for mass in (0.0, 0.03, 0.1)]
+    options: dict[str, Any] = {"speed": 0.2, "start": "held", "radius": 0.05, "arms": [heavier[1]]}
+    within = armgpi.certify(robot, others=heavier[:2], **options)
+    assert within.certified
+    assert within.check() == []
+    share = 100.0 * 0.05**0.5  # two of two
+    assert "each of 2 other possible arms was searched as well, and none exceeds them" in verdict(within)
+    assert f"with 95 % confidence {share:.0f} % of the arms" in verdict(within)
+    assert "a search of each of 2 more found none that exceeds the numbers" in within.data["assumptions"][0]
+    beyond = armgpi.certify(robot, others=heavier, **options)
+    (reason,) = beyond.reasons
+    assert reason.startswith("1 of 3 other possible arms exceed its numbers")
+    assert not beyond.certified
+    assert np.isnan(beyond.error).all()
+    # A file claims nothing either, as it does not have the reason.
+    assert (beyond.data["solutions"], beyond.data["inputs"], beyond.data["robot"]["searched"]) == ({}, {}, 0)
+
+
 def test_a_motor_that_is_too_weak_is_the_one_reason_where_nothing_disturbs() -> None:
     robot = armgpi.Robot.load("anthropomorphic3").with_limits(effort={"q3": 0.05})
     made = armgpi.certify(robot, payload=(0.0, 0.1), speed=0.2, start="held")

@@ -626,10 +626,11 @@ def test_what_pushes_the_plant_is_refused_as_no_bound_knows_it(
         "controllers: [{type: gpi, omega: 20, feedforward: model}]\n"
         "reference: {points: [[0, 0.4, -0.4], [0.4, 0.6, -0.1]], durations: 2}\n"
     )
-    refused = cli("bound", file)
-    assert refused.code == 2
-    (line,) = refused.err.splitlines()
-    assert f"plant.{key}: disturbances of a bound are given by --torque and --force" in line
+    for command, options in (("bound", "--torque and --force"), ("certify", "--torque")):
+        refused = cli(command, file)
+        assert refused.code == 2
+        (line,) = refused.err.splitlines()
+        assert f"plant.{key}: disturbances of a bound are given by {options}; remove this key" in line
 
 
 def test_a_page_shows_the_errors_of_its_run() -> None:

@@ -234,7 +234,7 @@ def test_deltas_are_moved_away_from_one_and_motion_is_longer_between_the_ends(
             pair = (getattr(x, name) for x in (found, whole))
             before, after = ((x,) if isinstance(x, quantities.Number) else x for x in pair)
             assert [x.value for x in after] == pytest.approx([longer * x.value for x in before]), name
-        assert quantities.between_ends(case._replace(arms=case.arms[1:]), found) is found
+        assert quantities.between_ends(case._replace(arms=case.arms[1:]), found) == found
 
 
 def test_a_search_comes_near_what_is_largest_inside_and_holds_other_arms_against_it(
@@ -247,7 +247,42 @@ def test_a_search_comes_near_what_is_largest_inside_and_holds_other_arms_against
     found = search_numbers(one)
     near, far = (case.nominal.with_payload(case.nominal.tip, x) for x in (0.0, 0.1))
     assert quantities.count_outside(one, found, []) == 0
-    assert quantities.count_outside(one, found, [near, far, near], seed=0) == 1
+    told: list[str] = []
+    arms = [(near,), (far,), (near, far), (near,)]
+    assert quantities.count_outside(one, found, arms, seed=0, progress=told.append) == 2
+    assert told[2] == "searching possible arm 3 of 4"
+
+
+def test_each_other_arm_is_searched_for_its_own_worst_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A number that another arm exceeds only where the controller's own arm is at its least is found."""
+    monkeypatch.setattr(quantities, "MARGIN", 0.0)
+    one = setting()._replace(arms=setting().arms[1:])
+    own, other = one.arms[0], one.arms[0].with_payload(one.nominal.tip, 0.1)
+    where = np.array([0.31, -0.17, 0.73])
+
+    def peak(_: object, arm: object, at: quantities.Points) -> Array:
+        near = np.exp(-40.0 * ((at.star - where) ** 2).sum(axis=1))
+        return 1.0 - 0.5 * near if arm is own else 0.5 + near
+
+    found = search_numbers(one)._replace(sigma=quantities.Number(1.2))
+    monkeypatch.setattr(quantities, "functions", lambda _: {"sigma": peak})
+    assert quantities.count_outside(one, found, [(own,), (other,)]) == 1
+    found = found._replace(sigma=quantities.Number(1.6))
+    assert quantities.count_outside(one, found, [(own,), (other,)]) == 0
+
+
+def test_another_arm_has_the_room_of_loads_between_the_ends_too() -> None:
+    """At the ends it may have no more than the numbers leave for loads in between."""
+    case = setting()
+    found = quantities.at_ends(case)
+    raised = quantities.between_ends(case, found)
+    longer = raised.sigma_error.value / found.sigma_error.value
+    assert longer > 1.0 + quantities.MARGIN
+    arms = [case.arms]
+    assert quantities.count_outside(case, raised, arms) == 0
+    between = raised._replace(sigma_error=quantities.Number(0.9 * raised.sigma_error.value))
+    assert 0.9 * longer > 1.0  # it is above what the arm has at its ends, and below what it may have between
+    assert quantities.count_outside(case, between, arms) == 1
 
 
 def test_what_a_search_found_is_raised_by_its_margin(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -332,7 +367,8 @@ def test_what_is_asked_for_is_put_together_joint_by_joint() -> None:
     hull = ask(arm, 2e-3, speed=speed, payload=(0.1, 0.3), arms=(two, arm), others=(two,), friction=True)
     ends = [each.with_payload(arm.tip, x) for x in (0.1, 0.3) for each in (two, arm)]
     assert weights(*hull.setting.arms) == weights(*ends, light, heavy)
-    assert weights(*hull.others) == weights(ends[0], ends[2])
+    (loaded,) = hull.others
+    assert weights(*loaded) == weights(ends[0], ends[2])
     np.testing.assert_allclose(hull.setting.friction, [0.06, 0.04, 0.03])  # at rest: what sticks
     np.testing.assert_allclose(hull.setting.radius, 0.02 + 2e-3 * speed)
     none = ask(arm, 2e-3, speed=speed, arms=(two,)).setting

@@ -211,7 +211,7 @@ def test_dynamics_of_others_are_refused() -> None:
             Arm(dynamics)
 
 
-@pytest.mark.parametrize("what", ["load", "armature", "gravity"])
+@pytest.mark.parametrize("what", ["load", "armature", "gravity", "load armature gravity"])
 def test_numbers_that_vary_are_those_that_differ_between_the_rows(what: str) -> None:
     """Rows of a batch have other numbers where they are said to vary, and nowhere else."""
     arm = Robot.load("ur5").dynamics
@@ -225,10 +225,13 @@ def test_numbers_that_vary_are_those_that_differ_between_the_rows(what: str) -> 
         "armature": {"armature": rng.uniform(0.1, 1.0, (3, 6))},
         "gravity": {"gravity": rng.uniform(-9.0, 9.0, (3, 3))},
     }
-    varied = VariedDynamics(arm, 3, **given[what])
+    varied = VariedDynamics(arm, 3, **{key: x for name in what.split() for key, x in given[name].items()})
     rows = np.array([model.numbers_of(*model.bodies(varied.row(i).model)) for i in range(3)])
     says = model.varying(arm.model, varied)
     differ = (rows != rows[0]).any(axis=0)
     assert says.shape == rows[0].shape
     assert not (differ & ~says).any()
     assert differ.sum() >= 0.9 * says.sum()  # a moment may be equal by chance, a mass is not
+    own = model.numbers_of(*model.bodies(arm.model))[says]
+    table = model.varied_table(arm.model, varied, own)
+    np.testing.assert_allclose(table, rows[:, says], rtol=1e-12, atol=1e-15)
