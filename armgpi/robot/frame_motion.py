@@ -20,6 +20,9 @@ from armgpi.robot.robot import Robot
 #: Damping of J J', lengths in those of the arm: directions with a singular value below its root are no
 #: directions of a force or a motion.
 _SINGULAR = 1e-4
+_IDENTITY = np.eye(3)
+#: Axes in the order in which a cross product multiplies them.
+_NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
 #: Configurations over which the length of an arm is taken.
 _CONFIGURATIONS = 32
 
@@ -62,6 +65,10 @@ class Motion(NamedTuple):
             force: in the base frame [N], (..., 3).
             moment: likewise [N m].
         """
+        if all(map(_is_vector, (self.position, force, moment))) and None not in self.levers:
+            # All joints at once, with the same bits.
+            linear, angular = (np.stack(every) for every in zip(*self.levers, strict=True))
+            return np.asarray(_dot(linear, force) + _dot(angular, moment))
         columns = []
         for joint, lever in enumerate(self.levers):
             if lever is None:
@@ -161,6 +168,7 @@ class FrameMotion:
         ]
         self._axes = np.array([_snapped(axis).reshape(3, 1) for axis in axes])
         self._crosses = cross_matrix(self._axes[:, :, 0])
+        self._squares = np.array([each @ each for each in self._crosses])
         self._ratio: Array | None = None
         self._offset: Array | None = None
         if robot.coupling is not None:
@@ -231,9 +239,17 @@ class FrameMotion:
         """Return how the point moves, from where the joints are; arguments as of :meth:`at`."""
         rotation, position, axes, origins = chain
         _, all_v = self._whole(q, v)
-        velocity: Any = 0.0
-        rate: Any = 0.0
-        levers: dict[int, tuple[Any, Any]] = {}
+        velocity: Any
+        rate: Any
+        levers: dict[int, tuple[Any, Any]]
+        if _is_vector(position) and all(self._turns):  # all joints at once, with the same bits
+            angular, speeds = np.stack(axes), all_v[list(self._places), None]
+            linear = cross(angular, position - np.stack(origins))
+            # One after the other, from 0.0 on: a sum of -0.0 alone is 0.0.
+            velocity, rate = (np.add.accumulate(x * speeds)[-1] + 0.0 for x in (linear, angular))
+            levers = dict(zip(self._places, zip(linear, angular, strict=True), strict=True))
+            return Motion(rotation, position, velocity, rate, self._levers(levers))
+        velocity, rate, levers = 0.0, 0.0, {}
         for i, (place, turns) in enumerate(zip(self._places, self._turns, strict=True)):
             zero = 0.0 * axes[i]
             lever = (cross(axes[i], position - origins[i]), axes[i]) if turns else (axes[i], zero)
@@ -245,7 +261,8 @@ class FrameMotion:
     def chain(self, q: Array) -> Chain:
         """Return rotation and position of the point, and axis and origin of every joint before it."""
         all_q, _ = self._whole(q, q)
-        rotation: Any = np.eye(3)
+        turned = self._turned(all_q)
+        rotation: Any = _IDENTITY
         position: Any = np.zeros((3, 1))
         axes = []
         origins = []
@@ -254,17 +271,25 @@ class FrameMotion:
             rotation = np.matmul(rotation, self._rotations[i])
             axes.append(np.matmul(rotation, self._axes[i])[..., 0])
             origins.append(position[..., 0])
-            x = all_q[..., place, None, None]
             if turns:
-                # Rodrigues' formula: 1 + sin(x) K + (1 - cos(x)) K^2.
-                cross = self._crosses[i]
-                turned = np.eye(3) + np.sin(x) * cross + (1.0 - np.cos(x)) * (cross @ cross)
-                rotation = np.matmul(rotation, turned)
+                rotation = np.matmul(rotation, turned[i])
             else:
-                position = position + axes[-1][..., None] * x
+                position = position + axes[-1][..., None] * all_q[..., place, None, None]
         position = (position + np.matmul(rotation, self._positions[-1]))[..., 0]
         rotation = np.matmul(rotation, self._rotations[-1])
         return Chain(rotation, position, axes, origins)
+
+    def _turned(self, all_q: Any) -> Any:
+        """Return the rotations of the joints about their axes: Rodrigues' 1 + sin(x) K + (1 - cos(x)) K^2."""
+        if isinstance(all_q, np.ndarray):  # all at once, with the same bits
+            x = all_q[..., list(self._places), None, None]
+            turned = _IDENTITY + np.sin(x) * self._crosses + (1.0 - np.cos(x)) * self._squares
+            return np.moveaxis(turned, -3, 0)
+        rotations = []
+        for place, cross, square in zip(self._places, self._crosses, self._squares, strict=True):
+            x = all_q[..., place, None, None]
+            rotations.append(_IDENTITY + np.sin(x) * cross + (1.0 - np.cos(x)) * square)
+        return rotations
 
     def _whole(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return all coordinates of the model, those of joints that follow others included."""
@@ -290,8 +315,15 @@ class FrameMotion:
         return tuple(summed)
 
 
+def _is_vector(x: Any) -> bool:
+    """Tell whether something is one vector of numbers, no batch of them and no symbols."""
+    return isinstance(x, np.ndarray) and x.ndim == 1
+
+
 def cross(a: Any, b: Any) -> Any:
     """Return the cross product of (..., 3) and (..., 3)."""
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return a[..., _NEXT] * b[..., _AFTER] - a[..., _AFTER] * b[..., _NEXT]
     return np.stack(
         [
             a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1],
