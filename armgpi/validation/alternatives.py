@@ -14,6 +14,7 @@ import itertools
 import math
 import re
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache
 from types import FunctionType
 from typing import Any, NamedTuple, TypeGuard
 
@@ -33,6 +34,8 @@ _TURNS = {"sin": "cos", "cos": "sin"}
 _VECTORS = 24
 #: Numbers by which products of matrices are scaled, and combinations of names in a term, at most.
 _FACTORS_TRIED, _TWINS = 8, 60
+#: What is read nowhere and is multiplied with each number, at most.
+_UNUSED_MULTIPLIED = 12
 #: Matrices of which all products are tried: those of ten were two thirds of a search.
 _FEW_MATRICES = 4
 #: Numbers of one list or array that are names, at most.
@@ -301,17 +304,46 @@ def _value_at(node: ast.expr, values: Mapping[str, Any]) -> Any:
 def _numbers_read(
     tree: ast.AST, everywhere: ast.AST, values: Mapping[str, Any], arguments: tuple[str, ...]
 ) -> Iterator[str]:
-    """Yield the numbers of lists and arrays of which one is read alone: ``m[1]``, ``I[2][0, 0]``."""
-    own = {n.id for n in names_with(ast.Store, tree)}
+    """Yield the numbers of lists and arrays of which one is read alone: ``m[1]``, ``I[2][0, 0]``.
+
+    Not those of arrays that functions fill: they are other numbers in every call.
+    """
+    others = {*arguments, *filled_by_functions(everywhere)}
+    if arguments:
+        others |= {n.id for n in names_with(ast.Store, tree)}
     roots: dict[str, None] = {}
-    for node in (n for n in ast.walk(everywhere) if isinstance(n, ast.Subscript)):
+    for node in ast.walk(everywhere):
+        if not (isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Load)):
+            continue
         root: ast.expr = node
-        while isinstance(root, ast.Subscript) and not names_in(root.slice):
+        while isinstance(root, ast.Subscript) and _is_one_place(root.slice):
             root = root.value
-        if isinstance(root, ast.Name) and root.id not in (*arguments, *(own if arguments else ())):
+        if isinstance(root, ast.Name) and root.id not in others:
             roots[root.id] = None
     for name in roots:
         yield from itertools.islice(_numbers_in(name, values.get(name)), _MOST_ENTRIES)
+
+
+def _is_one_place(index: ast.expr) -> bool:
+    """Tell whether an index is the same place at every pass: not a slice, and nothing that counts."""
+    return not names_in(index) and not any(isinstance(x, ast.Slice) for x in ast.walk(index))
+
+
+@lru_cache(maxsize=1)
+def filled_by_functions(tree: ast.AST) -> frozenset[str]:
+    """Return the names of arrays, lists and dictionaries of a module whose entries its functions assign."""
+    found: set[str] = set()
+    for function in (x for x in ast.walk(tree) if isinstance(x, ast.FunctionDef)):
+        filled: set[str] = set()
+        for node in ast.walk(function):
+            root: ast.AST = node
+            while isinstance(root, ast.Subscript):
+                root = root.value
+            if isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Store):
+                filled |= {root.id} if isinstance(root, ast.Name) else set()
+        own = {x.arg for x in ast.walk(function.args) if isinstance(x, ast.arg)}
+        found |= filled - own - {x.id for x in names_with(ast.Store, *function.body)}
+    return frozenset(found)
 
 
 def _numbers_in(text: str, value: Any) -> Iterator[str]:
@@ -694,7 +726,8 @@ def _with_unused(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
             yield "term", ast.BinOp(other, ast.Add(), node)
             yield "term", ast.BinOp(node, ast.Sub(), other)
         factors = (*scope.numbers(), *scope.scalars)
-        for other in scope.unused if isinstance(node, ast.BinOp) and insertion(node, parent) else ():
+        few = scope.unused[:_UNUSED_MULTIPLIED]
+        for other in few if isinstance(node, ast.BinOp) and insertion(node, parent) else ():
             for x in factors:  # of a spring, a mass: half of its product with a square
                 yield "term", ast.BinOp(node, ast.Add(), _times(other, x))
                 half = _times(ast.Constant(0.5), _times(other, _power(x, 2)))
@@ -1115,6 +1148,7 @@ def indices(index: ast.expr, scope: Scope) -> Iterator[Choice]:
                 swapped = [*items]
                 swapped[j], swapped[k] = items[k], items[j]
                 yield "index", ast.Tuple(swapped, ast.Load())
+            yield from _of_pages(items, scope)
         case ast.Name(id=name):
             yield from _of_counter(name, scope)
         case ast.BinOp():
@@ -1122,6 +1156,17 @@ def indices(index: ast.expr, scope: Scope) -> Iterator[Choice]:
                 yield "index", index.left
                 yield from _of_counter(index.left.id, scope)
             yield from _of_flat_index(index, scope)
+
+
+def _of_pages(items: Sequence[ast.expr], scope: Scope) -> Iterator[Choice]:
+    """Yield other pages and columns of an array: ``R[:, :, i + 1]`` for ``R[:, :, i]``, ``z[:, 1]`` for 0."""
+    if not any(isinstance(item, ast.Slice) for item in items):
+        return
+    for k, item in enumerate(items):
+        if not isinstance(item, ast.Name | ast.BinOp | ast.Constant):
+            continue
+        for kind, other in indices(item, scope):
+            yield kind, ast.Tuple([*items[:k], other, *items[k + 1 :]], ast.Load())
 
 
 def _of_counter(name: str, scope: Scope) -> Iterator[Choice]:

@@ -29,6 +29,7 @@ from armgpi.base.arrays import Array
 from armgpi.validation.alternatives import (
     Scope,
     alternatives,
+    filled_by_functions,
     formula_of,
     function_name,
     indices,
@@ -694,6 +695,57 @@ def cross(a: Any, b: Any, *rest: Any, _general: Any = np.cross, **options: Any) 
     return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
 
 
+class _State:
+    """Arrays, lists and dictionaries of a module, and of its objects, that its functions change in place."""
+
+    def __init__(self, module: ModuleType, calls: Iterable[Any]) -> None:
+        """Keep what they hold now.
+
+        Args:
+            module: of the model.
+            calls: functions of the model, maybe methods of objects.
+        """
+        owners = [getattr(inspect.unwrap(call), "__self__", None) for call in calls]
+        held = [value for value in vars(module).values() if type(value).__module__ == module.__name__]
+        named = [*vars(module).items()]
+        for owner in (*owners, *held):
+            named += getattr(owner, "__dict__", {}).items()
+        self._kept: dict[int, tuple[str, Any, Any]] = {}
+        for name, value in named:
+            if name[:2] != "__" and isinstance(value, np.ndarray | list | dict):
+                self._kept[id(value)] = (name, value, copy.copy(value))
+
+    def forget_what_stays(self, filled: Container[str]) -> None:
+        """Keep those alone that have changed since, and those of some names."""
+        self._kept = {
+            key: (name, value, before)
+            for key, (name, value, before) in self._kept.items()
+            if name in filled or not _is_same(value, before)
+        }
+
+    def restore(self) -> None:
+        """Give all that is kept what it held at first."""
+        for _, value, before in self._kept.values():
+            if isinstance(value, dict):
+                value.clear()
+                value.update(before)
+            elif isinstance(value, list):
+                value[:] = before
+            else:
+                np.copyto(value, before)
+
+
+def _is_same(value: Any, before: Any) -> bool:
+    """Tell whether an array, a list or a dictionary holds what it held before: the same objects."""
+    if isinstance(value, np.ndarray):
+        return value.shape == before.shape and np.array_equal(value, before)
+    if len(value) != len(before):
+        return False
+    if isinstance(value, dict):
+        return all(key in before and value[key] is before[key] for key in value)
+    return all(one is other for one, other in zip(value, before, strict=True))
+
+
 class Editor:
     """A model's source with its switches."""
 
@@ -712,6 +764,7 @@ class Editor:
         self._makers: set[FunctionType] = set()
         self._terms: dict[tuple[int, int], Pick] = {}  # block and site of a term that is made -> what it is
         self._calls = self._resolve().calls
+        self._state = _State(self._module, self._calls.values())
         self._body = _assignments(self._tree)
         #: Whether symbols are in it: expressions that are computed at every state.
         self.drawn = any(is_drawn(x) for x in vars(self._module).values())
@@ -725,6 +778,7 @@ class Editor:
         self._helpers = dict(self._called_first(found))
         self._trace_helpers()
         self._trace(found)
+        self._state.forget_what_stays(filled_by_functions(self._tree))
         #: What the module's statements run.
         self._first = [*self._helpers.values()]
         found |= self._helpers
@@ -975,6 +1029,7 @@ class Editor:
 
     def outputs(self, names: Iterable[str], rows: int, anew: bool = False) -> dict[str, Array] | None:
         """Return what some functions give at the first rows, None when they raise or are not finite."""
+        self._state.restore()  # a change may have written where nothing else writes
         try:
             names = tuple(names)
             asked = frozenset(self.targets[name].function for name in names)
@@ -1084,6 +1139,7 @@ class Editor:
     def matrix(self) -> Array | None:
         """Return the Coriolis matrix at the first state, None when it raises."""
         name = "coriolis_matrix"
+        self._state.restore()
         try:
             with self._functions_now(frozenset([name])) as calls:
                 self._place_terms(ALL, 0)

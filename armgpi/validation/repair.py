@@ -23,7 +23,7 @@ from armgpi.validation.proofs import Repaired, Searched, is_number
 from armgpi.validation.residual import Difference
 from armgpi.validation.slopes import own_numbers, slopes, with_changes
 from armgpi.validation.tree import Tree, evaluate
-from armgpi.validation.units import grouped_numbers, with_numbers
+from armgpi.validation.units import grouped_numbers, states_angles, with_numbers
 from armgpi.validation.worker import Worker
 
 Signs = tuple[tuple[float, str], ...]
@@ -63,7 +63,9 @@ class Compared(NamedTuple):
     @property
     def goal(self) -> Goal:
         """What its functions should give."""
-        return _goal(self.states.first(ROWS), self.problem, self.names)
+        source = self.worker.source
+        has_angles = source is not None and states_angles(source)
+        return _goal(self.states.first(ROWS), self.problem, self.names, has_angles)
 
 
 class Renumbered(NamedTuple):
@@ -182,8 +184,8 @@ def odd_numbers(compared: Compared) -> Renumbered | None:
     return Renumbered(found.odd, *_renumbered(found, compared.problem))
 
 
-def _goal(few: States, problem: Problem, names: Sequence[str]) -> Goal:
-    """Return what functions, and their parts, should give at some states."""
+def _goal(few: States, problem: Problem, names: Sequence[str], has_angles: bool) -> Goal:
+    """Return what functions, and their parts, should give at some states; see :func:`slopes` for the last."""
 
     def values(name: str, s: States) -> Array:
         # As the search compares them, (rows, m): of accelerations D and C v + G.
@@ -210,7 +212,7 @@ def _goal(few: States, problem: Problem, names: Sequence[str]) -> Goal:
         for label, (_, signs) in parts.items():
             flat = np.sum([sign * given[one] for sign, one in signs], axis=0)
             targets[f"{name} {label}"] = targets[name]._replace(values=flat, best=None, states=signs)
-    return Goal(seen, targets, slopes(problem, few, names), problem.is_passive)
+    return Goal(seen, targets, slopes(problem, few, names, has_angles), problem.is_passive)
 
 
 def _agrees_renumbered(compared: Compared, found: Repaired) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 
 from armgpi.base.arrays import Array
 from armgpi.validation.hypotheses import Parameter, parameters, steiner
@@ -13,7 +14,16 @@ from armgpi.validation.models import States
 from armgpi.validation.problem import Problem, function_of
 from armgpi.validation.samples import SAFETY
 from armgpi.validation.tree import Body, Quantities, Tree, evaluate
-from armgpi.validation.units import JOINED, STEP, BodySlopes, Slopes, moments_of_point, slope_of_moments, span
+from armgpi.validation.units import (
+    JOINED,
+    STEP,
+    TURNED,
+    BodySlopes,
+    Slopes,
+    moments_of_point,
+    slope_of_moments,
+    span,
+)
 
 #: Quantities of which functions of states are made.
 _ALWAYS = {"D", "H", "G"}
@@ -21,8 +31,15 @@ _ALWAYS = {"D", "H", "G"}
 _UNITS = {"mass": "kg", "com": "m", "length": "m", "tool": "m", "inertia": "kg m²", "armature": "kg m²"}
 
 
-def slopes(problem: Problem, states: States, names: Sequence[str]) -> Slopes:
-    """Return the derivatives of an arm's functions by its masses, lengths, inertias, gravity and zeros."""
+def slopes(problem: Problem, states: States, names: Sequence[str], has_angles: bool = False) -> Slopes:
+    """Return the derivatives of an arm's functions by its masses, lengths, inertias, gravity and zeros.
+
+    Args:
+        problem: model and reference.
+        states: at which they are taken.
+        names: of the functions.
+        has_angles: whether the model states angles of the geometry, by which the derivatives are needed too.
+    """
     tree, stack = problem.tree, _Stack(problem, states, names)
     known = list(own_numbers(tree))
     ordered: list[Array] = []
@@ -35,6 +52,7 @@ def slopes(problem: Problem, states: States, names: Sequence[str]) -> Slopes:
     units = [_UNITS.get(one.kind, one.unit) for one, _ in known]
     links = [link for _, link in known]
     bases = _bases(tree, stack, units, links, ordered)
+    bases |= _turned_bases(tree, stack) if has_angles else {}
     strength = float(np.linalg.norm(tree.gravity))
     along = tree.gravity / strength if strength else tree.gravity
     ordered.append(0.5 * stack.between(*_under(tree, along)))
@@ -145,6 +163,40 @@ def _bases(
         own = groups.get((unit, link if unit == "kg" else None), [])
         joined.setdefault((JOINED + unit, link), [*own]).append(stack.between(*both))
     return {group: span(rows) for group, rows in (groups | joined).items()}
+
+
+def _turned_bases(tree: Tree, stack: _Stack) -> dict[tuple[str, int | None], Array]:
+    """Return what derivatives span by how a joint's frame, or all behind a joint, is turned and moved."""
+    found: dict[tuple[str, int | None], Array] = {}
+    for place, make in (("before", _before_joint), ("behind", _behind_joint)):
+        for i in range(tree.n):
+            ends = [(make(tree, i, twist), make(tree, i, -twist)) for twist in STEP * np.eye(6)]
+            found[TURNED + place, i] = span([stack.between(*both) for both in ends])
+    return found
+
+
+def _before_joint(tree: Tree, i: int, twist: Array) -> Tree:
+    """Return an arm of which the frame of joint i is turned and moved in its parent's."""
+    rotation, shift = pin.exp3(twist[:3]), twist[3:]
+    moved = tree.with_item("rotations", i, rotation @ tree.rotations[i])
+    return moved.with_item("positions", i, rotation @ tree.positions[i] + shift)
+
+
+def _behind_joint(tree: Tree, i: int, twist: Array) -> Tree:
+    """Return an arm of which all that joint i carries is turned and moved in its frame."""
+    rotation, shift = pin.exp3(twist[:3]), twist[3:]
+    body = tree.bodies[i]
+    moved = tree.with_body(i, com=rotation @ body.com + shift, inertia=rotation @ body.inertia @ rotation.T)
+    for child, parent in enumerate(tree.parents):
+        if parent == i:
+            moved = _before_joint(moved, child, twist)
+    if tree.tool_parent != i:
+        return moved
+    return replace(
+        moved,
+        tool_rotation=rotation @ tree.tool_rotation,
+        tool_position=rotation @ tree.tool_position + shift,
+    )
 
 
 def _with_loads(tree: Tree) -> Iterator[tuple[str, int, tuple[Tree, Tree]]]:

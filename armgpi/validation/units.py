@@ -33,6 +33,10 @@ _ALIKE = 6
 _FAMILY = re.compile(r"(.*?)_?(\d+)$")
 #: Before the unit of what a link's number is where the model takes it apart: a motor sits at its end.
 JOINED = "joined "
+#: Before the name of a frame of a link, of derivatives by how all behind it is turned and moved.
+TURNED = "turned "
+#: Angles of a robot's geometry are multiples of this [deg], and at least so large.
+_ANGLES, _LEAST_ANGLE = 15.0, 30.0
 #: Coefficients that a formula may have, without a name.
 USUAL = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 9.81, 9.8, 9.80665)
 
@@ -119,7 +123,7 @@ class Slopes(NamedTuple):
         rests = [
             (link, column - basis @ (basis.T @ column))
             for (unit, link), basis in self.bases.items()
-            if not (unit.startswith(JOINED) and link in whole)
+            if not (unit.startswith(JOINED) and link in whole) and not unit.startswith(TURNED)
         ]
         return {link for link, rest in rests if self.same(rest, column)}
 
@@ -203,6 +207,13 @@ class Slopes(NamedTuple):
                     return body.link
         return None
 
+    def link_turned(self, column: Array) -> int | None:
+        """Return the link of which a derivative is that by a turn of all behind it, None without one."""
+        for (unit, link), basis in self.bases.items():
+            if unit.startswith(TURNED) and self.same(column - basis @ (basis.T @ column), column):
+                return link
+        return None
+
     def nearest(self, column: Array, value: float, used: Container[int]) -> dict[int, float]:
         """Return the robot's numbers that come nearest to a model's, and how they change with it.
 
@@ -234,6 +245,20 @@ class Slopes(NamedTuple):
             if length and self.same(rest - way * value * self.columns[:, j], column):
                 return {j: way}
         return {}
+
+
+def is_angle(value: float) -> bool:
+    """Tell whether a number may be an angle of a robot's geometry, in degrees or radians: 90, -1.5708."""
+    for degrees in (abs(value), abs(float(np.rad2deg(value)))):
+        nearest = _ANGLES * round(degrees / _ANGLES)
+        if nearest >= _LEAST_ANGLE and abs(degrees - nearest) <= 1e-3:
+            return True
+    return False
+
+
+def states_angles(source: str) -> bool:
+    """Tell whether a source states a number that may be an angle of the robot's geometry."""
+    return any(is_angle(float(ast.literal_eval(node))) for _, node in numbers(ast.parse(source)))
 
 
 class Check(NamedTuple):
@@ -343,6 +368,9 @@ class _Checked:
             # The robot has one body there, of which no number alone is this one: nothing is varied with it.
             self._joined = True
             links = {part}
+        elif not whole and is_angle(value) and (turned := known.link_turned(column)) is not None:
+            # The twist of a row of Denavit and Hartenberg: no number of the robot alone, and it stays.
+            links = {turned}
         else:
             self._left[k] = column
             found = known.of(column, self.stated)

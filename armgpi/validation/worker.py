@@ -135,7 +135,7 @@ class Worker:
 
     def _take_opening(self) -> None:
         """Take what the process says of the model that it has read."""
-        answer = self._receive("", max(LOADING * self.time_limit, LOADING_LEAST), "reading it")
+        answer = self._receive("", max(LOADING * self.time_limit, LOADING_LEAST), "to read")
         try:
             opening = _read_opening(answer)
         except _ODD:
@@ -238,8 +238,9 @@ class Worker:
     def search(self, goal: edits.Goal, known: Sequence[float], budget: float) -> proofs.Searched:
         """Look for changes of the source with which the model gives what it should.
 
-        The model is of no use afterwards. What it raises, or a process that it ends, is no failure: such a
-        source is too odd to be changed.
+        The model is of no use afterwards. What it raises, or that it ends its process by ``exit``, is no
+        failure: such a source is too odd to be changed. A process that ends in another way, or does not
+        answer, is one, and is said.
 
         Args:
             goal: what its functions should give.
@@ -249,15 +250,23 @@ class Worker:
         """
         try:
             self._line.send(pickle.dumps((_SEARCH, (goal, known, budget))), _ARRIVES)
-            answer = self._receive("", _SEARCHED + 10.0 * budget, "")
-        except (OSError, ModelError):
-            return proofs.Searched(None)
+            answer = self._receive("", _SEARCHED + 10.0 * budget, "to search its source")
+        except (OSError, ModelError) as error:
+            return proofs.Searched(None, failure=self._failure_of_search(error))
         try:
             found, unsearched, failure = answer
             repaired = _read_repaired(found, self.source)
             return proofs.Searched(repaired, tuple(map(_line_of, unsearched)), _line_of(failure))
         except _ODD as error:
             return proofs.Searched(None, failure=f"its answer is {type(error).__name__}: {error}")
+
+    def _failure_of_search(self, error: Exception) -> str:
+        """Return why the process of a search gave no answer, "" where the model itself has ended it."""
+        self._has_ended_within(_ENDS)
+        code = self._process.exitcode
+        if code is not None and 0 < code < _CUT:
+            return ""  # an exit code of the model's own: ours are larger, and 0 is that of a process we end
+        return " ".join(str(error).removeprefix(f"{self.name}: ").split())[:_SHOWN]
 
     def _receive(
         self, function: str, limit: float, doing: str, states: Sequence[Sequence[Array]] = ()
@@ -272,7 +281,7 @@ class Worker:
                 raise ValueError
         except TimeoutError:
             self.close()  # from outside: a model may swallow every exception and mask every signal
-            doing = self._last(function, states) if function else "to read"
+            doing = self._last(function, states) if function else doing
             seconds = self.time_limit if function else limit
             text_of_it = f"took longer than {seconds:g} s {doing}; allow more time"
             raise ModelError(self.name, function, text_of_it).suggesting(Remedy("time_limit")) from None
@@ -664,16 +673,16 @@ def _search(
         if budget == 0.0:
             return proofs.Searched(search.vary_numbers(functions, again, goal))
         return search.find_repair(functions, again, goal, known, budget)
-    except models.Unusable:
+    except (models.Unusable, SystemExit):
         return proofs.Searched(None)
-    except Exception as error:
+    except BaseException as error:  # a defect of ours may be one that no `except Exception` catches
         path = "" if origin is None else origin.path
         if _is_of_model(error, path):
             return proofs.Searched(None)
         return proofs.Searched(None, failure=_described_as_ours(error))
 
 
-def _is_of_model(error: Exception, path: str) -> bool:
+def _is_of_model(error: BaseException, path: str) -> bool:
     """Tell whether an exception was raised while code of the model ran.
 
     Args:
@@ -685,7 +694,7 @@ def _is_of_model(error: Exception, path: str) -> bool:
     return any(name == path or name.startswith("<lambdifygenerated") for name in names)
 
 
-def _described_as_ours(error: Exception) -> str:
+def _described_as_ours(error: BaseException) -> str:
     """Return what an exception of ours was and where, in one line."""
     ours = Path(__file__).parent
     frames = traceback.extract_tb(error.__traceback__)

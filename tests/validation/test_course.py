@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -77,6 +81,37 @@ def test_what_the_model_raises_is_no_failure_of_the_search(
     assert found.found is None
     assert found.failure.startswith(expected)
     assert bool(found.failure) == bool(expected)
+
+
+@pytest.mark.parametrize(
+    ("ends", "expected"),
+    [
+        (lambda: os.kill(os.getpid(), signal.SIGKILL), "ended its Python process by SIGKILL"),
+        (lambda: os._exit(worker._BROKEN), "breaks the Python it runs in"),
+        # What a changed model does itself: an exit code of its own, `exit()`.
+        (lambda: os._exit(3), ""),
+        (sys.exit, ""),
+    ],
+)
+def test_a_process_of_a_search_that_ends_is_said(
+    ends: Callable[[], None],
+    expected: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    search_failures: list[str],
+) -> None:
+    monkeypatch.setattr(search, "vary_numbers", lambda *_: ends())
+    report = validate(model(tmp_path, RIGHT), textbooks.robot(ARM, RIGHT))
+    assert report.judge().exit_code == (3 if expected else 0)
+    assert [text.startswith(expected) for text in search_failures] == [True] * bool(expected)
+    search_failures.clear()
+
+
+def test_a_search_that_does_not_end_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(search, "vary_numbers", lambda *_: signal.pause())
+    monkeypatch.setattr(worker, "_SEARCHED", 0.01)
+    with worker.Worker(model(tmp_path, RIGHT), "model", 60.0) as one:
+        assert one.search(edits.Goal({}, {}), (), 0.0).failure.startswith("took longer than")
 
 
 def test_what_there_was_no_time_for_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
