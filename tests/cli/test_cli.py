@@ -1361,6 +1361,12 @@ def test_a_table_of_metrics_is_written_in_the_format_of_its_name(
         cells = [line.strip("| \\").split(" | " if suffix == ".md" else " & ") for line in text.splitlines()]
         q1 = next(row for row in cells if row[0] == "gpi")
         assert float(q1[2]) == float(f"{record['metrics']['itae'][0]:.4g}")
+        # Two columns of names, and one for each number.
+        numbers = len(q1) - 2
+        if suffix == ".md":
+            assert text.splitlines()[1] == f"| --- | --- |{' ---: |' * numbers}"
+        else:
+            assert f"{{ll{'r' * numbers}}}" in text
     code, _, err = cli("compare", ARM, *SHORT, "--table", tmp_path / "table.xlsx")
     assert code == 2
     assert "--table" in err

@@ -15,7 +15,7 @@ from scipy import signal
 from armgpi import GPI, FixedGains, Gains, Measurement, Target, Tuning
 from armgpi.gpi.family import Member
 from armgpi.gpi.gains import GainStep
-from armgpi.gpi.realisation import Bumpless
+from armgpi.gpi.realisation import Bumpless, Resting
 
 Array = npt.NDArray[np.float64]
 
@@ -218,6 +218,26 @@ def test_over_a_day_the_printed_integrals_grow_without_bound_and_the_bumpless_st
     # The same v for a push of 1 m/s^2, with fewer digits as the integrals grow (3e-13, then 1e-11).
     np.testing.assert_allclose(v_paper[:hour], v_bumpless[:hour], rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(v_paper, v_bumpless, rtol=0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize("integrators", [1, 2, 3])
+@pytest.mark.parametrize("rolloff", [0, 1, 2])
+def test_while_the_reference_rests_integrals_of_integrals_alone_decay(integrators: int, rolloff: int) -> None:
+    """The first integrator holds the arm: it keeps all that it has, and the others a share."""
+    realisation = Bumpless(Member(integrators, rolloff, 3.0, 1.5, 1.2))
+    c = realisation.coefficients(Tuning(*(x * np.ones(1) for x in (20.0, 0.8, 20.0))), DT)
+    rng = np.random.default_rng(integrators)
+    start = realisation.init(np.zeros(1), c)
+    state = type(start)(*rng.normal(size=(len(start), 1)))
+    chain, none = np.ravel(state[:integrators]), np.zeros(1)
+    after = realisation.update(none, none, None, state, c, Resting(none, np.array([0.7])))
+    left = np.array([chain[0], *(0.7 * chain[1:])])
+    wanted = left + DT * np.append(left[1:], 0.0)
+    np.testing.assert_allclose(np.ravel(after[:integrators]), wanted, rtol=1e-12)
+    # With all that it has, and the error itself, it is the update of a reference that moves.
+    e = np.array([0.3])
+    rests = realisation.update(e, none, None, state, c, Resting(e, np.ones(1)))
+    np.testing.assert_allclose(rests, realisation.update(e, none, None, state, c), rtol=1e-12)
 
 
 @pytest.mark.parametrize("integrators", [1, 2, 3])

@@ -19,7 +19,7 @@ from armgpi.errors import ConfigError, RolloutError
 from armgpi.hardware.export.code import generate
 from armgpi.hardware.export.files import _readme
 from armgpi.hardware.realtime import run, stages
-from armgpi.hardware.realtime.judge import QUESTIONS, _arrays, _of_echo, _of_stage, _Seen, judge
+from armgpi.hardware.realtime.judge import QUESTIONS, _arrays, _of_echo, _of_stage, _of_ways, _Seen, judge
 from armgpi.hardware.realtime.stages import CAPS, Folder, Stage
 from armgpi.identification.logs import read_log
 from armgpi.loop import log as logs
@@ -397,3 +397,16 @@ def test_what_was_tested_of_some_joints_is_said_with_their_names(
     assert f"{QUESTIONS['command order']}\n" in said
     assert f"{QUESTIONS['command sign']}: {every[0]}\n" in said
     assert f"{QUESTIONS['carried']}: {', '.join(every[1:])}\n" in said
+
+
+def test_a_joint_moved_the_other_way_has_its_sign_named_and_one_that_is_where_it_began_has_not() -> None:
+    """Where all joints were farthest one may be back at its start: 0 has no sign."""
+    names, way = ("first", "second"), np.array([0.1, -0.1])
+
+    def found(first: float) -> list[tuple[str, str | None]]:
+        peaks = np.array([[first, 0.0], [0.0, -0.1]])
+        return [(each.question, each.joint) for each in _of_ways(names, way, peaks, np.array([0.1, 0.1]))]
+
+    assert found(-0.1) == [("sign", "first")]
+    assert found(0.1) == []
+    assert found(0.0) == []

@@ -940,3 +940,18 @@ def test_no_whole_number_has_the_suffix_of_a_float(following: float, tmp_path: P
 def test_a_program_that_cannot_be_run_is_named(tmp_path: Path) -> None:
     with pytest.raises(BackendError, match=r"^no-such-program cannot be run: .*No such file"):
         files._run(["no-such-program", "second"], tmp_path)
+
+
+def test_functions_of_the_arm_are_called_by_what_they_compute() -> None:
+    """A reader of the C finds `arm_gravity`, with no digest of the model in its name, and what it does."""
+    source = generate(GPI(ARM, 1e-3, feedforward="model")).source
+    functions = dict(re.findall(r"/\* (Work out [^\n]*) \*/\nstatic void (arm_\w*)\(", source))
+    assert functions == {
+        "Work out the torque x that gravity asks for at q.": "arm_gravity",
+        "Work out y = D(q)^-1 x, by the factors L D L' of the inertia matrix.": "arm_inertia_solve",
+        "Work out y = D(q) x, with the inertia matrix D, by the recursion of Newton and Euler.": (
+            "arm_inertia_times"
+        ),
+        "Work out the torque z for velocities x and accelerations y.": "arm_inverse",
+        "Work out w[0] times the torque z for velocities x and accelerations y.": "arm_inverse_where",
+    }

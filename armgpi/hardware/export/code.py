@@ -60,12 +60,14 @@ _ACTIONS = {
     "zero": "zero",
 }
 _KERNEL_NOTES = {
-    "inertia_times": "Work out y = D(q) x, with the inertia matrix D, by the recursion of Newton and Euler.",
-    "inertia_solve": "Work out y = D(q)^-1 x, by the factors L D L' of the inertia matrix.",
-    "gravity": "Work out the torque y that gravity asks for at q.",
-    "nonlinear_effects": "Work out y = C(q, x) x + G(q), for velocities x.",
-    "inverse": "Work out the torque z for velocities x and accelerations y.",
-    "inverse_where": "Work out w[0] times the torque z for velocities x and accelerations y.",
+    "inertia_times": (
+        "Work out {result} = D(q) x, with the inertia matrix D, by the recursion of Newton and Euler."
+    ),
+    "inertia_solve": "Work out {result} = D(q)^-1 x, by the factors L D L' of the inertia matrix.",
+    "gravity": "Work out the torque {result} that gravity asks for at q.",
+    "nonlinear_effects": "Work out {result} = C(q, x) x + G(q), for velocities x.",
+    "inverse": "Work out the torque {result} for velocities x and accelerations y.",
+    "inverse_where": "Work out w[0] times the torque {result} for velocities x and accelerations y.",
 }
 
 
@@ -305,7 +307,7 @@ class _Writer:
         lines = straight_line(inputs, [outputs[i] for i in range(kernel.size)], targets, self.dialect).lines
         self.counts[kernel.name] = _count_operations(lines)
         kind = _kind(kernel)
-        note = _KERNEL_NOTES.get(kind, f"Work out {kind}.").replace(" y", f" {result}", 1)
+        note = _KERNEL_NOTES.get(kind, f"Work out {kind}.").format(result=result)
         parameters = [f"const armgpi_real_t {x}[{n}]" for x, n in zip(letters, kernel.sizes, strict=True)]
         head = ", ".join([*parameters, f"armgpi_real_t {result}[{kernel.size}]"])
         return f"/* {note} */\nstatic void {self._kernel_name(kernel)}({head})\n{block(lines, letters)}"
