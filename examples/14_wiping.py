@@ -52,7 +52,7 @@ stiff = armgpi.GPI.auto(robot, 1e-3, delay=1e-3, bits=17, drives="stiff")
 
 print("target 25 mm below the table, 200 N/m towards it: 5 N are meant")
 for name, controller in (("spring", soft), ("GPI with integrators", stiff)):
-    rollout = armgpi.simulate(plant, controller, move, t_final=7.5)
+    rollout = armgpi.simulate(plant, controller, move, t_final=7.5, backend="auto")
     wiping = rollout.sel(time=slice(2.5, 7.0))
     force = np.linalg.norm(wiping["contact_force"].values[:, 0], axis=-1)
     print(f"{name}: presses with {force.min():.0f} to {force.max():.0f} N, {force.mean():.0f} N on average")
