@@ -103,7 +103,7 @@ class ArmgpiError(Exception):
             print(error, error.remedies)
 
     Attributes:
-        remedies: changes that would help, any one of them; the text says them in words.
+        remedies: changes that would help, any one of them; the text has them in words.
     """
 
     remedies: tuple[Remedy, ...] = ()

@@ -163,7 +163,7 @@ def _feasible(reality: Reality, robot: Robot, first: int, number: int) -> list[S
 def markdown(rows: Sequence[Row]) -> str:
     """Return rows as a Markdown table, and geometric means of what tuning changes."""
     said = ("ITAE", "peak", "torque variation", "hunting [%]", "failed [%]")
-    head = ("robot", "n", *(f"{name}, rule → tuned" for name in said), "ITAE tuned / rule")
+    head = ("robot", "n", *(f"{name}, automatic → tuned" for name in said), "ITAE, tuned over automatic")
     lines = [(row.arm, str(row.n), *_cells(row.rule, row.tuned), _ratio(row, "itae")) for row in rows]
     both = [row for row in rows if row.tuned is not None]
     table = markdown_table(head, lines)

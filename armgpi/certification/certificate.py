@@ -108,7 +108,7 @@ class Certificate:
 
     @property
     def torque(self) -> Array:
-        """Torque that the controller asks for at most [N m or N], shape (n,)."""
+        """Largest torque that the controller requests [N m or N], shape (n,)."""
         return self._claims("stated", "torques")
 
     @property
@@ -126,7 +126,7 @@ class Certificate:
 
     @property
     def decay(self) -> float:
-        """Rate at which what disturbed is forgotten [1/s]."""
+        """Rate at which the effect of a past disturbance decays [1/s]."""
         omega = float(Fraction(self.data["law"]["omega"][0]))
         return 0.5 * float(self.data["solutions"]["gain"]["alpha"]) * omega
 
@@ -501,5 +501,5 @@ def _assumptions(asked: Asked) -> list[str]:
         "The claim for a jump holds at any time after one jump between the two loads that happens while V is "
         "at most what the inputs keep it at; a load that is picked up has the velocity of the frame that "
         "picks it up.",
-        "Numbers that are searched are the largest that a search found, and 3 % more: that is no proof.",
+        "Numbers that are estimated numerically are the largest that a search found, and 3 % more: no proof.",
     ]

@@ -161,7 +161,7 @@ class Wish(NamedTuple):
         force: at the tool, of any direction and course [N].
         friction: whether the arms have their friction.
         hidden: what an encoder hides at most [rad or m], (n,).
-        delay: samples by which measurements are late.
+        delay: delay of the measurements, in samples.
         start: one of :data:`STARTS`.
         seed: of what is drawn.
     """
@@ -277,8 +277,8 @@ def bound_path(
 ) -> PathBound:
     """Return a bound on the error of a rigid arm along one trajectory; see docs/path.md.
 
-    The numbers of the arm that it depends on are searched: the largest of some hundred configurations around
-    the path, and 3 % more. So it is no proof.
+    The numbers of the arm that it depends on are estimated numerically: the largest of some hundred
+    configurations around the path, and 3 % more. So it is no proof.
 
     Args:
         controller: a GPI with fixed gains, which may differ between the joints.
@@ -292,12 +292,12 @@ def bound_path(
         force: at the tool, of any direction and course [N].
         friction: whether the arms have their friction; what the controller feeds forward of it is taken off.
         bits: of the encoders, a number or one for each joint; None for exact positions.
-        delay: samples by which measurements are late; those that the controller was made for when not given.
+        delay: delay of the measurements, in samples; those that the controller was made for when not given.
         start: "wrong-load", at rest with the torque of the controller's model, or "held" by the loop.
         seed: of the configurations.
 
     Raises:
-        ParameterError: for a law or a value that this does not cover.
+        ParameterError: for a controller or a value that this does not cover.
         ArrayError: for what is not a number for each joint.
     """
     check_type(controller, "controller", GPI, "a GPI controller")
@@ -905,10 +905,12 @@ def _check_path(wish: Wish) -> None:
     by_trapezoid = 0.5 * h * (v[1:] + v[:-1])
     jumps = np.abs(np.diff(q, axis=0) - by_trapezoid)
     if (jumps > h * h * most_a + _AT_REST * h).any():
-        raise ParameterError("reference", "jumps", "a path whose velocities say how it moves")
+        raise ParameterError("reference", "jumps", "a path whose velocities are its derivative")
     speed_jumps = np.abs(np.diff(v, axis=0))
     if (speed_jumps > 2.0 * h * most_a + _AT_REST * (1.0 + most_v)).any():
-        raise ParameterError("reference", "its speed jumps", "a path whose accelerations say how it moves")
+        raise ParameterError(
+            "reference", "its speed jumps", "a path whose accelerations are the derivative of its velocities"
+        )
 
 
 def _bits(value: Any, robot: Robot) -> Array:
@@ -935,7 +937,7 @@ def _arms(controller: GPI, given: Any) -> tuple[Robot, ...]:
             return (known,)
         if known is loads.nominal:
             raise ParameterError(
-                "arms", None, "the arms that carry the loads: the model has the heaviest alone"
+                "arms", None, "the arms with their payloads: the model has the heaviest alone"
             )
         return tuple(with_loads(known, loads.lightest, loads.heaviest, loads.frame, loads.com))
     given = given.robots if isinstance(given, RobotBatch) else given

@@ -37,7 +37,7 @@ class Asked(NamedTuple):
         box: configurations of the reference.
         setting: what the numbers are taken over.
         radius: how far the arm may be from its reference [rad or m], shape (n,).
-        delay: samples by which measurements are late.
+        delay: delay of the measurements, in samples.
         friction: whether the joints have the friction of the robot.
         jump: whether the load may jump from one end of its range to the other.
         bits: of the encoders; None for exact measurements.
@@ -295,7 +295,7 @@ def _common(value: Any, name: str) -> float:
     """Return the one value that all joints have."""
     array = np.unique(np.asarray(value))
     if len(array) > 1:
-        raise ParameterError(name, array.tolist(), "the same for all joints: one of them stands for the arm")
+        raise ParameterError(name, array.tolist(), "the same for all joints: one joint represents the arm")
     return float(array[0])
 
 

@@ -106,8 +106,8 @@ class StopBound(NamedTuple):
             f"and {self.time:.2g} s of finding a fault"
         )
         if self.reasons:
-            return f"{said}; the error beside it has no bound: {self.reasons[0]}"
-        return f"{said}, and {1e3 * self.error:.3g} mm of error beside it"
+            return f"{said}; the error that is added has no bound: {self.reasons[0]}"
+        return f"{said}, and {1e3 * self.error:.3g} mm of error are added"
 
 
 def bound_stop(found: PathBound, tool_speed: float, supervisor: Supervisor | None = None) -> StopBound:
@@ -132,7 +132,7 @@ def bound_stop(found: PathBound, tool_speed: float, supervisor: Supervisor | Non
     speed = np.linalg.norm(_tool_velocity(wish, target.q, target.v), axis=1)
     fastest = float(speed.max())
     if not fastest > 0.0:
-        raise ParameterError("reference", "a tool that rests", "a path on which the tool moves")
+        raise ParameterError("reference", "a tool at rest", "a path on which the tool moves")
     pace = tool_speed / fastest
     path = Retimed(wish.reference, pace, (wish.delay + 2) * h)
     supervisor = supervisor or Supervisor()

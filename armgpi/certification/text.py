@@ -30,7 +30,7 @@ OTHERS = {
     "inverse": ("diagonal of D^-1", "1/(kg m^2) or 1/kg"),
     "jump": ("what a jump of the load changes", ""),
     "hold": ("torque that holds the arm at the reference", "N m or N"),
-    "reach": ("torque for an acceleration of length 1 that the controller asks for", ""),
+    "reach": ("torque for an acceleration of length 1 that the controller requests", ""),
 }
 
 
@@ -54,7 +54,7 @@ def table(made: Any) -> list[str]:
     if robot["rule"] is not None:
         rule, zone = _join(robot["rule"]), _join(robot["dead_zone"])
         prices = [
-            f"  The automatic controller with one omega: the rule gives the joints {rule} rad/s.",
+            f"  The automatic controller with one omega: automatic tuning gives the joints {rule} rad/s.",
             f"  Its dead zone, {zone} rad or m, is in all claims but the error per torque.",
         ]
     lines = [

@@ -33,7 +33,7 @@ _FOLDED = 10
 #: Its options; see :func:`armgpi.cli.options.with_rows`.
 ROWS = {
     "payload KG": "Payload at the tip whose effect on the loop is shown [kg]; 0.5 by default.",
-    "encoder_side NAME": "Where the encoders sit: 'motor' or 'link'; for joints whose drives do not say.",
+    "encoder_side NAME": "Where the encoders are: 'motor' or 'link'; for joints whose drives lack it.",
     "push N": "Simulate a push on the tool against the default controller [N]: how far it gives way.",
     "cross_check": "Read the URDF with yourdfpy as well, and compare.",
 }

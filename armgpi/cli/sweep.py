@@ -222,7 +222,7 @@ def _print(sweep: Sweep, summary: dict[str, Any], sentences: list[str]) -> None:
     for sentence in sentences:
         say(sentence)
     _print_quantiles(sweep, summary["quantiles"])
-    _print_dependence(sweep, summary["failure by what was drawn"])
+    _print_dependence(sweep, summary["failure by quantity"])
     for pair in summary["failure by two of them"][:1]:
         most = max(pair["parts"], key=lambda part: part["lower"])
         at = [_part(*ends) for ends in zip(most["from"], most["to"], strict=True)]

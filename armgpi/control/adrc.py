@@ -12,7 +12,7 @@ from armgpi.control.observer import ScheduledController
 class ADRC(ScheduledController):
     """tau = D^(q) v, v = -(omega_c^2 e + 2 zeta_c omega_c e' + zeta), from an extended state observer.
 
-    It measures positions and knows the inertia matrix, as GPI. As dt goes to zero it is a member of the
+    It measures positions and uses the inertia matrix, as GPI does. As dt goes to zero it is a member of the
     family (:mod:`armgpi.gpi.family`): with an observer of order 3 that of one integrator, of order 4
     that of two, and one roll-off pole in both. The poles are (s + omega_c)^2 (s + omega_o)^order.
 

@@ -487,9 +487,9 @@ class ForceLimit:
             repair = "where the encoders are at the motors, specify it: encoder_side of the drives"
             if np.all(np.asarray(robot.drives.value("encoder_side")) == "motor"):
                 reason = "their motors are much lighter than what they move"
-                repair = "`push` of force_bound is the hand up to which it is kept"
+                repair = "`push` of force_bound is the force of a hand up to which it holds"
             message = (
-                f"the speed limit of {speed:g} m/s is not kept beyond the force limit: joints are elastic "
+                f"the speed limit of {speed:g} m/s does not hold beyond the force limit: joints are elastic "
                 f"and {reason}"
             )
             yield Finding("warning", "the speed limit", message, gain, full, repair)

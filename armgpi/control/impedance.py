@@ -151,7 +151,7 @@ class Impedance(Controller):
         "bandwidth of the filtered difference of the positions",
         unit="rad/s",
         default=None,
-        none="250, and less where elastic joints ask for it",
+        none="250, and less where elastic joints require it",
         least=0.0,
         above=True,
         log=True,

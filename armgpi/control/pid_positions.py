@@ -31,7 +31,7 @@ class PIDPositions(PIDInversion):
     """:class:`PIDInversion` whose velocities are bandwidth s / (s + bandwidth) of the measured positions.
 
     The same filter as that of :class:`armgpi.Differentiated`, but part of the controller: it is exported with
-    it. It measures positions and knows the whole model.
+    it. It measures positions and uses model feedforward (D, C, G).
     """
 
     measurement_type: ClassVar[type[Any]] = Measurement

@@ -42,7 +42,7 @@ class SlotineLi(SmoothedController):
     by the regressor of the whole arm, which is not elementwise in the joints; so its proof of stability does
     not hold here.
 
-    It measures positions and knows the whole model.
+    It measures positions and uses model feedforward (D, C, G).
     """
 
     config_name: ClassVar[str | None] = "slotineli"

@@ -213,7 +213,7 @@ class WrenchEstimator:
         return WrenchStep(self.wrench(after), after)
 
     def wrench(self, state: WrenchState) -> ToolWrench:
-        """Return the wrench that a state tells, with its intervals."""
+        """Return the wrench that follows from a state, with its intervals."""
         q, residual = state.q, state.residual
         jacobian = self._motion.at(q, 0.0 * q).damped_jacobian(self._length)
         inverse = np.linalg.solve(jacobian.square, jacobian.matrix)

@@ -59,8 +59,9 @@ class GPI(Controller):
     It needs positions, the inertia matrix D(q) and nothing else: gravity, Coriolis torque, friction and
     loads are the disturbance that its two integrators reject (constant and ramp without error). Other
     members of the family (:mod:`armgpi.gpi.family`) have more or fewer integrators, and a roll-off.
-    What the nominal model knows of the way ahead can be added: ``tau = D(q) v + feedforward(q*, v*, a*)``.
-    ``GPI(robot, dt)`` is the law as printed; for automatic tuning there is :meth:`auto`.
+    Feedforward of the nominal model along the reference can be added:
+    ``tau = D(q) v + feedforward(q*, v*, a*)``. ``GPI(robot, dt)`` is the controller as printed;
+    for automatic tuning there is :meth:`auto`.
 
     Attributes:
         robot: nominal model; only D(q) is used, G(q) once to start, and what `feedforward` takes. With
@@ -68,18 +69,18 @@ class GPI(Controller):
         gains: the tuning per joint; ``FixedGains(default_omega(dt, delay))`` when not given.
         realisation: "bumpless" (three bounded states) or "paper" (as printed).
         start: "hold" starts with the torque that holds the arm (brakes released under torque), "rest" also
-            takes an arm that starts beside its reference to be at rest there, so that its torque begins with
-            no kick of the first error, neither of its derivative nor in proportion to it; "zero" starts with
-            the integrators at zero.
+            takes an arm that starts away from its reference to be at rest there, so that its torque begins
+            with no kick of the first error, neither of its derivative nor in proportion to it; "zero" starts
+            with the integrators at zero.
         feedforward: torque of the nominal model that is added: "none" (the paper); at the reference "gravity"
             G(q*), or "model" D(q*) a* + C(q*, v*) v* + G(q*); or "computed", at the measured position
             D(q) a* + C(q, v*) v* + G(q).
         delay: transport delay in the loop [s], besides the sample and hold.
-        payload: lightest and heaviest load [kg] that `robot` may carry, or a :class:`LoadRange`: the nominal
+        payload: lightest and heaviest payload [kg] of `robot`, or a :class:`LoadRange`: the nominal
             model then has the heaviest, and the default gains suit the lightest
             (:func:`armgpi.payload_range`). Of a controller, the :class:`armgpi.PayloadRange` found; None for
             none.
-        frame: frame that carries the load; the robot's tip when not given.
+        frame: frame of the payload; the robot's tip when not given.
         com: centre of mass of the load in that frame [m], shape (3,).
         friction_feedforward: whether the nominal model's joint friction at the reference velocity is added.
         integrators: 1 to 3; the paper has 2.
@@ -316,14 +317,14 @@ class GPI(Controller):
         drives: str | None = None,
         **given: Any,
     ) -> GPI:
-        """Return a controller for an arm without tuning, by the rule of `armgpi.tuning.rule`.
+        """Return a controller by automatic, model-based tuning (`armgpi.tuning.rule`).
 
         Args:
             robot: nominal model.
             dt: sample time [s].
             delay: transport delay in the loop [s].
             bits: resolution of the encoders [bits], a number or an array that broadcasts against (n,); 16 is
-                assumed where nothing is said, None is for exact positions.
+                assumed where it is not given, None is for exact positions.
             drives: what is assumed of drives without data: "elastic", rotors and elastic joints;
                 "stiff", rotors and stiff joints; "none", no rotors; see :func:`armgpi.assume_drives`. Of
                 the arms of a batch nothing is assumed: leave it out, and take `assume_drives` of each arm.

@@ -170,9 +170,9 @@ def tolerated_phase(member: Member = PRINTED, delta: float = 1.0) -> float:
 def default_omega(dt: float, delay: float = 0.0, highest: float = 30.0, member: Member = PRINTED) -> float:
     """Return a bandwidth omega_c [rad/s] that suits any robot without tuning.
 
-    A hold of dt and the computation take 1.5 dt, transport takes `delay`; the printed law tolerates 0.356 /
-    omega_c of them in all (zeta_c = 1, p_c = omega_c), of which this uses less than a third. Of what another
-    member tolerates it uses the same share. The cap keeps encoder steps from becoming torque noise.
+    A hold of dt and the computation take 1.5 dt, transport takes `delay`; the printed controller tolerates
+    0.356 / omega_c of them in all (zeta_c = 1, p_c = omega_c), of which this uses less than a third. It uses
+    the same share of what another order tolerates. The cap keeps encoder steps from becoming torque noise.
 
     Args:
         dt: sample time [s].

@@ -72,7 +72,7 @@ class PayloadRange(NamedTuple):
             the robot is one.
         delta: least and largest eigenvalue of D^-1 D^ over the range, at the configurations checked.
         omega_c: bandwidth that serves the range [rad/s]; of a batch of robots (batch, n).
-        member: of the family of laws, that it is for.
+        member: order of the controller that it is for.
     """
 
     lightest: float
@@ -111,7 +111,7 @@ class LoadRange(Parametrised):
     Attributes:
         lightest: lightest load [kg], zero for none.
         heaviest: heaviest load [kg]; (batch, 1) for one in each rollout.
-        frame: frame that carries it; the robot's tip when not given.
+        frame: its frame; the robot's tip when not given.
         com: its centre of mass in that frame [m], shape (3,); it is taken as a point mass.
     """
 
@@ -240,20 +240,20 @@ def payload_range(
 
     The mobility is taken at 512 configurations inside the joint limits and around the worst of them. The
     bandwidth is :func:`armgpi.default_omega`, or less where the largest delta asks for it: delta omega_c (1.5
-    dt + delay) is at most 0.3, where the printed law tolerates 0.36 or more. Another member uses the same
-    share of its delay margin at that delta; one with a roll-off has none beyond a delta of 2 to 5.
+    dt + delay) is at most 0.3, where the printed controller tolerates 0.36 or more. Another order uses the
+    same share of its delay margin at that delta; one with a roll-off has none beyond a delta of 2 to 5.
     Printed, what it returns says whether delta stays in the certified sector.
 
     Args:
         robot: the arm without load.
         lightest: lightest load [kg], zero for none.
         heaviest: heaviest load [kg].
-        frame: frame that carries it; the robot's tip when not given.
+        frame: its frame; the robot's tip when not given.
         com: its centre of mass in that frame [m], shape (3,); it is taken as a point mass.
         dt: sample time [s].
         delay: transport delay in the loop [s].
         slowest: least bandwidth that is of use [rad/s].
-        member: of the family of laws.
+        member: order of the controller.
 
     Raises:
         PayloadError: when no bandwidth serves the range; it has the ranges that would suffice.
@@ -297,11 +297,11 @@ def largest_payload(
 
     Args:
         robot: the arm without load.
-        frame: frame that carries the load; the robot's tip when not given.
+        frame: frame of the payload; the robot's tip when not given.
         com: its centre of mass in that frame [m], shape (3,); it is taken as a point mass.
         dt: sample time [s].
         delay: transport delay in the loop [s].
-        member: of the family of laws.
+        member: order of the controller.
 
     Raises:
         NameNotFound: when there is no such frame.

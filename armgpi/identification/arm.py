@@ -747,7 +747,7 @@ def identify(
             the torques are taken for those of joints, and that is a finding.
 
     Raises:
-        UnfitLog: when a log does not pass the check; it says what the arm must do.
+        UnfitLog: when a log does not pass the check; the message says what the arm must do.
         ArrayError: for a log of other shapes, times that do not increase, or numbers that are not finite.
         ParameterError: for a robot whose joints follow others, something that is no log, or currents without
             their torque constants.

@@ -149,7 +149,7 @@ def check_rotors(
         )
         if high < LIGHT * assumed:
             said += (
-                "not plausible for a motor behind a gear, so the assumed one is kept; --drives FILE says more"
+                "not plausible for a motor behind a gear, so the assumed one is kept; specify it by --drives"
             )
             found.append(Finding("warning", name, said))
         elif low > HEAVY * assumed:

@@ -56,7 +56,7 @@ def say_residuals(
     """Return the verdict: how much of the torques the model leaves unexplained, worst joints and causes."""
     seen = "a log that was not fitted" if held_out else "the fitted log"
     if not np.isfinite(residuals).any():
-        return [f"No joint moved in {seen}: nothing can be said of the model."]
+        return [f"No joint moved in {seen}: the model was not tested."]
     median = 100.0 * float(np.nanmedian(residuals))
     lines = [f"The model leaves {median:.2g} % of a joint's torque on {seen} unexplained (median)."]
     unknown = "its friction is more than Coulomb and viscous, or it turns with another motor"
@@ -73,7 +73,7 @@ def say_residuals(
             "another robot: check which torque belongs to which joint before you use what is written."
         )
     if not held_out:
-        lines.append("No other log was given: this says nothing of motions that are not in this one.")
+        lines.append("No other log was given: other motions were not tested.")
     return lines
 
 
@@ -93,7 +93,7 @@ def say_causes(robot: Robot, judged: Validation) -> dict[str, str]:
         shares = {key: _explain(values[own], rest) for key, values in axes.items()}
         best = max(shares, key=lambda key: shares[key])
         if float(rest[slow] @ rest[slow]) > _STICKS * power:
-            found[name] = "it sticks: most of that is near rest"
+            found[name] = "it sticks: most of the residual is near rest"
         elif shares[best] > _CAUSE:
             found[name] = _CAUSES[best]
     return found

@@ -162,7 +162,7 @@ class ClosedLoop:
         return self.plant.step(tau, plant, self.dt), controller, measured, tau
 
     def asked(self, plant: Any, controller: Any, target: Target) -> tuple[FullState, Array, Any]:
-        """Return what is measured, the torque asked for, and the controller's next state.
+        """Return what is measured, the requested torque, and the controller's next state.
 
         Args:
             plant: state of the plant.
@@ -190,7 +190,7 @@ class ClosedLoop:
         return self.plant.true_state(state.plant)
 
     def describe(self) -> dict[str, Any]:
-        """Return the parts, and what the controller measures and knows, for a rollout's provenance."""
+        """Return the parts, and what the controller measures and uses, for a rollout's provenance."""
         return {
             "plant": self.plant.describe(),
             "controller": self.controller.describe(),

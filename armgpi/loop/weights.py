@@ -79,7 +79,7 @@ def load_weights(path: str | PathLike[str], robot: AnyRobot) -> Weights:
 
 
 def learned_weights(rollout: xr.Dataset) -> Weights:
-    """Return what networks had learned at the end of a rollout, as weights to begin another one with.
+    """Return the weights of networks at the end of a rollout, to begin another one with.
 
     Args:
         rollout: recorded with ``signals=True``, dimensions ([rollout], time, joint).

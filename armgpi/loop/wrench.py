@@ -40,7 +40,7 @@ def tool_wrench(
 
     Args:
         rollout: of every sample, of a run or of a log (:func:`armgpi.loop.log.to_rollout`).
-        robot: the model: masses, friction and the payload that it knows.
+        robot: the model: masses, friction and the payload that it contains.
         frame: the frame that is the tool; the tip when not given.
         bandwidth: of the filters [rad/s].
         friction_within: factor within which Coulomb friction is known; 1.2 when not given.

@@ -92,7 +92,7 @@ class ElasticPlant(Arm):
 
     S = K (theta - q) + B (omega - v) is the torque of the gear; M has no rotors, J is the robot's rotor
     inertia. The motor's torque follows the one asked for by a current loop of first order; ripple and cogging
-    go with sin(2 pi theta / period). Drives that nobody tells anything of are those of ``robot.drives``.
+    go with sin(2 pi theta / period). Values that are not given are those of ``robot.drives``.
 
     Each substep is one of ROS2 with the inertia of its middle, order 2; spring and damper are implicit, so it
     is stable for any stiffness and lightness, and modes that turn by more than a radian a substep are damped.
@@ -101,9 +101,10 @@ class ElasticPlant(Arm):
 
     Attributes:
         gear_stiffness: K [N m/rad or N/m], shape (n,) or (batch, n).
-        gear_damping: B [N m s/rad or N s/m], likewise; 3 % of each joint's own mode where nothing tells it.
+        gear_damping: B [N m s/rad or N s/m], likewise; 3 % of the critical damping of each joint's own
+            mode where it is not specified.
         current_bandwidth: of the current loops [Hz], likewise.
-        encoder_side: where the encoders sit, "motor" or "link"; None for what the drives tell, or the motor.
+        encoder_side: where the encoders sit, "motor" or "link"; None for that of the drives, or the motor.
         link_viscous: viscous friction at the links [N m s/rad or N s/m], likewise.
         link_coulomb: Coulomb friction at the links [N m or N], likewise.
         torque_ripple: amplitude of the torque's ripple over the torque [-], likewise.
@@ -226,7 +227,7 @@ class ElasticPlant(Arm):
 
     @property
     def sag(self) -> str:
-        """How far the tool of a single arm sinks and its encoders do not see it, in a line; or nothing."""
+        """Tool deflection under gravity that the encoders do not measure, in a line; or nothing."""
         if not isinstance(self.robot, Robot) or self.gear_stiffness.ndim != 1:
             return ""
         return sag(self.robot, self.gear_stiffness, self._at_motor > 0.5)
@@ -250,7 +251,7 @@ class ElasticPlant(Arm):
     def init(self, q: Array, v: Array) -> ElasticState:  # type: ignore[override]
         """Return the state at time 0, in balance with gravity; see :meth:`Plant.init`.
 
-        Positions are what the encoders say: behind those at motors, links are where gravity lets them sink.
+        Positions are those of the encoders: if these are at the motors, the links are deflected by gravity.
         """
         self.check_start(q)
         link, gravity = q, self.robot.dynamics.gravity(q)
@@ -273,7 +274,7 @@ class ElasticPlant(Arm):
         return new(FullState, (q, v))
 
     def true_state(self, state: ElasticState) -> PlantState:  # type: ignore[override]
-        """Return the state of the links, and the torque that the motors were asked for."""
+        """Return the state of the links, and the torque that was requested of the motors."""
         return new(PlantState, (state.k, state.q, state.v, state.tau))
 
     def step(self, tau: Array, state: ElasticState, dt: float) -> ElasticState:

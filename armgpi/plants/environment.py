@@ -127,7 +127,7 @@ class ToolForce(Contact):
 
 @with_parameters
 class Wall(Contact):
-    """A plane {x: normal · x = distance} that pushes a point back which is behind it.
+    """A plane {x: normal · x = distance} with a force on a point that is behind it.
 
     The force along the normal is stiffness times depth plus damping times approach, and never pulls (Kelvin
     and Voigt). Coulomb friction of the surface acts against the sliding.

@@ -28,7 +28,7 @@ class Broken(NamedTuple):
 
 @with_parameters
 class SensorFault(StatefulWrapper):
-    """Encoders that fail at a time: that stop, jump, count wrong or backwards, or are lost.
+    """Encoders that fail at a time: that freeze, jump, count wrongly or backwards, or deliver nothing.
 
     A position measured as q is last + gain (q - last) + offset then, with the last one before the fault. The
     first measurement of all is always good.

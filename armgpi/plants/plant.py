@@ -69,7 +69,7 @@ class Plant(ABC):
 
     @abstractmethod
     def measure(self, state: Any) -> FullState:
-        """Return what the sensors say of the state.
+        """Return what the sensors measure of the state.
 
         Args:
             state: of the plant.

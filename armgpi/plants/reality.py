@@ -175,10 +175,10 @@ class Move(NamedTuple):
 
 
 class Scenario(NamedTuple):
-    """One arm, its drives and sensors, a move, and what a controller knows of them.
+    """One arm, its drives and sensors, a move, and what its controller is given of them.
 
     Attributes:
-        index: which draw of its reality.
+        index: which scenario of its uncertainty model.
         numbers: what was drawn.
         model: the arm as its maker knows it: without the load, with nominal rotor inertia, its torque limits
             those of the motors where they are known.
@@ -190,7 +190,7 @@ class Scenario(NamedTuple):
         scale: effort that chatter is in shares of [N m or N], (n,).
         torque_step: disturbance torque [N m or N], (n,).
         step_time: from when to when it acts [s].
-        move: what the arm is asked to do.
+        move: the reference.
         t_final: how long the experiment is [s].
         robot: the arm as its URDF has it, and what its maker knows of its drives in every draw.
         gears: its gears; None for rigid ones.
@@ -446,7 +446,7 @@ class Reality(Parametrised):
         """Return the reality of geared drives, by its seed; `changes` are parameters by their names.
 
         Args:
-            seed: the same seed draws the same arms.
+            seed: the same seed gives the same scenarios.
             **changes: parameters that differ from those of the model, by their names.
 
         Raises:
@@ -473,7 +473,7 @@ class Reality(Parametrised):
 
         Args:
             n: number of joints.
-            index: which draw, from 0.
+            index: which scenario, from 0.
 
         Raises:
             ParameterError: when the index is no whole number, or below 0.
@@ -512,11 +512,11 @@ class Reality(Parametrised):
         )
 
     def draw(self, robot: Robot, index: int) -> Scenario:
-        """Return draw `index` of an arm.
+        """Return scenario `index` of an arm.
 
         Args:
             robot: the arm as its URDF has it. Rotor inertia that it has is the nominal one.
-            index: which; the same seed and index are the same draw.
+            index: which; the same seed and index are the same scenario.
 
         Raises:
             ParameterError: when the index is no whole number, or below 0, or the robot no single one.

@@ -111,7 +111,7 @@ class Delayed(StatefulWrapper):
     off: ClassVar[Any] = 0
 
     samples: Any = parameter(
-        "samples by which measurements are late",
+        "delay of the measurements, in samples",
         kind="integer",
         default=1,
         least=0,
@@ -208,12 +208,12 @@ class Differentiated(StatefulWrapper):
 
 @with_parameters
 class DropOut(StatefulWrapper):
-    """Measurements that are lost at random; the last one that arrived takes their place.
+    """Measurements that are dropped at random; the last one that arrived replaces them.
 
     The first one always arrives.
 
     Attributes:
-        probability: share of samples lost [-], joint by joint, in [0, 1), a number or (batch, 1).
+        probability: share of samples dropped [-], joint by joint, in [0, 1), a number or (batch, 1).
         seed: seed of rollout 0, as rollout i of a batch uses seed + i; or those of all rollouts, (batch,).
     """
 

@@ -90,7 +90,7 @@ def minimum_duration(
 
 
 class Bezier(Reference):
-    """One smooth move from a start to a goal (eq. 26): stand, move, stand.
+    """One smooth move from a start to a goal (eq. 26), at rest before and after it.
 
     Attributes:
         start: configuration before the move [rad or m], shape (n,) or (batch, n).

@@ -10,7 +10,7 @@ from armgpi.errors import ParameterError
 
 
 class Target(NamedTuple):
-    """What is asked of the joints; arrays of shape (n,), (batch, n) or with leading times.
+    """Reference of the joints; arrays of shape (n,), (batch, n) or with leading times.
 
     Attributes:
         q: positions [rad or m].

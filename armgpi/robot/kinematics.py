@@ -65,12 +65,12 @@ _ITERATIONS = 60
 
 
 class InverseSolution(NamedTuple):
-    """What :func:`inverse_kinematics` found; arrays of shape (...) as the poses asked for.
+    """What :func:`inverse_kinematics` found; arrays of shape (...) as the requested poses.
 
     Attributes:
         q: joint positions, those nearest to the pose where it is not reached [rad or m], shape (..., n).
-        position_error: distance of the frame from the position asked for [m].
-        rotation_error: angle between its rotation and the one asked for [rad]; 0 where none was.
+        position_error: distance of the frame from the requested position [m].
+        rotation_error: angle between its rotation and the requested one [rad]; 0 where none was.
         reached: whether both are within the tolerance.
         iterations: iterations of the start that led there.
     """

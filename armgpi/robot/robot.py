@@ -107,7 +107,7 @@ class Robot(Edits):
         mimic: urdf_model.Mimic = "lock",
         repair: str | Iterable[str] = (),
     ) -> Robot:
-        """Load a robot from a URDF file, or by the name of one that armgpi knows.
+        """Load a robot from a URDF file, or by one of the names of `armgpi robots`.
 
         Args:
             path_or_name: path of a URDF, of an MJCF (:meth:`from_mjcf`), or of a folder that
@@ -230,7 +230,7 @@ class Robot(Edits):
 
         Raises:
             MissingPackage: when MuJoCo is not installed.
-            UrdfError: for a file that cannot be read, or has what a rigid arm has not; it says what.
+            UrdfError: for a file that cannot be read, or has what no rigid arm has; the message names it.
         """
         source = check_path(path, "path")
         import_extra("mujoco", "mujoco")  # said before anything about the file
@@ -315,7 +315,7 @@ class Robot(Edits):
         Args:
             payload: mass of a load that comes on top of what the robot has [kg], shape (batch,).
             com: its centre of mass in the frame [m], shape (batch, 3) or (3,); the origin when not given.
-            frame: the frame that carries it; the robot's tip when not given.
+            frame: the its frame; the robot's tip when not given.
             inertia_scale: factor of the robot's own masses and inertias [-], shape (batch,); the load and
                 rotor inertia given here are not scaled.
             rotor_inertia: at the joints, in place of the robot's [kg m^2 or kg], shape (batch,) or

@@ -259,7 +259,7 @@ def markdown(entries: Sequence[Entry]) -> str:
         head = (
             f"{arm}: controller (numbers), variation up to [N m]",
             *names,
-            "where its search begins (variation)",
+            "default (variation)",
         )
         lines: list[tuple[str, ...]] = []
         for group, laws in classes(entries).items():

@@ -122,7 +122,7 @@ def _kind_and_numbers(
     if not known:
         ends = declared.range(value)
         if ends is None:
-            raise ParameterError(name, value, "told from where to where it goes, as in {uniform: [1, 2]}")
+            raise ParameterError(name, value, "a distribution, such as {uniform: [1, 2]}")
         by_factors = declared.log and ends[0] > 0.0
         return "log_uniform" if by_factors else "uniform", ends
     if len(known) != 1:

@@ -178,7 +178,7 @@ def _without_best(search: Search, best: Sequence[Validated]) -> str:
     if not missing:
         return ""
     if math.isinf(budgets[0]):
-        where = "held-out scenarios" if search.rank() else "scenarios that were searched on"
+        where = "held-out scenarios" if search.rank() else "tuning scenarios"
         return f"\nNo candidate holds on the {where}: there is no best one.\n"
     return f"\nFor {missing} of the budgets no candidate holds.\n"
 

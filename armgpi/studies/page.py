@@ -119,7 +119,7 @@ def _distributions(sweep: Sweep, found: xr.Dataset) -> list[str]:
 def _failures(sweep: Sweep, said: Mapping[str, Any]) -> list[str]:
     """Return the charts of failures by what was drawn, and by two of them."""
     by_one = []
-    for name, rows in said["failure by what was drawn"].items():
+    for name, rows in said["failure by quantity"].items():
         by_one.append((_map(rows), drawn_heading(sweep, name)))
     by_two = []
     for pair in said["failure by two of them"]:

@@ -163,7 +163,7 @@ def summary(sweep: Sweep, found: xr.Dataset) -> dict[str, Any]:
         "probability of divergence": clopper_pearson(int(diverged.sum()), n)._asdict(),
         **_stops(found),
         "quantiles": quantiles,
-        "failure by what was drawn": by_one,
+        "failure by quantity": by_one,
         "failure by two of them": by_two,
     }
     return dict(json_data(said))

@@ -161,7 +161,7 @@ class Sweep:
         """
         for kind in KINDS:
             if getattr(section, kind) is not None:
-                expected = "{}: what was identified says how it is distributed"
+                expected = "{}: its distribution is that of the identification"
                 raise ParameterError(IDENTIFICATION, kind, expected)
         return Distribution("normal", (0.0, 1.0), len(self._posterior.mean))
 

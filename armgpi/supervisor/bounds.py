@@ -76,7 +76,7 @@ class Supervisor(Parametrised):
         per_joint=True,
     )
     torque_rate: PerJoint = parameter(
-        "highest rate of change of torque, in every state; the anti-windup knows of it",
+        "highest rate of change of torque, in every state; the anti-windup takes it into account",
         unit="N m/s or N/s",
         default=None,
         none="no limit",

@@ -217,7 +217,7 @@ class Supervised(Controller):
         return self.step(measurement, target, state)
 
     def within_rate(self, applied: Array, taken: ControlStep) -> ControlStep:
-        """Return a step whose torque is within its rate of what the robot says it applies.
+        """Return a step whose torque is within its rate of the torque that the robot reports.
 
         A robot that did not get the last torque would see the change of two.
 
@@ -336,7 +336,7 @@ class Supervised(Controller):
         )
 
     def _effort_and_rate(self, watch: Watch) -> tuple[Array, Array]:
-        """Return the lowest and the highest torque, whatever the caps are."""
+        """Return the lowest and the highest torque, whatever the stage limits are."""
         lower, upper = self._floor, self.effort
         if self.supervisor.torque_rate is not None:
             lower = np.maximum(lower, watch.tau - self.bounds.rate)
@@ -568,7 +568,7 @@ class Supervised(Controller):
         return any_joint(above | ((asked <= lower) & (lower > self._floor)))
 
     def report(self, state: SupervisedState) -> FaultReport:
-        """Return what a state of one rollout says of itself.
+        """Return status, reason and joint of a state of one rollout.
 
         Args:
             state: of one rollout, as :meth:`step` returned it.

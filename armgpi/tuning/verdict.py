@@ -37,7 +37,7 @@ LIMITS: Mapping[str, str] = {
     "delay": "delay",
     "rotors": "rotors that are light compared with the links",
     "load": "the range of payloads",
-    "crossover": "the highest bandwidth of the rule",
+    "crossover": "the highest bandwidth of automatic tuning",
 }
 #: Share of the usual effort that the controller does not know: friction of geared joints, 5 to 15 %.
 UNKNOWN_SHARE = 0.1
@@ -243,9 +243,9 @@ def why_sensitive(robot: Robot, judged: Verdict) -> str:
     if geared.at_link(robot) and judged.resonance > geared.SOFTEST:
         over += f", which for encoders at the links goes down to a first mode of {geared.SOFTEST:g} Hz"
     return (
-        f"Ms and delay margin are the worst ones over {over}; the rule keeps these loops stable and does not "
-        "bound their Ms. Where the stiffness is measured (armgpi excite --resonance, or --drives FILE) it "
-        f"keeps Ms below {geared.SENSITIVITIES[0]:g} if it can"
+        f"Ms and delay margin are the worst ones over {over}; automatic tuning keeps these loops stable, "
+        "but does not bound their Ms. Where the stiffness is measured (armgpi excite --resonance, or "
+        f"--drives FILE), it keeps Ms below {geared.SENSITIVITIES[0]:g} if it can"
     )
 
 

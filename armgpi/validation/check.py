@@ -56,7 +56,7 @@ def validate(
     names: Mapping[str, str] | None = None,
     isolate: bool = False,
 ) -> DynamicsReport:
-    """Compare hand-derived dynamics with a robot's, and say what is wrong with them.
+    """Compare hand-derived dynamics with a robot's, and name what is wrong with them.
 
     Args:
         model: any of: the path of a Python file or of a notebook, or the name of a module, followed by

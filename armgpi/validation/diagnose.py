@@ -445,7 +445,7 @@ class _Search:
         for k in same:
             away = np.abs(p.user[:, column] - p.reference[:, k]).max()
             if away <= tolerance and np.abs(p.reference[:, k]).max() > tolerance:
-                text = f"what belongs in {p.elements[k].label} stands there"
+                text = f"it has the value of {p.elements[k].label}"
                 yield _Candidate(math.log2(len(same)), "swapped", text)
                 return
 

@@ -117,7 +117,7 @@ def slip(q: Array, mine: Array, theirs: Array, prismatic: tuple[bool, ...], tole
             belongs, stands = (one, other) if a * right.get(one, 0.0) < 0.0 else (other, one)
             if belongs in right:
                 constant = {"": "a constant"}
-                return f"{constant.get(stands, stands)} stands where {constant.get(belongs, belongs)} belongs"
+                return f"{constant.get(stands, stands)} should be {constant.get(belongs, belongs)}"
     return None
 
 
@@ -140,19 +140,19 @@ def _slips(q: Array, prismatic: tuple[bool, ...]) -> Iterator[tuple[str, Array]]
     angles |= {f"(q{i + 1} + q{j + 1})": q[:, i] + q[:, j] for i, j in itertools.combinations(turning, 2)}
     for x, value in angles.items():
         c, s = np.cos(value), np.sin(value)
-        yield f"(1 - sin {x})² stands for 1 - sin² {x} = cos² {x}", (1.0 - s) ** 2 - c**2
-        yield f"(1 + sin {x})² stands for 1 - sin² {x} = cos² {x}", (1.0 + s) ** 2 - c**2
-        yield f"(1 - cos {x})² stands for 1 - cos² {x} = sin² {x}", (1.0 - c) ** 2 - s**2
-        yield f"sin {x} stands for sin² {x}", s - s**2
-        yield f"cos {x} stands for cos² {x}", c - c**2
-        yield f"sin² {x} stands for sin {x}", s**2 - s
-        yield f"cos² {x} stands for cos {x}", c**2 - c
-        yield f"sin(2 {x}) stands for 2 sin {x}", np.sin(2.0 * value) - 2.0 * s
-        yield f"cos² {x} stands where sin² {x} belongs", c**2 - s**2
-        yield f"sin² {x} stands where cos² {x} belongs", s**2 - c**2
-        yield f"{x} stands for sin {x} (small angles)", value - s
-        yield f"1 stands for cos {x} (small angles)", 1.0 - c
-        yield f"1 - {x}²/2 stands for cos {x} (small angles)", 1.0 - 0.5 * value**2 - c
+        yield f"(1 - sin {x})² replaces 1 - sin² {x} = cos² {x}", (1.0 - s) ** 2 - c**2
+        yield f"(1 + sin {x})² replaces 1 - sin² {x} = cos² {x}", (1.0 + s) ** 2 - c**2
+        yield f"(1 - cos {x})² replaces 1 - cos² {x} = sin² {x}", (1.0 - c) ** 2 - s**2
+        yield f"sin {x} replaces sin² {x}", s - s**2
+        yield f"cos {x} replaces cos² {x}", c - c**2
+        yield f"sin² {x} replaces sin {x}", s**2 - s
+        yield f"cos² {x} replaces cos {x}", c**2 - c
+        yield f"sin(2 {x}) replaces 2 sin {x}", np.sin(2.0 * value) - 2.0 * s
+        yield f"cos² {x} should be sin² {x}", c**2 - s**2
+        yield f"sin² {x} should be cos² {x}", s**2 - c**2
+        yield f"{x} replaces sin {x} (small angles)", value - s
+        yield f"1 replaces cos {x} (small angles)", 1.0 - c
+        yield f"1 - {x}²/2 replaces cos {x} (small angles)", 1.0 - 0.5 * value**2 - c
 
 
 def formula(terms: list[Harmonic]) -> str:

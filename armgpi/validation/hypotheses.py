@@ -128,12 +128,12 @@ def angle_maps(tree: Tree) -> list[Hypothesis]:
         mine, other = f"q{j + 1}", f"q{k + 1}"
         if j == k:
             maps.append(_mix_angles(n, j, {j: 0.0}, "angle-missing", f"{mine} is left out"))
-            maps.append(_mix_angles(n, j, {j: 2.0}, "angle-doubled", f"2 {mine} stands for {mine}"))
+            maps.append(_mix_angles(n, j, {j: 2.0}, "angle-doubled", f"2 {mine} replaces {mine}"))
         elif tree.prismatic[k] == tree.prismatic[j]:  # an angle is never taken for a length
-            belongs = f"stands where {mine} belongs"
-            maps.append(_mix_angles(n, j, {j: 0.0, k: 1.0}, "angle-replaced", f"{other} {belongs}"))
-            maps.append(_mix_angles(n, j, {k: 1.0}, "angle-added", f"{mine} + {other} {belongs}"))
-            maps.append(_mix_angles(n, j, {k: -1.0}, "angle-added", f"{mine} - {other} {belongs}"))
+            expected = f"should be {mine}"
+            maps.append(_mix_angles(n, j, {j: 0.0, k: 1.0}, "angle-replaced", f"{other} {expected}"))
+            maps.append(_mix_angles(n, j, {k: 1.0}, "angle-added", f"{mine} + {other} {expected}"))
+            maps.append(_mix_angles(n, j, {k: -1.0}, "angle-added", f"{mine} - {other} {expected}"))
     return maps
 
 
@@ -186,7 +186,7 @@ def _zeros(tree: Tree) -> Iterator[Hypothesis]:
     for i in _turning(tree):
         for degrees, slip in ((90, " (cos for sin)"), (-90, " (sin for cos)"), (180, "")):
             shift = f"q{i + 1} {'+' if degrees > 0 else '-'} {abs(degrees)}°"
-            text = f"{names.joint(i)} is measured from another zero: {shift} stands where q{i + 1} belongs"
+            text = f"{names.joint(i)} has a different zero position: {shift} should be q{i + 1}"
             b = degrees * _DEGREE * np.eye(tree.n)[i]
             yield Hypothesis("offset", text + slip, affine=_inside(np.eye(tree.n), b))
 
@@ -216,9 +216,9 @@ def _orders(tree: Tree) -> Iterator[Hypothesis]:
             orders.append(tuple({i: j, j: i}.get(k, k) for k in range(n)))
     for order in orders:
         P, listed = np.eye(n)[list(order)], ", ".join(f"q{j + 1}" for j in order)
-        text = f"the joints stand in another order: the robot's {own} are the model's {listed}"
+        text = f"the joints are in another order: the robot's {own} are the model's {listed}"
         yield Hypothesis("joint-order", text, affine=_both(P))
-        text = f"the angles are mixed up inside of the formulas: {own} stand as {listed}"
+        text = f"the angles are mixed up inside of the formulas: {own} are used as {listed}"
         yield Hypothesis("angle-order", text, affine=_inside(P))
 
 
@@ -336,7 +336,7 @@ def _lengths(tree: Tree) -> Iterator[Hypothesis]:
     carried = [i for i in range(tree.n) if tree.parents[i] >= 0 and tree.positions[i].any()]
     for chosen in _all_and_each(carried):
         which = "the lengths of all links" if len(chosen) > 1 else f"the length to {names.joint(chosen[0])}"
-        text = f"the distance of the centre of mass stands for {which} (lc for l)"
+        text = f"the distance of the centre of mass replaces {which} (lc for l)"
         yield Hypothesis("length", text, tree=partial(_short, chosen=tuple(chosen)))
     for i, j in itertools.combinations(carried, 2):
         text = f"the lengths to {names.joint(i)} and to {names.joint(j)} are swapped"
@@ -400,9 +400,9 @@ _FORMULAS: tuple[tuple[str, str, Callable[[Quantities], Quantities]], ...] = (
     ("christoffel", "-½ ∂(v'Dv)/∂q is missing: it is Ḋ v alone", _on("H", _rates(1.0, 0.0))),
     ("christoffel", "it is ½ Ḋ v", _on("H", _rates(0.5, 0.0))),
     ("christoffel", "the ½ of -½ ∂(v'Dv)/∂q is missing", _on("H", _rates(1.0, -1.0))),
-    ("christoffel", "+½ ∂(v'Dv)/∂q stands for -½ ∂(v'Dv)/∂q", _on("H", _rates(1.0, 0.5))),
+    ("christoffel", "+½ ∂(v'Dv)/∂q replaces -½ ∂(v'Dv)/∂q", _on("H", _rates(1.0, 0.5))),
     ("christoffel", "Ḋ v is missing: it is -½ ∂(v'Dv)/∂q alone", _on("H", _rates(0.0, -0.5))),
-    ("christoffel", "½ Ḋ v stands for Ḋ v", _on("H", _rates(0.5, -0.5))),
+    ("christoffel", "½ Ḋ v replaces Ḋ v", _on("H", _rates(0.5, -0.5))),
     ("gravity-included", _INCLUDED, _on("G", lambda G: G, "Z")),
     ("gravity-included", f"{_INCLUDED}, with the other sign", _on("G", lambda G: -G, "Z")),
 )

@@ -358,7 +358,7 @@ def _cause(change: Change) -> Cause:
     """Return the mistake that a change undoes."""
     if change.kind in _SLIPS:
         return Cause(
-            change.kind, change.name, "", (), formulas=(("stands", change.old), ("belongs", change.new))
+            change.kind, change.name, "", (), formulas=(("found", change.old), ("expected", change.new))
         )
     if change.kind in ("unit", "value"):
         value, expected = float(change.old), float(change.new)
@@ -368,7 +368,7 @@ def _cause(change: Change) -> Cause:
     line = f"line {change.span[0]}" + (f", in {change.where}" if change.where else "")
     numbers_alone = is_number(change.old) and is_number(change.new)
     wrong = _WRONG.get("" if numbers_alone else change.kind, "a number")
-    text = f"{line}: {change.old.strip()} stands where {change.new.strip()} belongs ({wrong})"
+    text = f"{line}: {change.old.strip()} should be {change.new.strip()} ({wrong})"
     if not change.old:
         text = f"{line}: after it {change.new.strip()} is missing (a statement)"
-    return Cause(change.kind, text, "", (), formulas=(("stands", change.old), ("belongs", change.new)))
+    return Cause(change.kind, text, "", (), formulas=(("found", change.old), ("expected", change.new)))

@@ -67,7 +67,7 @@ class DynamicsReport:
         laws: what holds for every arm, and whether it does for this model.
         notes: what else was seen, such as a link of the robot that no rigid body can be.
         repaired: the model's source with changes with which it agrees; None without such.
-        uncompared: functions of a state that the model has beside those: nothing is said of them.
+        uncompared: further functions of a state that the model has: they are not compared.
         left_out: what of its functions is not compared, such as the rows of a base.
         frame: the frame that was asked for where the model has no kinematics to compare in it.
         numbers_only: numbers of the model that agree by their values alone: with others it would differ.

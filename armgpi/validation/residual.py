@@ -295,7 +295,7 @@ class _Entry:
             if np.ptp(part) <= self.tolerance:
                 continue  # any constant is a multiple of any other
             right = shape.terms[0][0] if len(shape.terms) == 1 else 1.0
-            text = f"{term} stands with {right * (1.0 + share):.6g} for {right:.6g}"
+            text = f"{term} has the factor {right * (1.0 + share):.6g}, expected {right:.6g}"
             yield Explanation(_ANY + 1.0, text, code, (factors,))
 
     def _reasons(self, factors: tuple[str, ...], ratio: float) -> Iterator[tuple[float, str]]:
@@ -308,11 +308,11 @@ class _Entry:
                 if other == name or _kind(other) != _kind(name):
                     continue
                 if any(_same(ratio, (value / numbers[name]) ** k) for k in range(1, count + 1)):
-                    yield 2.5, f"{shown(other)} stands for {mine} in {{term}}"
+                    yield 2.5, f"{shown(other)} replaces {mine} in {{term}}"
             if _same(ratio * numbers[name], 1.0) and len(factors) > 1:
                 yield 2.0, f"the factor {mine} is missing in {{term}}"
             if _same(ratio, numbers[name]):
-                yield 3.0, f"the factor {mine} stands once too often in {{term}}"
+                yield 3.0, f"the factor {mine} occurs once too often in {{term}}"
 
     def all_own(self) -> Iterator[Explanation]:
         """Yield several summands with usual shares, where their functions are independent."""
@@ -348,7 +348,7 @@ class _Entry:
             if stands is None or not stands.is_nice:
                 continue
             belongs = self.shape(factors, part)
-            text = f"{_sum(stands)} stands for {_sum(belongs)} in {self.term(factors, belongs)}"
+            text = f"{_sum(stands)} replaces {_sum(belongs)} in {self.term(factors, belongs)}"
             bits = 3.0 + 2.0 * (abs(stands.terms[0][0]) != abs(belongs.terms[0][0]))
             sign = self.residual.sign(factors)
             other = Shape((*stands.times(sign).terms, *belongs.times(-sign).terms))

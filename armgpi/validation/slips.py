@@ -190,7 +190,7 @@ def _alike(scope: ast.AST) -> Iterator[Slip]:
         for other in {_pattern(ast.parse(text, mode="eval").body) for text in existing} - {pattern}:
             renamed = [(_span(x), ast.unparse(x), _renamed(x, pattern, other)) for x in found]
             if other.count("#") == pattern.count("#") and {new for _, _, new in renamed} <= existing:
-                text = f"{shown} and the like stand where {other.replace('#', '1')} and the like belong"
+                text = f"{shown} and the like should be {other.replace('#', '1')} and the like"
                 yield _slip(text, renamed)
     powers: dict[str, list[ast.BinOp]] = {}
     for square in squares:

@@ -89,7 +89,7 @@ def fits(problem: Problem, dictionary: list[Term], column: int) -> list[Fit]:
                 break
         else:
             if share >= -1.0 and np.ptp(part) > tolerance:  # any constant is a multiple of any other
-                text = f"{name} stands with the factor {1.0 + share:.6g}"
+                text = f"{name} has the factor {1.0 + share:.6g}"
                 found.append(Fit(text, share, False, place))
     return sorted(found, key=lambda fit: (not fit.usual, fit.bits))
 

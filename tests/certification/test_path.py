@@ -777,7 +777,7 @@ def test_a_stop_is_bounded_from_its_longest_way_and_moments_between(
         np.testing.assert_allclose(each.reference.stop.q[0], path.at(each.reference.begin).q, atol=1e-12)
     assert (found.error, bool(found.reasons)) == (4e-3, error > NEAR)
     wish.reference = armgpi.Hold(GOAL)
-    with pytest.raises(ParameterError, match="a tool that rests"):
+    with pytest.raises(ParameterError, match="a tool at rest"):
         bound_stop(cast(Any, SimpleNamespace(wish=wish)), 0.25)
 
 

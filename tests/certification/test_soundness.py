@@ -59,7 +59,7 @@ def test_no_rollout_of_the_untuned_law_exceeds_its_certificate() -> None:
     for ratios in (seen.gain, seen.stated, seen.start):
         assert 0.0 < ratios.max() <= 1.0
     assert seen.gain.max() >= 0.2  # the others are made of the dead zone for the most part
-    assert "one omega: the rule gives the joints" in str(made)
+    assert "one omega: automatic tuning gives the joints" in str(made)
     with pytest.raises(armgpi.errors.ParameterError, match="lightest payload of 0"):
         ask(robot, 1e-3, speed=0.2, controller="gpi_auto", payload=(0.05, 0.1))
 

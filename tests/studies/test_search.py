@@ -573,7 +573,7 @@ def test_tables_of_a_contest_have_medians_classes_and_the_best_of_each(
     assert table[0] == [
         "anthropomorphic3: controller (numbers), variation up to [N m]",
         *names,
-        "where its search begins (variation)",
+        "default (variation)",
     ]
     assert {len(line) for line in table} == {8}
     assert table[2:] == [

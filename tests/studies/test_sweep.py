@@ -192,7 +192,7 @@ def test_what_a_sweep_says_is_in_its_files(done: Path) -> None:
     np.testing.assert_array_equal(found["failed"].values, peak > 0.01)
     middle = said["quantiles"]["peak_error"]["0.5"]
     assert middle["lower"] <= np.median(peak) <= middle["upper"]
-    parts = said["failure by what was drawn"]["plant.delay"]
+    parts = said["failure by quantity"]["plant.delay"]
     assert [part["from"] for part in parts] == [0.0, 1.0, 2.0]
     assert sum(part["rollouts"] for part in parts) == 40
     assert found["rollout"].values.tolist() == [*range(40)]

@@ -56,7 +56,7 @@ def test_right_models_in_odd_styles_agree(path: Path) -> None:
 @pytest.mark.parametrize(
     ("style", "line"),
     [
-        ("closed", 28),  # g = 9.8 was "g stands where (g + I3) belongs"
+        ("closed", 28),  # g = 9.8 was "g should be (g + I3)"
         for_search("attributes", 8),  # attributes were no names
         ("attributes", 20),  # where l1 ** 2 is small any product agrees
         for_search("gears", 20),  # a dropped rotor was another number of teeth
@@ -90,7 +90,7 @@ def test_a_sign_that_stands_there_is_wrong_sooner_than_one_that_does_not(
     (mistake,) = (one for one in byhand.mistakes(style) if one.line == line)
     found = byhand.outcome(mistake, tmp_path)
     assert found.right
-    assert f"{name} stands where {name[1:]} belongs" in found.text
+    assert f"{name} should be {name[1:]}" in found.text
 
 
 @pytest.mark.parametrize("line", [3, 4])

@@ -82,7 +82,7 @@ def test_a_square_of_a_sine_is_told_from_a_sine() -> None:
             model["mass_matrix"](q) + np.diag([0.3 * (np.sin(q[1]) - np.sin(q[1]) ** 2), 0])
         )
     }
-    assert first(wrong, robot) == "sin q2 stands for sin² q2 (times 0.3)"
+    assert first(wrong, robot) == "sin q2 replaces sin² q2 (times 0.3)"
 
 
 def test_a_number_that_is_right_is_not_blamed() -> None:

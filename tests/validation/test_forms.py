@@ -108,4 +108,4 @@ def test_a_mistake_in_a_model_with_a_passive_joint_is_named_at_its_line(tmp_path
     assert set(report.functions[0].differing) <= {"q̈1", "q̈2"}
     cause = report.causes[0]
     assert cause.line == 35
-    assert "l1 stands where lc2 belongs" in cause.text
+    assert "l1 should be lc2" in cause.text

@@ -21,8 +21,8 @@ RIGHT = 2.0 * ONE - 0.5 * BOTH + 3.0
         (RIGHT + 0.25, "the constant is 3.25, the robot's is 3"),
         (RIGHT - 2.0 * ONE, "the term 2 cos(q1) is missing"),
         (RIGHT + 0.7 * np.sin(Q[:, 1]), "the term 0.7 sin(q2) is too much"),
-        (2.0 * np.cos(Q[:, 1]) - 0.5 * BOTH + 3.0, "cos(q2) stands where cos(q1) belongs"),
-        (2.0 * ONE - 0.5 * BOTH + 3.0 * np.sin(Q[:, 0]), "sin(q1) stands where a constant belongs"),
+        (2.0 * np.cos(Q[:, 1]) - 0.5 * BOTH + 3.0, "cos(q2) should be cos(q1)"),
+        (2.0 * ONE - 0.5 * BOTH + 3.0 * np.sin(Q[:, 0]), "sin(q1) should be a constant"),
         (3.0 * ONE - 0.7 * BOTH + 4.0, None),
     ],
 )

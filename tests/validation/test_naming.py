@@ -247,9 +247,9 @@ def test_formulas_are_set_in_reports(tmp_path: Path) -> None:
     report = validate(
         written(tmp_path, right.replace(old, "m2 * lc2", 1)), textbooks.robot("rr_textbook", right)
     )
-    assert dict(report.causes[0].formulas) == {"stands": "lc2", "belongs": "lc2 ** 2"}
-    assert r"belongs: ${l_{c2}}^{2}$" in report.latex()
-    assert r"belongs: ${l_{c2}}^{2}$" in report.markdown()
+    assert dict(report.causes[0].formulas) == {"found": "lc2", "expected": "lc2 ** 2"}
+    assert r"expected: ${l_{c2}}^{2}$" in report.latex()
+    assert r"expected: ${l_{c2}}^{2}$" in report.markdown()
     assert "<mark>** 2</mark>" in report.html().replace(" ** 2</mark>", "** 2</mark>")
     assert (
         "<msup><mrow><msub><mi>l</mi><mn>c2</mn></msub></mrow><mrow><mn>2</mn></mrow></msup>" in report.html()

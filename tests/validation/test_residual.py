@@ -208,8 +208,8 @@ def test_one_number_and_one_angle_for_another_are_told() -> None:
 
     report = validate({"gravity": gravity}, chain.robot())
     told = {one.label: one.text for one in report.differences}
-    assert told["G[1]"] == "m1 stands for m2 in m2*g*c2x*cos(q1 + q2)"
-    assert told["G[2]"] == "cos(q1 - q2) stands for cos(q1 + q2) in m2*g*c2x*cos(q1 + q2)"
+    assert told["G[1]"] == "m1 replaces m2 in m2*g*c2x*cos(q1 + q2)"
+    assert told["G[2]"] == "cos(q1 - q2) replaces cos(q1 + q2) in m2*g*c2x*cos(q1 + q2)"
 
 
 def test_the_formula_is_the_difference() -> None:

@@ -76,7 +76,7 @@ def test_a_slip_is_made_at_all_places_that_differ_by_digits() -> None:
     source = "def f():\n    return m1 * lc1 + m2 * lc2 + l1 * l2\n"
     texts = {slip.text for slip in slips.everywhere(source)}
     assert "line 2: a square of lc1 and the like is missing, at 2 places" in texts
-    assert "line 2: lc1 and the like stand where l1 and the like belong, at 2 places" in texts
+    assert "line 2: lc1 and the like should be l1 and the like, at 2 places" in texts
 
 
 def test_sines_and_cosines_are_swapped_with_the_names_that_hold_them() -> None:

@@ -64,7 +64,7 @@ _KERNEL_NOTES = {
         "Work out {result} = D(q) x, with the inertia matrix D, by the recursion of Newton and Euler."
     ),
     "inertia_solve": "Work out {result} = D(q)^-1 x, by the factors L D L' of the inertia matrix.",
-    "gravity": "Work out the torque {result} that gravity asks for at q.",
+    "gravity": "Work out the gravity torque {result} at q.",
     "nonlinear_effects": "Work out {result} = C(q, x) x + G(q), for velocities x.",
     "inverse": "Work out the torque {result} for velocities x and accelerations y.",
     "inverse_where": "Work out w[0] times the torque {result} for velocities x and accelerations y.",

@@ -199,7 +199,7 @@ class ExportedController(Controller):
         return ControlStep(tau.astype(np.float64, copy=False), after)
 
     def report(self, state: npt.NDArray[np.uint64]) -> FaultReport:
-        """Return what a state says of itself.
+        """Return status, reason and joint of a state.
 
         Args:
             state: of the exported controller, as :meth:`step` returned it.

@@ -121,7 +121,7 @@ def export_controller(
     target: str = "bare",
     beside: Mapping[str, str | bytes] | None = None,
 ) -> Export:
-    """Write a controller as freestanding C99 to a folder, with a README that says how to wire it.
+    """Write a controller as freestanding C99 to a folder, with a README that explains how to wire it.
 
     Args:
         controller: for a single rollout.
@@ -385,7 +385,7 @@ def _readme(code: Code, samples: int, state_bytes: int, measured: Measured | Non
     start = {
         "hold": _HOLDS,
         "rest": _HOLDS,
-        "zero": "The torque begins at zero, but for a feedforward (an arm that rests on something).",
+        "zero": "The torque begins at zero, but for a feedforward (for an arm that lies on something).",
     }.get("" if compensates_gravity(robot) else getattr(controller.law, "start", ""), "")
     return (
         Template(template("README.md"))
@@ -523,10 +523,11 @@ def _force_text(controller: Supervised, tool: str) -> str:
 
 _STAGE = """
 
-**This is a stage of a bring-up**, with its caps compiled in: no torque is beyond CAP below, and a joint
+**This is a stage of a bring-up**, with its limits compiled in: no torque is beyond CAP below, and a joint
 beyond SPEED is a fault. Every stage is an export of its own. In the order of `stages.yaml`: let it follow
 `motion.csv`, save the log as STAGE.armlog beside its file, and `armgpi bringup check` all logs so far: it
-says what is wrong, what nothing has tested yet, and which stage is next. The last one has no caps."""
+names what is wrong, what has not been tested yet, and which stage is next. The last one has no such
+limits."""
 _FLOAT = """\
 In single precision the integrators round at 6e-8 of what they hold. In a replay, where no loop is closed
 around them, that adds up with time, as the difference above shows. In a closed loop the feedback takes it

@@ -55,7 +55,7 @@ typedef struct {
     armgpi_status_t status; /* what it is in */
     armgpi_reason_t reason; /* of a fault */
     uint32_t fault_joint;   /* joint concerned, see armgpi_joint_t; 0 where it is the tool */
-    /* Supervisor and law, by their names in Python. */
+    /* Supervisor and controller, by their names in Python. */
 $fields} armgpi_state_t;
 
 /* What the code was made for. */
@@ -85,7 +85,7 @@ $parameters);
  * Take one sample.
 $argument_notes
  *   tau_out     torque to hold until the next sample [N m or N]; finite and within limits and rate, always
- * While in STOPPING and HOLD the law stops and holds the arm; go on calling. In FAULT tau_out is
+ * While in STOPPING and HOLD the controller stops and holds the arm; go on calling. In FAULT tau_out is
  * $action. armgpi_reset leads back.
  */
 armgpi_status_t armgpi_step(armgpi_state_t *state,
@@ -101,7 +101,7 @@ $parameters,
     armgpi_real_t tau_out[ARMGPI_N]);
 
 /*
- * Bring a step's torque within its rate of what the robot says it applies, for a robot that says so: one that did not get
+ * Bring a step's torque within its rate of the torque that the robot reports, for a robot that reports it: one that did not get
  * the last torque would see the change of two. Elsewhere the rate is that of the torques sent.
  */
 void armgpi_within_rate(armgpi_state_t *state, const armgpi_real_t applied[ARMGPI_N], armgpi_real_t tau[ARMGPI_N]);

@@ -45,11 +45,11 @@ struct Pose {
   std::array<double, 4> turn{};
 };
 
-// Moves one after the other, from where the arm stands, or a stream of setpoints, or of poses. One thread gives, the loop
+// Moves one after the other, from where the arm is, or a stream of setpoints, or of poses. One thread gives, the loop
 // takes references: neither waits.
 class Moves {
  public:
-  // Stand at q; a goal that was given is kept.
+  // Hold q; a goal that was given is kept.
   void stand(const Vector& q) noexcept {
     armgpi_move_hold(&move_, q.data());
     streams_ = false;
@@ -58,8 +58,8 @@ class Moves {
   bool move_to(const Vector& goal, double share = 0.5) noexcept { return give({goal, {}, {}}, share, 0U); }
   // Give a setpoint of a stream, to be reached in so many samples. False: the loop has not taken the last one yet.
   bool via(const Reference& to, std::uint32_t samples) noexcept { return give(to, 0.0, samples); }
-  // Give a pose as it arrives: the tool follows within armgpi_follow_limits, from where the arm stands. A goal that is given
-  // later is moved to when the stream rests. False: the loop has not taken the last pose yet.
+  // Give a pose as it arrives: the tool follows within armgpi_follow_limits, from where the arm is. A goal that is given
+  // later is moved to when the stream is at rest. False: the loop has not taken the last pose yet.
   bool follow(const Pose& pose) noexcept {
     if (posed_.load(std::memory_order_acquire)) {
       return false;
@@ -142,7 +142,7 @@ class Moves {
 };
 
 // A motion from a file such as motion.csv: in each row a time [s], then positions, velocities and accelerations of the
-// joints, in their order. It is a polynomial of degree 5 between rows, and rests before the first and after the last.
+// joints, in their order. It is a polynomial of degree 5 between rows, and is at rest before the first and after the last.
 // Reading allocates and throws; what the loop calls does neither.
 class Motion {
  public:
@@ -203,7 +203,7 @@ class Motion {
   std::vector<Row> rows_;
 };
 
-// Whether an arm rests: within REST_MOTION of where it was REST_SAMPLES ago. HOLD takes 0.1 rad/s for rest.
+// Whether an arm is at rest: within REST_MOTION of where it was REST_SAMPLES ago. HOLD takes 0.1 rad/s for rest.
 class Rest {
  public:
   bool reached(const Vector& q) noexcept {
@@ -248,7 +248,7 @@ class Controller {
   armgpi_status_t step_late(std::uint32_t elapsed, $vectors, Vector& tau) noexcept {
     return armgpi_step_late(&state_, elapsed, $datas, tau.data());
   }
-  // Bring a torque within its rate of what the robot says it applies.
+  // Bring a torque within its rate of the torque that the robot reports.
   void within_rate(const Vector& applied, Vector& tau) noexcept {
     armgpi_within_rate(&state_, applied.data(), tau.data());
   }
@@ -385,7 +385,7 @@ class Log {
   void start(const Controller& controller, $vectors) noexcept {
     armgpi_log_take(&log_, &controller.state(), ARMGPI_LOG_INIT, 0U, $datas, nullptr, nullptr);
   }
-  // After each step, with the torque that is sent and the one that the robot says it applies, if it does.
+  // After each step, with the torque that is sent and the one that the robot reports, if it does.
   void take(const Controller& controller, std::uint32_t elapsed, $vectors, const Vector& tau,
             const Vector* applied = nullptr) noexcept {
     armgpi_log_take(&log_, &controller.state(), ARMGPI_LOG_SAMPLE, elapsed, $datas, tau.data(),

@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-/* What stands before the rows; armgpi.loop.log has the format. */
+/* What precedes the rows; armgpi.loop.log has the format. */
 static const uint8_t PREAMBLE[] = {
 $preamble
 };

@@ -2,9 +2,9 @@
 //
 //   --contact N_M     torque at which the robot stops by its own reflex, every joint [N m]
 //   --force N         the same of the force at the tool [N, N m]
-//   --load M,X,Y,Z    what the flange carries [kg, m], for the robot to carry; that of Desk when left out
+//   --load M,X,Y,Z    what the flange carries [kg, m], which the robot compensates; that of Desk when left out
 //   --recover         lead the robot back from its last reflex first
-//   --dry-run         send nothing: look on while the arm is moved by hand
+//   --dry-run         send nothing: only watch while the arm is moved by hand
 //   --motion FILE     move to where a file such as motion.csv begins, and follow it
 //   --poses FILE      follow poses of the tool from a file or a pipe: lines of x,y,z,qx,qy,qz,qw [m] as they arrive, or with a
 //                     time [s] before them

@@ -5,7 +5,7 @@
 //   arm->move_to(goal);      // before `control`, or from another thread; or arm->via(reference, samples) for a stream of
 //                            // setpoints; or arm->follow(pose) for poses as they arrive; or give Fci a function of time
 //   Fci arm(Motion("motion.csv"));   // or a motion from a file, from where it begins
-//   arm->finish();           // end the motion when all goals are reached and the arm rests; arm->stop() stops it before
+//   arm->finish();           // end the motion when all goals are reached and the arm is at rest; arm->stop() stops it before
 //   robot.control(arm, false, franka::kMaxCutoffFrequency);   // franka::Robot::control of a torque callback
 //   if (arm->controller().reason() != ARMGPI_REASON_NONE) { ... }
 //   arm->log().write("motion.armlog");     // the last minute, for `armgpi log`
@@ -31,7 +31,7 @@
 
 namespace armgpi_controller {
 
-// What the robot itself watches and carries. Thresholds are those of libfranka's examples (setDefaultBehavior in
+// What the robot itself monitors and compensates. Thresholds are those of libfranka's examples (setDefaultBehavior in
 // examples_common.cpp, 20 N m and 20 N); beyond them it stops by a reflex. libfranka knows a load of Desk's or this one.
 struct Setup {
   double contact{20.0};             // N m, of every joint
@@ -59,7 +59,7 @@ inline void prepare(franka::Robot& robot, const Setup& setup) {
 class Fci {
  public:
   Fci() = default;
-  // A reference of your own: seconds since the motion began -> what is asked for; it begins where the arm stands.
+  // A reference of your own: seconds since the motion began -> what is asked for; it begins where the arm is.
   explicit Fci(std::function<Reference(double)> reference) { loop_->reference = std::move(reference); }
 
   // What copies share: goals, stop, controller and log; see goals.hpp.
@@ -77,7 +77,7 @@ class Fci {
     return goes_on ? torques : franka::MotionFinished(torques);
   }
 
-  // Dry run, for franka::Robot::read: law and supervisor look on while the arm is moved by hand, and nothing is sent. The
+  // Dry run, for franka::Robot::read: controller and supervisor only watch while the arm is moved by hand, and nothing is sent. The
   // log has the torque that the joints measure. Stop reading by a callback that returns false.
   void look(const franka::RobotState& robot) {
     const double now = robot.time.toSec();

@@ -179,13 +179,13 @@ class Loop {
     finish_ = !goals_.empty() || poses_;
     log_ = std::make_unique<Log>(motion_ ? std::max($log_seconds, 2.0 * motion_->length()) : $log_seconds);
   }
-  // End when all goals are reached and the arm rests.
+  // End when all goals are reached and the arm is at rest.
   void finish() noexcept { finish_ = true; }
-  // Stop the arm under control, as a fault of the reference does, and end when it rests.
+  // Stop the arm under control, as a fault of the reference does, and end when it is at rest.
   void stop() noexcept { stop_ = true; }
 
   // Positions that come `elapsed` sample times after the last ones, 0 for the first of a motion -> the torque to send,
-  // within its rate of what the robot says it applies, if it does. False: it is over.
+  // within its rate of the torque that the robot reports, if it does. False: it is over.
   bool take(std::uint32_t elapsed, const Vector& q, Vector& tau, const Vector* applied = nullptr) {
     time_ = elapsed == 0U ? 0.0 : time_ + elapsed * Controller::dt;
     if (elapsed == 0U) {
@@ -277,7 +277,7 @@ inline int report(const Loop& arm, bool ended, const std::string& log) {
   std::fprintf(stderr, "%s %s %s\n", status_name(controller.status()), reason_name(controller.reason()),
                fault ? controller.fault_joint() : "(no fault)");
   if (fault) {
-    std::fprintf(stderr, interrupted != 0 ? "stopped by Ctrl-C\n" : "README.md says what to do\n");
+    std::fprintf(stderr, interrupted != 0 ? "stopped by Ctrl-C\n" : "what to do: README.md\n");
   }
   if (arm.refused()) {
     std::fprintf(stderr, "a goal or a pose was refused: beyond the limits, or no numbers\n");

@@ -14,7 +14,7 @@
 
 #include "armgpi_log.h"
 
-/* What stands before the header of a log, and where its length is. */
+/* What precedes the header of a log, and where its length is. */
 #define START_BYTES 16U
 #define LENGTH_AT 12U
 /* Rows that are timed. */
@@ -114,7 +114,7 @@ int main(int argc, char **argv)
         return 2;
     }
     while (fread(&row, sizeof row, 1U, file) == 1U) {
-        uint32_t said = 1U; /* whether the robot says what it applies */
+        uint32_t said = 1U; /* whether the robot reports what it applies */
         uint32_t i;
         uint32_t j;
 

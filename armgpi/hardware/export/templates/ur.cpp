@@ -43,7 +43,7 @@ bool look(armgpi_controller::Ur& arm, const char* address) {
   urcl::rtde_interface::RTDEClient client(address, notifier, heard, Names{}, 1.0 / armgpi_controller::Controller::dt);
   const bool ended = arm.look(client);
   if (!ended) {
-    std::fprintf(stderr, "the robot says no more\n");
+    std::fprintf(stderr, "the robot sends no more data\n");
   }
   return ended;
 }

@@ -3,7 +3,7 @@
 //   armgpi_controller::Ur arm;
 //   arm.move_to(goal);       // before `run`, or from another thread; or arm.via(reference, samples) for a stream, or
 //                            // arm.follow(pose) for poses of the tool as they arrive
-//   arm.finish();            // end when all goals are reached and the arm rests; arm.stop() stops it before
+//   arm.finish();            // end when all goals are reached and the arm is at rest; arm.stop() stops it before
 //   const bool ended = arm.run(driver);   // of a urcl::UrDriver whose program runs; false: the robot took no more
 //
 // The torque is without gravity, as direct_torque's has to be; the robot's own friction compensation is scaled by `viscous`
@@ -33,7 +33,7 @@ class Ur : public Loop {
     return polyscope5 || x10 || robot.major > 10U;
   }
 
-  // Run until the goals are reached or the supervisor has stopped the arm, and it rests; at once in FAULT.
+  // Run until the goals are reached or the supervisor has stopped the arm, and it is at rest; at once in FAULT.
   bool run(urcl::UrDriver& driver) {
     if (!has_torque(driver.getVersion())) {
       throw std::runtime_error("its software has no direct torque: PolyScope 5.25.1 or 10.12.1 is needed");
@@ -54,8 +54,8 @@ class Ur : public Loop {
     return sent;
   }
 
-  // Dry run: law and supervisor look on while the arm is moved by freedrive or by its own program, and nothing is sent. The
-  // log has the torque that the robot's own controller aims at. Until Ctrl-C; false: the robot says no more.
+  // Dry run: controller and supervisor only watch while the arm is moved by freedrive or by its own program, and nothing is sent. The
+  // log has the torque that the robot's own controller aims at. Until Ctrl-C; false: the robot sends no more data.
   bool look(urcl::rtde_interface::RTDEClient& client) {
     bool heard = client.init(1U) && client.start();
     urcl::rtde_interface::DataPackage packet(client.getOutputRecipe());
