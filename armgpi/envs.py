@@ -103,3 +103,8 @@ class ArmEnv(gymnasium.Env[Array, Array]):
         target = self.loop.reference.at(self._state.k * self.loop.dt)
         q = self.loop.plant.measure(self._state.plant).q
         return np.concatenate([np.nan_to_num(q), target.q, target.v])
+
+
+def __dir__() -> list[str]:
+    """Return the public names, without what is imported here."""
+    return ["ArmEnv"]

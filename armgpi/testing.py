@@ -50,3 +50,8 @@ def assert_dynamics(
         text = f"{report.model}: not compared: {', '.join(report.uncompared)}"
         warnings.warn(text, ArmgpiWarning, stacklevel=2)
     return report
+
+
+def __dir__() -> list[str]:
+    """Return the public names, without what is imported here."""
+    return ["assert_dynamics"]

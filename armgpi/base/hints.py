@@ -15,6 +15,7 @@ _Result = TypeVar("_Result")
 #: Names of Pinocchio, Pink and roboticstoolbox -> what a module `armgpi` has in their place.
 MODULE: Mapping[str, str] = {
     "buildModelFromUrdf": "armgpi.Robot.load(path)",
+    **dict.fromkeys(("buildReducedModel", "buildReducedRobot"), "armgpi.Robot.load(path, lock=[names])"),
     "RobotWrapper": "armgpi.Robot.from_pinocchio(wrapper)",
     "Model": "armgpi.Robot.from_pinocchio(model)",
     "rnea": "robot.inverse_dynamics(q, v, a)",
@@ -107,7 +108,10 @@ MODULE: Mapping[str, str] = {
     "p_servo": "armgpi.Follower, which follows poses within limits",
     "rne": "robot.inverse_dynamics(q, v, a)",
     "gravload": "robot.gravity(q)",
-    "jacob0": "robot.frame_jacobian(name, q)",
+    **dict.fromkeys(("jacob0", "jacobe"), "robot.frame_jacobian(name, q)"),
+    "inertia": "robot.mass_matrix(q)",
+    "coriolis": "robot.nonlinear_effects(q, v) - robot.gravity(q), which is C(q, v) v",
+    "accel": "robot.forward_dynamics(q, v, tau)",
     "manipulability": "the singular values of robot.frame_jacobian(name, q)",
 }
 #: The same of a robot.
@@ -171,8 +175,8 @@ ROBOT: Mapping[str, str] = {
     "upper": "limits.upper",
     "payload": "with_payload(frame, mass)",
     **dict.fromkeys(("data", "createData"), "no data: methods such as mass_matrix(q) return arrays"),
-    "lowerPositionLimit": "limits.lower",
-    "upperPositionLimit": "limits.upper",
+    **dict.fromkeys(("lowerPositionLimit", "q_min", "qmin"), "limits.lower"),
+    **dict.fromkeys(("upperPositionLimit", "q_max", "qmax"), "limits.upper"),
     **dict.fromkeys(("getFrameId", "getJointId", "existFrame"), "frame_names and joint_names"),
     "v0": "an array of zeros; a robot has no state",
     **dict.fromkeys(("com", "centerOfMass", "Jcom"), "pinocchio_model(), and pinocchio.centerOfMass"),
@@ -357,6 +361,12 @@ KEYWORDS: Mapping[str, tuple[str, ...]] = {
     "bandwidth": ("gains", "omega_c"),
     "omega": ("omega_c", "gains"),
     "omega_c": ("gains",),
+    "zeta": ("zeta_c", "gains"),
+    "frequency": ("omega_c", "gains"),
+    **dict.fromkeys(("kp", "ki", "kd", "poles"), ("gains",)),
+    "delay": ("samples",),
+    "target": ("position", "goal"),
+    "limit": ("effort",),
     "Ts": ("dt",),
     "period": ("dt",),
     "sample_time": ("dt",),
@@ -374,6 +384,10 @@ KEYWORDS: Mapping[str, tuple[str, ...]] = {
     "resolution": ("bits",),
     "torque_limit": ("effort",),
 }
+
+
+#: Keywords that take an object -> how one is written.
+WRITTEN: Mapping[str, str] = {"gains": "gains=armgpi.FixedGains(20.0)"}
 
 
 class MissingAttribute(AttributeError):
@@ -429,7 +443,10 @@ def unexpected(function: str, name: str, keywords: Sequence[str]) -> str:
     near += get_close_matches(name, keywords, n=1)
     for foreign in get_close_matches(name, KEYWORDS, n=1) if not near else ():  # bandwith
         near += [each for each in KEYWORDS[foreign] if each in keywords]
-    end = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(keywords)}"
+    end = f"it has {', '.join(keywords)}"
+    if near:
+        written = WRITTEN.get(near[0])
+        end = f"did you mean {near[0]!r}{f', as in {written}' if written else ''}?"
     return f"{function}() got an unexpected keyword argument {name!r}; {end}"
 
 

@@ -27,4 +27,5 @@ def schema(out: Path | None = None) -> None:
         say(text, lines=True)
         return
     write(out, text + "\n", "--out")
-    say(f"first line of an experiment file in the same folder:\n# yaml-language-server: $schema={out.name}")
+    say("first line of an experiment file in the same folder, for editors:")
+    say(f"# yaml-language-server: $schema={out.name}")

@@ -90,7 +90,7 @@ def call(name: str, *args: Any, **kwargs: Any) -> None:
         ("simulate", "tf", "did you mean 't_final'?"),
         ("Robot.load", "locks", "did you mean 'lock'?"),
         ("Robot.load", "urdf", "did you mean 'path_or_name'?"),
-        ("GPI", "bandwidth", "did you mean 'gains'?"),
+        ("GPI", "bandwidth", "did you mean 'gains', as in gains=armgpi.FixedGains(20.0)?"),
         ("GPI", "Ts", "did you mean 'dt'?"),
         ("GPI.auto", "bit", "did you mean 'bits'?"),
         ("certify", "payloads", "did you mean 'payload'?"),
