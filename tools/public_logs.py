@@ -37,7 +37,7 @@ import re
 import sqlite3
 import struct
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
@@ -255,6 +255,22 @@ def show_found(found: Identified) -> None:
         print(f"| {joint} | {' | '.join(cells)} |")
 
 
+def residual_table(name: str, shares: Mapping[str, Array]) -> list[str]:
+    """Return the lines of a Markdown table of residuals over torque [%].
+
+    Args:
+        name: of the log.
+        shares: what predicts the torques -> residual over torque of each joint, (n,).
+    """
+    joints = len(next(iter(shares.values())))
+    numbers = " | ".join(str(joint + 1) for joint in range(joints))
+    lines = [f"| residual over torque [%], {name} | {numbers} | median |", "|---" * (joints + 2) + "|"]
+    for label, residuals in shares.items():
+        cells = " | ".join(f"{100.0 * x:.2g}" for x in residuals)
+        lines.append(f"| {label} | {cells} | {100.0 * float(np.median(residuals)):.2g} |")
+    return lines
+
+
 def fit(given: PublicLog, name: str) -> Identified:
     """Return the fit of the first part of a log, and print residuals over torque on the rest.
 
@@ -274,9 +290,8 @@ def fit(given: PublicLog, name: str) -> Identified:
     plain, impossible = least_squares(given.robot, fitted, judged)
     print(f"{end:.3g} s are fitted; plain least squares: {impossible} of {given.robot.n} bodies impossible")
     both = found.validate(judged)
-    for label, shares in (("file", both.file), ("identified", both.identified), ("least squares", plain)):
-        cells = " | ".join(f"{100.0 * x:.2g}" for x in shares)
-        print(f"| {name}, {label} | {cells} | median {100.0 * float(np.median(shares)):.2g} |")
+    shares = {"file": both.file, "identified": both.identified, "least squares": plain}
+    print("\n".join(residual_table(name, shares)))
     print(f"rotors: {', '.join(found.drives.sources('rotor_inertia'))}")
     return found
 
