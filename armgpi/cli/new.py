@@ -49,7 +49,7 @@ _Value = TypeVar("_Value")
 ROWS = {
     "robot <ROBOT>": "Path of a URDF file, or name of a robot (see `armgpi robots`).",
     "out --out -o FILE": "The experiment file; by default next to the URDF, with its name.",
-    "payload KG": "Heaviest load that the arm will carry, unknown to its controller; none by default.",
+    "payload KG": "Heaviest payload of the arm, which its controller does not know; none by default.",
     "target NAME": "Hardware that `armgpi export` writes for.",
     "force": "Replace the file.",
     "planar JOINTS": (
@@ -107,8 +107,8 @@ def new(
 ) -> None:
     """Begin an experiment file for an arm: what its URDF contains, what you specify, and what is assumed.
 
-    Nothing is added that nobody specified: a payload is not there without --payload. Of an arm whose joints
-    have no effort limit, or whose links have no mass, the file has blanks to fill in, and the exit code is 3.
+    Nothing else is added: without --payload there is none. For an arm whose joints have no effort limit, or
+    whose links have no mass, the file has blanks to fill in, and the exit code is 3.
 
     \b
     armgpi new my_arm.urdf

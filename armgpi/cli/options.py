@@ -73,7 +73,7 @@ ROWS = {
         "Multiply D(q) of the controllers' nominal models by this factor; the plant is not changed."
     ),
     "plant NAME": "Simulator: {plants} (armgpi by default), or for compare both.",
-    "payload KG": "Mass at the tip [kg] that the controllers do not know.",
+    "payload KG": "Mass at the tip [kg] that the controllers' model does not contain.",
     "friction WORD": "'urdf': the URDF's joint friction acts, default of realistic arms; or 'none'.",
     "ideal": "Rigid joints, no rotors, no friction, exact positions, and the controller as printed.",
     "t_final SECONDS": "Simulated time [s]; by default the motion and 2 s more.",

@@ -94,7 +94,7 @@ def report(
 
     \b
     armgpi report results/rollout.nc
-    armgpi report soft/rollout.nc stiff/rollout.nc -o both.html
+    armgpi report elastic/rollout.nc stiff/rollout.nc -o both.html
     """  # noqa: D301 (\b keeps the lines apart)
     from armgpi.cli import pictures
     from armgpi.loop import rollout as rollouts

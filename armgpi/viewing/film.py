@@ -1,7 +1,7 @@
 """A rollout as a film: an animated GIF or an MP4, drawn by Matplotlib without a screen.
 
 The arm is drawn from one side, its triangles from the farthest to the nearest, with the path of its tool and
-the path that was desired. Several rollouts stand side by side. The film runs in real time.
+the path that was desired. Several rollouts are side by side. The film runs in real time.
 """
 
 from __future__ import annotations
@@ -38,6 +38,10 @@ FRAME_RATE, MOST_FRAMES = 25.0, 500
 TRIANGLES = 900
 #: Direction from which the arm is seen, around the vertical axis [rad].
 _AZIMUTH = 0.7
+#: Directions that are tried where its tool would be behind what does not move.
+_DIRECTIONS = 8
+#: Fixed bodies are seen as a whole where they make the picture at most so many times as large [-].
+_SURROUNDINGS = 1.5
 #: Likewise, above the horizontal plane [rad].
 _ELEVATION = 0.35
 #: Direction of the light, as the camera sees it: right, up, towards it [-].
@@ -71,6 +75,7 @@ class _Drawn(NamedTuple):
     Attributes:
         label: its name.
         color: of its path.
+        camera: columns to the right, up, and towards the camera, shape (3, 3).
         placements: of the bodies at the frames, homogeneous, shape (bodies, frames, 4, 4).
         path: of the tool on the picture [m], shape (k, 2).
         desired: path that the tool should have, likewise.
@@ -79,6 +84,7 @@ class _Drawn(NamedTuple):
 
     label: str
     color: str
+    camera: Array
     placements: Array
     path: Array
     desired: Array
@@ -161,7 +167,7 @@ def _images(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     parts = [meshes.simplify(body.coarse, TRIANGLES) for body in arm.bodies]
-    every = _drawn(arm, clip, chosen, rollout, frame)
+    every = _drawn(arm, parts, clip, chosen, rollout, frame)
     box = _bounds(parts, every)
     with plots.styled():
         figure = plots.Figure(figsize=(_WIDTH * len(every), _HEIGHT), dpi=_DPI)
@@ -182,26 +188,28 @@ def _images(
 
 def _drawn(
     arm: scene.Scene,
+    parts: list[meshes.Triangles],
     clip: scene.Clip,
     chosen: npt.NDArray[np.int64],
     rollout: xr.Dataset,
     frame: str | None,
 ) -> list[_Drawn]:
     """Return the rollouts as they are drawn."""
+    paths = tracks.tool_paths(rollout, arm.robot, frame, _PATH_POINTS)
+    placements = [_placements(arm, actor.q[chosen].astype(float)) for actor in clip.actors]
+    camera = _camera(_azimuth(parts, placements[0], paths[0].desired))
     found = []
-    for actor, path in zip(
-        clip.actors, tracks.tool_paths(rollout, arm.robot, frame, _PATH_POINTS), strict=False
-    ):
-        placements = _placements(arm, actor.q[chosen].astype(float))
-        tool = placements[arm.tip_body] @ arm.tip
+    for actor, path, places in zip(clip.actors, paths, placements, strict=False):
+        tool = places[arm.tip_body] @ arm.tip
         found.append(
             _Drawn(
                 label=style.shorten(actor.label),
                 color=actor.color,
-                placements=placements,
-                path=_project(path.drawn)[:, :2],
-                desired=_project(path.desired)[:, :2],
-                tool=_project(tool[:, :3, 3])[:, :2],
+                camera=camera,
+                placements=places,
+                path=(path.drawn @ camera)[:, :2],
+                desired=(path.desired @ camera)[:, :2],
+                tool=(tool[:, :3, 3] @ camera)[:, :2],
             )
         )
     return found
@@ -234,40 +242,72 @@ def _rotations(axis: Array, angles: Array) -> Array:
     return np.asarray(np.eye(3) + sine * cross + (1.0 - cosine) * cross @ cross)
 
 
-def _project(points: Array) -> Array:
-    """Return points (..., 3) as the camera sees them: to the right, up, and towards it [m]."""
+def _camera(azimuth: float) -> Array:
+    """Return the axes of a camera at an azimuth [rad] as columns: to the right, up, and towards it."""
     toward = np.array(
         [
-            np.cos(_ELEVATION) * np.cos(_AZIMUTH),
-            np.cos(_ELEVATION) * np.sin(_AZIMUTH),
+            np.cos(_ELEVATION) * np.cos(azimuth),
+            np.cos(_ELEVATION) * np.sin(azimuth),
             np.sin(_ELEVATION),
         ]
     )
-    right = np.array([-np.sin(_AZIMUTH), np.cos(_AZIMUTH), 0.0])
-    camera = np.stack([right, np.cross(toward, right), toward])
-    return np.asarray(points @ camera.T)
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    return np.stack([right, np.cross(toward, right), toward], axis=1)
+
+
+def _is_fixed(placements: Array) -> bool:
+    """Tell whether a body stays where it is over the frames (frames, 4, 4)."""
+    return bool((placements == placements[:1]).all())
+
+
+def _azimuth(parts: list[meshes.Triangles], placements: Array, path: Array) -> float:
+    """Return where an arm is seen from [rad]: from a side at which the tool is before what does not move.
+
+    Args:
+        parts: the bodies.
+        placements: of them at the frames, (bodies, frames, 4, 4).
+        path: the desired one of the tool [m], (k, 3).
+    """
+    points = [
+        part.points @ places[0, :3, :3].T + places[0, :3, 3]
+        for part, places in zip(parts, placements, strict=True)
+        if _is_fixed(places) and len(part.points)
+    ]
+    path = path[np.isfinite(path).all(axis=1)]
+    if not points or not len(path):
+        return _AZIMUTH
+    fixed = np.concatenate(points)
+    lever = path.mean(axis=0) - 0.5 * (fixed.min(axis=0) + fixed.max(axis=0))
+    azimuths = _AZIMUTH + 2.0 * np.pi / _DIRECTIONS * np.arange(_DIRECTIONS)
+    ahead = lever[0] * np.cos(azimuths) + lever[1] * np.sin(azimuths)
+    return _AZIMUTH if ahead[0] >= 0.0 else float(azimuths[np.argmax(ahead)])
 
 
 def _bounds(parts: list[meshes.Triangles], every: list[_Drawn]) -> tuple[Array, Array]:
-    """Return the corners of what is seen of all rollouts over the film, with a margin [m]."""
-    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    """Return the corners of what is seen of all rollouts over the film, with a margin [m].
+
+    Of a larger robot, such as one with two arms, what does not move may be cut off.
+    """
+    moving: list[Array] = []
+    fixed: list[Array] = []
     for drawn in every:
-        seen = []
-        for points in (drawn.path, drawn.desired):
-            is_finite = np.isfinite(points).all(axis=1)
-            seen.append(points[is_finite])
+        paths = np.concatenate([drawn.path, drawn.desired])
+        moving.append(paths[np.isfinite(paths).all(axis=1)])
         stride = max(1, drawn.placements.shape[1] // _LOOKED_AT)
         for index, part in enumerate(parts):
             placements = drawn.placements[index][::stride]
             rotations = placements[:, :3, :3]
             corners = part.points @ rotations.swapaxes(1, 2) + placements[:, np.newaxis, :3, 3]
-            seen.append(_project(corners).reshape(-1, 3)[:, :2])
-        for points in seen:
-            if len(points):
-                low = np.minimum(low, points.min(axis=0))
-                high = np.maximum(high, points.max(axis=0))
-    margin = 0.05 * float((high - low).max())
-    return low - margin, high + margin
+            seen = (corners @ drawn.camera).reshape(-1, 3)[:, :2]
+            (fixed if _is_fixed(placements) else moving).append(seen)
+    everything = np.concatenate(moving + fixed)
+    box = everything.min(axis=0), everything.max(axis=0)
+    if fixed and len(alone := np.concatenate(moving)):
+        own = alone.min(axis=0), alone.max(axis=0)
+        if (box[1] - box[0]).max() > _SURROUNDINGS * (own[1] - own[0]).max():
+            box = own
+    margin = 0.05 * float((box[1] - box[0]).max())
+    return box[0] - margin, box[1] + margin
 
 
 def _drawer(
@@ -290,7 +330,7 @@ def _drawer(
     def draw(number: int) -> None:
         corners, colors = [], []
         for index, part in enumerate(parts):
-            triangles, paint = _shaded(part, drawn.placements[index, number])
+            triangles, paint = _shaded(part, drawn.placements[index, number], drawn.camera)
             corners.append(triangles)
             colors.append(paint)
         all_corners = np.concatenate(corners)
@@ -304,14 +344,15 @@ def _drawer(
     return draw
 
 
-def _shaded(part: meshes.Triangles, placement: Array) -> tuple[Array, Array]:
+def _shaded(part: meshes.Triangles, placement: Array, camera: Array) -> tuple[Array, Array]:
     """Return the triangles of a part as the camera sees them, (k, 3, 3), and their colours, (k, 3).
 
     Args:
         part: in its own coordinates.
         placement: of it, homogeneous (4, 4).
+        camera: its axes as columns, (3, 3).
     """
-    points = _project(part.points @ placement[:3, :3].T + placement[:3, 3])
+    points = (part.points @ placement[:3, :3].T + placement[:3, 3]) @ camera
     triangles = points[part.faces]
     a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
     normals = np.cross(b - a, c - a)

@@ -15,7 +15,7 @@ from commands import Answer
 
 import armgpi
 from armgpi.errors import MissingPackage, ParameterError
-from armgpi.viewing import film, scene
+from armgpi.viewing import film, meshes, scene
 
 Image = pytest.importorskip("PIL.Image")
 
@@ -41,10 +41,20 @@ def test_bodies_are_where_pinocchio_has_them() -> None:
 
 
 def test_the_camera_keeps_lengths_and_shows_up_as_up() -> None:
-    axes = film._project(np.eye(3))
+    axes = film._camera(0.7)
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-15)
     assert axes[2, 0] == pytest.approx(0.0)
     assert axes[2, 1] > 0.9
+
+
+@pytest.mark.parametrize("side", [(1.0, 0.0), (-1.0, 0.2), (0.1, -1.0), (0.0, 1.0)])
+def test_a_tool_beside_a_body_is_before_it(side: tuple[float, float]) -> None:
+    points = np.array([[0.3, 0.3, 0.0], [-0.3, 0.3, 1.0], [0.3, -0.3, 1.0], [-0.3, -0.3, 0.0]])
+    body = meshes.Triangles(points, np.zeros((4, 3)), np.zeros((4, 3)), np.array([[0, 1, 2], [1, 2, 3]]))
+    still = np.tile(np.eye(4), (1, 3, 1, 1))
+    path = np.array([[*side, 0.8], [*side, 0.9]])
+    toward = film._camera(film._azimuth([body], still, path))[:, 2]
+    assert path[0] @ toward > np.array([0.0, 0.0, 0.5]) @ toward
 
 
 def test_a_gif_has_the_frames_and_the_length_of_the_run(rollout: xr.Dataset, tmp_path: Path) -> None:
