@@ -520,7 +520,7 @@ BAD: dict[str, tuple[str, str]] = {
     "fixed": ("plant.stick_velocity: {choices: [1, 2]}", "form of the generated code"),
     "three numbers": ("plant.gravity: {uniform: [0, 1]}", "vary one, as in plant.payload.com.0"),
     "two kinds": ("plant.payload.mass: {uniform: [0, 1], choices: [0, 1]}", "one of uniform"),
-    "no kind": ("robot.effort: {each: joint}", "from where to where"),
+    "no kind": ("robot.effort: {each: joint}", "a distribution, such as"),
     "upside down": ("plant.payload.mass: {uniform: [1, 0]}", "lowest, highest"),
     "logarithm of zero": ("plant.payload.mass: {log_uniform: [0, 1]}", "positive"),
     "no deviation": ("plant.payload.mass: {normal: [0.1, 0]}", "the second positive"),
