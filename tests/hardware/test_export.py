@@ -947,7 +947,7 @@ def test_functions_of_the_arm_are_called_by_what_they_compute() -> None:
     source = generate(GPI(ARM, 1e-3, feedforward="model")).source
     functions = dict(re.findall(r"/\* (Work out [^\n]*) \*/\nstatic void (arm_\w*)\(", source))
     assert functions == {
-        "Work out the torque x that gravity asks for at q.": "arm_gravity",
+        "Work out the gravity torque x at q.": "arm_gravity",
         "Work out y = D(q)^-1 x, by the factors L D L' of the inertia matrix.": "arm_inertia_solve",
         "Work out y = D(q) x, with the inertia matrix D, by the recursion of Newton and Euler.": (
             "arm_inertia_times"
