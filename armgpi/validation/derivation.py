@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
 from os import PathLike
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,6 +34,39 @@ _XYZ = "xyz"
 
 Vector = list[Trig]
 Matrix = list[list[Trig]]
+#: Name of a number of the arm; None for a zero.
+Name = str | None
+
+
+class _Numbers(NamedTuple):
+    """Names of the numbers of a body and of the joint that carries it.
+
+    Attributes:
+        mass: of its mass.
+        com: of the coordinates of its centre of mass.
+        inertia: of the entries of its inertia about that.
+        length: of the coordinates of the joint's origin.
+        rotor: of the rotor's inertia at the joint.
+    """
+
+    mass: Name
+    com: list[Name]
+    inertia: list[list[Name]]
+    length: list[Name]
+    rotor: Name
+
+
+class _Moments(NamedTuple):
+    """Mass, first moment and inertia about the origin of a frame."""
+
+    mass: Trig
+    first: Vector
+    inertia: Matrix
+
+    def __add__(self, other: _Moments) -> _Moments:  # type: ignore[override]
+        """Return the moments of two bodies together."""
+        first = _plus(self.first, other.first)
+        return _Moments(self.mass + other.mass, first, _sum(self.inertia, other.inertia))
 
 
 @dataclass(frozen=True)
@@ -69,7 +102,8 @@ class Derivation:
         import sympy
 
         names = {symbol: rf"\dot q_{{{i + 1}}}" for i, symbol in enumerate(self.v)}
-        names |= {sympy.Symbol(name): _tex_symbol(name) for name in self.parameters}
+        for name in self.parameters:
+            names[sympy.Symbol(name)] = _tex_symbol(name)
 
         def tex(expression: Any) -> str:
             return str(sympy.latex(expression, symbol_names=names))
@@ -115,11 +149,11 @@ class Derivation:
             "potential_energy": ("the potential energy [J]", self.V, ("q",)),
             "forward_kinematics": ("the position of the tool [m], shape (3,)", self.position, ("q",)),
         }
-        for name, (what, expression, arguments) in written.items():
-            lines += ["", *self._function(name, what, expression, arguments), ""]
+        for name, (meaning, expression, arguments) in written.items():
+            lines += ["", *self._function(name, meaning, expression, arguments), ""]
         return "\n".join(lines)
 
-    def _function(self, name: str, what: str, expression: Any, arguments: Sequence[str]) -> list[str]:
+    def _function(self, name: str, meaning: str, expression: Any, arguments: Sequence[str]) -> list[str]:
         """Return the lines of one function."""
         import sympy
         from sympy.printing.pycode import pycode
@@ -129,12 +163,17 @@ class Derivation:
 
         # Common subexpressions once: shorter and faster, and still to be read.
         shared, (reduced,) = sympy.cse([expression], symbols=sympy.numbered_symbols("x"))
-        lines = [f"def {name}({', '.join(arguments)}):", f'    """Return {what}."""']
+        lines = [
+            f"def {name}({', '.join(arguments)}):",
+            f'    """Return {meaning}."""',
+        ]
         for letter in arguments:
-            used = [f"{letter}{i + 1}" for i in range(len(self.q))]
-            lines.append(f"    {', '.join(used)}{',' if len(used) == 1 else ''} = {letter}")
-        needed = sorted({*map(str, expression.free_symbols)} & self.parameters.keys())
-        lines += [f'    {s} = parameters["{s}"]' for s in needed]
+            entries = ", ".join(f"{letter}{i + 1}" for i in range(len(self.q)))
+            comma = "," if len(self.q) == 1 else ""
+            lines.append(f"    {entries}{comma} = {letter}")
+        used_names = {str(symbol) for symbol in expression.free_symbols}
+        used_parameters = sorted(used_names & self.parameters.keys())
+        lines += [f'    {parameter} = parameters["{parameter}"]' for parameter in used_parameters]
         lines += [f"    {symbol} = {code(value)}" for symbol, value in shared]
         if name == "potential_energy":
             return [*lines, f"    return {code(reduced)}"]
@@ -173,32 +212,46 @@ def derive(
             f"{arm.name} with {arm.n} joints",
             f"an arm of at most {MOST_JOINTS} joints; lock others",
         ).suggesting(Remedy("lock"), Remedy("keep"))
-    work = _Symbols(from_robot(arm, frame))
+    symbols = _Symbols(from_robot(arm, frame))
     n = arm.n
-    q, v = sympy.symbols(f"q1:{n + 1}"), sympy.symbols(f"v1:{n + 1}")
-    D, V, position = work.inertia(), work.potential(), work.position()
+    v = sympy.symbols(f"v1:{n + 1}")
+    inertia = symbols.inertia()
+    potential = symbols.potential()
 
     @cache
     def slope(i: int, j: int, k: int) -> Trig:
-        return work.slope(D[i][j], k)
+        """Return the derivative of D_ij by q_k."""
+        return symbols.slope(inertia[i][j], k)
 
     def expression(x: Trig) -> Any:
-        return work.expression(x, numbers)
+        return symbols.expression(x, numbers)
 
-    def entry(i: int, j: int) -> Any:
+    def coriolis_entry(i: int, j: int) -> Any:
         # C from D's exact derivatives: its harmonics, so nothing is left to simplify.
-        twice = (slope(i, j, k) + slope(i, k, j) - slope(j, k, i) for k in range(n))
-        terms = (expression(x.times(work.one / 2)) * rate for x, rate in zip(twice, v, strict=True))
-        return sum(terms, sympy.S.Zero)
+        total = sympy.S.Zero
+        for k in range(n):
+            twice_christoffel = slope(i, j, k) + slope(i, k, j) - slope(j, k, i)
+            total += expression(twice_christoffel.times(symbols.one / 2)) * v[k]
+        return total
 
-    C = sympy.Matrix(n, n, entry)
-    G = sympy.Matrix([expression(work.slope(V, i)) for i in range(n)])
-    matrix = sympy.Matrix(n, n, lambda i, j: expression(D[i][j]))
-    place = sympy.Matrix([expression(x) for x in position])
-    energy = expression(V)
-    used = {*map(str, sympy.Tuple(matrix, C, G, energy, place).free_symbols)}
-    parameters = {name: value for name, value in work.values.items() if name in used}
-    return Derivation(arm.name, arm.joint_names, q, v, matrix, C, G, energy, place, parameters)
+    D = sympy.Matrix(n, n, lambda i, j: expression(inertia[i][j]))
+    C = sympy.Matrix(n, n, coriolis_entry)
+    G = sympy.Matrix([expression(symbols.slope(potential, i)) for i in range(n)])
+    V = expression(potential)
+    position = sympy.Matrix([expression(x) for x in symbols.position()])
+    used_names = {str(symbol) for symbol in sympy.Tuple(D, C, G, V, position).free_symbols}
+    return Derivation(
+        robot=arm.name,
+        joint_names=arm.joint_names,
+        q=sympy.symbols(f"q1:{n + 1}"),
+        v=v,
+        D=D,
+        C=C,
+        G=G,
+        V=V,
+        position=position,
+        parameters={name: value for name, value in symbols.values.items() if name in used_names},
+    )
 
 
 class _Symbols:
@@ -219,9 +272,9 @@ class _Symbols:
         self.ring, *generators = sympy.ring(names, sympy.QQ)
         self._at = dict(zip(names, generators, strict=True))
         self.one = self.ring.one
-        self._bodies = [self._body(*names[:3]) for names in plan]
-        self._lengths = [self._vector(names[3]) for names in plan]
-        self._rotors = [self._coefficient(names[4]) for names in plan]
+        self._bodies = [self._body(numbers) for numbers in plan]
+        self._lengths = [self._vector(numbers.length) for numbers in plan]
+        self._rotors = [self._coefficient(numbers.rotor) for numbers in plan]
         self._tool = self._vector(tool)
         self._down = self._vector(gravity)
         self._turns = [self._rotation(i) for i in range(n)]
@@ -231,13 +284,12 @@ class _Symbols:
         for i in reversed(range(n)):
             parent = tree.parents[i]
             if parent >= 0:
-                mass, first, tensor = self._moving_body(i)
-                m, h, inertia = self._composites[parent]
-                self._composites[parent] = (m + mass, _plus(h, first), _sum(inertia, tensor))
+                self._composites[parent] = self._composites[parent] + self._moving_body(i)
 
     def slope(self, x: Trig, i: int) -> Trig:
         """Return the derivative by q_i."""
-        return x.derivative(i, self._at[f"q{i + 1}"] if self.tree.prismatic[i] else None)
+        sliding = self._at[f"q{i + 1}"] if self.tree.prismatic[i] else None
+        return x.derivative(i, sliding)
 
     def inertia(self) -> Matrix:
         """Return D."""
@@ -248,9 +300,11 @@ class _Symbols:
             mass, first, tensor = self._composites[i]
             axis = self._numbers(tree.axes[i])
             if tree.prismatic[i]:
-                force, moment = _scale(axis, mass), _cross(first, axis)
+                force = _scale(axis, mass)
+                moment = _cross(first, axis)
             else:
-                force, moment = _cross(axis, first), _apply(tensor, axis)
+                force = _cross(axis, first)
+                moment = _apply(tensor, axis)
             # The force that moves the composite body, carried towards the base (Featherstone, table 6.2).
             j = i
             while j >= 0:
@@ -259,7 +313,8 @@ class _Symbols:
                 if i == j:
                     value = value + self._constant(self._rotors[i])
                 D[i][j] = D[j][i] = value
-                force, moment = _apply(self._turns[j], force), _apply(self._turns[j], moment)
+                force = _apply(self._turns[j], force)
+                moment = _apply(self._turns[j], moment)
                 moment = _plus(moment, _cross(self._shifts[j], force))
                 j = tree.parents[j]
         return D
@@ -269,14 +324,15 @@ class _Symbols:
         total = [Trig({})] * 3
         for i, parent in enumerate(self.tree.parents):
             if parent < 0:
-                total = _plus(total, self._moving_body(i)[1])
+                total = _plus(total, self._moving_body(i).first)
         return -_dot(self._down, total)
 
     def position(self) -> Vector:
         """Return where the tool is in the base frame."""
         point, j = self._tool, self.tree.tool_parent
         while j >= 0:
-            point = _plus(_apply(self._turns[j], point), self._shifts[j])
+            turned = _apply(self._turns[j], point)
+            point = _plus(turned, self._shifts[j])
             j = self.tree.parents[j]
         return point
 
@@ -285,56 +341,67 @@ class _Symbols:
         import sympy
 
         total = sympy.S.Zero
-        for (kind, k), coefficient in sorted(x.terms.items(), key=lambda item: (item[0][0], item[0][1])):
-            angle = sum(factor * sympy.Symbol(f"q{i + 1}") for i, factor in enumerate(k))
-            function = {"c": sympy.cos, "s": sympy.sin}[kind](angle)
-            if numbers:
-                total += self._number(coefficient) * function
-                continue
-            factor = coefficient.as_expr()
-            # Axes and rotations are made rational to stay exact; 0.7071067811865476 has a long fraction.
-            long = {r: sympy.Float(r, 17) for r in factor.atoms(sympy.Rational) if r.q > 1000}
-            total += sympy.factor_terms(factor.xreplace(long)) * function
+        functions = {"c": sympy.cos, "s": sympy.sin}
+        for key in sorted(x.terms):
+            kind, multiples = key
+            angle = sum(multiple * sympy.Symbol(f"q{i}") for i, multiple in enumerate(multiples, 1))
+            factor = self._number(x.terms[key]) if numbers else self._factor(x.terms[key])
+            total += factor * functions[kind](angle)
         return total
+
+    def _factor(self, coefficient: Any) -> Any:
+        """Return a coefficient with symbols for the numbers of the arm."""
+        import sympy
+
+        factor = coefficient.as_expr()
+        # Axes and rotations are made rational to stay exact; 0.7071067811865476 has a long fraction.
+        long = [rational for rational in factor.atoms(sympy.Rational) if rational.q > 1000]
+        short = {rational: sympy.Float(rational, 17) for rational in long}
+        return sympy.factor_terms(factor.xreplace(short))
 
     def _number(self, coefficient: Any) -> Any:
         """Return a coefficient with the values put in: a polynomial in the sliding positions."""
         import sympy
 
-        names = [*map(str, self.ring.gens)]
+        names = [str(generator) for generator in self.ring.gens]
+        #: Powers of the sliding positions -> the number that they are multiplied by.
         sums: dict[tuple[tuple[str, int], ...], float] = {}
         for powers, factor in coefficient.terms():
-            held = tuple((x, p) for x, p in zip(names, powers, strict=True) if p and x not in self.values)
+            positions = []
             value = float(factor)
-            for x, power in zip(names, powers, strict=True):
-                value *= self.values.get(x, 1.0) ** power
-            sums[held] = sums.get(held, 0.0) + value
+            for name, power in zip(names, powers, strict=True):
+                value *= self.values.get(name, 1.0) ** power
+                if power and name not in self.values:
+                    positions.append((name, power))
+            key = tuple(positions)
+            sums[key] = sums.get(key, 0.0) + value
         total = sympy.S.Zero
-        for held, value in sums.items():
-            short = float(f"{value:.15g}")  # 0.30000000000000004 is 0.3
-            number = (
-                sympy.Integer(int(short)) if short.is_integer() and abs(short) < 1e6 else sympy.Float(short)
-            )
-            total += number * sympy.prod(sympy.Symbol(x) ** p for x, p in held)
+        for of_positions, value in sums.items():
+            product = sympy.prod(sympy.Symbol(name) ** power for name, power in of_positions)
+            total += _short_number(value) * product
         return total
 
-    def _name_numbers(
-        self, i: int
-    ) -> tuple[str | None, list[str | None], list[list[str | None]], list[str | None], str | None]:
-        """Return the names of the numbers of body and joint i; None for a zero."""
-        body, k = self.tree.bodies[i], i + 1
-        mass = self._symbol(f"m{k}", body.mass, 0.0)
-        com = self._symbols(f"c{k}", body.com)
-        size = float(np.abs(body.inertia).max())
-        tensor: list[list[str | None]] = [[None] * 3 for _ in range(3)]
-        for r in range(3):
-            for c in range(r, 3):
-                name = self._symbol(f"I{k}{_XYZ[r]}{_XYZ[c]}", float(body.inertia[r, c]), size)
-                tensor[r][c] = tensor[c][r] = name
-        length = self._symbols(f"l{k}", self.tree.positions[i])
-        return mass, com, tensor, length, self._symbol(f"Ir{k}", float(self.tree.armature[i]), 0.0)
+    def _name_numbers(self, i: int) -> _Numbers:
+        """Return the names of the numbers of body and joint i."""
+        body = self.tree.bodies[i]
+        k = i + 1
+        return _Numbers(
+            mass=self._symbol(f"m{k}", body.mass),
+            com=self._symbols(f"c{k}", body.com),
+            inertia=self._inertia_symbols(f"I{k}", body.inertia),
+            length=self._symbols(f"l{k}", self.tree.positions[i]),
+            rotor=self._symbol(f"Ir{k}", float(self.tree.armature[i])),
+        )
 
-    def _symbol(self, name: str, value: float, size: float) -> str | None:
+    def _inertia_symbols(self, name: str, inertia: Array) -> list[list[Name]]:
+        size = float(np.abs(inertia).max())
+        symbols: list[list[Name]] = [[None] * 3 for _ in range(3)]
+        for r, c in itertools.combinations_with_replacement(range(3), 2):
+            symbol = self._symbol(f"{name}{_XYZ[r]}{_XYZ[c]}", float(inertia[r, c]), size)
+            symbols[r][c] = symbols[c][r] = symbol
+        return symbols
+
+    def _symbol(self, name: str, value: float, size: float = 0.0) -> Name:
         """Keep a value under a name, unless it is zero."""
         # What rounding leaves of a zero would drag through every formula.
         if value == 0.0 or abs(value) <= _ROUNDING * size:
@@ -342,64 +409,80 @@ class _Symbols:
         self.values[name] = float(value)
         return name
 
-    def _symbols(self, name: str, vector: Array) -> list[str | None]:
+    def _symbols(self, name: str, vector: Array) -> list[Name]:
         size = float(np.abs(vector).max())
-        return [self._symbol(f"{name}{_XYZ[k]}", float(vector[k]), size) for k in range(3)]
+        coordinates = zip(_XYZ, vector, strict=True)
+        return [self._symbol(f"{name}{letter}", float(value), size) for letter, value in coordinates]
 
-    def _gravity(self) -> list[str | None]:
+    def _gravity(self) -> list[Name]:
         """Return the names of gravity's components; "-g" where it points down."""
         g = self.tree.gravity
+        x, y, z = g
         # As in every textbook: g is positive, and the arm hangs along -z.
-        if g[0] == 0.0 and g[1] == 0.0 and g[2] < 0.0:
-            self.values["g"] = float(-g[2])
+        if x == 0.0 and y == 0.0 and z < 0.0:
+            self.values["g"] = float(-z)
             return [None, None, "-g"]
         return self._symbols("g", g)
 
-    def _coefficient(self, name: str | None) -> Any:
+    def _coefficient(self, name: Name) -> Any:
         if name is None:
             return self.ring.zero
-        return -self._at[name[1:]] if name.startswith("-") else self._at[name]
+        if name.startswith("-"):
+            return -self._at[name[1:]]
+        return self._at[name]
 
     def _constant(self, coefficient: Any) -> Trig:
-        return Trig({("c", (0,) * self.tree.n): coefficient})
+        no_angle = (0,) * self.tree.n
+        return Trig({("c", no_angle): coefficient})
 
-    def _vector(self, names: Iterable[str | None]) -> Vector:
+    def _vector(self, names: Iterable[Name]) -> Vector:
         return [self._constant(self._coefficient(name)) for name in names]
 
     def _numbers(self, vector: Iterable[float]) -> Vector:
         """Return plain numbers, exact to 15 decimals."""
+        return [self._exact_number(x) for x in vector]
+
+    def _exact_number(self, x: float) -> Trig:
+        """Return a plain number, exact to 15 decimals."""
         import sympy
 
-        exact = (Fraction(repr(round(float(x), 15))) for x in vector)
-        return [self._constant(self.ring(sympy.QQ(x.numerator, x.denominator))) for x in exact]
+        fraction = Fraction(repr(round(float(x), 15)))
+        return self._constant(self.ring(sympy.QQ(fraction.numerator, fraction.denominator)))
 
-    def _body(
-        self, mass: str | None, com: list[str | None], tensor: list[list[str | None]]
-    ) -> tuple[Trig, Vector, Matrix]:
+    def _body(self, numbers: _Numbers) -> _Moments:
         """Return mass, first moment and inertia about the joint of one body."""
-        m, c = self._constant(self._coefficient(mass)), self._vector(com)
-        inertia = [[self._constant(self._coefficient(name)) for name in row] for row in tensor]
-        return m, _scale(c, m), _sum(inertia, _steiner(c, _scale(c, m)))
+        mass = self._constant(self._coefficient(numbers.mass))
+        com = self._vector(numbers.com)
+        first = _scale(com, mass)
+        about_com = [self._vector(row) for row in numbers.inertia]
+        return _Moments(mass, first, _sum(about_com, _steiner(com, first)))
 
     def _rotation(self, i: int) -> Matrix:
         """Return the rotation of joint i's frame in its parent's."""
         fixed = [self._numbers(row) for row in self.tree.rotations[i]]
         if self.tree.prismatic[i]:
             return fixed
-        a = self.tree.axes[i]
-        k = tuple(int(j == i) for j in range(self.tree.n))
-        cosine, sine = Trig({("c", k): self.one}), Trig({("s", k): self.one})
-        one = self._constant(self.one)
-        outer, skew = np.outer(a, a), np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
-        turn = [
+        # Rodrigues about the axis a: cos I + (1 - cos) a a' + sin [a].
+        x, y, z = a = self.tree.axes[i]
+        outer = np.outer(a, a)
+        skew = np.array(
             [
-                self._numbers([float(r == c)])[0] * cosine
-                + self._numbers([outer[r, c]])[0] * (one - cosine)
-                + self._numbers([skew[r, c]])[0] * sine
-                for c in range(3)
+                [0.0, -z, y],
+                [z, 0.0, -x],
+                [-y, x, 0.0],
             ]
-            for r in range(3)
-        ]
+        )
+        angle = tuple(int(j == i) for j in range(self.tree.n))
+        cosine = Trig({("c", angle): self.one})
+        sine = Trig({("s", angle): self.one})
+        rest_of_one = self._constant(self.one) - cosine
+        turn: Matrix = [[Trig({})] * 3 for _ in range(3)]
+        for r, c in itertools.product(range(3), repeat=2):
+            turn[r][c] = (
+                self._exact_number(float(r == c)) * cosine
+                + self._exact_number(outer[r, c]) * rest_of_one
+                + self._exact_number(skew[r, c]) * sine
+            )
         return _product(fixed, turn)
 
     def _shift(self, i: int) -> Vector:
@@ -407,9 +490,10 @@ class _Symbols:
         if not self.tree.prismatic[i]:
             return self._lengths[i]
         along = self._numbers(self.tree.rotations[i] @ self.tree.axes[i])
-        return _plus(self._lengths[i], _scale(along, self._constant(self._at[f"q{i + 1}"])))
+        position = self._constant(self._at[f"q{i + 1}"])
+        return _plus(self._lengths[i], _scale(along, position))
 
-    def _moving_body(self, i: int) -> tuple[Trig, Vector, Matrix]:
+    def _moving_body(self, i: int) -> _Moments:
         """Return what moves with joint i, in its parent's frame."""
         mass, first, tensor = self._composites[i]
         R, p = self._turns[i], self._shifts[i]
@@ -420,7 +504,16 @@ class _Symbols:
         inertia = _sum(inertia, _steiner(p, turned))
         inertia = _sum(inertia, _steiner(turned, p))
         inertia = _sum(inertia, _steiner(p, _scale(p, mass)))
-        return mass, _plus(turned, _scale(p, mass)), inertia
+        return _Moments(mass, _plus(turned, _scale(p, mass)), inertia)
+
+
+def _short_number(value: float) -> Any:
+    """Return a number as SymPy's, to 15 digits: 0.30000000000000004 is 0.3, and 2.0 is 2."""
+    import sympy
+
+    short = float(f"{value:.15g}")
+    is_whole = short.is_integer() and abs(short) < 1e6
+    return sympy.Integer(int(short)) if is_whole else sympy.Float(short)
 
 
 def _scale(a: Vector, factor: Trig) -> Vector:
@@ -436,7 +529,11 @@ def _dot(a: Vector, b: Vector) -> Trig:
 
 
 def _cross(a: Vector, b: Vector) -> Vector:
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    return [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
 
 
 def _apply(M: Matrix, a: Vector) -> Vector:
@@ -454,9 +551,11 @@ def _sum(A: Matrix, B: Matrix) -> Matrix:
 
 def _steiner(a: Vector, b: Vector) -> Matrix:
     """Return -[a][b], that is a.b 1 - b a'."""
+    matrix: Matrix = [[-(b[r] * a[c]) for c in range(3)] for r in range(3)]
     along = _dot(a, b)
-    zero = Trig({})
-    return [[(along if r == c else zero) - b[r] * a[c] for c in range(3)] for r in range(3)]
+    for k in range(3):
+        matrix[k][k] = along + matrix[k][k]
+    return matrix
 
 
 def _tex_symbol(name: str) -> str:

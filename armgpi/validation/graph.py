@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,9 +28,33 @@ _LETTERS = {
 GIVEN: dict[str, float] = {}
 #: Modules of SymPy in whose place these stand.
 _MODULES = (
-    *("sympy", "sympy.matrices", "sympy.physics"),
-    *("sympy.physics.mechanics", "sympy.physics.vector"),
+    "sympy",
+    "sympy.matrices",
+    "sympy.physics",
+    "sympy.physics.mechanics",
+    "sympy.physics.vector",
 )
+#: Functions of one argument that both SymPy and CasADi have.
+_FUNCTIONS = ("sin", "cos", "tan", "exp")
+#: Functions of SymPy that change how an expression is written, not what it is.
+_REWRITING = (
+    "simplify",
+    "expand",
+    "trigsimp",
+    "factor",
+    "nsimplify",
+    "N",
+    "cancel",
+    "together",
+    "collect",
+    "powsimp",
+    "ratsimp",
+    "fu",
+    "expand_trig",
+    "refine",
+)
+#: Functions of SymPy that make a number an expression.
+_NUMBERS = ("S", "sympify", "Integer", "Float")
 #: Symbol of time, of which coordinates may be functions.
 _TIME = "t"
 
@@ -53,9 +77,18 @@ class Expression:
 
     __slots__ = ("args", "known", "name", "op", "value")
 
-    def __init__(self, op: str, args: tuple[Any, ...] = (), name: str = "", value: float = 0.0) -> None:
+    def __init__(
+        self,
+        op: str,
+        args: tuple[Any, ...] = (),
+        name: str = "",
+        value: float = 0.0,
+    ) -> None:
         """Take an operation, what it is of, and the name or the value of a leaf."""
-        self.op, self.args, self.name, self.value = op, args, name, value
+        self.op = op
+        self.args = args
+        self.name = name
+        self.value = value
         self.known: dict[str, Expression] | None = None  # derivatives that were formed, by the symbol
 
     def __str__(self) -> str:
@@ -66,17 +99,17 @@ class Expression:
         """Return the derivative by one symbol after the other; by time where none is given."""
         symbols = symbols or (symbol(_TIME),)
         if isinstance(symbols[0], Matrix):
-            return type(symbols[0])([[self.diff(x) for x in row] for row in symbols[0].view(np.ndarray)])
+            return symbols[0]._each(self.diff)
         if self.op != "symbol":
             return _later(lambda: self._slopes(symbols))
         return self._slopes(symbols)
 
     def _slopes(self, symbols: Sequence[Any]) -> Expression:
-        found = self
+        derivative = self
         for symbol, times in _with_counts(symbols):
             for _ in range(times):
-                found = found._slope(_now(symbol))
-        return found
+                derivative = derivative._slope(_now(symbol))
+        return derivative
 
     def _slope(self, x: Expression) -> Expression:
         _now(self)
@@ -91,12 +124,12 @@ class Expression:
             if self.name == x.name:
                 return _constant(1.0)
             return _rate(self) if x.name == _TIME and self.value else _constant(0.0)
-        parts = (a._slope(x) for a in self.args)
-        found = _constant(0.0)
-        for k, part in enumerate(parts):
-            if not _is(part, 0.0):
-                found = found + part * _PARTIAL[self.op](k, *self.args)
-        return found
+        derivative = _constant(0.0)
+        for k, argument in enumerate(self.args):
+            inner = argument._slope(x)
+            if not _is(inner, 0.0):
+                derivative = derivative + inner * _PARTIAL[self.op](k, *self.args)
+        return derivative
 
     def subs(self, *changes: Any, **_: Any) -> Expression:
         """Return the expression with others in place of symbols."""
@@ -106,10 +139,11 @@ class Expression:
 
     def coeff(self, x: Any, n: int = 1) -> Expression:
         """Return the coefficient of a power of a symbol, of an expression that is expanded."""
-        found, at = self, _now(x)
+        x_now = _now(x)
+        derivative = self
         for k in range(n):
-            found = found.diff(at) * (1.0 / (k + 1))
-        return found.subs({at: 0.0})
+            derivative = derivative.diff(x_now) * (1.0 / (k + 1))
+        return derivative.subs({x_now: 0.0})
 
     def evalf(self, *_: Any, **__: Any) -> Expression:
         """Return the expression itself."""
@@ -174,13 +208,15 @@ _OPERATIONS: Mapping[str, Callable[..., float]] = {
     "tan": math.tan,
     "exp": math.exp,
 }
-#: What leaves the other argument as it is, and what makes all of it nothing.
-_NEUTRAL, _ZERO = {"add": 0.0, "mul": 1.0}, {"mul": 0.0}
+#: What leaves the other argument as it is.
+_NEUTRAL = {"add": 0.0, "mul": 1.0}
+#: What makes all of it nothing.
+_ZERO = {"mul": 0.0}
 #: Derivatives by the k-th argument.
 _PARTIAL: Mapping[str, Callable[..., Expression]] = {
     "add": lambda k, a, b: _constant(1.0),
     "mul": lambda k, a, b: (b, a)[k],
-    "pow": lambda k, a, b: b * a ** (b.value - 1.0),
+    "pow": lambda k, base, exponent: exponent * base ** (exponent.value - 1.0),
     "sin": lambda k, a: _node("cos", a),
     "cos": lambda k, a: -_node("sin", a),
     "tan": lambda k, a: 1.0 + _node("tan", a) ** 2,
@@ -195,9 +231,9 @@ def _later(make: Callable[[], Expression]) -> Expression:
 def _now(node: Expression) -> Expression:
     """Make a node what it is."""
     while node.op == "later":
-        made = node.args[0]()
+        result = node.args[0]()
         for field in Expression.__slots__:
-            setattr(node, field, getattr(made, field))
+            setattr(node, field, getattr(result, field))
     return node
 
 
@@ -222,16 +258,20 @@ def _is(node: Expression, value: float | None) -> bool:
 
 def _node(op: str, *args: Expression) -> Expression:
     """Return an operation, without what is plainly zero or one: derivatives have many zeros."""
-    if "later" in (args[0].op, args[-1].op):
+    first, last = args[0], args[-1]
+    if "later" in (first.op, last.op):
         return _later(lambda: _node(op, *map(_now, args)))
-    if args[0].op == "constant" == args[-1].op:
+    if first.op == "constant" == last.op:
         return _constant(_OPERATIONS[op](*[a.value for a in args]))
-    for one, other in (args, args[::-1]) if op in _NEUTRAL else ():
-        if _is(one, _NEUTRAL[op]):
-            return other
-        if _is(one, _ZERO.get(op)):
-            return one
-    return args[0] if op == "pow" and _is(args[1], 1.0) else Expression(op, args)
+    if op in _NEUTRAL:
+        for argument, other in ((first, last), (last, first)):
+            if _is(argument, _NEUTRAL[op]):
+                return other
+            if _is(argument, _ZERO.get(op)):
+                return argument
+    if op == "pow" and _is(last, 1.0):
+        return first
+    return Expression(op, args)
 
 
 def symbol(name: str, moving: bool = False) -> Expression:
@@ -239,12 +279,16 @@ def symbol(name: str, moving: bool = False) -> Expression:
     return Expression("symbol", name=name, value=float(moving))
 
 
-def _rate(one: Expression) -> Expression:
+def _rate(coordinate: Expression) -> Expression:
     """Return the derivative of a coordinate by time, as a symbol."""
-    joint = joint_of(one.name)
-    # A length may be called a1.
-    next_letter = {"q": "v", "v": "qdd"}.get(joint[0]) if joint else None
-    return symbol(f"{next_letter}{joint[1]}" if joint and next_letter else f"{one.name}'", moving=True)
+    joint = joint_of(coordinate.name)
+    if joint is not None:
+        letter, number = joint
+        # The rate of a speed is qdd1, not a1: a length may be called so.
+        next_letter = {"q": "v", "v": "qdd"}.get(letter)
+        if next_letter:
+            return symbol(f"{next_letter}{number}", moving=True)
+    return symbol(f"{coordinate.name}'", moving=True)
 
 
 def _with_counts(symbols: Sequence[Any]) -> Iterator[tuple[Any, int]]:
@@ -260,39 +304,48 @@ def _with_counts(symbols: Sequence[Any]) -> Iterator[tuple[Any, int]]:
 def _pairs(changes: Sequence[Any]) -> dict[str, Expression]:
     """Return what is put in place of symbols, by their names."""
     first = changes[0]
-    pairs = [changes] if len(changes) == 2 else first.items() if isinstance(first, Mapping) else first
-    names = (_now(old).name if isinstance(old, Expression) else str(old) for old, _ in pairs)
-    found = {name: _expression(new) for name, (_, new) in zip(names, pairs, strict=True)}
-    GIVEN.update({name: new.value for name, new in found.items() if new.op == "constant"})
-    return found
+    if len(changes) == 2:
+        pairs = [changes]
+    elif isinstance(first, Mapping):
+        pairs = [*first.items()]
+    else:
+        pairs = [*first]
+    replacements: dict[str, Expression] = {}
+    for old, new in pairs:
+        name = _now(old).name if isinstance(old, Expression) else str(old)
+        replacements[name] = _expression(new)
+    for name, new in replacements.items():
+        if new.op == "constant":
+            GIVEN[name] = new.value
+    return replacements
 
 
 def _substitute(nodes: Sequence[Expression], swap: Mapping[str, Expression]) -> list[Expression]:
-    done: dict[int, Expression] = {}
-    for one in _in_order(nodes):
-        if one.args:
-            args = tuple([done[id(a)] for a in one.args])
-            done[id(one)] = one if args == one.args else _node(one.op, *args)
-        else:
-            done[id(one)] = swap.get(one.name, one) if one.name else one
-    return [done[id(node)] for node in nodes]
+    changed: dict[int, Expression] = {}
+    for node in _in_order(nodes):
+        if not node.args:
+            changed[id(node)] = swap.get(node.name, node) if node.name else node
+            continue
+        args = tuple([changed[id(a)] for a in node.args])
+        changed[id(node)] = node if args == node.args else _node(node.op, *args)
+    return [changed[id(node)] for node in nodes]
 
 
 def _in_order(nodes: Iterable[Expression]) -> list[Expression]:
     """Return all nodes that some need, each after those that it needs."""
-    found: list[Expression] = []
-    seen: set[int] = set()
+    ordered: list[Expression] = []
+    visited: set[int] = set()
     todo = [(node, False) for node in nodes]
     while todo:
         node, ready = todo.pop()
         _now(node)
         if ready:
-            found.append(node)
-        elif id(node) not in seen:
-            seen.add(id(node))
+            ordered.append(node)
+        elif id(node) not in visited:
+            visited.add(id(node))
             todo.append((node, True))
             todo += [(a, False) for a in node.args]
-    return found
+    return ordered
 
 
 class Program:
@@ -305,12 +358,14 @@ class Program:
         nodes = _in_order(flat)
         place = {id(node): k for k, node in enumerate(nodes)}
         self._places = [place[id(x)] for x in flat]
-        self._leaves = [(k, node) for k, node in enumerate(nodes) if not node.args]
-        self._steps = [
-            (k, _OPERATIONS[node.op], [place[id(a)] for a in node.args])
-            for k, node in enumerate(nodes)
-            if node.args
-        ]
+        self._leaves: list[tuple[int, Expression]] = []
+        self._steps: list[tuple[int, Callable[..., float], list[int]]] = []
+        for k, node in enumerate(nodes):
+            if node.args:
+                arguments = [place[id(a)] for a in node.args]
+                self._steps.append((k, _OPERATIONS[node.op], arguments))
+            else:
+                self._leaves.append((k, node))
         self._count = len(nodes)
         #: Names of the symbols.
         self.names = {node.name for _, node in self._leaves if node.op == "symbol"}
@@ -321,12 +376,13 @@ class Program:
         Raises:
             KeyError: when a symbol has no value.
         """
-        at: list[Any] = [0.0] * self._count
+        of_nodes: list[Any] = [0.0] * self._count
         for k, node in self._leaves:
-            at[k] = values[node.name] if node.op == "symbol" else node.value
+            of_nodes[k] = values[node.name] if node.op == "symbol" else node.value
         for k, operation, args in self._steps:
-            at[k] = operation(*[at[j] for j in args])
-        return np.array([at[k] for k in self._places], dtype=np.float64).reshape(self._outputs.shape)
+            of_nodes[k] = operation(*[of_nodes[j] for j in args])
+        flat = np.array([of_nodes[k] for k in self._places], dtype=np.float64)
+        return flat.reshape(self._outputs.shape)
 
 
 class Matrix(np.ndarray):
@@ -335,23 +391,29 @@ class Matrix(np.ndarray):
     def __new__(cls, rows: Any, columns: Any = None, entries: Any = None) -> Matrix:
         """Make it of rows, of a column's entries, or of its size and a function or list of entries."""
         if entries is not None:
-            flat = [entries(*at) for at in np.ndindex(rows, columns)] if callable(entries) else entries
-            rows = np.array(flat, dtype=object).reshape(rows, columns)
+            if callable(entries):
+                entries = [entries(i, j) for i, j in np.ndindex(rows, columns)]
+            rows = np.array(entries, dtype=object).reshape(rows, columns)
         array = np.array(rows, dtype=object)
         for k, x in enumerate(array.flat):
             array.flat[k] = _expression(x)  # so that every entry has its derivatives
-        return (array[:, np.newaxis] if array.ndim == 1 else array).view(cls)
+        if array.ndim == 1:
+            array = array[:, np.newaxis]
+        return array.view(cls)
 
     def __getitem__(self, index: Any) -> Any:
         """Return entries; a single index counts through the rows."""
-        return self.ravel().view(np.ndarray)[index] if isinstance(index, int) else super().__getitem__(index)
+        if isinstance(index, int):
+            return _entries(self)[index]
+        return super().__getitem__(index)
 
     def __mul__(self, other: Any) -> Any:
         """Return a product."""
         return self @ other if isinstance(other, Matrix) else super().__mul__(other)
 
     def _each(self, function: Callable[[Any], Any]) -> Matrix:
-        return type(self)([[function(x) for x in row] for row in self.view(np.ndarray)])
+        rows = self.view(np.ndarray)
+        return type(self)([[function(x) for x in row] for row in rows])
 
     def diff(self, *symbols: Any) -> Matrix:
         """Return the derivative of every entry."""
@@ -359,14 +421,16 @@ class Matrix(np.ndarray):
 
     def subs(self, *changes: Any, **_: Any) -> Matrix:
         """Return the matrix with others in place of symbols."""
-        made: list[Expression] = []
+        changed: list[Expression] = []  # all entries at once, so that what they share stays shared
 
         def entry(k: int) -> Expression:
-            made[:] = made or _substitute(list(self.view(np.ndarray).flat), _pairs(changes))
-            return made[k]
+            if not changed:
+                changed.extend(_substitute(list(_entries(self)), _pairs(changes)))
+            return changed[k]
 
         entries = [_later(partial(entry, k)) for k in range(self.size)]
-        return type(self)(np.array(entries, dtype=object).reshape(self.shape))
+        shaped = np.array(entries, dtype=object).reshape(self.shape)
+        return type(self)(shaped)
 
     xreplace = subs
     applyfunc = _each
@@ -379,26 +443,29 @@ class Matrix(np.ndarray):
 
     def jacobian(self, symbols: Any) -> Matrix:
         """Return the derivatives of a column by several symbols."""
-        return type(self)([[x.diff(s) for s in np.ravel(symbols)] for x in np.ravel(self)])
+        names = np.ravel(symbols)
+        return type(self)([[x.diff(name) for name in names] for x in np.ravel(self)])
 
     def dot(self, other: Any, *_: Any) -> Any:
         """Return the product of the entries of two vectors, summed."""
-        return sum(x * y for x, y in zip(np.ravel(self), np.ravel(other), strict=True))
+        pairs = zip(np.ravel(self), np.ravel(other), strict=True)
+        return sum(x * y for x, y in pairs)
 
     def cross(self, other: Any) -> Matrix:
         """Return a cross product."""
-        (x, y, z), (u, v, w) = np.ravel(self), np.ravel(other)
+        x, y, z = np.ravel(self)
+        u, v, w = np.ravel(other)
         return type(self)([y * w - z * v, z * u - x * w, x * v - y * u])
 
     @classmethod
-    def vstack(cls, *parts: Any) -> Any:
+    def vstack(cls, *matrices: Any) -> Any:
         """Return matrices below each other."""
-        return cls(np.concatenate([part.view(np.ndarray) for part in parts]))
+        return cls(np.concatenate([matrix.view(np.ndarray) for matrix in matrices]))
 
     @classmethod
-    def hstack(cls, *parts: Any) -> Any:
+    def hstack(cls, *matrices: Any) -> Any:
         """Return matrices beside each other."""
-        return cls.vstack(*(part.T for part in parts)).T
+        return cls.vstack(*(matrix.T for matrix in matrices)).T
 
     def row_join(self, other: Any) -> Any:
         """Return another matrix beside this one."""
@@ -415,13 +482,14 @@ class Grid(Matrix):
     def __getitem__(self, index: Any) -> Any:
         """Return entries."""
         if isinstance(index, int):
-            return self.T.ravel().view(np.ndarray)[index]
+            return _entries(self.T)[index]
         if isinstance(index, slice):
-            return Grid(self.T.ravel().view(np.ndarray)[index])
-        found = super().__getitem__(index)
-        if not isinstance(found, np.ndarray):
-            return found
-        return Grid(found.reshape(-1, 1) if isinstance(index[1], int) else np.atleast_2d(found))
+            return Grid(_entries(self.T)[index])
+        entries = super().__getitem__(index)
+        if not isinstance(entries, np.ndarray):
+            return entries
+        of_one_column = isinstance(index[1], int)
+        return Grid(entries.reshape(-1, 1) if of_one_column else np.atleast_2d(entries))
 
     def __mul__(self, other: Any) -> Any:
         """Return a product of the entries."""
@@ -429,9 +497,8 @@ class Grid(Matrix):
 
     def __matmul__(self, other: Any) -> Any:
         """Return a product of matrices; one with a single entry is a factor."""
-        if isinstance(other, np.ndarray) and min(self.size, other.size) > 1:
-            return np.ndarray.__matmul__(self, other)
-        return self * other
+        several = isinstance(other, np.ndarray) and min(self.size, other.size) > 1
+        return np.ndarray.__matmul__(self, other) if several else self * other
 
 
 class _Numbers(np.ndarray):
@@ -453,7 +520,7 @@ def _function(
 
     def call(*given: Any) -> Any:
         values = dict(zip(names, _flatten(given), strict=True))
-        if any(isinstance(x, Expression) and _now(x).op != "constant" for x in values.values()):
+        if any(map(_has_symbols, values.values())):
             return outputs.subs(values)
         if not programs:
             programs.append(Program(outputs))
@@ -464,14 +531,26 @@ def _function(
     return call
 
 
-def _flatten(parts: Iterable[Any]) -> list[Any]:
-    """Return the entries of numbers, expressions and arrays one after the other."""
-    return [x for part in parts for x in np.ravel(np.asarray(part, dtype=object))]
+def _has_symbols(x: Any) -> bool:
+    """Tell whether something is an expression, and no constant."""
+    return isinstance(x, Expression) and _now(x).op != "constant"
+
+
+def _entries(x: Any) -> Any:
+    """Return the entries of a number, an expression, a list or an array one after the other, an array."""
+    return np.ravel(np.asarray(x, dtype=object)).view(np.ndarray)
+
+
+def _flatten(arguments: Iterable[Any]) -> list[Any]:
+    """Return the entries of all of them one after the other."""
+    return [x for argument in arguments for x in _entries(argument)]
 
 
 def _turn(op: str) -> Callable[[Any], Any]:
     def call(x: Any) -> Any:
-        return x._each(call) if isinstance(x, Matrix) else _node(op, _expression(x))
+        if isinstance(x, Matrix):
+            return x._each(call)
+        return _node(op, _expression(x))
 
     return call
 
@@ -483,55 +562,42 @@ def _symbols(text: Any, cls: Any = None, **_: Any) -> Any:
         span = re.fullmatch(r"(.*?)(\d*):(\d+)", word)
         if span is None:
             names.append(word)
-        else:
-            names += [f"{span[1]}{k}" for k in range(int(span[2] or 0), int(span[3]))]
-    made = [(cls or symbol)(name) for name in names]
-    return made[0] if len(made) == 1 and ":" not in str(text) else tuple(made)
+            continue
+        prefix, first, end = span.groups()
+        names += [f"{prefix}{k}" for k in range(int(first or 0), int(end))]
+    make = cls or symbol
+    symbols = tuple(make(name) for name in names)
+    is_single = len(symbols) == 1 and ":" not in str(text)
+    return symbols[0] if is_single else symbols
 
 
 def _lambdify(arguments: Any, outputs: Any, *_: Any, **__: Any) -> Callable[..., Any]:
-    single = isinstance(arguments, Expression)
+    names = [arguments] if isinstance(arguments, Expression) else list(arguments)
     if isinstance(outputs, Expression):
-        return _function([arguments] if single else list(arguments), outputs, float)
-    made = outputs if isinstance(outputs, Matrix) else Matrix(outputs)
-    shape = made.shape if isinstance(outputs, Matrix) else np.shape(outputs)
-    return _function([arguments] if single else list(arguments), made, lambda x: x.reshape(shape))
+        return _function(names, outputs, float)
+    matrix = outputs if isinstance(outputs, Matrix) else Matrix(outputs)
+    shape = matrix.shape if isinstance(outputs, Matrix) else np.shape(outputs)
+    return _function(names, matrix, lambda x: x.reshape(shape))
 
 
 def _sizes(make: Callable[..., Any], kind: type[Matrix]) -> Callable[..., Matrix]:
     def call(*shape: int) -> Matrix:
-        return kind(make(shape if len(shape) > 1 else (*shape, shape[0] if kind is Matrix else 1)))
+        if len(shape) == 1:
+            columns = shape[0] if kind is Matrix else 1
+            shape = (shape[0], columns)
+        return kind(make(shape))
 
     return call
 
 
 def _sympy() -> dict[str, Any]:
     """Return what computes as SymPy does."""
-
-    def hessian(value: Any, symbols: Any, *_: Any) -> Matrix:
-        names = list(np.ravel(np.asarray(symbols, dtype=object)))
-        return Matrix([[_expression(value).diff(a, b) for b in names] for a in names])
-
-    def linear_equations(equations: Any, *symbols: Any) -> tuple[Matrix, Matrix]:
-        rows = Matrix(list(np.ravel(np.asarray(equations, dtype=object))))
-        names = list(np.ravel(np.asarray(symbols, dtype=object)))
-        return rows.jacobian(names), -rows.subs(dict.fromkeys(names, 0.0))
-
-    same = dict.fromkeys(
-        (
-            *("simplify", "expand", "trigsimp", "factor", "nsimplify", "N", "cancel", "together", "collect"),
-            *("powsimp", "ratsimp", "fu", "expand_trig", "refine"),
-        ),
-        lambda x, *_, **__: x,
-    )
-    same |= dict.fromkeys(("S", "sympify", "Integer", "Float"), _expression)
     return {
-        **{name: _turn(name) for name in ("sin", "cos", "tan", "exp")},
-        **same,
+        **{name: _turn(name) for name in _FUNCTIONS},
+        **dict.fromkeys(_REWRITING, lambda x, *_, **__: x),
+        **dict.fromkeys(_NUMBERS, _expression),
         "sqrt": lambda x: _expression(x) ** 0.5,
-        "diff": lambda value, *symbols: (
-            _expression(value).diff(*symbols) if not isinstance(value, Matrix) else value.diff(*symbols)
-        ),
+        "diff": _derivative,
         "Derivative": lambda value, *symbols: _expression(value).diff(*symbols),
         "symbols": _symbols,
         "Symbol": lambda name, **_: symbol(name),
@@ -542,8 +608,8 @@ def _sympy() -> dict[str, Any]:
         "ones": _sizes(np.ones, Matrix),
         "eye": lambda n: Matrix(np.eye(n)),
         "diag": lambda *entries: Matrix(np.diag(np.array(entries, dtype=object))),
-        "hessian": hessian,
-        "linear_eq_to_matrix": linear_equations,
+        "hessian": _hessian,
+        "linear_eq_to_matrix": _linear_equations,
         "Rational": lambda a, b=1: _constant(a / b),
         "lambdify": _lambdify,
         "dynamicsymbols": _dynamic_symbols,
@@ -551,6 +617,44 @@ def _sympy() -> dict[str, Any]:
         **dict.fromkeys(("MatrixBase", "Basic"), ModuleType),
         "pi": math.pi,
     }
+
+
+def _derivative(value: Any, *symbols: Any) -> Any:
+    """Return the derivative of an expression or of a matrix."""
+    if isinstance(value, Matrix):
+        return value.diff(*symbols)
+    return _expression(value).diff(*symbols)
+
+
+def _hessian(value: Any, symbols: Any, *_: Any) -> Matrix:
+    """Return the second derivatives of an expression."""
+    energy = _expression(value)
+    names = list(_entries(symbols))
+    return Matrix([[energy.diff(a, b) for b in names] for a in names])
+
+
+def _linear_equations(equations: Any, *symbols: Any) -> tuple[Matrix, Matrix]:
+    """Return A and b of linear equations A x - b = 0."""
+    rows = Matrix(list(_entries(equations)))
+    names = list(_entries(symbols))
+    constant = rows.subs(dict.fromkeys(names, 0.0))
+    return rows.jacobian(names), -constant
+
+
+class DrawnEquations(NamedTuple):
+    """Equations of motion M a = forcing.
+
+    Attributes:
+        mass_matrix: M (n x n).
+        forcing: all other terms (n x 1).
+        coordinates: symbols of the positions.
+        speeds: symbols of their rates.
+    """
+
+    mass_matrix: Matrix
+    forcing: Matrix
+    coordinates: list[Expression]
+    speeds: list[Expression]
 
 
 class _Lagrange:
@@ -561,45 +665,59 @@ class _Lagrange:
         if rest or any(x is not None for x in given.values()):
             raise NotImplementedError  # the real one is used then
         self._energy = _expression(lagrangian)
-        self._q = [_now(x) for x in np.ravel(np.asarray(coordinates, dtype=object))]
+        self._q = [_now(x) for x in _entries(coordinates)]
         self._v = [_rate(x) for x in self._q]
 
     def form_lagranges_equations(self) -> Matrix:
         """Return d/dt dL/dv - dL/dq."""
-        momenta = [self._energy.diff(v) for v in self._v]
-        rows = [p.diff() - self._energy.diff(q) for p, q in zip(momenta, self._q, strict=True)]
+        rows = []
+        for q, v in zip(self._q, self._v, strict=True):
+            momentum = self._energy.diff(v)
+            rows.append(momentum.diff() - self._energy.diff(q))
         self.eom = Matrix(rows)
         return self.eom
 
     @property
     def mass_matrix(self) -> Matrix:
         """What the accelerations are multiplied by."""
-        return Matrix([[self._energy.diff(v).diff(w) for w in self._v] for v in self._v])
+        momenta = [self._energy.diff(v) for v in self._v]
+        return Matrix([[momentum.diff(v) for v in self._v] for momentum in momenta])
 
     @property
     def forcing(self) -> Matrix:
         """What is left of the equations without accelerations, with the other sign."""
-        still = self.eom.subs({_rate(v).name: _constant(0.0) for v in self._v})
+        accelerations = [_rate(v).name for v in self._v]
+        still = self.eom.subs(dict.fromkeys(accelerations, _constant(0.0)))
         return still._each(lambda x: -x)
 
-    def drawn_equations(self) -> tuple[Matrix, Matrix, list[Expression], list[Expression]]:
+    def drawn_equations(self) -> DrawnEquations:
         """Return M, the forcing, the coordinates and the speeds."""
         if not hasattr(self, "eom"):
             self.form_lagranges_equations()
-        return self.mass_matrix, self.forcing, self._q, self._v
+        return DrawnEquations(self.mass_matrix, self.forcing, self._q, self._v)
 
 
 def equations_of(method: Any) -> Matrix:
     """Return the torques of a drawn object of SymPy's mechanics, in q1.., v1.., qdd1..."""
-    mass, forcing, q, u = method.drawn_equations()
-    accelerations = [symbol(f"qdd{i + 1}") for i in range(len(u))]
-    own = {x.name for x in (*q, *u)}
-    names = Program(forcing).names - own
-    still = {name: 0.0 for name in names if (joint_of(name) or ("",))[0] == "tau"}
-    swap: dict[Any, Any] = {x: symbol(f"q{i + 1}") for i, x in enumerate(q)}
-    swap |= {x: symbol(f"v{i + 1}") for i, x in enumerate(u)}
-    torques = mass * Matrix(accelerations) - (forcing.subs(still) if still else forcing)
+    drawn: DrawnEquations = method.drawn_equations()
+    forcing = drawn.forcing
+    of_state = {x.name for x in (*drawn.coordinates, *drawn.speeds)}
+    torque_names = [name for name in Program(forcing).names - of_state if _is_torque(name)]
+    if torque_names:
+        forcing = forcing.subs(dict.fromkeys(torque_names, 0.0))
+    accelerations = Matrix([symbol(f"qdd{i + 1}") for i in range(len(drawn.speeds))])
+    torques = drawn.mass_matrix * accelerations - forcing
+    swap: dict[Any, Any] = {}
+    for i, coordinate in enumerate(drawn.coordinates, 1):
+        swap[coordinate] = symbol(f"q{i}")
+    for i, speed in enumerate(drawn.speeds, 1):
+        swap[speed] = symbol(f"v{i}")
     return Matrix(np.asarray(torques.subs(swap)))
+
+
+def _is_torque(name: str) -> bool:
+    joint = joint_of(name)
+    return joint is not None and joint[0] == "tau"
 
 
 def _dynamic_symbols(text: Any, *_: Any, **__: Any) -> Any:
@@ -620,66 +738,91 @@ def _solve(a: Any, b: Any, *_: Any) -> Grid:
 
 
 def _grid(x: Any) -> Grid:
-    return x if isinstance(x, Grid) else Grid(np.atleast_2d(np.array(x, dtype=object)))
+    if isinstance(x, Grid):
+        return x
+    return Grid(np.atleast_2d(np.array(x, dtype=object)))
 
 
-def _join(axis: int, *parts: Any) -> Grid:
-    return Grid(np.concatenate([_grid(x).view(np.ndarray) for x in parts], axis=axis))
+def _join(axis: int, *matrices: Any) -> Grid:
+    arrays = [_grid(matrix).view(np.ndarray) for matrix in matrices]
+    return Grid(np.concatenate(arrays, axis=axis))
 
 
 def _jacobian(value: Any, symbols: Any) -> Grid:
-    return Grid([[x.diff(s) for s in np.ravel(_grid(symbols))] for x in _grid(value).T.ravel()])
+    """Return the derivatives of the entries, counted down the columns, by several symbols."""
+    names = np.ravel(_grid(symbols))
+    return Grid([[x.diff(name) for name in names] for x in _grid(value).T.ravel()])
+
+
+def _hessian_and_gradient(value: Any, symbols: Any) -> tuple[Grid, Grid]:
+    gradient = _jacobian(value, symbols).T
+    return _jacobian(gradient, symbols), gradient
+
+
+def _replaced(value: Any, old: Any, new: Any) -> Matrix:
+    """Return a matrix with others in place of symbols."""
+    pairs = list(zip(np.ravel(old), np.ravel(_grid(new)), strict=True))
+    return _grid(value).subs(pairs)
+
+
+def _product(first: Any, *others: Any) -> Any:
+    """Return the product of matrices, of a list of them or one after the other."""
+    factors = [*first, *others] if isinstance(first, list) else [first, *others]
+    product = factors[0]
+    for factor in factors[1:]:
+        product = product @ _grid(factor)
+    return product
+
+
+def _casadi_symbols(name: str, rows: int = 1, columns: int = 1) -> Matrix:
+    """Return a matrix of symbols, which are counted down the columns."""
+    if rows * columns == 1:
+        return Grid([[symbol(name)]])
+    return Grid(rows, columns, lambda i, j: symbol(f"{name}[{i + rows * j}]"))
+
+
+def _casadi_function(_: str, inputs: Sequence[Any], outputs: Sequence[Any], *__: Any) -> Callable[..., Any]:
+    """Return a function of several outputs, a tuple; of one, its value."""
+    calls = [_function(inputs, _grid(output), lambda y: y.view(_Numbers)) for output in outputs]
+    if len(calls) == 1:
+        return calls[0]
+    return lambda *given: tuple(call(*given) for call in calls)
 
 
 def _casadi() -> dict[str, Any]:
     """Return what computes as CasADi does."""
-    zeros, grid = _sizes(np.zeros, Grid), _grid
-
-    def sym(name: str, rows: int = 1, columns: int = 1) -> Matrix:
-        several = rows * columns > 1
-        return Grid(rows, columns, lambda k, j: symbol(f"{name}[{k + rows * j}]" if several else name))
-
-    def function(_: str, inputs: Sequence[Any], outputs: Sequence[Any], *__: Any) -> Callable[..., Any]:
-        calls = [_function(inputs, grid(x), lambda y: y.view(_Numbers)) for x in outputs]
-        return lambda *given: calls[0](*given) if len(calls) == 1 else tuple(c(*given) for c in calls)
-
-    def multiply(a: Any, *rest: Any) -> Any:
-        for b in [*a[1:], *rest] if isinstance(a, list) else rest:
-            a = (a[0] if isinstance(a, list) else a) @ grid(b)
-        return a
+    zeros = _sizes(np.zeros, Grid)
 
     class Kind:
         """SX, MX and DM: what makes symbols and matrices."""
 
         def __new__(cls, *given: Any) -> Any:
-            return zeros(*given) if len(given) > 1 else grid(*given)
+            return zeros(*given) if len(given) > 1 else _grid(*given)
 
         eye = staticmethod(lambda n: Grid(np.eye(n)))
 
     Kind.zeros = staticmethod(zeros)  # type: ignore[attr-defined]
-    Kind.sym = staticmethod(sym)  # type: ignore[attr-defined]
+    Kind.sym = staticmethod(_casadi_symbols)  # type: ignore[attr-defined]
     return {
-        **{name: _turn(name) for name in ("sin", "cos", "tan", "exp")},
+        **{name: _turn(name) for name in _FUNCTIONS},
         **dict.fromkeys(("SX", "MX", "DM"), Kind),
         **dict.fromkeys(("simplify", "densify"), lambda a: a),
         "transpose": np.transpose,
-        "sqrt": lambda x: grid(x)._each(lambda y: y**0.5),
+        "sqrt": lambda x: _grid(x)._each(lambda y: y**0.5),
         "vertcat": partial(_join, 0),
         "horzcat": partial(_join, 1),
         "jacobian": _jacobian,
         "gradient": lambda value, symbols: _jacobian(value, symbols).T,
-        "hessian": lambda e, x: (_jacobian(_jacobian(e, x).T, x), _jacobian(e, x).T),
-        "jtimes": lambda value, symbols, v: _jacobian(value, symbols) @ grid(v),
-        "mtimes": multiply,
+        "hessian": _hessian_and_gradient,
+        "jtimes": lambda value, symbols, v: _jacobian(value, symbols) @ _grid(v),
+        "mtimes": _product,
         "solve": _solve,
-        "dot": lambda a, b: grid(a).dot(grid(b)),
-        "cross": lambda a, b: grid(a).cross(grid(b)),
-        "sumsqr": lambda a: grid(a).dot(grid(a)),
+        "dot": lambda a, b: _grid(a).dot(_grid(b)),
+        "cross": lambda a, b: _grid(a).cross(_grid(b)),
+        "sumsqr": lambda a: _grid(a).dot(_grid(a)),
         "diag": lambda a: Grid(np.diag(np.ravel(a))),
-        "substitute": lambda e, old, new: grid(e).subs(
-            list(zip(np.ravel(old), np.ravel(grid(new)), strict=True))
-        ),
-        "Function": function,
+        "substitute": _replaced,
+        "Function": _casadi_function,
         "pi": math.pi,
     }
 
@@ -690,13 +833,14 @@ def install(more: Mapping[str, Any]) -> Callable[[], None]:
     Args:
         more: what SymPy's mechanics have beside, by names.
     """
-    before = {name: sys.modules[name] for name in sys.modules if name.split(".")[0] in ("sympy", "casadi")}
-    for name in before:
-        del sys.modules[name]
-    made = {"casadi": _casadi()}
-    made |= {name: {**_sympy(), **more} for name in _MODULES}
-    made["sympy"] = made["sympy.matrices"] = _sympy()
-    for name, members in made.items():
+    before: dict[str, ModuleType] = {}
+    for name in list(sys.modules):
+        if name.split(".")[0] in ("sympy", "casadi"):
+            before[name] = sys.modules.pop(name)
+    members_of = {name: {**_sympy(), **more} for name in _MODULES}
+    members_of["sympy"] = members_of["sympy.matrices"] = _sympy()
+    members_of["casadi"] = _casadi()
+    for name, members in members_of.items():
         module = ModuleType(name)
         module.__path__ = []
         vars(module).update(members)
@@ -706,7 +850,7 @@ def install(more: Mapping[str, Any]) -> Callable[[], None]:
         setattr(sys.modules[parent], child, sys.modules[name])
 
     def uninstall() -> None:
-        for name in made:
+        for name in members_of:
             sys.modules.pop(name, None)
         sys.modules.update(before)
 
@@ -715,18 +859,25 @@ def install(more: Mapping[str, Any]) -> Callable[[], None]:
 
 def is_drawn(value: Any) -> bool:
     """Tell whether a value is an expression of these, or a list of them."""
-    flat = np.ravel(np.asarray(value, dtype=object)) if isinstance(value, list | np.ndarray) else [value]
-    return any(isinstance(x, Expression) for x in flat)
+    entries = _entries(value) if isinstance(value, list | np.ndarray) else [value]
+    return any(isinstance(x, Expression) for x in entries)
 
 
 def states_of(names: Iterable[str]) -> dict[str, tuple[str, int]]:
     """Return which entry (from 0) of which quantity symbols are, by their names; others are left out."""
-    found: dict[str, tuple[str, int, bool]] = {}
+    joints: dict[str, tuple[str, int]] = {}
+    in_vectors = set[str]()  # q[0], which counts from 0
     for name in names:
         vector = re.fullmatch(r"(\w+)\[(\d+)\]", name)
         joint = joint_of(f"{vector[1]}_{vector[2]}" if vector else name)
         if joint is not None:
-            found[name] = (*joint, vector is not None)
+            joints[name] = joint
+        if vector:
+            in_vectors.add(name)
     # q_0, q_1, ... or q1, q2, ...
-    first = 0 if any(k == 0 and not of for _, k, of in found.values()) else 1
-    return {name: (letter, k - (0 if of else first)) for name, (letter, k, of) in found.items()}
+    counted_from_0 = any(number == 0 for name, (_, number) in joints.items() if name not in in_vectors)
+    first = 0 if counted_from_0 else 1
+    states: dict[str, tuple[str, int]] = {}
+    for name, (letter, number) in joints.items():
+        states[name] = (letter, number if name in in_vectors else number - first)
+    return states

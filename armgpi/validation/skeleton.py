@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections import ChainMap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from typing import Any, NamedTuple
@@ -36,6 +36,17 @@ _ROWS = 8
 SEARCH = 5.0
 #: A fit is exact when the rest is below this share.
 EXACT = 1e-6
+#: Largest position of a joint at which a model is sampled [rad or m].
+_LARGEST = 1.5
+#: A value that changes less than this share does not change.
+_SAME = 1e-9
+#: Starts of a search for lengths, and their spread about the lengths that are tried [m].
+_STARTS = 2
+_SPREAD = 0.3
+#: Rows and columns of the pseudo-inertia's factor below its diagonal.
+_BELOW = ([1, 2, 2, 3, 3, 3], [0, 0, 1, 0, 1, 2])
+#: Parameters of a body to begin with: logarithms of the factor's diagonal, and zeros below it.
+_BODY = (np.log(0.1), np.log(0.1), np.log(0.1), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _XYZ = "xyz"
 
 
@@ -84,8 +95,9 @@ def suggest_urdf(
     arm = check.load_robot(robot)
     with Worker(model, check.name_of(model), time_limit, isolate=isolate) as worker:
         n = arm.n if arm is not None else check.count_joints(worker, joints)
-        lower, upper = np.full(n, -1.5), np.full(n, 1.5)
-        states = check.random_states(lower, upper, np.zeros(n, dtype=bool), 1).first(_ROWS)
+        largest = np.full(n, _LARGEST)
+        prismatic = np.zeros(n, dtype=bool)
+        states = check.random_states(-largest, largest, prismatic, 1).first(_ROWS)
         target = _sample_target(worker, states)
         turning = _turning(worker, states) if arm is None else []
     fit = _Fit(states.q[: len(target["D"])], target)
@@ -107,11 +119,11 @@ def suggest_urdf(
 def _sample_target(worker: Worker, states: States) -> dict[str, Array]:
     """Return a model's D, and its G and tool positions where it has them."""
     sampled = samples.sample(worker, states)
-    found = ChainMap(*(one.quantities for one in sampled.values()))
-    target = {quantity: found[quantity] for quantity in ("D", "G", "F") if quantity in found}
+    quantities = ChainMap(*(of_function.quantities for of_function in sampled.values()))
+    target = {letter: quantities[letter] for letter in ("D", "G", "F") if letter in quantities}
     if "D" not in target:
         raise ModelError(worker.name, "", "tells of no mass matrix, so no URDF can be suggested")
-    if target.get("F", np.zeros((1, 3))).shape[1] != 3:
+    if "F" in target and target["F"].shape[1] != 3:
         del target["F"]  # in a plane, of which the axes are not known
     if "G" not in target and "potential_energy" in sampled:
         rows = states.q[: len(target["D"])]
@@ -121,20 +133,24 @@ def _sample_target(worker: Worker, states: States) -> dict[str, Array]:
 
 def _turning(worker: Worker, states: States) -> list[bool | None]:
     """Return for every joint whether it turns: the model repeats after 2 pi; None when it never changes."""
-    found: list[bool | None] = []
-    for e in np.eye(states.q.shape[1]):
-        same, changes = True, False
+    turning: list[bool | None] = []
+    for axis in np.eye(states.q.shape[1]):
+        repeats, changes = True, False
         for name in worker.functions:
-            others = [getattr(states, letter)[:3] for letter in ARGUMENTS[name][1:]]
-            here, far, near = (
-                samples.call(worker, name, states.q[:3] + step * e, *others)
-                for step in (0.0, 2.0 * np.pi, 0.7)
+            here, turned, moved = (
+                _call_at(worker, name, states, step * axis) for step in (0.0, 2.0 * np.pi, 0.7)
             )
-            size = max(float(np.abs(here).max()), 1e-12)
-            same = same and float(np.abs(far - here).max()) < 1e-9 * size
-            changes = changes or float(np.abs(near - here).max()) > 1e-9 * size
-        found.append(same if changes else None)
-    return found
+            least = _SAME * max(float(np.abs(here).max()), 1e-12)
+            repeats = repeats and float(np.abs(turned - here).max()) < least
+            changes = changes or float(np.abs(moved - here).max()) > least
+        turning.append(repeats if changes else None)
+    return turning
+
+
+def _call_at(worker: Worker, name: str, states: States, step: Array) -> Array:
+    """Return what a function gives at three states with other positions."""
+    others = [getattr(states, letter)[:3] for letter in ARGUMENTS[name][1:]]
+    return samples.call(worker, name, states.q[:3] + step, *others)
 
 
 def _search_chain(
@@ -163,11 +179,7 @@ def _chains(n: int, turning: list[bool | None], target: Mapping[str, Array]) -> 
 
     Without tool positions, x and y are alike for the first joint, and so are its two directions.
     """
-    # The weight that each joint carries where it never changes, NaN where it does or is not known.
-    weights = np.full(n, np.nan)
-    if "G" in target:
-        sizes = np.abs(target["G"]).max(axis=0)
-        weights[:] = np.where(np.ptp(target["G"], axis=0) < 1e-9 * max(1.0, sizes.max()), sizes, np.nan)
+    weights = _constant_weights(n, target)
     kinds_of = []
     for turns, weight in zip(turning, weights.tolist(), strict=True):
         if turns is not None:
@@ -179,31 +191,46 @@ def _chains(n: int, turning: list[bool | None], target: Mapping[str, Array]) -> 
     letters = ["z", "y", "x", "-z", "-y", "-x"]
     first = letters if "F" in target else ["z", "y"]
     if turning[0] and "G" in target:  # no weight to carry: it turns about the vertical
-        first = [x for x in first if ("z" in x) == (weights[0] <= 1e-9)]
-    ordered = sorted(
-        itertools.product(first, *[letters] * (n - 1)), key=lambda axes: "".join(axes).count("-")
-    )
-    for axes, kinds in itertools.product(ordered, itertools.product(*kinds_of)):
-        yield _chain(axes, kinds)
+        vertical = bool(weights[0] <= 1e-9)
+        first = [letter for letter in first if ("z" in letter) == vertical]
+    axes_of_joints = itertools.product(first, *[letters] * (n - 1))
+    for axes in sorted(axes_of_joints, key=lambda axes: "".join(axes).count("-")):
+        for kinds in itertools.product(*kinds_of):
+            yield _chain(axes, kinds)
+
+
+def _constant_weights(n: int, target: Mapping[str, Array]) -> Array:
+    """Return the weight that each joint carries where it never changes; NaN where it does or is not known."""
+    if "G" not in target:
+        return np.full(n, np.nan)
+    sizes = np.abs(target["G"]).max(axis=0)
+    changes = np.ptp(target["G"], axis=0)
+    is_constant = changes < _SAME * max(1.0, sizes.max())
+    return np.where(is_constant, sizes, np.nan)
 
 
 def _chain(axes: tuple[str, ...], kinds: tuple[bool, ...]) -> Tree:
     """Return a chain with some axes, and joints that slide or turn, all of them at one point."""
     n = len(axes)
+    directions = []
+    for axis in axes:
+        sign = -1.0 if axis.startswith("-") else 1.0
+        directions.append(sign * np.eye(3)[_XYZ.index(axis[-1])])
+    body = Body(mass=1.0, com=np.zeros(3), inertia=0.01 * np.eye(3))
     return Tree(
-        tuple(f"q{i + 1}" for i in range(n)),
-        tuple(f"link{i + 1}" for i in range(n)),
-        tuple(range(-1, n - 1)),
-        (np.eye(3),) * n,
-        (np.zeros(3),) * n,
-        tuple((-1.0 if "-" in a else 1.0) * np.eye(3)[_XYZ.index(a[-1])] for a in axes),
-        kinds,
-        (Body(1.0, np.zeros(3), 0.01 * np.eye(3)),) * n,
-        np.zeros(n),
-        np.array([0.0, 0.0, -9.81]),
-        n - 1,
-        np.eye(3),
-        np.zeros(3),
+        joint_names=tuple(f"q{i + 1}" for i in range(n)),
+        link_names=tuple(f"link{i + 1}" for i in range(n)),
+        parents=tuple(range(-1, n - 1)),
+        rotations=(np.eye(3),) * n,
+        positions=(np.zeros(3),) * n,
+        axes=tuple(directions),
+        prismatic=kinds,
+        bodies=(body,) * n,
+        armature=np.zeros(n),
+        gravity=np.array([0.0, 0.0, -9.81]),
+        tool_parent=n - 1,
+        tool_rotation=np.eye(3),
+        tool_position=np.zeros(3),
     )
 
 
@@ -217,112 +244,132 @@ class _Fit:
     def __init__(self, q: Array, target: dict[str, Array]) -> None:
         """Keep the samples, each quantity divided by its size."""
         self._q = q
-        self._sizes = {quantity: max(float(np.abs(x).max()), 1e-12) for quantity, x in target.items()}
+        self._sizes: dict[str, float] = {}
+        for quantity, x in target.items():
+            self._sizes[quantity] = max(float(np.abs(x).max()), 1e-12)
         self._target = target
         self.inertial = [quantity for quantity in ("D", "G") if quantity in target]
 
     def distance(self, tree: Tree) -> float:
         """Return how far the best inertial parameters, possible or not, leave a chain from the model."""
-        rest = np.abs(self._rest(tree)).max()
+        distance = self._inertial_distance(tree)
         if "F" in self._target:
-            position = evaluate(tree, self._q, "F")["F"]
-            rest = max(rest, np.abs(position - self._target["F"]).max() / self._sizes["F"])
-        return float(rest)
+            distance = max(distance, self._position_distance(tree) / self._sizes["F"])
+        return distance
+
+    def _inertial_distance(self, tree: Tree) -> float:
+        """Return how far the best inertial parameters leave D and G from the model's, of their sizes."""
+        return float(np.abs(self._rest(tree)).max())
+
+    def _position_distance(self, tree: Tree) -> float:
+        """Return how far the tool is from where the model has it, at most [m]."""
+        position = evaluate(tree, self._q, "F")["F"]
+        return float(np.abs(position - self._target["F"]).max())
 
     def with_lengths(self, tree: Tree) -> Tree:
         """Return a chain with the lengths that fit best."""
         if "F" in self._target:
             tree = self._from_positions(tree)
-            if np.abs(evaluate(tree, self._q, "F")["F"] - self._target["F"]).max() > 1e-7 * self._sizes["F"]:
+            if self._position_distance(tree) > 1e-7 * self._sizes["F"]:
                 return tree
-        if tree.n == 1 or np.abs(self._rest(tree)).max() < EXACT:
+        if tree.n == 1 or self._inertial_distance(tree) < EXACT:
             return tree
 
-        def place(x: Array) -> Tree:
+        def with_positions(x: Array) -> Tree:
             return replace(tree, positions=(tree.positions[0], *x.reshape(-1, 3)))
 
+        def residual(x: Array) -> Array:
+            pull = 1e-7 * x  # what nothing feels becomes zero
+            return np.append(self._rest(with_positions(x)), pull)
+
         # From zero the slope by a length may vanish, so start beside it, twice.
-        rng, best = np.random.default_rng(0), tree
-        for _ in range(2):
-            start = np.ravel(tree.positions[1:]) + rng.normal(scale=0.3, size=3 * (tree.n - 1))
-            found = least_squares(
-                lambda x: np.append(self._rest(place(x)), 1e-7 * x),  # what nothing feels becomes zero
-                start,
-                max_nfev=40,
-                xtol=1e-14,
-                ftol=1e-14,
-            )
-            best = min(best, place(found.x), key=lambda t: float(np.abs(self._rest(t)).max()))
-            if np.abs(self._rest(best)).max() < EXACT:
+        rng = np.random.default_rng(0)
+        best = tree
+        for _ in range(_STARTS):
+            beside = rng.normal(scale=_SPREAD, size=3 * (tree.n - 1))
+            start = np.ravel(tree.positions[1:]) + beside
+            solution = least_squares(residual, start, max_nfev=40, xtol=1e-14, ftol=1e-14)
+            best = min(best, with_positions(solution.x), key=self._inertial_distance)
+            if self._inertial_distance(best) < EXACT:
                 break
         # A length of a micrometre is rounding, and the reader wants to see a zero.
-        positions = np.array(best.positions)
-        return replace(best, positions=tuple(np.where(np.abs(positions) < 1e-6, 0.0, positions)))
+        return replace(best, positions=tuple(_without_rounding(np.array(best.positions), 1e-6)))
 
     def with_bodies(self, tree: Tree) -> tuple[Tree, float]:
         """Return a chain with possible bodies that fit best, and how far it is off."""
         n = tree.n
 
         def set_bodies(x: Array) -> Tree:
-            return replace(tree, bodies=tuple(_body(part) for part in x.reshape(n, 10)))
+            bodies = [_body(parameters) for parameters in x.reshape(n, 10)]
+            return replace(tree, bodies=tuple(bodies))
 
-        def rest(x: Array) -> Array:
+        def difference(x: Array) -> Array:
             quantities = evaluate(set_bodies(x), self._q, self.inertial)
-            return np.concatenate(
-                [((quantities[p] - self._target[p]) / self._sizes[p]).ravel() for p in self.inertial]
-            )
+            return self._scaled({p: quantities[p] - self._target[p] for p in self.inertial})
 
-        start = np.tile([np.log(0.1), np.log(0.1), np.log(0.1), 0, 0, 0, 0, 0, 0, 0.0], n)
+        x = np.tile(_BODY, n)
         # A weak pull keeps what no joint feels where it was.
-        pull = 1e-5
-        for _ in range(2):
-            found = least_squares(
-                lambda x, s=start, w=pull: np.append(rest(x), w * (x - s)), start, max_nfev=400
-            )
-            start, pull = found.x, 1e-9
-        return set_bodies(start), float(np.abs(rest(start)).max())
+        for pull in (1e-5, 1e-9):
+            x = _pulled_least_squares(difference, x, pull)
+        return set_bodies(x), float(np.abs(difference(x)).max())
 
     def _from_positions(self, tree: Tree) -> Tree:
         """Return a chain with the lengths that put its tool where the model has it: they are linear in it."""
-        blank = replace(tree, positions=tuple(np.zeros(3) for _ in range(tree.n)), tool_position=np.zeros(3))
+        zeros = (np.zeros(3),) * tree.n
+        blank = replace(tree, positions=zeros, tool_position=np.zeros(3))
         fixed = evaluate(blank, self._q, "F")["F"]
+        moved = [blank.with_item("positions", j, axis) for j in range(tree.n) for axis in np.eye(3)]
+        moved += [replace(blank, tool_position=axis) for axis in np.eye(3)]
         columns = []
-        for j in range(tree.n + 1):
-            for unit in np.eye(3):
-                one = (
-                    replace(blank, tool_position=unit)
-                    if j == tree.n
-                    else blank.with_item("positions", j, unit)
-                )
-                columns.append((evaluate(one, self._q, "F")["F"] - fixed).ravel())
-        x = np.linalg.lstsq(np.stack(columns, axis=-1), (self._target["F"] - fixed).ravel(), rcond=1e-10)[0]
+        for tree_with_length in moved:
+            position = evaluate(tree_with_length, self._q, "F")["F"]
+            columns.append((position - fixed).ravel())
+        matrix = np.stack(columns, axis=-1)
+        x = np.linalg.lstsq(matrix, (self._target["F"] - fixed).ravel(), rcond=1e-10)[0]
         # Least squares leaves lengths that no position depends on at some 1e-17.
-        x = np.where(np.abs(x) < 1e-9, 0.0, x).reshape(-1, 3)
-        return replace(tree, positions=tuple(x[:-1]), tool_position=x[-1])
+        *positions, tool_position = _without_rounding(x, 1e-9).reshape(-1, 3)
+        return replace(tree, positions=tuple(positions), tool_position=tool_position)
 
     def _rest(self, tree: Tree) -> Array:
         """Return what is left of D and G with the best inertial parameters."""
-        parts = [
-            np.concatenate([(quantities[p] / self._sizes[p]).ravel() for p in self.inertial])
-            for i in range(tree.n)
-            for quantities in _regressor(tree, i, self._q, self.inertial)
-        ]
-        A = np.stack(parts, axis=-1)
-        b = np.concatenate([(self._target[p] / self._sizes[p]).ravel() for p in self.inertial])
-        return np.asarray(A @ np.linalg.lstsq(A, b, rcond=1e-9)[0] - b)
+        columns = []
+        for i in range(tree.n):
+            slopes_of_body = _regressor(tree, i, self._q, self.inertial)
+            columns += [self._scaled(slopes) for slopes in slopes_of_body]
+        A = np.stack(columns, axis=-1)
+        b = self._scaled(self._target)
+        x = np.linalg.lstsq(A, b, rcond=1e-9)[0]
+        return np.asarray(A @ x - b)
+
+    def _scaled(self, quantities: Mapping[str, Array]) -> Array:
+        """Return D and G one after the other, each divided by its size."""
+        return np.concatenate([(quantities[p] / self._sizes[p]).ravel() for p in self.inertial])
+
+
+def _pulled_least_squares(residual: Callable[[Array], Array], start: Array, pull: float) -> Array:
+    """Return what makes a residual small, and is not far from the start where nothing depends on it."""
+
+    def pulled(x: Array) -> Array:
+        return np.append(residual(x), pull * (x - start))
+
+    return np.asarray(least_squares(pulled, start, max_nfev=400).x)
+
+
+def _without_rounding(x: Array, least: float) -> Array:
+    """Return an array with zeros in place of what is smaller than the least."""
+    return np.where(np.abs(x) < least, 0.0, x)
 
 
 def _regressor(tree: Tree, i: int, q: Array, want: Sequence[str]) -> Iterator[Quantities]:
     """Yield the derivatives of quantities by the ten inertial parameters of body i."""
-    empty = tree
-    for k in range(tree.n):
-        empty = empty.with_body(k, mass=0.0, com=np.zeros(3), inertia=np.zeros((3, 3)))
-    empty = replace(empty, armature=np.zeros(tree.n))
+    nothing = Body(mass=0.0, com=np.zeros(3), inertia=np.zeros((3, 3)))
+    empty = replace(tree, bodies=(nothing,) * tree.n, armature=np.zeros(tree.n))
     point = empty.with_body(i, mass=1.0)
     yield evaluate(point, q, want)
     for axis in np.eye(3):
         # A unit point at +axis less one at -axis is twice the first moment.
-        ahead, behind = (evaluate(point.with_body(i, com=s * axis), q, want) for s in (1.0, -1.0))
+        ahead = evaluate(point.with_body(i, com=axis), q, want)
+        behind = evaluate(point.with_body(i, com=-axis), q, want)
         yield {name: 0.5 * (ahead[name] - behind[name]) for name in ahead}
     for r, c in MOMENTS:
         unit = np.zeros((3, 3))
@@ -334,13 +381,14 @@ def _body(x: Array) -> Body:
     """Return a possible body from any ten numbers: pseudo-inertia L L' with L lower triangular."""
     L = np.zeros((4, 4))
     # Exponentials keep the diagonal positive, so that J is positive definite for any numbers.
-    L[np.diag_indices(4)] = np.exp(np.array([x[0], x[1], x[2], x[3]]))
-    L[1, 0], L[2, 0], L[2, 1], L[3, 0], L[3, 1], L[3, 2] = x[4:]
+    L[np.diag_indices(4)] = np.exp(x[:4])
+    L[_BELOW] = x[4:]
     J = L @ L.T
     mass = float(J[3, 3])
     com = J[:3, 3] / mass
     spread = J[:3, :3] - mass * np.outer(com, com)
-    return Body(mass, com, np.trace(spread) * np.eye(3) - spread)
+    inertia = np.trace(spread) * np.eye(3) - spread
+    return Body(mass, com, inertia)
 
 
 def _urdf_text(tree: Tree, text: str, tool: bool) -> str:
@@ -354,13 +402,12 @@ def _urdf_text(tree: Tree, text: str, tool: bool) -> str:
         '  <link name="base"/>',
     ]
     for i in range(tree.n):
-        name, joint = quoteattr(tree.link_names[i]), quoteattr(tree.joint_names[i])
-        parent = quoteattr(tree.link_names[tree.parents[i]] if tree.parents[i] >= 0 else "base")
-        body, tensor = tree.bodies[i], tree.bodies[i].inertia
+        name = quoteattr(tree.link_names[i])
+        joint = quoteattr(tree.joint_names[i])
+        parent = _quoted_link(tree, tree.parents[i])
+        body = tree.bodies[i]
         kind = "prismatic" if tree.prismatic[i] else "revolute"
-        moments = " ".join(
-            f'i{_XYZ[r]}{_XYZ[c]}="{tensor[r, c]:.12g}"' for r in range(3) for c in range(r, 3)
-        )
+        moments = _inertia_attributes(body.inertia)
         lines += [
             f"  <link name={name}>",
             "    <inertial>",
@@ -378,7 +425,7 @@ def _urdf_text(tree: Tree, text: str, tool: bool) -> str:
             "  </joint>",
         ]
     if tool or tree.tool_position.any():
-        last = quoteattr(tree.link_names[tree.tool_parent] if tree.tool_parent >= 0 else "base")
+        last = _quoted_link(tree, tree.tool_parent)
         lines += [
             '  <link name="suggested_tool"/>',
             '  <joint name="suggested_tool_joint" type="fixed">',
@@ -390,8 +437,21 @@ def _urdf_text(tree: Tree, text: str, tool: bool) -> str:
     return "\n".join([*lines, "</robot>", ""])
 
 
+def _quoted_link(tree: Tree, i: int) -> str:
+    """Return the quoted name of a link; of the base where there is none before."""
+    return quoteattr(tree.link_names[i] if i >= 0 else "base")
+
+
+def _inertia_attributes(tensor: Array) -> str:
+    """Return ixx="...", ixy="..." and so on."""
+    attributes = []
+    for r, c in itertools.combinations_with_replacement(range(3), 2):
+        attributes.append(f'i{_XYZ[r]}{_XYZ[c]}="{tensor[r, c]:.12g}"')
+    return " ".join(attributes)
+
+
 def _row(x: Array) -> str:
-    return " ".join(f"{value:.12g}" for value in np.where(np.abs(x) < 1e-12, 0.0, x))
+    return " ".join(f"{value:.12g}" for value in _without_rounding(x, 1e-12))
 
 
 def _rpy(R: Array) -> Array:

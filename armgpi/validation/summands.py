@@ -9,7 +9,7 @@ m2, c2x, l3z, I2yy, Ir1, g.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -19,10 +19,14 @@ from armgpi.base.arrays import Array
 from armgpi.validation import harmonics
 from armgpi.validation.problem import Problem
 from armgpi.validation.terms import _alone
-from armgpi.validation.tree import Tree, evaluate
+from armgpi.validation.tree import Body, Tree, evaluate
 
 #: Quantities of which there are summands.
 QUANTITIES = ("D", "H", "G")
+#: Quantities that are linear in a link's mass, first moments and inertia about its joint.
+_LINEAR = frozenset({*QUANTITIES, "V"})
+#: Quantities that may be compared beside them.
+_ADDED = frozenset("BZ")
 #: Numbers below this are rounding, relative to the others of their vector.
 _ROUNDING = 1e-13
 _XYZ = "xyz"
@@ -56,46 +60,61 @@ class _Length(NamedTuple):
 
 def numbers_of(tree: Tree) -> dict[str, float]:
     """Return the numbers of an arm that are not zero, by the names that `armgpi derive` has."""
-    found: dict[str, float] = {}
+    numbers: dict[str, float] = {}
     for i, body in enumerate(tree.bodies):
         if body.mass:
-            found[f"m{i + 1}"] = body.mass
-        found |= {f"I{i + 1}{_XYZ[r]}{_XYZ[c]}": float(body.inertia[r, c]) for r, c in _moments(body.inertia)}
+            numbers[f"m{i + 1}"] = body.mass
+        for r, c in _moments(body.inertia):
+            numbers[_inertia_name(i, r, c)] = float(body.inertia[r, c])
     for length in _lengths(tree):
-        found[length.name] = length.value
-    found |= {f"Ir{i + 1}": float(x) for i, x in enumerate(tree.armature) if x}
-    if strength := float(np.linalg.norm(tree.gravity)):
-        found["g"] = strength
-    return found
+        numbers[length.name] = length.value
+    for i, rotor in enumerate(tree.armature):
+        if rotor:
+            numbers[f"Ir{i + 1}"] = float(rotor)
+    strength = float(np.linalg.norm(tree.gravity))
+    if strength:
+        numbers["g"] = strength
+    return numbers
+
+
+def _inertia_name(body: int, r: int, c: int) -> str:
+    """Return the name of an entry of a body's inertia: I2xx."""
+    return f"I{body + 1}{_XYZ[r]}{_XYZ[c]}"
 
 
 def summands(problem: Problem) -> list[Summand]:
     """Return all summands of the elements of a problem."""
     tree = problem.tree
-    want = sorted({e.quantity for e in problem.elements if e.quantity in QUANTITIES})
+    quantities = {element.quantity for element in problem.elements}
+    want = sorted(quantities.intersection(QUANTITIES))
     if not want:
         return []
 
     def columns(changed: Tree) -> Array:
         return np.nan_to_num(problem.columns(evaluate(changed, problem.q, want)))
 
-    found: dict[tuple[str, ...], Array] = {}
+    columns_of: dict[tuple[str, ...], Array] = {}
     for k, body in enumerate(tree.bodies):
         point = _alone(tree, k)
+        massless = point.with_body(k, mass=0.0)  # a point of no mass adds nothing
         if body.mass:
-            for names, part in _polarised(point, _felt(tree, k), columns):
-                found[(f"m{k + 1}", *names)] = part
+            for names, of_lengths in _polarised(point, _felt(tree, k), columns):
+                columns_of[(f"m{k + 1}", *names)] = of_lengths
         for r, c in _moments(body.inertia):
-            one = np.zeros((3, 3))
-            one[r, c] = one[c, r] = body.inertia[r, c]
-            # Through the mass of nothing: a point of no mass adds nothing else.
-            spinning = point.with_body(k, mass=0.0, inertia=one)
-            found[(f"I{k + 1}{_XYZ[r]}{_XYZ[c]}",)] = columns(spinning)
+            tensor = body.inertia[r, c] * _unit_tensor(r, c)
+            columns_of[(_inertia_name(k, r, c),)] = columns(massless.with_body(k, inertia=tensor))
         if tree.armature[k]:
             rotor = np.where(np.arange(tree.n) == k, tree.armature, 0.0)
-            nothing = point.with_body(k, mass=0.0)
-            found[(f"Ir{k + 1}",)] = columns(replace(nothing, armature=rotor))
-    return [Summand(names, part) for names, part in found.items() if np.abs(part).max() > 0.0]
+            columns_of[(f"Ir{k + 1}",)] = columns(replace(massless, armature=rotor))
+    all_summands = [Summand(names, of_names) for names, of_names in columns_of.items()]
+    return [summand for summand in all_summands if np.abs(summand.columns).max() > 0.0]
+
+
+def _unit_tensor(r: int, c: int) -> Array:
+    """Return a symmetric matrix with one entry of one, (3, 3)."""
+    tensor = np.zeros((3, 3))
+    tensor[r, c] = tensor[c, r] = 1.0
+    return tensor
 
 
 def without_inertias(tree: Tree, names: Collection[str]) -> Tree:
@@ -103,7 +122,7 @@ def without_inertias(tree: Tree, names: Collection[str]) -> Tree:
     for i, body in enumerate(tree.bodies):
         inertia = body.inertia.copy()
         for r, c in _moments(body.inertia):
-            if f"I{i + 1}{_XYZ[r]}{_XYZ[c]}" in names:
+            if _inertia_name(i, r, c) in names:
                 inertia[r, c] = inertia[c, r] = 0.0
         tree = tree.with_body(i, inertia=inertia)
     return tree
@@ -116,39 +135,40 @@ def fits_other_bodies(problem: Problem) -> bool:
     inertia about its joint; the model has to be a sum of what each of these gives alone.
     """
     tree = problem.tree
-    wanted = {*QUANTITIES, "V"}
-    if not all(e.quantity in wanted or e.quantity in "BZ" for e in problem.elements):
+    is_linear = np.array([element.quantity in _LINEAR for element in problem.elements])
+    others = {element.quantity for element in problem.elements} - _LINEAR
+    if not others <= _ADDED:
         return False
     if not _has_positive_definite_inertia(problem):
         return False  # no bodies have that
-    columns = np.array([e.quantity in wanted for e in problem.elements])
-    nothing = replace(tree, armature=np.zeros(tree.n))
-    for i in range(tree.n):
-        nothing = nothing.with_body(i, mass=0.0, com=np.zeros(3), inertia=np.zeros((3, 3)))
+    nothing = Body(mass=0.0, com=np.zeros(3), inertia=np.zeros((3, 3)))
+    empty = replace(tree, bodies=(nothing,) * tree.n, armature=np.zeros(tree.n))
+
+    def scaled(columns: Array) -> Array:
+        """Return linear elements in units of what counts as equal, (N E,)."""
+        return np.asarray(columns[:, is_linear] / problem.tolerance[is_linear]).ravel()
 
     def of(changed: Tree) -> Array:
-        found = problem.columns(evaluate(changed, problem.q, problem.want))[:, columns]
-        return np.asarray(found / problem.tolerance[columns]).ravel()
+        return scaled(problem.columns(evaluate(changed, problem.q, problem.want)))
 
-    parts = []
+    columns = []
     for i in range(tree.n):
-        point = of(nothing.with_body(i, mass=1.0))
-        parts.append(point)
+        at_origin = of(empty.with_body(i, mass=1.0))
+        columns.append(at_origin)
         for axis in np.eye(3):
             # So that the inertia about the joint is zero.
-            away = axis @ axis * np.eye(3) - np.outer(axis, axis)
-            parts.append(of(nothing.with_body(i, mass=1.0, com=axis, inertia=-away)) - point)
+            about_joint = axis @ axis * np.eye(3) - np.outer(axis, axis)
+            first_moment = empty.with_body(i, mass=1.0, com=axis, inertia=-about_joint)
+            columns.append(of(first_moment) - at_origin)
         for r, c in itertools.combinations_with_replacement(range(3), 2):
-            one = np.zeros((3, 3))
-            one[r, c] = one[c, r] = 1.0
-            parts.append(of(nothing.with_body(i, inertia=one)))
-    matrix = np.stack([part for part in parts if np.abs(part).max() > 0.0], axis=-1)
+            columns.append(of(empty.with_body(i, inertia=_unit_tensor(r, c))))
+    matrix = np.stack([column for column in columns if np.abs(column).max() > 0.0], axis=-1)
     sizes = np.linalg.norm(matrix, axis=0)
-    user = (problem.user[:, columns] / problem.tolerance[columns]).ravel()
-    shares = np.linalg.lstsq(matrix / sizes, user, rcond=1e-11)[0] / sizes
-    left = np.abs(matrix @ shares - user).max()
+    of_model = scaled(problem.user)
+    parameters = np.linalg.lstsq(matrix / sizes, of_model, rcond=1e-11)[0] / sizes
+    largest_difference = np.abs(matrix @ parameters - of_model).max()
     # The numbers are found by division: a hundred times what counts as equal is still a millionth.
-    return bool(left <= 100.0 and problem.agreeing[~columns].all())
+    return bool(largest_difference <= 100.0 and problem.agreeing[~is_linear].all())
 
 
 def _has_positive_definite_inertia(problem: Problem) -> bool:
@@ -161,11 +181,12 @@ def _has_positive_definite_inertia(problem: Problem) -> bool:
             D[:, i, j] = problem.user[:, column]
     if np.isnan(D).all():
         return True
-    upper = np.isnan(D)
-    D = np.where(upper, np.swapaxes(D, 1, 2), D)  # elements of a symmetric matrix may be listed once
+    transposed = np.swapaxes(D, 1, 2)
+    D = np.where(np.isnan(D), transposed, D)  # elements of a symmetric matrix may be listed once
     if np.isnan(D).any():
         return True
-    return bool(np.linalg.eigvalsh(0.5 * (D + np.swapaxes(D, 1, 2))).min() > 0.0)
+    symmetric = 0.5 * (D + np.swapaxes(D, 1, 2))
+    return bool(np.linalg.eigvalsh(symmetric).min() > 0.0)
 
 
 def is_weight(quantity: str) -> bool:
@@ -183,14 +204,20 @@ def _moments(inertia: Array) -> Iterator[tuple[int, int]]:
 
 def _lengths(tree: Tree) -> list[_Length]:
     """Return the components of all centres of mass and positions that are not zero."""
-    vectors = [(f"c{i + 1}", True, i, body.com) for i, body in enumerate(tree.bodies)]
-    vectors += [(f"l{i + 1}", False, i, p) for i, p in enumerate(tree.positions)]
-    found = []
-    for name, of_body, i, vector in vectors:
-        size = float(np.abs(vector).max())
-        felt = np.flatnonzero(np.abs(vector) > _ROUNDING * size).tolist()
-        found += [_Length(f"{name}{_XYZ[k]}", of_body, i, k, float(vector[k])) for k in felt]
-    return found
+    lengths: list[_Length] = []
+    for i, body in enumerate(tree.bodies):
+        lengths += _components(f"c{i + 1}", True, i, body.com)
+    for i, position in enumerate(tree.positions):
+        lengths += _components(f"l{i + 1}", False, i, position)
+    return lengths
+
+
+def _components(name: str, of_body: bool, place: int, vector: Array) -> Iterator[_Length]:
+    """Yield the components of a vector that are not zero."""
+    size = float(np.abs(vector).max())
+    for k, value in enumerate(vector):
+        if abs(value) > _ROUNDING * size:
+            yield _Length(f"{name}{_XYZ[k]}", of_body, place, k, float(value))
 
 
 def _felt(tree: Tree, body: int) -> list[_Length]:
@@ -198,39 +225,52 @@ def _felt(tree: Tree, body: int) -> list[_Length]:
     chain = [body]
     while tree.parents[chain[-1]] >= 0:
         chain.append(tree.parents[chain[-1]])
-    return [x for x in _lengths(tree) if (x.place == body if x.of_body else x.place in chain)]
+    felt = []
+    for length in _lengths(tree):
+        is_felt = length.place == body if length.of_body else length.place in chain
+        if is_felt:
+            felt.append(length)
+    return felt
 
 
 def _polarised(
-    point: Tree, lengths: Sequence[_Length], columns: object
+    point: Tree, lengths: Sequence[_Length], columns: Callable[[Tree], Array]
 ) -> Iterator[tuple[tuple[str, ...], Array]]:
     """Yield the parts of degree 0, 1 and 2 in the lengths, each with the names of its lengths."""
-    assert callable(columns)
+    without_lengths = replace(point, positions=(np.zeros(3),) * point.n)
+    for i in range(point.n):
+        without_lengths = without_lengths.with_body(i, com=np.zeros(3))
 
-    def at(signs: dict[int, float]) -> Array:
-        changed = point
-        for i in range(point.n):
-            changed = changed.with_item("positions", i, np.zeros(3)).with_body(i, com=np.zeros(3))
+    def at(signs: Mapping[int, float]) -> Array:
+        """Return the columns of the arm that has some of the lengths alone, with signs."""
+        changed = without_lengths
         for k, sign in signs.items():
-            one = lengths[k]
-            step = sign * one.value * np.eye(3)[one.component]
-            if one.of_body:
-                changed = changed.with_body(one.place, com=changed.bodies[one.place].com + step)
-            else:
-                changed = changed.with_item("positions", one.place, changed.positions[one.place] + step)
-        return np.asarray(columns(changed))
+            changed = _with_length(changed, lengths[k], sign)
+        return columns(changed)
 
-    nothing = at({})
-    yield (), nothing
+    constant = at({})
+    yield (), constant
     alone = []
-    for k, one in enumerate(lengths):
-        plus, minus = at({k: 1.0}), at({k: -1.0})
+    for k, length in enumerate(lengths):
+        plus = at({k: 1.0})
+        minus = at({k: -1.0})
         alone.append(plus)
-        yield (one.name,), 0.5 * (plus - minus)
-        yield (one.name, one.name), 0.5 * (plus + minus) - nothing
+        yield (length.name,), 0.5 * (plus - minus)
+        yield (length.name, length.name), 0.5 * (plus + minus) - constant
     for j, k in itertools.combinations(range(len(lengths)), 2):
-        both = at({j: 1.0, k: 1.0}) - alone[j] - alone[k] + nothing
-        yield (lengths[j].name, lengths[k].name), both
+        both = at({j: 1.0, k: 1.0})
+        product = both - alone[j] - alone[k] + constant
+        yield (lengths[j].name, lengths[k].name), product
+
+
+def _with_length(tree: Tree, length: _Length, sign: float) -> Tree:
+    """Return an arm to which a length is added, with a sign."""
+    step = sign * length.value * np.eye(3)[length.component]
+    if length.of_body:
+        com = tree.bodies[length.place].com
+        return tree.with_body(length.place, com=com + step)
+    position = tree.positions[length.place]
+    return tree.with_item("positions", length.place, position + step)
 
 
 class Shape(NamedTuple):
@@ -241,11 +281,17 @@ class Shape(NamedTuple):
     @property
     def is_nice(self) -> bool:
         """Whether all coefficients are usual: quarters up to four."""
-        return all(abs(4.0 * c - round(4.0 * c)) < 1e-5 and 0.2 < abs(c) < 4.5 for c, _ in self.terms)
+        return all(_is_nice(coefficient) for coefficient, _ in self.terms)
 
     def times(self, factor: float) -> Shape:
         """Return a multiple of it."""
         return Shape(tuple((c * factor, code) for c, code in self.terms))
+
+
+def _is_nice(coefficient: float) -> bool:
+    """Tell whether a coefficient is a quarter, or a multiple of one up to four."""
+    quarters = 4.0 * coefficient
+    return abs(quarters - round(quarters)) < 1e-5 and 0.2 < abs(coefficient) < 4.5
 
 
 class Shapes:
@@ -253,28 +299,19 @@ class Shapes:
 
     def __init__(self, q: Array, prismatic: Sequence[bool]) -> None:
         """List the products of two sines or cosines at some configurations."""
-        self.q, self.prismatic = q, tuple(prismatic)
+        self.q = q
+        self.prismatic = tuple(prismatic)
         turning = [i for i, slides in enumerate(prismatic) if not slides]
         sliding = [i for i, slides in enumerate(prismatic) if slides]
-        singles = [("", np.ones(len(q)))]
-        for k in _angles(len(prismatic), turning):
-            inner = _angle_text(k)
-            angle = q @ np.array(k, dtype=float)
-            singles += [(f"cos({inner})", np.cos(angle)), (f"sin({inner})", np.sin(angle))]
-        slides = [("", np.ones(len(q)))]
-        slides += [(f"q{i + 1}", q[:, i]) for i in sliding]
-        slides += [
-            (_product([f"q{i + 1}", f"q{j + 1}"]), q[:, i] * q[:, j])
-            for i, j in itertools.combinations_with_replacement(sliding, 2)
-        ]
+        waves = _waves(q, turning)
+        pairs = list(itertools.combinations_with_replacement(waves, 2))
+        pairs.sort(key=lambda pair: len(pair[0].code) + len(pair[1].code))
         codes, columns = [], []
-        pairs = sorted(
-            itertools.combinations_with_replacement(singles, 2), key=lambda p: len(p[0][0]) + len(p[1][0])
-        )
-        for power, factor in slides:
-            for (one, x), (other, y) in pairs:
-                codes.append(_product(list(filter(None, (power, one, other)))))
-                columns.append(factor * x * y)
+        for power in _powers(q, sliding):
+            for first, second in pairs:
+                factors = [function.code for function in (power, first, second) if function.code]
+                codes.append(_product(factors))
+                columns.append(power.values * first.values * second.values)
         self._codes = codes
         self._columns = np.stack(columns)
         self._sizes = np.maximum((self._columns**2).sum(axis=1), 1e-300)
@@ -289,10 +326,12 @@ class Shapes:
         """Return a single product that has these samples, None where none has."""
         shares = (self._columns @ y) / self._sizes
         # The squared distance first: it is one product of matrices for all.
-        left = float(y @ y) - shares**2 * self._sizes
-        near = np.flatnonzero(left <= len(y) * tolerance**2 + 1e-12 * float(y @ y))
-        for k in near:
-            if np.abs(y - shares[k] * self._columns[k]).max() <= tolerance:
+        size = float(y @ y)
+        squared_distances = size - shares**2 * self._sizes
+        largest = len(y) * tolerance**2 + 1e-12 * size
+        for k in np.flatnonzero(squared_distances <= largest):
+            difference = y - shares[k] * self._columns[k]
+            if np.abs(difference).max() <= tolerance:
                 return Shape(((float(shares[k]), self._codes[k]),))
         return None
 
@@ -304,32 +343,71 @@ class Shapes:
         else:
             groups = list(itertools.combinations(range(n), _MOST_IN_SUM))
         for joints in groups:
-            told = harmonics.expand(self.q, y, self.prismatic, tolerance, joints)
-            if told is not None:
-                return Shape(tuple((one.factor, harmonics.code(one.function)) for one in told))
+            terms = harmonics.expand(self.q, y, self.prismatic, tolerance, joints)
+            if terms is not None:
+                return Shape(tuple((term.factor, harmonics.code(term.function)) for term in terms))
         return None
+
+
+class _Function(NamedTuple):
+    """A function of the configuration: an expression of Python ("" is 1), and its samples (N,)."""
+
+    code: str
+    values: Array
+
+
+def _waves(q: Array, turning: Sequence[int]) -> list[_Function]:
+    """Return 1, and the cosines and sines of sums of angles that are tried."""
+    functions = [_Function("", np.ones(len(q)))]
+    for multiples in _angles(q.shape[1], turning):
+        text = _angle_text(multiples)
+        angle = q @ np.array(multiples, dtype=float)
+        functions.append(_Function(f"cos({text})", np.cos(angle)))
+        functions.append(_Function(f"sin({text})", np.sin(angle)))
+    return functions
+
+
+def _powers(q: Array, sliding: Sequence[int]) -> list[_Function]:
+    """Return 1, the sliding positions, and their products by twos."""
+    functions = [_Function("", np.ones(len(q)))]
+    functions += [_Function(f"q{i + 1}", q[:, i]) for i in sliding]
+    for i, j in itertools.combinations_with_replacement(sliding, 2):
+        code = _product([f"q{i + 1}", f"q{j + 1}"])
+        functions.append(_Function(code, q[:, i] * q[:, j]))
+    return functions
 
 
 def _angles(n: int, turning: Sequence[int]) -> list[tuple[int, ...]]:
     """Return the whole multiples of the angles whose sines and cosines are tried."""
     if len(turning) <= _ALL_ANGLES:
         choices = [(-1, 0, 1) if i in turning else (0,) for i in range(n)]
-        every = [k for k in itertools.product(*choices) if next((x for x in k if x), 0) > 0]
-        return sorted(every, key=lambda k: sum(map(abs, k)))
-    found = [tuple(int(i == j) for i in range(n)) for j in turning]
+        with_positive_first = [k for k in itertools.product(*choices) if next(filter(None, k), 0) > 0]
+        return sorted(with_positive_first, key=lambda k: sum(map(abs, k)))
+    angles = [_multiples(n, {i: 1}) for i in turning]
     for length in range(2, len(turning) + 1):
         for start in range(len(turning) - length + 1):
-            chosen = turning[start : start + length]
-            found.append(tuple(int(i in chosen) for i in range(n)))
+            neighbours = turning[start : start + length]
+            angles.append(_multiples(n, dict.fromkeys(neighbours, 1)))
             if length == 2:
-                found.append(tuple({chosen[0]: 1, chosen[1]: -1}.get(i, 0) for i in range(n)))
-    return found
+                first, second = neighbours
+                angles.append(_multiples(n, {first: 1, second: -1}))
+    return angles
+
+
+def _multiples(n: int, multiple_of: Mapping[int, int]) -> tuple[int, ...]:
+    """Return how often each joint's angle is in a sum."""
+    return tuple(multiple_of.get(i, 0) for i in range(n))
 
 
 def _angle_text(k: Sequence[int]) -> str:
     """Return a sum of angles: "q1 - q2"."""
-    text = "".join(f" {'+' if x > 0 else '-'} q{i + 1}" for i, x in enumerate(k) if x)
-    return text.removeprefix(" + ").replace(" - ", "-", 1) if text.startswith(" - ") else text[3:]
+    text = ""
+    for joint, multiple in enumerate(k, 1):
+        if multiple:
+            text += f" {'+' if multiple > 0 else '-'} q{joint}"
+    if text.startswith(" - "):
+        return text.replace(" - ", "-", 1)
+    return text.removeprefix(" + ")
 
 
 def _product(codes: list[str]) -> str:
