@@ -53,6 +53,12 @@ _IN_WORDS = {
 VERTICALS = ("up", "down")
 
 
+#: Functions whose values are other ones in other coordinates, by what they give.
+_CONVERTED_MATRICES = ("mass_matrix", "coriolis_matrix")
+_CONVERTED_TORQUES = ("coriolis_torque", "gravity", "inverse_dynamics")
+_CONVERTED = (*_CONVERTED_MATRICES, *_CONVERTED_TORQUES, "forward_dynamics", "jacobian")
+
+
 class Convention(NamedTuple):
     """How a model differs from the robot without being wrong.
 
@@ -87,13 +93,16 @@ class Convention(NamedTuple):
             if name == "forward_dynamics":
                 others[-1] = back.T @ rest[-1]
             value = function(A @ q + b, *others)
-            if name in ("mass_matrix", "coriolis_matrix"):
-                return A.T @ np.asarray(value, dtype=np.float64) @ A
-            if name in ("coriolis_torque", "gravity", "inverse_dynamics"):
-                return A.T @ np.asarray(value, dtype=np.float64).ravel()
+            if name not in _CONVERTED:
+                return value
+            array = np.asarray(value, dtype=np.float64)
+            if name in _CONVERTED_MATRICES:
+                return A.T @ array @ A
+            if name in _CONVERTED_TORQUES:
+                return A.T @ array.ravel()
             if name == "forward_dynamics":
-                return back @ np.asarray(value, dtype=np.float64).ravel()
-            return np.asarray(value, dtype=np.float64) @ A if name == "jacobian" else value
+                return back @ array.ravel()
+            return array @ A
 
         return call
 
@@ -106,10 +115,10 @@ def near_function(name: str, known: Mapping[str, tuple[str, ...]]) -> str | None
         known: functions that are compared, by name.
     """
     folded = name.casefold()
-    for part, function in _MEANT.items():
-        if part in folded:
+    for fragment, function in _MEANT.items():
+        if fragment in folded:
             return function
-    folded_names = {each.casefold(): each for each in known}
+    folded_names = {known_name.casefold(): known_name for known_name in known}
     near = get_close_matches(folded, folded_names, n=1, cutoff=0.6)
     return folded_names[near[0]] if near else None
 
@@ -141,24 +150,30 @@ def _without_motors(function: Callable[..., Any], passive: tuple[int, ...]) -> C
 
     @wraps(function)
     def call(q: Array, v: Array, tau: Array) -> Any:
-        held, alone = tau.copy(), np.delete(tau, passive)
-        held[[*passive]] = 0.0
-        forms = [held, alone, *map(float, alone if len(alone) == 1 else ())]
-        found, errors = [], []
-        for given in forms:
+        all_torques = tau.copy()
+        all_torques[[*passive]] = 0.0
+        of_motors = np.delete(tau, passive)
+        forms: list[Any] = [all_torques, of_motors]
+        if len(of_motors) == 1:
+            forms.append(float(of_motors[0]))
+        values, errors = [], []
+        for torques in forms:
             try:
-                value = function(q, v, given)
+                value = function(q, v, torques)
             except (IndexError, TypeError, ValueError) as error:
                 errors.append(error)
                 continue
-            if np.size(value) == len(q):
-                found.append(value)
-                # A first entry that is a passive joint's may be meant as that of the first motor.
-                if given is not held or not np.array_equal(value, function(q, v, np.zeros_like(held))):
-                    return value
-        if not found and errors:
+            if np.size(value) != len(q):
+                continue
+            values.append(value)
+            if torques is not all_torques:
+                return value
+            # A first entry that is a passive joint's may be meant as that of the first motor.
+            if not np.array_equal(value, function(q, v, np.zeros_like(all_torques))):
+                return value
+        if not values and errors:
             raise errors[0]
-        return found[0] if found else value
+        return values[0] if values else value
 
     return call
 
@@ -186,13 +201,15 @@ def declare_convention(
         ParameterError: when one of them is not possible.
     """
     _check_names(names, known)
-    known_as, mapped = {**SHORT, **names}, tuple(names)
+    known_as = {**SHORT, **names}
+    mapped = tuple(names)
     without_motor = _places(tree, passive)
     if not absolute and from_vertical is None:
         return Convention(known_as, mapped=mapped, n=tree.n if tree else None, passive=without_motor)
     if tree is None:
         raise ParameterError("robot", None, "given, as `absolute` and `from_vertical` are about its joints")
-    A, b = np.eye(tree.n), np.zeros(tree.n)
+    A = np.eye(tree.n)
+    b = np.zeros(tree.n)
     if absolute:
         B = absolute_angles(tree)
         if np.array_equal(B, A):
@@ -220,10 +237,10 @@ def _places(tree: Tree | None, passive: str | Sequence[str]) -> tuple[int, ...]:
     for name in names:
         if not isinstance(name, str) or name not in tree.joint_names:
             raise NameNotFound("joint", name, tree.joint_names)
-    found = tuple(sorted({tree.joint_names.index(name) for name in names}))
-    if len(found) == tree.n:
+    places = {tree.joint_names.index(name) for name in names}
+    if len(places) == tree.n:
         raise ParameterError("passive", list(names), "fewer joints than there are: some joint has a motor")
-    return found
+    return tuple(sorted(places))
 
 
 def _check_names(names: Mapping[str, str], known: tuple[str, ...]) -> None:
@@ -236,9 +253,10 @@ def _check_names(names: Mapping[str, str], known: tuple[str, ...]) -> None:
                 known,
                 f"the name in the model comes first; got {mine}={name}",
             )
-    if twice := next((name for name, k in Counter(names.values()).items() if k > 1), None):
-        both = ", ".join(f"{mine}={name}" for mine, name in names.items() if name == twice)
-        raise ParameterError("names", both, f"one function for {twice}: only one is compared")
+    for twice, count in Counter(names.values()).items():
+        if count > 1:
+            both = ", ".join(f"{mine}={name}" for mine, name in names.items() if name == twice)
+            raise ParameterError("names", both, f"one function for {twice}: only one is compared")
 
 
 def _quarter(tree: Tree, way: str) -> tuple[int, float]:
@@ -249,14 +267,18 @@ def _quarter(tree: Tree, way: str) -> tuple[int, float]:
     for i in range(tree.n):
         R = R @ tree.rotations[i]
         axis = R @ tree.axes[i]
-        if not tree.prismatic[i] and abs(axis[2]) < 1e-6:
-            ahead = tree.next_joint(i)
-            link = ahead if ahead is not None and ahead.any() else tree.bodies[i].com
-            for turn in (np.pi / 2, -np.pi / 2, 0.0, np.pi):
-                up = float((R @ pin.exp3(turn * tree.axes[i]) @ link)[2])
-                if abs(up) > 0.99 * float(np.linalg.norm(link)) and (up > 0.0) == (way == "up"):
-                    return i, float(turn)
-            break
+        if tree.prismatic[i] or abs(axis[2]) >= 1e-6:
+            continue
+        link = tree.next_joint(i)
+        if link is None or not link.any():
+            link = tree.bodies[i].com
+        length = float(np.linalg.norm(link))
+        for turn in (np.pi / 2, -np.pi / 2, 0.0, np.pi):
+            turned = R @ pin.exp3(turn * tree.axes[i]) @ link
+            height = float(turned[2])
+            if abs(height) > 0.99 * length and (height > 0.0) == (way == "up"):
+                return i, float(turn)
+        break
     raise ParameterError(
         "from_vertical", way, "None: no joint with a level axis has a link that can stand upright"
     )

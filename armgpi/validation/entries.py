@@ -33,14 +33,17 @@ def entry_at(tree: ast.Module, span: Span) -> Entry:
         tree: of the whole source.
         span: first line, first column, last line, last column of it, with or without its sign.
     """
-    parents = {child: node for node in ast.walk(tree) for child in ast.iter_child_nodes(node)}
-    node = next((x for x in ast.walk(tree) if isinstance(x, ast.expr) and _ends(x) == span), None)
+    nodes = list(ast.walk(tree))
+    parents = {child: node for node in nodes for child in ast.iter_child_nodes(node)}
+    expressions = (node for node in nodes if isinstance(node, ast.expr))
+    node = next((expression for expression in expressions if _ends(expression) == span), None)
     indices: tuple[int, ...] = ()
     outermost: ast.AST | None = None
     while node is not None:
         parent = parents.get(node)
         if isinstance(parent, ast.List | ast.Tuple) and not _is_unpacked(parent, parents):
-            indices, outermost = (parent.elts.index(node), *indices), parent
+            indices = (parent.elts.index(node), *indices)
+            outermost = parent
         elif not (isinstance(parent, ast.UnaryOp) or _only_keeps(parent, node)):
             break
         node = parent if isinstance(parent, ast.expr) else None
@@ -51,16 +54,20 @@ def entry_at(tree: ast.Module, span: Span) -> Entry:
 
 def shown(source: str, name: str, span: Span) -> str:
     """Return what a number at a span is called: its name, of a list with the index."""
-    return entry_at(ast.parse(source), span).named(name.strip("'")) if name else ""
+    if not name:
+        return ""
+    return entry_at(ast.parse(source), span).named(name.strip("'"))
 
 
 def alike(name: str, other: str) -> bool:
     """Tell whether two names differ by their digits alone: l1 and l2, link_1 and link_2."""
-    return re.sub(r"\d+", "", name) == re.sub(r"\d+", "", other)
+    without_digits, other_without_digits = (re.sub(r"\d+", "", text) for text in (name, other))
+    return without_digits == other_without_digits
 
 
 def _ends(node: ast.expr) -> Span:
-    return node.lineno, node.col_offset, node.end_lineno or node.lineno, node.end_col_offset or 0
+    last_line = node.end_lineno or node.lineno
+    return node.lineno, node.col_offset, last_line, node.end_col_offset or 0
 
 
 def _is_unpacked(node: ast.List | ast.Tuple, parents: dict[ast.AST, ast.AST]) -> bool:

@@ -55,7 +55,9 @@ class Adapted:
 
     def __init__(self, name: str, function: Callable[..., Any], with_base: bool) -> None:
         """Take the name of a function, the function, and whether its joints are counted without a base."""
-        self._name, self._function, self._with_base = name, function, with_base
+        self._name = name
+        self._function = function
+        self._with_base = with_base
         self.form: Form | None = None
         update_wrapper(self, function, updated=())
 
@@ -63,20 +65,21 @@ class Adapted:
         """Return what it gives for arrays of shape (n,)."""
         if self.form is None:
             return self._first(*state)
-        columns = self.form.columns
-        return self._plain(self._function(*map(_column, state)) if columns else self._function(*state))
+        arguments = map(_column, state) if self.form.columns else state
+        return self._plain(self._function(*arguments))
 
     def _first(self, *state: Array) -> Any:
         """Return what it gives, and keep which form it has."""
+        n = len(state[0])
         columns = [_column(x) for x in state]
         try:
             value = self._function(*state)
-            self.form = self._form_of(value, len(state[0]), False)
+            self.form = self._form_of(value, n, columns=False)
         except Exception:
             with suppress(Exception):  # the first one is said
                 value = self._function(*columns)
-                form = self._form_of(value, len(state[0]), True)
-                if self._is_expected(_shape_of(value), form, len(state[0])):
+                form = self._form_of(value, n, columns=True)
+                if self._is_expected(_shape_of(value), form, n):
                     self.form = form
                     return self._plain(value)
             raise
@@ -85,21 +88,28 @@ class Adapted:
     def _form_of(self, value: Any, n: int, columns: bool) -> Form:
         shape = _shape_of(value)
         base = self._with_base and _has_base(self._name, shape, n)
-        return Form(columns, _is_transposed(self._name, value, shape, n), base)
+        transposed = _is_transposed(self._name, value, shape, n)
+        return Form(columns, transposed, base)
 
     def _is_expected(self, shape: tuple[int, ...], form: Form, n: int) -> bool:
         """Tell whether a function of columns returns something of as many joints."""
-        return form.base or form.transposed or n in shape or self._name not in (*_MATRICES, *_VECTORS)
+        if form.base or form.transposed or n in shape:
+            return True
+        return self._name not in (*_MATRICES, *_VECTORS)
 
     def _plain(self, value: Any) -> Any:
         """Return what it gave in the plain form."""
         form = self.form
         if form is None or not (form.transposed or form.base):
             return value
-        array = np.asarray(value).T if form.transposed else np.asarray(value)
+        array = np.asarray(value)
+        if form.transposed:
+            array = array.T
         if not form.base:
             return array
-        return array[BASE:, BASE:] if self._name in _MATRICES else array.ravel()[BASE:]
+        if self._name in _MATRICES:
+            return array[BASE:, BASE:]
+        return array.ravel()[BASE:]
 
 
 def _column(x: Array) -> Array:
@@ -118,10 +128,11 @@ def _shape_of(value: Any) -> tuple[int, ...]:
 def _is_transposed(name: str, value: Any, shape: tuple[int, ...], n: int) -> bool:
     """Tell whether a value is the transpose of what is expected, by its shape or its last row."""
     if name == "jacobian":
-        return len(shape) == 2 and shape[0] == n != shape[1] and shape[1] in (2, 3, 6)
+        return shape in ((n, 2), (n, 3), (n, 6)) and shape[1] != n
     if name == "forward_kinematics" and shape == (4, 4):
         pose = np.asarray(value, dtype=np.float64)
-        return bool(pose[3, 3] == 1.0 and not pose[:3, 3].any() and pose[3, :3].any())
+        last_row, last_column = pose[3, :3], pose[:3, 3]
+        return bool(pose[3, 3] == 1.0 and last_row.any() and not last_column.any())
     return False
 
 
@@ -129,7 +140,8 @@ def _has_base(name: str, shape: tuple[int, ...], n: int) -> bool:
     """Tell whether a function has the rows of a base beside those of n joints."""
     if name in _MATRICES:
         return shape == (n + BASE, n + BASE)
-    return name in _VECTORS and shape in ((n + BASE,), (n + BASE, 1), (1, n + BASE))
+    count = n + BASE
+    return name in _VECTORS and shape in ((count,), (count, 1), (1, count))
 
 
 def forms_of_jacobian(J: Array) -> Iterable[tuple[str, Array]]:
@@ -137,12 +149,15 @@ def forms_of_jacobian(J: Array) -> Iterable[tuple[str, Array]]:
     if J.shape[1] == J.shape[2]:
         yield "it returns the transpose (the convention of row vectors)", np.swapaxes(J, 1, 2)
     if J.shape[1] == BASE:
-        swapped = np.concatenate([J[:, 3:], J[:, :3]], axis=1)
-        yield "its first three rows are angular, the last three linear", swapped
+        yield "its first three rows are angular, the last three linear", _with_linear_first(J)
         if J.shape[2] == BASE:
-            turned = np.swapaxes(J, 1, 2)
-            both = np.concatenate([turned[:, 3:], turned[:, :3]], axis=1)
-            yield "it returns the transpose, with the angular part first", both
+            transposed = np.swapaxes(J, 1, 2)
+            yield "it returns the transpose, with the angular part first", _with_linear_first(transposed)
+
+
+def _with_linear_first(J: Array) -> Array:
+    """Return samples of Jacobians whose angular rows come first (N, 6, n), with these last."""
+    return np.concatenate([J[:, 3:], J[:, :3]], axis=1)
 
 
 def adapted(calls: Mapping[str, Callable[..., Any]], with_base: bool) -> dict[str, Callable[..., Any]]:

@@ -9,7 +9,6 @@ finds a mistyped mass whose wrong value is that of another link, or a default of
 from __future__ import annotations
 
 import ast
-import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple, Self
@@ -21,7 +20,7 @@ from armgpi.errors import ModelError
 from armgpi.validation import samples
 from armgpi.validation.course import seconds_used
 from armgpi.validation.edits import GRAVITY, Change, apply_changes, harmless
-from armgpi.validation.entries import alike, entry_at
+from armgpi.validation.entries import Span, alike, entry_at
 from armgpi.validation.phrasing import known_numbers
 from armgpi.validation.problem import Mask
 from armgpi.validation.proofs import Repaired
@@ -90,13 +89,13 @@ def typed_numbers(source: str) -> list[Typed]:
     """Return the numbers that a source states: those with a name, and those in tables of text."""
     tree = ast.parse(source)
     lines = source.splitlines()
-    found = []
-    for name, node in numbers(tree):
-        found.append(_typed(name.strip("'"), node, lines))
-    named = {(one.line, one.start) for one in found}
-    found += [one for one in _gravities(tree, lines) if (one.line, one.start) not in named]
-    found += _in_tables(tree, lines)
-    return [one for one in found if _is_varied(one)]
+    named = [_typed(name.strip("'"), node, lines) for name, node in numbers(tree)]
+    places_of_named = {(number.line, number.start) for number in named}
+    gravities = [
+        number for number in _gravities(tree, lines) if (number.line, number.start) not in places_of_named
+    ]
+    in_tables = _in_tables(tree, lines)
+    return [number for number in (*named, *gravities, *in_tables) if _is_varied(number)]
 
 
 def _typed(name: str, node: ast.Constant, lines: Sequence[str]) -> Typed:
@@ -106,9 +105,9 @@ def _typed(name: str, node: ast.Constant, lines: Sequence[str]) -> Typed:
     return Typed(name, node.lineno, start, end, text)
 
 
-def _is_varied(one: Typed) -> bool:
+def _is_varied(number: Typed) -> bool:
     try:
-        return one.value != 0.0 and one.name not in ("n", "N")
+        return number.value != 0.0 and number.name not in ("n", "N")
     except ValueError:  # 1_000, 0x10
         return False
 
@@ -116,21 +115,22 @@ def _is_varied(one: Typed) -> bool:
 def _gravities(tree: ast.Module, lines: list[str]) -> Iterator[Typed]:
     """Yield what stands for gravity inside of formulas, where it needs no name."""
     for node in ast.walk(tree):
-        if not isinstance(node, ast.Constant) or not isinstance(node.value, float):
-            continue
-        if node.value in GRAVITY:
-            yield _typed("gravity", node, lines)
+        match node:
+            case ast.Constant(value=float() as value) if value in GRAVITY:
+                yield _typed("gravity", node, lines)
 
 
 def _in_tables(tree: ast.Module, lines: list[str]) -> Iterator[Typed]:
     """Yield the numbers in texts that have several, but for docstrings."""
-    documentation = [x.value for x in ast.walk(tree) if isinstance(x, ast.Expr)]
-    for node in ast.walk(tree):
-        if not (isinstance(node, ast.Constant) and isinstance(node.value, str)) or node in documentation:
+    nodes = list(ast.walk(tree))
+    documentation = {node.value for node in nodes if isinstance(node, ast.Expr)}
+    for node in nodes:
+        if not isinstance(node, ast.Constant) or not isinstance(node.value, str):
             continue
-        if len(_IN_TEXT.findall(node.value)) < _TABLE:
+        if node in documentation or len(_IN_TEXT.findall(node.value)) < _TABLE:
             continue
-        for line in range(node.lineno, (node.end_lineno or node.lineno) + 1):
+        last = node.end_lineno or node.lineno
+        for line in range(node.lineno, last + 1):
             text = lines[line - 1]
             for match in _IN_TEXT.finditer(text):
                 start = len(text[: match.start()].encode())
@@ -157,10 +157,12 @@ def find_wrong_number(compared: Compared) -> Repaired | None:
 def _found_among(numbers_of_source: Sequence[Typed], search: _Search, compared: Compared) -> Repaired | None:
     """Return the one of some numbers of which another value makes the model agree, None without one."""
     late = search.seconds_used() + min(_SECONDS, compared.seconds_left)
-    robots = np.array([value for value, _ in known_numbers(compared.problem.tree)])
+    robots_numbers = np.array([value for value, _ in known_numbers(compared.problem.tree)])
     for candidates in (_alone(numbers_of_source), _repeated(numbers_of_source)):
         repairs: list[Repaired] = []
-        for places in itertools.takewhile(lambda _: search.seconds_used() < late, candidates):
+        for places in candidates:
+            if search.seconds_used() >= late:
+                break
             repair = search.repair(places)
             if repair is not None:
                 repairs.append(repair)
@@ -168,26 +170,32 @@ def _found_among(numbers_of_source: Sequence[Typed], search: _Search, compared: 
             compared.course.unsearched.append("wrong numbers")
         # A mass and a length, say, of which one becomes a number of the robot; or not all were tried.
         if len(repairs) > 1 or (repairs and search.seconds_used() >= late):
-            repairs = [one for one in repairs if _is_of(robots, one.changes[0].new)]
+            repairs = [repair for repair in repairs if _is_among(robots_numbers, _new_number(repair))]
             return proved_for_other_numbers(compared, repairs[0]) if len(repairs) == 1 else None
         # A formula is wrong sooner than a number is that nobody typed and the robot does not have.
         if not repairs:
             continue
-        new = repairs[0].changes[0].new
-        if _may_be_typed(new) or _is_of(robots, new):
+        new = _new_number(repairs[0])
+        if _may_be_typed(new) or _is_among(robots_numbers, new):
             return proved_for_other_numbers(compared, repairs[0])
     return None
 
 
-def _is_of(robots: Array, new: str) -> bool:
+def _new_number(repair: Repaired) -> str:
+    """Return the number that a repair puts in the place of a wrong one."""
+    return repair.changes[0].new
+
+
+def _is_among(robots_numbers: Array, new: str) -> bool:
     """Tell whether a number is one of the robot's, shape (k,)."""
-    return bool(np.isclose(robots, float(new), _EXACT).any())
+    return bool(np.isclose(robots_numbers, float(new), _EXACT).any())
 
 
 def _may_be_typed(new: str) -> bool:
     """Tell whether a number has so few digits that somebody may have meant it."""
-    digits = new.lower().partition("e")[0].replace(".", "").replace("-", "").strip("0")
-    return len(digits) <= _MEANT_DIGITS
+    mantissa, _, _ = new.lower().partition("e")
+    digits = [character for character in mantissa if character.isdigit()]
+    return len("".join(digits).strip("0")) <= _MEANT_DIGITS
 
 
 def doubted(compared: Compared, found: Repaired) -> Repaired:
@@ -201,11 +209,12 @@ def doubted(compared: Compared, found: Repaired) -> Repaired:
     if source is None:
         return found
     typed = typed_numbers(source)
-    names = {one.span: one.name for one in typed}
-    if any(change.kind != "value" and change.span not in names for change in found.changes):
-        return found
-    spans = {one.span for one in found.changes}
-    others = [one for one in typed if one.span not in spans]
+    names = {number.span: number.name for number in typed}
+    for change in found.changes:
+        if change.kind != "value" and change.span not in names:
+            return found
+    changed_spans = {change.span for change in found.changes}
+    others = [number for number in typed if number.span not in changed_spans]
     with _Search(compared, source) as search:
         instead = _other_place(ast.parse(source), found, names, others, search)
     return found._replace(sure=False, instead=instead) if instead else found
@@ -214,7 +223,7 @@ def doubted(compared: Compared, found: Repaired) -> Repaired:
 def _other_place(
     tree: ast.Module,
     found: Repaired,
-    names: Mapping[tuple[int, int, int, int], str],
+    names: Mapping[Span, str],
     others: Sequence[Typed],
     search: _Search,
 ) -> str:
@@ -229,51 +238,65 @@ def _other_place(
     """
     for change in found.changes:
         entry = entry_at(tree, change.span)
-        called = entry.named(names.get(change.span) or change.name.strip("'"))
+        changed_name = entry.named(names.get(change.span) or change.name.strip("'"))
         for other in others:
-            at = entry_at(tree, other.span)
-            name = at.named(other.name)
-            # One number that is the default of an argument of several functions has one name.
-            if not _is_as_large(other, change.new) or (name == called and at.holder is None):
+            if not _is_as_large(other, change.new):
                 continue
-            same = [x for x in others if (x.name, x.text) == (other.name, other.text)]
-            unread = search.is_unread((other,) if at.holder else tuple(same))
-            beside = entry.holder is not None and entry.holder is at.holder
-            if unread or (beside and (entry.indices or alike(called, name))):
-                which = f"another {name}" if name == called else name or other.text
-                which += f" in line {other.line} has that value"
-                which += ", and nothing depends on it" if unread else ""
-                return f"{which}: it may belong in place of {called}"
+            other_entry = entry_at(tree, other.span)
+            other_name = other_entry.named(other.name)
+            # One number that is the default of an argument of several functions has one name.
+            if other_name == changed_name and other_entry.holder is None:
+                continue
+            places = [other] if other_entry.holder else _stated_alike(other, others)
+            unread = search.is_unread(tuple(places))
+            beside = entry.holder is not None and entry.holder is other_entry.holder
+            if unread or (beside and (entry.indices or alike(changed_name, other_name))):
+                number = f"another {other_name}" if other_name == changed_name else other_name or other.text
+                reason = ", and nothing depends on it" if unread else ""
+                value = f"{number} in line {other.line} has that value{reason}"
+                return f"{value}: it may belong in place of {changed_name}"
     return ""
 
 
-def _is_as_large(one: Typed, new: str) -> bool:
+def _is_as_large(number: Typed, new: str) -> bool:
     """Tell whether a number is what another becomes, up to its sign; what is no plain number is none."""
     try:
-        return bool(np.isclose(abs(one.value), abs(float(new)), _EXACT, 0.0))
+        return bool(np.isclose(abs(number.value), abs(float(new)), _EXACT, 0.0))
     except ValueError:
         return False
 
 
-def _alone(found: Sequence[Typed]) -> list[Places]:
+def _stated_alike(number: Typed, numbers_of_source: Sequence[Typed]) -> list[Typed]:
+    """Return the numbers that have the same name and are written in the same way."""
+    key = (number.name, number.text)
+    return [other for other in numbers_of_source if (other.name, other.text) == key]
+
+
+def _alone(numbers_of_source: Sequence[Typed]) -> list[Places]:
     """Return every number as a candidate of its own."""
-    return [(one,) for one in found]
+    return [(number,) for number in numbers_of_source]
 
 
-def _repeated(found: Sequence[Typed]) -> list[Places]:
+def _repeated(numbers_of_source: Sequence[Typed]) -> list[Places]:
     """Return the numbers that are stated on several lines under one name."""
     groups: dict[tuple[str, str], list[Typed]] = {}
-    for one in found:
-        if one.name:
-            groups.setdefault((one.name, one.text), []).append(one)
-    return [tuple(places) for places in groups.values() if len({one.line for one in places}) > 1]
+    for number in numbers_of_source:
+        if number.name:
+            groups.setdefault((number.name, number.text), []).append(number)
+    candidates = []
+    for places in groups.values():
+        lines = {number.line for number in places}
+        if len(lines) > 1:
+            candidates.append(tuple(places))
+    return candidates
 
 
 class _Search:
     """A model that is run with other numbers, all in one process; a context manager, which ends that."""
 
     def __init__(self, compared: Compared, source: str) -> None:
-        self._compared, self._source = compared, source
+        self._compared = compared
+        self._source = source
         self._twin: Worker | None = None
         problem = compared.problem
         self._few = compared.states.first(GLANCED)
@@ -311,8 +334,9 @@ class _Search:
     def repair(self, places: Places) -> Repaired | None:
         """Return the change of a number with which the model agrees, None when there is none."""
         fast = self._fast_first[:1]
-        mine = self._compared.problem.of_function(fast[0])
-        has_others = len(self._fast_first) > 1 and bool((mine & ~self._right).any())
+        of_fast = self._compared.problem.of_function(fast[0])
+        is_fast_wrong = bool((of_fast & ~self._right).any())
+        has_others = len(self._fast_first) > 1 and is_fast_wrong
         # What does not explain the fast function does not explain all.
         if has_others and self._explaining_share(places, fast) is None:
             return None
@@ -322,7 +346,7 @@ class _Search:
         if abs(nearest) < _NONE_OF_IT:
             nearest = 0.0
         new = _shortest(nearest * places[0].value)
-        changes = tuple(one.change(new) for one in places)
+        changes = tuple(number.change(new) for number in places)
         source = apply_changes(self._source, changes)
         problem = self._compared.problem
         if not agrees(self._compared.worker, source, self._compared.states, problem):
@@ -342,28 +366,38 @@ class _Search:
                 return None
             values.append(columns)
         rows = min(map(len, values))
-        mine = np.isin(self._compared.problem.functions, names)
-        at_shares = np.stack([x[:rows, mine] for x in values])
-        return _nearest_share(at_shares, self._target[:rows, mine])
+        of_names = np.isin(self._compared.problem.functions, names)
+        at_shares = np.stack([columns[:rows, of_names] for columns in values])
+        return _nearest_share(at_shares, self._target[:rows, of_names])
 
     def is_unread(self, places: Places) -> bool:
         """Tell whether another value of a number leaves all that the model gives."""
         nothing = np.zeros_like(self._right)
-        columns = self._columns(places, _SHARES[2] * places[0].value, self._fast_first, nothing)
-        return columns is not None and bool((self._moves(columns) <= 1.0).all())
+        value = _SHARES[2] * places[0].value
+        columns = self._columns(places, value, self._fast_first, may_move=nothing)
+        if columns is None:
+            return False
+        return bool((self._moves(columns) <= 1.0).all())
 
     def _may_be_wrong(self, columns: Array) -> bool:
         """Tell whether a number moves something that differs, and nothing that agrees."""
         moved = self._moves(columns) > 1.0
-        return bool((moved & ~self._right).any()) and not (moved & self._right).any()
+        moves_wrong = bool((moved & ~self._right).any())
+        moves_right = bool((moved & self._right).any())
+        return moves_wrong and not moves_right
 
     def _moves(self, columns: Array) -> Array:
         """Return how far the elements move at most, over the tolerances; a slow model has fewer rows."""
         rows = min(len(columns), len(self._start))
-        return np.asarray(np.abs(columns[:rows] - self._start[:rows]).max(axis=0))
+        differences = np.abs(columns[:rows] - self._start[:rows])
+        return np.asarray(differences.max(axis=0))
 
     def _columns(
-        self, places: Places, value: float, names: Sequence[str], may_move: Mask | None = None
+        self,
+        places: Places,
+        value: float,
+        names: Sequence[str],
+        may_move: Mask | None = None,
     ) -> Array | None:
         """Return what the model gives with another number, over the tolerances.
 
@@ -377,7 +411,8 @@ class _Search:
             may_move: the elements that it may move; all when not given.
         """
         problem = self._compared.problem
-        source = apply_changes(self._source, tuple(one.change(repr(value)) for one in places))
+        changes = tuple(number.change(repr(value)) for number in places)
+        source = apply_changes(self._source, changes)
         sampled: dict[str, samples.Sampled] = {}
         try:
             worker = self._read(source)
@@ -385,9 +420,10 @@ class _Search:
                 sampled |= samples.glance(worker, self._few, problem.noise, [name])
                 if not problem.has_layout_of(sampled):
                     return None
-                given = problem.user_columns({k: s.quantities for k, s in sampled.items()}, GLANCED)
-                columns = np.asarray(given / problem.tolerance)
-                if may_move is not None and (self._moves(columns) > 1.0)[~may_move].any():
+                quantities = {function: of.quantities for function, of in sampled.items()}
+                columns = np.asarray(problem.user_columns(quantities, GLANCED) / problem.tolerance)
+                moved = self._moves(columns) > 1.0
+                if may_move is not None and moved[~may_move].any():
                     return None
         except ModelError:
             self._end()
@@ -402,30 +438,32 @@ def _nearest_share(values: Array, target: Array) -> float | None:
         values: at the shares above, (4, ...), of a cubic polynomial.
         target: what they should be.
     """
-    powers = np.vander(np.array(_SHARES), len(_SHARES), increasing=True)
-    coefficients = np.linalg.solve(powers, values.reshape(len(_SHARES), -1))
+    count = len(_SHARES)
+    powers = np.vander(np.array(_SHARES), count, increasing=True)
+    coefficients = np.linalg.solve(powers, values.reshape(count, -1))
     coefficients[0] -= target.ravel()
     if not np.isfinite(coefficients).all():
         return None
     # The squared distance is a polynomial of degree six; its least value is where its derivative is zero.
     gram = coefficients @ coefficients.T
-    squared = np.zeros(2 * len(_SHARES) - 1)
+    squared = np.zeros(2 * count - 1)
     for i, row in enumerate(gram):
         squared[i : i + len(row)] += row
-    size = np.abs(squared).max()
-    derivative = (squared[1:] * np.arange(1, len(squared))) / max(size, 1e-300)
+    size = max(np.abs(squared).max(), 1e-300)
+    derivative = (squared[1:] * np.arange(1, len(squared))) / size
     roots = np.roots(derivative[::-1])
     # A sign that is wrong is wrong in a formula sooner than in a number.
     is_real = np.abs(roots.imag) <= 1e-4 * np.abs(roots)
     real = roots.real[is_real & (roots.real > 0.0)]
     if not len(real):
         return None
-    exponents = np.arange(len(_SHARES))
-    left = [float(np.abs((share**exponents) @ coefficients).max()) for share in real]
-    best = int(np.argmin(left))
+    exponents = np.arange(count)
+    differences = [float(np.abs((share**exponents) @ coefficients).max()) for share in real]
+    best = int(np.argmin(differences))
     before = float(np.abs(coefficients.sum(axis=0)).max())
     share = float(real[best])
-    return share if left[best] <= 1e-3 * before and abs(share - 1.0) > _EXACT else None
+    explains = differences[best] <= 1e-3 * before
+    return share if explains and abs(share - 1.0) > _EXACT else None
 
 
 def _shortest(value: float) -> str:

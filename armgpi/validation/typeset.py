@@ -89,9 +89,8 @@ class _Tex(_Html):
     def symbol(self, text: str) -> str:
         if text in _GREEK or text in _FUNCTIONS:
             return rf"\{text} "
-        return (
-            text if len(text) == 1 and text.isascii() and text.isalpha() else rf"\text{{{latex_text(text)}}}"
-        )
+        is_letter = len(text) == 1 and text.isascii() and text.isalpha()
+        return text if is_letter else rf"\text{{{latex_text(text)}}}"
 
     def sign(self, text: str) -> str:
         return text
@@ -132,10 +131,11 @@ def tex(code: str) -> str | None:
 
 
 def _set(code: str, form: _Html) -> str | None:
+    if len(code) >= _TOO_LONG:
+        return None
     try:
-        return (
-            _Setter(form).of(ast.parse(code.strip(), mode="eval").body)[0] if len(code) < _TOO_LONG else None
-        )
+        tree = ast.parse(code.strip(), mode="eval")
+        return _Setter(form).text(tree.body)
     except (SyntaxError, ValueError, _Unset):
         return None
 
@@ -154,12 +154,13 @@ class _Setter:
         """
         match node:
             case ast.Constant(value=int() | float() as x):
-                return self.form.number(f"{x:g}" if len(repr(x)) > 8 else repr(x)), _WHOLE
+                digits = repr(x)
+                return self.form.number(digits if len(digits) <= 8 else f"{x:g}"), _WHOLE
             case ast.Name(id=name):
                 return self.name(name), _WHOLE
             case ast.UnaryOp(op=ast.USub() | ast.UAdd() as op, operand=inner):
-                sign = "-" if isinstance(op, ast.USub) else "+"
-                return self.form.row(self.form.sign(sign), self.least(inner, _PRODUCT)), _SIGN
+                sign = self.form.sign("-" if isinstance(op, ast.USub) else "+")
+                return self.form.row(sign, self.least(inner, _PRODUCT)), _SIGN
             case ast.BinOp():
                 return self.operation(node)
             case ast.Call():
@@ -172,39 +173,53 @@ class _Setter:
                 return self.form.matrix(self.rows(items)), _WHOLE
         raise _Unset
 
+    def text(self, node: ast.expr) -> str:
+        """Return an expression set, for where no brackets are needed."""
+        text, _ = self.of(node)
+        return text
+
     def attribute(self, node: ast.Attribute) -> tuple[str, int]:
         """Return a matrix transposed, or what is called so of an object or a module."""
         if node.attr == "T":
-            return self.form.over(self.least(node.value, _WHOLE), self.form.transposed), _POWER
+            matrix = self.least(node.value, _WHOLE)
+            return self.form.over(matrix, self.form.transposed), _POWER
         return self.name(node.attr), _WHOLE
 
     def least(self, node: ast.expr, strength: int) -> str:
         """Return an expression set, in brackets where it binds less than it has to."""
-        inner, own = self.of(node)
-        return inner if own >= strength else self.form.brackets(inner)
+        inner, inner_strength = self.of(node)
+        return inner if inner_strength >= strength else self.form.brackets(inner)
 
     def operation(self, node: ast.BinOp) -> tuple[str, int]:
         """Return a sum, a product, a fraction or a power."""
         form, left, right = self.form, node.left, node.right
-        signed = self.of(right)[1] == _SIGN
+        _, right_strength = self.of(right)
+        has_sign = right_strength == _SIGN  # -a after an operation stands in brackets
         match node.op:
             case ast.Add():
-                return form.row(self.of(left)[0], form.sign("+"), self.least(right, _POWER * signed)), _SUM
+                after = self.least(right, _POWER if has_sign else _SUM)
+                return form.row(self.text(left), form.sign("+"), after), _SUM
             case ast.Sub():
-                after = self.least(right, _POWER if signed else _PRODUCT)
-                return form.row(self.of(left)[0], form.sign("-"), after), _SUM
+                after = self.least(right, _POWER if has_sign else _PRODUCT)
+                return form.row(self.text(left), form.sign("-"), after), _SUM
             case ast.Mult() | ast.MatMult():
-                first = right
-                while isinstance(first, ast.BinOp):
-                    first = first.left
-                between = form.dot if isinstance(first, ast.Constant) else form.times
-                after = self.least(right, _POWER if signed else _PRODUCT)
-                return form.row(self.least(left, _PRODUCT), between, after), _PRODUCT
+                before = self.least(left, _PRODUCT)
+                after = self.least(right, _POWER if has_sign else _PRODUCT)
+                return form.row(before, self._multiplication(right), after), _PRODUCT
             case ast.Div():
-                return form.fraction(self.of(left)[0], self.of(right)[0]), _PRODUCT
+                return form.fraction(self.text(left), self.text(right)), _PRODUCT
             case ast.Pow():
-                return form.over(form.row(self.least(left, _WHOLE)), form.row(self.of(right)[0])), _POWER
+                base = form.row(self.least(left, _WHOLE))
+                exponent = form.row(self.text(right))
+                return form.over(base, exponent), _POWER
         raise _Unset
+
+    def _multiplication(self, right: ast.expr) -> str:
+        """Return what stands before a factor: a dot where that begins with a number."""
+        first = right
+        while isinstance(first, ast.BinOp):
+            first = first.left
+        return self.form.dot if isinstance(first, ast.Constant) else self.form.times
 
     def call(self, node: ast.Call) -> tuple[str, int]:
         """Return a sine, a root, a cross product, or what is made an array."""
@@ -212,31 +227,41 @@ class _Setter:
             case "array" | "Matrix" | "asarray", [inner]:
                 return self.of(inner)
             case "sqrt", [inner]:
-                return self.form.root(self.of(inner)[0]), _WHOLE
+                return self.form.root(self.text(inner)), _WHOLE
             case "cross", [left, right]:
-                sides = self.least(left, _POWER), self.form.cross, self.least(right, _POWER)
-                return self.form.row(*sides), _PRODUCT
+                before = self.least(left, _POWER)
+                after = self.least(right, _POWER)
+                return self.form.row(before, self.form.cross, after), _PRODUCT
             case name, [inner] if name in _FUNCTIONS:
-                return self.form.row(self.form.symbol(name), self.form.brackets(self.of(inner)[0])), _WHOLE
+                argument = self.form.brackets(self.text(inner))
+                return self.form.row(self.form.symbol(name), argument), _WHOLE
         raise _Unset
 
     def entry(self, node: ast.Subscript) -> str:
         """Return one entry of an array: its numbers count from 1; one of a dictionary is its name."""
-        items = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
-        if len(items) == 1 and isinstance(items[0], ast.Constant) and isinstance(items[0].value, str):
-            return self.name(items[0].value)
-        told = []
-        for item in items:
-            if isinstance(item, ast.Constant) and isinstance(item.value, int):
-                told.append(self.form.number(str(item.value + 1) if item.value >= 0 else str(item.value)))
-            else:
-                told.append(self.of(item)[0])
-        return self.form.under(self.of(node.value)[0], self.form.row(*told))
+        match node.slice:
+            case ast.Constant(value=str() as key) | ast.Tuple(elts=[ast.Constant(value=str() as key)]):
+                return self.name(key)
+            case ast.Tuple(elts=items):
+                indices = [self._index(item) for item in items]
+            case index:
+                indices = [self._index(index)]
+        return self.form.under(self.text(node.value), self.form.row(*indices))
+
+    def _index(self, index: ast.expr) -> str:
+        """Return an index: whole numbers from 0 count from 1."""
+        match index:
+            case ast.Constant(value=int() as number):
+                return self.form.number(str(number + 1 if number >= 0 else number))
+        return self.text(index)
 
     def rows(self, items: Sequence[ast.expr]) -> list[list[str]]:
         """Return the entries of a matrix; a plain list is a column."""
-        rows = [x.elts if isinstance(x, ast.List | ast.Tuple) else [x] for x in items]
-        return [[self.of(cell)[0] for cell in row] for row in rows]
+        rows = []
+        for item in items:
+            cells = item.elts if isinstance(item, ast.List | ast.Tuple) else [item]
+            rows.append([self.text(cell) for cell in cells])
+        return rows
 
     def name(self, name: str) -> str:
         """Return a name with what follows its first letter as an index: l_c2 for lc2."""
