@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from armgpi.base.arrays import Array
 from armgpi.errors import ArmgpiError, MissingPackage, ParameterError, RolloutError, UnfitLog
@@ -17,6 +18,9 @@ from armgpi.hardware.realtime.stages import CAPS, Folder, Stage, moving_torque
 from armgpi.loop.log import ArmLog
 from armgpi.loop.log import read as read_log
 from armgpi.supervisor import OF_TOOL, Reason
+
+#: Whether each of some joints is chosen, (n,).
+Mask = npt.NDArray[np.bool_]
 
 #: What a bring-up has to answer, in the order in which it can: key -> question.
 QUESTIONS = {
@@ -39,22 +43,45 @@ QUESTIONS = {
 _OF_ARM = ("rate", "whole arm")
 #: Share of samples that may be missed.
 _MISSED = 0.1
-#: A joint that was moved by hand moved at least so much, and not more than so much [rad or m]; another one
-#: less than this share of it; the arm began as near to its start; and its way is known within this factor.
-_MOVED, _TOO_FAR, _ALONG, _START, _RATIO = 0.05, 1.0, 0.4, 0.1, 1.6
-#: Torque beside the model's weight that friction explains: a share of what a joint is moved with, and
-#: of the arm's largest weight.
-_FRICTION, _WEIGHT = 0.06, 0.12
+#: A joint that was moved by hand moved at least so much [rad or m].
+_MOVED = 0.05
+#: It did not move more than this [rad or m].
+_TOO_FAR = 1.0
+#: Another joint moved less than this share of it.
+_ALONG = 0.4
+#: The arm began as near to its start [rad or m].
+_START = 0.1
+#: How far a joint was moved is known within this factor.
+_RATIO = 1.6
+#: Torque beside the model's weight that friction explains, as a share of what a joint is moved with.
+_FRICTION = 0.06
+#: The same as a share of the arm's largest weight.
+_WEIGHT = 0.12
+#: Samples that a log has, at least, and those of which a torque can be compared.
+_FEWEST = 10
+_FEWEST_ECHOED = 20
+#: Difference of a torque that a robot reports, as a share of the largest one sent and of the limit.
+_ECHO_OF_SENT = 0.05
+_ECHO_OF_LIMIT = 1e-3
+#: Share of the way of a stage before which its reference has not moved, and within which a joint rested.
+_BEFORE = 0.02
+_NOTHING = 0.2
+#: Samples of a log at which gravity torques are compared.
+_COMPARED = 50
 #: A base tilted by this has to show, or its mounting was not tested [rad].
 _TILT = math.radians(20.0)
 #: The torque that a robot reports over that weight: this far from 1 is another unit or scale.
 _SCALE = 0.3
-#: What a joint of a pulse goes at least, as a share of its way; others at most.
-_ANSWERED, _QUIET = 0.5, 0.3
-#: Lag beyond the file's [s], and torque over what the file expects either way, rotors being known to 2.5.
-_LAG, _MODEL = 0.004, 3.0
-#: Time over which an arm is at rest at the end of a stage, and in which a fault shows [s].
-_REST, _AROUND = 0.2, 0.1
+#: What a joint of a pulse goes at least, as a share of its way.
+_ANSWERED = 0.5
+#: Lag beyond the file's [s].
+_LAG = 0.004
+#: Torque over what the file expects either way, rotors being known to 2.5.
+_MODEL = 3.0
+#: Time over which an arm is at rest at the end of a stage [s].
+_REST = 0.2
+#: Time in which a fault shows [s].
+_AROUND = 0.1
 
 
 class Finding(NamedTuple):
@@ -95,9 +122,9 @@ class Verdict(NamedTuple):
     def plain(self) -> dict[str, object]:
         """Return it as plain data."""
         return {
-            "findings": [each._asdict() for each in self.findings],
-            "passed": {key: list(joints) for key, joints in self.passed.items()},
-            "not_tested": {key: list(joints) for key, joints in self.untested.items()},
+            "findings": [finding._asdict() for finding in self.findings],
+            "passed": {question: list(joints) for question, joints in self.passed.items()},
+            "not_tested": {question: list(joints) for question, joints in self.untested.items()},
             "next": None if self.following is None else self.following.name,
         }
 
@@ -128,23 +155,25 @@ def judge(folder: Folder, logs: Iterable[Path]) -> Verdict:
     findings: list[Finding] = []
     passed: dict[str, list[str]] = {}
     done = set()
-    for path in sorted(logs, key=lambda x: folder.stages.index(folder.stage(x))):
+    for path in sorted(logs, key=lambda log: folder.stages.index(folder.stage(log))):
         stage = folder.stage(path)
         wrong, tested = _judge_stage(folder, stage, read_log(path))
         findings += wrong
-        done |= set() if wrong else {stage.name}
+        if not wrong:
+            done.add(stage.name)
         for question, joints in tested.items():
             passed.setdefault(question, []).extend(joints)
-    failed = {(each.question, each.joint) for each in findings}
+    failed = {(finding.question, finding.joint) for finding in findings}
     fine: dict[str, tuple[str, ...]] = {}
     untested: dict[str, tuple[str, ...]] = {}
     for question in QUESTIONS:
         joints = ("",) if question in _OF_ARM else folder.stages[0].joints
-        sound = [x for x in joints if not {(question, x), (question, "")} & failed]
-        fine[question] = tuple(x for x in sound if x in passed.get(question, ()))
-        untested[question] = tuple(x for x in sound if x not in fine[question])
-    later = (stage for stage in folder.stages if stage.name not in done)
-    return Verdict(tuple(findings), fine, untested, None if findings else next(later, None))
+        tested_joints = passed.get(question, ())
+        sound = [] if (question, "") in failed else [x for x in joints if (question, x) not in failed]
+        fine[question] = tuple(joint for joint in sound if joint in tested_joints)
+        untested[question] = tuple(joint for joint in sound if joint not in tested_joints)
+    following = next((stage for stage in folder.stages if stage.name not in done), None)
+    return Verdict(tuple(findings), fine, untested, None if findings else following)
 
 
 def _judge_stage(
@@ -157,21 +186,24 @@ def _judge_stage(
     seen = _arrays(log, robot)
     tested: dict[str, tuple[str, ...]] = {}
     findings: list[Finding] = []
-    missed = 1.0 - len(log.samples) / max(float(log.samples["elapsed"].sum()), 1.0)
+    expected_samples = max(float(log.samples["elapsed"].sum()), 1.0)
+    missed = 1.0 - len(log.samples) / expected_samples
     if missed > _MISSED:
         remedy = "give the robot's sample time (sample_time), or a machine that keeps up"
         findings.append(Finding("rate", "", f"{missed:.0%} of the samples were missed", remedy))
     else:
         tested["rate"] = ("",)
     if stage.kind == "dry":
-        findings += _of_hand(seen, stage, experiment.reference.at(0.0).q, tested)
+        start = experiment.reference.at(0.0).q
+        findings += _of_hand(seen, stage, start, tested)
         if not findings:
             findings += _of_weight(seen, upright, tested)
         if seen.reason and not findings:
             findings.append(_stop_finding(seen))
     elif stage.kind in CAPS:
         findings += _of_echo(seen, robot)
-        findings += _of_stage(seen, stage, robot, upright, tested) if not findings else []
+        if not findings:
+            findings += _of_stage(seen, stage, robot, upright, tested)
         if stage.kind == "excite" and not findings:
             findings += _of_identification(log, robot, experiment, tested)
     elif seen.reason:
@@ -183,25 +215,36 @@ def _judge_stage(
 
 def _arrays(log: ArmLog, robot: Any) -> _Seen:
     """Return the samples of a log."""
-    rows, names = log.samples, tuple(robot.joint_names)
+    rows = log.samples
+    names = tuple(robot.joint_names)
     if tuple(log.header["joints"]) != names:
         raise ParameterError("log", ", ".join(log.header["joints"]), f"the joints {', '.join(names)}")
-    if len(rows) < 10:
+    if len(rows) < _FEWEST:
         raise RolloutError(f"{log.source}: has {len(rows)} samples; expected a whole stage")
     faulty = np.flatnonzero(rows["reason"] > Reason.NONE)
     first = int(faulty[0]) if faulty.size else len(rows)
-    reason, joint = (int(rows[name][first]) if faulty.size else 0 for name in ("reason", "joint"))
     q, tau = rows["q_measured"], rows["tau"]
-    dev = tau - robot.gravity(np.where(np.isfinite(q), q, 0.0))
-    return _Seen(names, log.t, q, rows["q_ref"], tau, dev, rows["applied"], reason, joint, first)
+    finite_q = np.where(np.isfinite(q), q, 0.0)
+    return _Seen(
+        names=names,
+        t=log.t,
+        q=q,
+        q_ref=rows["q_ref"],
+        tau=tau,
+        dev=tau - robot.gravity(finite_q),
+        applied=rows["applied"],
+        reason=int(rows["reason"][first]) if faulty.size else 0,
+        joint=int(rows["joint"][first]) if faulty.size else 0,
+        faulty=first,
+    )
 
 
 def _stop_finding(seen: _Seen) -> Finding:
     """Return that the supervisor stopped a stage for a reason of its own."""
-    why = Reason(seen.reason)
-    reason, joint = why.name, "" if why in OF_TOOL else seen.names[seen.joint]
-    said = f"stopped at {seen.t[seen.faulty]:.3g} s: {reason}"
-    return Finding("whole arm", joint, said, "docs/reasons.md has its causes")
+    reason = Reason(seen.reason)
+    joint = "" if reason in OF_TOOL else seen.names[seen.joint]
+    text = f"stopped at {seen.t[seen.faulty]:.3g} s: {reason.name}"
+    return Finding("whole arm", joint, text, "docs/reasons.md has its causes")
 
 
 def _of_hand(
@@ -230,8 +273,9 @@ def _of_hand(
             yield Finding("order", names[j], said, "send the positions in the order of the joints")
             return
     yield from _of_ways(names, way, moved[times], largest)
-    for j in map(int, np.flatnonzero(np.abs(seen.q[0] - start) > _START)):
-        said = f"began {seen.q[0][j] - start[j]:+.2g} from where the stage begins"
+    from_start = seen.q[0] - start
+    for j in map(int, np.flatnonzero(np.abs(from_start) > _START)):
+        said = f"began {from_start[j]:+.2g} from where the stage begins"
         yield Finding("zero", names[j], said, "begin there by the marks of the arm, or mend its zero")
     for question in ("order", "sign", "unit", "zero"):
         tested[question] = names
@@ -240,15 +284,17 @@ def _of_hand(
 def _of_ways(names: tuple[str, ...], way: Array, peaks: Array, largest: Array) -> Iterator[Finding]:
     """Find what each joint did where it was moved; `peaks` (n, n) has the whole arm then, joint by joint."""
     for j, name in enumerate(names):
-        others = np.where(np.arange(len(names)) == j, 0.0, peaks[j])
+        others = peaks[j].copy()
+        others[j] = 0.0
         i = int(np.abs(others).argmax())
+        ratio = largest[j] / abs(way[j])
         if abs(others[i]) > _ALONG * largest[j]:
             said = f"{names[i]} changed with it by {others[i]:.2g}"
             yield Finding("order", name, said, "its motors are coupled: take that out of the positions")
         elif peaks[j, j] * way[j] < 0.0:
             said = f"its position changed by {peaks[j, j]:+.2g} where it was moved {way[j]:+.2g}"
             yield Finding("sign", name, said, "turn the sign of its position round, and that of its torque")
-        elif not 1.0 / _RATIO < largest[j] / abs(way[j]) < _RATIO:
+        elif not 1.0 / _RATIO < ratio < _RATIO:
             said = f"moved {largest[j]:.3g} where it was moved {abs(way[j]):.2g}"
             yield Finding("unit", name, said, "look at the ratio of its gear in the position")
 
@@ -260,7 +306,7 @@ def _of_weight(seen: _Seen, robot: Any, tested: dict[str, tuple[str, ...]]) -> I
     weight = robot.gravity(seen.q)
     allowed = _borne(robot, seen.q[0], weight)
     apart = np.median(seen.applied - weight, axis=0)
-    scale = float((seen.applied * weight).sum() / max((weight**2).sum(), 1e-12))
+    scale = _scale(seen.applied, weight)
     beyond = np.abs(apart) > allowed
     for j in map(int, np.flatnonzero(beyond)):
         model = f"the model's {np.median(weight[:, j]):.3g}"
@@ -280,38 +326,49 @@ def _of_weight(seen: _Seen, robot: Any, tested: dict[str, tuple[str, ...]]) -> I
 
 def _borne(robot: Any, q: Array, weight: Array) -> Array:
     """Return the torque beside the arm's weight that friction tolerates [N m or N], (n,)."""
-    unknown = np.maximum(_FRICTION * moving_torque(robot, q), _WEIGHT * np.abs(weight).max())
-    return np.asarray(unknown + robot.friction.coulomb)
+    of_motion = _FRICTION * moving_torque(robot, q)
+    of_weight = _WEIGHT * np.abs(weight).max()
+    return np.asarray(np.maximum(of_motion, of_weight) + robot.friction.coulomb)
+
+
+def _scale(torque: Array, expected: Array) -> float:
+    """Return the factor of another torque that comes nearest to one, by least squares."""
+    return float((torque * expected).sum() / max(float((expected**2).sum()), 1e-12))
 
 
 def _tells_mounting(robot: Any, q: Array, allowed: Array) -> bool:
     """Tell whether a base that is tilted either way would show where the arm stands."""
     down = 9.81 * math.cos(_TILT)
-    tilts = [(9.81 * math.sin(_TILT), 0.0, -down), (0.0, 9.81 * math.sin(_TILT), -down)]
-    apart = (robot.with_gravity(tilt).gravity(q) - robot.gravity(q) for tilt in tilts)
-    return all((np.abs(each) > allowed).any() for each in apart)
+    aside = 9.81 * math.sin(_TILT)
+    for gravity in ((aside, 0.0, -down), (0.0, aside, -down)):
+        difference = robot.with_gravity(gravity).gravity(q) - robot.gravity(q)
+        if not (np.abs(difference) > allowed).any():
+            return False
+    return True
 
 
 def _of_echo(seen: _Seen, robot: Any) -> Iterator[Finding]:
     """Find whether the torque that a robot says it was given is the one that was sent."""
-    said, sent = seen.applied[1 : seen.faulty], seen.tau[: seen.faulty][: len(seen.applied[1 : seen.faulty])]
-    if len(said) < 20 or not np.isfinite(said).all():
+    reported = seen.applied[1 : seen.faulty]  # that of a sample is said in the next one
+    sent = seen.tau[: len(reported)]
+    if len(reported) < _FEWEST_ECHOED or not np.isfinite(reported).all():
         return
-    size = np.maximum(np.abs(sent).max(axis=0), 1e-9)
+    largest = np.maximum(np.abs(sent).max(axis=0), 1e-9)
+    allowed = _ECHO_OF_SENT * largest + _ECHO_OF_LIMIT * robot.limits.effort
     for j, name in enumerate(seen.names):
-        if np.abs(said[:, j] - sent[:, j]).max() <= 0.05 * size[j] + 1e-3 * robot.limits.effort[j]:
+        if np.abs(reported[:, j] - sent[:, j]).max() <= allowed[j]:
             continue
-        others = np.abs(said - sent[:, j : j + 1]).max(axis=0)
-        i = int(others.argmin())
-        scale = float(said[:, j] @ sent[:, j] / max(float(sent[:, j] @ sent[:, j]), 1e-12))
-        if i != j and others[i] < 0.1 * size[j]:
-            saw, question = f"its torque is the one that {seen.names[i]} reports", "command order"
+        from_sent = np.abs(reported - sent[:, j : j + 1]).max(axis=0)
+        i = int(from_sent.argmin())
+        if i != j and from_sent[i] < 0.1 * largest[j]:
+            text = f"its torque is the one that {seen.names[i]} reports"
+            question = "command order"
         else:
-            saw = f"the robot reports {scale:.3g} times the torque that was sent"
+            scale = _scale(reported[:, j], sent[:, j])
+            text = f"the robot reports {scale:.3g} times the torque that was sent"
             question = "command sign" if scale < 0.0 else "command unit"
-        yield Finding(
-            question, name, saw, "send N m and N in the order and with the sign of the file's joints"
-        )
+        remedy = "send N m and N in the order and with the sign of the file's joints"
+        yield Finding(question, name, text, remedy)
 
 
 def _of_stage(
@@ -321,8 +378,8 @@ def _of_stage(
     if seen.reason:
         yield _answer(seen, stage)
         return
-    moved = np.abs(seen.q - seen.q[0]).max(axis=0)
-    asked = np.abs(seen.q_ref - seen.q_ref[0]).max(axis=0)
+    moved = _farthest(seen.q)
+    asked = _farthest(seen.q_ref)
     for name in stage.joints:
         j = seen.names.index(name)
         if moved[j] < _ANSWERED * asked[j]:
@@ -330,7 +387,8 @@ def _of_stage(
             yield Finding("command order", name, said, "look at its brake, its drive and its load")
     end = seen.t > seen.t[-1] - _REST
     rests = np.median(seen.dev[end], axis=0)
-    allowed = _borne(upright, seen.q[0], upright.gravity(seen.q[-1]))
+    weight = upright.gravity(seen.q[-1])
+    allowed = _borne(upright, seen.q[0], weight)
     beyond = np.abs(rests) > allowed
     for j in map(int, np.flatnonzero(beyond)):
         said = (
@@ -348,31 +406,46 @@ def _of_stage(
         tested["mounting"] = seen.names
     tested |= dict.fromkeys(("command order", "command sign"), stage.joints)
     if not compensates_gravity(robot):  # its torque carries the arm
-        heavy = np.abs(np.median(seen.tau[end], axis=0)) > 2.0 * allowed
-        tested["command unit"] = tuple(name for name, known in zip(seen.names, heavy, strict=True) if known)
+        carried = np.abs(np.median(seen.tau[end], axis=0))
+        tested["command unit"] = _named(seen.names, carried > 2.0 * allowed)
     elif np.isfinite(seen.applied).all():
         tested["command unit"] = stage.joints
 
 
+def _farthest(q: Array) -> Array:
+    """Return how far each joint went from where it began [rad or m], (n,)."""
+    return np.asarray(np.abs(q - q[0]).max(axis=0))
+
+
+def _named(names: tuple[str, ...], chosen: Mask) -> tuple[str, ...]:
+    """Return the names of the chosen joints."""
+    return tuple(names[j] for j in np.flatnonzero(chosen))
+
+
 def _answer(seen: _Seen, stage: Stage) -> Finding:
     """Return why a stage was stopped, by what moved and which torque was beside the model's."""
-    k = min(seen.faulty, len(seen.t) - 1)
-    after = min(len(seen.t) - 1, int(np.searchsorted(seen.t, seen.t[k] + _AROUND)))
-    around = slice(max(0, k - 1), after + 1)
-    moved = seen.q[around] - seen.q_ref[0]
+    last = len(seen.t) - 1
+    k = min(seen.faulty, last)
+    after = min(last, int(np.searchsorted(seen.t, seen.t[k] + _AROUND)))
+    moved = seen.q[max(0, k - 1) : after + 1] - seen.q_ref[0]
     far = moved[np.abs(moved).sum(axis=1).argmax()]
     j = seen.joint
-    name, dev = seen.names[j], seen.dev[max(k - 1, 0)]  # in FAULT it is no longer the law's
-    way = max(max(map(abs, stage.way), default=0.1), 1e-9)
+    name = seen.names[j]
+    dev = seen.dev[max(k - 1, 0)]  # in FAULT it is no longer the law's
+    way = max(map(abs, stage.way), default=0.1)
+    way = max(way, 1e-9)
     most = int(np.abs(far).argmax())
-    before = np.abs(seen.q_ref[k] - seen.q_ref[0]).max() < 0.02 * way
+    reference_moved = np.abs(seen.q_ref[k] - seen.q_ref[0]).max()
+    before = reference_moved < _BEFORE * way
     reason = Reason(seen.reason).name
-    said = f"{reason} at {seen.t[k]:.3g} s: the torque differs by {dev[j]:+.3g} N m or N from the model's, "
-    said += f"the position by {far[j]:+.2g} from its start"
+    said = (
+        f"{reason} at {seen.t[k]:.3g} s: the torque differs by {dev[j]:+.3g} N m or N from the model's, "
+        f"the position by {far[j]:+.2g} from its start"
+    )
     if before:
         remedy = "it was at rest: check what compensates gravity, the load, the mounting, and all signs"
         return Finding("carried", name, said, remedy)
-    if np.abs(far).max() < 0.2 * way:
+    if np.abs(far).max() < _NOTHING * way:
         remedy = "nothing moved: check its brake, its drive, and the unit of the torque"
         return Finding("command order", name, said, remedy)
     if most != j and abs(far[most]) > 2.0 * abs(far[j]):
@@ -389,22 +462,22 @@ def _of_inertias(found: Any, robot: Any, known: list[str]) -> Iterator[Finding]:
     """Find joints whose inertia or rotor is not the file's; append those that agree to `known`."""
     from armgpi.identification.arm import mean_inertia
 
-    specified = [source not in ("", "assumed") for source in robot.drives.sources("rotor_inertia")]
-    missing = dict(zip(robot.joint_names, found.hidden & np.array(specified), strict=True))
+    remedy = "take what `armgpi identify` writes, or look at the torque's unit"
+    sources = robot.drives.sources("rotor_inertia")
+    is_specified = np.array([source not in ("", "assumed") for source in sources])
+    missing_rotors = _named(robot.joint_names, found.hidden & is_specified)
     for row, least in zip(found.sums(), mean_inertia(robot), strict=True):
-        if missing[row.joint]:  # then its rotor is left out of the fit, and the sum is that of the file
-            said = "its rotor is far lighter than the one that the file specifies"
-            remedy = "take what `armgpi identify` writes, or look at the torque's unit"
-            yield Finding("model", row.joint, said, remedy)
+        if row.joint in missing_rotors:  # it is left out of the fit, and the sum is that of the file
+            text = "its rotor is far lighter than the one that the file specifies"
+            yield Finding("model", row.joint, text, remedy)
             continue
         # Where the file names no rotor there may be none, or the one that is assumed.
-        low, high = least / _MODEL, _MODEL * row.expected
+        low = least / _MODEL
+        high = _MODEL * row.expected
         if row.upper < low or row.lower > high:
             ratio = row.value / (least if row.upper < low else row.expected)
-            said = f"its inertia is {ratio:.2g} times what the file lets expect"
-            yield Finding(
-                "model", row.joint, said, "take what `armgpi identify` writes, or look at the torque's unit"
-            )
+            text = f"its inertia is {ratio:.2g} times what the file lets expect"
+            yield Finding("model", row.joint, text, remedy)
         elif low <= row.lower and row.upper <= high:
             known.append(row.joint)
 
@@ -434,14 +507,15 @@ def _of_identification(
         said = f"measurements are {1e3 * found.lag[j]:.3g} ms late; the file specifies {1e3 * expected:.3g}"
         remedy = "specify it (plant: delay), or find the cause of the delay"
         yield Finding("lag", robot.joint_names[j], said, remedy)
-    tested["lag"] = tuple(name for name, is_late in zip(robot.joint_names, late, strict=True) if not is_late)
+    tested["lag"] = _named(robot.joint_names, ~late)
     known: list[str] = []
     yield from _of_inertias(found, robot, known)
-    q = log.samples["q_measured"][:: max(1, len(log.samples) // 50)]
+    every = max(1, len(log.samples) // _COMPARED)
+    q = log.samples["q_measured"][::every]
     if weighs:
-        own, file = found.robot.gravity(q), robot.gravity(q)
-        most = np.abs(own - file).max(axis=0)
-        allowed = _borne(robot, q[0], file)
+        weight = robot.gravity(q)
+        most = np.abs(found.robot.gravity(q) - weight).max(axis=0)
+        allowed = _borne(robot, q[0], weight)
         for j in map(int, np.flatnonzero(most > allowed)):
             said = f"its gravity torque differs by up to {most[j]:.3g} N m or N from the file's"
             yield Finding(

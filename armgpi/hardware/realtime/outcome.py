@@ -46,7 +46,8 @@ class Samples:
         """Take a sample: move the arm on, and keep what it did."""
         k, rows = arm.k, self.rows
         truth = arm.plant.true_state(arm.state)
-        rows["q"][k], rows["v"][k] = truth.q, truth.v
+        rows["q"][k] = truth.q
+        rows["v"][k] = truth.v
         rows["q_measured"][k] = sample.values if sample.values.ndim == 1 else sample.values[0]
         rows["tau_command"][k] = arm.advance(answer)
         rows["tau"][k] = arm.plant.true_state(arm.state).tau
@@ -57,7 +58,9 @@ class Samples:
         """Keep the state after the last sample, its torque still held."""
         k, rows = arm.k, self.rows
         truth = arm.plant.true_state(arm.state)
-        rows["q"][k], rows["v"][k], rows["tau"][k] = truth.q, truth.v, truth.tau
+        rows["q"][k] = truth.q
+        rows["v"][k] = truth.v
+        rows["tau"][k] = truth.tau
         rows["q_measured"][k] = arm.plant.measure(arm.state).q
         rows["tau_command"][k] = rows["tau_command"][max(0, k - 1)]
 
@@ -123,7 +126,8 @@ class Outcome(NamedTuple):
         Args:
             simulated: the same loop by :func:`armgpi.simulate`, to compare errors with, as long as this one.
         """
-        found: dict[str, Any] = {
+        error = _errors(self.rollout)
+        report: dict[str, Any] = {
             **self.made_from,
             "granted": self.granted,
             "samples": len(self.answered),
@@ -134,21 +138,24 @@ class Outcome(NamedTuple):
             "lateness_us": _quantiles(self.lateness),
             "controller_us": _quantiles(self.steps),
             "histogram": {"edges_us": list(EDGES), "counts": histogram(self.lateness)},
-            "error": _errors(self.rollout),
+            "error": error,
         }
         if simulated is not None:
-            found["error_simulated"] = _errors(simulated.isel(time=slice(self.rollout.sizes["time"])))
-            found["error_ratio"] = {
-                name: value / found["error_simulated"][name] if found["error_simulated"][name] else None
-                for name, value in found["error"].items()
+            as_long = slice(self.rollout.sizes["time"])
+            error_simulated = _errors(simulated.isel(time=as_long))
+            report["error_simulated"] = error_simulated
+            report["error_ratio"] = {
+                name: error[name] / expected if expected else None
+                for name, expected in error_simulated.items()
             }
-        return found
+        return report
 
 
 def histogram(lateness: Array) -> list[int]:
     """Return how many are between the edges, and later than the last one."""
     late = lateness[np.isfinite(lateness)] * 1e6
-    return [int(x) for x in np.histogram(late, bins=[*EDGES, np.inf])[0]]
+    counts, _ = np.histogram(late, bins=[*EDGES, np.inf])
+    return [int(count) for count in counts]
 
 
 def collect(
@@ -161,19 +168,22 @@ def collect(
     target = reference.at(np.arange(count + 1) * np.float64(dt))
     rows = {name: values[: count + 1] for name, values in samples.rows.items()}
     rows |= {"q_ref": target.q, "v_ref": target.v}
-    good = in_control(rows["q"] - rows["q_ref"], rows["v"], rows["tau_command"], DIVERGENCE)
+    error = rows["q"] - rows["q_ref"]
+    good = in_control(error, rows["v"], rows["tau_command"], DIVERGENCE)
     recording.store(0, {name: values[:, None] for name, values in rows.items()})
     if not good.all():
         recording.diverge(0, int(np.argmin(good)))
     if count < steps:
         recording.interrupt(count)
-    return Recorded(recording, plant.robot, plant.disturbance(recording.times), made_from).dataset()
+    disturbance = plant.disturbance(recording.times)
+    return Recorded(recording, plant.robot, disturbance, made_from).dataset()
 
 
 def _errors(rollout: xr.Dataset) -> dict[str, float]:
     """Return the largest and the mean square error of the worst joint [rad or m]."""
     error = np.abs(rollout["q"].values - rollout["q_ref"].values)
-    return {"peak": float(error.max()), "rms": float(np.sqrt((error**2).mean(axis=0)).max())}
+    rms = np.sqrt((error**2).mean(axis=0))
+    return {"peak": float(error.max()), "rms": float(rms.max())}
 
 
 def _quantiles(times: Array) -> dict[str, float] | None:
@@ -182,4 +192,5 @@ def _quantiles(times: Array) -> dict[str, float] | None:
     if not times.size:
         return None
     shares = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "max": 100.0}
-    return {name: round(float(np.percentile(times, share)), 1) for name, share in shares.items()}
+    quantiles = np.percentile(times, [*shares.values()])
+    return {name: round(float(quantile), 1) for name, quantile in zip(shares, quantiles, strict=True)}

@@ -30,10 +30,18 @@ from armgpi.tuning.rule import usual_effort
 
 #: The list of stages in a folder, of the format of their experiments.
 INDEX = "stages.yaml"
-#: How far a joint is moved by hand in the dry run [rad or m], and how fast [rad/s or m/s].
-_BY_HAND, _HAND_SPEED = 0.15, 0.8
-#: Sampling of references that are written as tables [s], and acceleration of moves between them [rad/s^2].
-_SAMPLE, _ACCELERATION = 0.01, 0.5
+#: How far a joint is moved by hand in the dry run [rad or m].
+_BY_HAND = 0.15
+#: How fast it is moved [rad/s or m/s].
+_HAND_SPEED = 0.8
+#: How long the arm stands between two moves by hand [s].
+_HAND_STAND = 0.1
+#: Sampling of references that are written as tables [s].
+_SAMPLE = 0.01
+#: Acceleration of moves between them [rad/s^2].
+_ACCELERATION = 0.5
+#: Shortest move from and to the start [s].
+_SHORTEST = 0.1
 #: Acceleration of a joint alone that its motor is for [rad/s^2 or m/s^2]. Set by hand.
 _BRISK = 30.0
 #: How long the arm stands before and after a move [s].
@@ -145,7 +153,10 @@ def write(loaded: Loaded, experiment: Experiment, path: Path, floor: float | Non
         contents[f"{stage.name}.yaml"] = yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
         if table:
             contents[f"{stage.name}.csv"] = table
-    rows = [{**stage._asdict(), "joints": list(stage.joints), "way": list(stage.way)} for stage in stages]
+    rows = []
+    for stage in stages:
+        lists = {"joints": list(stage.joints), "way": list(stage.way)}
+        rows.append({**stage._asdict(), **lists})
     index = {"format": FORMAT, "robot": experiment.robot.name, "stages": rows}
     contents[INDEX] = yaml.safe_dump(index, sort_keys=False, allow_unicode=True)
     files.write_set(files.make_folder(path), contents)
@@ -161,16 +172,17 @@ def read(path: Path) -> Folder:
     if not (path / INDEX).is_file():
         raise ConfigError(str(path), "", f"has no {INDEX}: `armgpi bringup FILE -o {path}` writes the stages")
     data, origin = read_data(path / INDEX)
-    if (found := data.get("format")) != FORMAT:
-        raise ConfigError(origin.source, "format", other_format(found, FORMAT))
+    file_format = data.get("format")
+    if file_format != FORMAT:
+        raise ConfigError(origin.source, "format", other_format(file_format, FORMAT))
     try:
-        rows = [
-            Stage(str(x["name"]), str(x["kind"]), tuple(x["joints"]), tuple(map(float, x["way"])))
-            for x in data["stages"]
-        ]
+        stages = []
+        for row in data["stages"]:
+            way = tuple(map(float, row["way"]))
+            stages.append(Stage(str(row["name"]), str(row["kind"]), tuple(row["joints"]), way))
     except (KeyError, TypeError, ValueError):
         raise ConfigError(origin.source, "stages", "is no list that `armgpi bringup` wrote") from None
-    return Folder(path, tuple(rows))
+    return Folder(path, tuple(stages))
 
 
 def _plan(
@@ -178,10 +190,12 @@ def _plan(
 ) -> Iterator[tuple[Stage, dict[str, Any], str]]:
     """Yield each stage, its file as plain data, and its reference as a table where it needs one."""
     robot = experiment.robot
-    names, start = robot.joint_names, experiment.reference.at(0.0).q
+    names = robot.joint_names
+    start = experiment.reference.at(0.0).q
     ways = np.array([_way(robot, start, j, _BY_HAND) for j in range(robot.n)])
+    by_hand = _moves(start, np.diag(ways), _HAND_SPEED, _HAND_STAND)
     dry = Stage("10-dry", "dry", names, tuple(ways.tolist()))
-    yield dry, _file(loaded, experiment, None, names, _moves(start, np.diag(ways), _HAND_SPEED, 0.1)), ""
+    yield dry, _file(loaded, experiment, None, names, by_hand), ""
     number = 20
     for kind in ("pulse", "joint"):
         for j, name in enumerate(names):
@@ -195,16 +209,21 @@ def _plan(
         number += 10 * (1 + robot.n // 10)
     height: float | Literal["usual"] = "usual" if floor is None else floor
     first = excite(robot, share=FIRST_SHARE, floor=height).reference
-    own = experiment.reference, experiment.t_final, 1.0 / _SLOWER
-    for kind, reference, end, rate in (("excite", first, first.t_end, 1.0), ("slow", *own)):
-        table, seconds = _table(robot, start, reference, end, rate)
+    slow = experiment.reference
+    tables = {
+        "excite": _table(robot, start, first, first.t_end, 1.0),
+        "slow": _table(robot, start, slow, experiment.t_final, 1.0 / _SLOWER),
+    }
+    for kind, (table, seconds) in tables.items():
         name = f"{number}-{kind}"
-        motion = {"reference": {"file": f"{name}.csv"}, "t_final": round(seconds + _STAND, 3)}
+        t_final = round(seconds + _STAND, 3)
+        motion = {"reference": {"file": f"{name}.csv"}, "t_final": t_final}
         yield Stage(name, kind, names), _file(loaded, experiment, CAPS[kind], names, motion), table
         number += 10
     data = _file(loaded, experiment, None, names, None)
-    given = data.get("supervisor") or {}
-    data["supervisor"] = {**given, "speed": given.get("speed") or _OVERSPEED}
+    supervisor = data.get("supervisor") or {}
+    speed = supervisor.get("speed") or _OVERSPEED
+    data["supervisor"] = {**supervisor, "speed": speed}
     yield Stage(f"{number}-full", "full", names), data, ""
 
 
@@ -218,15 +237,18 @@ def _file(
     """Return an experiment file: the arm's own with caps and a motion."""
     robot = experiment.robot
     data = {"format": FORMAT, **loaded.config.plain(given=True)}
-    if Path(data["robot"]["name"]).is_file():
-        data["robot"]["name"] = str(Path(data["robot"]["name"]).resolve())
-    own = data.get("reference", {}).get("file")
-    if own is not None:
-        data["reference"]["file"] = str(Path(own).resolve())
+    robot_file = Path(data["robot"]["name"])
+    if robot_file.is_file():
+        data["robot"]["name"] = str(robot_file.resolve())
+    reference_file = data.get("reference", {}).get("file")
+    if reference_file is not None:
+        data["reference"]["file"] = str(Path(reference_file).resolve())
     filled = experiment.config.controllers[0].plain()
-    section = {**(data.get("controllers") or [{"type": filled["type"]}])[0]}
+    controllers = data.get("controllers") or [{"type": filled["type"]}]
+    section = dict(controllers[0])
     law = next(iter(experiment.controllers.values()))
-    data["controllers"], data["supervisor"] = [section], dict(data.get("supervisor") or {})
+    data["controllers"] = [section]
+    data["supervisor"] = dict(data.get("supervisor") or {})
     data.pop("vary", None)
     if motion is None:
         return data
@@ -236,13 +258,15 @@ def _file(
     if caps is None:
         return data
     if isinstance(law, GPI) and not law.gains.adaptive:
-        omega = np.minimum(np.broadcast_to(law.gains.nominal().omega_c, robot.n), caps.bandwidth)
-        section["omega"] = _by_joint(robot, omega)
-    shares = np.where(np.isin(robot.joint_names, moving), caps.torque, caps.held)
-    torque = shares * moving_torque(robot, experiment.reference.at(0.0).q) + robot.friction.coulomb
+        omega = np.broadcast_to(law.gains.nominal().omega_c, robot.n)
+        section["omega"] = _by_joint(robot, np.minimum(omega, caps.bandwidth))
+    is_moving = np.isin(robot.joint_names, moving)
+    shares = np.where(is_moving, caps.torque, caps.held)
+    at_start = moving_torque(robot, experiment.reference.at(0.0).q)
+    speed = np.minimum(caps.speed, _fastest(robot))
     data["supervisor"] |= {
-        "torque_cap": _by_joint(robot, torque),
-        "speed_cap": _by_joint(robot, np.minimum(caps.speed, _fastest(robot))),
+        "torque_cap": _by_joint(robot, shares * at_start + robot.friction.coulomb),
+        "speed_cap": _by_joint(robot, speed),
         "following": caps.following,
     }
     return data
@@ -254,20 +278,21 @@ def moving_torque(robot: Any, q: Array) -> Array:
     Friction of gears is some percent of it; efforts of some files are far above it.
     """
     brisk = _BRISK * np.diagonal(robot.mass_matrix(q))
-    return np.asarray(
-        np.minimum(robot.limits.effort, np.maximum(usual_effort(robot.with_gravity(UPRIGHT)), brisk))
-    )
+    usual = usual_effort(robot.with_gravity(UPRIGHT))
+    return np.minimum(robot.limits.effort, np.maximum(usual, brisk))
 
 
 def _by_joint(robot: Any, values: Array) -> dict[str, float]:
     """Return numbers of an arm's joints by their names, to three digits."""
-    return {name: float(f"{x:.3g}") for name, x in zip(robot.joint_names, values, strict=True)}
+    pairs = zip(robot.joint_names, values, strict=True)
+    return {name: float(f"{value:.3g}") for name, value in pairs}
 
 
 def _fastest(robot: Any) -> Array:
     """Return the speed limits, 1 where there is none [rad/s or m/s]."""
     limit = robot.limits.velocity
-    return np.where(np.isfinite(limit) & (limit > 0.0), limit, 1.0)
+    is_limited = np.isfinite(limit) & (limit > 0.0)
+    return np.where(is_limited, limit, 1.0)
 
 
 def _way(robot: Any, start: Array, joint: int, way: float) -> float:
@@ -276,35 +301,43 @@ def _way(robot: Any, start: Array, joint: int, way: float) -> float:
     Raises:
         ConfigError: when there is no room.
     """
-    room = robot.limits.upper[joint] - start[joint], start[joint] - robot.limits.lower[joint]
-    for sign, left in zip((1.0, -1.0), room, strict=True):
-        if left >= way:
-            return sign * way
+    if robot.limits.upper[joint] - start[joint] >= way:
+        return way
+    if start[joint] - robot.limits.lower[joint] >= way:
+        return -way
     name = robot.joint_names[joint]
     raise ConfigError("reference", name, f"has less than {way:g} to move to either side of where it starts")
 
 
 def _moves(start: Array, steps: Iterable[Array], speed: float, stand: float = _STAND) -> dict[str, Any]:
     """Return moves out and back, one after another, and how long they take."""
-    points, durations = [start], []
+    points = [start]
+    durations: list[float] = []
     for step in steps:
         points += [start + step, start]
-        durations += [round(minimum_duration(step, speed), 3)] * 2
-    moves = {"points": [x.tolist() for x in points], "durations": durations, "holds": stand}
-    return {"reference": moves, "t_final": round(sum(durations) + stand * len(points), 3)}
+        duration = round(minimum_duration(step, speed), 3)
+        durations += [duration, duration]
+    t_final = round(sum(durations) + stand * len(points), 3)
+    moves = {"points": [point.tolist() for point in points], "durations": durations, "holds": stand}
+    return {"reference": moves, "t_final": t_final}
 
 
 def _table(robot: Any, start: Array, reference: Reference, end: float, rate: float) -> tuple[str, float]:
     """Return a reference at a rate of time, with moves from and to the start, as CSV; and its length [s]."""
-    first, last = reference.at(0.0).q, reference.at(end).q
+    first = reference.at(0.0).q
+    last = reference.at(end).q
     speed = FIRST_SHARE * _fastest(robot)
-    there, back = (minimum_duration(x - start, speed, _ACCELERATION) for x in (first, last))
-    lengths = [max(there, 0.1), end / rate, max(back, 0.1)]
-    approach = Waypoints([start, first], [lengths[0]])
-    home = Waypoints([last, start], [lengths[2]])
-    t = np.arange(0.0, sum(lengths), _SAMPLE)
-    begin, after = lengths[0], lengths[0] + lengths[1]
-    q = np.where((t < begin)[:, None], approach.at(t).q, reference.at((t - begin).clip(0.0) * rate).q)
+    seconds_there = max(minimum_duration(first - start, speed, _ACCELERATION), _SHORTEST)
+    seconds_back = max(minimum_duration(last - start, speed, _ACCELERATION), _SHORTEST)
+    approach = Waypoints([start, first], [seconds_there])
+    home = Waypoints([last, start], [seconds_back])
+    begin = seconds_there
+    after = seconds_there + end / rate
+    t = np.arange(0.0, seconds_there + end / rate + seconds_back, _SAMPLE)
+    q = reference.at((t - begin).clip(0.0) * rate).q
+    q = np.where((t < begin)[:, None], approach.at(t).q, q)
     q = np.where((t > after)[:, None], home.at((t - after).clip(0.0)).q, q)
-    rows = [",".join(f"{x:.12g}" for x in (time, *row)) for time, row in zip(t, q, strict=True)]
-    return "\n".join([",".join(["time", *robot.joint_names]), *rows]) + "\n", float(t[-1])
+    lines = [",".join(["time", *robot.joint_names])]
+    for time, position in zip(t, q, strict=True):
+        lines.append(",".join(f"{x:.12g}" for x in (time, *position)))
+    return "\n".join(lines) + "\n", float(t[-1])
