@@ -73,7 +73,8 @@ def expand(
     while len(chosen) < min(MOST_TERMS, len(y) - 2):
         alignment = np.abs(difference @ columns) / sizes
         chosen.append(int(np.argmax(alignment)))
-        weights = np.linalg.lstsq(columns[:, chosen], y, rcond=None)[0]
+        solution, *_ = np.linalg.lstsq(columns[:, chosen], y, rcond=None)
+        weights = np.asarray(solution, dtype=np.float64)
         difference = np.asarray(y - columns[:, chosen] @ weights)
         if np.abs(difference).max() <= tolerance:
             return _needed_terms([words[c] for c in chosen], weights)
@@ -101,7 +102,8 @@ def _needed_terms(words: Sequence[str], weights: Array) -> list[Harmonic]:
 
 def trigonometry(q: Array, difference: Array, prismatic: tuple[bool, ...], tolerance: float) -> list[str]:
     """Return which slips of trigonometry a difference may be, the positive ones first."""
-    positive, negative = [], []
+    positive: list[str] = []
+    negative: list[str] = []
     for text, shape in _slips(q, prismatic):
         share = float(difference @ shape) / float(shape @ shape)
         if np.abs(difference - share * shape).max() <= tolerance:

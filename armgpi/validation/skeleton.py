@@ -325,7 +325,8 @@ class _Fit:
             position = evaluate(tree_with_length, self._q, "F")["F"]
             columns.append((position - fixed).ravel())
         matrix = np.stack(columns, axis=-1)
-        x = np.linalg.lstsq(matrix, (self._target["F"] - fixed).ravel(), rcond=1e-10)[0]
+        solution, *_ = np.linalg.lstsq(matrix, (self._target["F"] - fixed).ravel(), rcond=1e-10)
+        x = np.asarray(solution, dtype=np.float64)
         # Least squares leaves lengths that no position depends on at some 1e-17.
         *positions, tool_position = _without_rounding(x, 1e-9).reshape(-1, 3)
         return replace(tree, positions=tuple(positions), tool_position=tool_position)

@@ -5,19 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from armgpi.base.arrays import Array
+from armgpi.config import Experiment
 from armgpi.errors import ArmgpiError, MissingPackage, ParameterError, RolloutError, UnfitLog
 from armgpi.hardware.export.targets import compensates_gravity
 from armgpi.hardware.realtime.ends import UPRIGHT
 from armgpi.hardware.realtime.stages import CAPS, Folder, Stage, moving_torque
 from armgpi.loop.log import ArmLog
 from armgpi.loop.log import read as read_log
+from armgpi.robot.robot import Robot
 from armgpi.supervisor import OF_TOOL, Reason
+
+if TYPE_CHECKING:
+    from armgpi.identification.arm import Identified
 
 #: Whether each of some joints is chosen, (n,).
 Mask = npt.NDArray[np.bool_]
@@ -181,7 +186,7 @@ def _judge_stage(
 ) -> tuple[list[Finding], dict[str, tuple[str, ...]]]:
     """Return what is wrong in the log of a stage, and what it has tested: question -> joints."""
     experiment = folder.experiment(stage)
-    robot: Any = experiment.robot
+    robot: Robot = experiment.robot
     upright = robot.with_gravity(UPRIGHT) if compensates_gravity(robot) else robot
     seen = _arrays(log, robot)
     tested: dict[str, tuple[str, ...]] = {}
@@ -213,7 +218,7 @@ def _judge_stage(
     return findings, tested
 
 
-def _arrays(log: ArmLog, robot: Any) -> _Seen:
+def _arrays(log: ArmLog, robot: Robot) -> _Seen:
     """Return the samples of a log."""
     rows = log.samples
     names = tuple(robot.joint_names)
@@ -299,7 +304,7 @@ def _of_ways(names: tuple[str, ...], way: Array, peaks: Array, largest: Array) -
             yield Finding("unit", name, said, "look at the ratio of its gear in the position")
 
 
-def _of_weight(seen: _Seen, robot: Any, tested: dict[str, tuple[str, ...]]) -> Iterator[Finding]:
+def _of_weight(seen: _Seen, robot: Robot, tested: dict[str, tuple[str, ...]]) -> Iterator[Finding]:
     """Find whether the torque that a robot reports while it holds itself is the model's weight."""
     if not np.isfinite(seen.applied).all():
         return
@@ -324,7 +329,7 @@ def _of_weight(seen: _Seen, robot: Any, tested: dict[str, tuple[str, ...]]) -> I
         tested["mounting"] = seen.names
 
 
-def _borne(robot: Any, q: Array, weight: Array) -> Array:
+def _borne(robot: Robot, q: Array, weight: Array) -> Array:
     """Return the torque beside the arm's weight that friction tolerates [N m or N], (n,)."""
     of_motion = _FRICTION * moving_torque(robot, q)
     of_weight = _WEIGHT * np.abs(weight).max()
@@ -336,7 +341,7 @@ def _scale(torque: Array, expected: Array) -> float:
     return float((torque * expected).sum() / max(float((expected**2).sum()), 1e-12))
 
 
-def _tells_mounting(robot: Any, q: Array, allowed: Array) -> bool:
+def _tells_mounting(robot: Robot, q: Array, allowed: Array) -> bool:
     """Tell whether a base that is tilted either way would show where the arm stands."""
     down = 9.81 * math.cos(_TILT)
     aside = 9.81 * math.sin(_TILT)
@@ -347,7 +352,7 @@ def _tells_mounting(robot: Any, q: Array, allowed: Array) -> bool:
     return True
 
 
-def _of_echo(seen: _Seen, robot: Any) -> Iterator[Finding]:
+def _of_echo(seen: _Seen, robot: Robot) -> Iterator[Finding]:
     """Find whether the torque that a robot says it was given is the one that was sent."""
     reported = seen.applied[1 : seen.faulty]  # that of a sample is said in the next one
     sent = seen.tau[: len(reported)]
@@ -372,7 +377,7 @@ def _of_echo(seen: _Seen, robot: Any) -> Iterator[Finding]:
 
 
 def _of_stage(
-    seen: _Seen, stage: Stage, robot: Any, upright: Any, tested: dict[str, tuple[str, ...]]
+    seen: _Seen, stage: Stage, robot: Robot, upright: Robot, tested: dict[str, tuple[str, ...]]
 ) -> Iterator[Finding]:
     """Find what a stage with caps tells: whether joints answer their torques, and rest on the model's."""
     if seen.reason:
@@ -458,7 +463,7 @@ def _answer(seen: _Seen, stage: Stage) -> Finding:
     return Finding("command unit", name, said, f"docs/reasons.md lists the causes of {reason}")
 
 
-def _of_inertias(found: Any, robot: Any, known: list[str]) -> Iterator[Finding]:
+def _of_inertias(found: Identified, robot: Robot, known: list[str]) -> Iterator[Finding]:
     """Find joints whose inertia or rotor is not the file's; append those that agree to `known`."""
     from armgpi.identification.arm import mean_inertia
 
@@ -483,7 +488,7 @@ def _of_inertias(found: Any, robot: Any, known: list[str]) -> Iterator[Finding]:
 
 
 def _of_identification(
-    log: ArmLog, robot: Any, experiment: Any, tested: dict[str, tuple[str, ...]]
+    log: ArmLog, robot: Robot, experiment: Experiment, tested: dict[str, tuple[str, ...]]
 ) -> Iterator[Finding]:
     """Find what the identified arm tells: lag, and torque over what the file expects."""
     from armgpi.identification.arm import identify

@@ -26,6 +26,7 @@ from armgpi.identification.excitation import FIRST_SHARE, excite
 from armgpi.references.bezier import minimum_duration
 from armgpi.references.reference import Reference
 from armgpi.references.waypoints import Waypoints
+from armgpi.robot.robot import Robot
 from armgpi.tuning.rule import usual_effort
 
 #: The list of stages in a folder, of the format of their experiments.
@@ -272,7 +273,7 @@ def _file(
     return data
 
 
-def moving_torque(robot: Any, q: Array) -> Array:
+def moving_torque(robot: Robot, q: Array) -> Array:
     """Return the torque that a joint is moved with [N m or N], (n,): five times gravity, or 30 rad/s^2 alone.
 
     Friction of gears is some percent of it; efforts of some files are far above it.
@@ -282,20 +283,20 @@ def moving_torque(robot: Any, q: Array) -> Array:
     return np.minimum(robot.limits.effort, np.maximum(usual, brisk))
 
 
-def _by_joint(robot: Any, values: Array) -> dict[str, float]:
+def _by_joint(robot: Robot, values: Array) -> dict[str, float]:
     """Return numbers of an arm's joints by their names, to three digits."""
     pairs = zip(robot.joint_names, values, strict=True)
     return {name: float(f"{value:.3g}") for name, value in pairs}
 
 
-def _fastest(robot: Any) -> Array:
+def _fastest(robot: Robot) -> Array:
     """Return the speed limits, 1 where there is none [rad/s or m/s]."""
     limit = robot.limits.velocity
     is_limited = np.isfinite(limit) & (limit > 0.0)
     return np.where(is_limited, limit, 1.0)
 
 
-def _way(robot: Any, start: Array, joint: int, way: float) -> float:
+def _way(robot: Robot, start: Array, joint: int, way: float) -> float:
     """Return how far a joint moves: up where there is room, else down.
 
     Raises:
@@ -322,7 +323,7 @@ def _moves(start: Array, steps: Iterable[Array], speed: float, stand: float = _S
     return {"reference": moves, "t_final": t_final}
 
 
-def _table(robot: Any, start: Array, reference: Reference, end: float, rate: float) -> tuple[str, float]:
+def _table(robot: Robot, start: Array, reference: Reference, end: float, rate: float) -> tuple[str, float]:
     """Return a reference at a rate of time, with moves from and to the start, as CSV; and its length [s]."""
     first = reference.at(0.0).q
     last = reference.at(end).q
