@@ -5,7 +5,7 @@ Usage:
     python tools/faults.py --bounds       those as well
     python tools/faults.py --target fci   one target; rows of the others are kept as they are
     python tools/faults.py --side motor   encoders known to be at the motors, beside the page: nothing is
-                                          written
+                                          written; an arm's rows are printed when they are there
     python tools/faults.py --page         nothing is measured: the page anew from docs/faults.csv
     python tools/faults.py --stops 3 --fault 'a joint blocked'
                                           when arms stop and rest, over 3 s after the fault, with the side of
@@ -23,6 +23,7 @@ from __future__ import annotations
 import argparse
 import csv
 import itertools
+import sys
 import time
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -386,21 +387,35 @@ def pushed(case: Case) -> tuple[float, float]:
     return float(np.abs(rollout.q - q).max()) / small, float(at_once)
 
 
-def measure(chosen: list[str], side: str = "") -> list[Outcome]:
-    """Return all outcomes of some targets; with a side, of arms with gears, their encoders there."""
+def outcomes_of(case: Case) -> list[Outcome]:
+    """Return the outcomes of all faults of an arm; those that leave the loop alike run together."""
     groups: dict[Any, list[Fault]] = {}
     for fault in FAULTS:
         groups.setdefault((fault.away, fault.blocked, fault.payload, fault.rest), []).append(fault)
     found: list[Outcome] = []
-    for target in chosen:
-        for each in cases(target):
-            case = each._replace(side=side)
-            if side and case.arm == "anthropomorphic3":  # it has no gears
-                continue
-            for faults in groups.values():
-                found += happened(case, faults)
-            print(f"{target}, {case}, {case.gravity}: {time.process_time():.0f} s of CPU", flush=True)
+    for faults in groups.values():
+        found += happened(case, faults)
+    spent = f"{time.process_time():.0f} s of CPU"
+    print(f"{case.target}, {case}, {case.gravity}: {spent}", file=sys.stderr, flush=True)
     return found
+
+
+def measure(chosen: list[str]) -> list[Outcome]:
+    """Return all outcomes of some targets."""
+    found: list[Outcome] = []
+    for target in chosen:
+        for case in cases(target):
+            found += outcomes_of(case)
+    return found
+
+
+def with_side(chosen: list[str], side: str, times: list[float]) -> Iterator[Case]:
+    """Yield the arms with gears of some targets, their encoders at a side; no times [s] are all."""
+    for target in chosen:
+        for case in cases(target):
+            is_asked = not times or case.dt in times
+            if is_asked and case.arm != "anthropomorphic3":  # it has no gears
+                yield case._replace(side=side)
 
 
 #: What no controller stops at once: the least possible is told beside.
@@ -639,9 +654,7 @@ def page(rows: list[Worst], kept: list[str]) -> str:
 
 
 def against(rows: list[Worst], page: list[Worst]) -> Iterator[str]:
-    """Yield the lines of a table: outcomes of arms with a known side beside those of the page."""
-    yield "| arm, gravity compensated by | side | kept | 0.1 rad | at rest in time | worse of the faults |"
-    yield "|---|---|---:|---:|---:|---|"
+    """Yield the rows of a table: outcomes of arms with a known side beside those of the page."""
     known = {(row.case._replace(side=""), row.fault): row for row in page}
     for case, mine in by(rows, lambda row: row.case).items():
         pairs = [(known.get((case._replace(side=""), row.fault)), row) for row in mine]
@@ -697,6 +710,9 @@ def main() -> None:
     parser.add_argument(
         "--side", choices=("motor", "link"), help="encoders known to be there; nothing is written"
     )
+    parser.add_argument(
+        "--sample-times", type=float, nargs="+", default=[], help="with --side: these alone [s]"
+    )
     parser.add_argument("--stops", type=float, help="seconds after faults: when arms stop and rest [s]")
     parser.add_argument("--fault", nargs="+", choices=FAULT, default=list(FAULT), help="these alone")
     given = parser.parse_args()
@@ -708,8 +724,13 @@ def main() -> None:
         return
     if given.side:
         chosen = [given.target] if given.target else list(targets.ARMS)
-        rows = list(worst_of(measure(chosen, given.side)))
-        print(*against(rows, read_table(DOCS / "faults.csv")), sep="\n")
+        page_rows = read_table(DOCS / "faults.csv")
+        print(
+            "| arm, gravity compensated by | side | kept | 0.1 rad | at rest in time | worse of the faults |"
+        )
+        print("|---|---|---:|---:|---:|---|", flush=True)
+        for case in with_side(chosen, given.side, given.sample_times):
+            print(*against(list(worst_of(outcomes_of(case))), page_rows), sep="\n", flush=True)
         return
     chosen = [] if given.page else [given.target] if given.target else list(targets.ARMS)
     rows = list(worst_of(measure(chosen)))
