@@ -13,8 +13,8 @@ import armgpi
 from armgpi import GPI, Measurement, RigidBodyPlant, Robot, Supervised, Supervisor, Target, config, simulate
 from armgpi.config.experiment import run
 from armgpi.errors import ArmgpiError
-from armgpi.hardware.export import targets
 from armgpi.hardware.export.code import generate
+from armgpi.hardware.export.fault_tests import fault_tests
 from armgpi.supervisor import Reason, State
 
 DT = 1e-3
@@ -349,7 +349,7 @@ def test_exports_say_and_test_them(tmp_path: Path) -> None:
     middle = ARM.frame_pose(ARM.tip, ARM.middle()).translation
     given = Supervisor(workspace=(middle - 0.1, middle + 0.1), tool_speed=0.2, tool_force=20.0)
     supervised = Supervised(GPI(ARM, DT), given)
-    rows = [row.strip() for row in targets._tests(supervised)]
+    rows = [row.strip() for row in fault_tests(supervised)]
     for name in ("workspace", "tool_speed", "tool_force"):
         (row,) = (each for each in rows if each.startswith(f'{{"{name}"'))
         assert row.rstrip(",}").endswith("NULL"), row
