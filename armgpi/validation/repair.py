@@ -328,7 +328,7 @@ def causes(repair: Repaired, source: str, problem: Problem) -> Iterator[Cause]:
         first, _, last, _ = change.span
         evidence = [f"{k}: {before[k - 1].strip()}" for k in range(first, last + 1)]
         if len(before) == len(after):
-            evidence += [f"{k}: {after[k - 1].strip()}   <- so it has to be" for k in range(first, last + 1)]
+            evidence += [f"{k}: {after[k - 1].strip()}   <- expected" for k in range(first, last + 1)]
         is_number_given = change.kind in ("unit", "value")
         name = shown(source, change.name, change.span) if is_number_given else change.name
         cause = _cause(change._replace(name=name))
