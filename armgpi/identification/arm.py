@@ -821,7 +821,7 @@ def _hide_rotors(data: _Data, light: npt.NDArray[np.bool_], found: Identified) -
         data.hide(np.ones(data.robot.n, dtype=bool))
         said = (
             f"the rotors of {int(light.sum())} of {decided} joints came out far too light for motors, so the "
-            "torques were taken for those of sensors behind the gears: rotor inertia and motor friction are "
+            "torques were taken as those of sensors behind the gears: rotor inertia and motor friction are "
             "not in them and stay assumed (--torque joint says so, --torque motor denies it)"
         )
         return [Finding("warning", "", said)]

@@ -380,15 +380,17 @@ def _of_scale(
     loaded, _ = _explain(np.hstack([terms, payload, -payload[:, 1:]]), torque)
     gain = float(unexplained(np.array(own)) - unexplained(np.array(loaded)))
     if gain > OTHER_ORDER:
-        said = "it carries another weight than the file has: a payload on the last link looks like that"
+        said = (
+            "its gravity torque is not that of the URDF's masses: a payload on the last link has this effect"
+        )
         yield Finding("warning", name, said)
     else:
         yield Finding(
             "error",
             name,
-            "its torque does not carry the weight that the file has: where the arm adds that itself, say so "
-            "(--no-gravity, gravity=False); else is it this robot, with the same zero, and are its times "
-            "those of the samples, in s?",
+            "its torque does not contain the gravity torque of the URDF's masses: if the arm compensates "
+            "gravity itself, specify it (--no-gravity, gravity=False); else is it this robot, with the same "
+            "zero, and are its times those of the samples, in s?",
         )
 
 

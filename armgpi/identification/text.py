@@ -339,7 +339,7 @@ def judge_arm(found: Identified, validation: Validation | None, accepted: bool =
     moved = residuals[np.isfinite(residuals)]
     if not len(moved):
         return Verdict(
-            "not judged", "no joint moved in the log on which the model is judged", tuple(left_out)
+            "not judged", "no joint moved in the log on which the model is evaluated", tuple(left_out)
         )
     poor = float(np.median(moved)) > _POOR
     text = "the identified model explains the torques"

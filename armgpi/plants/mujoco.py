@@ -255,8 +255,8 @@ class _Compiled:
         if restored:
             mujoco.mj_setConst(model, mujoco.MjData(model))
             self.differences.append(
-                f"what {', '.join(restored)} carries has an inertia that MuJoCo refuses, as no rigid body "
-                "has it; it compiled another one and was given this one then"
+                f"the bodies of {', '.join(restored)} have an inertia that MuJoCo refuses, as no rigid body "
+                "has it; it compiled another one, which was replaced by this one"
             )
 
     def _check(self) -> None:

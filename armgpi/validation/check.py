@@ -396,7 +396,7 @@ def _function_report(problem: Problem, states: States, sampled: Sampled) -> Func
     curved = sampled.quadratic > 1e-7 * max(scale, 1e-300) + samples.SAFETY * sampled.noise * squares
     note = ""
     if curved:
-        note = f"not a polynomial of degree two in v: a rest of up to {sampled.quadratic:.3g}"
+        note = f"not a polynomial of degree two in v: a residual of up to {sampled.quadratic:.3g}"
     elif differing and relative < 10.0 ** -min(_ROUNDED):
         note = _propose_rtol(problem, states, sampled)
     where = {letter: getattr(states, letter)[worst].tolist() for letter in ARGUMENTS[name]}

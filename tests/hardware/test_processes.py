@@ -145,8 +145,8 @@ def test_what_mujoco_does_otherwise_is_said(loop: Callable[..., Answer]) -> None
     pytest.importorskip("mujoco")
     done = loop("--clock", "simulated", "--plant", "mujoco")
     assert done.code == 0, done.err
-    assert "note: MuJoCo: what" in done.err
-    assert "carries has an inertia that MuJoCo refuses" in done.err
+    assert "note: MuJoCo: the bodies of" in done.err
+    assert "have an inertia that MuJoCo refuses" in done.err
 
 
 def test_a_controller_that_is_killed_answers_every_sample_before_that_one_and_none_after() -> None:

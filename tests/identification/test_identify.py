@@ -478,7 +478,10 @@ BAD = {
     "hardly any": (lambda x: Log(x.t[:150], x.q[:150], x.tau[:150]), "log longer"),
     "clipped": (lambda x: x._replace(tau=np.clip(x.tau, -1.0, 1.0)), "clipped|sensor saturates"),
     "zero torque": (lambda x: x._replace(tau=0.0 * x.tau), "zero throughout"),
-    "no weight": (lambda x: x._replace(tau=x.tau - arm().gravity(x.q)), "weight|follow from its motion"),
+    "no weight": (
+        lambda x: x._replace(tau=x.tau - arm().gravity(x.q)),
+        "gravity torque|follow from its motion",
+    ),
     "too few columns": (lambda x: x._replace(q=x.q[:, :2]), "a column for each joint"),
     "times back": (lambda x: x._replace(t=x.t[::-1]), "increasing times"),
     "no log": (lambda x: 3, "must be a Log"),
@@ -501,7 +504,7 @@ BAD = {
     "late": (lambda x: x._replace(tau=np.roll(x.tau, 50, axis=0)), "50 ms apart: give both the same clock"),
     "another zero": (
         lambda x: x._replace(q=x.q + np.array([0.0, 1.5, 0.0])),
-        "weight|follow from its motion",
+        "gravity torque|follow from its motion",
     ),
     "swapped columns": (
         lambda x: x._replace(q=x.q[:, [1, 0, 2]], tau=x.tau[:, [1, 0, 2]]),
@@ -1361,7 +1364,7 @@ def test_torques_of_joints_have_no_rotors_and_these_stay_assumed(said: str | Non
     q = robot.middle() + 0.5
     links, true = (arm.mass_matrix(q) - np.diag(arm.armature) for arm in (result.robot, robot))
     assert np.abs(links - true).max() < 0.03 * np.abs(true).max()
-    assert any("taken for those of sensors" in str(each) for each in result.findings) == (said is None)
+    assert any("taken as those of sensors" in str(each) for each in result.findings) == (said is None)
     assert any("sensors behind the gears" in line for line in say_findings(result))
     write_identified(result, tmp_path / "found")
     again = armgpi.Robot.load(tmp_path / "found")
@@ -1605,7 +1608,7 @@ def joint_terms() -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], np.ndarra
     ("weight", "severity", "said"),
     [
         (-1.5, "warning", "a payload on the last link"),
-        (0.0, "error", "does not carry the weight"),
+        (0.0, "error", "does not contain the gravity torque"),
         (1.0, "", ""),
     ],
 )
@@ -1655,5 +1658,5 @@ def test_reversed_torques_are_still_refused_beside_what_a_payload_explains() -> 
 
 def test_a_robot_that_carries_its_own_weight_is_still_refused() -> None:
     given, robot = carrying(0.0), armgpi.Robot.load("ur5")
-    with pytest.raises(UnfitLog, match="does not carry the weight"):
+    with pytest.raises(UnfitLog, match="does not contain the gravity torque"):
         identify(given._replace(tau=given.tau - robot.gravity(given.q)), robot)
