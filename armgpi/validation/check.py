@@ -189,6 +189,10 @@ def _notes(
         yield "--passive changed nothing: the model has no forward_dynamics"
     if worker.printed:
         yield "the model prints while it computes; that is not shown"
+    fewest = min(sampled.values(), key=lambda s: len(s.values))
+    if len(fewest.values) < samples.FEW:
+        text = f"{fewest.function} is compared at {len(fewest.values)} states only"
+        yield f"{text}: a call takes {worker.uses[fewest.function]:.2g} s"
     worst = max(sampled.values(), key=lambda s: s.digits)
     if worst.digits >= _FEW_DIGITS:
         text = f"{worst.function} is only computed to {worst.digits:.1g} of its largest value"

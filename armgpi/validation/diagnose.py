@@ -136,10 +136,18 @@ def diagnose(
 
 
 def added_rotors(problem: Problem, differing: Mask) -> Array | None:
+    """Return rotor inertias of several joints that a model has in addition; see :func:`added_diagonal`.
+
+    None where it is at one joint alone, which may as well have another mistake in its constant.
+    """
+    added = added_diagonal(problem, differing)
+    return added if added is not None and np.count_nonzero(added) >= 2 else None
+
+
+def added_diagonal(problem: Problem, differing: Mask) -> Array | None:
     """Return what a model has on the diagonal of D in addition [kg m² or kg], shape (n,).
 
-    None where what differs is more than that, varies, is negative somewhere, or is at one joint alone, which
-    may as well have another mistake in its constant.
+    None where what differs is more than that, varies, or is negative somewhere.
 
     Args:
         problem: model and reference.
@@ -154,14 +162,17 @@ def added_rotors(problem: Problem, differing: Mask) -> Array | None:
         if np.ptp(rest) > 2.0 * problem.tolerance[column]:
             return None
         added[place[0]] = rest.mean()
-    return added if np.count_nonzero(added) >= 2 else None
+    return added
 
 
 def rotors_text(problem: Problem, added: Array) -> str:
     """Return what is said of rotor inertia that a model has in addition, with the option for it."""
     rotors = zip(problem.tree.joint_names, problem.tree.armature + added, strict=True)
     values = ",".join(f"{name}={x:.6g}" for name, x in rotors if x)
+    joints = np.flatnonzero(added)
     larger = "D is larger than the robot's by a constant diagonal"
+    if len(joints) == 1:
+        larger = f"D[{joints[0] + 1},{joints[0] + 1}] is larger than the robot's by a constant"
     causes = "rotor inertia, or another wrong constant on the diagonal"
     return f"{causes}: {larger}; compare with --rotor-inertia {values}"
 

@@ -28,6 +28,8 @@ CONFIGURATIONS, FEWEST = 40, 6
 BUDGET = 20.0
 #: Of that what the processor may take [s], and the configurations down to which it counts.
 COMPUTING, FEW = 2.0, 16
+#: What the processor may take for all functions [s]: beyond it, `FEWEST` configurations are taken.
+SAMPLING = 8.0
 #: Two calls at the same state differ by no more than this, relative: threads may sum in another order.
 REPEATABLE = 1e-12
 #: The model's arithmetic is looked at over steps of this size [rad or m], along this many configurations.
@@ -72,7 +74,12 @@ def sample(worker: Worker, states: States) -> dict[str, Sampled]:
             second time.
     """
     names = [name for name in ARGUMENTS if name in worker.functions]
-    return {name: _sample(worker, name, states) for name in names}
+    found: dict[str, Sampled] = {}
+    start = worker.seconds
+    for k, name in enumerate(names):
+        left = max(SAMPLING - (worker.seconds - start), 0.0)
+        found[name] = _sample(worker, name, states, left / (len(names) - k))
+    return found
 
 
 def glance(
@@ -176,8 +183,15 @@ def _check_value(worker: Worker, function: str, value: Array, n: int, shape: tup
     return value.reshape(allowed[0] if math.prod(allowed[0]) == value.size else value.shape)
 
 
-def _sample(worker: Worker, name: str, states: States) -> Sampled:
-    """Sample one function at the states and at what its quantities need."""
+def _sample(worker: Worker, name: str, states: States, seconds: float) -> Sampled:
+    """Sample one function at the states and at what its quantities need.
+
+    Args:
+        worker: the model.
+        name: the function.
+        states: all of them; a slow function is sampled at the first ones.
+        seconds: time of the processor that is left for it [s], where `FEW` configurations take longer.
+    """
     arguments = [getattr(states, letter) for letter in ARGUMENTS[name]]
     call(worker, name, *(x[:1] for x in arguments))  # to see how long it takes
     n = states.q.shape[1]
@@ -190,6 +204,8 @@ def _sample(worker: Worker, name: str, states: States) -> Sampled:
     computing = worker.uses.get(name, 0.0) * per_configuration
     if computing * rows > COMPUTING:
         rows = min(rows, max(FEW, int(COMPUTING / computing)))
+    if computing * rows > seconds:
+        rows = min(rows, max(FEWEST, int(seconds / computing)))
     few = states.first(rows)
     of_rows = [x[:rows] for x in arguments]
     values = call(worker, name, *of_rows)

@@ -67,6 +67,8 @@ _UNSURE = 6
 _FEW = 2
 #: Alternatives of a model whose functions take longer than this are looked at, many in one run [s].
 _LOOKED_AT = 1e-4
+#: Least time for a better change behind one that makes all agree [s]; else as long as that one took.
+_BEHIND_GOOD = 0.5
 #: Kinds of changes: to say which one it is costs their logarithm.
 _KINDS = 14
 #: Kinds of changes of which there are few at a place.
@@ -356,7 +358,10 @@ class _Trials:
             strict=True,
         ):
             step: _Step | None = None
+            begun, late = time.process_time(), math.inf
             for pick in itertools.chain(*stage):
+                if time.process_time() > late:
+                    break
                 if step is not None and step.is_like(pick):
                     step, does = step._replace(bits=pick.bits, pick=pick), id(pick)
                 else:
@@ -366,6 +371,9 @@ class _Trials:
                     found[does] = min(found.get(does, step), step, key=lambda one: one[:3])
                     if self._is_best(step):
                         break
+                    if late == math.inf and self._is_good(step):
+                        now = time.process_time()
+                        late = now + max(now - begun, _BEHIND_GOOD)
             if self.is_over():
                 self.unsearched.append(what)
             yield sorted(found.values(), key=lambda step: step[:3])
@@ -376,6 +384,13 @@ class _Trials:
             return False
         one = self.prove((step.pick,))
         return one is not None and one.holds
+
+    def _is_good(self, step: _Step) -> bool:
+        """Tell whether a usual change makes all agree, and no number of the source speaks against it."""
+        if step.left or step.ugly or step.pick.kind not in _USUAL:
+            return False
+        one = self.prove((step.pick,))
+        return one is not None and not one.doubts
 
     def _differing(self, reached: Iterable[str]) -> list[str]:
         """Return the functions that differ, of those that are reached, the fast ones of a graph first."""

@@ -22,6 +22,7 @@ from armgpi.validation.diagnose import (
     NOT_NAMED,
     UNNAMED,
     Cause,
+    added_diagonal,
     added_rotors,
     diagnose,
     join_equal,
@@ -182,6 +183,12 @@ def _searched_causes(
     if found is None and not whole:
         values = _with_other_bodies(compared.problem, values)
     _forget_what_was_not_searched(compared, whole, found)
+    rotor = _one_rotor(compared.problem)
+    if rotor is not None:
+        if found is not None and _removes_no_term_of(found, differences):
+            causes = repair.causes(found, compared.worker.source or "", compared.problem)
+            return _beside([rotor], list(causes), SOURCE), None
+        values = [_or_rotor(cause, rotor) for cause in values]
     return _ranked(values, found, whole, compared.worker.source, compared.problem, differences)
 
 
@@ -363,6 +370,35 @@ def _only_removes(found: Repaired) -> bool:
         return float(found.changes[0].new) == 0.0
     except ValueError:
         return False
+
+
+def _removes_no_term_of(found: Repaired, differences: Sequence[Difference]) -> bool:
+    """Tell whether a repair drops a number or summand that is none of the robot's: written on purpose."""
+    if _only_removes(found):
+        return True
+    is_dropped = [change.kind for change in found.changes] == ["extra"]
+    return is_dropped and bool(differences) and not any(one.named for one in differences)
+
+
+def _one_rotor(problem: Problem) -> Cause | None:
+    """Return the rotor inertia of one joint where that is all that differs, None else.
+
+    Where the robot has rotors their numbers are compared, and where a joint slides a mass adds there too.
+    """
+    added = added_diagonal(problem, ~problem.agreeing)
+    if added is None or np.count_nonzero(added) != 1 or problem.tree.armature.any():
+        return None
+    if problem.tree.prismatic[int(np.flatnonzero(added)[0])]:
+        return None
+    elements = problem.elements_of(~problem.agreeing)
+    return Cause("rotor-inertia", rotors_text(problem, added), "elements", elements, structural=False)
+
+
+def _or_rotor(cause: Cause, rotor: Cause) -> Cause:
+    """Return what the values tell, with the rotor inertia that explains it as well."""
+    if cause.kind in ("armature", "rotor-inertia"):
+        return cause
+    return cause._replace(alternatives=(rotor.text, *cause.alternatives)[:ALTERNATIVES])
 
 
 def _told_by_values(causes: list[Cause], differences: Sequence[Difference]) -> list[Cause]:

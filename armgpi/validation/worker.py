@@ -82,6 +82,7 @@ class Worker:
         takes: how long a call takes [s], per function: the least so far.
         uses: time of the processor that a call takes [s], per function: the least so far.
         means: what isolates it, "" when nothing does.
+        read_seconds: time of the processor that reading it has taken [s].
         seconds: time of the processor that it has taken, with the calls of which it has answered [s].
         seconds_of_ended: time of the processor that all processes of models took that have ended [s].
     """
@@ -142,7 +143,7 @@ class Worker:
             raise self._nonsense("") from None
         self.functions, self.n, self.printed = opening.functions, opening.n, opening.printed
         self.source, self.uncompared = opening.source, opening.uncompared
-        self.seconds = opening.seconds
+        self.seconds = self.read_seconds = opening.seconds
 
     def reread(self, source: str) -> None:
         """Read the model again in this process, from another text than its file's.

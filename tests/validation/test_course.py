@@ -14,7 +14,7 @@ import pytest
 import textbooks
 
 from armgpi import validate
-from armgpi.validation import course, edits, models, search, worker
+from armgpi.validation import course, edits, models, repair, samples, search, worker
 
 ARM = "rr_textbook"
 RIGHT = textbooks.text(ARM)
@@ -119,3 +119,23 @@ def test_what_there_was_no_time_for_is_said(tmp_path: Path, monkeypatch: pytest.
     report = validate(model(tmp_path, ODD), textbooks.robot(ARM, RIGHT))
     assert not report.agrees
     assert "not searched within 1e-09 s of processor time" in str(report)
+
+
+def test_a_model_that_takes_long_is_sampled_at_few_states(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(samples, "SAMPLING", 0.0)
+    report = validate(model(tmp_path, RIGHT), textbooks.robot(ARM, RIGHT))
+    assert report.agrees
+    assert report.states == samples.FEWEST
+    assert any(f"is compared at {samples.FEWEST} states only" in note for note in report.notes)
+
+
+def test_a_source_that_takes_longer_to_be_read_than_is_left_is_not_searched(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(course, "TOTAL", 0.0)
+    monkeypatch.setattr(repair, "LEAST", 0.0)
+    report = validate(model(tmp_path, ODD), textbooks.robot(ARM, RIGHT))
+    assert not report.agrees
+    assert any("the source, which takes" in note for note in report.notes)

@@ -179,6 +179,36 @@ def test_numbers_that_no_source_shows_are_spelled_out() -> None:
     assert found == [("a", 1.5), ("b", 1.5), ("c", 1.0), ("d", 1.0)]
 
 
+@pytest.mark.parametrize("joint", [1, 2])
+@pytest.mark.parametrize(("named", "term"), [("", "0.031"), ("Jm = 0.031", "Jm")])
+def test_a_rotor_of_one_joint_is_named_with_the_option(
+    joint: int, named: str, term: str, tmp_path: Path
+) -> None:
+    right = textbooks.text("rr_textbook")
+    added = right.replace(
+        "    return np.array([[d11, d12], [d12, d22]])",
+        f"    d{joint}{joint} = d{joint}{joint} + {term}\n    return np.array([[d11, d12], [d12, d22]])",
+    )
+    path, arm = tmp_path / "model.py", textbooks.robot("rr_textbook", right)
+    path.write_text(added.replace("g = 9.81\n", f"g = 9.81\n{named}\n"), encoding="utf-8")
+    report = validate(path, arm)
+    cause = report.causes[0]
+    assert cause.kind == "rotor-inertia"
+    assert cause.text.endswith(f"compare with --rotor-inertia {arm.joint_names[joint - 1]}=0.031")
+    assert "the source says: " in cause.beside
+    assert report.repaired is None
+    assert validate(path, arm, rotor_inertia={arm.joint_names[joint - 1]: 0.031}).agrees
+
+
+def test_a_summand_of_the_robot_twice_is_no_rotor(tmp_path: Path) -> None:
+    right = textbooks.text("rr_textbook")
+    path = tmp_path / "model.py"
+    path.write_text(right.replace("d22 = I2 +", "d22 = I2 + I2 +"), encoding="utf-8")
+    report = validate(path, textbooks.robot("rr_textbook", right))
+    assert report.causes[0].kind != "rotor-inertia"
+    assert any("--rotor-inertia" in text for text in report.causes[0].alternatives) or report.repaired
+
+
 def test_rotors_that_a_model_has_are_named_with_the_option(tmp_path: Path) -> None:
     arm = Robot.load("anthropomorphic3")
     rotors = np.array([0.3, 0.2, 0.04])
