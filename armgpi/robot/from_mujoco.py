@@ -38,10 +38,13 @@ def is_mjcf(text: str) -> bool:
     """Tell whether the text of a file is that of a MuJoCo model: by its first element."""
     begun = text.find("<")
     while begun >= 0 and text.startswith(("<!", "<?"), begun):  # a comment, or a declaration
-        last = "-->" if text.startswith("<!--", begun) else ">"
-        end = text.find(last, begun + 4 if last == "-->" else begun)
-        begun = text.find("<", end + len(last)) if end >= 0 else -1
-    return text.startswith("<mujoco", begun) if begun >= 0 else False
+        is_comment = text.startswith("<!--", begun)
+        last = "-->" if is_comment else ">"
+        end = text.find(last, begun + 4 if is_comment else begun)
+        if end < 0:
+            return False
+        begun = text.find("<", end + len(last))
+    return begun >= 0 and text.startswith("<mujoco", begun)
 
 
 def read(path: Path, text: str) -> Urdf:
@@ -57,7 +60,8 @@ def read(path: Path, text: str) -> Urdf:
     """
     import_extra("mujoco", "mujoco")
     others = mjcf_files.check(path)  # which refuses what is no regular file, where MuJoCo would wait
-    return _Reader(_compiled(path), path).document(_hash(path, text, others))
+    reader = _Reader(_compiled(path), path)
+    return reader.document(_hash(path, text, others))
 
 
 def _hash(path: Path, text: str, others: Sequence[Path]) -> str:
@@ -70,10 +74,13 @@ def _hash(path: Path, text: str, others: Sequence[Path]) -> str:
         UrdfError: when one of them cannot be read any more.
     """
     digest = hashlib.sha256(text.encode())
-    try:
-        contents = {hashlib.sha256(files.read_bytes(other, mjcf_files.MOST)).digest() for other in others}
-    except OSError as error:
-        raise UrdfError(path, f"names a file that cannot be read: {files.reason(error)}") from None
+    contents = set()
+    for other in others:
+        try:
+            content = files.read_bytes(other, mjcf_files.MOST)
+        except OSError as error:
+            raise UrdfError(path, f"names a file that cannot be read: {files.reason(error)}") from None
+        contents.add(hashlib.sha256(content).digest())
     for content in sorted(contents):
         digest.update(content)
     return digest.hexdigest()
@@ -88,11 +95,11 @@ def _compiled(path: Path) -> Any:
     try:
         return mujoco.MjModel.from_xml_path(str(path.absolute()))
     except (ValueError, TypeError) as error:  # TypeError for a name that is no text
-        said = " ".join(str(error).split())
-        if missing := _MISSING.search(said):
+        reason = " ".join(str(error).split())
+        if missing := _MISSING.search(reason):
             way = "copy it to where <compiler> says (meshdir, texturedir, assetdir), or else beside the model"
             raise UrdfError(path, f"names the file {missing[1]!r}, which is not there: {way}") from None
-        raise UrdfError(path, f"MuJoCo cannot read it: {said.removeprefix('Error: ')}") from None
+        raise UrdfError(path, f"MuJoCo cannot read it: {reason.removeprefix('Error: ')}") from None
     finally:
         mujoco.set_mju_user_warning(handler)
 
@@ -100,7 +107,8 @@ def _compiled(path: Path) -> Any:
 def fluid(model: Any) -> str:
     """Return what to say of the fluid around the arm of a `mujoco.MjModel`; empty where there is none."""
     option = model.opt
-    if not (option.density > 0.0 or option.viscosity > 0.0) or not _is_passive(model):
+    is_there = option.density > 0.0 or option.viscosity > 0.0
+    if not (is_there and _is_passive(model)):
         return ""
     numbers = f"density {option.density:g} kg/m^3, viscosity {option.viscosity:g} Pa s"
     return f"the forces of the fluid around the arm are left out ({numbers}), which MuJoCo adds"
@@ -115,7 +123,8 @@ def _acts(model: Any, *parts: str) -> bool:
     """
     bits = import_extra("mujoco", "mujoco").mjtDisableBit
     off = int(model.opt.disableflags)
-    return not any(off & int(getattr(bits, f"mjDSBL_{part}", 0)) for part in parts)
+    flags = [int(getattr(bits, f"mjDSBL_{part}", 0)) for part in parts]
+    return not any(off & flag for flag in flags)
 
 
 def _is_passive(model: Any) -> bool:
@@ -131,6 +140,10 @@ class _Reader:
         source: its file, for messages.
         bodies: name of the link of every body; the world is "world".
         joint_names: name of every joint; one without a name is called by its index.
+        parents: the body that carries each body.
+        joint_bodies: the body that each joint moves.
+        position_rows: where each joint's first coordinate stands in qpos.
+        velocity_rows: where its first velocity stands in qvel.
     """
 
     def __init__(self, model: Any, source: Path) -> None:
@@ -142,8 +155,12 @@ class _Reader:
             int(mujoco.mjtJoint.mjJNT_SLIDE): "prismatic",
             int(mujoco.mjtJoint.mjJNT_FREE): "floating",
         }
-        self.bodies = _names([model.body(b).name for b in range(model.nbody)], "body")
-        self.joint_names = _names([model.joint(j).name for j in range(model.njnt)], "joint")
+        self.bodies = _body_names(model)
+        self.joint_names = _joint_names(model)
+        self.parents = _whole(model.body_parentid)
+        self.joint_bodies = _whole(model.jnt_bodyid)
+        self.position_rows = _whole(model.jnt_qposadr)
+        self.velocity_rows = _whole(model.jnt_dofadr)
         self.links: dict[str, Link] = {}
         self.joints: dict[str, Joint] = {}
 
@@ -160,7 +177,8 @@ class _Reader:
         rotors = {}
         for joint, name in enumerate(self.joint_names):
             if self.joints[name].moves:
-                rotors[name] = float(model.dof_armature[int(model.jnt_dofadr[joint])])
+                rotors[name] = float(model.dof_armature[self.velocity_rows[joint]])
+        gravity = _numbers(model.opt.gravity) if self._acts("GRAVITY") else _ZEROS
         name = _model_name(model) or "unnamed"
         if around := fluid(model):
             warnings.warn(f"{self.source}: {around}", ArmgpiWarning, stacklevel=2)
@@ -172,7 +190,7 @@ class _Reader:
             links=self.links,
             joints=self.joints,
             armature=rotors,
-            gravity=tuple(float(x) for x in model.opt.gravity) if self._acts("GRAVITY") else _ZEROS,
+            gravity=gravity,
             coupled=tuple(self._more_than_an_arm()),
             compiled=model,
         )
@@ -183,56 +201,64 @@ class _Reader:
 
     def _targets(self) -> set[int]:
         """Return mocap bodies, which are targets to drag, with all below them; none with a joint below it."""
-        model, skipped = self.model, set[int]()
-        moving = {int(body) for body in model.jnt_bodyid}
+        model = self.model
+        skipped: set[int] = set()
         for body in range(1, model.nbody):
-            below = [b for b in range(model.nbody) if body in self._above(b)]
-            if model.body_mocapid[body] >= 0 and not moving.intersection(below):
+            if model.body_mocapid[body] < 0:
+                continue
+            below = [other for other in range(model.nbody) if body in self._above(other)]
+            if not set(self.joint_bodies).intersection(below):
                 skipped.update(below)
         return skipped
 
     def _above(self, body: int) -> list[int]:
         """Return a body and those that carry it, without the world."""
-        found = []
+        above = []
         while body:
-            found.append(body)
-            body = int(self.model.body_parentid[body])
-        return found
+            above.append(body)
+            body = self.parents[body]
+        return above
 
     def _body(self, body: int) -> None:
         """Add the link of a body, and its joints."""
         model, name = self.model, self.bodies[body]
         mass = float(model.body_mass[body])
-        inertia = tuple(float(x) for x in model.body_inertia[body])
-        tensor = (inertia[0], 0.0, 0.0, inertia[1], 0.0, inertia[2])
-        xyz, rpy = tuple(float(x) for x in model.body_ipos[body]), _rpy(_rotation(model.body_iquat[body]))
-        self.links[name] = Link(name, mass, xyz, rpy, tensor, mass > 0.0, ())
+        xx, yy, zz = _numbers(model.body_inertia[body])
+        xyz = _numbers(model.body_ipos[body])
+        rpy = _rpy(_rotation(model.body_iquat[body]))
+        self.links[name] = Link(name, mass, xyz, rpy, (xx, 0.0, 0.0, yy, 0.0, zz), mass > 0.0, ())
         if body == 0:
             return
-        parent = self.bodies[int(model.body_parentid[body])]
-        place = pin.SE3(_rotation(model.body_quat[body]), np.array(model.body_pos[body]))
+        parent = self.bodies[self.parents[body]]
+        place = _place(model.body_pos[body], model.body_quat[body])
         first = int(model.body_jntadr[body])
-        for joint in range(first, first + int(model.body_jntnum[body])):
-            last = joint == first + int(model.body_jntnum[body]) - 1
+        end = first + int(model.body_jntnum[body])
+        for joint in range(first, end):
             # An axis beside the origin of its body: the body is a fixed link behind it.
-            anchor = np.array(model.jnt_pos[joint])
-            ends_here = last and (
-                not anchor.any() or self.kinds.get(int(model.jnt_type[joint])) == "floating"
-            )
+            is_at_origin = not np.any(model.jnt_pos[joint]) or self._kind(joint) == "floating"
+            ends_here = joint == end - 1 and is_at_origin
             link = name if ends_here else f"{name} ({self.joint_names[joint]})"
             place = self._joint(joint, parent, link, place)
             if not ends_here:
-                self.links[link] = Link(link, 0.0, _ZEROS, _ZEROS, _NO_INERTIA, False, ())
+                self._add_frame(link)
             parent = link
             if ends_here:
                 return
         fixed = f"{name} (fixed)"
         self.joints[fixed] = Joint(fixed, "fixed", parent, name, *_xyz_rpy(place))
 
+    def _kind(self, joint: int) -> str | None:
+        """Return the type of a joint as a URDF has it; None for a ball joint."""
+        return self.kinds.get(int(self.model.jnt_type[joint]))
+
+    def _add_frame(self, name: str) -> None:
+        """Add a link without mass."""
+        self.links[name] = Link(name, 0.0, _ZEROS, _ZEROS, _NO_INERTIA, False, ())
+
     def _joint(self, joint: int, parent: str, child: str, place: Any) -> Any:
         """Add a joint on a body at `place` on its parent; return the place of the body on the child."""
         model, name = self.model, self.joint_names[joint]
-        kind = self.kinds.get(int(model.jnt_type[joint]))
+        kind = self._kind(joint)
         if kind is None:
             raise UrdfError(
                 self.source,
@@ -243,90 +269,114 @@ class _Reader:
         if kind == "floating":
             self.joints[name] = Joint(name, kind, parent, child, *_xyz_rpy(place))
             return pin.SE3.Identity()
-        anchor, axis = np.array(model.jnt_pos[joint]), np.array(model.jnt_axis[joint])
+        anchor = np.array(model.jnt_pos[joint])
+        axis = np.array(model.jnt_axis[joint])
         # The pose that the file shows is that of qpos0.
-        zero = float(model.qpos0[int(model.jnt_qposadr[joint])])
-        shift = pin.SE3(np.eye(3), anchor)
+        back = -self._shown_position(joint) * axis
+        turned_back, moved_back = np.eye(3), np.zeros(3)
         if kind == "prismatic":
-            shift = shift * pin.SE3(np.eye(3), -zero * axis)
+            moved_back = back
         else:
-            shift = shift * pin.SE3(pin.exp3(-zero * axis), np.zeros(3))
+            turned_back = pin.exp3(back)
+        shift = pin.SE3(np.eye(3), anchor) * pin.SE3(turned_back, moved_back)
         lower, upper = -math.inf, math.inf
         if model.jnt_limited[joint] and self._acts("LIMIT", "CONSTRAINT"):
-            lower, upper = (float(x) for x in model.jnt_range[joint])
+            lower, upper = _numbers(model.jnt_range[joint])
         elif kind == "revolute":
             kind = "continuous"
         leader, ratio, offset = self.mimics.get(name, (None, 1.0, 0.0))
-        row = int(model.jnt_dofadr[joint])
+        row = self.velocity_rows[joint]
+        damping = float(np.ravel(model.dof_damping[row])[0])
+        friction = float(model.dof_frictionloss[row])
         self.joints[name] = Joint(
             name,
             kind,
             parent,
             child,
             *_xyz_rpy(place * shift),
-            axis=tuple(float(x) for x in axis),
+            axis=_numbers(axis),
             lower=lower,
             upper=upper,
             effort=float(self.efforts[joint]),
-            damping=float(np.ravel(model.dof_damping[row])[0]) * self._acts("PASSIVE", "DAMPER"),
-            friction=float(model.dof_frictionloss[row]) * self._acts("FRICTIONLOSS", "CONSTRAINT"),
+            damping=damping * self._acts("PASSIVE", "DAMPER"),
+            friction=friction * self._acts("FRICTIONLOSS", "CONSTRAINT"),
             mimic=leader,
             mimic_multiplier=ratio,
             mimic_offset=offset,
         )
         return pin.SE3(np.eye(3), -anchor)
 
+    def _shown_position(self, joint: int) -> float:
+        """Return the first coordinate of a joint in the pose that the file shows [rad or m]."""
+        return float(self.model.qpos0[self.position_rows[joint]])
+
     def _sites(self, skipped: set[int]) -> None:
         """Add the sites that have a name, as frames."""
         model = self.model
         for site in range(model.nsite):
-            name, body = model.site(site).name, int(model.site_bodyid[site])
-            if not name or name in self.links or body in skipped or f"{name} (site)" in self.joints:
-                continue
-            self.links[name] = Link(name, 0.0, _ZEROS, _ZEROS, _NO_INERTIA, False, ())
-            place = pin.SE3(_rotation(model.site_quat[site]), np.array(model.site_pos[site]))
+            name = model.site(site).name
+            body = int(model.site_bodyid[site])
             joint = f"{name} (site)"
-            self.joints[joint] = Joint(joint, "fixed", self.bodies[body], name, *_xyz_rpy(place))
+            if not name or body in skipped or name in self.links or joint in self.joints:
+                continue
+            self._add_frame(name)
+            xyz, rpy = _xyz_rpy(_place(model.site_pos[site], model.site_quat[site]))
+            self.joints[joint] = Joint(joint, "fixed", self.bodies[body], name, xyz, rpy)
 
     def _efforts(self) -> Array:
         """Return the largest force of the actuators of each joint [N m or N]; infinite without any."""
         model = self.model
-        mujoco = import_extra("mujoco", "mujoco")
         efforts = np.zeros(model.njnt)
-        for a in range(model.nu):
-            kind, place = int(model.actuator_trntype[a]), int(model.actuator_trnid[a, 0])
-            if kind in (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)):
-                joint, arm = place, 1.0
-            elif kind == int(mujoco.mjtTrn.mjTRN_TENDON) and (led := self._led_by(place)) is not None:
-                joint, arm = led
-            else:
+        for actuator in range(model.nu):
+            driven = self._driven_by(actuator)
+            if driven is None:
                 continue
-            limit = np.inf
-            if model.actuator_forcelimited[a]:
-                limit = np.abs(model.actuator_forcerange[a]).max()
-            elif model.actuator_ctrllimited[a] and not np.any(model.actuator_biasprm[a]):
-                limit = np.abs(model.actuator_ctrlrange[a]).max() * abs(model.actuator_gainprm[a, 0])
-            efforts[joint] += abs(model.actuator_gear[a, 0] * arm) * limit if arm else 0.0
+            joint, arm = driven
+            lever = abs(model.actuator_gear[actuator, 0] * arm)
+            if arm:
+                efforts[joint] += lever * self._largest_force(actuator)
         for joint in range(model.njnt):
             if model.jnt_actfrclimited[joint]:
                 most = np.abs(model.jnt_actfrcrange[joint]).max()
                 efforts[joint] = min(efforts[joint] or np.inf, most)
         return np.where(efforts > 0.0, efforts, np.inf)
 
+    def _driven_by(self, actuator: int) -> tuple[int, float] | None:
+        """Return the only joint that an actuator drives, and its lever [m or 1]; None where there is none."""
+        transmissions = import_extra("mujoco", "mujoco").mjtTrn
+        kind = int(self.model.actuator_trntype[actuator])
+        place = int(self.model.actuator_trnid[actuator, 0])
+        if kind in (int(transmissions.mjTRN_JOINT), int(transmissions.mjTRN_JOINTINPARENT)):
+            return place, 1.0
+        if kind == int(transmissions.mjTRN_TENDON):
+            return self._led_by(place)
+        return None
+
+    def _largest_force(self, actuator: int) -> float:
+        """Return the largest force of an actuator without its gear; infinite where nothing limits it."""
+        model = self.model
+        if model.actuator_forcelimited[actuator]:
+            return float(np.abs(model.actuator_forcerange[actuator]).max())
+        is_motor = not np.any(model.actuator_biasprm[actuator])
+        if not (model.actuator_ctrllimited[actuator] and is_motor):
+            return math.inf
+        largest_control = np.abs(model.actuator_ctrlrange[actuator]).max()
+        return float(largest_control * abs(model.actuator_gainprm[actuator, 0]))
+
     def _led_by(self, tendon: int) -> tuple[int, float] | None:
         """Return the only joint that a tendon moves, with those that follow it, and its lever [m or 1].
 
         None for a tendon through sites, and for one that moves several joints.
         """
-        mujoco, model = import_extra("mujoco", "mujoco"), self.model
-        first = int(model.tendon_adr[tendon])
+        wraps = self._wraps(tendon)
+        if not self._wraps_joints(wraps):
+            return None
         levers: dict[str, float] = {}
-        for wrap in range(first, first + int(model.tendon_num[tendon])):
-            if int(model.wrap_type[wrap]) != int(mujoco.mjtWrap.mjWRAP_JOINT):
-                return None
-            name = self.joint_names[int(model.wrap_objid[wrap])]
+        for wrap in wraps:
+            name = self._wrapped(wrap)
             leader, ratio, _ = self.mimics.get(name, (name, 1.0, 0.0))
-            levers[leader] = levers.get(leader, 0.0) + ratio * float(model.wrap_prm[wrap])
+            levers.setdefault(leader, 0.0)
+            levers[leader] += ratio * float(self.model.wrap_prm[wrap])
         if len(levers) != 1:
             return None
         ((name, lever),) = levers.items()
@@ -334,24 +384,27 @@ class _Reader:
 
     def _mimics(self) -> dict[str, tuple[str, float, float]]:
         """Return the joints that follow another in proportion: name -> leader, ratio and offset."""
-        model, found = self.model, dict[str, tuple[str, float, float]]()
+        mimics: dict[str, tuple[str, float, float]] = {}
         for equality in self._equalities("mjEQ_JOINT"):
-            follower, leader = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
-            factors = model.eq_data[equality]
-            if leader >= 0 and not np.any(factors[2:5]):
-                zeros = [float(model.qpos0[int(model.jnt_qposadr[j])]) for j in (follower, leader)]
-                ratio = float(factors[1])
-                offset = float(factors[0]) + zeros[0] - ratio * zeros[1]
-                found[self.joint_names[follower]] = (self.joint_names[leader], ratio, offset)
-        return found
+            follower, leader = self._ends(equality)
+            constant, ratio, *powers = _numbers(self.model.eq_data[equality][:5])
+            if leader < 0 or any(powers):
+                continue
+            offset = constant + self._shown_position(follower) - ratio * self._shown_position(leader)
+            mimics[self.joint_names[follower]] = (self.joint_names[leader], ratio, offset)
+        return mimics
+
+    def _ends(self, equality: int) -> tuple[int, int]:
+        """Return the two objects of an equality constraint; -1 for one that is not there."""
+        return int(self.model.eq_obj1id[equality]), int(self.model.eq_obj2id[equality])
 
     def _equalities(self, kind: str) -> list[int]:
         """Return the equality constraints of one kind that are active."""
         mujoco, model = import_extra("mujoco", "mujoco"), self.model
         if not self._acts("EQUALITY", "CONSTRAINT"):
             return []
-        wanted = int(getattr(mujoco.mjtEq, kind))
-        return [i for i in range(model.neq) if model.eq_active0[i] and int(model.eq_type[i]) == wanted]
+        is_of_kind = np.array(model.eq_type) == int(getattr(mujoco.mjtEq, kind))
+        return _whole(np.flatnonzero(is_of_kind & np.array(model.eq_active0, dtype=bool)))
 
     def _more_than_an_arm(self) -> Iterator[Coupled]:
         """Give what equations of rigid bodies on a tree do not have, with the joints that it acts on."""
@@ -364,62 +417,77 @@ class _Reader:
                 joints = self._joints_of(self._above(body))
                 yield Coupled(f"gravity compensated (gravcomp) at body {self.bodies[body]!r}", joints)
         yield from self._constraints()
-        mujoco = import_extra("mujoco", "mujoco")
+        yield from self._tendons()
+
+    def _tendons(self) -> Iterator[Coupled]:
+        """Give the tendons that are no drive of one joint."""
+        mujoco, model = import_extra("mujoco", "mujoco"), self.model
         actuators = _names([model.actuator(a).name for a in range(model.nu)], "actuator")
         tendons = _names([model.tendon(t).name for t in range(model.ntendon)], "tendon")
-        for a in range(model.nu):
-            tendon = int(model.actuator_trnid[a, 0])
-            by_tendon = int(model.actuator_trntype[a]) == int(mujoco.mjtTrn.mjTRN_TENDON)
-            if by_tendon and self._led_by(tendon) is None:
-                what = f"actuator {actuators[a]!r} on tendon {tendons[tendon]!r}"
-                yield Coupled(f"{what}, one force for several joints", self._joints_of_tendon(tendon))
+        for actuator, name in enumerate(actuators):
+            tendon = int(model.actuator_trnid[actuator, 0])
+            is_by_tendon = model.actuator_trntype[actuator] == int(mujoco.mjtTrn.mjTRN_TENDON)
+            if is_by_tendon and self._led_by(tendon) is None:
+                drive = f"actuator {name!r} on tendon {tendons[tendon]!r}, one force for several joints"
+                yield Coupled(drive, self._joints_of_tendon(tendon))
         pulls = [model.tendon_stiffness] if self._acts("PASSIVE", "SPRING") else []
         pulls += [model.tendon_damping] if self._acts("PASSIVE", "DAMPER") else []
         pulls += [model.tendon_frictionloss] if self._acts("FRICTIONLOSS", "CONSTRAINT") else []
         pulls += [model.tendon_limited] if self._acts("LIMIT", "CONSTRAINT") else []
-        for tendon in range(model.ntendon):
+        for tendon, name in enumerate(tendons):
             if any(np.any(numbers[tendon]) for numbers in pulls):
-                what = f"tendon {tendons[tendon]!r}, which pulls by itself"
-                yield Coupled(what, self._joints_of_tendon(tendon))
+                pulling = f"tendon {name!r}, which pulls by itself"
+                yield Coupled(pulling, self._joints_of_tendon(tendon))
 
     def _constraints(self) -> Iterator[Coupled]:
         """Give the equality constraints that are no mimic joints."""
-        model = self.model
         for equality in self._equalities("mjEQ_JOINT"):
-            follower, leader = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
-            if self.joint_names[follower] not in self.mimics:
-                names = tuple(self.joint_names[j] for j in (follower, leader) if j >= 0)
+            ends = self._ends(equality)
+            if self.joint_names[ends[0]] not in self.mimics:
+                names = tuple(self.joint_names[joint] for joint in ends if joint >= 0)
                 yield Coupled("an equality constraint that is no ratio between two joints", names)
-        for kind, what in (("mjEQ_CONNECT", "connect"), ("mjEQ_WELD", "weld")):
+        for kind, element in (("mjEQ_CONNECT", "connect"), ("mjEQ_WELD", "weld")):
             for equality in self._equalities(kind):
-                yield self._loop(equality, what)
+                yield self._loop(equality, element)
         if self._equalities("mjEQ_TENDON"):
             yield Coupled("an equality constraint of tendons", tuple(self.joint_names))
 
-    def _loop(self, equality: int, what: str) -> Coupled:
+    def _loop(self, equality: int, element: str) -> Coupled:
         """Return a constraint between two bodies, with the joints between them."""
         mujoco, model = import_extra("mujoco", "mujoco"), self.model
-        ends = [int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])]
+        ends = list(self._ends(equality))
         if int(model.eq_objtype[equality]) == int(mujoco.mjtObj.mjOBJ_SITE):
             ends = [int(model.site_bodyid[site]) for site in ends]
         first, second = (set(self._above(body)) for body in ends)
         names = " and ".join(repr(self.bodies[body]) for body in ends)
         joints = self._joints_of(sorted(first ^ second))
-        return Coupled(f"a loop: <{what}> of the bodies {names}", joints)
+        return Coupled(f"a loop: <{element}> of the bodies {names}", joints)
 
     def _joints_of(self, bodies: list[int]) -> tuple[str, ...]:
         """Return the names of the joints of some bodies."""
-        owners = [int(body) for body in self.model.jnt_bodyid]
-        return tuple(self.joint_names[j] for j, body in enumerate(owners) if body in bodies)
+        owners = zip(self.joint_names, self.joint_bodies, strict=True)
+        return tuple(name for name, body in owners if body in bodies)
 
     def _joints_of_tendon(self, tendon: int) -> tuple[str, ...]:
         """Return the names of the joints that a tendon may pull at: of one through sites, all."""
-        mujoco, model = import_extra("mujoco", "mujoco"), self.model
-        first = int(model.tendon_adr[tendon])
-        wraps = range(first, first + int(model.tendon_num[tendon]))
-        if any(int(model.wrap_type[w]) != int(mujoco.mjtWrap.mjWRAP_JOINT) for w in wraps):
+        wraps = self._wraps(tendon)
+        if not self._wraps_joints(wraps):
             return tuple(self.joint_names)
-        return tuple(self.joint_names[int(model.wrap_objid[w])] for w in wraps)
+        return tuple(self._wrapped(wrap) for wrap in wraps)
+
+    def _wraps(self, tendon: int) -> range:
+        """Return what a tendon runs along, as MuJoCo numbers it."""
+        first = int(self.model.tendon_adr[tendon])
+        return range(first, first + int(self.model.tendon_num[tendon]))
+
+    def _wraps_joints(self, wraps: range) -> bool:
+        """Tell whether a tendon runs along joints alone: none is through sites or around geometries."""
+        of_joint = int(import_extra("mujoco", "mujoco").mjtWrap.mjWRAP_JOINT)
+        return all(int(self.model.wrap_type[wrap]) == of_joint for wrap in wraps)
+
+    def _wrapped(self, wrap: int) -> str:
+        """Return the name of the joint that a tendon runs along."""
+        return self.joint_names[int(self.model.wrap_objid[wrap])]
 
 
 def poses(document: Urdf, values: Mapping[str, float]) -> dict[str, Any]:
@@ -430,17 +498,19 @@ def poses(document: Urdf, values: Mapping[str, float]) -> dict[str, Any]:
     mujoco, model = import_extra("mujoco", "mujoco"), document.compiled
     data = mujoco.MjData(model)
     data.qpos[:] = model.qpos0
-    for joint, name in enumerate(_names([model.joint(j).name for j in range(model.njnt)], "joint")):
+    rows = _whole(model.jnt_qposadr)
+    for name, row in zip(_joint_names(model), rows, strict=True):
         if name in values:
-            data.qpos[int(model.jnt_qposadr[joint])] = values[name]
+            data.qpos[row] = values[name]
     mujoco.mj_kinematics(model, data)
-    found = {}
-    for body, name in enumerate(_names([model.body(b).name for b in range(model.nbody)], "body")):
+    pose_of_link = {}
+    for body, name in enumerate(_body_names(model)):
         if name in document.links:
             pose = np.eye(4)
-            pose[:3, :3], pose[:3, 3] = np.reshape(data.xmat[body], (3, 3)), data.xpos[body]
-            found[name] = pose
-    return found
+            pose[:3, :3] = np.reshape(data.xmat[body], (3, 3))
+            pose[:3, 3] = data.xpos[body]
+            pose_of_link[name] = pose
+    return pose_of_link
 
 
 def check_same(robot: Any, document: Urdf) -> None:
@@ -457,35 +527,41 @@ def check_same(robot: Any, document: Urdf) -> None:
     if theirs is None or robot.coupling is not None:
         return
     mujoco, path = import_extra("mujoco", "mujoco"), document.source
-    names = _names([theirs.joint(j).name for j in range(theirs.njnt)], "joint")
-    at = {name: int(theirs.jnt_qposadr[j]) for j, name in enumerate(names)}
-    rows = [int(theirs.jnt_dofadr[names.index(name)]) for name in robot.joint_names]
-    data, full = mujoco.MjData(theirs), np.zeros((theirs.nv, theirs.nv))
-    speeds = np.random.default_rng(0).uniform(-1.0, 1.0, (_LOOKS, robot.n))
+    names = _joint_names(theirs)
+    position_rows = dict(zip(names, _whole(theirs.jnt_qposadr), strict=True))
+    velocity_rows = dict(zip(names, _whole(theirs.jnt_dofadr), strict=True))
+    rows = [velocity_rows[name] for name in robot.joint_names]
+    data = mujoco.MjData(theirs)
+    full = np.zeros((theirs.nv, theirs.nv))
+    rng = np.random.default_rng(0)
+    speeds = rng.uniform(-1.0, 1.0, (_LOOKS, robot.n))
     positions = robot.random_positions(_LOOKS)
-    locked = {
-        name: value for name, value in robot.provenance["locked"].items() if document.joints[name].moves
-    }
+    frozen = robot.provenance["locked"]
+    locked = {name: frozen[name] for name in frozen if document.joints[name].moves}
     for q, v in zip(positions, speeds, strict=True):
-        data.qpos[:], data.qvel[:] = theirs.qpos0, 0.0
-        for name, value in (*locked.items(), *zip(robot.joint_names, q, strict=True)):
-            data.qpos[at[name]] = value
+        data.qpos[:] = theirs.qpos0
+        data.qvel[:] = 0.0
+        values = locked | dict(zip(robot.joint_names, q, strict=True))
+        for name, value in values.items():
+            data.qpos[position_rows[name]] = value
         data.qvel[rows] = v
         mujoco.mj_forward(theirs, data)
         _full_inertia(mujoco, theirs, data, full)
-        pairs = (
-            (full[np.ix_(rows, rows)], robot.mass_matrix(q)),
-            (np.array(data.qfrc_bias)[rows], robot.nonlinear_effects(q, v)),
-        )
-        for expected, found in pairs:
-            apart = np.abs(found - expected)
-            if not apart.max() <= _SAME * max(1.0, np.abs(expected).max()):
-                worst = robot.joint_names[int(np.unravel_index(apart.argmax(), apart.shape)[0])]
-                said = (
-                    f"its equations differ from MuJoCo's at joint {worst!r} by {apart.max():.3g}: "
-                    "give a URDF, and report this file"
+        inertia = full[np.ix_(rows, rows)]
+        bias = np.array(data.qfrc_bias)[rows]
+        for expected, computed in (
+            (inertia, robot.mass_matrix(q)),
+            (bias, robot.nonlinear_effects(q, v)),
+        ):
+            apart = np.abs(computed - expected)
+            allowed = _SAME * max(1.0, np.abs(expected).max())
+            if not apart.max() <= allowed:
+                row = np.unravel_index(apart.argmax(), apart.shape)[0]
+                raise UrdfError(
+                    path,
+                    f"its equations differ from MuJoCo's at joint {robot.joint_names[int(row)]!r} by "
+                    f"{apart.max():.3g}: give a URDF, and report this file",
                 )
-                raise UrdfError(path, said)
 
 
 def _full_inertia(mujoco: Any, model: Any, data: Any, full: Array) -> None:
@@ -498,7 +574,18 @@ def _full_inertia(mujoco: Any, model: Any, data: Any, full: Array) -> None:
 
 def _model_name(model: Any) -> str:
     """Return the name that a compiled model has."""
-    return bytes(model.names).split(b"\0", 1)[0].decode("utf-8", "replace").strip()
+    name, *_ = bytes(model.names).split(b"\0", 1)
+    return name.decode("utf-8", "replace").strip()
+
+
+def _body_names(model: Any) -> list[str]:
+    """Return the names of all bodies, the world first."""
+    return _names([model.body(body).name for body in range(model.nbody)], "body")
+
+
+def _joint_names(model: Any) -> list[str]:
+    """Return the names of all joints."""
+    return _names([model.joint(joint).name for joint in range(model.njnt)], "joint")
 
 
 def _names(given: list[str], kind: str) -> list[str]:
@@ -512,18 +599,34 @@ def _names(given: list[str], kind: str) -> list[str]:
     return names
 
 
+def _whole(numbers: Any) -> list[int]:
+    """Return whole numbers of a compiled model as Python's."""
+    return [int(number) for number in numbers]
+
+
+def _numbers(values: Any) -> tuple[float, ...]:
+    """Return numbers of a compiled model as Python's."""
+    return tuple(float(value) for value in values)
+
+
+def _place(position: Any, quaternion: Any) -> Any:
+    """Return a pose of a position and a quaternion w, x, y, z."""
+    return pin.SE3(_rotation(quaternion), np.array(position))
+
+
 def _rotation(quaternion: Any) -> Array:
     """Return the matrix of a quaternion w, x, y, z."""
-    w, x, y, z = (float(number) for number in quaternion)
-    matrix: Array = pin.Quaternion(w, x, y, z).normalized().matrix()
+    turned = pin.Quaternion(*_numbers(quaternion)).normalized()
+    matrix: Array = turned.matrix()
     return matrix
 
 
 def _rpy(rotation: Array) -> tuple[float, ...]:
     """Return the angles of a rotation as a URDF has them."""
-    return tuple(float(angle) for angle in pin.rpy.matrixToRpy(rotation))
+    return _numbers(pin.rpy.matrixToRpy(rotation))
 
 
 def _xyz_rpy(place: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return a pose as a URDF has it."""
-    return tuple(float(x) for x in place.translation), _rpy(np.array(place.rotation))
+    rotation = np.array(place.rotation)
+    return _numbers(place.translation), _rpy(rotation)

@@ -59,6 +59,14 @@ def test_it_bears_rotors_that_nobody_guessed(arm: Robot) -> None:
     assert held >= 18
 
 
+def test_a_specified_stiffness_may_be_off_by_three_tenths_either_way() -> None:
+    arm = told(UR5, 1.0, "link")
+    assert not geared.is_assumed(arm)
+    low, high = geared._stiffness_ends(arm)
+    np.testing.assert_allclose(low, 0.7 * np.array(GEARS[UR5]))
+    np.testing.assert_allclose(high, 1.3 * np.array(GEARS[UR5]))
+
+
 def test_a_specified_stiffness_behind_the_link_is_as_fast_as_its_sensitivity_allows() -> None:
     arm = told(UR5, 1.0, "link")
     law = rule(arm)
