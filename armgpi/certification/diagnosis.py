@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,15 +21,16 @@ _NUMBERS = {
     "kappa_e": "the stiffness of gravity",
     "kappa_g": "gravity between samples",
 }
-_UNITS = {**dict.fromkeys(_NUMBERS, ""), "kappa_e": " 1/s^2", "kappa_g": " 1/s^2"}
+#: Units of those that have one.
+_UNITS = {"kappa_e": " 1/s^2", "kappa_g": " 1/s^2"}
 #: Bandwidths that are tried in place of the one asked for.
 _BANDWIDTHS = (0.5, 0.7, 0.85, 1.2, 1.5, 2.0)
 _SHARES = (0.5, 0.25, 0.1)
+#: A part of a certificate file.
+_Part = Mapping[str, Any]
 
 
-def explain_unsolved(
-    asked: Asked, law: Mapping[str, Any], numbers: Mapping[str, Any], inputs: Mapping[str, Any]
-) -> list[str]:
+def explain_unsolved(asked: Asked, law: _Part, numbers: _Part, inputs: _Part) -> list[str]:
     """Return why the inequality has no solution: the sector, the limiting number, and what would suffice.
 
     Args:
@@ -38,20 +39,18 @@ def explain_unsolved(
         numbers: of the certificate.
         inputs: of the certificate.
     """
-    said = [_sector(asked, law, numbers, float(inputs["spread"]))]
-    causes = [name for name in _NUMBERS if solvable(law, _less(numbers, name, 0.0), inputs)]
-    said += [
-        f"Limiting quantity: {_NUMBERS[name]}, {name} = {float(numbers[name]):.4g}{_UNITS[name]}."
-        for name in causes
-    ]
-    if not causes:
-        said.append("Limiting quantity: more than one; improving one of them alone would not suffice.")
-    return said + _remedies(asked, law, numbers, inputs)
+    reasons = [_sector(asked, law, numbers, float(inputs["spread"]))]
+    limiting = []
+    for name, meaning in _NUMBERS.items():
+        if solvable(law, _less(numbers, name, 0.0), inputs):
+            value = f"{float(numbers[name]):.4g}{_UNITS.get(name, '')}"
+            limiting.append(f"Limiting quantity: {meaning}, {name} = {value}.")
+    if not limiting:
+        limiting = ["Limiting quantity: more than one; improving one of them alone would not suffice."]
+    return reasons + limiting + _remedies(asked, law, numbers, inputs)
 
 
-def beyond(
-    asked: Asked, what: str | None, spread: float | None, found: Mapping[str, Any] | None
-) -> list[str]:
+def beyond(asked: Asked, what: str | None, spread: float | None, found: _Part | None) -> list[str]:
     """Return why there is no claim: where bounds are not within what the numbers were taken over.
 
     Args:
@@ -74,13 +73,16 @@ def beyond(
         "{} can need a torque of {:.3g} {unit}; its effort is {:.3g} {unit}. Try a lighter payload, more "
         "effort, to lock it"
     )
-    kinds = (("errors", asked.radius, off, POSITION), ("torques", robot.limits.effort, weak, TORQUE))
-    for key, limits, text, quantity in kinds:
+    for key, limits, text, quantity in (
+        ("errors", asked.radius, off, POSITION),
+        ("torques", robot.limits.effort, weak, TORQUE),
+    ):
         values = np.array([float(x) for x in found[key]])
         worst = int(np.argmax(values / limits))
         if values[worst] > limits[worst]:
             unit = quantity.symbol(bool(robot.prismatic[worst]))
-            sentence = text.format(f"joint {names[worst]!r}", values[worst], limits[worst], unit=unit)
+            joint = f"joint {names[worst]!r}"
+            sentence = text.format(joint, values[worst], limits[worst], unit=unit)
             said.append(f"{where}, {sentence}{less}.")
     if float(found["speed"][0]) > spread:
         said.append(
@@ -90,7 +92,7 @@ def beyond(
     return said
 
 
-def _less(numbers: Mapping[str, Any], name: str, share: float) -> dict[str, Any]:
+def _less(numbers: _Part, name: str, share: float) -> dict[str, Any]:
     """Return numbers with one of them, above its best value, only a share of it."""
     best = 1.0 if name == "delta_high" else 0.0
     value = best + share * max(0.0, float(numbers[name]) - best)
@@ -100,12 +102,16 @@ def _less(numbers: Mapping[str, Any], name: str, share: float) -> dict[str, Any]
     return changed
 
 
-def _sector(asked: Asked, law: Mapping[str, Any], numbers: Mapping[str, Any], spread: float) -> str:
+def _sector(asked: Asked, law: _Part, numbers: _Part, spread: float) -> str:
     """Return the sector that the controller tolerates, compared with the one asked for."""
-    low, high, sigma = (float(numbers[x]) for x in ("delta_low", "delta_high", "sigma_error"))
-    sigma *= spread
-    omega, zeta, pole = (float(x) for x in (law["omega"][0], law["zeta"], law["pole_ratio"]))
-    loop = open_loop(Tuning(np.array(omega), np.array(zeta), np.array(pole * omega)), member_of(law))
+    low = float(numbers["delta_low"])
+    high = float(numbers["delta_high"])
+    sigma = spread * float(numbers["sigma_error"])
+    omega = float(law["omega"][0])
+    zeta = float(law["zeta"])
+    pole = float(law["pole_ratio"]) * omega
+    tuning = Tuning(np.array(omega), np.array(zeta), np.array(pole))
+    loop = open_loop(tuning, member_of(law))
     most = sector(loop, low, sigma).upper
     return (
         f"The inertia ratio delta is {low:.3g} to {high:.3g} and changes at sigma = {sigma:.3g} 1/s; the "
@@ -114,27 +120,73 @@ def _sector(asked: Asked, law: Mapping[str, Any], numbers: Mapping[str, Any], sp
     )
 
 
-def _remedies(
-    asked: Asked, law: Mapping[str, Any], numbers: Mapping[str, Any], inputs: Mapping[str, Any]
-) -> list[str]:
-    """Return changes each of which alone would suffice."""
-    omegas = [round(factor * float(law["omega"][0]), 3) for factor in _BANDWIDTHS]
-    # What is tried of each kind, the least change first.
-    bandwidths = ((f"omega = {x:.3g} rad/s", {**law, "omega": [repr(x)]}, numbers, inputs) for x in omegas)
-    speeds = (
-        (f"{x:g} of the speed", law, numbers, {**inputs, "spread": repr(x * float(inputs["spread"]))})
-        for x in _SHARES
+def _remedies(asked: Asked, law: _Part, numbers: _Part, inputs: _Part) -> list[str]:
+    """Return changes each of which alone would suffice: of each kind the least that does."""
+    kinds = (
+        _bandwidths(law, numbers, inputs),
+        _speeds(law, numbers, inputs),
+        _loads(asked, law, numbers, inputs),
+        _delays(law, numbers, inputs),
     )
-    loads = (
-        (f"{x:g} of the range of loads, or a smaller box", law, _less(numbers, "delta_high", x), inputs)
-        for x in _SHARES
-        if asked.loads[1] > asked.loads[0]
-    )
-    delays = [("no delay", {**law, "delay": 0}, numbers, inputs)] * bool(law["delay"])
-    kinds = (bandwidths, speeds, loads, delays)
-    first = (next((what for what, *changed in tried if solvable(*changed)), None) for tried in kinds)
-    said = [f"This change would suffice: {what}." for what in first if what is not None]
-    if not asked.robot.armature.all():
-        missing = [x for x, y in zip(asked.robot.joint_names, asked.robot.armature, strict=True) if not y]
-        said.append(f"Rotor inertia makes all numbers smaller; specify that of {', '.join(missing)}.")
-    return said
+    sentences = []
+    for trials in kinds:
+        enough = next((trial.change for trial in trials if trial.solves), None)
+        if enough is not None:
+            sentences.append(f"This change would suffice: {enough}.")
+    rotors = zip(asked.robot.joint_names, asked.robot.armature, strict=True)
+    missing = [name for name, rotor in rotors if not rotor]
+    if missing:
+        joints = ", ".join(missing)
+        sentences.append(f"Rotor inertia makes all numbers smaller; specify that of {joints}.")
+    return sentences
+
+
+class _Trial(NamedTuple):
+    """A certificate's parts with one change.
+
+    Attributes:
+        change: in words.
+        law: with the change, as the other parts.
+        numbers: of the arm.
+        inputs: what disturbs.
+    """
+
+    change: str
+    law: _Part
+    numbers: _Part
+    inputs: _Part
+
+    @property
+    def solves(self) -> bool:
+        """Whether the inequality has a solution with it."""
+        return solvable(self.law, self.numbers, self.inputs)
+
+
+def _bandwidths(law: _Part, numbers: _Part, inputs: _Part) -> Iterator[_Trial]:
+    """Give other bandwidths, the lowest first."""
+    for factor in _BANDWIDTHS:
+        omega = round(factor * float(law["omega"][0]), 3)
+        yield _Trial(f"omega = {omega:.3g} rad/s", {**law, "omega": [repr(omega)]}, numbers, inputs)
+
+
+def _speeds(law: _Part, numbers: _Part, inputs: _Part) -> Iterator[_Trial]:
+    """Give shares of the speed, the largest first."""
+    for share in _SHARES:
+        spread = share * float(inputs["spread"])
+        yield _Trial(f"{share:g} of the speed", law, numbers, {**inputs, "spread": repr(spread)})
+
+
+def _loads(asked: Asked, law: _Part, numbers: _Part, inputs: _Part) -> Iterator[_Trial]:
+    """Give shares of the range of loads, the largest first; none where all loads are the same."""
+    lightest, heaviest = asked.loads
+    if not heaviest > lightest:
+        return
+    for share in _SHARES:
+        change = f"{share:g} of the range of loads, or a smaller box"
+        yield _Trial(change, law, _less(numbers, "delta_high", share), inputs)
+
+
+def _delays(law: _Part, numbers: _Part, inputs: _Part) -> Iterator[_Trial]:
+    """Give the loop without its delay; nothing where it has none."""
+    if law["delay"]:
+        yield _Trial("no delay", {**law, "delay": 0}, numbers, inputs)

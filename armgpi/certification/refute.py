@@ -20,6 +20,8 @@ from armgpi.robot.robot import Robot
 #: Configurations that are looked at together, and the share that rounding may add to a value.
 _TOGETHER, _ROUNDING = 500, 1e-9
 _SHARES = "disturbance", "friction", "velocity of the reference", "acceleration of the reference"
+#: Name of a number -> the largest value that is known so far, and the configuration [rad or m].
+_Worst = dict[str, tuple[float, list[float]]]
 
 
 class Refuted(NamedTuple):
@@ -60,33 +62,40 @@ def refute(
     Warns:
         ArmgpiWarning: when its seal is missing or broken.
     """
-    if certificate.data.get("seal") != seal(certificate.data):
-        seal_is = "a seal that is not that of its content" if certificate.data.get("seal") else "no seal"
+    found_seal = certificate.data.get("seal")
+    if found_seal != seal(certificate.data):
+        seal_is = "a seal that is not that of its content" if found_seal else "no seal"
         text = f"the certificate has {seal_is}: its numbers may not be those that were made"
         warnings.warn(text, ArmgpiWarning, stacklevel=2)
     asked, rng = again(certificate, robot), np.random.default_rng(seed)
     low, width = ranges(asked.setting)
     loads = asked.controller.payload
-    worst: dict[str, tuple[float, list[float]]] = {}
+    worst: _Worst = {}
     portions = -(-count // _TOGETHER)
     for portion in range(portions):
         progress(f"{portion * _TOGETHER} of {count} configurations")
         arms = asked.setting.arms
         if loads is not None:
-            between = loads.lightest + rng.random() * (loads.heaviest - loads.lightest)
+            range_of_loads = loads.heaviest - loads.lightest
+            between = loads.lightest + rng.random() * range_of_loads
             arms = (*arms, robot.with_payload(loads.frame, between, loads.com))
         # An end of the box and of the distance to the reference is as likely as what is between.
-        share = np.clip(rng.uniform(-0.3, 1.3, (min(count, _TOGETHER), 3 * robot.n)), 0.0, 1.0)
+        drawn = rng.uniform(-0.3, 1.3, (min(count, _TOGETHER), 3 * robot.n))
+        share = np.clip(drawn, 0.0, 1.0)
         _look(asked, arms, low + width * share, worst)
-    found = []
+    exceeded = []
     for name, (value, q) in worst.items():
-        claimed, sign = _claimed_value(certificate, name), -1.0 if name.startswith("-") else 1.0
-        if claimed is not None and value > sign * claimed + _ROUNDING * abs(claimed) + TINY:
-            found.append(Refuted(name.lstrip("-"), claimed, sign * value, q))
-    return found
+        claimed = _claimed_value(certificate, name)
+        if claimed is None:
+            continue
+        sign = -1.0 if name.startswith("-") else 1.0
+        slack = _ROUNDING * abs(claimed) + TINY
+        if value > sign * claimed + slack:
+            exceeded.append(Refuted(name.lstrip("-"), claimed, sign * value, q))
+    return exceeded
 
 
-def _look(asked: Asked, arms: tuple[Robot, ...], z: Any, worst: dict[str, tuple[float, list[float]]]) -> None:
+def _look(asked: Asked, arms: tuple[Robot, ...], z: Any, worst: _Worst) -> None:
     """Note where the numbers are larger than known so far, at coordinates z of points.
 
     Raises:
@@ -105,7 +114,8 @@ def _look(asked: Asked, arms: tuple[Robot, ...], z: Any, worst: dict[str, tuple[
             if not finite:
                 raise ParameterError("certificate", name, "numbers for which the arm's are finite")
             if name not in worst or values[i] > worst[name][0]:
-                worst[name] = float(values[i]), at.q[i].tolist()
+                where = at.q[i].tolist()
+                worst[name] = float(values[i]), where
 
 
 def again(certificate: Certificate, robot: Robot) -> Asked:
@@ -120,7 +130,8 @@ def again(certificate: Certificate, robot: Robot) -> Asked:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore", ArmgpiWarning)
             asked = _request_of(certificate, robot)
-            same = law_of(asked) == data["law"] and limits_of(asked) == data["limits"]
+            same_law = law_of(asked) == data["law"]
+            same = same_law and limits_of(asked) == data["limits"]
         shares, least = _torques(data)
     except ParameterError as error:
         if error.name.startswith("robot."):
@@ -137,10 +148,18 @@ def again(certificate: Certificate, robot: Robot) -> Asked:
 
 def _torques(data: Any) -> tuple[Fraction, Fraction]:
     """Return all shares of what disturbs together, and the least torque that claims are made for."""
-    shares = sum(_share(checker.section(data["shares"], "shares", _SHARES), name) for name in _SHARES)
-    inputs = [x for name, x in data["inputs"].items() if name != "gain"]
-    sizes = [{key: checker.numbers(x[key], f"inputs.{key}") for key in checker.INPUTS} for x in inputs]
-    return Fraction(shares), min((x["torque"] for x in sizes), default=Fraction(shares))
+    section = checker.section(data["shares"], "shares", _SHARES)
+    shares = Fraction(sum(_share(section, name) for name in _SHARES))
+    torques = []
+    for inputs in _stated_inputs(data):
+        sizes = {key: checker.numbers(inputs[key], f"inputs.{key}") for key in checker.INPUTS}
+        torques.append(sizes["torque"])
+    return shares, min(torques, default=shares)
+
+
+def _stated_inputs(data: Any) -> list[Any]:
+    """Return what disturbs in each claim but that of a torque alone."""
+    return [inputs for claim, inputs in data["inputs"].items() if claim != "gain"]
 
 
 def _unknown(error: BaseException) -> ParameterError:
@@ -163,19 +182,19 @@ def _request_of(certificate: Certificate, robot: Robot) -> Asked:
         if known[name] != value:
             raise ParameterError(f"robot.{name}", value, f"{checker.text(known[name])} as in the certificate")
     if float(law["rate"]) > 0.0:  # as many bandwidths as the file has, before they are all made
-        steps = 1 / Fraction(law["omega"][0]) - 1 / Fraction(law["omega"][-1])
-        if steps > len(law["omega"]) * Fraction(law["rate"]) * Fraction(law["sample_time"]):
+        first, last = (Fraction(law["omega"][end]) for end in (0, -1))
+        step = Fraction(law["rate"]) * Fraction(law["sample_time"])
+        if 1 / first - 1 / last > len(law["omega"]) * step:
             raise checker.Refused("omega does not have all that the rate leads to")
 
     def values(texts: Any) -> Any:
         return np.array([float(x) for x in texts])
 
     light, heavy = map(float, known["loads"])
-    loads = (
-        None
-        if known["frame"] is None
-        else LoadRange(light, heaviest=heavy, frame=known["frame"], com=known["com"])
-    )
+    loads = None
+    if known["frame"] is not None:
+        loads = LoadRange(light, heaviest=heavy, frame=known["frame"], com=known["com"])
+    moves = values(limits["velocity"]).any()
     # The feedforward of an automatically tuned law knows of no load.
     bias: dict[str, Any] = {} if known["rule"] is None else {"bias_robot": robot}
     return ask(
@@ -185,7 +204,7 @@ def _request_of(certificate: Certificate, robot: Robot) -> Asked:
         box={"lower": values(limits["lower"]), "upper": values(limits["upper"])},
         speed=values(limits["speed"]),
         radius=values(limits["radius"]),
-        acceleration=values(limits["acceleration"]) if values(limits["velocity"]).any() else None,
+        acceleration=values(limits["acceleration"]) if moves else None,
         torque=values(known["torque"]),
         friction=known["friction"],
         jump=known["jump"],
@@ -222,13 +241,16 @@ def _claimed_value(certificate: Certificate, name: str) -> float | None:
     if group in shares:
         return float(_share(certificate.data["shares"], shares[group]))
     sizes = {"velocity": "reference", "shift": "shift", "encoder": "count", "zone": "zone"}
-    inputs = [x for claim, x in certificate.data["inputs"].items() if claim != "gain"]
-    return min((float(x[sizes[group]]) for x in inputs), default=None) if group in sizes else None
+    if group not in sizes:
+        return None
+    stated = [float(inputs[sizes[group]]) for inputs in _stated_inputs(certificate.data)]
+    return min(stated, default=None)
 
 
 def _share(shares: Any, name: str) -> Fraction:
     """Return a bounded torque of a file, which is a number there."""
     value = shares[name]
-    if not isinstance(value, float | int) or not math.isfinite(value) or value < 0.0:
+    is_number = isinstance(value, float | int) and math.isfinite(value)
+    if not is_number or value < 0.0:
         raise checker.Refused(f"shares.{name} has to be a number, zero or positive")
     return Fraction(value)

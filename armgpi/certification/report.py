@@ -25,8 +25,12 @@ _DRAWN, _PARTS = 3000, 24
 _BLUE, _GREEN, _PURPLE, _ORANGE = (style.PALETTE[place] for place in (0, 2, 3, 4))
 _COLOURS = {"delta_high": _BLUE, "sigma": _ORANGE, "kappa_v": _GREEN, "kappa_e": _PURPLE}
 #: How each is drawn, for who cannot tell colours.
-_DASHES = {"delta_high": ("", "solid"), "sigma": ("7 3", "dashed"), "kappa_v": ("2 2", "dotted")}
-_DASHES["kappa_e"] = ("7 2 2 2", "dash-dotted")
+_DASHES = {
+    "delta_high": ("", "solid"),
+    "sigma": ("7 3", "dashed"),
+    "kappa_v": ("2 2", "dotted"),
+    "kappa_e": ("7 2 2 2", "dash-dotted"),
+}
 _QUIET = "#aeb8c2"
 
 
@@ -47,7 +51,8 @@ def html(asked: Asked, made: Certificate, judged: Verdict | None = None) -> str:
     sections["Numbers of the arm"] = _numbers(made)
     sections["Nyquist's curve and the circle"] = _nyquist(made)
     sections["How much of each number the configurations need"] = _box(asked, made)
-    shares = [(name, f"{value:.3g}") for name, value in made.data["shares"].items() if value]
+    disturbing = made.data["shares"].items()
+    shares = [(name, f"{value:.3g}") for name, value in disturbing if value]
     if shares:
         head = ("disturbance", "length in the metric of D")
         sections["Disturbances"] = page.table(head, shares, label="disturbances")
@@ -68,7 +73,8 @@ def _worth(asked: Asked, made: Certificate) -> tuple[bool, str]:
     if not made.certified or "gain" not in made.data["inputs"]:
         return made.certified, ""
     most = float(made.data["inputs"]["gain"]["torque"])
-    borne = most / np.sqrt([float(x) for x in made.data["numbers"]["inverse"]])
+    inverse = [float(text) for text in made.data["numbers"]["inverse"]]
+    borne = most / np.sqrt(inverse)
     share = borne / asked.robot.limits.effort
     j = int(np.argmin(share))
     if not 0.0 < share[j] < np.inf:
@@ -86,9 +92,9 @@ def _worth(asked: Asked, made: Certificate) -> tuple[bool, str]:
 def _claims(asked: Asked, made: Certificate) -> str:
     """Return the claims for each joint, beside the worst that an adversary found."""
     cases = worst(asked, count=40)
-    joints = zip(made.joint_names, claims(made), made.per_torque, cases, strict=True)
+    claimed = zip(made.joint_names, claims(made), made.per_torque, strict=True)
     rows = []
-    for name, (gain, *others), certified, case in joints:
+    for (name, (gain, *others), certified), case in zip(claimed, cases, strict=True):
         ratio = certified / case.error
         rows.append([name, gain, f"{case.error:.3g}", f"{ratio:.2f}", *others])
     head = [
@@ -115,11 +121,13 @@ def _numbers(made: Certificate) -> str:
     """Return the numbers with their status."""
     numbers = made.data["numbers"]
     rows = []
-    for name, (what, unit) in {**NUMBERS, **OTHERS}.items():
+    described = NUMBERS | OTHERS
+    for name, (what, unit) in described.items():
         if name not in numbers:
             continue
         value = numbers[name]
-        largest = max(map(float, value)) if isinstance(value, list) else float(value)
+        of_joints = value if isinstance(value, list) else [value]
+        largest = max(map(float, of_joints))
         status = STATUS[made.data["status"][name]]
         if largest:
             rows.append((name, f"{largest:.4g}", unit, status, what))
@@ -140,7 +148,8 @@ def _nyquist(made: Certificate) -> str:
     loop = open_loop(tuning, member_of(law))
     # In units of omega, as the open loop is.
     s = 1j * np.geomspace(1e-2, 1e3, 4000) - 0.5 * sigma / omega
-    curve = np.polyval(loop.numerator, s) / np.polyval(loop.denominator, s)
+    denominator = np.polyval(loop.denominator, s)
+    curve = np.polyval(loop.numerator, s) / denominator
     near = np.abs(curve) < 2.0 * _REACH
     drawing = Drawing((-_REACH, 0.6), (-1.0, 1.0))
     parts = [
@@ -151,11 +160,13 @@ def _nyquist(made: Certificate) -> str:
     ]
     centre = -0.5 * (1.0 / low + 1.0 / high)
     radius = 0.5 * (1.0 / low - 1.0 / high)
-    circle = centre + radius * np.exp(2j * np.pi * np.linspace(0.0, 1.0, 121))
+    turns = np.linspace(0.0, 1.0, 121)
+    circle = centre + radius * np.exp(2j * np.pi * turns)
     round_it = list(zip(circle.real, circle.imag, strict=True))
     parts.append(drawing.line(round_it, style.ALARM, fill="#f4d5d8"))
     for sign in (1.0, -1.0):
-        path = list(zip(curve[near].real, sign * curve[near].imag, strict=True))
+        shown = curve[near]
+        path = list(zip(shown.real, sign * shown.imag, strict=True))
         parts.append(drawing.line(path, _BLUE))
     ends = {f"-1/{low:.3g}": -1.0 / low, f"-1/{high:.3g}": -1.0 / high}
     for text, x in ends.items():
@@ -187,7 +198,8 @@ def _shares_taken(asked: Asked, made: Certificate, drawn: Array) -> dict[str, Ar
     shares = {}
     for name in _COLOURS:
         best = 1.0 if name == "delta_high" else 0.0  # delta is the ratio 1 for an exact model
-        of_arms = [every[name](setting, arm, at) for arm in setting.arms]
+        function = every[name]
+        of_arms = [function(setting, arm, at) for arm in setting.arms]
         values = np.max(of_arms, axis=0)
         room = float(made.data["numbers"][name]) - best
         shares[name] = (values - best) / room if room > 1e-9 else np.zeros(len(drawn))
@@ -197,7 +209,8 @@ def _shares_taken(asked: Asked, made: Certificate, drawn: Array) -> dict[str, Ar
 def _box(asked: Asked, made: Certificate) -> str:
     """Return the largest share of each number along each joint of the box."""
     setting = asked.setting
-    drawn = np.random.default_rng(0).random((_DRAWN, 3 * asked.robot.n))
+    rng = np.random.default_rng(0)
+    drawn = rng.random((_DRAWN, 3 * asked.robot.n))
     shares = _shares_taken(asked, made, drawn)
     figures = []
     for j, joint in enumerate(asked.robot.joint_names):
@@ -206,11 +219,15 @@ def _box(asked: Asked, made: Certificate) -> str:
             continue
         drawing = Drawing((low, high), (0.0, 1.05), height=150)
         place = (_PARTS * drawn[:, j]).astype(int)
-        middles = np.linspace(low, high, 2 * _PARTS + 1)[1::2]
-        parts = [drawing.line([(low, y), (high, y)], _QUIET) for y in (0.0, 0.5, 1.0)]
-        parts += [drawing.text(low, y - 0.09, f"{y:g}", "start") for y in (0.5, 1.0)]
+        ends_and_middles = np.linspace(low, high, 2 * _PARTS + 1)
+        middles = ends_and_middles[1::2]
+        levels = [[(low, y), (high, y)] for y in (0.0, 0.5, 1.0)]
+        parts = [drawing.line(level, _QUIET) for level in levels]
+        for y in (0.5, 1.0):
+            parts += [drawing.text(low, y - 0.09, f"{y:g}", "start")]
         for name, colour in _COLOURS.items():
-            largest = [shares[name][place == k].max(initial=0.0) for k in range(_PARTS)]
+            share = shares[name]
+            largest = [share[place == k].max(initial=0.0) for k in range(_PARTS)]
             dash, _ = _DASHES[name]
             path = list(zip(middles, largest, strict=True))
             parts.append(drawing.line(path, colour, dash=dash))

@@ -71,9 +71,12 @@ def solve(*facts: Mapping[str, Any]) -> Solution | None:
         values = problem.attempt(alpha)
         if values is not None:
             found.append((problem.error_bound(values, alpha), alpha, values))
-        if found and (values is None or found[-1][0] > _WORSE * min(each[0] for each in found)):
+        if not found:
+            continue
+        least = min(error for error, *_ in found)
+        if values is None or found[-1][0] > _WORSE * least:
             break  # what is too fast at one rate is so at every larger one
-    for _, alpha, values in sorted(found, key=lambda each: each[0]):
+    for _, alpha, values in sorted(found, key=lambda attempt: attempt[0]):
         solution = problem.to_decimals(values, alpha)
         if checker.holds(exact, checker.exact(solution._asdict())):
             return solution
@@ -82,7 +85,10 @@ def solve(*facts: Mapping[str, Any]) -> Solution | None:
 
 def merge_facts(*facts: Mapping[str, Any]) -> dict[str, Any]:
     """Return parts of a certificate as the checker takes them: one mapping of exact numbers."""
-    return {key: checker.exact(x) for part in facts for key, x in part.items()}
+    merged: dict[str, Any] = {}
+    for part in facts:
+        merged |= {key: checker.exact(value) for key, value in part.items()}
+    return merged
 
 
 def solvable(*facts: Mapping[str, Any]) -> bool:
@@ -129,21 +135,25 @@ class _Problem:
         used = _Used(sources, inputs)
         corners = [*itertools.product(_steps(facts["omega"]), known.ends)]
         basis = []
-        for unit in np.eye(n * (n + 1) // 2 + len(sources) + len(inputs)):
+        unknowns = n * (n + 1) // 2 + len(sources) + len(inputs)
+        for unit in np.eye(unknowns):
             P, t, a = (part.tolist() for part in _split(unit, n, used))
             solution = {"P": P, "alpha": 0.0, "t": t, "a": a}
             matrices = []
             for (omega, ratio), delta in corners:
-                matrix = np.array(checker.inequality(facts, known, omega, ratio, delta, solution))
+                rows = checker.inequality(facts, known, omega, ratio, delta, solution)
+                matrix = np.array(rows)
                 matrices.append(matrix / (omega * facts["sample_time"]))
             basis.append(matrices)
         low, high = known.ends
         start = _lyapunov(facts, math.sqrt(low * high))
-        return cls(np.array(basis), np.array(known.sizes)[inputs], used, start)
+        sizes = np.array(known.sizes)[inputs]
+        return cls(np.array(basis), sizes, used, start)
 
     def _choose(self, P: Array) -> None:
         """Take coordinates in which a P is the unit matrix; the solver needs them."""
-        self._to = np.linalg.inv(np.linalg.cholesky(P)).T
+        root = np.linalg.cholesky(P)
+        self._to = np.linalg.inv(root).T
         back = np.linalg.inv(self._to)
         n = self.n
         unknowns, corners, size, _ = self.basis.shape
@@ -155,7 +165,8 @@ class _Problem:
         self._mixed[:lower, :lower] = turned_units
         # Inputs in units in which the unit matrix meets them with ones, and their multipliers with them.
         at_start = np.tensordot(P[rows, columns], self.basis[:lower], 1)
-        of_inputs = -np.diagonal(at_start, axis1=1, axis2=2)[:, n:].min(axis=0)
+        diagonals = np.diagonal(at_start, axis1=1, axis2=2)
+        of_inputs = -diagonals[:, n:].min(axis=0)
         weights = 1.0 / np.sqrt(np.maximum(of_inputs, 1e-12))
         turn = np.diag(np.concatenate([np.ones(n), weights]))
         turn[:n, :n] = self._to
@@ -231,17 +242,20 @@ class _Problem:
         for k in range(n * (n + 1) // 2):
             bound[k, :n, :n] = _split(np.eye(unknowns)[k], n, self.used)[0]
         bound[-1, n, n] = 1.0
-        c = self._to[0] / np.abs(self._to[0]).max()
+        first = self._to[0]
+        c = first / np.abs(first).max()
         fixed = np.zeros((n + 1, n + 1))
         fixed[:n, n] = c
         fixed[n, :n] = c
-        return -np.array([_svec(matrix) for matrix in bound]).T, _svec(fixed)
+        vectors = np.array([_svec(matrix) for matrix in bound])
+        return -vectors.T, _svec(fixed)
 
     def violation(self, x: Array, alpha: float) -> float:
         """Return by how much a solution misses the inequality, in the solver's coordinates."""
         inner = np.linalg.solve(self._mixed.T, x)
         missed = np.tensordot(inner, self._matrices - alpha * self._units, 1)
-        return max(-float(np.linalg.eigvalsh(_matrix(each))[0]) for each in missed)
+        matrices = np.array([_matrix(vector) for vector in missed])
+        return -float(np.linalg.eigvalsh(matrices)[:, 0].min())
 
     def to_decimals(self, x: Array, alpha: float) -> Solution:
         """Return a solution in decimal numbers."""
@@ -258,7 +272,8 @@ class _Problem:
     def error_bound(self, x: Array, alpha: float) -> float:
         """Return what the error is bounded by, but for a factor."""
         P, _, a = _split(x, self.n, self.used)
-        return float(np.linalg.inv(P)[0, 0] * (a[self.used.a] @ self.sizes**2) / alpha)
+        disturbed = a[self.used.a] @ self.sizes**2
+        return float(np.linalg.inv(P)[0, 0] * disturbed / alpha)
 
 
 def _split(x: Array, n: int, used: _Used) -> tuple[Array, Array, Array]:
@@ -296,8 +311,10 @@ def _lyapunov(facts: Any, delta: float) -> Array:
     push[:2] = 0.5 * theta * theta, theta
     for gain in (delta, 1.0):
         closed = A + gain * np.outer(push, K)
-        if np.abs(np.linalg.eigvals(closed)).max() < 1.0:
-            return np.asarray(linalg.solve_discrete_lyapunov(closed.T, theta * np.eye(len(A))))
+        growth = np.abs(np.linalg.eigvals(closed)).max()
+        if growth < 1.0:
+            weight = theta * np.eye(len(A))
+            return np.asarray(linalg.solve_discrete_lyapunov(closed.T, weight))
     return np.eye(len(A))
 
 
@@ -305,7 +322,8 @@ def _svec(X: Array) -> Array:
     """Return the upper triangle, column by column, off-diagonal elements times the root of two."""
     n = len(X)
     i, j = np.tril_indices(n)
-    return np.asarray(X[j, i] * np.where(i == j, 1.0, math.sqrt(2.0)))
+    weights = np.where(i == j, 1.0, math.sqrt(2.0))
+    return np.asarray(X[j, i] * weights)
 
 
 def _matrix(x: Array) -> Array:
@@ -313,7 +331,9 @@ def _matrix(x: Array) -> Array:
     n = math.isqrt(2 * len(x))
     X = np.zeros((n, n))
     i, j = np.tril_indices(n)
-    X[i, j] = X[j, i] = x / np.where(i == j, 1.0, math.sqrt(2.0))
+    entries = x / np.where(i == j, 1.0, math.sqrt(2.0))
+    X[i, j] = entries
+    X[j, i] = entries
     return X
 
 

@@ -137,7 +137,8 @@ def inverse_kinematics(
     single, goal = _goal(position, rotation, direction, tool_axis)
     k = len(goal.position)
     home = robot.middle() if near is None else robot.check_position(near, "near")
-    if home.shape not in [(robot.n,), *([] if single else [(k, robot.n)])]:
+    is_row_per_pose = not single and home.shape == (k, robot.n)
+    if home.shape != (robot.n,) and not is_row_per_pose:
         raise ArrayError("near", f"expected shape ({robot.n},) or one row per pose, got {home.shape}")
     home = np.broadcast_to(home, (k, robot.n))
     restarts = check_whole(restarts, "restarts", 0, 100_000)
@@ -152,18 +153,21 @@ def inverse_kinematics(
         if not len(missing):
             break
         some = starts[begin : begin + _AT_ONCE]
-        _try_again(
-            arm, goal, home, search, found, missing, np.broadcast_to(some, (len(missing), *some.shape))
-        )
+        of_each = np.broadcast_to(some, (len(missing), *some.shape))
+        _try_again(arm, goal, home, search, found, missing, of_each)
     missing = np.flatnonzero(~found.reached)
     if len(missing):
         last = _Search(search.tolerance, _LAST_ITERATIONS * search.iterations, _LAST_GAIN, last=True)
-        _try_again(arm, goal, home, last, found, missing, np.stack([found.q, home], axis=1)[missing])
+        from_both = np.stack([found.q, home], axis=1)[missing]
+        _try_again(arm, goal, home, last, found, missing, from_both)
     if robot.n > goal.size:
         rows = np.flatnonzero(found.reached)
-        projected = search.null_space_projection(arm, goal.rows(rows), found.q[rows], home[rows])
+        goals = goal.rows(rows)
+        projected = search.null_space_projection(arm, goals, found.q[rows], home[rows])
+        distances, angles = arm.errors(goals, projected)
         found.q[rows] = projected
-        found.position_error[rows], found.rotation_error[rows] = arm.errors(goal.rows(rows), projected)
+        found.position_error[rows] = distances
+        found.rotation_error[rows] = angles
     return InverseSolution._make(x[0] for x in found) if single else found
 
 
@@ -242,7 +246,10 @@ class TrackingInverse:
         _, goal = _goal(points, None, None, (0.0, 0.0, 1.0))
         q = np.empty((len(goal.position), self.robot.n))
         for i, point in enumerate(goal.position):
-            q[i] = self.begin(point) if i == 0 else self.closest(q[i - 1 : i], point[None])[0]
+            if i == 0:
+                q[i] = self.begin(point)
+            else:
+                (q[i],) = self.closest(q[i - 1 : i], point[None])
         return q
 
     def begin(self, point: Array, rotation: Array | None = None) -> Array:
@@ -280,14 +287,18 @@ class TrackingInverse:
         homes = np.broadcast_to(home, starts.shape)
         search = _Search(_EXACT, _ITERATIONS)
         goal = self._at(point[None], None if rotation is None else rotation[None])
-        found = search.descend(self._arm, goal.rows(np.zeros(len(starts), dtype=np.intp)), starts, homes)
+        goals = goal.rows(np.zeros(len(starts), dtype=np.intp))
+        found = search.descend(self._arm, goals, starts, homes)
         if not found.reached.any():
             raise self._out_of_reach(point, found)
         q = found.q[found.reached]
         if self._near is None:
             return q[np.argsort(-self.clearance(q), kind="stable")]
-        best = q[[np.argmin(_distance(self._arm, q, home))]]
-        return search.null_space_projection(self._arm, goal, best, home[None]) if self.free else best
+        nearest = np.argmin(_distance(self._arm, q, home))
+        best = q[[nearest]]
+        if not self.free:
+            return best
+        return search.null_space_projection(self._arm, goal, best, home[None])
 
     def describe(self) -> dict[str, Any]:
         """Return what is followed as plain data."""
@@ -343,7 +354,8 @@ class TrackingInverse:
         goal = self._at(linear)
         J = self._arm.jacobian(goal, q)
         turn = np.zeros_like(linear) if angular is None else angular
-        asked: Array = np.concatenate([linear / self._arm.length, _times(goal.turns, turn)], axis=-1)
+        turned = _times(goal.turns, turn)
+        asked: Array = np.concatenate([linear / self._arm.length, turned], axis=-1)
         wished = wish / self._arm.units
         missing = asked - _times(J, wished)
         return self._arm.units * (wished + _times(_pseudoinverse(J), missing))
@@ -397,12 +409,14 @@ class TrackingInverse:
         Returns:
             The larger of distance [m] and angle [rad], shape (k,).
         """
-        worst: Array = np.max(self._arm.errors(self._at(points, rotations), q), axis=0)
+        goal = self._at(points, rotations)
+        worst: Array = np.max(self._arm.errors(goal, q), axis=0)
         return worst
 
     def _at(self, points: Array, rotations: Array | None = None) -> _Goal:
         """Return the goal at points (k, 3), with rotations (k, 3, 3) where they move."""
-        goal = self._goal.rows(np.zeros(len(points), dtype=np.intp))._replace(position=points)
+        one_each = np.zeros(len(points), dtype=np.intp)
+        goal = self._goal.rows(one_each)._replace(position=points)
         return goal if rotations is None else goal._replace(rotation=rotations)
 
     def clearance(self, q: Array) -> Array:
@@ -420,15 +434,21 @@ class TrackingInverse:
         lower, upper = self.robot.limits[:2]
         half = 0.5 * (upper - lower)
         with np.errstate(invalid="ignore"):  # of unbounded joints
-            inside = np.minimum(q - lower, upper - q) / np.where(half > 0.0, half, 1.0)
-        margin = np.where(np.isfinite(half) & (half > 0.0), inside, 1.0).min(axis=-1)
-        J = self._arm.jacobian(self._at(np.zeros((len(q), 3))), q)
-        return np.asarray(margin * np.linalg.svd(J, compute_uv=False)[:, -1])
+            distance = np.minimum(q - lower, upper - q)
+            inside = distance / np.where(half > 0.0, half, 1.0)
+        is_bounded = np.isfinite(half) & (half > 0.0)
+        margin = np.where(is_bounded, inside, 1.0).min(axis=-1)
+        anywhere = self._at(np.zeros((len(q), 3)))
+        J = self._arm.jacobian(anywhere, q)
+        least = np.linalg.svd(J, compute_uv=False)[:, -1]
+        return np.asarray(margin * least)
 
     def _out_of_reach(self, point: Array, found: InverseSolution) -> ReachError:
         """Return the error for a point and the searches that did not reach it."""
-        best = int(np.argmin(found.position_error + self._arm.length * found.rotation_error))
-        distance, angle = float(found.position_error[best]), float(found.rotation_error[best])
+        missed = found.position_error + self._arm.length * found.rotation_error
+        best = int(np.argmin(missed))
+        distance = float(found.position_error[best])
+        angle = float(found.rotation_error[best])
         held = f" and {angle:.3g} rad" if self._goal.turns.shape[1] else ""
         text = ", ".join(f"{x:.6g}" for x in point)
         return ReachError(
@@ -457,20 +477,24 @@ class _Arm(NamedTuple):
             raise ParameterError("frame", frame, "a frame that moves; this one is fixed to the base")
         turning = ~robot.prismatic
         # The longest lever found; an arm that slides only, or turns on the spot, is measured in metres.
-        length = float(np.linalg.norm(J[:, :3] * turning, axis=1).max()) or 1.0
+        levers = np.linalg.norm(J[:, :3] * turning, axis=1)
+        length = float(levers.max()) or 1.0
         return cls(robot, frame, length, np.where(turning, 1.0, length))
 
     def linearise(self, goal: _Goal, q: Array) -> tuple[Array, Array]:
         """Return what is missing to a goal (k, m) and the Jacobian of what is there (k, m, n)."""
         pose = self.robot.frame_pose(self.frame, q)
         linear = (goal.position - pose.translation) / self.length
-        e = np.concatenate([linear, _times(goal.turns, goal.turn(pose))], axis=-1)
+        angular = _times(goal.turns, goal.turn(pose))
+        e = np.concatenate([linear, angular], axis=-1)
         return e, self.jacobian(goal, q)
 
     def jacobian(self, goal: _Goal, q: Array) -> Array:
         """Return the Jacobian of what a goal asks for, shape (k, m, n)."""
         J = self.robot.frame_jacobian(self.frame, q)
-        return np.concatenate([J[:, :3] / self.length, goal.turns @ J[:, 3:]], axis=1) * self.units
+        linear = J[:, :3] / self.length
+        angular = goal.turns @ J[:, 3:]
+        return np.concatenate([linear, angular], axis=1) * self.units
 
     def errors(self, goal: _Goal, q: Array) -> tuple[Array, Array]:
         """Return distance [m] and angle [rad] from a goal, shape (k,) each."""
@@ -517,7 +541,8 @@ class _Goal(NamedTuple):
             cosine = np.sum(axis * self.direction, axis=-1, keepdims=True)
             # Opposite, every turn about an axis across will do.
             lost = (sine < 1e-12) & (cosine < 0.0)
-            unit = np.where(lost, self.turns[:, 0], normal / np.where(sine > 0.0, sine, 1.0))
+            across = normal / np.where(sine > 0.0, sine, 1.0)
+            unit = np.where(lost, self.turns[:, 0], across)
             return np.asarray(unit * np.arctan2(sine, cosine))
         return np.zeros_like(pose.translation)
 
@@ -545,9 +570,9 @@ class _Search(NamedTuple):
         for iteration in range(self.iterations):
             e, J = arm.linearise(goal.rows(rows), q[rows])
             loss = 0.5 * np.sum(e * e, axis=-1)
-            reached = arm.length * np.linalg.norm(e[:, :3], axis=-1) <= self.tolerance
-            reached &= np.linalg.norm(e[:, 3:], axis=-1) <= self.tolerance
-            going = ~reached
+            distance = arm.length * np.linalg.norm(e[:, :3], axis=-1)
+            angle = np.linalg.norm(e[:, 3:], axis=-1)
+            going = ~((distance <= self.tolerance) & (angle <= self.tolerance))
             if iteration % _PATIENCE == 0:
                 going &= loss < (1.0 - self.least_gain) * before[rows]
                 before[rows] = loss
@@ -557,24 +582,26 @@ class _Search(NamedTuple):
             # By Chan and Lawrence. Out of reach e stays large, and with it the second derivative of the loss
             # that J'J leaves out (e times the change of J): there the damping is the length of e.
             damping = np.sqrt(2.0 * loss) if self.last else _DAMPING * loss
-            step = arm.units * _damped_step(
-                e, J, damping + _LEAST_DAMPING, q[rows] <= lower, q[rows] >= upper
-            )
+            is_low = q[rows] <= lower
+            is_high = q[rows] >= upper
+            step = arm.units * _damped_step(e, J, damping + _LEAST_DAMPING, is_low, is_high)
             q[rows] = np.clip(q[rows] + step, lower, upper)
             count[rows] += 1
         q = _nearest_turns(arm.robot, q, start if home is None else home)
         errors = arm.errors(goal, q)
-        return InverseSolution(q, *errors, np.max(errors, axis=0) <= self.tolerance, count)
+        is_reached = np.max(errors, axis=0) <= self.tolerance
+        return InverseSolution(q, *errors, is_reached, count)
 
     def null_space_projection(self, arm: _Arm, goal: _Goal, q: Array, home: Array) -> Array:
         """Return configurations (k, n) moved in the null space towards `home`, where that keeps the goal."""
+        lower, upper = arm.robot.limits[:2]
         moved = q
         for step in range(_PROJECTION_STEPS + _CORRECTIONS):
             e, J = arm.linearise(goal, moved)
             share = _PROJECTION_SHARE if step < _PROJECTION_STEPS else 0.0
             wish = share * (home - moved) / arm.units
             dx = wish + _times(_pseudoinverse(J), e - _times(J, wish))
-            moved = np.clip(moved + arm.units * dx, *arm.robot.limits[:2])
+            moved = np.clip(moved + arm.units * dx, lower, upper)
         kept = np.max(arm.errors(goal, moved), axis=0) <= self.tolerance
         closer = _distance(arm, moved, home) < _distance(arm, q, home)
         return np.where((kept & closer)[:, None], moved, q)
@@ -598,10 +625,13 @@ def _damped_step(e: Array, J: Array, damping: Array, low: Flags, high: Flags) ->
     JT = J.swapaxes(-1, -2)
     # J^T (J J^T + w)^-1 e is (J^T J + w)^-1 J^T e: the smaller system is solved.
     w = damping[:, None, None]
-    if J.shape[1] <= J.shape[2]:
-        step = _times(JT, _solve(J @ JT + w * np.eye(J.shape[1]), e))
+    rows, columns = J.shape[1:]
+    if rows <= columns:
+        damped = J @ JT + w * np.eye(rows)
+        step = _times(JT, _solve(damped, e))
     else:
-        step = _solve(JT @ J + w * np.eye(J.shape[2]), _times(JT, e))
+        damped = JT @ J + w * np.eye(columns)
+        step = _solve(damped, _times(JT, e))
     longest = np.abs(step).max(axis=-1, keepdims=True)
     return np.asarray(step * (_LONGEST_STEP / np.maximum(longest, _LONGEST_STEP)))
 
@@ -610,12 +640,16 @@ def _try_again(
     arm: _Arm, goal: _Goal, home: Array, search: _Search, found: InverseSolution, rows: Rows, starts: Array
 ) -> None:
     """Search for rows (r,) from several starts each, (r, s, n), and keep the better answers in `found`."""
-    each = np.repeat(rows, starts.shape[1])
-    tried = search.descend(arm, goal.rows(each), starts.reshape(len(each), -1), home[each])
+    number = starts.shape[1]
+    row_of_start = np.repeat(rows, number)
+    homes = home[row_of_start]
+    begin = starts.reshape(len(row_of_start), -1)
+    tried = search.descend(arm, goal.rows(row_of_start), begin, homes)
     # Reached ones by their distance from home, all others after them by what they miss.
     miss = tried.position_error / arm.length + tried.rotation_error
-    rank = np.where(tried.reached, _distance(arm, tried.q, home[each]), 1e9 * (1.0 + miss))
-    best = np.argmin(rank.reshape(len(rows), -1), axis=1) + starts.shape[1] * np.arange(len(rows))
+    rank = np.where(tried.reached, _distance(arm, tried.q, homes), 1e9 * (1.0 + miss))
+    best_of_row = np.argmin(rank.reshape(len(rows), -1), axis=1)
+    best = best_of_row + number * np.arange(len(rows))
     had = found.position_error[rows] / arm.length + found.rotation_error[rows]
     better = tried.reached[best] | (miss[best] < had)
     for ours, theirs in zip(found, tried, strict=True):
@@ -635,21 +669,25 @@ def _goal(
         )
     points, single = position.reshape(-1, 3), position.ndim == 1
     k = len(points)
-    axis = _unit(_rows(tool_axis, "tool_axis", (3,), 1)[:1], "tool_axis")[0]
+    tool_axes = _rows(tool_axis, "tool_axis", (3,), 1)
+    (axis,) = _unit(tool_axes[:1], "tool_axis")
     if rotation is not None and direction is not None:
         raise ParameterError("direction", direction, "left out where a rotation is specified")
     if rotation is not None:
         matrices = _rows(rotation, "rotation", (3, 3), k)
-        off = np.abs(matrices @ matrices.swapaxes(-1, -2) - np.eye(3)).max(initial=0.0)
-        if off > _ROTATION_SLACK or (np.linalg.det(matrices) < 0.0).any():
+        products = matrices @ matrices.swapaxes(-1, -2)
+        off = np.abs(products - np.eye(3)).max(initial=0.0)
+        is_mirrored = np.linalg.det(matrices) < 0.0
+        if off > _ROTATION_SLACK or is_mirrored.any():
             raise ArrayError(
                 "rotation", f"expected rotation matrices, got one {off:.2g} from orthonormal or mirrored"
             )
-        return single, _Goal(points, matrices, None, axis, np.broadcast_to(np.eye(3), (k, 3, 3)))
+        all_turns = np.broadcast_to(np.eye(3), (k, 3, 3))
+        return single, _Goal(points, matrices, None, axis, all_turns)
     if direction is not None:
         towards = _unit(_rows(direction, "direction", (3,), k), "direction")
-        across = np.linalg.svd(towards[:, None, :])[2][:, 1:]
-        return single, _Goal(points, None, towards, axis, across)
+        _, _, directions = np.linalg.svd(towards[:, None, :])
+        return single, _Goal(points, None, towards, axis, directions[:, 1:])
     return single, _Goal(points, None, None, axis, np.zeros((k, 0, 3)))
 
 
@@ -707,27 +745,34 @@ def _nearest_turns(robot: Robot, q: Array, home: Array) -> Array:
     """Return angles a number of full turns away, inside the limits and as near to `home` as they let."""
     lower, upper = robot.limits[:2]
     turn = 2.0 * math.pi
-    least, most = np.ceil((lower - q) / turn - 1e-12), np.floor((upper - q) / turn + 1e-12)
-    turns = np.clip(np.rint((home - q) / turn), least, np.maximum(least, most))
-    moved = np.where(~robot.prismatic & (least <= most), q + turn * turns, q)
+    least = np.ceil((lower - q) / turn - 1e-12)
+    most = np.floor((upper - q) / turn + 1e-12)
+    wished = np.rint((home - q) / turn)
+    turns = np.clip(wished, least, np.maximum(least, most))
+    may_turn = ~robot.prismatic & (least <= most)
+    moved = np.where(may_turn, q + turn * turns, q)
     return np.clip(moved, lower, upper)
 
 
 def _distance(arm: _Arm, q: Array, home: Array) -> Array:
     """Return how far configurations are from others, shape (k,)."""
-    return np.asarray(np.linalg.norm((q - home) / arm.units, axis=-1))
+    moves = (q - home) / arm.units
+    return np.asarray(np.linalg.norm(moves, axis=-1))
 
 
 def _pseudoinverse(J: Array) -> Array:
     """Return the pseudoinverses of matrices (k, m, n), shape (k, n, m)."""
-    return np.asarray(np.linalg.pinv(J, rcond=_SINGULAR), dtype=np.float64)
+    inverses = np.linalg.pinv(J, rcond=_SINGULAR)
+    return np.asarray(inverses, dtype=np.float64)
 
 
 def _solve(matrix: Array, vector: Array) -> Array:
     """Solve (k, a, a) matrices for (k, a) vectors."""
-    return np.asarray(np.linalg.solve(matrix, vector[..., None])[..., 0], dtype=np.float64)
+    solutions = np.linalg.solve(matrix, vector[..., None])
+    return np.asarray(solutions[..., 0], dtype=np.float64)
 
 
 def _times(matrix: Array, vector: Array) -> Array:
     """Multiply (k, a, b) matrices with (k, b) vectors."""
-    return np.asarray((matrix @ vector[..., None])[..., 0])
+    products = matrix @ vector[..., None]
+    return np.asarray(products[..., 0])

@@ -24,6 +24,7 @@ from armgpi.hardware.realtime.stages import CAPS, Folder, Stage
 from armgpi.identification.logs import read_log
 from armgpi.loop import log as logs
 from armgpi.plants.plant import inside
+from armgpi.supervisor.state import Reason
 
 ARM = """
 robot: {name: anthropomorphic3, rotor_inertia: 0.02}
@@ -410,3 +411,20 @@ def test_a_joint_moved_the_other_way_has_its_sign_named_and_one_that_is_where_it
     assert found(-0.1) == [("sign", "first")]
     assert found(0.1) == []
     assert found(0.0) == []
+
+
+def test_a_stopped_stage_tells_how_far_its_joint_was_from_where_it_began() -> None:
+    robot = Robot.load("anthropomorphic3")
+    q_ref = np.ones((5, 3))
+    q_ref[1:, 1] += 0.1
+    q = np.ones((5, 3))
+    q[2:, 1] += 0.06
+    dev = np.zeros((5, 3))
+    dev[2:, 1] = 3.0
+    zeros = np.zeros((5, 3))
+    reason, t = int(Reason.RESPONSE), 0.1 * np.arange(5)
+    seen = _Seen(robot.joint_names, t, q, q_ref, zeros, dev, zeros, reason, 1, 3)
+    stage: Any = SimpleNamespace(joints=("q2",), way=(0.1,))
+    (found,) = _of_stage(seen, stage, robot, robot, {})
+    assert found.joint == "q2"
+    assert "the torque differs by +3 N m or N from the model's, the position by +0.06" in found.seen

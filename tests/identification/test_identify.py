@@ -140,6 +140,8 @@ def test_what_cannot_be_told_apart_is_told_as_a_sum() -> None:
     both = found().sums()[0]
     assert both.data_share > 0.9
     assert both.upper - both.lower < 0.5 * (base.upper - base.lower)
+    assert 0.0 < both.lower < both.value < both.upper
+    assert both.value - both.lower == pytest.approx(both.upper - both.value)
 
 
 def test_every_arm_that_is_found_or_drawn_is_physical() -> None:
