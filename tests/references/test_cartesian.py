@@ -78,6 +78,10 @@ def test_a_rectangle_stops_at_its_corners() -> None:
     path = rectangle([0.2, -0.1, 0.3], [0.0, 0.2, 0.0], [0.0, 0.0, 0.1], 1.5)
     corners = path.at(1.5 * np.arange(5))
     np.testing.assert_allclose(corners.x, path.corners, atol=1e-15)
+    # Out along the first side, up the second, back and down.
+    low, high = [0.2, -0.1, 0.3], [0.2, 0.1, 0.4]
+    around = [low, [0.2, 0.1, 0.3], high, [0.2, -0.1, 0.4], low]
+    np.testing.assert_allclose(corners.x, around, atol=1e-15)
     assert not np.abs(corners.v).max() > 1e-12
     assert path.t_end == 6.0
 
