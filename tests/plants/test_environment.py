@@ -183,7 +183,7 @@ def pressed(plant: Any, robot: Robot, depth: float) -> float:
     )
     assert below.reached
     law = PIDPositions(robot, DT)
-    rollout = armgpi.simulate(plant, law, armgpi.Bezier(start, below.q, 1.0), 2.0)
+    rollout = armgpi.simulate(plant, law, armgpi.Bezier(start, below.q, 1.0), 2.0, backend="auto")
     assert int(rollout["status"]) == armgpi.Status.FINISHED
     return float(robot.frame_pose("tool0", rollout["q"].values[-1]).translation[2])
 
