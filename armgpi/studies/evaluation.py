@@ -47,7 +47,9 @@ class Evaluator:
             names: of metrics.
             backend: as for :func:`armgpi.prepare`.
         """
-        self.draws, self.names, self.backend = list(draws), list(names), backend
+        self.draws = list(draws)
+        self.names = list(names)
+        self.backend = backend
         self._places = {draw.index: place for place, draw in enumerate(self.draws)}
         self._groups = batches(self.draws)
         # Sections are prepared once for each number of candidates: what varies is given anew.
@@ -68,11 +70,14 @@ class Evaluator:
         values = {name: np.full(shape, np.inf) for name in self.names}
         failed = np.ones(shape, dtype=bool)
         # Under the automatic controller those that have the same structure alone run together.
-        for group in alike(self._groups, with_keys(section, candidates[sound[0]])) if sound else ():
-            cells = np.ix_(sound, [self._places[draw.index] for draw in group])
-            found, failed[cells] = self._run(group, section, [candidates[row] for row in sound])
+        groups = alike(self._groups, with_keys(section, candidates[sound[0]])) if sound else ()
+        sound_candidates = [candidates[row] for row in sound]
+        for group in groups:
+            columns = [self._places[draw.index] for draw in group]
+            cells = np.ix_(sound, columns)
+            values_of_group, failed[cells] = self._run(group, section, sound_candidates)
             for name in self.names:
-                values[name][cells] = found[name]
+                values[name][cells] = values_of_group[name]
         return Evaluated(values, failed)
 
     def _sound(self, section: Mapping[str, Any], candidates: Sequence[Mapping[str, Any]]) -> list[int]:
@@ -115,14 +120,16 @@ class Evaluator:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ArmgpiWarning)
             loop = self._loop(group, section, candidates)
-            rollout = in_rows(loop.run(by_rollout(candidates, len(group), loop)))
+            values_by_rollout = by_rollout(candidates, len(group), loop)
+            rollout = in_rows(loop.run(values_by_rollout))
         shape = (len(candidates), len(group))
         declared = metrics.declared()
         values = {}
         for name in self.names:
             of_joints = rollout[name].transpose("rollout", "joint").values
             values[name] = declared[name].of_arm(of_joints).reshape(shape)
-        return values, (rollout["status"].values == Status.DIVERGED).reshape(shape)
+        diverged = rollout["status"].values == Status.DIVERGED
+        return values, diverged.reshape(shape)
 
     def _loop(
         self,
@@ -132,11 +139,13 @@ class Evaluator:
     ) -> PreparedLoop:
         """Return the prepared loop of a group of scenarios for so many candidates; each is prepared once."""
         count = len(candidates)
-        key = (tuple(draw.index for draw in group), count, repr(section), tuple(candidates[0]))
+        draws = tuple(draw.index for draw in group)
+        key = (draws, count, repr(section), tuple(candidates[0]))
         if key not in self._loops:
             # What some keys are given as decides what there is to vary: a box, weights.
             law = with_keys(section, candidates[0])
-            self._loops[key] = prepare_draws([*group] * count, law, record="metrics", backend=self.backend)
+            draws_of_rows = [*group] * count
+            self._loops[key] = prepare_draws(draws_of_rows, law, record="metrics", backend=self.backend)
         return self._loops[key]
 
 
@@ -155,15 +164,17 @@ def by_rollout(candidates: Sequence[Mapping[str, Any]], scenarios: int, loop: Pr
     for key in candidates[0]:
         name = f"controller.{key}"
         is_table = loop.parameters[name].declared.kind == "table"
-        values[name] = _rows([candidate[key] for candidate in candidates], scenarios, joints, is_table)
+        of_candidates = [candidate[key] for candidate in candidates]
+        values[name] = _rows(of_candidates, scenarios, joints, is_table)
     return values
 
 
 def _rows(values: Sequence[Any], scenarios: int, joints: int, is_table: bool) -> Any:
     """Return a key's values of all candidates, a row for each rollout; a pair of them for a box."""
     if isinstance(values[0], Mapping):
-        ends = ([value[end] for value in values] for end in ("lower", "upper"))
-        return tuple(_rows(end, scenarios, joints, is_table) for end in ends)
+        lower = [value["lower"] for value in values]
+        upper = [value["upper"] for value in values]
+        return tuple(_rows(end, scenarios, joints, is_table) for end in (lower, upper))
     array = np.array(values, dtype=np.float64)
     if is_table and array.ndim < 3:  # weights that all joints share
         array = np.broadcast_to(array[:, None], (len(values), joints, array.shape[-1]))

@@ -122,7 +122,8 @@ class Search:
         """
         self.problem = problem
         start = problem.space.start
-        seeds = np.random.SeedSequence(problem.seed).generate_state(len(problem.budgets), np.uint64)
+        sequence = np.random.SeedSequence(problem.seed)
+        seeds = sequence.generate_state(len(problem.budgets), np.uint64)
         method = METHODS[problem.method]
         self._searches: list[Optimiser] = []
         for seed in seeds:

@@ -16,6 +16,8 @@ from armgpi.errors import import_extra
 
 #: First step size, as a share of the range.
 _STEP = 0.25
+#: Distance of its start from the ends of a range, as a share of it.
+_MARGIN = 0.02
 #: Share of its velocity that a particle keeps [-]: Clerc and Kennedy, 2002.
 _INERTIA = 0.7298
 #: Its attractions to the best places, likewise.
@@ -71,7 +73,8 @@ class CMA:
         }
         if self._population is not None:
             options["popsize"] = self._population
-        self._strategy = self._library.CMAEvolutionStrategy(np.clip(x, 0.02, 0.98), _STEP, options)
+        inside = np.clip(x, _MARGIN, 1.0 - _MARGIN)
+        self._strategy = self._library.CMAEvolutionStrategy(inside, _STEP, options)
         self._population = self._strategy.popsize
         self._asked: list[Any] = []
 
@@ -82,7 +85,8 @@ class CMA:
             self._population *= 2
             self._restart(self._random.uniform(size=self._d))
         self._asked = self._strategy.ask()
-        return np.asarray(np.clip(np.array(self._asked)[:, : self._d], 0.0, 1.0))
+        places = np.array(self._asked)[:, : self._d]
+        return np.asarray(np.clip(places, 0.0, 1.0))
 
     def tell(self, scores: Array) -> None:
         """Take scores; see :meth:`Optimiser.tell`."""
@@ -91,7 +95,8 @@ class CMA:
 
     def inject(self, x: Array) -> None:
         """Take a candidate; see :meth:`Optimiser.inject`."""
-        self._strategy.inject([x if self._d > 1 else np.append(x, 0.5)], force=True)
+        candidate = x if self._d > 1 else np.append(x, 0.5)
+        self._strategy.inject([candidate], force=True)
 
 
 class Swarm:
@@ -103,7 +108,8 @@ class Swarm:
         count = population or 10 + len(start)
         self._x = self._random.uniform(size=(count, len(start)))
         self._x[0] = start
-        self._v = 0.25 * (self._random.uniform(size=self._x.shape) - self._x)
+        others = self._random.uniform(size=self._x.shape)
+        self._v = 0.25 * (others - self._x)
         self._best = self._x.copy()
         self._scores = np.full(count, np.inf)
 
@@ -112,11 +118,13 @@ class Swarm:
         if np.isfinite(self._scores).any():
             leader = self._best[int(np.argmin(self._scores))]
             to_best, to_leader = self._random.uniform(size=(2, *self._x.shape))
-            attraction = to_best * (self._best - self._x) + to_leader * (leader - self._x)
-            self._v = _INERTIA * self._v + _PULL * attraction
+            to_own_best = to_best * (self._best - self._x)
+            to_best_of_all = to_leader * (leader - self._x)
+            self._v = _INERTIA * self._v + _PULL * (to_own_best + to_best_of_all)
             moved = self._x + self._v
             self._x = np.clip(moved, 0.0, 1.0)
-            self._v = np.where(moved == self._x, self._v, -0.5 * self._v)
+            is_inside = moved == self._x
+            self._v = np.where(is_inside, self._v, -0.5 * self._v)  # else it bounces back
         return self._x.copy()
 
     def tell(self, scores: Array) -> None:
@@ -165,14 +173,20 @@ class Parzen:
         """Take scores; see :meth:`Optimiser.tell`."""
         for trial, score in zip(self._asked, scores, strict=True):
             is_number = score == score
-            self._study.tell(trial, min(float(score), _NO_SCORE) if is_number else _NO_SCORE)
+            finite_score = min(float(score), _NO_SCORE) if is_number else _NO_SCORE
+            self._study.tell(trial, finite_score)
 
     def inject(self, x: Array) -> None:
         """Take a candidate; see :meth:`Optimiser.inject`."""
-        self._study.enqueue_trial(dict(zip(self._ranges, map(float, x), strict=True)))
+        parameters = {name: float(place) for name, place in zip(self._ranges, x, strict=True)}
+        self._study.enqueue_trial(parameters)
 
 
 #: Name in files -> what proposes.
-METHODS: dict[str, type[CMA] | type[Swarm] | type[Parzen]] = {"cma": CMA, "pso": Swarm, "optuna": Parzen}
+METHODS: dict[str, type[CMA] | type[Swarm] | type[Parzen]] = {
+    "cma": CMA,
+    "pso": Swarm,
+    "optuna": Parzen,
+}
 #: Name in files -> module and extra of its library.
 LIBRARIES = {"cma": ("cma", "tune"), "optuna": ("optuna", "optuna")}

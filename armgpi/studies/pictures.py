@@ -85,7 +85,8 @@ def _gains(axes: Axes, search: Search, found: Sequence[Validated]) -> None:
     places = np.arange(len(space.names))
     axes.scatter(space.start, places, marker="s", s=28, color=style.PALETTE[2], label="default")
     for index, validated in enumerate(found):
-        color, label = style.look(index).color, _name(validated.budget)
+        color = style.look(index).color
+        label = _name(validated.budget)
         axes.scatter(validated.row.x, places, marker="D", s=24, color=color, label=label)
     labels = [plots.text(dimension.label(space.joints)) for dimension in space.dimensions]
     axes.set_yticks(places, labels)
@@ -117,8 +118,9 @@ def contest_picture(entries: Sequence[Entry]) -> bytes:
     """Return the fronts of a contest as PNG: a row for each arm, a column for each class of several laws."""
     arms = list(dict.fromkeys(entry.arm for entry in entries))
     all_groups = classes(entries)
-    groups = {name: laws for name, laws in all_groups.items() if len(laws) > 1} or all_groups
-    return draw_contest({arm: medians(entries, arm) for arm in arms}, groups)
+    of_several = {name: laws for name, laws in all_groups.items() if len(laws) > 1}
+    values = {arm: medians(entries, arm) for arm in arms}
+    return draw_contest(values, of_several or all_groups)
 
 
 def draw_contest(
@@ -131,12 +133,14 @@ def draw_contest(
         groups: class -> its controllers; a column of panels for each class.
     """
     with plots.styled():
-        figure = Figure(figsize=(6.2 * len(groups), 2.8 * len(arms)), layout="constrained")
+        size = (6.2 * len(groups), 2.8 * len(arms))
+        figure = Figure(figsize=size, layout="constrained")
         panels = figure.subplots(len(arms), len(groups), squeeze=False)
         for row, (arm, values) in enumerate(arms.items()):
             for axes, (group, laws) in zip(panels[row], groups.items(), strict=True):
                 _draw_fronts(axes, laws, values)
-                title = f"{plots.text(arm)}: {plots.text(group.partition(', ')[2])}"
+                _, _, class_name = group.partition(", ")
+                title = f"{plots.text(arm)}: {plots.text(class_name)}"
                 axes.set_title(title, fontsize="small")
                 if row == 0:
                     axes.legend(fontsize=6.5, loc="upper left", bbox_to_anchor=(1.01, 1.0))

@@ -103,16 +103,21 @@ def _read_or_kept(content: bytes, kind: str, filename: str) -> Triangles:
     Raises:
         MeshError: when they cannot be drawn.
     """
-    key = hashlib.sha256(f"{_VERSION} {kind}\n".encode() + content).hexdigest()[:32]
-    kept = _unpacked(read_result(key))
-    if kept is not None:
-        return kept
-    found = _read(content, kind, filename)
-    packed = zlib.compress(b"".join(_packed(found)), 1)
+    head = f"{_VERSION} {kind}\n".encode()
+    key = hashlib.sha256(head + content).hexdigest()[:32]
+    triangles = _unpacked(read_result(key))
+    if triangles is not None:
+        return triangles
+    triangles = _read(content, kind, filename)
+    packed = zlib.compress(b"".join(_packed(triangles)), 1)
     if len(packed) <= _MOST_KEPT:
-        text = base64.b64encode(packed).decode()
-        keep_result(key, {"corners": len(found.points), "faces": len(found.faces), "numbers": text})
-    return found
+        plain = {
+            "corners": len(triangles.points),
+            "faces": len(triangles.faces),
+            "numbers": base64.b64encode(packed).decode(),
+        }
+        keep_result(key, plain)
+    return triangles
 
 
 def _packed(part: Triangles) -> Iterator[bytes]:
@@ -125,15 +130,20 @@ def _unpacked(plain: Any) -> Triangles | None:
     """Return the triangles that were kept as plain data; None where that is none."""
     try:
         numbers = zlib.decompress(base64.b64decode(plain["numbers"]))
-        rows = (plain["corners"], plain["corners"], plain["corners"], plain["faces"])
+        corners, faces = plain["corners"], plain["faces"]
+        rows = (corners, corners, corners, faces)
         whole = np.frombuffer(numbers, "<f8").reshape(sum(rows), 3)
     except (TypeError, KeyError, ValueError, zlib.error):
         return None
     ends = np.cumsum(rows)
-    arrays = [whole[end - count : end] for end, count in zip(ends, rows, strict=True)]
-    part = Triangles(*(array.view(kind) for array, kind in zip(arrays, _KEPT_AS, strict=True)))
-    inside = part.faces.size and part.faces.min() >= 0 and part.faces.max() < len(part.points)
-    return part if inside else None
+    arrays = []
+    for end, count, kind in zip(ends, rows, _KEPT_AS, strict=True):
+        arrays.append(whole[end - count : end].view(kind))
+    part = Triangles(*arrays)
+    if not part.faces.size:
+        return None
+    is_inside = part.faces.min() >= 0 and part.faces.max() < len(part.points)
+    return part if is_inside else None
 
 
 def _read(content: bytes, kind: str, filename: str) -> Triangles:
@@ -166,26 +176,35 @@ def _parts(content: bytes, kind: str) -> list[Triangles]:
             if bare and len(mesh.faces) < _FINE:
                 mesh = trimesh.graph.smooth_shade(mesh, angle=_CREASE, facet_minarea=None)
             points = trimesh.transform_points(mesh.vertices, transform) * scale
-            normals = np.asarray(mesh.vertex_normals) @ np.linalg.inv(transform[:3, :3])
+            to_file = np.linalg.inv(transform[:3, :3])
+            normals = _unit_rows(np.asarray(mesh.vertex_normals) @ to_file)
             colors = np.broadcast_to(color, points.shape)
-            parts.append(Triangles(points, _unit_rows(normals), colors, np.asarray(mesh.faces)))
+            parts.append(Triangles(points, normals, colors, np.asarray(mesh.faces)))
     return parts
 
 
 def concatenate(parts: list[Triangles]) -> Triangles:
     """Return triangles together."""
-    offsets = np.cumsum([0, *(len(part.points) for part in parts[:-1])])
-    points, normals, colors, faces = zip(*parts, strict=True)
-    shifted = [face + first for face, first in zip(faces, offsets, strict=True)]
-    return Triangles(*map(np.concatenate, (points, normals, colors, shifted)))
+    faces = []
+    first = 0  # number of the part's first corner among all
+    for part in parts:
+        faces.append(part.faces + first)
+        first += len(part.points)
+    return Triangles(
+        points=np.concatenate([part.points for part in parts]),
+        normals=np.concatenate([part.normals for part in parts]),
+        colors=np.concatenate([part.colors for part in parts]),
+        faces=np.concatenate(faces),
+    )
 
 
 def move(part: Triangles, matrix: Array, scale: Array | float = 1.0) -> Triangles:
     """Return triangles scaled along their axes, then moved by a homogeneous matrix (4, 4)."""
     factors = np.broadcast_to(np.asarray(scale, dtype=float), (3,))
-    points = (part.points * factors) @ matrix[:3, :3].T + matrix[:3, 3]
+    rotation = matrix[:3, :3]
+    points = (part.points * factors) @ rotation.T + matrix[:3, 3]
     safe = np.where(factors == 0.0, 1.0, factors)
-    normals = _unit_rows((part.normals / safe) @ matrix[:3, :3].T)
+    normals = _unit_rows((part.normals / safe) @ rotation.T)
     # A mirror image has its triangles the other way round.
     faces = part.faces[:, ::-1] if np.prod(safe) < 0.0 else part.faces
     return Triangles(points, normals, part.colors, faces)
@@ -199,7 +218,8 @@ def simplify(part: Triangles, most: int) -> Triangles:
     simplified each by itself. Triangles that face against their corners' normals are turned round, also where
     the mesh was small enough.
     """
-    _, color = np.unique(np.nan_to_num(part.colors, nan=-1.0), axis=0, return_inverse=True)
+    colors = np.nan_to_num(part.colors, nan=-1.0)
+    _, color = np.unique(colors, axis=0, return_inverse=True)
     color = color.ravel()
     cubes_across = _MOST_CUBES
     while len(part.faces) > most and cubes_across > _LEAST_CUBES:
@@ -209,8 +229,10 @@ def simplify(part: Triangles, most: int) -> Triangles:
     # Seen from where their normals point: corners put together turn some round.
     a, b, c = (part.points[part.faces[:, i]] for i in range(3))
     outwards = part.normals[part.faces].sum(axis=1)
-    inwards = (np.cross(b - a, c - a) * outwards).sum(axis=1) < 0.0
-    return part._replace(faces=np.where(inwards[:, None], part.faces[:, ::-1], part.faces))
+    normals = np.cross(b - a, c - a)
+    is_inwards = (normals * outwards).sum(axis=1) < 0.0
+    faces = np.where(is_inwards[:, None], part.faces[:, ::-1], part.faces)
+    return part._replace(faces=faces)
 
 
 def _merge_corners(part: Triangles, color: _Indices, cubes_across: float) -> tuple[Triangles, _Indices]:
@@ -222,14 +244,15 @@ def _merge_corners(part: Triangles, color: _Indices, cubes_across: float) -> tup
         cubes_across: how many cubes the largest side of the part has.
     """
     low = part.points.min(axis=0)
-    size = max(float(np.ptp(part.points, axis=0).max()), 1e-9) / cubes_across
+    largest_side = float(np.ptp(part.points, axis=0).max())
+    size = max(largest_side, 1e-9) / cubes_across
     x, y, z = np.floor((part.points - low) / size).astype(np.int64).T
     # One number for colour and cube, as there are less than 1024 cubes across.
     key = ((color * 1024 + x) * 1024 + y) * 1024 + z
     _, corner_of_cube, cube = np.unique(key, return_index=True, return_inverse=True)
     axis = np.abs(part.normals).argmax(axis=1)
-    is_ahead = np.take_along_axis(part.normals, axis[:, None], axis=1)[:, 0] > 0.0
-    facing = 2 * axis + is_ahead  # one of six
+    along_axis = np.take_along_axis(part.normals, axis[:, None], axis=1)[:, 0]
+    facing = 2 * axis + (along_axis > 0.0)  # one of six
     _, first, group = np.unique(key * 8 + facing, return_index=True, return_inverse=True)
     normals = np.zeros((len(first), 3))
     np.add.at(normals, group, part.normals)
@@ -242,17 +265,20 @@ def _merge_corners(part: Triangles, color: _Indices, cubes_across: float) -> tup
 
 def box(x: float, y: float, z: float) -> Triangles:
     """Return a box about the origin [m]."""
-    return _primitive(toolbox().creation.box(extents=(x, y, z)))
+    creation = toolbox().creation
+    return _primitive(creation.box(extents=(x, y, z)))
 
 
 def cylinder(radius: float, length: float) -> Triangles:
     """Return a cylinder about the z axis [m]."""
-    return _primitive(toolbox().creation.cylinder(radius=radius, height=length, sections=32))
+    creation = toolbox().creation
+    return _primitive(creation.cylinder(radius=radius, height=length, sections=32))
 
 
 def sphere(radius: float) -> Triangles:
     """Return a sphere about the origin [m]."""
-    return _primitive(toolbox().creation.uv_sphere(radius=radius, count=[16, 24]))
+    creation = toolbox().creation
+    return _primitive(creation.uv_sphere(radius=radius, count=[16, 24]))
 
 
 def _primitive(mesh: Any) -> Triangles:
@@ -270,8 +296,9 @@ def _primitive(mesh: Any) -> Triangles:
 def _unit_rows(vectors: Array) -> Array:
     """Return vectors (k, 3) of length 1; those of no length become z."""
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    good = np.isfinite(length) & (length > 0.0)
-    return np.where(good, vectors / np.where(good, length, 1.0), [0.0, 0.0, 1.0])
+    has_length = np.isfinite(length) & (length > 0.0)
+    units = vectors / np.where(has_length, length, 1.0)
+    return np.where(has_length, units, [0.0, 0.0, 1.0])
 
 
 def _color_of(mesh: Any) -> Array:
