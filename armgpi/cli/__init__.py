@@ -17,7 +17,7 @@ import re
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Annotated, Any
 
@@ -76,7 +76,8 @@ def _usage_error(error: Exception, command: str) -> tuple[str, str]:
     said = printable(facts["message"] or "").rstrip(".")
     see = f"see {command} --help"
     if kind == "NoSuchOption":
-        return "", f"{_unknown_option(printable(facts['option_name']), facts['possibilities'])}; {see}"
+        near = _near_options(facts["option_name"], facts["possibilities"], facts.get("ctx"))
+        return "", f"{_unknown_option(printable(facts['option_name']), near)}; {see}"
     if kind == "MissingParameter":
         return _option_name(facts), f"is missing; {see}"
     if kind == "BadParameter":
@@ -99,6 +100,38 @@ def _option_name(facts: dict[str, Any]) -> str:
     hint = facts.get("param_hint") or (facts["param"].get_error_hint() if facts.get("param") else "")
     names = [hint] if isinstance(hint, str) else list(hint)
     return " / ".join(names).replace("'", "")
+
+
+#: Options that users of other programs type -> those here that may mean the same.
+_OTHER_WORDS: Mapping[str, tuple[str, ...]] = {
+    **dict.fromkeys(("--count", "--samples", "--runs", "--trials", "--number"), ("--rollouts",)),
+    **dict.fromkeys(("--iterations", "--budget", "--generations"), ("--evaluations",)),
+    **dict.fromkeys(("--load", "--mass"), ("--payload",)),
+    **dict.fromkeys(("--bandwidth", "--natural-frequency"), ("--omega",)),
+    **dict.fromkeys(("--duration", "--time", "--seconds"), ("--t-final",)),
+    **dict.fromkeys(("--bits", "--resolution", "--encoder"), ("--encoder-bits",)),
+    **dict.fromkeys(("--rate", "--frequency", "--timestep", "--period", "--sample-time"), ("--dt",)),
+    **dict.fromkeys(("--output", "--folder", "--file", "--dest", "--save"), ("--out",)),
+    **dict.fromkeys(("--latency", "--lag"), ("--delay",)),
+    **dict.fromkeys(("--goal", "--target-position"), ("--to",)),
+    **dict.fromkeys(("--law", "--type"), ("--controller", "--controllers")),
+    **dict.fromkeys(("--html", "--page"), ("--report",)),
+    **dict.fromkeys(("--verbose", "--details"), ("--explain",)),
+    **dict.fromkeys(("--jobs", "--processes"), ("--workers",)),
+}
+
+
+def _near_options(name: str, near: Sequence[str] | None, context: Any) -> Sequence[str] | None:
+    """Return what a command may have in place of an option that it does not have.
+
+    Args:
+        name: as it was typed.
+        near: options that are spelled alike.
+        context: of Click.
+    """
+    parameters = [] if context is None else context.command.params
+    own = {option for parameter in parameters for option in parameter.opts}
+    return [option for option in _OTHER_WORDS.get(name, ()) if option in own] or near
 
 
 def _unknown_option(name: str, near: Sequence[str] | None) -> str:

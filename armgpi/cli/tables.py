@@ -32,6 +32,7 @@ from armgpi.loop.running import ROUNDING
 from armgpi.plants.elastic import ElasticPlant
 from armgpi.plants.plant import inside
 from armgpi.plants.sensors import Encoder
+from armgpi.robot.robot import Robot
 from armgpi.supervisor.reasons import remedy
 from armgpi.tuning.geared import is_known
 from armgpi.tuning.verdict import USUAL_SENSITIVITY, Verdict, verdict
@@ -94,12 +95,21 @@ def _sunk(experiment: Experiment, label: str) -> str:
     return f" (static deflection at the end: {metrics.short(sunk, 3)} mm)" if sunk > 0.0 else ""
 
 
+def _describe_excess(robot: Robot, excesses: Sequence[float | None]) -> str:
+    """Return by how much a joint left its position limits, where one did; the worst one."""
+    excess = [x or 0.0 for x in excesses]
+    worst = max(range(len(excess)), key=excess.__getitem__)
+    if excess[worst] <= ROUNDING:
+        return ""
+    unit = "m" if robot.prismatic[worst] else "rad"
+    return f"; {printable(robot.joint_names[worst])} left its limits by up to {excess[worst]:.3g} {unit}"
+
+
 def _print_end(
     console: Any, experiment: Experiment, record: dict[str, Any], tuned: Verdict | None = None
 ) -> None:
     """Print how a rollout ended, and what its loop tolerates; `tuned` limits an automatic controller."""
-    excess = max((x or 0.0 for x in record["metrics"]["limit_excess"]), default=0.0)
-    left = f"; left its joint limits by up to {excess:.3g}" if excess > ROUNDING else ""
+    left = _describe_excess(experiment.robot, record["metrics"]["limit_excess"])
     measured = describe_measurement(record["measurement"], record["knows"])
     held = describe_saturation(record, experiment.t_final) if record["status"] == "finished" else ""
     end = printable(f"{record['end']}, {held}" if held else record["end"])

@@ -535,9 +535,13 @@ def _found_in(rollout: xr.Dataset, records: Sequence[Mapping[str, Any]]) -> list
             said.append(f"{record['label']}: {record['end']}")
         if held := experiment.describe_saturation(record, float(rollout["time"][-1]), least=0.0):
             said.append(f"{record['label']}: {held}")
-        for joint, value in zip(record["joints"], record["metrics"]["limit_excess"], strict=True):
+        symbols = _symbols(POSITION, units.prismatic(rollout))
+        excesses = record["metrics"]["limit_excess"]
+        for joint, value, unit in zip(record["joints"], excesses, symbols, strict=True):
             if value is not None and value > 0.0:
-                said.append(f"{record['label']}: joint {joint!r} left its position limits by {value:.3g}")
+                said.append(
+                    f"{record['label']}: joint {joint!r} left its position limits by {value:.3g} {unit}"
+                )
     unlimited = tracks.traces(rollout, most=None)[0].data["effort"].values
     for joint, effort in zip(rollout["joint"].values, unlimited, strict=True):
         if not np.isfinite(effort) or effort >= 1e300:

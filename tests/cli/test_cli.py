@@ -991,6 +991,7 @@ BAD: dict[str, tuple[list[str], str]] = {
     "an argument too much": (["doctor", "x"], "armgpi doctor takes no argument, so 'x' is too much"),
     "an unknown command": (["rum", ARM], "there is no command 'rum' (did you mean 'run'?)"),
     "an unknown option": (["run", ARM, "--payloda", "1"], "no option --payloda (did you mean --payload"),
+    "another program's option": (["sweep", "x.yaml", "--count", "5"], "--count (did you mean --rollouts?)"),
     "one dash": (["run", ARM, "-omega", "30"], "-omega: names of options have two dashes: --omega"),
     "a unit": (["run", ARM, "--payload", "0.5kg"], "got '0.5kg'; write 0.5 (kg)"),
     "a page of another kind": (["view", ARM, "-o", "arm.avi"], "--out: writes HTML"),
