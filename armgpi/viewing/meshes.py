@@ -218,9 +218,7 @@ def simplify(part: Triangles, most: int) -> Triangles:
     simplified each by itself. Triangles that face against their corners' normals are turned round, also where
     the mesh was small enough.
     """
-    colors = np.nan_to_num(part.colors, nan=-1.0)
-    _, color = np.unique(colors, axis=0, return_inverse=True)
-    color = color.ravel()
+    color = _color_numbers(part.colors)
     cubes_across = _MOST_CUBES
     while len(part.faces) > most and cubes_across > _LEAST_CUBES:
         part, first = _merge_corners(part, color, cubes_across)
@@ -258,9 +256,27 @@ def _merge_corners(part: Triangles, color: _Indices, cubes_across: float) -> tup
     np.add.at(normals, group, part.normals)
     a, b, c = cube[part.faces].T
     stays_a_triangle = (a != b) & (b != c) & (c != a)
-    faces = np.unique(group[part.faces[stays_a_triangle]], axis=0)
+    faces = _unique_faces(group[part.faces[stays_a_triangle]], len(first))
     points = part.points[corner_of_cube[cube[first]]]
     return Triangles(points, _unit_rows(normals), part.colors[first], faces), first
+
+
+def _color_numbers(colors: Array) -> _Indices:
+    """Return a number for each corner, the same for equal colours (k, 3); NaN is no colour."""
+    known = np.nan_to_num(colors, nan=-1.0)
+    if (known == known[:1]).all():  # one colour: rows need not be sorted
+        return np.zeros(len(known), dtype=np.int64)
+    _, numbers = np.unique(known, axis=0, return_inverse=True)
+    return np.asarray(numbers.ravel())
+
+
+def _unique_faces(faces: _Indices, corners: int) -> _Indices:
+    """Return each triangle once, in order of its corners, (k, 3); there are so many corners."""
+    if corners**3 > np.iinfo(np.int64).max:
+        return np.unique(faces, axis=0)
+    # As one number, which sorts in a fraction of the time of a row.
+    key = np.unique((faces[:, 0] * corners + faces[:, 1]) * corners + faces[:, 2])
+    return np.stack([key // corners**2, key // corners % corners, key % corners], axis=1)
 
 
 def box(x: float, y: float, z: float) -> Triangles:
