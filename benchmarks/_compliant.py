@@ -144,6 +144,28 @@ def friction_of(robot: armgpi.Robot, share: float) -> armgpi.Friction:
     return armgpi.Friction(VISCOUS * effort, share * effort)
 
 
+def drawn(
+    robot: armgpi.Robot, level: armgpi.Friction, heaviest: float, count: int, random: np.random.Generator
+) -> dict[str, Array]:
+    """Return drawn rotors, friction, encoders and payloads of a loop.
+
+    Args:
+        robot: with its assumed rotors.
+        level: friction as it is known.
+        heaviest: of the payloads [kg], which begin at 0.
+        count: how many of each.
+        random: draws them.
+    """
+    shape = (count, robot.n)
+    return {
+        "plant.rotor_inertia": robot.armature * random.uniform(1.0 - ROTORS, 1.0 + ROTORS, shape),
+        "plant.viscous": np.tile(level.viscous, (count, 1)),
+        "plant.coulomb": level.coulomb * random.uniform(1.0 / KNOWN, KNOWN, shape),
+        "plant.encoder_bits": np.tile(random.integers(BITS[0], BITS[1] + 1, (count, 1)), (1, robot.n)),
+        "plant.payload.mass": random.uniform(0.0, heaviest, count),
+    }
+
+
 def friction_at_tool(robot: armgpi.Robot, q: Array, level: Array, direction: Array) -> float:
     """Return the most that Coulomb friction [N m], (n,), holds at the tool along a direction [N]."""
     jacobian = robot.frame_jacobian(robot.tip, q)

@@ -15,6 +15,7 @@ from _compliant import (
     ROTORS,
     SEEDS,
     directions,
+    drawn,
     friction_at_tool,
     friction_of,
     loop,
@@ -99,7 +100,7 @@ def _row(name: str, limit: float) -> list[Any]:
         tool_force=limit, uncertain_mass=MASS, friction_within=KNOWN, frozen_samples=60, jump=10.0
     )
     how: dict[str, Any] = {"late": late, "supervisor": watched}
-    given = _drawn(where.robot, level, HANDS, random)
+    given = drawn(where.robot, level, MASS, HANDS, random)
     along = directions(HANDS, 5)
     hand = "plant.environment.0"
     given |= {f"{hand}.{axis}": along[:, i] for i, axis in enumerate("xyz")}
@@ -127,21 +128,6 @@ def _row(name: str, limit: float) -> list[Any]:
     ]
 
 
-def _drawn(
-    robot: armgpi.Robot, level: armgpi.Friction, count: int, random: np.random.Generator
-) -> dict[str, Array]:
-    """Return drawn rotors, friction, encoders and payloads."""
-    shape = (count, robot.n)
-    rubbing = level.coulomb * random.uniform(1.0 / KNOWN, KNOWN, shape)
-    return {
-        "plant.rotor_inertia": robot.armature * random.uniform(1.0 - ROTORS, 1.0 + ROTORS, shape),
-        "plant.viscous": np.tile(level.viscous, (count, 1)),
-        "plant.coulomb": rubbing,
-        "plant.encoder_bits": np.tile(random.integers(BITS[0], BITS[1] + 1, (count, 1)), (1, robot.n)),
-        "plant.payload.mass": random.uniform(0.0, MASS, count),
-    }
-
-
 def _free(name: str, law: Any, level: armgpi.Friction, how: Any, random: np.random.Generator) -> int:
     """Return how many free moves the estimated force stopped."""
     robot = place(name).robot
@@ -153,7 +139,7 @@ def _free(name: str, law: Any, level: armgpi.Friction, how: Any, random: np.rand
     found = 0
     for some in np.array_split(np.argsort(duration), 6):
         length = float(duration[some].max())
-        given = _drawn(robot, level, len(some), random)
+        given = drawn(robot, level, MASS, len(some), random)
         move = armgpi.Bezier(starts[some], goals[some], length)
         made = loop(robot, law, move, length + 0.3, [], 20, **how).run(given)
         found += int((made["fault"].values == Reason.TOOL_FORCE).sum())

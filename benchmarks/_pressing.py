@@ -22,6 +22,7 @@ from _compliant import (
     beside,
     depth,
     directions,
+    drawn,
     friction_at_tool,
     friction_of,
     loop,
@@ -284,7 +285,7 @@ def _walls(
     where, robot = known.place, known.place.robot
     axis = -where.rotation[:, 2]
     cases = [(wall, angle) for wall in WALLS for angle in ANGLES for _ in range(DRAWS)]
-    given = _drawn(known, law, len(cases), random)
+    given = drawn(robot, known.level, _unsure(law), len(cases), random)
     normals, goals, allowed = [], [], []
     for i, (_, angle) in enumerate(cases):
         normal = beside(axis, math.radians(angle), random.uniform(0.0, 2.0 * math.pi))
@@ -311,25 +312,16 @@ def _walls(
     return (starts, np.array(goals)), given, np.array(allowed), straight
 
 
-def _drawn(known: Known, law: Any, count: int, random: np.random.Generator) -> dict[str, Array]:
-    """Return drawn rotors, friction, encoders and payloads."""
-    robot = known.place.robot
-    shape = (count, robot.n)
-    unsure = 0.0 if law.payload is None else float(law.payload.heaviest - law.payload.lightest)
-    return {
-        "plant.rotor_inertia": robot.armature * random.uniform(1.0 - ROTORS, 1.0 + ROTORS, shape),
-        "plant.viscous": np.tile(known.level.viscous, (count, 1)),
-        "plant.coulomb": known.level.coulomb * random.uniform(1.0 / KNOWN, KNOWN, shape),
-        "plant.encoder_bits": np.tile(random.integers(BITS[0], BITS[1] + 1, (count, 1)), (1, robot.n)),
-        "plant.payload.mass": random.uniform(0.0, unsure, count),
-    }
+def _unsure(law: Any) -> float:
+    """Return by how much the payload of a controller's model is uncertain [kg]."""
+    return 0.0 if law.payload is None else float(law.payload.heaviest - law.payload.lightest)
 
 
 def _hands(setting: Setting, limit: float, most: float) -> dict[str, Array]:
     """Return what is given of the loop for hands of up to a force [N], without a wall."""
     known, law, random = setting.known, setting.law, setting.random
     force = directions(HANDS, 5) * random.uniform(min(1.5 * limit, 0.5 * most), most, (HANDS, 1))
-    given = _drawn(known, law, HANDS, random)
+    given = drawn(known.place.robot, known.level, _unsure(law), HANDS, random)
     given["plant.payload.mass"] = np.zeros(HANDS)
     given |= {f"plant.environment.1.{name}": force[:, i] for i, name in enumerate("xyz")}
     surface = "plant.environment.0"

@@ -232,9 +232,13 @@ def note_drives(experiment: Experiment, explain: bool = True, motion: opt.Experi
 
 def _note_force(experiment: Experiment) -> None:
     """Say what controllers with a force limit press with at rest, and the impact beside it."""
+    from armgpi.plants.plant import inside
+    from armgpi.robot.batch import one_of
+
     for label, law in experiment.controllers.items():
         if getattr(law, "force_limit", None) is not None:
-            bound: Any = law.force_bound()  # type: ignore[attr-defined]
+            arm = one_of(inside(experiment.plant).robot)
+            bound: Any = law.force_bound(arm=arm)  # type: ignore[attr-defined]
             hold(f"{label}: {bound}".replace("\n", " "))
 
 

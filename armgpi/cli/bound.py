@@ -58,7 +58,7 @@ _STOP = "a stop by the supervisor of the file (--tool-speed bounds it)"
 
 
 #: What a bound of the force leaves out, and configurations of the reference that it looks at.
-_PATH, _PLACES = "the error along the reference, of a controller with a force limit", 101
+_PATH, _PLACES = "the error along the reference, as the force is bounded", 101
 
 
 @stoppable
@@ -211,7 +211,9 @@ def _instead(law: Any) -> str:
 
     if not isinstance(law, Impedance):
         return ""
-    limited = "; with force_limit, its force at rest is" if isinstance(law, CartesianImpedance) else ""
+    limited = ""
+    if isinstance(law, CartesianImpedance):
+        limited = "; with force_limit, or a wall without friction in plant.environment, its force at rest is"
     reason = (
         "no proof bounds the error of a spring, whose damping from filtered positions ends at some frequency"
     )
@@ -219,8 +221,34 @@ def _instead(law: Any) -> str:
 
 
 def _has_force_limit(experiment: Experiment) -> bool:
-    """Tell whether the controller has a force limit, so that the force has a bound and the error has none."""
-    return getattr(next(iter(experiment.controllers.values())), "force_limit", None) is not None
+    """Tell whether the force has a bound, and the error has none: by a force limit, or a spring at a wall."""
+    law: Any = next(iter(experiment.controllers.values()))
+    return getattr(law, "force_limit", None) is not None or _depth(experiment, law) is not None
+
+
+def _depth(experiment: Experiment, law: Any) -> float | None:
+    """Return how deep the reference brings a spring at the tool behind walls [m]; None for others."""
+    import numpy as np
+
+    from armgpi.control.impedance import CartesianImpedance
+    from armgpi.plants.environment import Wall
+    from armgpi.plants.plant import inside
+
+    contacts = getattr(inside(experiment.plant), "environment", ())
+    walls = [each for each in contacts if isinstance(each, Wall) and not each.friction]
+    limited = getattr(law, "force_limit", None) is not None
+    if limited or not walls or not isinstance(law, CartesianImpedance):
+        return None
+    robot, places = experiment.robot, _places(experiment)
+    tool = np.array([robot.frame_pose(law.frame or robot.tip, q).translation for q in places])
+    return max(0.0, *(float(wall.depth(tool).max()) for wall in walls))
+
+
+def _places(experiment: Experiment) -> Any:
+    """Return configurations of the reference that a bound of the force looks at, (k, n)."""
+    import numpy as np
+
+    return experiment.reference.at(np.linspace(0.0, experiment.t_final, _PLACES)).q
 
 
 def _bound_force(
@@ -263,17 +291,23 @@ def _judge_force(
     """Return what a tool presses with at rest at most along the reference; its error is not bounded.
 
     That is the limit, friction at the tool in the worst configuration and direction of the reference, and the
-    weight of a payload that the model may lack, or have too much.
+    weight of a payload that the model may lack, or have too much, or what the plant's gravity differs by.
     """
     import numpy as np
 
     from armgpi.control.force_limit import FREE_FALL
+    from armgpi.plants.plant import inside
+    from armgpi.robot.batch import one_of
 
     if speed is not None and not 0.0 < speed < np.inf:
         raise refusal("--tool-speed", f"expected a positive speed [m/s], got {speed:g}")
     law: Any = next(iter(experiment.controllers.values()))  # with a force limit
-    configurations = experiment.reference.at(np.linspace(0.0, experiment.t_final, _PLACES)).q
-    given: dict[str, Any] = {"configurations": configurations, "speed": speed}
+    configurations = _places(experiment)
+    arm = one_of(inside(experiment.plant).robot)  # its payload is one that the controller may not know
+    given: dict[str, Any] = {"configurations": configurations, "speed": speed, "arm": arm}
+    depth = _depth(experiment, law)
+    if depth is not None:
+        given["depth"] = depth
     known = law.robot.friction.coulomb
     if within is not None:
         if not known.any():

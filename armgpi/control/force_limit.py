@@ -2,8 +2,12 @@
 
 What a torque beyond the model's does at rest is a wrench at the tool: J' f is that torque, but for what
 moves the arm without the tool. So f follows from the torque, its force and its moment are shortened to their
-limits, and what is too much is taken away from the torque. Nothing is scaled as a whole: a torque about an
-axis through the tool is a moment without a force, and stays as it is where the force alone is too much.
+limits, and what is too much is taken away from the torque. Force and moment are not scaled together: a
+torque about an axis through the tool is a moment without a force, and stays as it is where the force alone
+is too much.
+
+Of what is taken away the joints' friction is given back, so that the arm moves: as much of it, in its own
+direction, as exceeds the friction of no joint.
 
 Beyond the limit nothing holds the arm, so a speed limit belongs to it: the joints are damped as soon as the
 tool is faster beside its reference than 0.4 of its speed limit; see ``armgpi.control.speed_brake``.
@@ -27,6 +31,7 @@ from armgpi.base.arrays import (
     as_float_array,
     as_joint_array,
     check_number,
+    check_type,
     new,
     not_negative,
     per_joint,
@@ -59,6 +64,9 @@ CHANGE = 0.1
 _CONFIGURATIONS, _DRAWN = 20, 60
 #: Joints of which all combinations of signs are tried.
 _MOST_SIGNS = 10
+#: Least friction that a joint is taken to have where a torque is shortened as a whole, over the largest share
+#: of the effort that friction has in any joint [-].
+_LEAST_RUBBED = 0.5
 #: Share of the full damping below which the speed limit is said not to hold [-].
 _WEAK = 0.25
 
@@ -70,7 +78,8 @@ class ForceBound(NamedTuple):
         limit: the force limit [N].
         friction: what the joints' Coulomb friction adds at the tool at most [N], the upper end of its
             interval; median over configurations away from singular ones, the worst direction of each.
-        gravity: the weight that the model is uncertain by [N].
+        gravity: the weight that the model is uncertain by, or the force at the tool [N] of the gravity that a
+            given arm has and the model does not, whichever is larger.
         total: the sum, which bounds the force at rest [N].
         speed: of an approach [m/s].
         wall: stiffness of what is hit [N/m].
@@ -82,6 +91,8 @@ class ForceBound(NamedTuple):
         fastest: that speed limit [m/s].
         usual: whether it is of usual configurations, as none were given; near singular ones all is worse.
         assumed: whether the friction is that of usual geared joints, as the model has none.
+        depth: how deep the target of a spring without a limit is behind what it presses on [m]; `limit` is
+            the spring's force there. 0 for a force limit.
     """
 
     limit: float
@@ -96,6 +107,7 @@ class ForceBound(NamedTuple):
     fastest: float = math.nan
     usual: bool = False
     assumed: bool = False
+    depth: float = 0.0
 
     def __str__(self) -> str:
         """Return it in two or three lines."""
@@ -111,8 +123,11 @@ class ForceBound(NamedTuple):
                 f"A hand that pushes with up to {self.push:.3g} N{least} moves it no faster than "
                 f"{self.fastest:.3g} m/s relative to its reference.\n"
             )
+        pressing = f"limit {self.limit:.3g} N"
+        if self.depth:
+            pressing = f"spring {self.limit:.3g} N, its target {1e3 * self.depth:.3g} mm deep"
         return (
-            f"At rest the tool presses with at most {self.total:.3g} N{median}: limit {self.limit:.3g} N, "
+            f"At rest the tool presses with at most {self.total:.3g} N{median}: {pressing}, "
             f"joint friction {self.friction:.3g} N{friction}, unknown weight {self.gravity:.3g} N.\n"
             f"{pushed}The impact is not bounded: at {self.speed:.3g} m/s on {self.wall / 1e3:.3g} kN/m it is "
             f"about {self.impact:.3g} N (the tool weighs {self.mass:.3g} kg in motion). "
@@ -177,6 +192,7 @@ class ForceLimit:
     derived: ClassVar[Mapping[str, str]] = {
         **SpeedBrake.derived,
         "_change": "share of a change of the force limit that a sample makes [-]",
+        "_per_friction": "one over what friction of the joints is compared with [1/(N m) or 1/N]",
     }
 
     def __init__(
@@ -208,6 +224,7 @@ class ForceLimit:
         self.force = force
         self.moment = LEVER * force if moment is None else moment
         self.friction = friction
+        self._per_friction = _per_friction(friction, robot.limits.effort)
         self.speed = speed
         self._length = self._motion.reach(robot)
         self._brake = SpeedBrake(robot, *loop)
@@ -301,9 +318,23 @@ class ForceLimit:
         too_much_moment = _beyond(moment, largest_moment)
         much = np.concatenate([too_much_force, too_much_moment], axis=-1)
         taken = np.matmul(jacobian.transposed, much[..., None])[..., 0]
-        rubbed = np.minimum(np.maximum(taken, -self.friction), self.friction)
-        beyond_friction: Array = taken - rubbed
+        beyond_friction: Array = taken - self._rubbed(taken)
         return new(_Excess, (beyond_friction, much, jacobian))
+
+    def _rubbed(self, torque: Array) -> Array:
+        """Return the share of a torque that joint friction holds: shortened as a whole, not joint by joint.
+
+        What is left then presses in the direction that was asked for. Each joint at its own friction is a
+        wrench of any direction: behind a wall it turned the tool, and pressed aside. A joint with far less
+        friction than the others, beside its effort, would leave too little to these: it is cut by itself.
+        """
+        used = np.abs(torque) * self._per_friction
+        most = used[..., 0:1]
+        for joint in range(1, used.shape[-1]):
+            most = np.maximum(most, used[..., joint : joint + 1])
+        shortened = torque / np.maximum(most, 1.0)
+        rubbed: Array = np.minimum(np.maximum(shortened, -self.friction), self.friction)
+        return rubbed
 
     def force_of(self, robot: Robot, torque: Array, configurations: Array | None = None) -> float:
         """Return the largest force at the tool [N] of torques within +- `torque` (n,).
@@ -351,6 +382,7 @@ class ForceLimit:
         speed: float | None = None,
         wall: float = HIT,
         configurations: ArrayLike | None = None,
+        arm: Robot | None = None,
     ) -> ForceBound:
         """Return what the tool presses with at rest at most, and the impact at a speed beside it.
 
@@ -363,9 +395,12 @@ class ForceLimit:
             wall: stiffness of what is hit [N/m].
             configurations: where friction and pushes count [rad or m], (k, n): the worst of them; usual ones
                 when not given.
+            arm: what is really moved, such as the arm of a plant with another payload: the gravity that the
+                model does not have counts. The model itself when not given.
 
         Raises:
-            ParameterError: when speed, wall or friction is negative or no number.
+            ParameterError: when speed, wall or friction is negative or no number, or `arm` is no robot with
+                the joints of the model.
             ArrayError: when friction or configurations do not fit the joints.
         """
         names = robot.joint_names
@@ -386,14 +421,15 @@ class ForceLimit:
         wall = check_number(wall, "wall", "zero or positive [N/m]")
         limit = float(np.max(self.force))  # of rollouts with limits of their own, the one that presses most
         rubbed, mass = self.force_of(robot, level, places), self.mass_of(robot)
+        unknown = weight if arm is None else max(weight, self._unknown_weight(robot, arm, places))
         pressed = limit + rubbed
         impact = pressed + float(np.sqrt(pressed**2 + wall * mass * fast**2))
         push = self._push(robot, places)
         return ForceBound(
             limit=limit,
             friction=rubbed,
-            gravity=weight,
-            total=pressed + weight,
+            gravity=unknown,
+            total=pressed + unknown,
             speed=fast,
             wall=wall,
             mass=mass,
@@ -403,6 +439,23 @@ class ForceLimit:
             usual=places is None,
             assumed=assumed,
         )
+
+    def _unknown_weight(self, robot: Robot, arm: Robot, configurations: Array | None) -> float:
+        """Return the force at the tool [N] of the gravity that an arm has and a model does not.
+
+        It is that torque over its lever: of the force J'^-1 makes of it, the median of usual configurations,
+        or the largest of given ones (k, n).
+        """
+        check_type(arm, "arm", Robot, "a Robot")
+        if arm.joint_names != robot.joint_names:
+            raise ParameterError("arm", list(arm.joint_names), f"one with {', '.join(robot.joint_names)}")
+        forces = []
+        for q in self._usual(robot) if configurations is None else configurations:
+            missing = arm.gravity(q) - robot.gravity(q)
+            jacobian = self._motion.at(q, 0.0 * q).damped_jacobian(self._length)
+            wrench = np.linalg.solve(jacobian.square, jacobian.matrix @ missing)
+            forces.append(float(np.linalg.norm(wrench[:3])) / self._length)
+        return float(np.median(forces) if configurations is None else np.max(forces))
 
     def _push(self, robot: Robot, configurations: Array | None) -> float:
         """Return the force of a hand [N] that the brake holds at the speed limit, and the motors at all.
@@ -493,6 +546,25 @@ class ForceLimit:
                 f"and {reason}"
             )
             yield Finding("warning", "the speed limit", message, gain, full, repair)
+
+
+def _per_friction(friction: Array, effort: Array) -> Array:
+    """Return one over what each joint's share of a torque is compared with, where it is shortened as a whole.
+
+    That is its friction, but no less than `_LEAST_RUBBED` of the largest share of the effort that friction
+    has in any joint. A joint without friction is compared with nothing: 0.
+
+    Args:
+        friction: Coulomb friction [N m or N], (n,) or (batch, n).
+        effort: limits [N m or N], (n,), which may be infinite.
+    """
+    known = np.isfinite(effort) & (effort > 0.0)
+    efforts = np.where(known, effort, 1.0)
+    shares = np.where(known, friction / efforts, 0.0)
+    least = np.where(known, _LEAST_RUBBED * shares.max(axis=-1, keepdims=True) * efforts, 0.0)
+    rubs = friction > 0.0
+    compared = np.maximum(friction, least)
+    return np.where(rubs, 1.0 / np.where(rubs, compared, 1.0), 0.0)
 
 
 def usual_friction(robot: Robot) -> Array:

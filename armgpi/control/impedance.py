@@ -19,7 +19,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from armgpi.base.arrays import Array, as_float_array, check_type, new
+from armgpi.base.arrays import Array, as_float_array, check_number, check_type, new
 from armgpi.base.parameter import PerJoint, parameter, with_parameters
 from armgpi.control.bandwidth import FilteredDifference
 from armgpi.control.controller import Controller, ControlStep, Measurement
@@ -508,18 +508,42 @@ class CartesianImpedance(Impedance):
         self._length = self._motion.reach(arm)
         self._redundant = arm.n > 6 and self.nullspace_stiffness > 0.0
 
-    def force_bound(self, **given: Any) -> ForceBound:
-        """Return what the tool presses with under the force limit; see :meth:`armgpi.GPI.force_bound`.
+    def force_bound(self, depth: float | None = None, **given: Any) -> ForceBound:
+        """Return what the tool presses with at rest; see :meth:`armgpi.GPI.force_bound`.
+
+        Without a force limit it presses with the stiffest spring times `depth`, and with friction and unknown
+        weight. These may push aside a tool whose springs differ by direction, and count up to
+        (k + 1) / (2 sqrt(k)) times then, with k the ratio of the stiffest to the softest one: on a surface
+        with the normal n at rest, n' K^-1 (f n - r) is the depth, of the force f and what friction and weight
+        are at the tool, r.
+
+        Args:
+            depth: how deep the target is behind a surface without friction, which is hit [m].
+            **given: as with a force limit.
 
         Raises:
-            ParameterError: when there is no force limit.
+            ParameterError: when there is neither a force limit nor a depth, for a depth that is negative, or
+                where the softest spring has no stiffness.
         """
         limit: Any = self.force_limit
+        behind = 0.0 if depth is None else check_number(depth, "depth", "zero or positive [m]")
+        aside = 1.0
+        if limit is None and depth is None:
+            raise ParameterError("force_limit", None, "given where the force is to be bounded, or a depth")
         if limit is None:
-            raise ParameterError("force_limit", None, "given where the force is to be bounded")
+            softest, stiffest = float(self._linear.min()), float(self._linear.max())
+            if softest == 0.0:
+                raise ParameterError("stiffness", self._linear.tolist(), "positive along x, y and z")
+            limit = stiffest * behind
+            aside = 0.5 * (stiffest + softest) / math.sqrt(stiffest * softest)
+        else:
+            behind = 0.0
         arm = one_of(self.robot)
         bound = ForceLimit(arm, self._motion.frame, limit, None, self._coulomb).bound(arm, **given)
-        return bound._replace(push=math.nan)  # a spring yields: nothing limits its speed
+        friction, weight = aside * bound.friction, aside * bound.gravity
+        total = bound.limit + friction + weight
+        # A spring yields: nothing limits its speed.
+        return bound._replace(friction=friction, gravity=weight, total=total, push=math.nan, depth=behind)
 
     def step(self, measurement: Measurement, target: Target, state: ImpedanceState) -> ControlStep:
         """Return torque and next state; see :meth:`Controller.step`."""

@@ -461,7 +461,8 @@ class GPI(Controller):
         """Return what the tool presses with under the force limit, and the impact beside it.
 
         Args:
-            **given: friction, speed and wall; see :meth:`armgpi.control.force_limit.ForceLimit.bound`.
+            **given: friction, speed, wall, configurations, and `arm`, the true arm, whose gravity may differ
+                from that of the model; see :meth:`armgpi.control.force_limit.ForceLimit.bound`.
 
         Raises:
             ParameterError: when there is no force limit.

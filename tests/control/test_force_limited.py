@@ -311,6 +311,78 @@ def test_the_impact_is_that_of_a_mass_on_a_spring() -> None:
     assert "no safety function" in str(bound)
 
 
+@pytest.mark.parametrize("along", [[800.0, 800.0, 800.0], [1600.0, 400.0, 900.0]])
+def test_a_spring_presses_with_its_depth_friction_and_unknown_weight(along: list[float]) -> None:
+    """Against the balance n' K^-1 (f n - r) = depth, of the worst r of that size, and a run."""
+    law = armgpi.CartesianImpedance(ARM, DT, stiffness=[*along, 40.0, 40.0, 40.0], delay=DT)
+    loaded = ARM.with_payload(ARM.tip, 0.3)
+    given = {"configurations": BEYOND[None], "arm": loaded}
+    bound = law.force_bound(depth=0.03, **given)
+    assert bound.depth == 0.03
+    assert "its target 30 mm deep" in str(bound)
+    alone = armgpi.CartesianImpedance(ARM, DT, force_limit=10.0, delay=DT).force_bound(**given)
+    rest = alone.friction + alone.gravity
+    for normal in np.random.default_rng(4).normal(size=(500, 3)):
+        n = normal / np.linalg.norm(normal)
+        softness = n / np.array(along)
+        most = (0.03 + rest * np.linalg.norm(softness)) / (n @ softness)
+        assert most <= bound.total * (1.0 + 1e-9)
+    if len(set(along)) == 1:
+        assert bound.total == pytest.approx(0.03 * along[0] + rest)
+    wall = armgpi.Wall([0.0, 0.0, 1.0], float(DOWN.translation[2]) - 0.02, stiffness=1e5, damping=100.0)
+    plant: Any = armgpi.RigidBodyPlant(loaded, (), "urdf", environment=[wall])
+    plant = armgpi.Delayed(armgpi.Encoder(plant, 17), 1)
+    pressed = armgpi.simulate(plant, law, armgpi.Bezier(HOME, BEYOND, 1.0), 2.5)
+    end = float(armgpi.metrics.final_force(pressed)[0])
+    assert 0.3 * 0.03 * along[2] < end < bound.total
+
+
+def test_a_spring_without_a_limit_is_bounded_by_its_depth_alone() -> None:
+    spring = armgpi.CartesianImpedance(ARM, DT, delay=DT)
+    for given in ({}, {"depth": -1.0}, {"depth": math.nan}):
+        with pytest.raises(ParameterError, match="depth"):
+            spring.force_bound(**given)
+    soft = armgpi.CartesianImpedance(ARM, DT, stiffness=[500.0, 500.0, 0.0, 30.0, 30.0, 30.0], delay=DT)
+    with pytest.raises(ParameterError, match="positive along x, y and z"):
+        soft.force_bound(depth=0.01)
+    limited = armgpi.CartesianImpedance(ARM, DT, force_limit=10.0, delay=DT)
+    assert limited.force_bound(depth=1.0) == limited.force_bound()
+
+
+def test_gravity_that_the_model_lacks_is_a_force_at_the_tool() -> None:
+    """A weight at the tip is its weight there; one in a link is that of its torque, by the inverse of J'."""
+    law: Any = armgpi.ForceLimited(armgpi.JointImpedance(BARE, DT), 20.0, limit_friction=1.0)
+    tip = BARE.with_payload(BARE.tip, 1.0)
+    here = {"configurations": HOME[None]}
+    assert law.force_bound(arm=tip, **here).gravity == pytest.approx(9.81, rel=1e-3)
+    assert law.force_bound(arm=BARE, **here).gravity == pytest.approx(0.0, abs=1e-9)
+    heavy = BARE.with_payload("forearm_link", 2.0, com=[0.0, 0.0, 0.2])
+    torque = heavy.gravity(HOME) - BARE.gravity(HOME)
+    force = np.linalg.solve(BARE.frame_jacobian(BARE.tip, HOME).T, torque)[:3]
+    bound = law.force_bound(arm=heavy, **here)
+    assert bound.gravity == pytest.approx(float(np.linalg.norm(force)), rel=2e-2)
+    assert bound.total == pytest.approx(bound.limit + bound.friction + bound.gravity)
+    with pytest.raises(ParameterError, match="shoulder_pan_joint"):
+        law.force_bound(arm=armgpi.Robot.load("twodof"), **here)
+    with pytest.raises(ParameterError, match="arm"):
+        law.force_bound(arm="ur5", **here)
+
+
+@pytest.mark.parametrize("friction", [[2.0, 1.0, 0.5], [2.0, 0.0, 0.5], [2.0, 1e-3, 0.5]])
+def test_friction_leaves_a_torque_in_the_direction_that_was_asked_for(friction: list[float]) -> None:
+    """As much of it as exceeds the friction of no joint; joints with far less than others are cut alone."""
+    arm = armgpi.Robot.load("anthropomorphic3").with_limits(effort=[4.0, 2.0, 1.0])
+    limit = ForceLimit(arm, None, 10.0, None, np.array(friction))
+    compared = np.maximum(friction, 0.25 * np.array([4.0, 2.0, 1.0]))
+    rubs = np.array(friction) > 0.0
+    for torque in np.random.default_rng(2).normal(size=(50, 3)) * 3.0:
+        shortened = torque * min(1.0, float(np.min((compared / np.abs(torque))[rubs])))
+        expected = np.clip(shortened, -np.array(friction), friction)
+        np.testing.assert_allclose(limit._rubbed(torque), expected, rtol=1e-12)
+    inside = 0.9 * np.array(friction)
+    np.testing.assert_array_equal(limit._rubbed(inside), inside)
+
+
 def test_friction_at_the_tool_is_that_of_the_worst_signs() -> None:
     limit = ForceLimit(ARM, None, 10.0, None, np.zeros(6))
     found = []

@@ -713,6 +713,42 @@ def test_a_spring_on_a_robot_gives_way_to_a_hand(
     assert log.fault is None
 
 
+#: Changes the force limit by the headers of a target.
+CHANGED_LIMIT = {
+    "fci": "bool change(armgpi_controller::Fci& arm) { return arm->force.limit(20.0); }\n",
+    "ur": "bool change(armgpi_controller::Ur& arm) { return arm.force.limit(20.0); }\n",
+}
+
+
+@compiled
+@pytest.mark.usefixtures("compile_quickly")
+@pytest.mark.filterwarnings("ignore::armgpi.ArmgpiWarning")
+@pytest.mark.parametrize("target", ["fci", "ur"])
+@pytest.mark.parametrize("kind", ["gpi", "wrapped"])
+def test_a_force_limit_compiles_against_the_headers_of_a_robot(
+    target: str, kind: str, tmp_path: Path
+) -> None:
+    """Without a warning, with its change from another thread; and it moves a simulated arm."""
+    robot, dt, rate = interface(target)
+    robot = assume_rotors(robot).with_friction(coulomb=1.0)
+    law: Any = GPI(robot, dt, feedforward="model", force_limit=30.0)
+    if kind == "wrapped":
+        law = ForceLimited(PIDPositions(robot, dt), 30.0)
+    export_controller(Supervised(law, rate), tmp_path, measure=False, target=target)
+    (tmp_path / "change.cpp").write_text(f'#include "{target}.hpp"\n{CHANGED_LIMIT[target]}')
+    flags = ["-std=c++17", *WARNINGS, "-isystem", STUBS, "-fsyntax-only", '-DARMGPI_URSCRIPT="x"']
+    for file in (f"{target}.cpp", "change.cpp"):
+        run(need("g++"), *flags, file, folder=tmp_path)
+    start = f"import numpy as np\nimport armgpi.robot.rotors\n{LOOP}".replace(
+        "tool = runpy", "robot = armgpi.robot.rotors.assume_rotors(robot)\ntool = runpy"
+    )
+    program = start.replace("robot.middle()", f"np.array({ROOM[robot.n]})")
+    goal = ",".join(f"{x + 0.05:.3f}" for x in ROOM[robot.n])
+    said = run_python(program, target, goal, 0, folder=tmp_path)
+    assert said.startswith("run none")
+    assert figures(said)["away"] < 0.01
+
+
 #: A configuration of each target's robot that is far from singular ones.
 ROOM = {6: [0.0, -1.2, 1.5, -1.87, -1.57, 0.3], 7: [0.0, -0.4, 0.0, -2.0, 0.0, 1.7, 0.8]}
 

@@ -336,8 +336,16 @@ def test_stiffness_damping_force_limit_and_wall_have_sliders(page: browsers.Page
     """The page works out what the run does, but for the rounding of an arc tangent of another library."""
 
     def final_force() -> float:
-        return float(armgpi.metrics.final_force(assert_near(page))[0])
+        rollout = assert_near(page)
+        shown = page.eval("armgpi.page.metrics.total")
+        assert shown["tool"] == pytest.approx(float(armgpi.metrics.tool_error(rollout)[0]), rel=1e-9)
+        assert shown["press"] == pytest.approx(float(armgpi.metrics.peak_force(rollout)[0]), rel=1e-6)
+        last = np.linalg.norm(rollout["contact_force"].isel(time=-2, contact=0))
+        assert shown["end"] == pytest.approx(float(last), rel=1e-6)
+        return float(armgpi.metrics.final_force(rollout)[0])
 
+    titles = page.eval("armgpi.page.curves.cells.slice(0, 2).map((cell) => cell.title)")
+    assert titles == ["tool · error [mm]", "tool · contact force [N]"]
     assert final_force() == pytest.approx(30.0, abs=3.0)
     move(page, "controllers.0.force_limit", 3)
     assert final_force() < 15.0

@@ -1,6 +1,66 @@
 // Curves over time on canvases: drawn anew in a few milliseconds, all with one time.
 "use strict";
 
+/** The tool of an arm: where joint positions put it, in plain numbers, as every sample of a run asks for it. */
+class PlayTool {
+  constructor({ bodies, tip }) {
+    this.chain = [];
+    for (let i = tip.body; i >= 0; i = bodies[i].parent) this.chain.unshift(bodies[i]);
+    this.offset = tip.placement.slice(12, 15);
+  }
+
+  /** Put the position of the tool [m] into `point`, at the joint positions that begin at `at`. */
+  position(q, at, point) {
+    let [x, y, z] = this.offset;
+    for (let i = this.chain.length - 1; i >= 0; i--) {
+      const { kind, axis, ratio, offset, coordinate, position, rotation } = this.chain[i];
+      const moved = kind === "" ? 0 : ratio * q[at + coordinate] + offset;
+      if (kind === "prismatic") {
+        x += axis.x * moved; y += axis.y * moved; z += axis.z * moved;
+      } else if (kind !== "") {
+        const s = Math.sin(moved / 2);
+        [x, y, z] = PlayTool.turned(axis.x * s, axis.y * s, axis.z * s, Math.cos(moved / 2), x, y, z);
+      }
+      [x, y, z] = PlayTool.turned(rotation.x, rotation.y, rotation.z, rotation.w, x, y, z);
+      x += position.x; y += position.y; z += position.z;
+    }
+    point[0] = x; point[1] = y; point[2] = z;
+  }
+
+  /** Return how far the tool is from where the reference has it [mm], at every sample. */
+  distances({ q, q_ref }, n) {
+    const is = [0, 0, 0], wished = [0, 0, 0];
+    return Float64Array.from({ length: q.length / n }, (_, k) => {
+      this.position(q, k * n, is);
+      this.position(q_ref, k * n, wished);
+      return 1e3 * Math.hypot(is[0] - wished[0], is[1] - wished[1], is[2] - wished[2]);
+    });
+  }
+}
+
+/** Return a point turned by a quaternion of length 1. */
+PlayTool.turned = (a, b, c, w, x, y, z) => {
+  const u = 2 * (b * z - c * y), v = 2 * (c * x - a * z), t = 2 * (a * y - b * x);
+  return [x + w * u + b * t - c * v, y + w * v + c * u - a * t, z + w * t + a * v - b * u];
+};
+
+/** Return the largest force of one of the contacts [N], at every sample; a run has them cut into pieces of n. */
+function contact_forces(values, contacts, n, samples) {
+  const of = (i, k) => values[`contacts.${Math.floor(i / n)}`][k * n + (i % n)];
+  return Float64Array.from({ length: samples }, (_, k) => {
+    let most = 0;
+    for (let c = 0; c < contacts; c++) most = Math.max(most, Math.hypot(of(6 * c, k), of(6 * c + 1, k), of(6 * c + 2, k)));
+    return most;
+  });
+}
+
+/** Return the figures of the tool: largest distance from its path [mm], largest and last force of a contact [N]. */
+function tool_metrics({ tool_error, force }, stopped) {
+  if (stopped >= 0) return { tool: Infinity, press: Infinity, end: Infinity };
+  const most = (x) => x.reduce((a, b) => Math.max(a, b), 0);
+  return { tool: most(tool_error), press: most(force), end: force[force.length - 1] };
+}
+
 /** Return the figures of a run: sums over its joints, or the largest of them. */
 function play_metrics(values, n, dt, stopped) {
   const { q, q_ref, tau_command: asked, tau } = values;
@@ -46,7 +106,8 @@ class Curves {
       const canvas = element("canvas", { role: "img", "aria-label": content.title });
       const cursor = element("div", { class: "cursor" }), said = element("output", { class: "said" });
       if (content.heading) this.box.append(element("h3", {}, content.heading));
-      this.box.append(element("div", { class: "curve" }, element("span", { class: "title", title: content.title }, content.title), canvas, cursor, said));
+      const style = content.columns ? `grid-column: span ${content.columns}` : "";
+      this.box.append(element("div", { class: "curve", style }, element("span", { class: "title", title: content.title }, content.title), canvas, cursor, said));
       const cell = { levels: [], onset: null, ...content, canvas, cursor, said };
       this.listen(cell);
       return cell;
@@ -173,7 +234,7 @@ class Curves {
 
 /** Curves of runs of which every sample is there. */
 class PlayCurves extends Curves {
-  constructor(box, joints, dt, steps, seek) {
+  constructor(box, joints, dt, steps, contacts, seek) {
     super(box, [0, steps * dt], 5 * dt, seek);
     Object.assign(this, { joints, dt, steps, runs: [] });
     this.quantities = [
@@ -181,8 +242,10 @@ class PlayCurves extends Curves {
       { name: "torque", unit: "torque_unit", of: (v, i) => v.tau[i] },
       { name: "position", unit: "unit", of: (v, i) => v.q[i], reference: (v, i) => v.q_ref[i] },
       { name: "omega_c", title: "ω", unit: "rad/s", of: (v, i) => (v.omega_c ? v.omega_c[i] : NaN) },
+      { name: "tool error", unit: "mm", of_tool: (v, k) => v.tool_error[k] },
     ];
-    this.chosen = new Set(["error", "torque"]);
+    if (contacts) this.quantities.push({ name: "contact force", unit: "N", of_tool: (v, k) => v.force[k] });
+    this.chosen = new Set(contacts ? ["error", "torque", "tool error", "contact force"] : ["error", "torque"]);
     this.shown = new Set(joints.map((_, j) => j));
   }
 
@@ -192,26 +255,37 @@ class PlayCurves extends Curves {
     this.draw();
   }
 
-  /** Return the cells: a row for each joint, a column for each quantity. */
+  /** Return the cells: those of the tool, then a row for each joint, a column for each quantity. */
   content() {
-    const quantities = this.quantities.filter(({ name }) => this.chosen.has(name));
-    this.box.style.setProperty("--columns", String(Math.max(1, quantities.length)));
-    const n = this.joints.length;
-    return [...this.shown].sort((a, b) => a - b).flatMap((j) => quantities.map((quantity) => ({
-      title: `${this.joints[j].name} · ${quantity.title || quantity.name} [${this.joints[j][quantity.unit] || quantity.unit}]`,
-      lines: (pixels) => this.lines(quantity, j, pixels),
-      says: (time) => this.runs.map(({ values }) => quantity.of(values, Math.round(time / this.dt) * n + j)),
-    })));
+    const chosen = this.quantities.filter(({ name }) => this.chosen.has(name));
+    const of_tool = chosen.filter((quantity) => quantity.of_tool), of_joints = chosen.filter((quantity) => quantity.of);
+    const columns = Math.max(1, of_joints.length), n = this.joints.length;
+    this.box.style.setProperty("--columns", String(columns));
+    const share = Math.max(1, Math.floor(columns / Math.max(1, of_tool.length)));
+    const tool = of_tool.map((quantity, i) => ({
+      ...this.cell(`tool · ${quantity.name} [${quantity.unit}]`.replace("tool · tool", "tool ·"), quantity.of_tool, null, (k) => k),
+      columns: i === of_tool.length - 1 ? Math.max(1, columns - share * i) : share,
+    }));
+    return [...tool, ...[...this.shown].sort((a, b) => a - b).flatMap((j) => of_joints.map(({ name, title, unit, of, reference }) =>
+      this.cell(`${this.joints[j].name} · ${title || name} [${this.joints[j][unit] || unit}]`, of, reference, (k) => k * n + j)))];
   }
 
-  lines({ of, reference }, j, pixels) {
-    const own = this.runs.map(({ values, color, dash }) => ({ ...this.line(values, of, j, pixels), color, dash }));
-    return reference && this.runs.length ? [{ ...this.line(this.runs[0].values, reference, j, pixels), color: "#7f7f7f" }, ...own] : own;
+  /** Return a cell: `of` a run's values at an index, which `at` makes of a sample, and maybe its reference. */
+  cell(title, of, reference, at) {
+    return {
+      title,
+      lines: (pixels) => this.lines(of, reference, at, pixels),
+      says: (time) => this.runs.map(({ values }) => of(values, at(Math.round(time / this.dt)))),
+    };
+  }
+
+  lines(of, reference, at, pixels) {
+    const own = this.runs.map(({ values, color, dash }) => ({ ...this.line(values, of, at, pixels), color, dash }));
+    return reference && this.runs.length ? [{ ...this.line(this.runs[0].values, reference, at, pixels), color: "#7f7f7f" }, ...own] : own;
   }
 
   /** Return a line's points: of each pixel's samples the first, the lowest, the highest. */
-  line(values, of, j, pixels) {
-    const n = this.joints.length;
+  line(values, of, at, pixels) {
     const first = Math.max(0, Math.floor(this.range[0] / this.dt)), last = Math.min(this.steps, Math.ceil(this.range[1] / this.dt));
     const span = (this.range[1] - this.range[0]) / this.dt, begin = this.range[0] / this.dt;
     const each = Math.max(1, Math.floor((last - first) / pixels));
@@ -220,7 +294,7 @@ class PlayCurves extends Curves {
     for (let k = first; k <= last; k += each) {
       let least = NaN, most = NaN, at_least = k, at_most = k;
       for (let i = k; i < k + each && i <= last; i++) {
-        const value = of(values, i * n + j);
+        const value = of(values, at(i));
         if (!(value >= least)) { if (value === value) { least = value; at_least = i; } }
         if (!(value <= most)) { if (value === value) { most = value; at_most = i; } }
       }

@@ -76,13 +76,14 @@
         actors: [{ ...first, label: "now", color: own, plain: true }, { ...first, label: "frozen", color: other, opacity: 0.5, hidden: true }],
       };
       this.scene = new Armgpi.ArmScene(by("scene"), this.meta, this.array);
+      this.tool = new PlayTool({ bodies: this.scene.bodies, tip: this.meta.arm.tip });
       this.scene.set_apart(false);
       this.scene.show_actor(1, false);
       this.scene.look_from("iso");
       this.player = new Armgpi.Player(this.scene, by("player"), false);
       Armgpi.switches(this.scene, by("switches"));
       const { play } = this;
-      this.curves = new PlayCurves(by("curves"), this.joints, play.dt, play.steps, (time) => { this.player.play(false); this.scene.show(time); });
+      this.curves = new PlayCurves(by("curves"), this.joints, play.dt, play.steps, play.contacts, (time) => { this.player.play(false); this.scene.show(time); });
       this.curves_choices();
       this.curves.layout();
       this.scene.addEventListener("time", (event) => this.curves.tell(event.detail));
@@ -109,19 +110,30 @@
       }).catch((error) => { by("busy").textContent = `error: ${error.message || error}`; });
     }
 
+    /** Add to a run where its tool is off its path, and the force of what touches it, at every sample. */
+    add_tool({ values }) {
+      const n = this.joints.length;
+      values.tool_error = this.tool.distances(values, n);
+      values.force = contact_forces(values, this.play.contacts, n, values.tool_error.length);
+    }
+
     /** Show the numbers and the curves of the run, and of the frozen one. */
     shown() {
+      this.add_tool(this.result);
       const runs = [{ name: "now", ...this.result, color: this.play.colors[0] }];
       if (this.frozen) runs.unshift({ name: "frozen", ...this.frozen.result, color: this.play.colors[1], dash: [5, 3] });
       this.curves.show(runs);
       const n = this.joints.length;
       const units = this.joints.every((joint) => joint.unit === "m") ? ["m s²", "m", "m", "N", "N"] : ["rad s²", "rad", "rad", "N m", "N m"];
-      const heads = ["ITAE", "peak error", "final error", "variation", "peak torque"];
+      const heads = ["ITAE", "peak error", "final error", "variation", "peak torque", "tool error"];
+      units.push("mm", "N", "N");
+      if (this.play.contacts) heads.push("peak force", "final force");
       const head = element("tr", {}, element("th", { class: "name" }, ""), ...heads.map((text, i) => element("th", { scope: "col" }, text, element("br"), element("small", {}, units[i]))));
       const rows = runs.map((run) => {
         run.metrics = play_metrics(run.values, n, this.play.dt, run.stopped);
-        const { itae, peak, final, variation, torque } = run.metrics.total;
-        const cells = [itae, peak, final, variation, torque].map((x) => element("td", {}, number(x)));
+        Object.assign(run.metrics.total, tool_metrics(run.values, run.stopped));
+        const { itae, peak, final, variation, torque, tool, press, end } = run.metrics.total;
+        const cells = [itae, peak, final, variation, torque, tool, press, end].slice(0, heads.length).map((x) => element("td", {}, number(x)));
         const dot = element("span", { class: "dot", style: `background:${run.color}` });
         const ended = run.stopped >= 0 ? ` diverged at ${short(run.stopped * this.play.dt)} s` : "";
         return element("tr", {}, element("th", { scope: "row", class: "name" }, dot, ` ${run.name}${run.dash ? ", dashed" : ""}${ended}`), ...cells);
