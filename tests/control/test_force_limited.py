@@ -370,10 +370,10 @@ def test_gravity_that_the_model_lacks_is_a_force_at_the_tool() -> None:
 
 @pytest.mark.parametrize("friction", [[2.0, 1.0, 0.5], [2.0, 0.0, 0.5], [2.0, 1e-3, 0.5]])
 def test_friction_leaves_a_torque_in_the_direction_that_was_asked_for(friction: list[float]) -> None:
-    """As much of it as exceeds the friction of no joint; joints with far less than others are cut alone."""
+    """Until no joint has more than twice its friction; joints with far less than others are cut alone."""
     arm = armgpi.Robot.load("anthropomorphic3").with_limits(effort=[4.0, 2.0, 1.0])
     limit = ForceLimit(arm, None, 10.0, None, np.array(friction))
-    compared = np.maximum(friction, 0.25 * np.array([4.0, 2.0, 1.0]))
+    compared = np.maximum(2.0 * np.array(friction), 0.5 * np.array([4.0, 2.0, 1.0]))
     rubs = np.array(friction) > 0.0
     for torque in np.random.default_rng(2).normal(size=(50, 3)) * 3.0:
         shortened = torque * min(1.0, float(np.min((compared / np.abs(torque))[rubs])))

@@ -96,7 +96,7 @@ def test_it_is_in_experiment_files() -> None:
     with (
         pytest.warns(ArmgpiWarning, match=r"no Coulomb friction.*N at the tool"),
         # The side of its encoders is not known, and its joints may be elastic.
-        pytest.warns(ArmgpiWarning, match=r"speed limit of 0\.25 m/s is not kept.*encoder_side"),
+        pytest.warns(ArmgpiWarning, match=r"speed limit of 0\.25 m/s does not hold.*encoder_side"),
     ):
         experiment = config.build(config.check(wanted, config.Origin("x")), config.Origin("x"))
     (law,) = experiment.controllers.values()
