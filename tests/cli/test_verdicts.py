@@ -457,17 +457,18 @@ def test_what_has_no_proof_for_a_spring_says_why(cli: Cli, tmp_path: Path, comma
 def test_bound_has_the_force_of_a_spring_at_the_walls_of_its_file(cli: Cli, tmp_path: Path) -> None:
     """And the weight of the file's payload, which the controller does not know."""
     file = tmp_path / "arm.yaml"
-    wall = "{type: wall, normal: [0, 0, 2], distance: 0.5}"
+    start, goal = [0.0, -1.2, 1.5, -1.87, -1.57, 0.0], [0.0, -1.1, 1.5, -1.87, -1.57, 0.0]
+    arm = armgpi.Robot.load("ur5")
+    above, below = (arm.frame_pose(arm.tip, q).translation[2] for q in (start, goal))
+    wall = f"{{type: wall, normal: [0, 0, 2], distance: {above - 0.01}}}"
     plant = f"plant: {{payload: {{mass: 0.3}}, environment: [{wall}]}}\n"
     robot = "robot: {name: ur5, friction: {coulomb: 1.0}}\n"
-    places = "reference: {points: [[0.0, -1.2, 1.5, -1.87, -1.57, 0.0]]}\nt_final: 1.0\n"
+    places = f"reference: {{points: [{start}, {goal}], durations: [0.8]}}\nt_final: 1.0\n"
     file.write_text(f"{robot}{plant}{places}controllers: [{{type: cartesian_impedance}}]\n")
     found = cli("bound", file, "--json")
     assert found.code == 3
     force = json.loads(found.out)["force"]
-    arm = armgpi.Robot.load("ur5")
-    height = arm.frame_pose(arm.tip, [0.0, -1.2, 1.5, -1.87, -1.57, 0.0]).translation[2]
-    assert force["depth"] == pytest.approx(0.5 - height)
+    assert force["depth"] == pytest.approx(above - 0.01 - below)
     assert force["gravity"] == pytest.approx(0.3 * 9.81, rel=1e-3)
     assert force["total"] == pytest.approx(500.0 * force["depth"] + force["friction"] + force["gravity"])
     assert "mm deep" in cli("bound", file, "--allow-part").out
