@@ -1,6 +1,8 @@
 # /// script
 # requires-python = ">=3.10"
 # dependencies = ["armgpi"]
+# [tool.uv.sources]
+# armgpi = { path = ".." }  # this clone: armgpi is not on a package index
 # ///
 """The paper's 3-DOF arm under its vibrating torques (eqs. 29-31): what each of them does to its joint.
 

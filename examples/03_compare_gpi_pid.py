@@ -1,6 +1,8 @@
 # /// script
 # requires-python = ">=3.10"
 # dependencies = ["armgpi[robots]"]
+# [tool.uv.sources]
+# armgpi = { path = ".." }  # this clone: armgpi is not on a package index
 # ///
 """GPI against PID with dynamic inversion on a UR5, when the model is right and when it is not.
 

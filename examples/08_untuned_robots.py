@@ -1,6 +1,8 @@
 # /// script
 # requires-python = ">=3.10"
 # dependencies = ["armgpi[robots]"]
+# [tool.uv.sources]
+# armgpi = { path = ".." }  # this clone: armgpi is not on a package index
 # ///
 """Two robots nobody tuned for: default gains, 16-bit encoders, an unknown quarter of a kilogram.
 

@@ -1,6 +1,8 @@
 # /// script
 # requires-python = ">=3.10"
 # dependencies = ["armgpi[viz]"]
+# [tool.uv.sources]
+# armgpi = { path = ".." }  # this clone: armgpi is not on a package index
 # ///
 """Pictures of a run: figures for a paper, the arm in MeshCat as one file, and a report of everything.
 

@@ -1,6 +1,8 @@
 # /// script
 # requires-python = ">=3.10"
 # dependencies = ["armgpi[robots]", "pin-pink", "proxsuite"]
+# [tool.uv.sources]
+# armgpi = { path = ".." }  # this clone: armgpi is not on a package index
 # ///
 """A trajectory that Pink's inverse kinematics plans, as a reference: the tool goes around a circle.
 

@@ -1,6 +1,8 @@
 # /// script
 # requires-python = ">=3.10"
 # dependencies = ["armgpi[robots]"]
+# [tool.uv.sources]
+# armgpi = { path = ".." }  # this clone: armgpi is not on a package index
 # ///
 """A recorded teleoperation, followed: poses at 30 Hz with tremor, late packets and a gap of 0.2 s.
 

@@ -13,7 +13,8 @@ EXAMPLES = sorted(path.name for path in FOLDER.glob("*.py"))
 #: PEP 723: what a script needs, in a form that tools can read.
 HEADER = re.compile(
     r'# /// script\n# requires-python = ">=3\.10"\n'
-    r'# dependencies = \["armgpi(\[(robots|viz|compiled)\])?"(, "[a-z-]+")*\]\n# ///\n"""'
+    r'# dependencies = \["armgpi(\[(robots|viz|compiled)\])?"(, "[a-z-]+")*\]\n'
+    r'# \[tool\.uv\.sources\]\n# armgpi = \{ path = "\.\." \} [^\n]*\n# ///\n"""'
 )
 
 
