@@ -21,7 +21,7 @@ from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Se
 from contextlib import contextmanager
 from functools import cache, cached_property, lru_cache
 from types import CodeType, FrameType, FunctionType, ModuleType
-from typing import Any, NamedTuple, TypeGuard
+from typing import Any, NamedTuple, TypeGuard, TypeVar
 
 import numpy as np
 
@@ -322,7 +322,7 @@ class Block:
         choices += _other_values(node) if literal else ()
         choices += of_text(node, self.formulas)
         if self.checks_choices:
-            choices = [one for one in choices if _compiles(one[1])]
+            choices = [one for one in choices if code_of(one[1]) is not None]
         fitted = insertion(node, parent) or _is_coefficient(node, parent)
         number = len(self.sites)
         whole = fitted and not self.rebuilds and _is_whole(node, parent)
@@ -522,18 +522,20 @@ def _is_range(node: ast.expr) -> bool:
     return isinstance(node, ast.Call) and function_name(node) == "range"
 
 
-def _compiles(choice: ast.expr) -> bool:
-    """Tell whether an alternative is an expression of Python."""
+def code_of(choice: ast.expr) -> CodeType | None:
+    """Return the code of an expression; None for what is none alone, such as a slice."""
     try:
-        compile(_locate(ast.Module([ast.Expr(choice)], [])), "<choice>", "exec")
-    except (SyntaxError, ValueError):
-        return False
-    return True
+        return compile(_locate(ast.Expression(choice)), "<choice>", "eval")
+    except (SyntaxError, TypeError, ValueError):
+        return None
 
 
-def _locate(module: ast.Module) -> ast.Module:
+_Root = TypeVar("_Root", ast.Module, ast.Expression)
+
+
+def _locate(root: _Root) -> _Root:
     """Give every node a line, each once: choices share most of theirs."""
-    todo, seen = list[ast.AST]([module]), set[int]()
+    todo, seen = list[ast.AST]([root]), set[int]()
     while todo:
         node = todo.pop()
         if id(node) not in seen:
@@ -541,7 +543,7 @@ def _locate(module: ast.Module) -> ast.Module:
             if "lineno" in node._attributes and not hasattr(node, "lineno"):
                 node.lineno, node.col_offset = 1, 0  # type: ignore[attr-defined]
             todo += ast.iter_child_nodes(node)
-    return module
+    return root
 
 
 def _other_values(node: ast.Constant) -> Iterator[tuple[str, ast.expr]]:

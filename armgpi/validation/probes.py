@@ -10,13 +10,12 @@ from __future__ import annotations
 import ast
 import time
 from collections.abc import Hashable, Mapping, Sequence
-from types import CodeType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from armgpi.base.arrays import Array
-from armgpi.validation.edits import Block, Editor, Pick
+from armgpi.validation.edits import Block, Editor, Pick, code_of
 
 #: An expression of fewer alternatives is not looked at: to try them takes no longer.
 _FEWEST = 4
@@ -98,8 +97,8 @@ class _Looking:
     def __init__(self, block: Block, own: ast.expr, others: Sequence[ast.expr], late: float) -> None:
         self._namespace, self._late = block.namespace, late
         self._was_late = False
-        self._own = _compiled(own)
-        self._codes = {k: code for k, node in enumerate(others) if (code := _compiled(node)) is not None}
+        self._own = code_of(own)
+        self._codes = {k: code for k, node in enumerate(others) if (code := code_of(node)) is not None}
         self._raising: set[int] = set()
         self._own_values: list[Hashable] = []
         self._values: dict[int, list[Hashable]] = {k: [] for k in self._codes}
@@ -142,14 +141,6 @@ class _Looking:
             else:
                 others.append(_joined(self._values.get(k, [UNKNOWN])))
         return Seen(_joined(self._own_values), tuple(others))
-
-
-def _compiled(node: ast.expr) -> CodeType | None:
-    """Return the code of an expression, None where it stands only in others, as a slice does."""
-    try:
-        return compile(ast.Expression(node), "<choice>", "eval")
-    except (SyntaxError, TypeError, ValueError):
-        return None
 
 
 def _joined(values: Sequence[Hashable]) -> Hashable:
