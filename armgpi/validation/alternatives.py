@@ -697,6 +697,9 @@ def _of_place(node: ast.expr, parent: Any, scope: Scope) -> Iterator[Choice]:
             yield "index", ast.Constant(1 - node.value)  # another axis or row
         case ast.Call() if scope.kind(node) == "int":
             yield from (("index", ast.BinOp(node, ast.Add(), ast.Constant(step))) for step in (1, -1))
+        case ast.Assign(targets=[ast.Name()]) if isinstance(node, ast.Name | ast.Subscript | ast.Attribute):
+            # An angle out of a table in degrees, of which sine and cosine are taken later.
+            yield "degrees", ast.BinOp(node, ast.Mult(), ast.Constant(math.pi / 180))
         case ast.Assign(targets=[ast.Subscript(value=ast.Name(id=name))]):
             for other in scope.neighbours.get(name, ()):
                 names = sorted(x for x in names_in(other) if scope.kinds.get(x) == "float")

@@ -90,6 +90,14 @@ def test_a_mistake_among_arrays_that_functions_fill_is_named(right: str, wrong: 
     assert report.repaired == SOURCE
 
 
+def test_an_angle_that_is_read_in_degrees_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "filled.py"
+    path.write_text(SOURCE.replace("np.deg2rad(DH[i, 1])", "DH[i, 1]"), encoding="utf-8")
+    report = validate(path, arm())
+    assert report.causes[0].kind == "degrees"
+    assert "degrees and radians" in report.causes[0].text
+
+
 def test_the_right_model_agrees_for_other_numbers_too(tmp_path: Path) -> None:
     path = tmp_path / "filled.py"
     path.write_text(SOURCE, encoding="utf-8")
