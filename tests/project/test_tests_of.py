@@ -24,7 +24,7 @@ def test_a_class_has_the_tests_that_use_it() -> None:
     [
         ("Trig", "tests/validation"),  # what a function of derive returns
         ("resonance", "tests/identification/test_resonance.py"),  # a module
-        ("checks_control", "tests/health"),
+        ("checks_control", "tests/health/test_checks_control.py"),
         ("Tracer", "tests/codegen"),
     ],
 )
