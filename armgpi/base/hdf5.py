@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -50,6 +50,82 @@ def load(path: Path) -> xr.Dataset:
     check(path)
     with xr.open_dataset(path, engine="h5netcdf") as lazy:
         return lazy.load()
+
+
+class Variable(NamedTuple):
+    """A variable of a NetCDF file.
+
+    Attributes:
+        dimensions: their names.
+        values: numbers, or texts as objects.
+    """
+
+    dimensions: tuple[str, ...]
+    values: np.ndarray[Any, Any]
+
+
+class Content(NamedTuple):
+    """What was read of a NetCDF file without xarray.
+
+    Attributes:
+        attributes: of the file.
+        names: of all its variables.
+        variables: those that were asked for, and are there.
+    """
+
+    attributes: dict[str, Any]
+    names: frozenset[str]
+    variables: dict[str, Variable]
+
+
+#: Attributes of a variable whose numbers are not those that are stored.
+_PACKED = ("scale_factor", "add_offset")
+
+
+def load_some(path: Path, names: Iterable[str]) -> Content:
+    """Return some variables of a NetCDF file as they are stored, without importing xarray.
+
+    Args:
+        path: of the file.
+        names: of the variables.
+
+    Raises:
+        OSError: when it cannot be read, or is no regular file.
+        Refused: as :func:`load`, and for numbers that are stored scaled.
+        Exception: whatever h5py raises for a damaged file.
+    """
+    import h5py
+
+    check(path)
+    variables = {}
+    with h5py.File(path, "r") as file:
+        there = frozenset(name for name, found in file.items() if isinstance(found, h5py.Dataset))
+        for name in names:
+            if name not in there:
+                continue
+            dataset = file[name]
+            if any(key in dataset.attrs for key in _PACKED):
+                raise Refused(f"its variable {name!r} is stored scaled ({' or '.join(_PACKED)})")
+            is_text = h5py.check_string_dtype(dataset.dtype) is not None
+            values = dataset.asstr()[...] if is_text else dataset[...]
+            variables[name] = Variable(_dimensions(dataset), np.asarray(values))
+        return Content(_attributes(file), there, variables)
+
+
+def _attributes(file: Any) -> dict[str, Any]:
+    """Return the attributes of a file, each of one number as that."""
+    attributes = {}
+    for name, value in file.attrs.items():
+        is_one = isinstance(value, np.ndarray) and value.size == 1
+        attributes[name] = value.item() if is_one else value
+    return attributes
+
+
+def _dimensions(dataset: Any) -> tuple[str, ...]:
+    """Return the names of a variable's dimensions; its own where it is one."""
+    if dataset.is_scale:
+        return (dataset.name.rpartition("/")[2],)
+    return tuple(scales[0].name.rpartition("/")[2] for scales in dataset.dims)
 
 
 def check(path: Path) -> None:

@@ -116,7 +116,7 @@ def identify(
     if side is not None and not logs:
         sys.exit(_identify_side(arm, robot, side, out, options, allow_part, as_json))
     options |= {"gravity": not no_gravity, "check_first": not anyway}
-    if not all(path.suffix == ".csv" for path in logs or []):
+    if experiment is not None:  # it is simulated
         import_xarray()
     with working("fitting the model of the arm to the log"):
         found, carried = _with_load(logs or [], arm, load, load_mass, options)

@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy import linalg
+from scipy.linalg import lapack
 
 from armgpi.base.arrays import Array
 
@@ -72,5 +72,6 @@ def _filtered(sections: tuple[Section, ...], values: Array) -> Array:
         driven[2:] += section.b[2] * filtered[:-2]
         bands = np.ones((3, len(values)))
         bands[1], bands[2] = section.a
-        filtered = linalg.solve_banded((2, 0), bands, driven, overwrite_b=True, check_finite=False)
+        # The recursion forward, as the matrix is a unit lower triangle: a general solver would exchange rows.
+        filtered, _ = lapack.dtbtrs(bands, driven, uplo="L", diag="U", overwrite_b=True)
     return np.asarray(filtered + values[:1])

@@ -66,9 +66,26 @@ _AMPERES = ("A", "mA")
 #: Units that may follow a column's name in brackets, in SI units.
 _UNITS = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9},
-    "q": {"rad": 1.0, "deg": np.pi / 180.0, "°": np.pi / 180.0, "m": 1.0, "mm": 1e-3},
-    "tau": {"Nm": 1.0, "N": 1.0, "A": 1.0, "kNm": 1e3, "kN": 1e3, "mNm": 1e-3, "Nmm": 1e-3, "mA": 1e-3},
+    "q": {
+        "rad": 1.0,
+        "deg": np.pi / 180.0,
+        "°": np.pi / 180.0,
+        "m": 1.0,
+        "mm": 1e-3,
+    },
+    "tau": {
+        "Nm": 1.0,
+        "N": 1.0,
+        "A": 1.0,
+        "kNm": 1e3,
+        "kN": 1e3,
+        "mNm": 1e-3,
+        "Nmm": 1e-3,
+        "mA": 1e-3,
+    },
 }
+#: A column's name, and its unit.
+_NAME_AND_UNIT = re.compile(r"^(.*?)\s*(?:\[(.*)\])?$")
 #: Topics of an MCAP file that are looked at in turn: those of armgpi's own, and ROS's.
 _TOPICS = ("measured", "/joint_states", "joint_states")
 #: Larger files are no logs [bytes].
@@ -145,7 +162,8 @@ def read_log(log: Any, robot: Robot, rollout: int = 0, columns: Mapping[str, str
     t, q, tau = (as_sized_array(getattr(log, name), f"{log.source}: {name}") for name in ("t", "q", "tau"))
     if t.ndim != 1 or len(t) < _FEWEST:
         raise ArrayError(f"{log.source}: t", f"expected at least {_FEWEST} increasing times [s]")
-    if (back := np.flatnonzero(np.diff(t) <= 0.0)).size:
+    back = np.flatnonzero(np.diff(t) <= 0.0)
+    if back.size:
         first = int(back[0])
         said = f"increasing times [s], got {t[first + 1]:.6g} after {t[first]:.6g} (sample {first + 2})"
         raise ArrayError(f"{log.source}: t", f"expected {said}: cut the log there, or sort its rows")
@@ -189,43 +207,78 @@ def resample(log: Log) -> Grid:
 
     times = np.arange(log.t[0], log.t[-1], dt)
     q = CubicSpline(log.t, log.q)(times)
-    integral = np.vstack([np.zeros(log.q.shape[1]), np.cumsum(log.tau[:-1] * steps[:, None], axis=0)])
+    impulses = np.cumsum(log.tau[:-1] * steps[:, None], axis=0)
+    integral = np.vstack([np.zeros(log.q.shape[1]), impulses])
     ends = np.append(times, times[-1] + dt)
-    summed = np.stack([np.interp(ends, log.t, column) for column in integral.T], axis=-1)
-    before = np.clip(np.searchsorted(log.t, times, side="right") - 1, 0, len(steps) - 1)
+    columns = [np.interp(ends, log.t, column) for column in integral.T]
+    summed = np.stack(columns, axis=-1)
+    before = np.searchsorted(log.t, times, side="right") - 1
+    before = np.clip(before, 0, len(steps) - 1)
     bad = steps[before] > max(_GAP * dt, _LEAST_GAP)
     return Grid(dt, q, np.diff(summed, axis=0) / dt, bad)
 
 
 def _of_rollout(rollout: Any, robot: Robot, index: int) -> Log:
-    """Return the log of a rollout until it ended; torques beyond the limits are clipped as the motors do."""
+    """Return the log of a rollout until it ended."""
     if "q_measured" not in rollout or "tau_command" not in rollout:
         raise ParameterError("log", rollout, "a rollout with q_measured and tau_command")
     if "rollout" in rollout.dims:
         rollout = rollout.isel(rollout=index)
     names = [str(name) for name in rollout["joint"].values]
-    if names != list(robot.joint_names):
-        raise ParameterError("log", ", ".join(names), f"a rollout of {', '.join(robot.joint_names)}")
     q, tau = (rollout[name].transpose("time", "joint").values for name in ("q_measured", "tau_command"))
-    there = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
-    count = len(there) if there.all() else int(np.argmin(there))
+    return _until_the_end(rollout["time"].values, q, tau, names, robot)
+
+
+def _of_rollout_file(path: Path, robot: Robot, index: int) -> Log:
+    """Return the log of a rollout in a file until it ended."""
+    from armgpi.loop.rollout import load_variables
+
+    variables = load_variables(path, ("time", "joint", "q_measured", "tau_command"))
+    samples = []
+    for name in ("q_measured", "tau_command"):
+        if name not in variables:
+            raise ParameterError("log", str(path), "a rollout with q_measured and tau_command")
+        dimensions, values = variables[name]
+        if "rollout" in dimensions:
+            values = np.take(values, index, axis=dimensions.index("rollout"))
+            dimensions = tuple(other for other in dimensions if other != "rollout")
+        order = [dimensions.index(axis) for axis in ("time", "joint")]
+        samples.append(values.transpose(order))
+    q, tau = samples
+    names = [str(name) for name in variables["joint"].values]
+    return _until_the_end(variables["time"].values, q, tau, names, robot)._replace(source=str(path))
+
+
+def _until_the_end(t: Array, q: Array, tau: Array, names: Sequence[str], robot: Robot) -> Log:
+    """Return the log of a rollout until it ended; torques beyond the limits are clipped as the motors do.
+
+    Raises:
+        ParameterError: for joints with other names.
+    """
+    if list(names) != list(robot.joint_names):
+        raise ParameterError("log", ", ".join(names), f"a rollout of {', '.join(robot.joint_names)}")
+    is_there = _finite_rows(q) & _finite_rows(tau)
+    count = len(t) if is_there.all() else int(np.argmin(is_there))
     limit = robot.limits.effort
-    return Log(
-        rollout["time"].values[:count], q[:count], np.clip(tau[:count], -limit, limit), "rollout", "motor"
-    )
+    return Log(t[:count], q[:count], np.clip(tau[:count], -limit, limit), "rollout", "motor")
 
 
-def _of_arm_log(there: ArmLog, robot: Robot) -> Log:
+def _finite_rows(values: Array) -> npt.NDArray[np.bool_]:
+    """Return in which samples all joints have a finite number, (k,), of values (k, n)."""
+    return np.asarray(np.isfinite(values).all(axis=1), dtype=np.bool_)
+
+
+def _of_arm_log(log: ArmLog, robot: Robot) -> Log:
     """Return the samples of a log of an arm, with the torque that was applied where the robot says it."""
-    rows, names = there.samples, there.header["joints"]
+    rows, names = log.samples, log.header["joints"]
     if names != list(robot.joint_names):
-        raise ParameterError(there.source, ", ".join(names), f"a log of {', '.join(robot.joint_names)}")
-    later = np.vstack([rows["applied"][1:], rows["tau"][-1:]])  # of a sample the next one says
-    good = np.isfinite(rows["q_measured"]).all(axis=1)
-    tau = np.where(np.isfinite(later), later, rows["tau"])
-    return Log(
-        there.t[good], rows["q_measured"][good], tau[good], there.source, str(there.header.get("torque", ""))
-    )
+        raise ParameterError(log.source, ", ".join(names), f"a log of {', '.join(robot.joint_names)}")
+    q, commanded = rows["q_measured"], rows["tau"]
+    applied = np.vstack([rows["applied"][1:], commanded[-1:]])  # of a sample the next one says
+    tau = np.where(np.isfinite(applied), applied, commanded)
+    is_good = _finite_rows(q)
+    kind = str(log.header.get("torque", ""))
+    return Log(log.t[is_good], q[is_good], tau[is_good], log.source, kind)
 
 
 def _read_file(path: Path, robot: Robot, rollout: int, columns: Mapping[str, str] | None) -> Any:
@@ -235,19 +288,19 @@ def _read_file(path: Path, robot: Robot, rollout: int, columns: Mapping[str, str
         if ending == ENDING:
             return _of_arm_log(read(path), robot)
         if ending in (".nc", ".nc4", ".h5"):
-            from armgpi.loop.rollout import load
-
-            return _of_rollout(load(path), robot, rollout)._replace(source=str(path))
+            return _of_rollout_file(path, robot, rollout)
         if ending == ".mcap":
             return _of_states(path, robot)
         head, table = _read_table(path)
     except OSError as error:
         raise UnreadableTrajectory(path, f"{files.reason(error)}; give a log's file") from None
-    arrays = {key: _columns(path, head, table, key, robot, columns or {}) for key in _COLUMNS}
-    form = _form(head, "tau", robot.joint_names, columns or {})
-    said = "" if "tau" in (columns or {}) else _SAID.get(form, "")
-    currents = form == _CURRENT or _have_unit(head, _of_joints(form, robot.joint_names), _AMPERES)
-    return Log(arrays["time"][:, 0], arrays["q"], arrays["tau"], str(path), said, currents)
+    columns = columns or {}
+    t, q, tau = (_columns(path, head, table, key, robot, columns) for key in ("time", "q", "tau"))
+    form = _form(head, "tau", robot.joint_names, columns)
+    kind = "" if "tau" in columns else _SAID.get(form, "")
+    torques = _of_joints(form, robot.joint_names)
+    currents = form == _CURRENT or _have_unit(head, torques, _AMPERES)
+    return Log(t[:, 0], q, tau, str(path), kind, currents)
 
 
 def _read_table(path: Path) -> tuple[list[str], Array]:
@@ -294,41 +347,50 @@ def _columns(
     """Return the columns of the joints, or of time, in SI units and in their order."""
     names, units = _names_and_units(head)
     joints = ["time"] if key == "time" else robot.joint_names
-    wanted = _of_joints(_form(head, key, joints, columns), joints)
-    found = []
-    for name in wanted:
+    form = _form(head, key, joints, columns)
+    in_order = []
+    for name in _of_joints(form, joints):
         if name not in names:
             raise NameNotFound(f"column in {path} (or say what it is called by columns)", name, names)
         place = names.index(name)
         unit = re.sub(r"[\s·*]", "", units[place])
         if unit and unit not in _UNITS[key]:
             raise UnreadableTrajectory(path, f"{name} is in {unit!r}, expected {', '.join(_UNITS[key])}")
-        found.append(table[:, place] * _UNITS[key].get(unit, 1.0))
-    return np.stack(found, axis=-1)
+        factor = _UNITS[key].get(unit, 1.0)
+        in_order.append(table[:, place] * factor)
+    return np.stack(in_order, axis=-1)
 
 
 def _have_unit(head: Sequence[str], wanted: Sequence[str], units: Sequence[str]) -> bool:
     """Tell whether any of some columns has one of some units in its brackets."""
-    names, there = _names_and_units(head)
-    return any(unit in units for name, unit in zip(names, there, strict=True) if name in wanted)
+    pairs = zip(*_names_and_units(head), strict=True)
+    return any(name in wanted and unit in units for name, unit in pairs)
 
 
 def _names_and_units(head: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the names of columns, and their units in brackets; empty for none."""
-    names, units = zip(*(re.findall(r"^(.*?)\s*(?:\[(.*)\])?$", name)[0] for name in head), strict=True)
-    return names, units
+    pairs = [_NAME_AND_UNIT.findall(column)[0] for column in head]
+    return tuple(name for name, _ in pairs), tuple(unit for _, unit in pairs)
 
 
 def _of_joints(form: str, joints: Sequence[str]) -> list[str]:
     """Return what a form of names makes of the joints."""
-    return [form.replace("NUMBER", str(i + 1)).replace("JOINT", x) for i, x in enumerate(joints)]
+    names = []
+    for number, joint in enumerate(joints, start=1):
+        numbered = form.replace("NUMBER", str(number))
+        names.append(numbered.replace("JOINT", joint))
+    return names
 
 
 def _form(head: Sequence[str], key: str, joints: Sequence[str], columns: Mapping[str, str]) -> str:
     """Return the form of names that most joints have; where none has all, the message names the first."""
     names, _ = _names_and_units(head)
-    given = [columns[key]] if key in columns else _COLUMNS[key]
-    return max(given, key=lambda form: sum(name in names for name in _of_joints(form, joints)))
+    forms = [columns[key]] if key in columns else _COLUMNS[key]
+
+    def count(form: str) -> int:
+        return sum(name in names for name in _of_joints(form, joints))
+
+    return max(forms, key=count)
 
 
 def _of_states(path: Path, robot: Robot) -> Log:
@@ -343,9 +405,11 @@ def _of_states(path: Path, robot: Robot) -> Log:
         for name in robot.joint_names:
             if name not in states["position"]:
                 raise NameNotFound(f"joint in {path}", name, [*filter(None, states["position"])])
-        q, tau = (np.stack([each[name] for name in robot.joint_names], axis=-1) for each in states.values())
-        good = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
+        names = robot.joint_names
+        q = np.stack([states["position"][name] for name in names], axis=-1)
+        tau = np.stack([states["effort"][name] for name in names], axis=-1)
+        is_good = _finite_rows(q) & _finite_rows(tau)
         times = states["position"][""]
-        return Log(times[good] - times[:1], q[good], tau[good], str(path))
+        return Log(times[is_good] - times[:1], q[is_good], tau[is_good], str(path))
     assert failed is not None
     raise failed

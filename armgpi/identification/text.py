@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -48,6 +49,8 @@ _CAUSES = {
 }
 #: Share of the data in an estimate from which the log has decided a number.
 _DECIDED = 0.5
+#: What is said of the controller of an identified arm: page and terminal ask for it, and it takes a while.
+_CONTROLLERS: WeakKeyDictionary[Identified, list[str]] = WeakKeyDictionary()
 
 
 def say_residuals(
@@ -249,6 +252,13 @@ def say_law(found: Identified) -> list[str]:
     The loop has the sample time of `armgpi run`, or that of the log if it is shorter, and a delay of one
     sample at least, as that of `armgpi run` has.
     """
+    if found not in _CONTROLLERS:
+        _CONTROLLERS[found] = _say_controller(found)
+    return _CONTROLLERS[found]
+
+
+def _say_controller(found: Identified) -> list[str]:
+    """Return how fast the automatic controller is, see :func:`say_law`."""
     dt = min(found.dt, _SAMPLE_TIME)
     late = max(round(found.late / dt), 1)
     try:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import copy
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -45,11 +45,26 @@ MOST_LAG = 0.05
 _MOVING = 0.5
 
 
+class Motion(NamedTuple):
+    """A motion along a log, each (samples, n).
+
+    Attributes:
+        q: positions [rad or m].
+        v: velocities [rad/s or m/s].
+        a: accelerations [rad/s^2 or m/s^2].
+    """
+
+    q: Array
+    v: Array
+    a: Array
+
+
 class WeakForm:
     """The moments of a log, as rows of a linear regression.
 
     Attributes:
         times: middle of each test function since the log began [s], shape (k,).
+        starts: first sample of each test function, (k,).
     """
 
     def __init__(self, model: Any, grid: Grid) -> None:
@@ -59,7 +74,8 @@ class WeakForm:
         """
         from scipy.interpolate import CubicSpline
 
-        self._grid, self._model, dt = grid, model, grid.dt
+        dt = grid.dt
+        self._grid, self._model = grid, model
         self._step = max(1, round(_BODY_STEP / dt))
         coarse = self._step * dt
         self._count = max(DEGREE + 1, round(LENGTH / coarse)) * self._step  # samples of a test function
@@ -69,30 +85,38 @@ class WeakForm:
         self._sections = low_pass(cutoff, 1.0 / dt)
         self._pad = min(len(grid.q) - 1, round(1.0 / dt))
         self._q = forth_and_back(self._sections, grid.q, self._pad)
-        self._v = CubicSpline(np.arange(len(self._q)) * dt, self._q).derivative()(
-            np.arange(len(self._q)) * dt
-        )
+        times = np.arange(len(self._q)) * dt
+        self._v = CubicSpline(times, self._q).derivative()(times)
         # Of motors and links apart by the twist of gears: where the motors are, and how fast.
         self._motor_q, self._motor_v = grid.q, self._v
         last = len(grid.q) - self._first - self._count
         starts = np.arange(self._first, last, self._hop)
         gaps = np.append(0, np.cumsum(grid.bad))
-        self.starts = starts[gaps[starts + self._count] == gaps[starts]]
+        has_no_gap = gaps[starts + self._count] == gaps[starts]
+        self.starts = starts[has_no_gap]
         self.times = (self.starts + 0.5 * self._count) * dt
+        self._last_signs: tuple[Array, Array] | None = None  # width and moments
+        self._last_moving: tuple[float, npt.NDArray[np.bool_]] | None = None  # speed and what is faster
 
     @cached_property
     def rows(self) -> Array:
         """Coefficients of the unknowns but for the sign of Coulomb friction, shape (k, n, n, 14)."""
         n = self._grid.q.shape[1]
-        u = np.arange(self._count + 1) / self._count
-        weights = [bump(u, k) * self._grid.dt / self.length**k for k in range(3)]
+        j = np.arange(n)
+        by_value = self._weights(0)
+        by_change = self._weights(1)
+        by_second_change = self._weights(2)
         rows = np.zeros((len(self.starts), n, n, len(COLUMNS)))
-        rows[..., : len(BODY)] = self._bodies()
-        q, j = self._motor_q, np.arange(n)
-        rows[:, j, j, ROTOR] = self._moments(q, weights[2])
-        rows[:, j, j, VISCOUS] = -self._moments(q, weights[1])
-        rows[:, j, j, OFFSET] = weights[0].sum()
+        rows[..., : len(BODY)] = self._bodies
+        rows[:, j, j, ROTOR] = self._moments(self._motor_q, by_second_change)
+        rows[:, j, j, VISCOUS] = -self._moments(self._motor_q, by_change)
+        rows[:, j, j, OFFSET] = by_value.sum()
         return rows
+
+    def _weights(self, derivative: int) -> Array:
+        """Return the samples of a test function, or of a derivative of it by time, times dt: (count + 1,)."""
+        u = np.arange(self._count + 1) / self._count
+        return bump(u, derivative) * self._grid.dt / self.length**derivative
 
     @property
     def length(self) -> float:
@@ -119,10 +143,10 @@ class WeakForm:
         """Positions of the links, filtered [rad or m], shape (samples, n)."""
         return np.asarray(self._q)
 
-    @property
-    def links(self) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations of the links, filtered, each (samples, n)."""
-        return self._q, self._v, self.derivative(self._v)
+    @cached_property
+    def links(self) -> Motion:
+        """The motion of the links, filtered."""
+        return Motion(self._q, self._v, self.derivative(self._v))
 
     def derivative(self, values: Array) -> Array:
         """Return the derivative of values (samples, n) by time."""
@@ -137,7 +161,8 @@ class WeakForm:
 
         times = np.arange(len(values)) * self._grid.dt
         spline = CubicSpline(times, values)
-        return np.asarray(spline(times, 1)), np.asarray(spline(times, 2))
+        first, second = spline(times, 1), spline(times, 2)
+        return np.asarray(first), np.asarray(second)
 
     def torque_at_positions(self, lag: Array) -> Array:
         """Return the torques of the times of the positions, filtered like these [N m or N], (samples, n).
@@ -147,10 +172,9 @@ class WeakForm:
         """
         times = np.arange(len(self._q)) * self._grid.dt
         middle = times + 0.5 * self._grid.dt
-        shifted = [
-            np.interp(times - late, middle, column)
-            for late, column in zip(lag, self._grid.tau.T, strict=True)
-        ]
+        shifted = []
+        for joint, late in enumerate(lag):
+            shifted.append(np.interp(times - late, middle, self._grid.tau[:, joint]))
         return self.smooth(np.stack(shifted, axis=-1))
 
     def smooth(self, values: Array) -> Array:
@@ -165,12 +189,16 @@ class WeakForm:
             side: where the log's positions were measured: "motor" or "link".
         """
         other = copy.copy(self)
-        other.__dict__.pop("rows", None)
+        other._last_signs = other._last_moving = None
+        stale = ["rows"]  # of what was worked out before
         change = self.derivative(twist)
         if side == "motor":
+            stale += ["links", "_bodies"]
             other._q, other._v = self._q - twist, self._v - change
         else:
             other._motor_q, other._motor_v = self._grid.q + twist, self._v + change
+        for name in stale:
+            other.__dict__.pop(name, None)
         return other
 
     def thin(self, values: Array) -> Array:
@@ -180,8 +208,10 @@ class WeakForm:
     def moments(self, values: Array) -> Array:
         """Return the moments of torques at these, (thin samples, ...): [N m s or N s], (k, ...)."""
         count = self._count // self._step
-        weights = bump(np.arange(count + 1) / count) * self._grid.dt * self._step
-        windows = sliding_window_view(values, count + 1, axis=0)[self.starts // self._step]
+        u = np.arange(count + 1) / count
+        weights = bump(u) * self._grid.dt * self._step
+        starts = self.starts // self._step
+        windows = sliding_window_view(values, count + 1, axis=0)[starts]
         return np.asarray(windows @ weights, dtype=np.float64)
 
     def signs(self, width: Array, factor: Array | float = 1.0, velocity: Array | None = None) -> Array:
@@ -192,16 +222,25 @@ class WeakForm:
             factor: of each sample and joint, (samples, n).
             velocity: others than those of the joints, likewise.
         """
-        u, v = np.arange(self._count + 1) / self._count, self._motor_v if velocity is None else velocity
-        return self._moments(factor * v / np.sqrt(v**2 + width**2), bump(u) * self._grid.dt)
+        if velocity is not None or not isinstance(factor, float):
+            v = self._motor_v if velocity is None else velocity
+            signs = factor * v / np.sqrt(v**2 + width**2)
+            return self._moments(signs, self._weights(0))
+        last = self._last_signs  # asked for again and again, as only the unknowns change
+        if last is None or not np.array_equal(last[0], width):
+            signs = self._motor_v / np.sqrt(self._motor_v**2 + width**2)
+            last = (width.copy(), self._moments(signs, self._weights(0)))
+            self._last_signs = last
+        return factor * last[1]
 
     def moving(self, speed: float) -> npt.NDArray[np.bool_]:
         """Return which moments are of joints faster than a speed, (k, n): at rest friction has no sign."""
-        u = np.arange(self._count + 1) / self._count
-        weights = bump(u)
-        fast = (np.abs(self._motor_v) > speed).astype(np.float64)
-        moving: npt.NDArray[np.bool_] = self._moments(fast, weights / weights.sum()) > _MOVING
-        return moving
+        if self._last_moving is None or self._last_moving[0] != speed:
+            weights = bump(np.arange(self._count + 1) / self._count)
+            is_fast = (np.abs(self._motor_v) > speed).astype(np.float64)
+            fast_share = self._moments(is_fast, weights / weights.sum())
+            self._last_moving = (speed, fast_share > _MOVING)
+        return self._last_moving[1]
 
     def torque(self, lag: Array) -> tuple[Array, Array]:
         """Return the moments of the torque and their derivative by the lag, each (k, n).
@@ -209,13 +248,16 @@ class WeakForm:
         Args:
             lag: time by which measured positions lag behind torques [s], shape (n,), at most MOST_LAG.
         """
-        dt, pad = self._grid.dt, int(MOST_LAG / self._grid.dt) + 1
-        at: Any = (np.arange(-pad, self._count + pad)[:, None] + 0.5) * dt + np.clip(lag, -MOST_LAG, MOST_LAG)
+        dt = self._grid.dt
+        pad = int(MOST_LAG / dt) + 1
+        samples = np.arange(-pad, self._count + pad)[:, None]
+        at: Any = (samples + 0.5) * dt + np.clip(lag, -MOST_LAG, MOST_LAG)
         windows: Any = sliding_window_view(self._grid.tau, len(at), axis=0)[self.starts - pad]
-        value, slope = (
-            np.einsum("knm,mn->kn", windows, bump(at / self.length, k) * dt / self.length**k)
-            for k in range(2)
-        )
+        moments = []
+        for derivative in range(2):
+            weights = bump(at / self.length, derivative) * dt / self.length**derivative
+            moments.append(np.einsum("knm,mn->kn", windows, weights))
+        value, slope = moments
         return value, slope
 
     def _moments(self, values: Array, weights: Array) -> Array:
@@ -223,52 +265,74 @@ class WeakForm:
         windows = sliding_window_view(values, len(weights), axis=0)[self.starts]
         return np.asarray(windows @ weights, dtype=np.float64)
 
+    @cached_property
     def _bodies(self) -> Array:
-        """Return the moments of the bodies' columns, shape (k, n, n, 10)."""
+        """Moments of the bodies' columns, shape (k, n, n, 10)."""
         used = slice(self._first, None, self._step)
-        q, v, n = self._q[used], self._v[used], self._q.shape[1]
-        free, still = self._model.copy(), np.zeros(n)
-        free.gravity = pin.Motion.Zero()
-        data, own = free.createData(), self._model.createData()
-        momentum, rest = np.empty((2, len(q), n, 10 * n))
-        regressor = pin.computeJointTorqueRegressor
-        for k, (p, w) in enumerate(zip(q, v, strict=True)):
-            momentum[k] = regressor(free, data, p, still, w)
-            change = regressor(free, data, p + _STEP * w, still, w).copy()
-            change -= regressor(free, data, p - _STEP * w, still, w)
-            rest[k] = regressor(self._model, own, p, w, still) - change / (2.0 * _STEP)
+        momentum, rest = _momentum_and_rest(self._model, self._q[used], self._v[used])
         count = self._count // self._step
         u = np.arange(count + 1) / count
         h = self._step * self._grid.dt
-        weights = [bump(u, k) * h / self.length**k for k in range(2)]
-        first = (self.starts - self._first) // self._step
-        found: Array = np.stack(
-            [
-                np.tensordot(weights[0], rest[i : i + count + 1], 1)
-                - np.tensordot(weights[1], momentum[i : i + count + 1], 1)
-                for i in first
-            ]
-        )
-        return found.reshape(len(first), n, n, len(BODY))
+        by_value = bump(u) * h
+        by_change = bump(u, 1) * h / self.length
+        moments = []
+        for first in (self.starts - self._first) // self._step:
+            window = slice(first, first + count + 1)
+            of_rest = np.tensordot(by_value, rest[window], 1)
+            of_momentum = np.tensordot(by_change, momentum[window], 1)
+            moments.append(of_rest - of_momentum)
+        n = self._q.shape[1]
+        return np.stack(moments).reshape(len(moments), n, n, len(BODY))
+
+
+def _momentum_and_rest(model: Any, q: Array, v: Array) -> tuple[Array, Array]:
+    """Return what bodies make of the momentum D(q) v, and of g - C^T v, at each sample.
+
+    Args:
+        model: a `pin.Model`.
+        q: positions [rad or m], (samples, n).
+        v: velocities [rad/s or m/s], (samples, n).
+
+    Returns:
+        Their regressors, each (samples, n, 10 n).
+    """
+    n = q.shape[1]
+    still = np.zeros(n)
+    free = model.copy()
+    free.gravity = pin.Motion.Zero()
+    free_data, data = free.createData(), model.createData()
+    regressor = pin.computeJointTorqueRegressor
+    momentum, rest = np.empty((2, len(q), n, 10 * n))
+    for k, (position, velocity) in enumerate(zip(q, v, strict=True)):
+        momentum[k] = regressor(free, free_data, position, still, velocity)
+        change = regressor(free, free_data, position + _STEP * velocity, still, velocity).copy()
+        change -= regressor(free, free_data, position - _STEP * velocity, still, velocity)
+        rest[k] = regressor(model, data, position, velocity, still) - change / (2.0 * _STEP)
+    return momentum, rest
 
 
 def bump(u: Array, derivative: int = 0) -> Array:
     """Return the B-spline of DEGREE on [0, 1], or a derivative of it by u, at u; zero outside."""
     from scipy.interpolate import BSpline
 
-    spline = BSpline.basis_element(np.linspace(0.0, 1.0, DEGREE + 2), extrapolate=False)
+    knots = np.linspace(0.0, 1.0, DEGREE + 2)
+    spline = BSpline.basis_element(knots, extrapolate=False)
     values = spline.derivative(derivative)(u) if derivative else spline(u)
     return np.asarray(np.nan_to_num(values), dtype=np.float64)
 
 
 def inverse_rows(model: Any, q: Array, v: Array, a: Array, width: Array) -> Array:
     """Return the rows of the equations themselves at (q, v, a), each (k, n); shape (k, n, n, 14)."""
-    n, data = q.shape[1], model.createData()
+    n = q.shape[1]
+    data = model.createData()
     rows = np.zeros((len(q), n, n, len(COLUMNS)))
+    bodies = rows[..., : len(BODY)]
     for k in range(len(q)):
-        body = pin.computeJointTorqueRegressor(model, data, q[k], v[k], a[k])
-        rows[k, ..., : len(BODY)] = body.reshape(n, n, len(BODY))
+        regressor = pin.computeJointTorqueRegressor(model, data, q[k], v[k], a[k])
+        bodies[k] = regressor.reshape(n, n, len(BODY))
     j = np.arange(n)
-    rows[:, j, j, ROTOR], rows[:, j, j, VISCOUS], rows[:, j, j, OFFSET] = a, v, 1.0
+    rows[:, j, j, ROTOR] = a
+    rows[:, j, j, VISCOUS] = v
+    rows[:, j, j, OFFSET] = 1.0
     rows[:, j, j, COULOMB] = v / np.sqrt(v**2 + width**2)
     return rows

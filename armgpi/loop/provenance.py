@@ -31,14 +31,19 @@ class Provenance:
 
     @classmethod
     def from_rollout(cls, rollout: xr.Dataset) -> Provenance:
-        """Read a rollout's.
+        """Read a rollout's; errors as :meth:`from_attributes`."""
+        return cls.from_attributes(rollout.attrs)
+
+    @classmethod
+    def from_attributes(cls, attributes: Mapping[Any, Any]) -> Provenance:
+        """Read that of a rollout from its attributes.
 
         Raises:
             RolloutError: when there is none, or it is no JSON.
         """
         unknown = "the rollout does not record how it was made: its provenance is"
         try:
-            data = json.loads(rollout.attrs["provenance"])
+            data = json.loads(attributes["provenance"])
         except (KeyError, TypeError, ValueError):
             raise RolloutError(f"{unknown} no JSON") from None
         if not isinstance(data, dict) or not data:

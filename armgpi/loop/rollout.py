@@ -26,12 +26,12 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -51,6 +51,7 @@ from armgpi.supervisor import OF_TOOL, SIGNALS, Reason
 if TYPE_CHECKING:  # functions that need it import it: with pandas it takes twice as long as Pinocchio
     import xarray as xr
 
+_Content = TypeVar("_Content")
 #: Version of the layout described above.
 FORMAT = 1
 #: What every rollout has.
@@ -523,18 +524,46 @@ def load(path: str | PathLike[str]) -> xr.Dataset:
     source = check_path(path, "path")
     files.check_set(source.parent, [source.name])
     rollout = read_netcdf(source)
-    found = rollout.attrs.get("armgpi_format")
-    if not isinstance(found, int | np.integer) or found != FORMAT:
-        raise RolloutError(f"{source}: {other_format(found, FORMAT)}")
-    recorded = rollout.attrs.get("recorded")
-    needed = (*(str(recorded).split() if recorded else SAMPLED), *_REQUIRED)
-    if missing := [name for name in needed if name not in rollout]:
-        raise RolloutError(f"{source}: is no whole armgpi rollout; it lacks {', '.join(missing)}")
-    if damage := _damage(rollout):
-        raise RolloutError(f"{source}: is no armgpi rollout any more: {damage}")
+    names = frozenset(str(name) for name in rollout.variables)
+    _check_whole(source, rollout.attrs, names)
+    _check_values(source, rollout.attrs, rollout["time"].values, rollout["status"].values)
     from armgpi.loop.hinted import hinted
 
     return hinted(rollout.transpose("rollout", "time", ..., missing_dims="ignore"))
+
+
+def load_variables(path: str | PathLike[str], names: Sequence[str]) -> dict[str, hdf5.Variable]:
+    """Read some variables of a rollout that :func:`save` wrote, without importing xarray.
+
+    Args:
+        path: file that ends in .nc.
+        names: of variables; those that were not recorded are left out.
+
+    Raises:
+        RolloutError, ParameterError: as :func:`load`.
+    """
+    source = check_path(path, "path")
+    files.check_set(source.parent, [source.name])
+    content = _read(source, lambda: hdf5.load_some(source, [*names, "time", "status"]))
+    _check_whole(source, content.attributes, content.names)
+    time, status = (content.variables[name].values for name in ("time", "status"))
+    _check_values(source, content.attributes, time, status)
+    return {name: content.variables[name] for name in names if name in content.variables}
+
+
+def _check_whole(source: Path, attributes: Mapping[Any, Any], names: frozenset[str]) -> None:
+    """Check that a file is a rollout of this format, with all variables that it is said to have.
+
+    Raises:
+        RolloutError: when it is not.
+    """
+    version = attributes.get("armgpi_format")
+    if not isinstance(version, int | np.integer) or version != FORMAT:
+        raise RolloutError(f"{source}: {other_format(version, FORMAT)}")
+    recorded = attributes.get("recorded")
+    expected = (*(str(recorded).split() if recorded else SAMPLED), *_REQUIRED)
+    if missing := [name for name in expected if name not in names]:
+        raise RolloutError(f"{source}: is no whole armgpi rollout; it lacks {', '.join(missing)}")
 
 
 def read_netcdf(source: Path) -> xr.Dataset:
@@ -543,8 +572,13 @@ def read_netcdf(source: Path) -> xr.Dataset:
     Raises:
         RolloutError: when it is missing or broken, or declares what :mod:`armgpi.base.hdf5` does not load.
     """
+    return _read(source, lambda: hdf5.load(source))
+
+
+def _read(source: Path, read: Callable[[], _Content]) -> _Content:
+    """Return what a function reads of a NetCDF file; errors as :func:`read_netcdf`."""
     try:
-        return hdf5.load(source)
+        return read()
     except FileNotFoundError:
         raise RolloutError(
             f"{source}: the file does not exist; expected a rollout that armgpi wrote"
@@ -557,18 +591,24 @@ def read_netcdf(source: Path) -> xr.Dataset:
         raise RolloutError(f"{source}: {said}") from None
 
 
-def _damage(rollout: xr.Dataset) -> str:
-    """Return what in a rollout cannot be, empty when all is well."""
-    time = rollout["time"].values
+def _check_values(source: Path, attributes: Mapping[Any, Any], time: Any, status: Any) -> None:
+    """Check that times, statuses and provenance of a rollout's file are possible ones.
+
+    Raises:
+        RolloutError: when they are not.
+    """
+    damage = ""
     if time.ndim != 1 or not np.isfinite(time).all() or (np.diff(time) <= 0.0).any():
-        return "its times do not increase"
-    if not np.isin(rollout["status"].values, [int(status) for status in Status]).all():
-        return f"its status is {rollout['status'].values}"
-    try:
-        Provenance.from_rollout(rollout)
-    except RolloutError as error:
-        return str(error)
-    return ""
+        damage = "its times do not increase"
+    elif not np.isin(status, [int(known) for known in Status]).all():
+        damage = f"its status is {status}"
+    else:
+        try:
+            Provenance.from_attributes(attributes)
+        except RolloutError as error:
+            damage = str(error)
+    if damage:
+        raise RolloutError(f"{source}: is no armgpi rollout any more: {damage}")
 
 
 def _too_much(samples: int, shape: tuple[int, ...]) -> str:

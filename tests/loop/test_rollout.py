@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 from armgpi import GPI, Bezier, RigidBodyPlant, Robot, RobotBatch, Status, Step, load, save, simulate
 from armgpi.errors import RolloutError
 from armgpi.loop import logs
-from armgpi.loop.rollout import FORMAT, describe_end
+from armgpi.loop.rollout import FORMAT, describe_end, load_variables
 
 ARM = Robot.load("anthropomorphic3")
 MOVE = Bezier([0.0, 0.0, 0.0], [0.4, 0.3, -0.2], duration=0.3)
@@ -125,6 +125,9 @@ def refused(path: Path) -> str:
     text = str(error.value)
     assert str(path) in text
     assert "\n" not in text
+    with pytest.raises(RolloutError) as without_xarray:
+        load_variables(path, ("time", "q"))
+    assert str(without_xarray.value) == text
     return text
 
 
@@ -205,12 +208,37 @@ def test_damaged_samples_are_never_read_as_if_they_were_whole(
     path.write_bytes(content)
     try:
         rollout = load(path)
+        variables = load_variables(path, ("q", "tau"))
     except RolloutError:
         return
     # The flipped byte was one that nothing depends on, or it is in labels, which carry no checksum.
     whole = load(saved)
     for name in ("q", "v", "tau", "q_ref"):
         np.testing.assert_array_equal(rollout[name], whole[name])
+    for name, variable in variables.items():
+        np.testing.assert_array_equal(variable.values, whole[name])
+
+
+@pytest.mark.parametrize("kind", ROLLOUTS)
+def test_variables_that_are_read_without_xarray_are_those_that_xarray_reads(
+    kind: str, tmp_path: Path
+) -> None:
+    path = save(ROLLOUTS[kind](), tmp_path / "a.nc")
+    whole = xr.load_dataset(path, engine="h5netcdf")
+    names = [str(name) for name in whole.variables]
+    variables = load_variables(path, [*names, "never recorded"])
+    assert [*variables] == names
+    for name, (dimensions, values) in variables.items():
+        assert dimensions == whole[name].dims
+        np.testing.assert_array_equal(values, whole[name].values)
+
+
+def test_numbers_that_are_stored_scaled_are_not_read_as_they_are_stored(saved: Path, tmp_path: Path) -> None:
+    path = tmp_path / "packed.nc"
+    packed = {"tau": {"dtype": "i4", "scale_factor": 1e-3, "_FillValue": -(2**31)}}
+    load(saved).to_netcdf(path, engine="h5netcdf", encoding=packed)
+    with pytest.raises(RolloutError, match="'tau' is stored scaled"):
+        load_variables(path, ("tau",))
 
 
 # What a rollout says of itself.
